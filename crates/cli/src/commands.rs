@@ -1,0 +1,73 @@
+//! The table of commands: one file a command, one line here.
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Args, Command, FromArgMatches};
+
+use crate::exit::Exit;
+
+mod info;
+
+/// All commands, in the order of `gearwatch --help`.
+const COMMANDS: &[Kind] = &[kind::<info::Info>()];
+
+/// A command: what the user may write, and what is then done.
+pub trait Run: Args + Send {
+    /// As typed.
+    const NAME: &'static str;
+
+    /// Does it. Results go to stdout, talk to stderr.
+    ///
+    /// # Errors
+    /// With a message that names file and place, what was expected and what was found, and what to do next.
+    fn run(self) -> anyhow::Result<Exit>;
+}
+
+struct Kind {
+    name: &'static str,
+    build: fn() -> Command,
+    run: fn(&clap::ArgMatches) -> anyhow::Result<Exit>,
+}
+
+const fn kind<T: Run>() -> Kind {
+    Kind {
+        name: T::NAME,
+        build: || T::augment_args(Command::new(T::NAME)),
+        run: |matches| T::from_arg_matches(matches)?.run(),
+    }
+}
+
+/// The whole command line, for help, completions and manual pages.
+pub fn command_line() -> Command {
+    Command::new("gearwatch")
+        .version(env!("CARGO_PKG_VERSION"))
+        .about("Watches, replays, diagnoses, simulates and explains a gear test bench")
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .subcommands(COMMANDS.iter().map(|kind| (kind.build)()))
+}
+
+/// Parses the arguments, runs the command, and says what went wrong.
+pub fn dispatch(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let matches = match command_line().try_get_matches_from(args) {
+        Ok(matches) => matches,
+        Err(error) => {
+            // A failed print of help to a closed pipe is not worth a message.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { Exit::Unknown as u8 } else { Exit::Ok as u8 });
+        }
+    };
+    let Some((name, matches)) = matches.subcommand() else { return ExitCode::from(Exit::Unknown as u8) };
+    let Some(kind) = COMMANDS.iter().find(|kind| kind.name == name) else {
+        return ExitCode::from(Exit::Unknown as u8);
+    };
+    match (kind.run)(matches) {
+        Ok(exit) => ExitCode::from(exit as u8),
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "gearwatch {name}: {error:#}");
+            ExitCode::from(Exit::Unknown as u8)
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! The command `gearwatch`.
+
+mod commands;
+mod exit;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    commands::dispatch(std::env::args_os())
+}

@@ -1,0 +1,394 @@
+//! What an engineer knows of a bench: the bench file, `format = "gearwatch-bench/1"`.
+//!
+//! The structs mirror the file. Reading the TOML text is the business of the `io` crate; [`Bench::problems`] says what
+//! is wrong with the values, in sentences.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// The value of the key `format`.
+pub const FORMAT: &str = "gearwatch-bench/1";
+
+/// A bench file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bench {
+    /// Always [`FORMAT`].
+    pub format: String,
+    /// Name of the bench.
+    pub name: String,
+    /// The drive.
+    pub motor: Motor,
+    /// Left out where the motor drives the input shaft directly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub belt: Option<Belt>,
+    /// In order from motor to brake; n stages have n + 1 shafts.
+    #[serde(rename = "shaft")]
+    pub shafts: Vec<Shaft>,
+    /// Stage i joins shaft i and shaft i + 1.
+    #[serde(rename = "stage")]
+    pub stages: Vec<Stage>,
+    /// Material of all gears.
+    #[serde(default)]
+    pub gear_material: GearMaterial,
+    /// The load.
+    #[serde(default)]
+    pub brake: Brake,
+    /// Path from bearing forces to sensors; empty where unknown.
+    #[serde(default, rename = "housing_mode", skip_serializing_if = "Vec::is_empty")]
+    pub housing_modes: Vec<HousingMode>,
+    /// Accelerometers.
+    #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]
+    pub sensors: Vec<Sensor>,
+    /// Left out where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tacho: Option<Tacho>,
+    /// How recordings are made.
+    #[serde(default)]
+    pub acquisition: Acquisition,
+    /// Physics beyond the nominal model, faults among it, in the words of the explanation contract.
+    #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectSpec>,
+}
+
+/// The drive: `T = T_n - slope (ω - ω_n)` about the nominal speed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motor {
+    /// Nominal speed (Hz, > 0).
+    pub speed_hz: f64,
+    /// Rotor inertia (kg m², > 0).
+    #[serde(default = "defaults::motor_inertia_kg_m2")]
+    pub inertia_kg_m2: f64,
+    /// Torque lost per rad/s of slip near the operating point (N m s/rad, > 0).
+    #[serde(default = "defaults::slip_slope_nm_s_per_rad")]
+    pub slip_slope_nm_s_per_rad: f64,
+}
+
+/// The belt between motor and input shaft.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Belt {
+    /// Motor speed / input-shaft speed (> 0).
+    pub ratio: f64,
+    /// Seen at the input shaft (N m/rad, > 0).
+    #[serde(default = "defaults::belt_stiffness_nm_per_rad")]
+    pub stiffness_nm_per_rad: f64,
+    /// Seen at the input shaft (N m s/rad, ≥ 0).
+    #[serde(default = "defaults::belt_damping_nm_s_per_rad")]
+    pub damping_nm_s_per_rad: f64,
+}
+
+/// A shaft with its bearings, without its gears.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shaft {
+    /// Unique name.
+    pub name: String,
+    /// Without its gears (kg m², ≥ 0).
+    #[serde(default = "defaults::shaft_inertia_kg_m2")]
+    pub inertia_kg_m2: f64,
+    /// Between its two ends (N m/rad, > 0).
+    #[serde(default = "defaults::torsion_nm_per_rad")]
+    pub torsion_nm_per_rad: f64,
+    /// Between its two ends (N m s/rad, ≥ 0).
+    #[serde(default = "defaults::torsion_damping_nm_s_per_rad")]
+    pub torsion_damping_nm_s_per_rad: f64,
+    /// Lateral, isotropic, at each gear (N/m, > 0).
+    #[serde(default = "defaults::bearing_n_per_m")]
+    pub bearing_n_per_m: f64,
+    /// Lateral, isotropic, at each gear (N s/m, ≥ 0).
+    #[serde(default = "defaults::bearing_damping_n_s_per_m")]
+    pub bearing_damping_n_s_per_m: f64,
+}
+
+/// A gear pair.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stage {
+    /// Unique name.
+    pub name: String,
+    /// Normal module (mm, > 0).
+    #[serde(default = "defaults::module_mm")]
+    pub module_mm: f64,
+    /// (degrees, 10–35).
+    #[serde(default = "defaults::pressure_angle_deg")]
+    pub pressure_angle_deg: f64,
+    /// (mm, > 0).
+    #[serde(default = "defaults::face_width_mm")]
+    pub face_width_mm: f64,
+    /// Total, along the line of action (µm, ≥ 0).
+    #[serde(default = "defaults::backlash_um")]
+    pub backlash_um: f64,
+    /// Fraction of critical of the mesh mode (0–1).
+    #[serde(default = "defaults::mesh_damping_ratio")]
+    pub mesh_damping_ratio: f64,
+    /// From +x, counter-clockwise, seen from the motor, pinion to wheel (degrees).
+    #[serde(default)]
+    pub line_of_centres_deg: f64,
+    /// The driving gear, on shaft i.
+    pub pinion: Gear,
+    /// The driven gear, on shaft i + 1.
+    pub wheel: Gear,
+}
+
+/// One gear.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gear {
+    /// Number of teeth (≥ 5).
+    pub teeth: u32,
+    /// Bore diameter (mm); a quarter of the pitch diameter where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bore_mm: Option<f64>,
+    /// (kg); that of a solid disc with the bore where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<f64>,
+    /// (kg m²); that of a solid disc with the bore where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inertia_kg_m2: Option<f64>,
+}
+
+/// Material of all gears.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GearMaterial {
+    /// Young's modulus (Pa).
+    pub youngs_modulus_pa: f64,
+    /// Poisson's ratio (0–0.5).
+    pub poisson_ratio: f64,
+    /// (kg/m³).
+    pub density_kg_per_m3: f64,
+}
+
+impl Default for GearMaterial {
+    fn default() -> Self {
+        Self { youngs_modulus_pa: 2.06e11, poisson_ratio: 0.3, density_kg_per_m3: 7850.0 }
+    }
+}
+
+/// The load.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Brake {
+    /// At the brake; a recording's operating point overrides it (N m, ≥ 0).
+    pub torque_nm: f64,
+    /// (kg m², > 0).
+    pub inertia_kg_m2: f64,
+}
+
+impl Default for Brake {
+    fn default() -> Self {
+        Self { torque_nm: 0.0, inertia_kg_m2: 0.02 }
+    }
+}
+
+/// One mode of the housing: the path from bearing forces to sensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HousingMode {
+    /// (Hz, > 0).
+    pub frequency_hz: f64,
+    /// Fraction of critical (0–1).
+    pub damping_ratio: f64,
+    /// Modal mass (kg, > 0).
+    pub mass_kg: f64,
+    /// Mode shape at each shaft's bearing and at each sensor, by name; 0 where left out.
+    #[serde(default)]
+    pub shape: BTreeMap<String, f64>,
+}
+
+/// An accelerometer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensor {
+    /// Unique name, the last part of its topic.
+    pub name: String,
+    /// The shaft whose bearing it sits on.
+    pub shaft: String,
+    /// As `line_of_centres_deg` (degrees).
+    #[serde(default)]
+    pub direction_deg: f64,
+    /// `m/s^2`, `g`, `mm/s`, `V` or `1`.
+    #[serde(default = "defaults::unit")]
+    pub unit: String,
+}
+
+/// A tachometer or encoder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tacho {
+    /// The shaft it sits on; `motor` for the motor.
+    pub shaft: String,
+    /// (> 0).
+    #[serde(default = "defaults::pulses_per_rev")]
+    pub pulses_per_rev: f64,
+}
+
+/// How recordings are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Acquisition {
+    /// (Hz, > 0).
+    pub sample_rate_hz: f64,
+}
+
+impl Default for Acquisition {
+    fn default() -> Self {
+        Self { sample_rate_hz: 16_384.0 }
+    }
+}
+
+/// An effect that is switched on: id, place and parameters of the explanation contract.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectSpec {
+    /// Effect id, such as `eccentricity`.
+    pub effect: String,
+    /// Place, such as `stage1.pinion`.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Parameter values by name; the unit is the end of the name.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// Values of keys that a bench file leaves out: those of a small laboratory bench.
+mod defaults {
+    pub(super) fn motor_inertia_kg_m2() -> f64 {
+        0.008
+    }
+    pub(super) fn slip_slope_nm_s_per_rad() -> f64 {
+        2.0
+    }
+    pub(super) fn belt_stiffness_nm_per_rad() -> f64 {
+        4000.0
+    }
+    pub(super) fn belt_damping_nm_s_per_rad() -> f64 {
+        1.0
+    }
+    pub(super) fn shaft_inertia_kg_m2() -> f64 {
+        0.001
+    }
+    pub(super) fn torsion_nm_per_rad() -> f64 {
+        9000.0
+    }
+    pub(super) fn torsion_damping_nm_s_per_rad() -> f64 {
+        0.4
+    }
+    pub(super) fn bearing_n_per_m() -> f64 {
+        1.2e8
+    }
+    pub(super) fn bearing_damping_n_s_per_m() -> f64 {
+        1500.0
+    }
+    pub(super) fn module_mm() -> f64 {
+        3.0
+    }
+    pub(super) fn pressure_angle_deg() -> f64 {
+        20.0
+    }
+    pub(super) fn face_width_mm() -> f64 {
+        20.0
+    }
+    pub(super) fn backlash_um() -> f64 {
+        80.0
+    }
+    pub(super) fn mesh_damping_ratio() -> f64 {
+        0.06
+    }
+    pub(super) fn unit() -> String {
+        "m/s^2".to_owned()
+    }
+    pub(super) fn pulses_per_rev() -> f64 {
+        1.0
+    }
+}
+
+impl Bench {
+    /// What is wrong with the values, one sentence each with place, what was found and what would be right. Empty for a usable bench.
+    pub fn problems(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        let mut positive = |place: String, value: f64, unit: &str| {
+            if !(value.is_finite() && value > 0.0) {
+                out.push(format!("{place} is {value}; it must be a finite number above 0 {unit}"));
+            }
+        };
+        positive("motor.speed_hz".into(), self.motor.speed_hz, "Hz");
+        positive("motor.inertia_kg_m2".into(), self.motor.inertia_kg_m2, "kg m²");
+        positive("motor.slip_slope_nm_s_per_rad".into(), self.motor.slip_slope_nm_s_per_rad, "N m s/rad");
+        positive("acquisition.sample_rate_hz".into(), self.acquisition.sample_rate_hz, "Hz");
+        positive("brake.inertia_kg_m2".into(), self.brake.inertia_kg_m2, "kg m²");
+        if let Some(belt) = &self.belt {
+            positive("belt.ratio".into(), belt.ratio, "");
+            positive("belt.stiffness_nm_per_rad".into(), belt.stiffness_nm_per_rad, "N m/rad");
+        }
+        for shaft in &self.shafts {
+            positive(format!("shaft {:?}: torsion_nm_per_rad", shaft.name), shaft.torsion_nm_per_rad, "N m/rad");
+            positive(format!("shaft {:?}: bearing_n_per_m", shaft.name), shaft.bearing_n_per_m, "N/m");
+        }
+        for stage in &self.stages {
+            positive(format!("stage {:?}: module_mm", stage.name), stage.module_mm, "mm");
+            positive(format!("stage {:?}: face_width_mm", stage.name), stage.face_width_mm, "mm");
+        }
+        if self.format != FORMAT {
+            out.push(format!("format is {:?}; this version reads {FORMAT:?}", self.format));
+        }
+        if self.stages.is_empty() {
+            out.push("there is no [[stage]]; a bench has at least one gear pair".into());
+        }
+        if self.shafts.len() != self.stages.len() + 1 {
+            out.push(format!(
+                "there are {} [[shaft]] and {} [[stage]]; n stages have n + 1 shafts",
+                self.shafts.len(),
+                self.stages.len()
+            ));
+        }
+        for stage in &self.stages {
+            for (which, gear) in [("pinion", &stage.pinion), ("wheel", &stage.wheel)] {
+                if gear.teeth < 5 {
+                    out.push(format!(
+                        "stage {:?}: {which} has {} teeth; an involute gear has at least 5",
+                        stage.name, gear.teeth
+                    ));
+                }
+            }
+            if !(10.0..=35.0).contains(&stage.pressure_angle_deg) {
+                out.push(format!(
+                    "stage {:?}: pressure_angle_deg is {}; expected 10 to 35 degrees (20 is usual)",
+                    stage.name, stage.pressure_angle_deg
+                ));
+            }
+        }
+        let mut seen = std::collections::BTreeSet::new();
+        let names = self.shafts.iter().map(|s| &s.name).chain(self.stages.iter().map(|s| &s.name));
+        for name in names.chain(self.sensors.iter().map(|s| &s.name)) {
+            if !seen.insert(name) {
+                out.push(format!(
+                    "the name {name:?} is used twice; shafts, stages and sensors need names of their own"
+                ));
+            }
+        }
+        for sensor in &self.sensors {
+            if !self.shafts.iter().any(|s| s.name == sensor.shaft) {
+                out.push(format!(
+                    "sensor {:?} sits on shaft {:?}, which is not a [[shaft]]",
+                    sensor.name, sensor.shaft
+                ));
+            }
+        }
+        if let Some(tacho) = &self.tacho {
+            if tacho.shaft != "motor" && !self.shafts.iter().any(|s| s.name == tacho.shaft) {
+                out.push(format!(
+                    "the tacho sits on shaft {:?}, which is neither a [[shaft]] nor \"motor\"",
+                    tacho.shaft
+                ));
+            }
+            if !(tacho.pulses_per_rev.is_finite() && tacho.pulses_per_rev > 0.0) {
+                out.push(format!("tacho.pulses_per_rev is {}; it must be above 0", tacho.pulses_per_rev));
+            }
+        }
+        out
+    }
+}

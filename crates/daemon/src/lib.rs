@@ -1,0 +1,1 @@
+//! The service: sources, workers, sinks, log and health on tokio.

@@ -1,0 +1,1 @@
+//! Explains where simulation and recordings differ: locates, names, models and judges.

@@ -1,0 +1,1 @@
+//! Simulator of the gear bench: mesh stiffness, faults, dynamics, effects, sensors.
