@@ -201,12 +201,62 @@ pub fn published(value: f64) -> f64 {
     format!("{value:.8e}").parse().unwrap_or(value)
 }
 
-const NAMES: [[&str; 8]; HARMONICS] = [
-    ["rank_1x", "level_1x", "p_1x", "dev_1x_percent", "dev_sigma_1x_percent", "amp_1x", "sigma_1x", "floor_1x"],
-    ["rank_2x", "level_2x", "p_2x", "dev_2x_percent", "dev_sigma_2x_percent", "amp_2x", "sigma_2x", "floor_2x"],
-    ["rank_3x", "level_3x", "p_3x", "dev_3x_percent", "dev_sigma_3x_percent", "amp_3x", "sigma_3x", "floor_3x"],
-    ["rank_4x", "level_4x", "p_4x", "dev_4x_percent", "dev_sigma_4x_percent", "amp_4x", "sigma_4x", "floor_4x"],
-    ["rank_5x", "level_5x", "p_5x", "dev_5x_percent", "dev_sigma_5x_percent", "amp_5x", "sigma_5x", "floor_5x"],
+const NAMES: [[&str; 9]; HARMONICS] = [
+    [
+        "rank_1x",
+        "level_1x",
+        "p_1x",
+        "dev_1x_percent",
+        "dev_sigma_1x_percent",
+        "amp_1x",
+        "sigma_1x",
+        "floor_1x",
+        "base_1x",
+    ],
+    [
+        "rank_2x",
+        "level_2x",
+        "p_2x",
+        "dev_2x_percent",
+        "dev_sigma_2x_percent",
+        "amp_2x",
+        "sigma_2x",
+        "floor_2x",
+        "base_2x",
+    ],
+    [
+        "rank_3x",
+        "level_3x",
+        "p_3x",
+        "dev_3x_percent",
+        "dev_sigma_3x_percent",
+        "amp_3x",
+        "sigma_3x",
+        "floor_3x",
+        "base_3x",
+    ],
+    [
+        "rank_4x",
+        "level_4x",
+        "p_4x",
+        "dev_4x_percent",
+        "dev_sigma_4x_percent",
+        "amp_4x",
+        "sigma_4x",
+        "floor_4x",
+        "base_4x",
+    ],
+    [
+        "rank_5x",
+        "level_5x",
+        "p_5x",
+        "dev_5x_percent",
+        "dev_sigma_5x_percent",
+        "amp_5x",
+        "sigma_5x",
+        "floor_5x",
+        "base_5x",
+    ],
 ];
 
 /// The flat JSON object of stdout and of `/gear/<stage>/rank`: scalars only, so that any viewer can plot each field.
@@ -238,6 +288,7 @@ impl Serialize for Verdict {
             map.serialize_entry(names[5], &published(h.amplitude.value))?;
             map.serialize_entry(names[6], &published(h.amplitude.sigma))?;
             map.serialize_entry(names[7], &published(h.floor))?;
+            map.serialize_entry(names[8], &published(h.baseline))?;
         }
         map.end()
     }

@@ -1,1 +1,3 @@
 //! The service: sources, workers, sinks, log and health on tokio.
+
+pub mod web;

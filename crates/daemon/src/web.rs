@@ -1,0 +1,122 @@
+//! The live page: an HTTP server on the loopback interface with the page's files, a stream of events and the acknowledgement of alarms.
+//!
+//! ```text
+//! engine ─► Hub (newest values, bounded history) ─► GET /api/events (server-sent events) ─► page
+//!                                                ◄─ POST /api/alarms/{id}/acknowledge    ◄─
+//! ```
+//!
+//! The page never touches the pipeline: it sees what the [`Hub`] was told. A slow page loses events, never ranks.
+
+mod guard;
+mod hub;
+
+use std::convert::Infallible;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{Path, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use futures_util::stream::{self, Stream, StreamExt};
+use tokio::sync::{Semaphore, broadcast};
+
+pub use guard::AllowedHosts;
+pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, SpectrumFrame, SpectrumLine, Status};
+
+/// Pages that may listen at once; one more is refused with 503.
+const MOST_LISTENERS: usize = 64;
+
+/// A file of the page: path, media type, bytes.
+type Asset = (&'static str, &'static str, &'static [u8]);
+
+const ASSETS: &[Asset] = &[
+    ("/", "text/html; charset=utf-8", include_bytes!("web/assets/index.html")),
+    ("/assets/style.css", "text/css; charset=utf-8", include_bytes!("web/assets/style.css")),
+    ("/assets/app.js", "text/javascript; charset=utf-8", include_bytes!("web/assets/app.js")),
+    ("/assets/icon.svg", "image/svg+xml", include_bytes!("web/assets/icon.svg")),
+    ("/assets/uPlot.min.css", "text/css; charset=utf-8", include_bytes!("web/assets/uPlot.min.css")),
+    ("/assets/uPlot.iife.min.js", "text/javascript; charset=utf-8", include_bytes!("web/assets/uPlot.iife.min.js")),
+];
+
+/// The page may load what this server sends, and nothing else.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
+                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// Acknowledges an alarm by its id; false where there is no such alarm.
+pub type Acknowledge = Arc<dyn Fn(&str) -> bool + Send + Sync>;
+
+#[derive(Clone)]
+struct Shared {
+    hub: Arc<Hub>,
+    acknowledge: Acknowledge,
+    listeners: Arc<Semaphore>,
+}
+
+/// The routes of the page. `bound` is the address that the server listens on; only requests that name it (or a host of `also`) in
+/// their `Host` header are answered, which keeps foreign pages and rebound names out.
+pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, bound: SocketAddr, also: &[String]) -> Router {
+    let mut router = Router::new();
+    for &(path, media, bytes) in ASSETS {
+        router = router.route(path, get(move || async move { asset(media, bytes) }));
+    }
+    let shared = Shared { hub, acknowledge, listeners: Arc::new(Semaphore::new(MOST_LISTENERS)) };
+    router
+        .route("/api/events", get(events))
+        .route("/api/status", get(status))
+        .route("/api/alarms/{id}/acknowledge", post(acknowledge_alarm))
+        .with_state(shared)
+        .layer(axum::middleware::from_fn_with_state(Arc::new(AllowedHosts::new(bound, also)), guard::check))
+        .layer(axum::extract::DefaultBodyLimit::max(64 * 1024))
+}
+
+fn asset(media: &'static str, bytes: &'static [u8]) -> Response {
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static(media)),
+        (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY)),
+        (header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
+        (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
+    ];
+    (headers, bytes).into_response()
+}
+
+async fn status(State(shared): State<Shared>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], shared.hub.status_json()).into_response()
+}
+
+async fn acknowledge_alarm(State(shared): State<Shared>, Path(id): Path<String>) -> StatusCode {
+    if (shared.acknowledge)(&id) { StatusCode::NO_CONTENT } else { StatusCode::NOT_FOUND }
+}
+
+async fn events(State(shared): State<Shared>) -> Response {
+    let Ok(permit) = Arc::clone(&shared.listeners).try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open").into_response();
+    };
+    let (history, receiver) = shared.hub.subscribe();
+    let past = stream::iter(history.into_iter().map(|message| event(&message)));
+    let live = live(receiver).map(move |event| {
+        let _held = &permit;
+        event
+    });
+    Sse::new(past.chain(live)).keep_alive(KeepAlive::new().interval(Duration::from_secs(2))).into_response()
+}
+
+fn event(message: &Message) -> Result<Event, Infallible> {
+    Ok(Event::default().event(message.kind).data(&*message.json))
+}
+
+/// Messages from now on. A listener that falls behind skips what it missed.
+fn live(receiver: broadcast::Receiver<Message>) -> impl Stream<Item = Result<Event, Infallible>> {
+    stream::unfold(receiver, |mut receiver| async move {
+        loop {
+            match receiver.recv().await {
+                Ok(message) => return Some((event(&message), receiver)),
+                Err(broadcast::error::RecvError::Lagged(_)) => {}
+                Err(broadcast::error::RecvError::Closed) => return None,
+            }
+        }
+    })
+}

@@ -1,0 +1,201 @@
+//! What pages may see: the newest status, a bounded history of verdicts and spectra, and a stream of what comes in.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use gearwatch_core::verdict::Verdict;
+use serde::Serialize;
+use serde_json::{Value, json};
+use tokio::sync::broadcast;
+
+/// Verdicts kept per bench, stage and channel for a page that opens later.
+const VERDICTS_KEPT: usize = 600;
+/// Spectra kept per bench and channel: the rows of the waterfall.
+const SPECTRA_KEPT: usize = 60;
+/// Messages that a page may lag behind before it skips some.
+const LAG: usize = 1024;
+
+/// One server-sent event.
+#[derive(Clone, Debug)]
+pub struct Message {
+    /// `verdict`, `spectrum` or `status`.
+    pub kind: &'static str,
+    /// The JSON object.
+    pub json: Arc<str>,
+}
+
+/// The service as a page shows it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Status {
+    /// One entry a bench.
+    pub benches: Vec<BenchStatus>,
+    /// Further facts in words: log state, durable sequence number, load of the workers, version.
+    pub facts: BTreeMap<String, String>,
+}
+
+/// One bench as a page shows it.
+#[derive(Clone, Debug, Serialize)]
+pub struct BenchStatus {
+    /// Name of the bench.
+    pub name: String,
+    /// Code of the machine state.
+    pub machine: String,
+    /// Code of the instrument state; `ok` only if all channels are.
+    pub instrument: String,
+    /// Motor speed (Hz), `null` where unknown.
+    pub motor_speed_hz: Option<f64>,
+    /// Torque at the brake (N m), `null` where unknown.
+    pub brake_torque_nm: Option<f64>,
+    /// (°C), `null` where unknown.
+    pub temperature_c: Option<f64>,
+    /// Where its data come from.
+    pub sources: Vec<SourceStatus>,
+    /// Alarms that are not over or not acknowledged.
+    pub alarms: Vec<AlarmStatus>,
+}
+
+/// One source as a page shows it.
+#[derive(Clone, Debug, Serialize)]
+pub struct SourceStatus {
+    /// Its name.
+    pub name: String,
+    /// In words: running, waiting, ended …
+    pub state: String,
+    /// Windows so far.
+    pub windows: u64,
+    /// Gaps so far.
+    pub gaps: u64,
+}
+
+/// One alarm as a page shows it.
+#[derive(Clone, Debug, Serialize)]
+pub struct AlarmStatus {
+    /// Names it when it is acknowledged.
+    pub id: String,
+    /// Time of its first window (ns since the epoch).
+    pub since_ns: i64,
+    /// Stage and channel.
+    pub place: String,
+    /// What is wrong.
+    pub what: String,
+    /// `active`, `latched` …
+    pub state: String,
+    /// Somebody has seen it.
+    pub acknowledged: bool,
+}
+
+/// An order spectrum for display.
+#[derive(Clone, Debug, Serialize)]
+pub struct SpectrumFrame {
+    /// Name of the bench.
+    pub bench: String,
+    /// Sensor name.
+    pub channel: String,
+    /// Unit of the amplitudes.
+    pub unit: String,
+    /// Time of the first sample (ns since the epoch).
+    pub t0_ns: i64,
+    /// Order of the first line, in multiples of the input shaft's speed.
+    pub first_order: f64,
+    /// Distance between lines.
+    pub order_step: f64,
+    /// Peak amplitudes.
+    pub amplitude: Vec<f32>,
+    /// Lines to be marked.
+    pub lines: Vec<SpectrumLine>,
+}
+
+/// A marked line of a spectrum.
+#[derive(Clone, Debug, Serialize)]
+pub struct SpectrumLine {
+    /// Order of the input shaft.
+    pub order: f64,
+    /// Such as `stage1 2x`.
+    pub label: String,
+    /// Drawn fainter and without its label.
+    pub sideband: bool,
+}
+
+/// Keeps what pages see. Publishing never waits for a page.
+#[derive(Debug)]
+pub struct Hub {
+    kept: Mutex<Kept>,
+    out: broadcast::Sender<Message>,
+}
+
+#[derive(Debug, Default)]
+struct Kept {
+    status: Option<Message>,
+    verdicts: BTreeMap<(String, String, String), VecDeque<Message>>,
+    spectra: BTreeMap<(String, String), VecDeque<Message>>,
+}
+
+impl Default for Hub {
+    fn default() -> Self {
+        Self { kept: Mutex::default(), out: broadcast::channel(LAG).0 }
+    }
+}
+
+impl Hub {
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        // What is kept is replaced whole, so that a panic elsewhere cannot have left it half written.
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells pages of a verdict; `states` are the nearest fault states, an array of `{name, probability, deviation_percent}`.
+    pub fn verdict(&self, bench: &str, verdict: &Verdict, states: Value) {
+        let Ok(Value::Object(mut object)) = serde_json::to_value(verdict) else { return };
+        object.insert("bench".into(), json!(bench));
+        object.insert("states".into(), states);
+        let message = Message { kind: "verdict", json: Value::Object(object).to_string().into() };
+        let key = (bench.to_owned(), verdict.stage.clone(), verdict.channel.clone());
+        let mut kept = self.kept();
+        keep(kept.verdicts.entry(key).or_default(), &message, VERDICTS_KEPT);
+        // An error means that no page listens.
+        let _ = self.out.send(message);
+    }
+
+    /// Shows pages a spectrum. Twice a second is enough for the eye.
+    pub fn spectrum(&self, frame: &SpectrumFrame) {
+        let Ok(json) = serde_json::to_string(frame) else { return };
+        let message = Message { kind: "spectrum", json: json.into() };
+        let mut kept = self.kept();
+        keep(kept.spectra.entry((frame.bench.clone(), frame.channel.clone())).or_default(), &message, SPECTRA_KEPT);
+        let _ = self.out.send(message);
+    }
+
+    /// Tells pages how the service is. To be called once a second: a page that hears nothing for six seconds says so.
+    pub fn status(&self, status: &Status) {
+        let Ok(json) = serde_json::to_string(status) else { return };
+        let message = Message { kind: "status", json: json.into() };
+        let mut kept = self.kept();
+        kept.status = Some(message.clone());
+        let _ = self.out.send(message);
+    }
+
+    /// Whether any page listens, so that spectra need not be made for nobody.
+    pub fn is_watched(&self) -> bool {
+        self.out.receiver_count() > 0
+    }
+
+    /// The newest status as JSON, `{}` before the first.
+    pub fn status_json(&self) -> String {
+        self.kept().status.as_ref().map_or_else(|| "{}".to_owned(), |message| message.json.to_string())
+    }
+
+    /// All that is kept, and the stream of what comes next, without a gap or an overlap between them.
+    pub fn subscribe(&self) -> (Vec<Message>, broadcast::Receiver<Message>) {
+        let kept = self.kept();
+        let receiver = self.out.subscribe();
+        let verdicts = kept.verdicts.values().flatten();
+        let history = kept.status.iter().chain(verdicts).chain(kept.spectra.values().flatten()).cloned().collect();
+        (history, receiver)
+    }
+}
+
+fn keep(queue: &mut VecDeque<Message>, message: &Message, most: usize) {
+    if queue.len() == most {
+        queue.pop_front();
+    }
+    queue.push_back(message.clone());
+}
