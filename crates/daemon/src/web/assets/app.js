@@ -149,7 +149,6 @@ function drawStrip(row) {
   const last = row.verdicts[row.verdicts.length - 1];
   const codes = HARMONICS.map((h) => (last[`level_${h}x`] < 0 ? "?" : last[`rank_${h}x`])).join(" ");
   row.state.textContent = `${last.instrument === "ok" ? last.machine.replace("_", " ") : last.instrument.replace("_", " ")} · ${codes}`;
-  row.box.setAttribute("aria-label", `${row.stage} ${row.channel}: machine ${last.machine}, instrument ${last.instrument}, ranks ${codes}`);
 }
 
 let trendPlot = null;
@@ -196,7 +195,7 @@ function drawTrend(row) {
   const sigma = pick(`dev_sigma_${harmonic}x_percent`);
   const band = (sign) => base.map((b, i) => (b === null || sigma[i] === null ? null : b * (1 + (sign * 2 * sigma[i]) / 100)));
   trendPlot = sized(host, (width) => new uPlot({
-    width, height: 240, legend: { show: true }, cursor: { drag: { x: true, y: false } },
+    width, height: 240, legend: { show: false }, cursor: { drag: { x: true, y: false } },
     axes: [axis(""), axis(`${harmonic}x (${row.verdicts[0].unit})`)],
     series: [{}, { label: "amplitude", stroke: css("--accent"), width: 2 }, { label: "baseline", stroke: css("--ok"), width: 1 },
       { label: "+2σ", stroke: css("--line") }, { label: "−2σ", stroke: css("--line") }],
@@ -279,7 +278,7 @@ function marks(u, lines) {
   for (const line of lines || []) {
     const x = u.valToPos(line.order, "x", true);
     if (x < u.bbox.left || x > u.bbox.left + u.bbox.width) continue;
-    g.strokeStyle = line.sideband ? css("--line") : css("--r4");
+    g.strokeStyle = line.sideband ? css("--soft") : css("--r4");
     g.setLineDash(line.sideband ? [2 * ratio, 4 * ratio] : []);
     g.beginPath();
     g.moveTo(x, u.bbox.top + (line.sideband ? u.bbox.height * 0.75 : 0));
@@ -289,6 +288,7 @@ function marks(u, lines) {
     g.globalAlpha = 1;
     if (!line.sideband) {
       g.fillStyle = css("--ink");
+      g.textAlign = "left";
       g.fillText(line.label, x + 3 * ratio, u.bbox.top + 10 * ratio);
     }
   }
