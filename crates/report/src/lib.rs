@@ -1,0 +1,96 @@
+//! Reports that can be handed on: one HTML file, pictures inside, nothing loaded from elsewhere.
+//!
+//! A [`Report`] says first what the verdict is, then what it rests on, then what was not judged and why, and last how to make it
+//! again. It knows nothing of gears: commands fill it, [`render`] writes it, the same input giving the same bytes.
+
+mod chart;
+mod page;
+
+pub use chart::{Bars, Chart, ChartError, Lines, Mark, Series};
+pub use page::render;
+
+/// How a headline, a table cell or a list entry is coloured. The words beside it say the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tone {
+    /// No colour.
+    #[default]
+    Plain,
+    /// Within limits.
+    Good,
+    /// To be looked at.
+    Warning,
+    /// Not within limits.
+    Bad,
+    /// Not judged.
+    Unknown,
+}
+
+/// A whole report.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// What was judged: the page's title.
+    pub title: String,
+    /// The verdict in one sentence.
+    pub verdict: String,
+    /// Its colour.
+    pub tone: Tone,
+    /// In order.
+    pub sections: Vec<Section>,
+    /// What it takes to make the report again: versions, files with their hashes, settings.
+    pub provenance: Vec<(String, String)>,
+}
+
+/// A part of a report under a heading.
+#[derive(Clone, Debug, Default)]
+pub struct Section {
+    /// The heading.
+    pub heading: String,
+    /// In order.
+    pub parts: Vec<Part>,
+}
+
+/// What a section is made of.
+#[derive(Clone, Debug)]
+pub enum Part {
+    /// A paragraph of plain text.
+    Text(String),
+    /// A list.
+    List(Vec<String>),
+    /// A table.
+    Table(Table),
+    /// A picture.
+    Chart(Chart),
+}
+
+/// A table; the first column names the rows.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    /// What it shows.
+    pub caption: String,
+    /// Names of the columns.
+    pub head: Vec<String>,
+    /// As many cells a row as there are names.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+/// A cell of a table.
+#[derive(Clone, Debug, Default)]
+pub struct Cell {
+    /// What it says.
+    pub text: String,
+    /// Its colour.
+    pub tone: Tone,
+}
+
+impl<T: Into<String>> From<T> for Cell {
+    fn from(text: T) -> Self {
+        Self { text: text.into(), tone: Tone::Plain }
+    }
+}
+
+impl Cell {
+    /// A coloured cell.
+    pub fn toned(text: impl Into<String>, tone: Tone) -> Self {
+        Self { text: text.into(), tone }
+    }
+}
