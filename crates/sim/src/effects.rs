@@ -1,0 +1,117 @@
+//! The library of physics that a nominal model leaves out: one table, one file an effect.
+//!
+//! An effect says how it changes the simulator, its parameters with range and unit, which lines of the spectrum it moves and how
+//! they follow load and speed, and what it is confused with. The simulator switches it on, the mismatch finder takes it as a hypothesis, and a
+//! conformance test measures it against its own declaration. To add one: write a file, add a line to [`ALL`].
+
+use gearwatch_core::bench::{Bench, EffectSpec};
+
+use crate::setup::SimSetup;
+
+mod place;
+pub mod signature;
+mod values;
+
+pub use place::{Place, PlaceKind};
+pub use signature::{Change, Law, Line, Signature, SpeedLaw};
+pub use values::{EffectError, Parameter, Values};
+
+mod aliasing;
+mod bearing_compliance;
+mod bearing_defect;
+mod belt_slip;
+mod clipping;
+mod clock_offset;
+mod damping;
+mod electrical_pickup;
+mod looseness;
+mod scaling;
+mod sensor_mounting;
+mod shaft_torsion;
+mod speed_fluctuation;
+mod structural_resonance;
+mod torque_ripple;
+mod unbalance;
+
+/// A piece of physics that can be switched on.
+pub trait Effect: Sync {
+    /// Id of the explanation contract.
+    fn id(&self) -> &'static str;
+    /// What it does and why benches have it, in one or two sentences.
+    fn help(&self) -> &'static str;
+    /// The kinds of places where it may sit.
+    fn places(&self) -> &'static [PlaceKind];
+    /// Its parameters; one that is left out takes its typical value, except where alternatives exist.
+    fn parameters(&self) -> &'static [Parameter];
+    /// Changes the setup.
+    ///
+    /// # Errors
+    /// When the values, each within its range, cannot be together or do not suit this bench.
+    fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError>;
+    /// Which lines it moves on this bench, and how they follow load and speed.
+    fn signature(&self, values: &Values, bench: &Bench) -> Signature;
+    /// Ids of effects that some recordings cannot tell from it.
+    fn confused_with(&self) -> &'static [&'static str];
+}
+
+/// All effects, in the order of the contract.
+pub const ALL: &[&dyn Effect] = &[
+    &bearing_compliance::BearingCompliance,
+    &bearing_defect::BearingDefect,
+    &shaft_torsion::ShaftTorsion,
+    &structural_resonance::StructuralResonance,
+    &sensor_mounting::SensorMounting,
+    &belt_slip::BeltSlip,
+    &speed_fluctuation::SpeedFluctuation,
+    &torque_ripple::TorqueRipple,
+    &damping::Damping,
+    &looseness::Looseness,
+    &electrical_pickup::ElectricalPickup,
+    &clock_offset::ClockOffset,
+    &clipping::Clipping,
+    &aliasing::Aliasing,
+    &unbalance::Unbalance,
+    &scaling::Scaling,
+];
+
+/// The effect with an id.
+///
+/// # Errors
+/// When there is none; the message names the nearest id.
+pub fn find(id: &str) -> Result<&'static dyn Effect, EffectError> {
+    ALL.iter().copied().find(|effect| effect.id() == id).ok_or_else(|| EffectError::UnknownEffect {
+        found: id.to_owned(),
+        nearest: values::nearest(id, ALL.iter().map(|effect| effect.id())).to_owned(),
+    })
+}
+
+/// Checks a specification against the table and a bench: effect, place, parameters and their ranges.
+///
+/// # Errors
+/// A sentence that says what is wrong and what would be right.
+pub fn resolve(spec: &EffectSpec, bench: &Bench) -> Result<(&'static dyn Effect, Values), EffectError> {
+    let effect = find(&spec.effect)?;
+    let place = Place::parse(&spec.place, effect, bench)?;
+    Ok((effect, Values::new(effect, place, &spec.parameters)?))
+}
+
+/// Switches an effect on.
+///
+/// # Errors
+/// As [`resolve`], and where the effect does not suit the bench.
+pub fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError> {
+    let (effect, values) = resolve(spec, &setup.bench)?;
+    effect.apply(&values, setup)
+}
+
+/// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order.
+///
+/// # Errors
+/// As [`apply`].
+pub fn setup(bench: &Bench, further: &[EffectSpec]) -> Result<SimSetup, EffectError> {
+    let mut setup = SimSetup::nominal(bench);
+    for spec in bench.effects.iter().chain(further) {
+        apply(spec, &mut setup)?;
+    }
+    Ok(setup)
+}
