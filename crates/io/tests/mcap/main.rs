@@ -1,0 +1,5 @@
+//! MCAP recordings: the contract, round trips, foreign and damaged files.
+
+mod contract;
+mod damaged;
+mod fixture;
