@@ -1,8 +1,14 @@
 //! Simulator of the gear bench: mesh stiffness, faults, dynamics, effects, sensors.
 
 pub mod effects;
+pub mod faults;
+pub mod foundation;
+pub mod geometry;
+pub mod hertz;
 pub mod linear;
+pub mod mesh;
 pub mod setup;
+pub mod tooth;
 
 #[cfg(test)]
 mod test_bench;

@@ -1,0 +1,309 @@
+//! What can be wrong with the teeth of a stage: damage that changes stiffness, and deviations of the flanks.
+//!
+//! Everything that sits on one tooth goes through one evaluation of that tooth's sections, so that a composite fault is
+//! not the sum of its parts.
+
+use std::collections::BTreeMap;
+
+use crate::geometry::GearGeometry;
+
+/// How a tooth is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BreakageKind {
+    /// A fraction of the face width is gone over the whole height; the body keeps its stiffness.
+    Width,
+    /// A fraction of the tooth height is gone, from the tip.
+    Height,
+}
+
+/// A broken tooth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Breakage {
+    /// Fraction that is gone (0–1); 1 is the whole tooth in either kind.
+    pub fraction: f64,
+    /// Of what.
+    pub kind: BreakageKind,
+}
+
+/// A circular pit (Liang, Zhang, Liu & Zuo 2016).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pit {
+    /// Diameter on the flank (m).
+    pub diameter_m: f64,
+    /// Depth (m).
+    pub depth_m: f64,
+    /// Height of its centre above the pitch line (m), towards the tip.
+    pub height_m: f64,
+}
+
+/// A rectangular spall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spall {
+    /// Extent along the face width (m).
+    pub width_m: f64,
+    /// Extent along the tooth height (m).
+    pub length_m: f64,
+    /// Depth (m).
+    pub depth_m: f64,
+    /// Height of its centre above the pitch line (m), towards the tip.
+    pub height_m: f64,
+}
+
+/// A crack that starts at the root of the loaded flank, over the whole width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crack {
+    /// Depth q (m).
+    pub depth_m: f64,
+    /// Inclination v between crack and tooth centre line (rad); 60° is usual.
+    pub angle_rad: f64,
+}
+
+/// Damage of one tooth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ToothDamage {
+    /// Broken off.
+    pub breakage: Option<Breakage>,
+    /// Side by side along the face width; they do not overlap.
+    pub pits: Vec<Pit>,
+    /// Flaked off.
+    pub spall: Option<Spall>,
+    /// Cracked at the root.
+    pub crack: Option<Crack>,
+}
+
+/// A wave on a gear that repeats each revolution, such as a ghost of the index wheel of the machine that cut it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// Periods per revolution (> 0); a whole number for a ghost.
+    pub order: f64,
+    /// Amplitude along the line of action (m).
+    pub amplitude_m: f64,
+    /// Phase at tooth 0 (rad).
+    pub phase_rad: f64,
+}
+
+/// Tip relief: `C_a ((ξ − ξ_start)/l)^n` over the last `l` of the path before the tip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TipRelief {
+    /// Depth C_a at the tip (m).
+    pub depth_m: f64,
+    /// Length l / base pitch (0–1).
+    pub length_fraction: f64,
+    /// Power n: 1 linear, 2 parabolic.
+    pub power: i32,
+}
+
+/// What is wrong with one gear.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GearModifications {
+    /// Damage by tooth number (0 is the tooth that meshes at phase 0). Overrides `all_teeth` on that tooth.
+    pub teeth: BTreeMap<u32, ToothDamage>,
+    /// The same damage on every tooth.
+    pub all_teeth: ToothDamage,
+    /// Cumulative pitch error by tooth (m); positive is missing material, so the tooth touches late. Empty for none.
+    pub pitch_error_m: Vec<f64>,
+    /// Eccentricity ε of the gear's axis (m): half of the peak to peak runout.
+    pub eccentricity_m: f64,
+    /// Direction of the eccentricity at phase 0, from the line of centres, in the sense of rotation (rad).
+    pub eccentricity_phase_rad: f64,
+    /// Waves that repeat each revolution.
+    pub waves: Vec<Wave>,
+    /// Material taken off at the tips.
+    pub tip_relief: Option<TipRelief>,
+}
+
+/// What is wrong with the pair as a whole.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PairModifications {
+    /// Profile error by mesh harmonic: amplitude (m) and phase (rad) of `Σ e_h cos(2π h (u − u_pitch) + φ_h)`,
+    /// common to all pairs; h = 1 first. Positive is missing material.
+    pub profile_error: Vec<(f64, f64)>,
+    /// Wear depth (m) at the place of fastest sliding; in proportion to sliding along the path, 0 at the pitch point.
+    pub wear_m: f64,
+    /// Factor on the stiffness of every tooth pair.
+    pub stiffness_factor: f64,
+    /// Misalignment of the axes in the plane of action (rad).
+    pub misalignment_rad: f64,
+    /// Factor on the coupling of tooth pairs through the bodies.
+    pub coupling_factor: f64,
+    /// Power of the load in the stiffness, relative to the reference load: `k ~ (F/F_ref)^n`, beside the Hertz law.
+    pub load_exponent: f64,
+    /// Load (N) at which `load_exponent` changes nothing; the nominal load.
+    pub reference_load_n: f64,
+    /// Coefficient of friction between the flanks.
+    pub friction: f64,
+    /// Change of the operating centre distance (m).
+    pub centre_shift_m: f64,
+}
+
+impl Default for PairModifications {
+    fn default() -> Self {
+        Self {
+            profile_error: Vec::new(),
+            wear_m: 0.0,
+            stiffness_factor: 1.0,
+            misalignment_rad: 0.0,
+            coupling_factor: 1.0,
+            load_exponent: 0.0,
+            reference_load_n: 1000.0,
+            friction: 0.0,
+            centre_shift_m: 0.0,
+        }
+    }
+}
+
+/// Everything that is wrong with the teeth of one stage; the default is nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ToothModifications {
+    /// The driving gear.
+    pub pinion: GearModifications,
+    /// The driven gear.
+    pub wheel: GearModifications,
+    /// Both together.
+    pub pair: PairModifications,
+}
+
+impl ToothDamage {
+    /// True where nothing is wrong.
+    pub fn is_healthy(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// True where the other flank is damaged as well.
+    pub(crate) fn affects_back_flank(&self) -> bool {
+        self.breakage.is_some()
+    }
+
+    /// What cannot be, in a sentence that says what would be right; `place` names the tooth.
+    pub fn check(&self, place: &str, gear: &GearGeometry) -> Result<(), String> {
+        let flank = gear.flank_height_m();
+        if let Some(Breakage { fraction, .. }) = self.breakage
+            && !(fraction > 0.0 && fraction <= 1.0)
+        {
+            return Err(format!("{place}: {fraction} of the tooth is broken; expected a fraction above 0 and up to 1"));
+        }
+        let half_module = 0.5 * gear.module_m;
+        for pit in &self.pits {
+            if !(pit.diameter_m > 0.0 && pit.diameter_m <= flank) {
+                return Err(format!(
+                    "{place}: a pit of {:.2} mm does not fit on the flank, which is {:.2} mm high at module {} mm; \
+                     expected a diameter above 0 and up to that",
+                    1e3 * pit.diameter_m,
+                    1e3 * flank,
+                    1e3 * gear.module_m
+                ));
+            }
+            if !(pit.depth_m > 0.0 && pit.depth_m <= half_module) {
+                return Err(format!(
+                    "{place}: a pit is {:.2} mm deep; expected above 0 and up to half a module, {:.2} mm",
+                    1e3 * pit.depth_m,
+                    1e3 * half_module
+                ));
+            }
+        }
+        let pitted: f64 = self.pits.iter().map(|p| p.diameter_m).sum();
+        if pitted > gear.face_width_m * (1.0 + 1e-9) {
+            return Err(format!(
+                "{place}: the pits side by side need {:.2} mm of face width and the tooth has {:.2} mm; \
+                 use fewer or smaller pits",
+                1e3 * pitted,
+                1e3 * gear.face_width_m
+            ));
+        }
+        if let Some(spall) = self.spall {
+            let fits = spall.width_m > 0.0
+                && spall.width_m <= gear.face_width_m
+                && spall.length_m > 0.0
+                && spall.length_m <= flank
+                && spall.depth_m > 0.0
+                && spall.depth_m <= half_module;
+            if !fits {
+                return Err(format!(
+                    "{place}: a spall of {:.2} mm × {:.2} mm × {:.2} mm (width × height × depth) does not fit; expected up to \
+                     {:.2} × {:.2} × {:.2} mm",
+                    1e3 * spall.width_m,
+                    1e3 * spall.length_m,
+                    1e3 * spall.depth_m,
+                    1e3 * gear.face_width_m,
+                    1e3 * flank,
+                    1e3 * half_module
+                ));
+            }
+        }
+        if let Some(crack) = self.crack {
+            let half_root = gear.base_radius_m * gear.half_base_angle_rad.sin();
+            let reach = crack.depth_m * crack.angle_rad.sin();
+            if !(crack.depth_m > 0.0 && reach > 0.0 && reach <= 1.6 * half_root) {
+                return Err(format!(
+                    "{place}: a crack of {:.2} mm at {:.0} degrees; expected a depth above 0 that leaves a fifth of the \
+                     root thickness of {:.2} mm",
+                    1e3 * crack.depth_m,
+                    crack.angle_rad.to_degrees(),
+                    2e3 * half_root
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Height above the gear centre (m) of a point `height_m` above the pitch line.
+    fn height_above_centre_m(gear: &GearGeometry, height_m: f64) -> f64 {
+        let roll = gear.roll_at_radius_m(gear.reference_radius_m);
+        gear.flank_point_m(gear.load_angle_rad(roll)).0 + height_m
+    }
+
+    /// Length of the contact line (m) that pits and spall take away at height `y_m`, and the greatest depth there (m).
+    pub(crate) fn lost_length_m(&self, gear: &GearGeometry, y_m: f64) -> (f64, f64) {
+        let (mut length, mut depth) = (0.0, 0.0_f64);
+        for (chord, d) in self.recesses(gear, y_m) {
+            length += chord;
+            depth = depth.max(d);
+        }
+        (length, depth)
+    }
+
+    /// Chord along the width (m) and depth (m) of each pit and of the spall at height `y_m`.
+    fn recesses(&self, gear: &GearGeometry, y_m: f64) -> impl Iterator<Item = (f64, f64)> {
+        let pits = self.pits.iter().filter_map(move |pit| {
+            let off = y_m - Self::height_above_centre_m(gear, pit.height_m);
+            let chord_2 = 0.25 * pit.diameter_m * pit.diameter_m - off * off;
+            (chord_2 > 0.0).then(|| (2.0 * chord_2.sqrt(), pit.depth_m))
+        });
+        let spall = self.spall.iter().filter_map(move |spall| {
+            let off = y_m - Self::height_above_centre_m(gear, spall.height_m);
+            (off.abs() < 0.5 * spall.length_m).then_some((spall.width_m, spall.depth_m))
+        });
+        pits.chain(spall)
+    }
+
+    /// Area (m²) and second moment of area (m⁴) that carry at height `y_m`, where the healthy half thickness is `h_m`.
+    ///
+    /// Crack: `A = (h + h_c) L`, `I = (h + h_c)³ L / 12` where `h ≥ h_c = r_b sin α₂ − q sin v` (Wu, Zuo & Parey 2008 with the
+    /// misprints put right). Pits: `ΔI = ΔL d³/12 + A ΔA (h − d/2)²/(A − ΔA)` (parallel axes about the shifted centroid).
+    pub(crate) fn section(&self, gear: &GearGeometry, y_m: f64, h_m: f64) -> (f64, f64) {
+        let mut width = gear.face_width_m;
+        if let Some(Breakage { fraction, kind: BreakageKind::Width }) = self.breakage {
+            width *= 1.0 - fraction;
+        }
+        let thickness = match self.crack {
+            Some(crack) => {
+                let left = gear.base_radius_m * gear.half_base_angle_rad.sin() - crack.depth_m * crack.angle_rad.sin();
+                h_m + h_m.min(left)
+            }
+            None => 2.0 * h_m,
+        };
+        let mut area = thickness * width;
+        let mut inertia = thickness.powi(3) * width / 12.0;
+        // A broken tooth that is also pitted loses the pits in proportion to the width that is left.
+        let kept = width / gear.face_width_m;
+        for (chord, depth) in self.recesses(gear, y_m) {
+            // A pit cannot take more than nine tenths of a section: near the tip a tooth is thin.
+            let depth = depth.min(0.9 * thickness);
+            let lost = chord * kept * depth;
+            let arm = 0.5 * (thickness - depth);
+            inertia -= chord * kept * depth.powi(3) / 12.0 + area * lost * arm * arm / (area - lost);
+            area -= lost;
+        }
+        (area, inertia)
+    }
+}

@@ -1,0 +1,201 @@
+//! The tooth pairs in contact at one instant, and the force that they carry together.
+
+/// Most pairs that can be near contact at once: a contact ratio below 3, and corner contact before and after.
+pub const MAX_PAIRS: usize = 4;
+
+/// One tooth pair in contact or near it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pair {
+    /// Number of the pair since the start: it enters, nominally, at mesh phase `index`.
+    pub index: i64,
+    /// Tooth of the pinion, `index mod z₁`.
+    pub pinion_tooth: u32,
+    /// Tooth of the wheel, `index mod z₂`.
+    pub wheel_tooth: u32,
+    /// Roll coordinate of the contact on the pinion (m): lever of a friction force about its axis.
+    pub pinion_roll_m: f64,
+    /// Roll coordinate of the contact on the wheel (m).
+    pub wheel_roll_m: f64,
+    /// Compliance of the pair alone (m/N).
+    pub compliance_m_per_n: f64,
+    /// Part of it that both gear bodies contribute (m/N); neighbouring pairs share it.
+    pub foundation_m_per_n: f64,
+    /// Approach (m) at which this pair begins to touch: flank deviations, and the corner gap before entry and after exit.
+    pub gap_m: f64,
+}
+
+/// The pairs near contact, in order of decreasing index (the youngest first).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pairs {
+    items: [Pair; MAX_PAIRS],
+    len: usize,
+    /// `c₁₂ / sqrt(f₁ f₂)` of two pairs on the same bodies.
+    pub(super) coupling: f64,
+}
+
+/// Force and tangent stiffness of the mesh at one approach.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MeshForce {
+    /// Along the line of action, pressing the gears apart (N, ≥ 0).
+    pub force_n: f64,
+    /// d force / d approach (N/m); 0 out of contact. The force is piecewise linear in the approach.
+    pub stiffness_n_per_m: f64,
+    /// Share of each pair, in the order of [`Pairs::as_slice`] (N).
+    pub pair_forces_n: [f64; MAX_PAIRS],
+}
+
+impl Pairs {
+    /// The pairs.
+    pub fn as_slice(&self) -> &[Pair] {
+        &self.items[..self.len]
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    pub(super) fn push(&mut self, pair: Pair) {
+        if self.len < MAX_PAIRS {
+            self.items[self.len] = pair;
+            self.len += 1;
+        }
+    }
+
+    /// Compliance c_ij (m/N): `c_ij = λ sqrt(f_i f_j)` off the diagonal.
+    fn compliance(&self, i: usize, j: usize) -> f64 {
+        if i == j {
+            self.items[i].compliance_m_per_n
+        } else {
+            self.coupling * (self.items[i].foundation_m_per_n * self.items[j].foundation_m_per_n).sqrt()
+        }
+    }
+
+    /// The force at approach `approach_m` of the two gears along the line of action (positive closing).
+    ///
+    /// All pairs see one approach: `C F = δ − gap` over the pairs that carry, every force ≥ 0, and a pair that does not
+    /// carry stays apart (a linear complementarity problem with one solution, C being positive definite).
+    pub fn force(&self, approach_m: f64) -> MeshForce {
+        let mut active = [0_usize; MAX_PAIRS];
+        let mut n = 0;
+        for (i, pair) in self.as_slice().iter().enumerate() {
+            if approach_m > pair.gap_m {
+                active[n] = i;
+                n += 1;
+            }
+        }
+        let mut out = MeshForce::default();
+        if self.coupling == 0.0 {
+            for &i in &active[..n] {
+                let stiffness = 1.0 / self.items[i].compliance_m_per_n;
+                let force = stiffness * (approach_m - self.items[i].gap_m);
+                out.pair_forces_n[i] = force;
+                out.force_n += force;
+                out.stiffness_n_per_m += stiffness;
+            }
+            return out;
+        }
+        loop {
+            match n {
+                0 => return out,
+                1 => {
+                    let i = active[0];
+                    let stiffness = 1.0 / self.items[i].compliance_m_per_n;
+                    let force = stiffness * (approach_m - self.items[i].gap_m);
+                    out.pair_forces_n[i] = force;
+                    out.force_n = force;
+                    out.stiffness_n_per_m = stiffness;
+                    return out;
+                }
+                _ => {
+                    let (forces, stiffnesses) = self.solve_active(&active[..n], approach_m);
+                    // A pair that would have to pull is lifted off by its neighbours' foundation: leave the worst out.
+                    let mut worst = 0;
+                    for k in 1..n {
+                        if forces[k] < forces[worst] {
+                            worst = k;
+                        }
+                    }
+                    if forces[worst] >= 0.0 {
+                        for (k, &i) in active[..n].iter().enumerate() {
+                            out.pair_forces_n[i] = forces[k];
+                            out.force_n += forces[k];
+                            out.stiffness_n_per_m += stiffnesses[k];
+                        }
+                        return out;
+                    }
+                    active.copy_within(worst + 1..n, worst);
+                    n -= 1;
+                }
+            }
+        }
+    }
+
+    /// Forces and tangent stiffnesses of the pairs `active`, two or more, all taken to be in contact.
+    fn solve_active(&self, active: &[usize], approach_m: f64) -> ([f64; MAX_PAIRS], [f64; MAX_PAIRS]) {
+        let n = active.len();
+        let mut forces = [0.0; MAX_PAIRS];
+        let mut stiffnesses = [0.0; MAX_PAIRS];
+        if let &[i, j] = active {
+            let (a, b, c) = (self.compliance(i, i), self.compliance(j, j), self.compliance(i, j));
+            let det = 1.0 / (a * b - c * c);
+            let (x, y) = (approach_m - self.items[i].gap_m, approach_m - self.items[j].gap_m);
+            forces[0] = (b * x - c * y) * det;
+            forces[1] = (a * y - c * x) * det;
+            stiffnesses[0] = (b - c) * det;
+            stiffnesses[1] = (a - c) * det;
+            return (forces, stiffnesses);
+        }
+        // Cholesky-free elimination; symmetric positive definite needs no pivoting.
+        let mut matrix = [[0.0; MAX_PAIRS]; MAX_PAIRS];
+        for r in 0..n {
+            for c in 0..n {
+                matrix[r][c] = self.compliance(active[r], active[c]);
+            }
+            forces[r] = approach_m - self.items[active[r]].gap_m;
+            stiffnesses[r] = 1.0;
+        }
+        for p in 0..n {
+            let pivot = matrix[p];
+            for r in p + 1..n {
+                let factor = matrix[r][p] / pivot[p];
+                for (value, above) in matrix[r].iter_mut().zip(pivot) {
+                    *value -= factor * above;
+                }
+                forces[r] -= factor * forces[p];
+                stiffnesses[r] -= factor * stiffnesses[p];
+            }
+        }
+        for p in (0..n).rev() {
+            for c in p + 1..n {
+                forces[p] -= matrix[p][c] * forces[c];
+                stiffnesses[p] -= matrix[p][c] * stiffnesses[c];
+            }
+            forces[p] /= matrix[p][p];
+            stiffnesses[p] /= matrix[p][p];
+        }
+        (forces, stiffnesses)
+    }
+
+    /// Approach (m) at which the pairs carry `force_n` together, and the tangent stiffness (N/m) there; `None` where no
+    /// pair is near contact.
+    pub fn approach_at(&self, force_n: f64) -> Option<(f64, f64)> {
+        let first = self.as_slice().iter().map(|p| p.gap_m).min_by(f64::total_cmp)?;
+        if force_n <= 0.0 {
+            return Some((first, 0.0));
+        }
+        // Piecewise linear and increasing with at most MAX_PAIRS + few pieces: Newton from the stiff side ends exactly.
+        let lone = self.as_slice().iter().map(|p| p.gap_m + force_n * p.compliance_m_per_n);
+        let mut approach = lone.min_by(f64::total_cmp)?;
+        let mut stiffness = 0.0;
+        for _ in 0..16 {
+            let now = self.force(approach);
+            stiffness = now.stiffness_n_per_m;
+            let step = (force_n - now.force_n) / stiffness;
+            approach += step;
+            if step.abs() <= 1e-14 * approach.abs() {
+                break;
+            }
+        }
+        Some((approach, stiffness))
+    }
+}
