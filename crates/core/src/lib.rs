@@ -9,11 +9,19 @@
 //! made once from it, `XState` is what processing changes. The caller owns the buffers, and the hot call does not
 //! allocate, lock, log or read a clock.
 
+pub mod aggregate;
 pub mod analysis;
+pub mod baseline;
 pub mod bench;
 pub mod block;
+pub mod deviation;
 pub mod estimate;
+pub mod judge;
+pub mod rank;
 pub mod recording;
+pub mod robust;
+pub mod signature;
 pub mod source;
+pub mod state;
 pub mod train;
 pub mod verdict;

@@ -1,5 +1,7 @@
 //! What comes out of the pipeline: one verdict per window, channel and stage.
 
+use std::sync::Arc;
+
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::estimate::Estimate;
@@ -58,17 +60,17 @@ impl Rank {
     }
 }
 
-/// State of the machine as far as this window tells.
+/// State of the machine as far as this window tells. Each is given only where the data resolve it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MachineState {
-    /// Not judged.
+    /// Not judged, or not resolved; the verdict's reason says which.
     #[default]
     Unknown,
-    /// No harmonic deviates beyond what the data resolve.
+    /// No harmonic deviates, and in each one that was judged rank IV or V is less probable than not.
     Normal,
-    /// A resolved deviation of rank I to III.
+    /// A deviation proven to be of rank I or more, but not of rank IV.
     Deviating,
-    /// A resolved deviation of rank IV or V.
+    /// A deviation proven to be of rank IV or V.
     Alarm,
     /// Floor and harmonics moved together: the path from gear to sensor changed, not the gear.
     PathChanged,
@@ -126,6 +128,81 @@ impl InstrumentState {
             Self::ClockTrouble => "clock_trouble",
         }
     }
+}
+
+/// Why the machine's state is unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reason {
+    /// It is known.
+    #[default]
+    None,
+    /// The instrument is not all right.
+    Instrument,
+    /// There is no baseline.
+    NoBaseline,
+    /// The baseline does not know this channel.
+    ChannelNotInBaseline,
+    /// The baseline has not seen this speed and torque (or one of them is unknown, and was known when it was learned).
+    OutsideBaseline,
+    /// The baseline has too few windows here to say how much a healthy machine scatters.
+    BaselineTooSmall,
+    /// Neither a deviation nor its absence is resolved: the healthy scatter is as wide as the rank steps.
+    NotResolved,
+}
+
+impl Reason {
+    /// As written in JSON; empty where the state is known.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Instrument => "instrument",
+            Self::NoBaseline => "no_baseline",
+            Self::ChannelNotInBaseline => "channel_not_in_baseline",
+            Self::OutsideBaseline => "outside_baseline",
+            Self::BaselineTooSmall => "baseline_too_small",
+            Self::NotResolved => "not_resolved",
+        }
+    }
+}
+
+/// How the signature table answers to the deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StateFit {
+    /// Not compared: the machine's state is unknown, or the path changed.
+    #[default]
+    NotCompared,
+    /// One state holds 95 % of the probability and agrees with the deviations.
+    One,
+    /// It takes several states to hold 95 % of the probability: they fit about equally.
+    Several,
+    /// No state of the table agrees with the deviations.
+    None,
+}
+
+impl StateFit {
+    /// As written in JSON.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::NotCompared => "not_compared",
+            Self::One => "one",
+            Self::Several => "several",
+            Self::None => "none",
+        }
+    }
+}
+
+/// How many of the nearest states a verdict names.
+pub const NEAREST_STATES: usize = 3;
+
+/// A state of the signature table and how well it fits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NearState {
+    /// Name in the signature table.
+    pub name: Arc<str>,
+    /// Share of this state in the likelihood of all states of the table (0–1).
+    pub probability: f64,
+    /// Chi-square probability of deviations at least this far from the state's (0–1).
+    pub goodness: f64,
 }
 
 /// One mesh harmonic of one window.
@@ -188,8 +265,19 @@ pub struct Verdict {
     pub machine: MachineState,
     /// The instrument.
     pub instrument: InstrumentState,
-    /// At least one rank is more probable than not to be the right one, and none of the judged ones is a coin toss.
+    /// Each rank that was given is more probable than not to be the right one.
     pub resolvable: bool,
+    /// Why the machine's state is unknown.
+    pub reason: Reason,
+    /// Windows that were averaged: 1 for a live verdict.
+    pub windows: u32,
+    /// Sessions that the baseline knows here. With 1 the spread between sessions is unknown, and the sigmas of the
+    /// deviations leave it out.
+    pub baseline_sessions: u32,
+    /// What the signature table says.
+    pub state_fit: StateFit,
+    /// The nearest states, the most probable first; empty where not compared.
+    pub states: Vec<NearState>,
 }
 
 /// Rounds to nine significant digits, so that the last bits of a transform do not reach a published line.
@@ -259,6 +347,12 @@ const NAMES: [[&str; 9]; HARMONICS] = [
     ],
 ];
 
+const STATE_NAMES: [[&str; 3]; NEAREST_STATES] = [
+    ["state_1", "state_1_probability", "state_1_goodness"],
+    ["state_2", "state_2_probability", "state_2_goodness"],
+    ["state_3", "state_3_probability", "state_3_goodness"],
+];
+
 /// The flat JSON object of stdout and of `/gear/<stage>/rank`: scalars only, so that any viewer can plot each field.
 /// Numbers that are not known are `null`.
 impl Serialize for Verdict {
@@ -273,6 +367,9 @@ impl Serialize for Verdict {
         map.serialize_entry("machine", self.machine.code())?;
         map.serialize_entry("instrument", self.instrument.code())?;
         map.serialize_entry("resolvable", &self.resolvable)?;
+        map.serialize_entry("reason", self.reason.code())?;
+        map.serialize_entry("windows", &self.windows)?;
+        map.serialize_entry("baseline_sessions", &self.baseline_sessions)?;
         map.serialize_entry("input_speed_hz", &published(self.input_speed_hz.value))?;
         map.serialize_entry("input_speed_sigma_hz", &published(self.input_speed_hz.sigma))?;
         map.serialize_entry("mesh_hz", &published(self.mesh_hz))?;
@@ -289,6 +386,12 @@ impl Serialize for Verdict {
             map.serialize_entry(names[6], &published(h.amplitude.sigma))?;
             map.serialize_entry(names[7], &published(h.floor))?;
             map.serialize_entry(names[8], &published(h.baseline))?;
+        }
+        map.serialize_entry("state_fit", self.state_fit.code())?;
+        for (names, state) in STATE_NAMES.iter().zip(&self.states) {
+            map.serialize_entry(names[0], &*state.name)?;
+            map.serialize_entry(names[1], &published(state.probability))?;
+            map.serialize_entry(names[2], &published(state.goodness))?;
         }
         map.end()
     }

@@ -1,0 +1,506 @@
+//! Cells over speed and torque, and the surface between them where there are enough.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use super::{Baseline, BaselineConfig, LineStatistics, Run, ScatterPrior};
+use crate::verdict::HARMONICS;
+
+/// An operating point that the baseline has seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// Mean input-shaft speed (Hz).
+    pub input_speed_hz: f64,
+    /// Mean torque at the brake (N m), none where unknown.
+    pub brake_torque_nm: Option<f64>,
+    /// Sessions (with their mounting) that have been there.
+    pub sessions: u32,
+    /// Runs that have been there.
+    pub runs: u32,
+}
+
+/// What is normal for one line (or one floor) at one operating point. All variances are of natural logarithms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference {
+    /// ln of the normal amplitude.
+    pub ln: f64,
+    /// Variance of that mean from the scatter of the windows.
+    pub mean_variance: f64,
+    /// Variance from one window to the next within a session, noise included.
+    pub scatter_variance: f64,
+    /// Degrees of freedom of the scatter.
+    pub scatter_freedom: f64,
+    /// What of the scatter is noise beside the line.
+    pub noise_variance: f64,
+    /// Variance between sessions; none where only one session is known.
+    pub between_variance: Option<f64>,
+    /// Sessions that it was learned from.
+    pub sessions: u32,
+    /// Variance from interpolating between cells, 0 in a cell.
+    pub interpolation_variance: f64,
+    /// Degrees of freedom of that; meaningless where the variance is 0.
+    pub interpolation_freedom: f64,
+}
+
+/// The most cells that one operating point is worked out from: two on each of two lines of equal torque.
+const CORNERS: usize = 4;
+
+/// Where an operating point lies among the cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    corners: [(usize, f64); CORNERS],
+    count: usize,
+    /// Σ (w (x−a)(b−x))² over the lines of equal torque, x = ln speed.
+    speed_span_squared: f64,
+    /// (T−a)(b−T) between lines of equal torque.
+    torque_span: f64,
+}
+
+impl Place {
+    fn corners(&self) -> &[(usize, f64)] {
+        &self.corners[..self.count]
+    }
+}
+
+/// Value at each cell, and how strongly it bends between cells.
+#[derive(Clone, Debug, PartialEq)]
+struct Series {
+    cells: Vec<Option<Reference>>,
+    speed_bend: Bend,
+    torque_bend: Bend,
+}
+
+/// Mean square of the second derivative, from leaving out each inner cell in turn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Bend {
+    mean_square: f64,
+    residuals: f64,
+}
+
+/// One stage of one sensor: lines and floors, 1x to 5x.
+#[derive(Clone, Debug, PartialEq)]
+struct StageSurface {
+    lines: [Series; HARMONICS],
+    floors: [Series; HARMONICS],
+}
+
+/// One sensor.
+#[derive(Clone, Debug, PartialEq)]
+struct ChannelSurface {
+    unit: String,
+    line_prior: ScatterPrior,
+    floor_prior: ScatterPrior,
+    stages: Vec<StageSurface>,
+}
+
+/// A baseline made ready for use.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    config: BaselineConfig,
+    cells: Vec<Cell>,
+    /// Cells of equal torque, by speed; sorted by torque, unknown torque first.
+    torque_lines: Vec<(Option<f64>, Vec<usize>)>,
+    interpolates_speed: bool,
+    interpolates_torque: bool,
+    channels: BTreeMap<String, ChannelSurface>,
+}
+
+impl Surface {
+    /// Works out cells, scatter and bend from the runs.
+    pub fn new(baseline: &Baseline) -> Self {
+        let config = baseline.config;
+        let (cells, torque_lines, members) = cells(&baseline.runs, &config);
+        let mut surface = Self {
+            config,
+            cells,
+            torque_lines,
+            interpolates_speed: true,
+            interpolates_torque: true,
+            channels: BTreeMap::new(),
+        };
+        // Interpolation needs an inner cell, by which its error can be judged. Which lines there are decides, not the
+        // values; so that it is settled first.
+        let speed_triples = surface.speed_triples();
+        surface.interpolates_speed = !speed_triples.is_empty();
+        let torque_triples = surface.torque_triples();
+        surface.interpolates_torque = !torque_triples.is_empty();
+        let mut names: Vec<(&String, &String)> =
+            baseline.runs.iter().flat_map(|run| &run.channels).map(|(name, c)| (name, &c.unit)).collect();
+        names.sort_unstable();
+        names.dedup_by_key(|(name, _)| *name);
+        for (name, unit) in names {
+            let gather = |floor: bool| -> Vec<Vec<Vec<Option<Gathered>>>> {
+                (0..baseline.stages.len())
+                    .map(|stage| {
+                        (0..HARMONICS)
+                            .map(|h| {
+                                members
+                                    .iter()
+                                    .map(|runs| Gathered::of(runs, name, stage, h, floor, config.least_windows))
+                                    .collect()
+                            })
+                            .collect()
+                    })
+                    .collect()
+            };
+            let (lines, floors) = (gather(false), gather(true));
+            let prior = |all: &Vec<Vec<Vec<Option<Gathered>>>>| {
+                let variances: Vec<_> =
+                    all.iter().flatten().flatten().flatten().map(|g| (g.variance, g.freedom)).collect();
+                ScatterPrior::learn(&variances)
+            };
+            let (line_prior, floor_prior) = (prior(&lines), prior(&floors));
+            let series = |gathered: &[Option<Gathered>], prior: ScatterPrior| {
+                let cells: Vec<_> = gathered.iter().map(|g| g.as_ref().map(|g| g.reference(prior))).collect();
+                Series {
+                    speed_bend: surface.speed_bend(&cells, &speed_triples),
+                    torque_bend: surface.torque_bend(&cells, &torque_triples),
+                    cells,
+                }
+            };
+            let stages = (0..baseline.stages.len())
+                .map(|stage| StageSurface {
+                    lines: std::array::from_fn(|h| series(&lines[stage][h], line_prior)),
+                    floors: std::array::from_fn(|h| series(&floors[stage][h], floor_prior)),
+                })
+                .collect();
+            surface
+                .channels
+                .insert(name.clone(), ChannelSurface { unit: unit.clone(), line_prior, floor_prior, stages });
+        }
+        surface
+    }
+
+    /// The operating points that the baseline has seen.
+    pub fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    /// Unit of a channel, none for a channel that the baseline does not know.
+    pub fn unit(&self, channel: &str) -> Option<&str> {
+        self.channels.get(channel).map(|c| c.unit.as_str())
+    }
+
+    /// What the scatters of a channel's lines and floors have in common.
+    pub fn priors(&self, channel: &str) -> Option<(ScatterPrior, ScatterPrior)> {
+        self.channels.get(channel).map(|c| (c.line_prior, c.floor_prior))
+    }
+
+    /// Finds an operating point among the cells; none outside what the baseline has seen.
+    ///
+    /// Between cells of equal torque it is interpolated over ln speed, and between lines of equal torque over torque,
+    /// wherever an inner cell exists by which the error of interpolating is known; else the nearest cell within the
+    /// tolerance serves.
+    pub fn locate(&self, input_speed_hz: f64, brake_torque_nm: Option<f64>) -> Option<Place> {
+        let candidates = || {
+            self.torque_lines
+                .iter()
+                .filter(|(torque, _)| torque.is_some() == brake_torque_nm.is_some())
+                .filter_map(|(torque, line)| Some((torque.unwrap_or(0.0), self.along(line, input_speed_hz)?)))
+        };
+        let wanted = brake_torque_nm.unwrap_or(0.0);
+        let below = candidates().rfind(|(t, _)| *t <= wanted);
+        let above = candidates().find(|(t, _)| *t >= wanted);
+        if let (Some((low, a)), Some((high, b)), true) = (below, above, self.interpolates_torque) {
+            return Some(if low == high {
+                Place::new(&[(a, 1.0)], 0.0)
+            } else {
+                let share = (wanted - low) / (high - low);
+                Place::new(&[(a, 1.0 - share), (b, share)], (wanted - low) * (high - wanted))
+            });
+        }
+        let nearest = candidates().min_by(|(s, _), (t, _)| (s - wanted).abs().total_cmp(&(t - wanted).abs()))?;
+        self.config
+            .torque_matches(brake_torque_nm, brake_torque_nm.map(|_| nearest.0))
+            .then(|| Place::new(&[(nearest.1, 1.0)], 0.0))
+    }
+
+    /// Where a speed lies on a line of equal torque.
+    fn along(&self, line: &[usize], speed_hz: f64) -> Option<Along> {
+        let speed = |cell: usize| self.cells[cell].input_speed_hz;
+        let after = line.partition_point(|&cell| speed(cell) < speed_hz);
+        if self.interpolates_speed && after > 0 && after < line.len() {
+            return Some(between(line[after - 1], line[after], speed(line[after - 1]), speed(line[after]), speed_hz));
+        }
+        let neighbours = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|i| line.get(i));
+        let nearest =
+            neighbours.min_by(|&&a, &&b| (speed(a) - speed_hz).abs().total_cmp(&(speed(b) - speed_hz).abs()))?;
+        self.config
+            .speed_matches(speed(*nearest), speed_hz)
+            .then_some(Along { cells: [(*nearest, 1.0), (*nearest, 0.0)], span: 0.0 })
+    }
+
+    /// Each inner cell of a line of equal torque with its neighbours.
+    fn speed_triples(&self) -> Vec<(usize, Along)> {
+        let speed = |cell: usize| self.cells[cell].input_speed_hz;
+        let mut out = Vec::new();
+        for (_, line) in &self.torque_lines {
+            for three in line.windows(3) {
+                let [a, cell, b] = [three[0], three[1], three[2]];
+                out.push((cell, between(a, b, speed(a), speed(b), speed(cell))));
+            }
+        }
+        out
+    }
+
+    /// Each cell of an inner torque line with what its neighbour lines say at its speed.
+    fn torque_triples(&self) -> Vec<(usize, Place)> {
+        let known: Vec<_> = self.torque_lines.iter().filter_map(|(t, line)| Some((((*t)?), line))).collect();
+        let mut out = Vec::new();
+        for three in known.windows(3) {
+            for &cell in three[1].1 {
+                let speed = self.cells[cell].input_speed_hz;
+                if let (Some(a), Some(b)) = (self.along(three[0].1, speed), self.along(three[2].1, speed)) {
+                    let (low, torque, high) = (three[0].0, three[1].0, three[2].0);
+                    let share = (torque - low) / (high - low);
+                    let span = (torque - low) * (high - torque);
+                    out.push((cell, Place::new(&[(a, 1.0 - share), (b, share)], span)));
+                }
+            }
+        }
+        out
+    }
+
+    fn speed_bend(&self, values: &[Option<Reference>], triples: &[(usize, Along)]) -> Bend {
+        Bend::from_misfits(triples.iter().filter_map(|(cell, along)| {
+            let guess =
+                along.cells[0].1 * values[along.cells[0].0]?.ln + along.cells[1].1 * values[along.cells[1].0]?.ln;
+            Some((values[*cell]?.ln - guess, along.span))
+        }))
+    }
+
+    fn torque_bend(&self, values: &[Option<Reference>], triples: &[(usize, Place)]) -> Bend {
+        Bend::from_misfits(triples.iter().filter_map(|(cell, place)| {
+            let mut guess = 0.0;
+            for &(corner, weight) in place.corners() {
+                guess += weight * values[corner]?.ln;
+            }
+            Some((values[*cell]?.ln - guess, place.torque_span))
+        }))
+    }
+
+    /// What is normal there for a line; none where a cell that is needed does not know the line.
+    pub fn line(&self, place: &Place, channel: &str, stage: usize, harmonic: usize) -> Option<Reference> {
+        self.channels.get(channel)?.stages.get(stage)?.lines.get(harmonic)?.at(place)
+    }
+
+    /// What is normal there for the floor beside a line.
+    pub fn floor(&self, place: &Place, channel: &str, stage: usize, harmonic: usize) -> Option<Reference> {
+        self.channels.get(channel)?.stages.get(stage)?.floors.get(harmonic)?.at(place)
+    }
+
+    /// Writes the name of a place: the cell, or how many cells it was worked out from.
+    pub fn write_name(&self, place: &Place, out: &mut String) {
+        let corners = place.corners();
+        let mean = |value: &dyn Fn(&Cell) -> f64| corners.iter().map(|&(c, w)| w * value(&self.cells[c])).sum::<f64>();
+        // Writing to a String cannot fail.
+        let _ = write!(out, "{:.2} Hz", mean(&|cell| cell.input_speed_hz));
+        if corners.iter().all(|&(c, _)| self.cells[c].brake_torque_nm.is_some()) {
+            let _ = write!(out, ", {:.1} N m", mean(&|cell| cell.brake_torque_nm.unwrap_or(f64::NAN)));
+        }
+        if corners.len() > 1 {
+            let _ = write!(out, " (between {} cells)", corners.len());
+        }
+    }
+}
+
+/// Two cells on a line of equal torque, their weights, and (x−a)(b−x) in ln speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Along {
+    cells: [(usize, f64); 2],
+    span: f64,
+}
+
+fn between(a: usize, b: usize, low_hz: f64, high_hz: f64, speed_hz: f64) -> Along {
+    let (low, high, x) = (low_hz.ln(), high_hz.ln(), speed_hz.ln());
+    let share = if high > low { (x - low) / (high - low) } else { 0.0 };
+    Along { cells: [(a, 1.0 - share), (b, share)], span: (x - low) * (high - x) }
+}
+
+impl Place {
+    fn new(lines: &[(Along, f64)], torque_span: f64) -> Self {
+        let mut place = Self { corners: [(0, 0.0); CORNERS], count: 0, speed_span_squared: 0.0, torque_span };
+        for (along, weight) in lines {
+            for &(cell, share) in &along.cells {
+                if share * weight != 0.0 && place.count < CORNERS {
+                    place.corners[place.count] = (cell, share * weight);
+                    place.count += 1;
+                }
+            }
+            place.speed_span_squared += (weight * along.span).powi(2);
+        }
+        place
+    }
+}
+
+impl Bend {
+    /// Linear interpolation misses a curve of second derivative k by k/2 (x−a)(b−x).
+    fn from_misfits(misfits: impl Iterator<Item = (f64, f64)>) -> Self {
+        let mut bend = Self::default();
+        for (misfit, span) in misfits {
+            if span > 0.0 {
+                bend.mean_square += (2.0 * misfit / span).powi(2);
+                bend.residuals += 1.0;
+            }
+        }
+        if bend.residuals > 0.0 {
+            bend.mean_square /= bend.residuals;
+        }
+        bend
+    }
+}
+
+impl Series {
+    fn at(&self, place: &Place) -> Option<Reference> {
+        let mut out = Reference {
+            ln: 0.0,
+            mean_variance: 0.0,
+            scatter_variance: 0.0,
+            scatter_freedom: f64::INFINITY,
+            noise_variance: 0.0,
+            between_variance: Some(0.0),
+            sessions: u32::MAX,
+            interpolation_variance: 0.0,
+            interpolation_freedom: f64::INFINITY,
+        };
+        let mut between_sigma = Some(0.0);
+        for &(cell, weight) in place.corners() {
+            let corner = self.cells.get(cell).copied().flatten()?;
+            out.ln += weight * corner.ln;
+            out.mean_variance += weight * weight * corner.mean_variance;
+            out.scatter_variance += weight * corner.scatter_variance;
+            out.scatter_freedom = out.scatter_freedom.min(corner.scatter_freedom);
+            out.noise_variance += weight * corner.noise_variance;
+            // A session is off in the same direction at neighbouring cells, so that its sigmas add, not its variances.
+            between_sigma = between_sigma.zip(corner.between_variance).map(|(sum, v)| sum + weight * v.sqrt());
+            out.sessions = out.sessions.min(corner.sessions);
+        }
+        out.between_variance = between_sigma.map(|sigma| sigma * sigma);
+        for (bend, span_squared) in
+            [(self.speed_bend, place.speed_span_squared), (self.torque_bend, place.torque_span.powi(2))]
+        {
+            if span_squared > 0.0 {
+                if bend.residuals < 1.0 {
+                    return None;
+                }
+                out.interpolation_variance += bend.mean_square / 4.0 * span_squared;
+                out.interpolation_freedom = out.interpolation_freedom.min(bend.residuals);
+            }
+        }
+        Some(out)
+    }
+}
+
+/// The runs of a cell put together for one line, session by session.
+struct Gathered {
+    /// ln mean and independent windows, by session and mounting.
+    sessions: Vec<(f64, f64)>,
+    /// Pooled variance within sessions.
+    variance: f64,
+    /// Its degrees of freedom.
+    freedom: f64,
+    noise_variance: f64,
+}
+
+impl Gathered {
+    fn of(runs: &[&Run], channel: &str, stage: usize, harmonic: usize, floor: bool, least: f64) -> Option<Self> {
+        // (ln mean, scatter, independent windows, noise) of each run, by session and mounting
+        let mut by_session: BTreeMap<(&str, &str), Vec<[f64; 4]>> = BTreeMap::new();
+        for run in runs {
+            let line: Option<LineStatistics> =
+                run.channels.get(channel).and_then(|c| c.stages.get(stage)).and_then(|s| s[harmonic]);
+            let Some(line) = line else { continue };
+            let numbers = if floor {
+                let Some(floor) = line.floor else { continue };
+                [floor.amplitude.ln(), floor.scatter, floor.effective, 0.0]
+            } else {
+                [line.amplitude.ln(), line.scatter, line.effective, line.noise]
+            };
+            by_session.entry((&run.session, &run.mounting)).or_default().push(numbers);
+        }
+        let mut out = Self { sessions: Vec::new(), variance: 0.0, freedom: 0.0, noise_variance: 0.0 };
+        let mut windows = 0.0;
+        for runs in by_session.values() {
+            let n: f64 = runs.iter().map(|r| r[2]).sum();
+            let mean = runs.iter().map(|r| r[2] * r[0]).sum::<f64>() / n;
+            // Sum of squares within runs and between the runs of the session (analysis of variance).
+            out.variance +=
+                runs.iter().map(|r| (r[2] - 1.0) * r[1].powi(2) + r[2] * (r[0] - mean).powi(2)).sum::<f64>();
+            out.noise_variance += runs.iter().map(|r| r[2] * r[3].powi(2)).sum::<f64>();
+            out.freedom += n - 1.0;
+            windows += n;
+            out.sessions.push((mean, n));
+        }
+        if windows < least || out.freedom <= 0.0 {
+            return None;
+        }
+        out.variance /= out.freedom;
+        out.noise_variance /= windows;
+        Some(out)
+    }
+
+    fn reference(&self, prior: ScatterPrior) -> Reference {
+        let (scatter_variance, scatter_freedom) = prior.steady(self.variance, self.freedom);
+        let count = self.sessions.len() as f64;
+        let between_variance = (self.sessions.len() > 1).then(|| {
+            // Method of moments: variance of the sessions' means less what the scatter within them explains.
+            let mean = self.sessions.iter().map(|s| s.0).sum::<f64>() / count;
+            let observed = self.sessions.iter().map(|s| (s.0 - mean).powi(2)).sum::<f64>() / (count - 1.0);
+            let explained = self.sessions.iter().map(|s| scatter_variance / s.1).sum::<f64>() / count;
+            (observed - explained).max(0.0)
+        });
+        // Sessions weigh by the inverse of their variance (R. DerSimonian, N. Laird, Control. Clin. Trials 7, 1986).
+        let between = between_variance.unwrap_or(0.0);
+        let equal = scatter_variance + between <= 0.0;
+        let weight = |n: f64| if equal { n } else { 1.0 / (between + scatter_variance / n) };
+        let sum: f64 = self.sessions.iter().map(|s| weight(s.1)).sum();
+        Reference {
+            ln: self.sessions.iter().map(|s| weight(s.1) * s.0).sum::<f64>() / sum,
+            mean_variance: self.sessions.iter().map(|s| (weight(s.1) / sum).powi(2) * scatter_variance / s.1).sum(),
+            scatter_variance,
+            scatter_freedom,
+            noise_variance: self.noise_variance.min(scatter_variance),
+            between_variance,
+            sessions: u32::try_from(self.sessions.len()).unwrap_or(u32::MAX),
+            interpolation_variance: 0.0,
+            interpolation_freedom: f64::INFINITY,
+        }
+    }
+}
+
+type Cells<'a> = (Vec<Cell>, Vec<(Option<f64>, Vec<usize>)>, Vec<Vec<&'a Run>>);
+
+/// Groups the runs: by torque, then by speed, each group as wide as the tolerance.
+fn cells<'a>(runs: &'a [Run], config: &BaselineConfig) -> Cells<'a> {
+    let torque = |run: &Run| run.brake_torque_nm.unwrap_or(f64::NEG_INFINITY);
+    let mut sorted: Vec<&Run> = runs.iter().collect();
+    sorted.sort_by(|a, b| torque(a).total_cmp(&torque(b)));
+    let (mut cells, mut lines, mut members) = (Vec::new(), Vec::new(), Vec::new());
+    while let Some(&first) = sorted.first() {
+        let belongs = |run: &&&Run| config.torque_matches(first.brake_torque_nm, run.brake_torque_nm);
+        let end = sorted.iter().take_while(belongs).count().max(1);
+        let mut group: Vec<&Run> = sorted.drain(..end).collect();
+        group.sort_by(|a, b| a.input_speed_hz.total_cmp(&b.input_speed_hz));
+        let mean_torque =
+            first.brake_torque_nm.map(|_| group.iter().map(|run| torque(run)).sum::<f64>() / group.len() as f64);
+        let mut line = Vec::new();
+        while let Some(&slowest) = group.first() {
+            let belongs = |run: &&&Run| config.speed_matches(slowest.input_speed_hz, run.input_speed_hz);
+            let end = group.iter().take_while(belongs).count().max(1);
+            let here: Vec<&Run> = group.drain(..end).collect();
+            let mut origins: Vec<_> = here.iter().map(|run| (&run.session, &run.mounting)).collect();
+            origins.sort_unstable();
+            origins.dedup();
+            line.push(cells.len());
+            cells.push(Cell {
+                input_speed_hz: here.iter().map(|run| run.input_speed_hz).sum::<f64>() / here.len() as f64,
+                brake_torque_nm: mean_torque,
+                sessions: u32::try_from(origins.len()).unwrap_or(u32::MAX),
+                runs: u32::try_from(here.len()).unwrap_or(u32::MAX),
+            });
+            members.push(here);
+        }
+        lines.push((mean_torque, line));
+    }
+    (cells, lines, members)
+}

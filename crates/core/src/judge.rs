@@ -1,0 +1,274 @@
+//! From what was measured in a window, or averaged over many, to the verdict.
+
+use std::fmt::Write;
+
+use serde::{Deserialize, Serialize};
+
+use crate::aggregate::Average;
+use crate::analysis::{StageAnalysis, WindowAnalysis};
+use crate::baseline::{Baseline, Place, ScatterPrior, Surface};
+use crate::deviation::{Deviation, Observed};
+use crate::estimate::Estimate;
+use crate::rank::RankConfig;
+use crate::signature::SignatureTable;
+use crate::state::StateConfig;
+use crate::verdict::{
+    HARMONICS, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, Reason, StateFit, Verdict,
+};
+
+/// A channel of a pipeline.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChannelInfo {
+    /// Sensor name.
+    pub name: String,
+    /// Unit of its samples and amplitudes.
+    pub unit: String,
+}
+
+/// How windows are judged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct JudgeConfig {
+    /// Rank steps.
+    pub rank: RankConfig,
+    /// How sure the machine's state must be.
+    pub state: StateConfig,
+}
+
+/// Why a baseline cannot judge a pipeline.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum JudgeError {
+    /// A value of the configuration is unusable.
+    #[error("{0}")]
+    Config(String),
+    /// The stages are not those of the baseline.
+    #[error("the baseline knows the stages {baseline:?}, but the bench has {bench:?}")]
+    Stages {
+        /// Of the baseline.
+        baseline: Vec<String>,
+        /// Of the bench.
+        bench: Vec<String>,
+    },
+    /// A channel's unit is not that of the baseline.
+    #[error("channel {channel:?} is in {found}, but the baseline knows it in {expected}")]
+    Unit {
+        /// The sensor.
+        channel: String,
+        /// In the baseline.
+        expected: String,
+        /// In the recording.
+        found: String,
+    },
+}
+
+/// Judges windows by a baseline. Immutable; [`Judge::judge`] is a pure function of window and judge.
+#[derive(Clone, Debug)]
+pub struct Judge {
+    config: JudgeConfig,
+    channels: Vec<ChannelInfo>,
+    stages: Vec<String>,
+    normal: Option<Surface>,
+    signatures: SignatureTable,
+}
+
+/// What was measured of a line and of the floor beside it.
+type Pair = (Option<Observed>, Option<Observed>);
+
+impl Judge {
+    /// For a pipeline with these channels and stages, in its order; without a baseline every rank is unknown.
+    ///
+    /// # Errors
+    /// When the configuration is unusable, or stages or units are not those of the baseline.
+    pub fn new(
+        config: JudgeConfig,
+        channels: Vec<ChannelInfo>,
+        stages: Vec<String>,
+        baseline: Option<&Baseline>,
+        signatures: SignatureTable,
+    ) -> Result<Self, JudgeError> {
+        if let Some(problem) = config.rank.problem().or(config.state.problem()) {
+            return Err(JudgeError::Config(problem));
+        }
+        let normal = baseline.map(Surface::new);
+        if let Some(baseline) = baseline.filter(|b| b.stages != stages) {
+            return Err(JudgeError::Stages { baseline: baseline.stages.clone(), bench: stages });
+        }
+        for channel in &channels {
+            if let Some(unit) = normal.as_ref().and_then(|n| n.unit(&channel.name)).filter(|u| *u != channel.unit) {
+                return Err(JudgeError::Unit {
+                    channel: channel.name.clone(),
+                    expected: unit.to_owned(),
+                    found: channel.unit.clone(),
+                });
+            }
+        }
+        Ok(Self { config, channels, stages, normal, signatures })
+    }
+
+    /// Judges one window: one verdict for each stage, in order. Verdicts already in `out` are overwritten and their
+    /// buffers used again, so that after the first windows nothing is allocated.
+    pub fn judge(&self, window: &WindowAnalysis, out: &mut Vec<Verdict>) {
+        let observed = |_: usize, stage: &StageAnalysis, harmonic: usize| -> Pair {
+            let line = stage.harmonics[harmonic];
+            let known = line.amplitude.is_known() && line.amplitude.value > 0.0;
+            let floor = line.floor.is_finite() && line.floor > 0.0;
+            (
+                known.then(|| Observed::Window {
+                    ln: line.amplitude.value.ln(),
+                    noise: line.amplitude.sigma / line.amplitude.value,
+                }),
+                // How far a floor scatters is known from the baseline alone.
+                floor.then(|| Observed::Window { ln: line.floor.ln(), noise: 0.0 }),
+            )
+        };
+        self.judge_stages(window, 1, &observed, out);
+    }
+
+    /// Judges an average over windows of one channel at one operating point.
+    pub fn judge_average(&self, average: &Average, out: &mut Vec<Verdict>) {
+        let observed = |stage: usize, _: &StageAnalysis, harmonic: usize| average.observed(stage, harmonic);
+        self.judge_stages(&average.analysis, average.windows, &observed, out);
+    }
+
+    fn judge_stages(
+        &self,
+        window: &WindowAnalysis,
+        windows: u32,
+        observed: &dyn Fn(usize, &StageAnalysis, usize) -> Pair,
+        out: &mut Vec<Verdict>,
+    ) {
+        out.resize_with(self.stages.len().min(window.stages.len()), blank);
+        let torque = Some(window.operating_point.brake_torque_nm).filter(|t| t.is_finite());
+        let channel = self.channels.get(window.channel);
+        let place = match (&self.normal, channel) {
+            _ if window.instrument != InstrumentState::Ok => Err(Reason::Instrument),
+            (None, _) => Err(Reason::NoBaseline),
+            (Some(normal), Some(channel)) if normal.unit(&channel.name).is_some() => {
+                normal.locate(window.input_speed_hz.value, torque).ok_or(Reason::OutsideBaseline)
+            }
+            (Some(_), _) => Err(Reason::ChannelNotInBaseline),
+        };
+        for (index, verdict) in out.iter_mut().enumerate() {
+            let stage = &window.stages[index];
+            self.describe(verdict, index, window, windows);
+            match (&place, &self.normal, channel) {
+                (Ok(place), Some(normal), Some(channel)) => {
+                    normal.write_name(place, &mut verdict.cell);
+                    let pairs = std::array::from_fn(|harmonic| observed(index, stage, harmonic));
+                    self.compare(verdict, &pairs, normal, place, &channel.name, index);
+                }
+                (Err(reason), ..) => verdict.reason = *reason,
+                _ => verdict.reason = Reason::ChannelNotInBaseline,
+            }
+        }
+    }
+
+    /// Everything that is known without a baseline.
+    fn describe(&self, verdict: &mut Verdict, index: usize, window: &WindowAnalysis, windows: u32) {
+        let channel = self.channels.get(window.channel);
+        overwrite(&mut verdict.stage, &self.stages[index]);
+        overwrite(&mut verdict.channel, channel.map_or("", |c| &c.name));
+        overwrite(&mut verdict.unit, channel.map_or("", |c| &c.unit));
+        verdict.cell.clear();
+        verdict.window = window.window;
+        verdict.t0 = window.t0;
+        verdict.first_sample_index = window.first_sample_index;
+        verdict.samples = window.samples;
+        verdict.input_speed_hz = window.input_speed_hz;
+        verdict.mesh_hz = window.stages[index].mesh_hz;
+        verdict.brake_torque_nm = window.operating_point.brake_torque_nm;
+        verdict.machine = MachineState::Unknown;
+        verdict.instrument = window.instrument;
+        verdict.resolvable = false;
+        verdict.reason = Reason::None;
+        verdict.windows = windows;
+        verdict.baseline_sessions = 0;
+        verdict.state_fit = StateFit::NotCompared;
+        verdict.states.clear();
+        for (harmonic, line) in verdict.harmonics.iter_mut().zip(&window.stages[index].harmonics) {
+            *harmonic = HarmonicVerdict { amplitude: line.amplitude, floor: line.floor, ..HarmonicVerdict::UNKNOWN };
+        }
+    }
+
+    fn compare(
+        &self,
+        verdict: &mut Verdict,
+        observed: &[Pair; HARMONICS],
+        normal: &Surface,
+        place: &Place,
+        channel: &str,
+        stage: usize,
+    ) {
+        let (line_prior, floor_prior) = normal.priors(channel).unwrap_or((ScatterPrior::NONE, ScatterPrior::NONE));
+        let mut lines = [None; HARMONICS];
+        let mut floors = [None; HARMONICS];
+        let mut sessions = u32::MAX;
+        for (harmonic, &(line, floor)) in observed.iter().enumerate() {
+            if let (Some(line), Some(reference)) = (line, normal.line(place, channel, stage, harmonic)) {
+                let deviation = Deviation::new(line, &reference, line_prior);
+                let percent = deviation.percent();
+                let judged = &mut verdict.harmonics[harmonic];
+                judged.baseline = reference.ln.exp();
+                judged.deviation_percent = percent;
+                if percent.is_known() {
+                    judged.rank = self.config.rank.rank_of(percent.value);
+                    judged.rank_probability = self.config.rank.rank_probability(percent);
+                    lines[harmonic] = Some(deviation);
+                    sessions = sessions.min(reference.sessions);
+                }
+            }
+            if let (Some(floor), Some(reference)) = (floor, normal.floor(place, channel, stage, harmonic)) {
+                floors[harmonic] = Some(Deviation::new(floor, &reference, floor_prior));
+            }
+        }
+        if lines.iter().all(Option::is_none) {
+            verdict.reason = Reason::BaselineTooSmall;
+            return;
+        }
+        verdict.baseline_sessions = sessions;
+        verdict.machine = self.config.state.machine(&self.config.rank, &lines, &floors);
+        let judged = |h: &&HarmonicVerdict| h.deviation_percent.is_known();
+        verdict.resolvable = verdict.harmonics.iter().filter(judged).all(|h| h.rank_probability > 0.5);
+        if verdict.machine == MachineState::Unknown {
+            verdict.reason = Reason::NotResolved;
+        }
+        if !matches!(verdict.machine, MachineState::PathChanged) {
+            let deviations: [Estimate; HARMONICS] = std::array::from_fn(|h| verdict.harmonics[h].deviation_percent);
+            verdict.state_fit = self.signatures.compare(&self.config.rank, &deviations, &mut verdict.states);
+        }
+    }
+}
+
+fn overwrite(target: &mut String, text: &str) {
+    target.clear();
+    target.push_str(text);
+}
+
+/// A verdict that says nothing, with room for what it will say.
+fn blank() -> Verdict {
+    let mut cell = String::new();
+    // Room for the longest name of a cell.
+    let _ = write!(cell, "{:80}", "");
+    Verdict {
+        stage: String::new(),
+        channel: String::new(),
+        window: 0,
+        t0: 0,
+        first_sample_index: 0,
+        samples: 0,
+        unit: String::new(),
+        input_speed_hz: Estimate::UNKNOWN,
+        mesh_hz: f64::NAN,
+        brake_torque_nm: f64::NAN,
+        cell,
+        harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
+        machine: MachineState::Unknown,
+        instrument: InstrumentState::Ok,
+        resolvable: false,
+        reason: Reason::None,
+        windows: 0,
+        baseline_sessions: 0,
+        state_fit: StateFit::NotCompared,
+        states: Vec::with_capacity(NEAREST_STATES),
+    }
+}
