@@ -1,8 +1,10 @@
 //! The pair and the mesh as a whole.
 
-use gearwatch_sim::faults::ToothModifications;
+use gearwatch_sim::faults::{ToothDamage, ToothModifications};
+use gearwatch_sim::foundation::Foundation;
+use gearwatch_sim::hertz::Hertz;
 use gearwatch_sim::mesh::{MeshModel, MeshOptions};
-use gearwatch_sim::tooth::Root;
+use gearwatch_sim::tooth::{Root, ToothProfile};
 
 use crate::reference::SERIES;
 use crate::{Specimen, p1, p2, specimen};
@@ -87,5 +89,34 @@ fn oracle_finite_element_band() {
         for (got, [low, high]) in [(single, single_band), (double, double_band)] {
             assert!(got > 0.92 * low && got < 1.08 * high, "{got:e} outside {low:e} to {high:e} ± 8 %");
         }
+    }
+}
+
+/// The regression values of petrobras/ross (`test_mesh_params`, 62/62, generated fillet, linear Hertz: 396 622 921 N/m at mesh
+/// entry), reproduced with that code's two kinematic simplifications: the pairs start where the involute starts and lie
+/// `(α_tip − α_start)/ε` of *pressure angle* apart, and the foundation's lever ends at the height of the contact point.
+#[test]
+fn literature_ross_regression_values() {
+    let s = p2();
+    let gear = &s.pair.pinion;
+    let hertz = Hertz::Linear.compliance_m_per_n(&s.material, gear.face_width_m, 1.0);
+    let profile = ToothProfile::new("gear", gear, Root::Fillet, &mut vec![]);
+    let foundation = Foundation::new("gear", gear, &mut vec![]);
+    let tooth = |pressure_angle: f64| {
+        let angle = pressure_angle.tan() - gear.half_base_angle_rad;
+        let flexure = profile.flexure(&s.material, &ToothDamage::default(), &[angle])[0];
+        let lever = gear.flank_point_m(angle).0 - gear.root_radius_m;
+        flexure.total() + foundation.compliance_m_per_n(&s.material, gear.face_width_m, angle, lever)
+    };
+    let start = (gear.base_radius_m / gear.involute_start_radius_m().unwrap()).acos();
+    let tip = (gear.base_radius_m / gear.tip_radius_m).acos();
+    let pair = |advance: f64| 1.0 / (hertz + tooth(start + advance) + tooth(tip - advance));
+    let published = [396622921.3581085, 396738680.0375346, 396854147.2919756, 396969323.136738, 397084207.5865779];
+    for (i, expected) in published.into_iter().enumerate() {
+        let cycle = (tip - start) / s.pair.contact_ratio;
+        let advance = cycle * i as f64 / 999.0;
+        let got = pair(advance) + pair(advance + cycle);
+        // Their quadrature is good to 1e-7; their own test asks for 1e-6.
+        assert!((got / expected - 1.0).abs() < 2e-7, "{i}: {got:.1}, published {expected:.1}");
     }
 }
