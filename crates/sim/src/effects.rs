@@ -17,21 +17,38 @@ pub use signature::{Change, Law, Line, Signature, SpeedLaw};
 pub use values::{EffectError, Parameter, Values};
 
 mod aliasing;
+mod backlash;
 mod bearing_compliance;
 mod bearing_defect;
 mod belt_slip;
+mod body_coupling;
 mod clipping;
 mod clock_offset;
 mod damping;
+mod eccentricity;
 mod electrical_pickup;
+mod gear;
+mod ghost_component;
+mod load_dependent_stiffness;
 mod looseness;
+mod mesh_stiffness;
+mod misalignment;
+mod pitch_error;
+mod pitting;
+mod profile_error;
+mod root_crack;
 mod scaling;
 mod sensor_mounting;
 mod shaft_torsion;
 mod speed_fluctuation;
 mod structural_resonance;
+mod tip_relief;
+mod tooth_breakage;
+mod tooth_friction;
+mod tooth_wear;
 mod torque_ripple;
 mod unbalance;
+mod wrong_tooth_count;
 
 /// A piece of physics that can be switched on.
 pub trait Effect: Sync {
@@ -56,6 +73,12 @@ pub trait Effect: Sync {
 
 /// All effects, in the order of the contract.
 pub const ALL: &[&dyn Effect] = &[
+    &profile_error::ProfileError,
+    &tip_relief::TipRelief,
+    &eccentricity::Eccentricity,
+    &pitch_error::PitchError,
+    &backlash::Backlash,
+    &tooth_friction::ToothFriction,
     &bearing_compliance::BearingCompliance,
     &bearing_defect::BearingDefect,
     &shaft_torsion::ShaftTorsion,
@@ -64,13 +87,23 @@ pub const ALL: &[&dyn Effect] = &[
     &belt_slip::BeltSlip,
     &speed_fluctuation::SpeedFluctuation,
     &torque_ripple::TorqueRipple,
+    &misalignment::Misalignment,
+    &load_dependent_stiffness::LoadDependentStiffness,
     &damping::Damping,
+    &mesh_stiffness::MeshStiffness,
+    &tooth_wear::ToothWear,
     &looseness::Looseness,
     &electrical_pickup::ElectricalPickup,
     &clock_offset::ClockOffset,
     &clipping::Clipping,
     &aliasing::Aliasing,
+    &ghost_component::GhostComponent,
+    &tooth_breakage::ToothBreakage,
+    &pitting::Pitting,
+    &root_crack::RootCrack,
     &unbalance::Unbalance,
+    &body_coupling::BodyCoupling,
+    &wrong_tooth_count::WrongToothCount,
     &scaling::Scaling,
 ];
 

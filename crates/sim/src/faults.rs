@@ -112,6 +112,19 @@ pub struct GearModifications {
     pub tip_relief: Option<TipRelief>,
 }
 
+impl GearModifications {
+    /// Changes the damage of one tooth, starting from what all teeth have.
+    pub fn damage_tooth(&mut self, tooth: u32, change: impl FnOnce(&mut ToothDamage)) {
+        change(self.teeth.entry(tooth).or_insert_with(|| self.all_teeth.clone()));
+    }
+
+    /// Changes the damage of every tooth.
+    pub fn damage_all(&mut self, change: impl Fn(&mut ToothDamage)) {
+        change(&mut self.all_teeth);
+        self.teeth.values_mut().for_each(change);
+    }
+}
+
 /// What is wrong with the pair as a whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PairModifications {

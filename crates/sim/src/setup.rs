@@ -5,6 +5,9 @@
 
 use gearwatch_core::bench::Bench;
 
+use crate::faults::ToothModifications;
+use crate::mesh::MeshOptions;
+
 /// How often something repeats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rate {
@@ -163,6 +166,10 @@ pub fn metres_per_second2_to(unit: &str) -> f64 {
 pub struct SimSetup {
     /// The bench; effects change its numbers, never its names.
     pub bench: Bench,
+    /// Physics of the tooth contacts.
+    pub mesh: MeshOptions,
+    /// What is wrong with the teeth, one per stage of the bench, in its order.
+    pub teeth: Vec<ToothModifications>,
     /// Creep of the belt at the bench's nominal torque (1); it grows with the torque.
     pub belt_creep: f64,
     /// Uneven reference rotation.
@@ -186,6 +193,8 @@ impl SimSetup {
         bench.effects.clear();
         Self {
             sensors: bench.sensors.iter().map(|sensor| SensorSetup::typical(&sensor.unit)).collect(),
+            mesh: MeshOptions::default(),
+            teeth: vec![ToothModifications::default(); bench.stages.len()],
             bench,
             belt_creep: 0.0,
             speed_fluctuations: Vec::new(),

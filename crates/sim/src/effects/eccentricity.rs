@@ -1,0 +1,54 @@
+//! A gear that runs out.
+
+use gearwatch_core::bench::Bench;
+
+use super::gear::GearAt;
+use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use crate::setup::SimSetup;
+
+/// Eccentricity of a gear.
+pub struct Eccentricity;
+
+impl Effect for Eccentricity {
+    fn id(&self) -> &'static str {
+        "eccentricity"
+    }
+
+    fn help(&self) -> &'static str {
+        "A gear sits eccentric on its axis: one line at its speed, and sidebands at once per revolution about the mesh lines, by the changing centre distance and mesh phase."
+    }
+
+    fn places(&self) -> &'static [PlaceKind] {
+        &[PlaceKind::Gear]
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "runout_um", unit: "um", min: 0.0, typical: 20.0, max: 500.0 },
+            Parameter { name: "phase_deg", unit: "deg", min: -360.0, typical: 0.0, max: 360.0 },
+        ]
+    }
+
+    fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {
+        if let Some(gear) = GearAt::of(values) {
+            let modifications = gear.modifications(setup);
+            modifications.eccentricity_m = 1e-6 * values.get("runout_um");
+            modifications.eccentricity_phase_rad = values.get("phase_deg").to_radians();
+        }
+        Ok(())
+    }
+
+    fn signature(&self, values: &Values, bench: &Bench) -> Signature {
+        let Some(gear) = GearAt::of(values) else { return Signature::nothing() };
+        Signature {
+            lines: gear.once_per_revolution(bench, 1),
+            change: Change::Rises,
+            load: Law::Mixed,
+            speed: SpeedLaw::Resonances,
+        }
+    }
+
+    fn confused_with(&self) -> &'static [&'static str] {
+        &["speed_fluctuation", "torque_ripple", "misalignment", "unbalance", "pitch_error"]
+    }
+}

@@ -1,0 +1,95 @@
+//! Teeth that are not evenly spaced.
+
+use gearwatch_core::bench::Bench;
+
+use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::gear::GearAt;
+use crate::setup::SimSetup;
+
+/// Cumulative pitch error of a gear.
+pub struct PitchError;
+
+impl Effect for PitchError {
+    fn id(&self) -> &'static str {
+        "pitch_error"
+    }
+
+    fn help(&self) -> &'static str {
+        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution and that the load does not change."
+    }
+
+    fn places(&self) -> &'static [PlaceKind] {
+        &[PlaceKind::Gear]
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[
+            Parameter { name: "total_um", unit: "um", min: 0.0, typical: 20.0, max: 500.0 },
+            Parameter { name: "pattern", unit: "1", min: 0.0, typical: 1.0, max: 1000000.0 },
+        ]
+    }
+
+    fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {
+        if let Some(gear) = GearAt::of(values) {
+            let teeth = gear.teeth(&setup.bench);
+            gear.modifications(setup).pitch_error_m =
+                pattern(teeth, values.get("pattern") as u64, 1e-6 * values.get("total_um"));
+        }
+        Ok(())
+    }
+
+    fn signature(&self, values: &Values, bench: &Bench) -> Signature {
+        let Some(gear) = GearAt::of(values) else { return Signature::nothing() };
+        Signature {
+            lines: gear.once_per_revolution(bench, 4),
+            change: Change::Rises,
+            load: Law::Independent,
+            speed: SpeedLaw::Resonances,
+        }
+    }
+
+    fn confused_with(&self) -> &'static [&'static str] {
+        &["eccentricity", "tooth_breakage", "root_crack"]
+    }
+}
+
+/// A cumulative pitch error by tooth (m): independent steps from tooth to tooth that close over the revolution, scaled to the
+/// peak to peak value. The pattern number chooses among repeatable patterns.
+fn pattern(teeth: u32, number: u64, total_m: f64) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(number);
+    let steps: Vec<f64> = (0..teeth).map(|_| random.random_range(-1.0..1.0)).collect();
+    let mean = steps.iter().sum::<f64>() / f64::from(teeth);
+    let mut sum = 0.0;
+    let mut out: Vec<f64> = steps
+        .iter()
+        .map(|step| {
+            sum += step - mean;
+            sum
+        })
+        .collect();
+    let (low, high) = out.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &x| (l.min(x), h.max(x)));
+    for value in &mut out {
+        *value = (*value - 0.5 * (low + high)) * total_m / (high - low);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::pattern;
+
+    #[test]
+    fn analytic_the_pattern_spans_its_total() {
+        for (teeth, number) in [(5, 0), (34, 1), (100, 77)] {
+            let errors = pattern(teeth, number, 20e-6);
+            let high = errors.iter().copied().fold(f64::MIN, f64::max);
+            let low = errors.iter().copied().fold(f64::MAX, f64::min);
+            assert!((high - low - 20e-6).abs() < 1e-18);
+            assert_eq!(errors, pattern(teeth, number, 20e-6), "repeatable");
+        }
+        assert_ne!(pattern(34, 1, 1.0), pattern(34, 2, 1.0));
+    }
+}

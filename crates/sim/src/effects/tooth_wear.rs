@@ -1,0 +1,43 @@
+//! Flanks worn by sliding.
+
+use gearwatch_core::bench::Bench;
+
+use super::gear::{mesh_harmonics, pair};
+use super::{Effect, EffectError, Law, Parameter, PlaceKind, Signature, Values};
+use crate::setup::SimSetup;
+
+/// Wear in proportion to sliding.
+pub struct ToothWear;
+
+impl Effect for ToothWear {
+    fn id(&self) -> &'static str {
+        "tooth_wear"
+    }
+
+    fn help(&self) -> &'static str {
+        "The flanks are worn where they slide, most at the ends of the path and not at the pitch point: mesh harmonics rise, the second and up first."
+    }
+
+    fn places(&self) -> &'static [PlaceKind] {
+        &[PlaceKind::Stage]
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        &[Parameter { name: "depth_um", unit: "um", min: 0.0, typical: 15.0, max: 500.0 }]
+    }
+
+    fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {
+        if let Some(pair) = pair(values, setup) {
+            pair.wear_m = 1e-6 * values.get("depth_um");
+        }
+        Ok(())
+    }
+
+    fn signature(&self, values: &Values, bench: &Bench) -> Signature {
+        mesh_harmonics(values, bench, Law::Mixed)
+    }
+
+    fn confused_with(&self) -> &'static [&'static str] {
+        &["profile_error", "tip_relief", "pitting"]
+    }
+}
