@@ -1,5 +1,6 @@
 //! Every byte format that crosses gearwatch's border: recordings, bench files, baselines, logs.
 
+pub mod baseline_file;
 pub mod bench_file;
 pub mod formats;
 pub mod mcap;

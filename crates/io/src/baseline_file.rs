@@ -1,0 +1,348 @@
+//! Baseline files: JSON with a checksum of its own and the hash of the bench that it belongs to.
+//!
+//! The file is the [`Baseline`] as a JSON object with one key more, `checksum_sha256`: SHA-256 of the object without
+//! that key as compact JSON, keys in the order of the file. White space does not matter, every other change is noticed.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+use gearwatch_core::baseline::{Baseline, FORMAT};
+use gearwatch_core::bench::Bench;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+/// Key of the checksum.
+const CHECKSUM: &str = "checksum_sha256";
+
+/// A baseline of a thousand runs of eight channels takes some 20 MB.
+const LARGEST_BYTES: u64 = 256 << 20;
+
+/// Window lengths that differ by less are the same (relative): the length of a window is a whole number of samples.
+const WINDOW_TOLERANCE: f64 = 1e-3;
+
+/// Why a baseline file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum BaselineFileError {
+    /// The file cannot be read.
+    #[error("{path}: cannot be read: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{path}: cannot be written: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Larger than any baseline.
+    #[error("{path}: is larger than {} MB, which no baseline is", LARGEST_BYTES >> 20)]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Not JSON, or not a baseline.
+    #[error("{path}: is not a baseline ({FORMAT}): {message}")]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and found, with line and column.
+        message: String,
+    },
+    /// The content is not what was written.
+    #[error(
+        "{path}: the checksum is {found}, but the content has {computed}; the file was changed or damaged after it was \
+         written: learn it again or take a copy"
+    )]
+    Checksum {
+        /// The file.
+        path: PathBuf,
+        /// In the file.
+        found: String,
+        /// Of the content.
+        computed: String,
+    },
+    /// The values contradict each other.
+    #[error("{path}: {}", problems.join("; "))]
+    Values {
+        /// The file.
+        path: PathBuf,
+        /// One sentence each.
+        problems: Vec<String>,
+    },
+    /// Made for another bench.
+    #[error(
+        "{path}: belongs to bench {baseline:?} with hash {expected}, but this bench, {bench:?}, has {found}; a baseline is \
+         valid for the bench file that it was learned with: learn it again"
+    )]
+    OtherBench {
+        /// The file.
+        path: PathBuf,
+        /// Bench of the baseline.
+        baseline: String,
+        /// Its hash.
+        expected: String,
+        /// The bench in use.
+        bench: String,
+        /// Its hash.
+        found: String,
+    },
+    /// Made with windows of another length.
+    #[error(
+        "{path}: was learned with windows of {expected} s, but windows are now {found} s; floors and scatter depend on the \
+         length: set it to {expected} s, or learn again"
+    )]
+    OtherWindow {
+        /// The file.
+        path: PathBuf,
+        /// Of the baseline (s).
+        expected: f64,
+        /// In use (s).
+        found: f64,
+    },
+}
+
+/// Hash of a bench's content, lower-case hexadecimal: SHA-256 of the bench as compact JSON. Comments, spacing and defaults
+/// written out or left out do not change it.
+pub fn bench_sha256(bench: &Bench) -> String {
+    // A bench holds nothing but strings, numbers and lists of them: it always has a JSON form.
+    sha256_of(&serde_json::to_string(bench).unwrap_or_default())
+}
+
+fn sha256_of(text: &str) -> String {
+    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Text of a baseline file.
+///
+/// # Errors
+/// When a value has no JSON form (NaN, infinite).
+pub fn to_text(baseline: &Baseline, path: &Path) -> Result<String, BaselineFileError> {
+    let syntax = |message: String| BaselineFileError::Syntax { path: path.to_owned(), message };
+    let mut value = serde_json::to_value(baseline).map_err(|e| syntax(e.to_string()))?;
+    let checksum = sha256_of(&value.to_string());
+    let object = value.as_object_mut().ok_or_else(|| syntax("it is no JSON object".to_owned()))?;
+    object.insert(CHECKSUM.to_owned(), Value::String(checksum));
+    let mut text = serde_json::to_string_pretty(&value).map_err(|e| syntax(e.to_string()))?;
+    text.push('\n');
+    Ok(text)
+}
+
+/// Parses the text of a baseline file; `path` is named in errors.
+///
+/// # Errors
+/// When it is no baseline, the checksum is wrong, or the values contradict each other.
+pub fn parse(text: &str, path: &Path) -> Result<Baseline, BaselineFileError> {
+    let syntax = |message: String| BaselineFileError::Syntax { path: path.to_owned(), message };
+    let mut value: Value = serde_json::from_str(text).map_err(|e| syntax(e.to_string()))?;
+    let object = value.as_object_mut().ok_or_else(|| syntax("expected a JSON object".to_owned()))?;
+    match object.get("format").and_then(Value::as_str) {
+        Some(FORMAT) => {}
+        Some(other) => return Err(syntax(format!("format is {other:?}"))),
+        None => return Err(syntax("the key \"format\" is missing".to_owned())),
+    }
+    let found = match object.shift_remove(CHECKSUM) {
+        Some(Value::String(found)) => found,
+        _ => return Err(syntax(format!("the key {CHECKSUM:?} is missing"))),
+    };
+    let computed = sha256_of(&value.to_string());
+    if found != computed {
+        return Err(BaselineFileError::Checksum { path: path.to_owned(), found, computed });
+    }
+    let baseline: Baseline = serde_json::from_value(value).map_err(|e| syntax(e.to_string()))?;
+    let problems = baseline.problems();
+    if problems.is_empty() { Ok(baseline) } else { Err(BaselineFileError::Values { path: path.to_owned(), problems }) }
+}
+
+/// Reads and checks a baseline file.
+///
+/// # Errors
+/// When it cannot be read, or as [`parse`].
+pub fn read(path: &Path) -> Result<Baseline, BaselineFileError> {
+    let read_error = |source| BaselineFileError::Read { path: path.to_owned(), source };
+    let file = std::fs::File::open(path).map_err(read_error)?;
+    let mut text = String::new();
+    // One byte more than allowed tells a file that is too large from one that just fits.
+    file.take(LARGEST_BYTES + 1).read_to_string(&mut text).map_err(read_error)?;
+    if text.len() as u64 > LARGEST_BYTES {
+        return Err(BaselineFileError::TooLarge { path: path.to_owned() });
+    }
+    parse(&text, path)
+}
+
+/// Reads a baseline for use with this bench and these windows.
+///
+/// # Errors
+/// As [`read`], and when it belongs to another bench or another window length.
+pub fn read_for(path: &Path, bench: &Bench, window_s: f64) -> Result<Baseline, BaselineFileError> {
+    let baseline = read(path)?;
+    check_use(&baseline, path, bench, window_s)?;
+    Ok(baseline)
+}
+
+/// Checks that a baseline belongs to this bench and these windows.
+///
+/// # Errors
+/// When it does not.
+pub fn check_use(baseline: &Baseline, path: &Path, bench: &Bench, window_s: f64) -> Result<(), BaselineFileError> {
+    let found = bench_sha256(bench);
+    if baseline.bench_sha256 != found {
+        return Err(BaselineFileError::OtherBench {
+            path: path.to_owned(),
+            baseline: baseline.bench.clone(),
+            expected: baseline.bench_sha256.clone(),
+            bench: bench.name.clone(),
+            found,
+        });
+    }
+    let same = (baseline.window_s - window_s).abs() <= WINDOW_TOLERANCE * baseline.window_s;
+    if !same {
+        return Err(BaselineFileError::OtherWindow {
+            path: path.to_owned(),
+            expected: baseline.window_s,
+            found: window_s,
+        });
+    }
+    Ok(())
+}
+
+/// Writes a baseline file: first beside its place, then moved there, so that there is always a whole one.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write(baseline: &Baseline, path: &Path) -> Result<(), BaselineFileError> {
+    let text = to_text(baseline, path)?;
+    let write_error = |source| BaselineFileError::Write { path: path.to_owned(), source };
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".part");
+    let beside = PathBuf::from(beside);
+    let mut file = std::fs::File::create(&beside).map_err(write_error)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(write_error)?;
+    std::fs::rename(&beside, path).map_err(write_error)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use gearwatch_core::baseline::{BaselineConfig, FloorStatistics, LineStatistics, Run, RunChannel};
+
+    use super::*;
+
+    const BENCH: &str = r#"
+format = "gearwatch-bench/1"
+name = "b"
+motor = { speed_hz = 30.0 }
+shaft = [ { name = "in" }, { name = "out" } ]
+stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
+"#;
+
+    fn bench(text: &str) -> Bench {
+        crate::bench_file::parse(text, Path::new("bench.toml")).expect("a good bench")
+    }
+
+    fn baseline() -> Baseline {
+        let bench = bench(BENCH);
+        let mut baseline = Baseline::new(&bench, bench_sha256(&bench), 1.0, BaselineConfig::default());
+        let line = LineStatistics {
+            windows: 19,
+            left_out: 1,
+            effective: 11.375_123_456_789,
+            amplitude: 0.1 + 0.2,
+            scatter: 0.05,
+            noise: 1e-3,
+            floor: Some(FloorStatistics { effective: 12.0, amplitude: 1e-5, scatter: 0.2 }),
+        };
+        let channel = RunChannel {
+            unit: "m/s^2".into(),
+            windows: 20,
+            stages: vec![[Some(line), None, Some(line), None, Some(line)]],
+        };
+        let run = Run {
+            session: "monday".into(),
+            mounting: "first".into(),
+            recording: "a.mcap".into(),
+            input_speed_hz: 29.757,
+            brake_torque_nm: None,
+            channels: BTreeMap::from([("acc".to_owned(), channel)]),
+        };
+        baseline.add(vec![run]).expect("the first run");
+        baseline
+    }
+
+    #[test]
+    fn conform_round_trip_through_a_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("normal.json");
+        write(&baseline(), &path).expect("written");
+        assert_eq!(read_for(&path, &bench(BENCH), 1.0).expect("read"), baseline());
+        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing left beside it");
+        // White space is nobody's business.
+        let text = std::fs::read_to_string(&path).expect("text");
+        let compact: Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!(parse(&compact.to_string(), &path).expect("compact"), baseline());
+    }
+
+    /// Every digit and every letter of the text, changed one at a time: refused each time, or the same baseline (the 17th
+    /// digit of a number may not matter).
+    #[test]
+    fn conform_every_changed_character_is_noticed() {
+        let path = Path::new("normal.json");
+        let text = to_text(&baseline(), path).expect("text");
+        let mut changed = 0;
+        for (at, byte) in text.bytes().enumerate() {
+            let other = match byte {
+                b'0'..=b'8' => byte + 1,
+                b'9' => b'0',
+                b'a'..=b'y' => byte + 1,
+                _ => continue,
+            };
+            let mut bytes = text.clone().into_bytes();
+            bytes[at] = other;
+            let tampered = String::from_utf8(bytes).expect("still ASCII");
+            match parse(&tampered, path) {
+                Ok(same) => assert_eq!(same, baseline(), "byte {at} of {tampered}"),
+                Err(_) => changed += 1,
+            }
+        }
+        assert!(changed > 500, "{changed}");
+        for end in 0..text.len() - 1 {
+            assert!(parse(&text[..end], path).is_err() || text[end..].trim().is_empty(), "cut at {end}");
+        }
+    }
+
+    #[test]
+    fn conform_other_bench_and_other_window_are_refused_in_a_sentence() {
+        let path = Path::new("normal.json");
+        let refused =
+            |bench: &Bench, window_s| check_use(&baseline(), path, bench, window_s).expect_err("refused").to_string();
+        let other = bench(&BENCH.replace("teeth = 40", "teeth = 41"));
+        let text = refused(&other, 1.0);
+        assert!(text.contains("normal.json") && text.contains(&bench_sha256(&other)), "{text}");
+        let text = refused(&bench(BENCH), 0.5);
+        assert!(text.contains("windows of 1 s") && text.contains("now 0.5 s"), "{text}");
+        // Comments and defaults written out are not another bench.
+        let same = bench(&format!("# a comment\n{}", BENCH.replace("speed_hz = 30.0", "speed_hz = 30")));
+        assert_eq!(bench_sha256(&same), bench_sha256(&bench(BENCH)));
+    }
+
+    #[test]
+    fn conform_what_is_no_baseline_is_named() {
+        let path = Path::new("x.json");
+        let message = |text: &str| parse(text, path).expect_err("refused").to_string();
+        assert!(message("").contains("x.json"));
+        assert!(message("[]").contains("expected a JSON object"));
+        assert!(message("{}").contains("\"format\" is missing"));
+        assert!(message(r#"{"format":"gearwatch-baseline/2"}"#).contains("gearwatch-baseline/2"));
+        assert!(message(r#"{"format":"gearwatch-baseline/1"}"#).contains("checksum_sha256"));
+        // A right checksum over wrong values.
+        let mut bad = baseline();
+        bad.runs[0].channels.get_mut("acc").expect("acc").stages[0][0].as_mut().expect("a line").amplitude = -1.0;
+        let text = to_text(&bad, path).expect("text");
+        assert!(message(&text).contains("amplitude that is not above 0"), "{}", message(&text));
+    }
+}
