@@ -382,3 +382,6 @@ impl LineStatistics {
                 .is_none_or(|f| f.amplitude > 0.0 && f.amplitude.is_finite() && f.scatter >= 0.0 && f.effective >= 1.0)
     }
 }
+
+#[cfg(test)]
+mod tests;

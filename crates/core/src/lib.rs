@@ -25,3 +25,6 @@ pub mod source;
 pub mod state;
 pub mod train;
 pub mod verdict;
+
+#[cfg(test)]
+mod testing;

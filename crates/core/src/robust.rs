@@ -2,8 +2,9 @@
 
 /// Distance from the median, in robust standard deviations, at which a value is left out.
 ///
-/// Of normal values 1 in 16 000 lies further out, so that the mean of the rest keeps 99.9 % of its efficiency.
-pub const REJECTION_SIGMAS: f64 = 4.0;
+/// Of normal values 1 in 1.7 million lies further out. In a series of a dozen the median absolute deviation itself
+/// errs by a quarter, so that 1 value in 500 is left out and the mean loses some 2 % of its efficiency.
+pub const REJECTION_SIGMAS: f64 = 5.0;
 
 /// Standard deviation of normal values / their median absolute deviation: 1 / Φ⁻¹(3/4).
 const SIGMA_PER_MAD: f64 = 1.482_602_218_505_602;
@@ -31,7 +32,7 @@ pub struct Location {
 ///
 /// # Source
 /// F. R. Hampel, "The breakdown points of the mean combined with some rejection rules", Technometrics 27 (1985):
-/// the rule X84 with factor 5.2 on the MAD; here 4 × 1.4826 = 5.93, which rejects fewer sound values.
+/// the rule X84, with 5.2 times the MAD; here 5 × 1.4826 = 7.4 times, which leaves out fewer sound values of short series.
 pub fn location(values: &[f64], scratch: &mut Vec<f64>) -> Option<Location> {
     if values.is_empty() || values.iter().any(|v| !v.is_finite()) {
         return None;
@@ -85,34 +86,53 @@ const MOST_LAGS: usize = 500;
 ///
 /// # Formula
 /// `n_eff = n / (1 + 2 Σ (1 − k/n) ρ_k)`, initial positive sequence (C. J. Geyer, Statistical Science 7, 1992).
+/// Autocovariances about the mean of the series itself are too small by the variance of that mean; this is put right
+/// in a second pass. Of a drift that is slower than the series nothing can be known from it.
 pub fn effective_number(starts: &[u64], length: u64, values: &[f64]) -> f64 {
     let n = values.len().min(starts.len());
     if n < 2 {
         return n as f64;
     }
-    let mean = values[..n].iter().sum::<f64>() / n as f64;
-    let variance = values[..n].iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n as f64;
-    let hop = starts[..n].windows(2).map(|pair| pair[1].saturating_sub(pair[0])).filter(|&d| d > 0).min();
+    let (starts, count) = (&starts[..n], n as f64);
+    let mean = values[..n].iter().sum::<f64>() / count;
+    let centred: Vec<f64> = values[..n].iter().map(|v| v - mean).collect();
+    let variance = centred.iter().map(|v| v * v).sum::<f64>() / count;
+    let hop = starts.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).filter(|&d| d > 0).min();
     let Some(hop) = hop else { return 1.0 };
-    let mut sum = 0.0;
-    for lag in 1..n.min(MOST_LAGS) {
-        let distance = hop.saturating_mul(lag as u64);
-        let overlap = hann_overlap_correlation(distance as f64 / length.max(1) as f64);
-        let measured = autocorrelation(&starts[..n], &values[..n], distance, mean, variance);
-        let correlation = overlap.max(measured);
-        if correlation <= 0.0 {
-            break;
+    let mut mean_variance = 0.0;
+    for _ in 0..2 {
+        let total = variance + mean_variance;
+        let mut sum = 0.0;
+        for lag in 1..n.min(MOST_LAGS) {
+            let distance = hop.saturating_mul(lag as u64);
+            let weight = 1.0 - lag as f64 / count;
+            let overlap = hann_overlap_correlation(distance as f64 / length.max(1) as f64);
+            let measured = if total > 0.0 {
+                (autocovariance(starts, &centred, distance) + weight * mean_variance) / total
+            } else {
+                0.0
+            };
+            let correlation = overlap.max(measured);
+            if correlation <= 0.0 {
+                break;
+            }
+            sum += weight * correlation;
         }
-        sum += (1.0 - lag as f64 / n as f64) * correlation;
+        mean_variance = total * ((1.0 + 2.0 * sum) / count).min(1.0);
     }
-    (n as f64 / (1.0 + 2.0 * sum)).max(1.0)
+    if mean_variance > 0.0 {
+        // Stated against the variance with n − 1, which is what the user divides.
+        (variance * count / (count - 1.0) / mean_variance).clamp(1.0, count)
+    } else {
+        // A series that does not move: what is known is the overlap.
+        let overlap = hann_overlap_correlation(hop as f64 / length.max(1) as f64);
+        (count / (1.0 + 2.0 * overlap)).max(1.0)
+    }
 }
 
-/// Autocorrelation at one distance, over the pairs that have it (within half a sample); 0 where there is none.
-fn autocorrelation(starts: &[u64], values: &[f64], distance: u64, mean: f64, variance: f64) -> f64 {
-    if variance <= 0.0 {
-        return 0.0;
-    }
+/// Autocovariance at one distance, over the pairs that have exactly it; 0 where there is none. Divided by the number of
+/// values, not of pairs: long lags, known from few pairs, weigh little.
+fn autocovariance(starts: &[u64], centred: &[f64], distance: u64) -> f64 {
     let (mut sum, mut later) = (0.0, 0);
     for (i, &start) in starts.iter().enumerate() {
         let wanted = start.saturating_add(distance);
@@ -120,9 +140,135 @@ fn autocorrelation(starts: &[u64], values: &[f64], distance: u64, mean: f64, var
             later += 1;
         }
         if later < starts.len() && starts[later] == wanted {
-            sum += (values[i] - mean) * (values[later] - mean);
+            sum += centred[i] * centred[later];
         }
     }
-    // Divided by n, not by the number of pairs: long lags, known from few pairs, weigh little.
-    sum / (variance * values.len() as f64)
+    sum / centred.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Random;
+
+    /// Of 21 normal values, 10 replaced by wild ones leave the mean among the sound ones; 11 carry it away.
+    #[test]
+    fn analytic_breakdown_at_half() {
+        let mut random = Random(3);
+        let sound: Vec<f64> = (0..21).map(|_| random.normal()).collect();
+        for wild in [1e9, -1e9, 50.0] {
+            for replaced in 0..=10 {
+                let mut values = sound.clone();
+                values[..replaced].fill(wild);
+                let found = location(&values, &mut Vec::new()).expect("finite values");
+                let sound_range = 3.0; // the largest of 21 normal values
+                assert!(found.mean.abs() < sound_range, "{replaced} at {wild}: {found:?}");
+                assert_eq!(found.kept, 21 - replaced, "{replaced} at {wild}: {found:?}");
+            }
+            let mut values = sound.clone();
+            values[..11].fill(wild);
+            let found = location(&values, &mut Vec::new()).expect("finite values");
+            assert!((found.mean - wild).abs() < 1.0, "beyond half the wild ones are the majority: {found:?}");
+        }
+    }
+
+    /// On sound values the price of robustness is small: over 5000 series of 12 the variance of the mean is 1/12 and the mean
+    /// scatter² is 1, both within 5 % (standard error of a variance from 5000: 2 %; 1 value in 300 of such short series
+    /// is left out).
+    #[test]
+    fn oracle_efficiency_on_normal_values() {
+        let mut random = Random(4);
+        let (mut mean_square, mut scatter_square, mut left_out) = (0.0, 0.0, 0);
+        for _ in 0..5000 {
+            let values: Vec<f64> = (0..12).map(|_| random.normal()).collect();
+            let found = location(&values, &mut Vec::new()).expect("finite values");
+            mean_square += found.mean.powi(2) / 5000.0;
+            scatter_square += found.scatter.powi(2) / 5000.0;
+            left_out += 12 - found.kept;
+        }
+        assert!((mean_square * 12.0 - 1.0).abs() < 0.05, "{mean_square}");
+        assert!((scatter_square - 1.0).abs() < 0.05, "{scatter_square}");
+        assert!(left_out < 600, "{left_out} of 60000");
+    }
+
+    /// `E ln |A + n| = ln A + E1(A²/2σ²)/2` (ln |z| is harmonic), where `E |A + n|` is too large by σ²/2A. At 13 dB, σ/A =
+    /// 0.158: 1.25 % for the arithmetic mean, E1(20)/2 = 5e-11 for the logarithmic one.
+    #[test]
+    fn analytic_logarithmic_mean_is_unbiased_in_noise() {
+        let mut random = Random(5);
+        let sigma = 10.0_f64.powf(-13.0 / 20.0) / std::f64::consts::SQRT_2;
+        let (series, length) = (4000, 50);
+        let (mut logarithmic, mut arithmetic) = (0.0, 0.0);
+        for _ in 0..series {
+            let amplitudes: Vec<f64> =
+                (0..length).map(|_| (1.0 + sigma * random.normal()).hypot(sigma * random.normal())).collect();
+            let logs: Vec<f64> = amplitudes.iter().map(|a| a.ln()).collect();
+            logarithmic += location(&logs, &mut Vec::new()).expect("finite values").mean / f64::from(series);
+            arithmetic += amplitudes.iter().sum::<f64>() / f64::from(length) / f64::from(series);
+        }
+        // 200 000 draws: standard error 0.035 %; what is left out as wild at 13 dB below the line moves it by less than that.
+        let standard_error = sigma / f64::from(series * length).sqrt();
+        assert!(logarithmic.abs() < 4.0 * standard_error, "{logarithmic} against {standard_error}");
+        assert!((arithmetic - 1.0 - sigma * sigma / 2.0).abs() < 4.0 * standard_error, "{arithmetic}");
+    }
+
+    #[test]
+    fn analytic_overlap_correlation_of_hann_windows() {
+        assert!((hann_overlap_correlation(0.0) - 1.0).abs() < 1e-15);
+        assert!((hann_overlap_correlation(0.5) - 1.0 / 6.0).abs() < 1e-15);
+        assert_eq!(hann_overlap_correlation(1.0), 0.0);
+        let n = 4096;
+        let hann = |i: usize| 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / n as f64).cos();
+        let power: f64 = (0..n).map(|i| hann(i).powi(2)).sum();
+        for lag in [410, 1024, 2048, 3072] {
+            let sum: f64 = (0..n - lag).map(|i| hann(i) * hann(i + lag)).sum();
+            let formula = hann_overlap_correlation(lag as f64 / n as f64);
+            assert!((sum / power - formula).abs() < 1e-6, "{lag}: {} against {formula}", sum / power);
+        }
+    }
+
+    /// The stated variance of a mean, s²/n_eff, against the true one over many series, with windows that overlap by 75 % over
+    /// white noise (correlation from shared samples), and an autoregressive machine (correlation of its own).
+    /// Long series are right within 35 %, on the safe side; so are short ones that only overlap. Of a drift with a time
+    /// constant of 4.5 windows, a series of 30 sees no more than six times the constant: it may understate by half.
+    #[test]
+    fn oracle_effective_number_against_simulated_means() {
+        let mut random = Random(6);
+        let ratio = |series: &mut dyn FnMut() -> Vec<f64>, hop: u64| {
+            let (mut stated, mut squares, mut sum, trials) = (0.0, 0.0, 0.0, 400.0);
+            for _ in 0..400 {
+                let values = series();
+                let starts: Vec<u64> = (0..values.len() as u64).map(|i| i * hop).collect();
+                let n = values.len() as f64;
+                let mean = values.iter().sum::<f64>() / n;
+                let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                stated += variance / effective_number(&starts, 64, &values) / trials;
+                squares += mean * mean / trials;
+                sum += mean / trials;
+            }
+            stated / (squares - sum * sum)
+        };
+        let overlapping = |random: &mut Random, count: usize| -> Vec<f64> {
+            let noise: Vec<f64> = (0..16 * (count - 1) + 64).map(|_| random.normal()).collect();
+            let hann = |i: usize| 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / 64.0).cos();
+            (0..count).map(|w| (0..64).map(|i| hann(i) * noise[16 * w + i]).sum()).collect()
+        };
+        let long = ratio(&mut || overlapping(&mut random, 200), 16);
+        assert!((1.0..1.35).contains(&long), "{long}");
+        let short = ratio(&mut || overlapping(&mut random, 28), 16);
+        assert!((1.0..1.5).contains(&short), "{short}");
+        let drifting = |random: &mut Random, count: usize| -> Vec<f64> {
+            let mut state = random.normal();
+            let mut next = || {
+                state = 0.8 * state + 0.6 * random.normal();
+                state
+            };
+            (0..count).map(|_| next()).collect()
+        };
+        let long = ratio(&mut || drifting(&mut random, 400), 64);
+        assert!((0.9..1.35).contains(&long), "{long}");
+        let short = ratio(&mut || drifting(&mut random, 30), 64);
+        assert!((0.45..1.2).contains(&short), "{short}");
+        assert_eq!(effective_number(&[0], 64, &[1.0]), 1.0);
+    }
 }

@@ -114,3 +114,87 @@ pub fn floors_explain(
     }
     f64::from(count) / 2.0 * (alone / with_floor).ln() > -false_alarm.ln()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Random;
+
+    fn deviations(ln: [f64; HARMONICS], sigma: f64) -> [Option<Deviation>; HARMONICS] {
+        ln.map(|ln| Some(Deviation { ln, variance: sigma * sigma, freedom: 1e3 }))
+    }
+
+    fn machine(lines: [f64; HARMONICS], floors: [f64; HARMONICS], sigma: f64) -> MachineState {
+        StateConfig::default().machine(&RankConfig::default(), &deviations(lines, sigma), &deviations(floors, sigma))
+    }
+
+    const STILL: [f64; HARMONICS] = [0.0; HARMONICS];
+
+    /// Two-sided, 1 % shared by five harmonics: 0.2 % each, z = 3.09 (normal). With sigma 1 %, `deviating` begins at
+    /// ln(1.01) + 3.09 sigma = 4.09 %, `alarm` at ln(1.10) + 3.09 sigma = 12.6 %, in ln.
+    #[test]
+    fn analytic_limits_of_the_states() {
+        let one = |ln: f64| [0.0, ln, 0.0, 0.0, 0.0];
+        for (ln, state) in [
+            (0.0405, MachineState::Normal),
+            (0.0415, MachineState::Deviating),
+            (0.1255, MachineState::Deviating),
+            (0.1270, MachineState::Alarm),
+            // Downwards the limits are ln(0.99) and ln(0.90).
+            (-0.0405, MachineState::Normal),
+            (-0.0415, MachineState::Deviating),
+            (-0.1355, MachineState::Deviating),
+            (-0.1370, MachineState::Alarm),
+        ] {
+            assert_eq!(machine(one(ln), STILL, 0.01), state, "{ln}");
+        }
+        // A healthy machine that scatters by 20 % cannot be called normal by one window: rank IV is more probable than not.
+        assert_eq!(machine(STILL, STILL, 0.20), MachineState::Unknown);
+        assert_eq!(machine(STILL, STILL, 0.05), MachineState::Normal);
+        let nothing = StateConfig::default().machine(&RankConfig::default(), &[None; HARMONICS], &[None; HARMONICS]);
+        assert_eq!(nothing, MachineState::Unknown);
+        assert_eq!(machine([f64::NAN; HARMONICS], STILL, 0.05), MachineState::Unknown);
+    }
+
+    #[test]
+    fn analytic_floors_that_move_along_are_a_changed_path() {
+        let moved = [1.2, -0.8, 0.5, 0.9, -1.5];
+        assert_eq!(machine(moved, moved, 0.08), MachineState::PathChanged);
+        // A new gain, the same for all.
+        assert_eq!(machine([0.7; 5], [0.75, 0.66, 0.7, 0.72, 0.68], 0.08), MachineState::PathChanged);
+        // Lines moved, floors did not: the gear. Floors moved, lines did not: background noise, the gear is normal.
+        assert_eq!(machine(moved, STILL, 0.08), MachineState::Alarm);
+        assert_eq!(machine(STILL, moved, 0.05), MachineState::Normal);
+        // Both moved, but not together.
+        assert_eq!(machine(moved, [-0.8, 0.5, 0.9, -1.5, 1.2], 0.08), MachineState::Alarm);
+        // Likelihood ratio for n lines: (Σd²/Σ(d−f)²)^(n/2); floors short by a share q of each line give q^(−n).
+        let short = |q: f64, count: usize| {
+            let lines = deviations([1.0; 5], 0.05);
+            let mut floors = deviations([1.0 - q; 5], 0.05);
+            floors[count..].fill(None);
+            floors_explain(&lines, &floors, 0.01)
+        };
+        // 100^(−1/5) = 0.398, 100^(−1/2) = 0.1
+        assert!(short(0.39, 5) && !short(0.41, 5));
+        assert!(short(0.099, 2) && !short(0.101, 2) && !short(0.0, 1));
+    }
+
+    /// Gear faults of 6 dB on lines whose floors wander by as much, independently: called a changed path in fewer than 1 %
+    /// of 20 000 trials, as the likelihood ratio of 100 promises; a changed path with 1 dB of disagreement between line
+    /// and floor is recognised in more than 95 %.
+    #[test]
+    fn oracle_path_rule_against_simulated_changes() {
+        let mut random = Random(11);
+        let mut draw = |sigma: f64| std::array::from_fn::<f64, HARMONICS, _>(|_| sigma * random.normal());
+        let (mut wrong, mut missed) = (0, 0);
+        let trials = 20_000;
+        for _ in 0..trials {
+            let (gear, floor, difference) = (draw(0.7), draw(0.7), draw(0.115));
+            let explained = |d: [f64; HARMONICS], f| floors_explain(&deviations(d, 0.05), &deviations(f, 0.05), 0.01);
+            wrong += u32::from(explained(gear, floor));
+            missed += u32::from(!explained(std::array::from_fn(|h| floor[h] + difference[h]), floor));
+        }
+        assert!(f64::from(wrong) < 0.01 * f64::from(trials), "{wrong}");
+        assert!(f64::from(missed) < 0.05 * f64::from(trials), "{missed}");
+    }
+}

@@ -289,17 +289,20 @@ impl Surface {
         self.channels.get(channel)?.stages.get(stage)?.floors.get(harmonic)?.at(place)
     }
 
-    /// Writes the name of a place: the cell, or how many cells it was worked out from.
+    /// Writes the name of a place: its cell, or the range of the cells between which it lies.
     pub fn write_name(&self, place: &Place, out: &mut String) {
-        let corners = place.corners();
-        let mean = |value: &dyn Fn(&Cell) -> f64| corners.iter().map(|&(c, w)| w * value(&self.cells[c])).sum::<f64>();
+        let range = |value: &dyn Fn(&Cell) -> f64| {
+            place.corners().iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &(cell, _)| {
+                let value = value(&self.cells[cell]);
+                (low.min(value), high.max(value))
+            })
+        };
         // Writing to a String cannot fail.
-        let _ = write!(out, "{:.2} Hz", mean(&|cell| cell.input_speed_hz));
-        if corners.iter().all(|&(c, _)| self.cells[c].brake_torque_nm.is_some()) {
-            let _ = write!(out, ", {:.1} N m", mean(&|cell| cell.brake_torque_nm.unwrap_or(f64::NAN)));
-        }
-        if corners.len() > 1 {
-            let _ = write!(out, " (between {} cells)", corners.len());
+        let (low, high) = range(&|cell| cell.input_speed_hz);
+        let _ = if low < high { write!(out, "{low:.2}–{high:.2} Hz") } else { write!(out, "{low:.2} Hz") };
+        let (low, high) = range(&|cell| cell.brake_torque_nm.unwrap_or(f64::NAN));
+        if low.is_finite() {
+            let _ = if low < high { write!(out, ", {low:.1}–{high:.1} N m") } else { write!(out, ", {low:.1} N m") };
         }
     }
 }

@@ -1,0 +1,68 @@
+//! What tests of this crate share: random numbers and windows that were never measured.
+
+use crate::analysis::{Line, SIDEBANDS, Sidebands, SpeedOrigin, StageAnalysis, WindowAnalysis};
+use crate::block::OperatingPoint;
+use crate::estimate::Estimate;
+use crate::judge::ChannelInfo;
+use crate::verdict::{HARMONICS, InstrumentState};
+
+/// Normal numbers: splitmix64 (Steele et al. 2014) and Box–Muller.
+pub(crate) struct Random(pub(crate) u64);
+
+impl Random {
+    /// Between 0 and 1, 1 excluded.
+    pub(crate) fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Mean 0, variance 1.
+    pub(crate) fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// Samples in a window of the tests.
+pub(crate) const LENGTH: u32 = 1000;
+
+/// One channel, `acc`.
+pub(crate) fn channels() -> Vec<ChannelInfo> {
+    vec![ChannelInfo { name: "acc".into(), unit: "m/s^2".into() }]
+}
+
+/// A window of one stage with these amplitudes and floors; windows do not overlap.
+pub(crate) fn window(
+    number: u64,
+    speed_hz: f64,
+    torque_nm: f64,
+    amplitudes: [f64; HARMONICS],
+    floors: [f64; HARMONICS],
+) -> WindowAnalysis {
+    let nothing = Sidebands { below: [Line::UNKNOWN; SIDEBANDS], above: [Line::UNKNOWN; SIDEBANDS] };
+    let harmonics = std::array::from_fn(|h| Line {
+        amplitude: Estimate::new(amplitudes[h], 1e-3 * amplitudes[h]),
+        phase_rad: 0.0,
+        floor: floors[h],
+    });
+    WindowAnalysis {
+        channel: 0,
+        window: number,
+        t0: 0,
+        first_sample_index: number * u64::from(LENGTH),
+        samples: LENGTH,
+        input_speed_hz: Estimate::new(speed_hz, 1e-4),
+        speed_origin: SpeedOrigin::Tacho,
+        operating_point: OperatingPoint { brake_torque_nm: torque_nm, ..OperatingPoint::UNKNOWN },
+        instrument: InstrumentState::Ok,
+        stages: vec![StageAnalysis {
+            mesh_hz: 20.0 * speed_hz,
+            harmonics,
+            pinion_sidebands: [nothing; HARMONICS],
+            wheel_sidebands: [nothing; HARMONICS],
+        }],
+    }
+}
