@@ -52,7 +52,8 @@ pub struct StageGeometry {
     pub wheel_base_m: f64,
     /// Direction of the line of action: that of the tooth force on the wheel (x, y; unit vector).
     pub normal: [f64; 2],
-    /// Direction of sliding friction: `normal` turned by +90° (x, y; unit vector).
+    /// `normal` turned by 90° in the pinion's sense of rotation: the way in which its flank moves past the wheel's beyond the
+    /// pitch point (x, y; unit vector).
     pub tangent: [f64; 2],
     /// Operating pressure angle (rad).
     pub pressure_angle_rad: f64,
@@ -242,7 +243,7 @@ impl LinearTrain {
                 pinion_base_m: r1,
                 wheel_base_m: r2,
                 normal,
-                tangent: [-normal[1], normal[0]],
+                tangent: [-sense * normal[1], sense * normal[0]],
                 pressure_angle_rad: alpha,
                 pinion,
                 wheel,

@@ -1,0 +1,175 @@
+//! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on either flank.
+
+use crate::mesh::{LoadPoint, MeshModel, MeshState, Pairs};
+use crate::setup::ImpactLaw;
+
+/// The force law of one mesh at an operating point.
+#[derive(Clone, Debug)]
+pub struct StageContact {
+    mesh: MeshModel,
+    impact: Option<ImpactLaw>,
+    load: LoadPoint,
+    displacement_m: [f64; 2],
+    /// Linear damping along the line of action while the flanks touch (N s/m).
+    pub damping_n_s_per_m: f64,
+    /// Mean tangent stiffness over a mesh cycle at the static force (N/m).
+    pub mean_stiffness_n_per_m: f64,
+    /// Coefficient of friction.
+    pub friction: f64,
+    /// Total backlash along the line of action under the static load (m).
+    pub backlash_m: f64,
+}
+
+/// What a mesh does at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Contact {
+    /// Elastic force along the line of action (N); negative when the back flanks touch.
+    pub force_n: f64,
+    /// Its derivative by the approach (N/m).
+    pub stiffness_n_per_m: f64,
+    /// One bit per touching pair, by the pair's number modulo 16, back flanks in the upper half; 0 out of contact.
+    pub touching: u32,
+    /// Friction per unit of its coefficient: force on the pinion along the tangent (N), and its moments about pinion and
+    /// wheel (N m), each in the sense of the gear's rotation.
+    pub friction: [f64; 3],
+}
+
+impl Contact {
+    /// Some flanks touch.
+    pub fn is_closed(&self) -> bool {
+        self.touching != 0
+    }
+
+    /// The driving flanks touch.
+    pub fn is_driving(&self) -> bool {
+        self.touching & 0xffff != 0
+    }
+}
+
+impl StageContact {
+    /// The law of a mesh under a static mesh force (N), its gears displaced by the static load (m, local frame).
+    pub fn new(mesh: MeshModel, impact: Option<ImpactLaw>, static_force_n: f64, displacement_m: [f64; 2]) -> Self {
+        let load = mesh.at_load(static_force_n);
+        let friction = if impact.is_some() { 0.0 } else { mesh.friction() };
+        let mut out = Self {
+            mesh,
+            impact,
+            load,
+            displacement_m,
+            damping_n_s_per_m: 0.0,
+            mean_stiffness_n_per_m: 0.0,
+            friction,
+            backlash_m: 0.0,
+        };
+        out.backlash_m = out.mesh.backlash_m(&MeshState { phase: 0.0, displacement_m });
+        out.mean_stiffness_n_per_m = out.mean_stiffness(static_force_n);
+        out
+    }
+
+    /// The multibody contact law, where it was chosen.
+    pub fn impact(&self) -> Option<&ImpactLaw> {
+        self.impact.as_ref()
+    }
+
+    /// The gear pair.
+    pub fn mesh(&self) -> &MeshModel {
+        &self.mesh
+    }
+
+    /// The pairs near contact of the driving flanks at a mesh phase.
+    #[inline]
+    pub fn pairs(&self, phase: f64, out: &mut Pairs) {
+        self.mesh.pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
+    }
+
+    /// Force at a mesh phase and approach, `pairs` being scratch.
+    #[inline]
+    pub fn at(&self, phase: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
+        if let Some(law) = &self.impact {
+            return impact_contact(law, approach_m, self.backlash_m);
+        }
+        self.pairs(phase, pairs);
+        self.among(pairs, phase, approach_m)
+    }
+
+    /// As [`Self::at`] for pairs that were found before.
+    #[inline]
+    pub fn among(&self, pairs: &Pairs, phase: f64, approach_m: f64) -> Contact {
+        let force = pairs.force(approach_m);
+        let mut out =
+            Contact { force_n: force.force_n, stiffness_n_per_m: force.stiffness_n_per_m, ..Default::default() };
+        for (pair, &share) in pairs.as_slice().iter().zip(&force.pair_forces_n) {
+            if share > 0.0 {
+                out.touching |= 1 << (pair.index & 15);
+                // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the pinion: before the pitch
+                // point the wheel's flank is the faster one and drags the pinion along +tangent.
+                let ratio = self.mesh.base_radii_m()[0] / self.mesh.base_radii_m()[1];
+                let sliding = pair.pinion_roll_m - ratio * pair.wheel_roll_m;
+                let sign = if sliding > 0.0 { 1.0 } else { -1.0 };
+                out.friction[0] -= sign * share;
+                out.friction[1] -= sign * share * pair.pinion_roll_m;
+                out.friction[2] += sign * share * pair.wheel_roll_m;
+            }
+        }
+        if out.touching == 0 && approach_m < -self.backlash_m {
+            return self.back(phase, approach_m);
+        }
+        out
+    }
+
+    /// The back flanks, which touch beyond the backlash.
+    #[cold]
+    fn back(&self, phase: f64, approach_m: f64) -> Contact {
+        let mut pairs = Pairs::default();
+        self.mesh.back_pairs(phase, &self.load, &mut pairs);
+        let force = pairs.force(-approach_m - self.backlash_m);
+        let mut out =
+            Contact { force_n: -force.force_n, stiffness_n_per_m: force.stiffness_n_per_m, ..Default::default() };
+        for (pair, &share) in pairs.as_slice().iter().zip(&force.pair_forces_n) {
+            if share > 0.0 {
+                out.touching |= 1 << (16 + (pair.index & 15));
+            }
+        }
+        out
+    }
+
+    /// Approach under a static force at a phase (m).
+    pub fn static_approach(&self, phase: f64, force_n: f64) -> f64 {
+        if let Some(law) = &self.impact {
+            return (force_n.max(0.0) / law.stiffness).powf(1.0 / law.exponent);
+        }
+        let mut pairs = Pairs::default();
+        self.pairs(phase, &mut pairs);
+        pairs.approach_at(force_n).map_or(0.0, |(approach, _)| approach)
+    }
+
+    fn mean_stiffness(&self, static_force_n: f64) -> f64 {
+        const PHASES: u32 = 64;
+        // An unloaded mesh is linearised about the lightest load that still closes it.
+        let force = static_force_n.max(1.0);
+        if let Some(law) = &self.impact {
+            return law.tangent_n_per_m(force);
+        }
+        let mut pairs = Pairs::default();
+        let sum: f64 = (0..PHASES)
+            .map(|i| {
+                self.pairs(f64::from(i) / f64::from(PHASES), &mut pairs);
+                pairs.approach_at(force).map_or(0.0, |(_, stiffness)| stiffness)
+            })
+            .sum();
+        sum / f64::from(PHASES)
+    }
+}
+
+fn impact_contact(law: &ImpactLaw, approach_m: f64, backlash_m: f64) -> Contact {
+    let back = -approach_m - backlash_m;
+    let (penetration, sign, touching) = if approach_m > 0.0 {
+        (approach_m, 1.0, 1)
+    } else if back > 0.0 {
+        (back, -1.0, 1 << 16)
+    } else {
+        return Contact::default();
+    };
+    let force = law.force_n(penetration, 0.0);
+    Contact { force_n: sign * force, stiffness_n_per_m: law.tangent_n_per_m(force), touching, ..Default::default() }
+}
