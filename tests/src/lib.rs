@@ -1,1 +1,4 @@
 //! Shared fixtures.
+
+pub mod benches;
+pub mod tones;

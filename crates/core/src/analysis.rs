@@ -1,5 +1,7 @@
 //! What the spectral stages say of one window of one channel, before it is compared with a baseline.
 
+use std::sync::Arc;
+
 use crate::block::{OperatingPoint, UnixNanos};
 use crate::estimate::Estimate;
 use crate::verdict::{HARMONICS, InstrumentState};
@@ -32,6 +34,11 @@ pub struct Sidebands {
     pub above: [Line; SIDEBANDS],
 }
 
+impl Sidebands {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { below: [Line::UNKNOWN; SIDEBANDS], above: [Line::UNKNOWN; SIDEBANDS] };
+}
+
 /// Lines of one gear stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageAnalysis {
@@ -43,6 +50,20 @@ pub struct StageAnalysis {
     pub pinion_sidebands: [Sidebands; HARMONICS],
     /// By harmonic, of the wheel's shaft.
     pub wheel_sidebands: [Sidebands; HARMONICS],
+    /// By harmonic: a line of another stage falls on this one and no window of this length tells them apart. Amplitude and
+    /// deviation are those of both together.
+    pub shared: [bool; HARMONICS],
+}
+
+impl StageAnalysis {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self {
+        mesh_hz: f64::NAN,
+        harmonics: [Line::UNKNOWN; HARMONICS],
+        pinion_sidebands: [Sidebands::UNKNOWN; HARMONICS],
+        wheel_sidebands: [Sidebands::UNKNOWN; HARMONICS],
+        shared: [false; HARMONICS],
+    };
 }
 
 /// Where the shaft angle of a window came from.
@@ -59,8 +80,12 @@ pub enum SpeedOrigin {
 /// Everything known of one window of one channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowAnalysis {
-    /// Position of the channel in the pipeline's list of channels.
+    /// Position of the channel in the assembler's list of channels.
     pub channel: usize,
+    /// Sensor name.
+    pub sensor: Arc<str>,
+    /// Unit of the amplitudes.
+    pub unit: Arc<str>,
     /// Counts the windows of this channel since the source started.
     pub window: u64,
     /// Time of the first sample.
@@ -69,8 +94,12 @@ pub struct WindowAnalysis {
     pub first_sample_index: u64,
     /// Samples in the window.
     pub samples: u32,
+    /// Samples per second.
+    pub sample_rate_hz: f64,
     /// Input-shaft speed, mean over the window (Hz).
     pub input_speed_hz: Estimate,
+    /// Speed at the end of the window minus speed at its start, in percent of the mean.
+    pub ramp_percent: f64,
     /// Where the speed came from.
     pub speed_origin: SpeedOrigin,
     /// Operating point at the middle of the window.
@@ -79,4 +108,26 @@ pub struct WindowAnalysis {
     pub instrument: InstrumentState,
     /// By stage, in the order of the bench file.
     pub stages: Vec<StageAnalysis>,
+}
+
+impl WindowAnalysis {
+    /// Nothing is known; to be filled by [`Pipeline::analyse`](crate::pipeline::Pipeline::analyse) again and again.
+    pub fn empty() -> Self {
+        Self {
+            channel: 0,
+            sensor: Arc::from(""),
+            unit: Arc::from(""),
+            window: 0,
+            t0: 0,
+            first_sample_index: 0,
+            samples: 0,
+            sample_rate_hz: f64::NAN,
+            input_speed_hz: Estimate::UNKNOWN,
+            ramp_percent: f64::NAN,
+            speed_origin: SpeedOrigin::MeshLines,
+            operating_point: OperatingPoint::UNKNOWN,
+            instrument: InstrumentState::Ok,
+            stages: Vec::new(),
+        }
+    }
 }

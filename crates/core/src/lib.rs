@@ -11,20 +11,27 @@
 
 pub mod aggregate;
 pub mod analysis;
+pub mod assemble;
 pub mod baseline;
 pub mod bench;
 pub mod block;
 pub mod deviation;
 pub mod estimate;
+pub mod health;
 pub mod judge;
+pub mod pipeline;
+mod pulses;
 pub mod rank;
 pub mod recording;
 pub mod robust;
 pub mod signature;
 pub mod source;
+pub mod spectral;
+pub mod speed;
 pub mod state;
 pub mod train;
 pub mod verdict;
+pub mod window;
 
 #[cfg(test)]
 mod testing;

@@ -1,10 +1,10 @@
 //! What tests of this crate share: random numbers and windows that were never measured.
 
-use crate::analysis::{Line, SIDEBANDS, Sidebands, SpeedOrigin, StageAnalysis, WindowAnalysis};
+use crate::analysis::{Line, SpeedOrigin, StageAnalysis, WindowAnalysis};
 use crate::block::OperatingPoint;
 use crate::estimate::Estimate;
 use crate::judge::ChannelInfo;
-use crate::verdict::{HARMONICS, InstrumentState};
+use crate::verdict::HARMONICS;
 
 /// Normal numbers: splitmix64 (Steele et al. 2014) and Box–Muller.
 pub(crate) struct Random(pub(crate) u64);
@@ -42,27 +42,23 @@ pub(crate) fn window(
     amplitudes: [f64; HARMONICS],
     floors: [f64; HARMONICS],
 ) -> WindowAnalysis {
-    let nothing = Sidebands { below: [Line::UNKNOWN; SIDEBANDS], above: [Line::UNKNOWN; SIDEBANDS] };
     let harmonics = std::array::from_fn(|h| Line {
         amplitude: Estimate::new(amplitudes[h], 1e-3 * amplitudes[h]),
         phase_rad: 0.0,
         floor: floors[h],
     });
     WindowAnalysis {
-        channel: 0,
+        sensor: "acc".into(),
+        unit: "m/s^2".into(),
         window: number,
-        t0: 0,
         first_sample_index: number * u64::from(LENGTH),
         samples: LENGTH,
+        sample_rate_hz: 1000.0,
         input_speed_hz: Estimate::new(speed_hz, 1e-4),
+        ramp_percent: 0.0,
         speed_origin: SpeedOrigin::Tacho,
         operating_point: OperatingPoint { brake_torque_nm: torque_nm, ..OperatingPoint::UNKNOWN },
-        instrument: InstrumentState::Ok,
-        stages: vec![StageAnalysis {
-            mesh_hz: 20.0 * speed_hz,
-            harmonics,
-            pinion_sidebands: [nothing; HARMONICS],
-            wheel_sidebands: [nothing; HARMONICS],
-        }],
+        stages: vec![StageAnalysis { mesh_hz: 20.0 * speed_hz, harmonics, ..StageAnalysis::UNKNOWN }],
+        ..WindowAnalysis::empty()
     }
 }

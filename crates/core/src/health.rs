@@ -1,0 +1,154 @@
+//! What the samples of a window say of the instrument.
+
+use crate::block::Quality;
+use crate::verdict::InstrumentState;
+use crate::window::Window;
+
+/// Share of a window that one and the same value may fill in a row.
+const STUCK_SHARE: usize = 8;
+
+/// Samples at the extreme value from which clipping is looked at.
+const PILE: usize = 5;
+
+/// The pile at the extreme by the samples just below it: 2.4 for a sine at most, far less for noise; 7 and more for noise that is
+/// clipped at 2.5 sigma.
+const PILE_RATIO: usize = 4;
+
+/// What is wrong with the samples. The worst comes first: values that are not numbers, what the source says, what the values show.
+pub fn instrument_state(window: &Window) -> InstrumentState {
+    let Some(range) = Range::of(&window.samples) else { return InstrumentState::NotFinite };
+    let has = |bits| window.quality.contains(bits);
+    if has(Quality::SENSOR_FAULT) || has(Quality::INVALID) {
+        InstrumentState::SensorFault
+    } else if range.longest_run >= window.samples.len() / STUCK_SHARE {
+        InstrumentState::FlatLine
+    } else if has(Quality::OVERLOAD) || range.is_clipped(&window.samples) {
+        InstrumentState::Overload
+    } else if has(Quality::SETTLING) {
+        InstrumentState::Settling
+    } else if window.clock_trouble {
+        InstrumentState::ClockTrouble
+    } else {
+        InstrumentState::Ok
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Range {
+    lowest: f64,
+    highest: f64,
+    longest_run: usize,
+}
+
+impl Range {
+    /// `None` where a value is not finite, or there is none.
+    fn of(samples: &[f64]) -> Option<Self> {
+        // One pass without a branch per value: 0 · x is not zero for what is not finite.
+        let (mut lowest, mut highest, mut poison) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
+        for &x in samples {
+            lowest = x.min(lowest);
+            highest = x.max(highest);
+            poison += 0.0 * x;
+        }
+        if poison != 0.0 || samples.is_empty() {
+            return None;
+        }
+        Some(Self { lowest, highest, longest_run: longest_run(samples) })
+    }
+
+    /// Samples pile up at the largest or the smallest value.
+    fn is_clipped(&self, samples: &[f64]) -> bool {
+        let band = 0.01 * (self.highest - self.lowest);
+        let (mut top, mut bottom, mut near_top, mut near_bottom) = (0usize, 0usize, 0usize, 0usize);
+        for &x in samples {
+            top += usize::from(x == self.highest);
+            bottom += usize::from(x == self.lowest);
+            near_top += usize::from(x >= self.highest - band);
+            near_bottom += usize::from(x <= self.lowest + band);
+        }
+        self.piles_up(samples, top, near_top - top, self.highest)
+            || self.piles_up(samples, bottom, near_bottom - bottom, self.lowest)
+    }
+
+    fn piles_up(&self, samples: &[f64], pile: usize, beside: usize, extreme: f64) -> bool {
+        if pile < PILE || pile <= PILE_RATIO * beside {
+            return false;
+        }
+        // Coarse counts: the level next to the extreme may lie farther than 1 % of the range.
+        let next = samples.iter().filter(|x| **x != extreme).map(|x| (x - extreme).abs()).fold(f64::INFINITY, f64::min);
+        let level = samples.iter().filter(|x| **x != extreme && (**x - extreme).abs() <= 1.5 * next).count();
+        pile > PILE_RATIO * level
+    }
+}
+
+/// Length of the longest run of one value.
+fn longest_run(samples: &[f64]) -> usize {
+    let step = (samples.len() / STUCK_SHARE / 2).max(1);
+    // A run that matters covers at least one point of this coarse comb together with its neighbour on it.
+    let suspicious = samples.windows(step + 1).step_by(step).any(|w| w[0] == w[step]);
+    if !suspicious {
+        return 0;
+    }
+    let (mut longest, mut run) = (1, 1);
+    for pair in samples.windows(2) {
+        run = if pair[0] == pair[1] { run + 1 } else { 1 };
+        longest = longest.max(run);
+    }
+    longest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(n: usize) -> Vec<f64> {
+        // Sum of twelve uniform numbers less six: nearly normal, sigma 1.
+        let mut state = 1u64;
+        let mut uniform = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..n).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect()
+    }
+
+    fn state_of(samples: Vec<f64>) -> InstrumentState {
+        let mut window = Window::empty();
+        window.samples = samples;
+        instrument_state(&window)
+    }
+
+    #[test]
+    fn analytic_clipped_noise_is_overload_and_clean_noise_is_not() {
+        assert_eq!(state_of(noise(16_384)), InstrumentState::Ok);
+        for limit in [1.0, 2.0, 2.5] {
+            let clipped = noise(16_384).into_iter().map(|x| x.clamp(-limit, limit)).collect();
+            assert_eq!(state_of(clipped), InstrumentState::Overload, "{limit}");
+            let one_sided = noise(16_384).into_iter().map(|x| x.min(limit)).collect();
+            assert_eq!(state_of(one_sided), InstrumentState::Overload, "{limit}, one side");
+        }
+    }
+
+    /// Quantised sines and noise pile up at their extremes by nature.
+    #[test]
+    fn analytic_coarse_counts_are_not_overload() {
+        for counts in [3.0, 5.0, 100.0, 30_000.0] {
+            let sine = (0..16_384).map(|i| (counts * (0.0115 * f64::from(i)).sin()).round());
+            assert_eq!(state_of(sine.collect()), InstrumentState::Ok, "sine of {counts} counts");
+            let rough = noise(16_384).into_iter().map(|x| (counts / 4.0 * x).round()).collect();
+            assert_eq!(state_of(rough), InstrumentState::Ok, "noise of {counts} counts");
+        }
+    }
+
+    #[test]
+    fn analytic_flat_stuck_and_not_finite() {
+        assert_eq!(state_of(vec![0.25; 4096]), InstrumentState::FlatLine);
+        let mut stuck = noise(4096);
+        stuck[1000..1600].fill(0.3);
+        assert_eq!(state_of(stuck), InstrumentState::FlatLine);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut samples = noise(4096);
+            samples[17] = bad;
+            assert_eq!(state_of(samples), InstrumentState::NotFinite);
+        }
+    }
+}

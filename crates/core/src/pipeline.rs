@@ -1,0 +1,202 @@
+//! The one pipeline: daemon, command line and tests push the same packets into it and get the same results.
+//!
+//! ```text
+//! Assembler (ordered, one thread) ─► Window ─► analyse (any thread, one WorkerState each) ─► WindowAnalysis
+//! ```
+//!
+//! [`Pipeline`] is immutable and shared. [`Pipeline::analyse`] depends on the window alone, so that results are the same for any
+//! number of workers; after the first window of each sample rate it does not allocate.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::analysis::{SpeedOrigin, StageAnalysis, WindowAnalysis};
+use crate::assemble::Assembler;
+use crate::bench::Bench;
+use crate::estimate::Estimate;
+use crate::health::instrument_state;
+use crate::spectral::angle::AngleTrack;
+use crate::spectral::harmonics::KnownAngle;
+use crate::spectral::plan::{RatePlan, RateState};
+use crate::spectral::pulses_fit::{PulseFitState, fit_pulses};
+use crate::speed::{SpeedConfig, SpeedMethod};
+use crate::train::Train;
+use crate::verdict::InstrumentState;
+use crate::window::{Window, WindowConfig};
+
+/// Everything that a user may choose about the signal path.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PipelineConfig {
+    /// Length and hop.
+    pub window: WindowConfig,
+    /// How the shaft speed is found.
+    pub speed: SpeedConfig,
+    /// Share of the sample rate up to which lines are believed (0–0.5). Anti-aliasing filters begin at 0.39 of the sample rate in
+    /// most instruments; what lies above 0.45 is filtered in all of them.
+    pub usable_band: f64,
+}
+
+impl Default for PipelineConfig {
+    fn default() -> Self {
+        Self { window: WindowConfig::default(), speed: SpeedConfig::default(), usable_band: 0.45 }
+    }
+}
+
+/// Why there is no pipeline for a bench and a configuration.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// Values of the bench file that no pipeline can work with.
+    #[error("the bench file cannot be used: {}", .0.join("; "))]
+    Bench(Vec<String>),
+    /// Values of the configuration that are out of range.
+    #[error("the configuration cannot be used: {}", .0.join("; "))]
+    Config(Vec<String>),
+}
+
+/// The immutable plan. `Send + Sync`: share it by `Arc`.
+#[derive(Clone, Debug)]
+pub struct Pipeline {
+    bench: Bench,
+    train: Train,
+    config: PipelineConfig,
+}
+
+/// Scratch of one worker: transforms and buffers for each sample rate that it has seen.
+#[derive(Default)]
+pub struct WorkerState {
+    rates: Vec<(RatePlan, RateState)>,
+    track: AngleTrack,
+    pulses: PulseFitState,
+}
+
+impl Pipeline {
+    /// The plan for a bench.
+    ///
+    /// # Errors
+    /// Values of bench or configuration that are out of range, all of them, each in a sentence.
+    pub fn new(bench: &Bench, config: &PipelineConfig) -> Result<Self, PipelineError> {
+        let problems = bench.problems();
+        if !problems.is_empty() {
+            return Err(PipelineError::Bench(problems));
+        }
+        let mut problems = config.window.problems();
+        problems.extend(config.speed.problems());
+        if !(config.usable_band > 0.0 && config.usable_band <= 0.5) {
+            problems.push(format!("usable_band is {}; it must be above 0 and at most 0.5", config.usable_band));
+        }
+        if !problems.is_empty() {
+            return Err(PipelineError::Config(problems));
+        }
+        Ok(Self { bench: bench.clone(), train: Train::new(bench), config: config.clone() })
+    }
+
+    /// The bench that the plan was made for.
+    pub fn bench(&self) -> &Bench {
+        &self.bench
+    }
+
+    /// Kinematics of the bench.
+    pub fn train(&self) -> &Train {
+        &self.train
+    }
+
+    /// The configuration that the plan was made from.
+    pub fn config(&self) -> &PipelineConfig {
+        &self.config
+    }
+
+    /// The ordered state: one for a source.
+    pub fn assembler(&self) -> Assembler {
+        let mut shafts = self.train.shafts.clone();
+        shafts.push(("motor".to_owned(), self.train.motor_order));
+        Assembler::new(&self.config.window, &shafts, self.bench.tacho.as_ref().map(|t| t.shaft.as_str()))
+    }
+
+    /// Scratch: one for a worker.
+    pub fn worker(&self) -> WorkerState {
+        WorkerState::default()
+    }
+
+    /// Analyses a window. Pure: the result depends on the window alone. Does not allocate once `state` and `out` have seen a window
+    /// of this sample rate and length.
+    pub fn analyse(&self, state: &mut WorkerState, window: &Window, out: &mut WindowAnalysis) {
+        out.channel = window.channel;
+        out.sensor.clone_from(&window.sensor);
+        out.unit.clone_from(&window.unit);
+        out.window = window.number;
+        out.t0 = window.t0;
+        out.first_sample_index = window.first_sample_index;
+        out.samples = window.samples.len() as u32;
+        out.sample_rate_hz = window.sample_rate_hz;
+        out.operating_point = window.operating_point;
+        out.input_speed_hz = Estimate::UNKNOWN;
+        out.ramp_percent = f64::NAN;
+        out.speed_origin = SpeedOrigin::MeshLines;
+        out.stages.resize(self.train.stages.len(), StageAnalysis::UNKNOWN);
+        out.stages.fill(StageAnalysis::UNKNOWN);
+        out.instrument = instrument_state(window);
+        if !matches!(out.instrument, InstrumentState::NotFinite | InstrumentState::FlatLine) {
+            self.analyse_lines(state, window, out);
+        }
+    }
+
+    fn analyse_lines(&self, state: &mut WorkerState, window: &Window, out: &mut WindowAnalysis) {
+        let n = window.samples.len();
+        let rate = window.sample_rate_hz;
+        let known = state.rates.iter().position(|(plan, _)| plan.fits(n, rate));
+        let at = known.unwrap_or_else(|| {
+            let plan = RatePlan::new(&self.train, &self.config.speed, n, rate);
+            let buffers = plan.state();
+            state.rates.push((plan, buffers));
+            state.rates.len() - 1
+        });
+        let WorkerState { rates, track, pulses } = state;
+        let Some((plan, buffers)) = rates.get_mut(at) else { return };
+        let length_s = n as f64 / rate;
+        let motor_hz = window.operating_point.motor_speed_hz;
+        let start_hz = if motor_hz.is_finite() && motor_hz > 0.0 {
+            motor_hz / self.train.motor_order
+        } else {
+            self.train.nominal_input_hz
+        };
+        let highest_bin = self.config.usable_band * n as f64;
+        plan.transform(&window.samples, buffers);
+
+        let method = self.config.speed.method;
+        let mut variances = None;
+        if matches!(method, SpeedMethod::Auto | SpeedMethod::Tacho) {
+            variances = fit_pulses(pulses, &window.pulses, length_s, track)
+                .map(|fit| (SpeedOrigin::Tacho, fit.variance_linear, fit.variance_quadratic));
+        }
+        if method == SpeedMethod::Given {
+            let revolutions = start_hz * length_s;
+            track.set_quadratic(revolutions, 0.0);
+            let sigma = self.config.speed.given_sigma_percent * 1e-2 * revolutions;
+            variances = Some((SpeedOrigin::Given, sigma * sigma, 0.0));
+        }
+        if variances.is_none() && method != SpeedMethod::Tacho {
+            variances = plan.mesh_speed(buffers, start_hz * length_s, highest_bin).map(|found| {
+                track.set_quadratic(found.n1, found.n2);
+                (SpeedOrigin::MeshLines, found.variance_n1, found.variance_n2)
+            });
+        }
+        let Some((origin, variance_linear, variance_quadratic)) = variances else {
+            if out.instrument == InstrumentState::Ok {
+                let in_band = plan.some_harmonic_in_band(start_hz * length_s, highest_bin);
+                out.instrument = if in_band { InstrumentState::NoSpeed } else { InstrumentState::OutOfBand };
+            }
+            return;
+        };
+        out.speed_origin = origin;
+        out.input_speed_hz = Estimate::new(track.revolutions() / length_s, variance_linear.sqrt() / length_s);
+        out.ramp_percent = 100.0 * track.ramp();
+        let angle = KnownAngle { track, variance_linear, variance_quadratic };
+        plan.lines(buffers, &self.train, angle, highest_bin, &mut out.stages);
+        let seen = out.stages.iter().flat_map(|s| &s.harmonics).any(|l| l.amplitude.is_known());
+        if !seen && out.instrument == InstrumentState::Ok {
+            out.instrument = InstrumentState::OutOfBand;
+        }
+    }
+}
