@@ -6,6 +6,7 @@ pub mod faults;
 pub mod foundation;
 pub mod geometry;
 pub mod hertz;
+pub mod impact;
 pub mod linear;
 pub mod mesh;
 pub mod modal;

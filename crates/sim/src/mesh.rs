@@ -23,6 +23,7 @@ use self::tables::{GearTables, Side};
 use crate::faults::ToothModifications;
 use crate::geometry::{GearGeometry, PairGeometry};
 use crate::hertz::{Hertz, Material};
+use crate::impact::Impact;
 use crate::tooth::Root;
 
 /// How far (mesh cycles) before entry and after exit a pair is watched for corner contact.
@@ -41,6 +42,8 @@ pub struct MeshError {
 /// Which physics the pair has. The default is the best; [`MeshOptions::classical`] is the paper's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOptions {
+    /// `Some` replaces elastic teeth by rigid ones with the contact law of ADAMS: the paper's simulation.
+    pub impact: Option<Impact>,
     /// Law of the Hertz contact.
     pub hertz: Hertz,
     /// Form of the tooth root.
@@ -57,6 +60,7 @@ pub struct MeshOptions {
 impl Default for MeshOptions {
     fn default() -> Self {
         Self {
+            impact: None,
             hertz: Hertz::LoadDependent,
             root: Root::Fillet,
             body_coupling: Some(0.6),
@@ -70,6 +74,7 @@ impl MeshOptions {
     /// The classical form that the paper uses: linear Hertz contact, straight root, pairs simply added up.
     pub fn classical() -> Self {
         Self {
+            impact: None,
             hertz: Hertz::Linear,
             root: Root::Straight,
             body_coupling: None,
@@ -106,7 +111,7 @@ pub struct MeshState {
 }
 
 /// One stage's gear pair, with whatever is wrong with its teeth. An immutable plan.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct MeshModel {
     geometry: PairGeometry,
     material: Material,
@@ -154,20 +159,20 @@ impl MeshModel {
         };
         gear("pinion", &spec.pinion)
             .and_then(|pinion| Ok((pinion, gear("wheel", &spec.wheel)?)))
-            .and_then(|(pinion, wheel)| PairGeometry::new(pinion, wheel, teeth.pair.centre_shift_m))
-            .and_then(|pair| Self::from_geometry(pair, material, options, teeth, spec.backlash_um * 1e-6))
+            .and_then(|gears| Self::from_gears(gears, material, options, teeth, spec.backlash_um * 1e-6))
             .map_err(|problem| MeshError { stage: spec.name.clone(), problem })
     }
 
-    /// The pair from its geometry; `backlash_m` is the total backlash along the line of action.
-    pub fn from_geometry(
-        geometry: PairGeometry,
+    /// The pair of a pinion and a wheel; `backlash_m` is the total backlash along the line of action at nominal centres.
+    pub fn from_gears(
+        (pinion, wheel): (GearGeometry, GearGeometry),
         material: Material,
         options: &MeshOptions,
         teeth: &ToothModifications,
         backlash_m: f64,
     ) -> Result<Self, String> {
         check(&material, options, teeth, backlash_m)?;
+        let geometry = PairGeometry::new(pinion, wheel, teeth.pair.centre_shift_m)?;
         let mut warnings = Vec::new();
         // Wear is shared by the two flanks that slide on each other.
         let wear = 0.5 * teeth.pair.wear_m;
@@ -503,6 +508,17 @@ impl MeshModel {
         let state = MeshState { phase, displacement_m: [0.0; 2] };
         self.collect(&state, load, 0.0, &mut pairs);
         pairs.force(1.0).stiffness_n_per_m
+    }
+}
+
+impl std::fmt::Debug for MeshModel {
+    /// Without the tables.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("MeshModel")
+            .field("geometry", &self.geometry)
+            .field("options", &self.options)
+            .field("warnings", &self.warnings)
+            .finish_non_exhaustive()
     }
 }
 

@@ -1,6 +1,8 @@
 //! The gear pair against formulas, published values and independent computations.
 
 mod components;
+mod contact;
+mod faults;
 mod geometry;
 mod reference;
 mod stiffness;

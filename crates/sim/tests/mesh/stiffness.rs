@@ -10,7 +10,14 @@ use crate::reference::SERIES;
 use crate::{Specimen, p1, p2, specimen};
 
 fn model(s: &Specimen, options: &MeshOptions) -> MeshModel {
-    MeshModel::from_geometry(s.pair.clone(), s.material, options, &ToothModifications::default(), 80e-6).unwrap()
+    MeshModel::from_gears(
+        (s.pair.pinion.clone(), s.pair.wheel.clone()),
+        s.material,
+        options,
+        &ToothModifications::default(),
+        80e-6,
+    )
+    .unwrap()
 }
 
 /// Eight series of 50 phases. The tables are interpolated linearly at 160 cells a cycle: 1e-5.
