@@ -10,4 +10,4 @@ pub mod walk;
 pub mod writer;
 
 pub use source::McapSource;
-pub use writer::{Compression, McapWriter, PublishTime, WriteError};
+pub use writer::{Compression, Encoded, McapWriter, PublishTime, WriteError, encode};

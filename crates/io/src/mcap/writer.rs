@@ -93,57 +93,8 @@ impl<W: Write + Seek> McapWriter<W> {
     /// When the bytes cannot be written or a time lies before 1970.
     pub fn write(&mut self, packet: &Packet) -> Result<(), WriteError> {
         self.buffer.clear();
-        match packet {
-            Packet::Vibration(block) => {
-                let mut message = contract::VibrationBlock {
-                    timestamp: Some(timestamp(block.t0)),
-                    sample_rate_hz: block.sample_rate_hz,
-                    first_sample_index: block.first_sample_index,
-                    unit: block.unit.to_string(),
-                    scale: 1.0,
-                    quality: block.quality.0,
-                    ..contract::VibrationBlock::default()
-                };
-                match &block.samples {
-                    Samples::Counts { counts, scale, offset } => {
-                        message.counts.clone_from(counts);
-                        message.scale = *scale;
-                        message.offset = *offset;
-                    }
-                    Samples::Physical(values) => message.samples.clone_from(values),
-                }
-                message.encode_raw(&mut self.buffer);
-                let topic = format!("{}{}", contract::VIBRATION_PREFIX, block.sensor);
-                self.put(&topic, contract::VIBRATION_SCHEMA, block.t0)
-            }
-            Packet::Tacho(block) => {
-                let topic = format!("{}{}", contract::TACHO_PREFIX, block.shaft);
-                let message = contract::TachoBlock {
-                    timestamp: Some(timestamp(block.t0)),
-                    pulses_per_rev: block.pulses_per_rev,
-                    pulse_time_ns: block
-                        .pulse_times
-                        .iter()
-                        .map(|&time| unsigned(time, &topic))
-                        .collect::<Result<_, _>>()?,
-                    quality: block.quality.0,
-                };
-                message.encode_raw(&mut self.buffer);
-                self.put(&topic, contract::TACHO_SCHEMA, block.t0)
-            }
-            Packet::OperatingPoint(point) => {
-                let known = |value: f64| if value.is_nan() { 0.0 } else { value };
-                let OperatingPoint { t, motor_speed_hz, brake_torque_nm, temperature_c } = *point;
-                let message = contract::OperatingPoint {
-                    timestamp: Some(timestamp(t)),
-                    motor_speed_hz: known(motor_speed_hz),
-                    brake_torque_nm: known(brake_torque_nm),
-                    temperature_c,
-                };
-                message.encode_raw(&mut self.buffer);
-                self.put(contract::OPERATING_POINT_TOPIC, contract::OPERATING_POINT_SCHEMA, t)
-            }
-        }
+        let Encoded { topic, schema, time } = encode(packet, &mut self.buffer)?;
+        self.put(&topic, schema, time)
     }
 
     /// Adds a file to the recording, such as the bench file that it belongs to.
@@ -195,6 +146,72 @@ impl<W: Write + Seek> McapWriter<W> {
         // The counter of the container is 32 bits wide and starts again; the 64-bit sample index is in the message.
         *sequence = sequence.wrapping_add(1);
         Ok(self.inner.write_to_known_channel(&header, &self.buffer)?)
+    }
+}
+
+/// Where an encoded packet belongs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Encoded {
+    /// Topic of the message.
+    pub topic: String,
+    /// Full name of its schema.
+    pub schema: &'static str,
+    /// Time of the first sample (ns since the epoch).
+    pub time: UnixNanos,
+}
+
+/// Appends the message of a packet to `buffer`.
+///
+/// # Errors
+/// When a time lies before 1970.
+pub fn encode(packet: &Packet, buffer: &mut Vec<u8>) -> Result<Encoded, WriteError> {
+    let encoded = |topic: String, schema, time| unsigned(time, &topic).map(|_| Encoded { topic, schema, time });
+    match packet {
+        Packet::Vibration(block) => {
+            let mut message = contract::VibrationBlock {
+                timestamp: Some(timestamp(block.t0)),
+                sample_rate_hz: block.sample_rate_hz,
+                first_sample_index: block.first_sample_index,
+                unit: block.unit.to_string(),
+                scale: 1.0,
+                quality: block.quality.0,
+                ..contract::VibrationBlock::default()
+            };
+            match &block.samples {
+                Samples::Counts { counts, scale, offset } => {
+                    message.counts.clone_from(counts);
+                    message.scale = *scale;
+                    message.offset = *offset;
+                }
+                Samples::Physical(values) => message.samples.clone_from(values),
+            }
+            message.encode_raw(buffer);
+            encoded(format!("{}{}", contract::VIBRATION_PREFIX, block.sensor), contract::VIBRATION_SCHEMA, block.t0)
+        }
+        Packet::Tacho(block) => {
+            let topic = format!("{}{}", contract::TACHO_PREFIX, block.shaft);
+            let pulses = block.pulse_times.iter().map(|&time| unsigned(time, &topic));
+            let message = contract::TachoBlock {
+                timestamp: Some(timestamp(block.t0)),
+                pulses_per_rev: block.pulses_per_rev,
+                pulse_time_ns: pulses.collect::<Result<_, _>>()?,
+                quality: block.quality.0,
+            };
+            message.encode_raw(buffer);
+            encoded(topic, contract::TACHO_SCHEMA, block.t0)
+        }
+        Packet::OperatingPoint(point) => {
+            let known = |value: f64| if value.is_nan() { 0.0 } else { value };
+            let OperatingPoint { t, motor_speed_hz, brake_torque_nm, temperature_c } = *point;
+            let message = contract::OperatingPoint {
+                timestamp: Some(timestamp(t)),
+                motor_speed_hz: known(motor_speed_hz),
+                brake_torque_nm: known(brake_torque_nm),
+                temperature_c,
+            };
+            message.encode_raw(buffer);
+            encoded(contract::OPERATING_POINT_TOPIC.to_owned(), contract::OPERATING_POINT_SCHEMA, t)
+        }
     }
 }
 

@@ -1,0 +1,99 @@
+//! The log's thread, and what the rest of the service holds of it.
+
+use std::io;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use gearwatch_core::block::UnixNanos;
+use tokio::sync::watch;
+
+use super::config::{ConfigError, LogConfig};
+use super::queue::{Queue, Sent};
+use super::record::{Context, Record};
+use super::recover::Recovery;
+use super::state::LogState;
+use super::stepper::{Now, Stepper};
+use super::storage::Storage;
+
+/// Why the log cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// A setting is out of its range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The folder cannot be used.
+    #[error("the log cannot start: {0}")]
+    Storage(#[from] io::Error),
+}
+
+/// The log as the service sees it. Clones share one log.
+#[derive(Clone)]
+pub struct LogHandle {
+    queue: Arc<Queue>,
+    durable: watch::Receiver<u64>,
+    state: watch::Receiver<LogState>,
+    recovery: Arc<Recovery>,
+    thread: Arc<Mutex<Option<JoinHandle<bool>>>>,
+}
+
+/// Recovers what the last end left, then starts the owner's thread.
+///
+/// A full or failing disk does not keep the log from starting; [`LogHandle::state`] says so, and records wait or are shed and counted.
+///
+/// # Errors
+/// When a setting is out of its range or the folder cannot be listed.
+pub fn spawn(config: LogConfig, context: Arc<Context>, storage: Box<dyn Storage>) -> Result<LogHandle, LogError> {
+    let start = Instant::now();
+    let now = move || Now { wall_ns: wall_ns(), mono: start.elapsed() };
+    let mut log = Stepper::start(config, context, storage, now())?;
+    let (queue, recovery) = (Arc::clone(&log.queue), Arc::clone(&log.recovery));
+    let (durable, state) = (log.durable.clone(), log.state.clone());
+    let run = move || {
+        loop {
+            if let Some(durable) = log.turn(log.idle_time(now()), now) {
+                return durable;
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("gearwatch-log".into()).spawn(run)?;
+    Ok(LogHandle { queue, durable, state, recovery, thread: Arc::new(Mutex::new(Some(thread))) })
+}
+
+fn wall_ns() -> UnixNanos {
+    let nanos = |since: std::time::Duration| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX);
+    match SystemTime::now().duration_since(UNIX_EPOCH) {
+        Ok(since) => nanos(since),
+        Err(before) => -nanos(before.duration()),
+    }
+}
+
+impl LogHandle {
+    /// Hands a record over. Never waits: what the queue has no room for is shed, and a gap record will say so.
+    pub fn send(&self, record: Record) -> Sent {
+        self.queue.send(record, wall_ns())
+    }
+
+    /// Everything up to this sequence number survives a power cut.
+    pub fn durable_seq(&self) -> watch::Receiver<u64> {
+        self.durable.clone()
+    }
+
+    /// How the log stands. The channel closes when the log's thread has ended, for whatever reason.
+    pub fn state(&self) -> watch::Receiver<LogState> {
+        self.state.clone()
+    }
+
+    /// What was found at the start.
+    pub fn recovery(&self) -> &Recovery {
+        &self.recovery
+    }
+
+    /// Accepts nothing more, writes what waits, closes the file, and waits for all that. Says whether everything is durable.
+    /// Call it where waiting is allowed. A second call, and one after the thread has died, says no.
+    pub fn stop(&self) -> bool {
+        self.queue.stop();
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        thread.is_some_and(|thread| thread.join().unwrap_or(false))
+    }
+}

@@ -1,0 +1,241 @@
+//! Records as MCAP messages: topic, schema, encoding, time and payload.
+
+use std::sync::LazyLock;
+
+use gearwatch_core::block::UnixNanos;
+use gearwatch_core::estimate::Estimate;
+use gearwatch_core::verdict::{
+    HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, NearState, Rank, Reason, StateFit, Verdict,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use super::record::{Note, Record};
+
+/// Topic of the record that opens every chunk.
+pub const GROUP_TOPIC: &str = "/log/group";
+/// Topic of gap records.
+pub const GAP_TOPIC: &str = "/gap";
+/// Topic of clock records.
+pub const CLOCK_TOPIC: &str = "/clock";
+/// Topic of notes.
+pub const NOTE_TOPIC: &str = "/log";
+
+/// How the payload of a topic is to be read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Schema {
+    pub name: String,
+    /// `jsonschema` or `protobuf`.
+    pub encoding: &'static str,
+    pub data: Vec<u8>,
+}
+
+impl Schema {
+    /// Encoding of the messages that go with it.
+    pub fn message_encoding(&self) -> &'static str {
+        if self.encoding == "protobuf" { "protobuf" } else { "json" }
+    }
+}
+
+/// One message, ready to be written.
+#[derive(Clone, Debug)]
+pub(super) struct Message {
+    pub topic: String,
+    pub schema: &'static Schema,
+    /// 0 for raw data.
+    pub seq: u64,
+    pub log_time: u64,
+    pub publish_time: u64,
+    pub data: Vec<u8>,
+}
+
+/// The record that opens every chunk: what the chunk must hold, so that a reader notices when a chunk or a part of one is missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Group {
+    /// Counts the groups of the log, over all its files and starts of the service, without a hole.
+    pub group: u64,
+    /// Sequence number of the first result in it; one more than `seq_last` where there is none.
+    pub seq_first: u64,
+    /// Sequence number of the last result so far.
+    pub seq_last: u64,
+    /// At most so many results were on their way when this was written: what a crash can take.
+    pub unwritten_max: u64,
+    /// Messages in the chunk besides this one.
+    pub messages: u64,
+    /// Wall clock when it was written (ns since the epoch).
+    pub wall_ns: UnixNanos,
+    /// Monotonic clock when it was written (ns since the start of the service).
+    pub mono_ns: u64,
+    /// The log was closed in good order after this group.
+    pub end: bool,
+}
+
+impl Group {
+    pub(super) fn message(&self) -> Message {
+        let time = unsigned(self.wall_ns);
+        Message {
+            topic: GROUP_TOPIC.into(),
+            schema: &GROUP_SCHEMA,
+            seq: 0,
+            log_time: time,
+            publish_time: time,
+            data: json_bytes(self),
+        }
+    }
+}
+
+/// The message of a record; `None` for a context, which is no message, and for what cannot be put into a recording.
+pub(super) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Message> {
+    let (topic, schema, log_ns, data): (String, &'static Schema, UnixNanos, Vec<u8>) = match record {
+        Record::Verdict(verdict) => {
+            (format!("/gear/{}/rank", verdict.stage), &*VERDICT_SCHEMA, verdict.t0, json_bytes(&**verdict))
+        }
+        Record::Gap(gap) => (GAP_TOPIC.into(), &*GAP_SCHEMA, gap.t_ns, json_bytes(gap)),
+        Record::Clock(clock) => (CLOCK_TOPIC.into(), &*CLOCK_SCHEMA, clock.wall_ns, json_bytes(clock)),
+        Record::Note(note) => (NOTE_TOPIC.into(), &*NOTE_SCHEMA, note.t_ns, json_bytes(&foxglove_log(note))),
+        Record::Raw(packet) => return super::raw::encode(packet, now_ns),
+        Record::Context(_) => return None,
+    };
+    Some(Message { topic, schema, seq, log_time: unsigned(log_ns), publish_time: unsigned(now_ns), data })
+}
+
+/// A recording has no place for times before 1970; such a clock is wrong anyway, and the payload still holds what it said.
+pub(super) fn unsigned(time: UnixNanos) -> u64 {
+    u64::try_from(time).unwrap_or(0)
+}
+
+/// Serialising plain data to memory has no way to fail.
+fn json_bytes(value: &impl Serialize) -> Vec<u8> {
+    serde_json::to_vec(value).unwrap_or_default()
+}
+
+fn foxglove_log(note: &Note) -> Value {
+    let time = unsigned(note.t_ns);
+    json!({
+        "timestamp": { "sec": time / 1_000_000_000, "nsec": time % 1_000_000_000 },
+        "level": note.level as u8,
+        "message": note.message,
+        "name": note.name,
+        "file": "",
+        "line": 0,
+    })
+}
+
+static VERDICT_SCHEMA: LazyLock<Schema> = LazyLock::new(|| schema_of("gearwatch.Verdict", &verdict_example()));
+static GROUP_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let group = Group {
+        group: 1,
+        seq_first: 1,
+        seq_last: 1,
+        unwritten_max: 1,
+        messages: 1,
+        wall_ns: 1,
+        mono_ns: 1,
+        end: false,
+    };
+    schema_of("gearwatch.LogGroup", &group)
+});
+static GAP_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let cause = super::record::Cause::UncleanEnd;
+    let gap = super::record::Gap { channel: String::new(), first: 1, last: 1, count: 1, cause, t_ns: 1 };
+    schema_of("gearwatch.Gap", &gap)
+});
+static CLOCK_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let boot_id = String::new();
+    let clock = super::record::Clock { wall_ns: 1, mono_ns: 1, clock_epoch: 1, step_ns: 1, boot_id };
+    schema_of("gearwatch.Clock", &clock)
+});
+static NOTE_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let note = Note { t_ns: 1, level: super::record::Level::Info, name: String::new(), message: String::new() };
+    schema_of("foxglove.Log", &foxglove_log(&note))
+});
+
+/// The schema that a topic of the log always has, for a file whose schema records are damaged.
+pub(super) fn schema_for_topic(topic: &str) -> Option<&'static Schema> {
+    match topic {
+        GROUP_TOPIC => Some(&GROUP_SCHEMA),
+        GAP_TOPIC => Some(&GAP_SCHEMA),
+        CLOCK_TOPIC => Some(&CLOCK_SCHEMA),
+        NOTE_TOPIC => Some(&NOTE_SCHEMA),
+        _ if topic.starts_with("/gear/") && topic.ends_with("/rank") => Some(&VERDICT_SCHEMA),
+        _ => super::raw::schema_for_topic(topic),
+    }
+}
+
+/// The JSON schema of an object, from an example of it: so a field that joins the verdict joins the schema too. A number
+/// that is not known is written as `null`; viewers want one type per field, so the schema says `number`.
+fn schema_of(name: &str, example: &impl Serialize) -> Schema {
+    let value = serde_json::to_value(example).unwrap_or_default();
+    let mut root = type_of(&value);
+    if let Some(object) = root.as_object_mut() {
+        object.insert("title".into(), name.into());
+    }
+    Schema { name: name.into(), encoding: "jsonschema", data: json_bytes(&root) }
+}
+
+fn type_of(value: &Value) -> Value {
+    match value {
+        Value::Object(fields) => {
+            let properties: Map<String, Value> = fields.iter().map(|(k, v)| (k.clone(), type_of(v))).collect();
+            json!({ "type": "object", "properties": properties })
+        }
+        Value::String(_) => json!({ "type": "string" }),
+        Value::Bool(_) => json!({ "type": "boolean" }),
+        Value::Number(number) if number.is_u64() || number.is_i64() => json!({ "type": "integer" }),
+        Value::Number(_) => json!({ "type": "number" }),
+        Value::Array(items) => json!({ "type": "array", "items": items.first().map(type_of) }),
+        Value::Null => json!({}),
+    }
+}
+
+/// A verdict with every number known.
+fn verdict_example() -> Verdict {
+    let estimate = Estimate { value: 0.5, sigma: 0.5 };
+    let harmonic = HarmonicVerdict {
+        amplitude: estimate,
+        floor: 0.5,
+        baseline: 0.5,
+        deviation_percent: estimate,
+        rank: Rank::Zero,
+        rank_probability: 0.5,
+    };
+    Verdict {
+        stage: String::new(),
+        channel: String::new(),
+        window: 0,
+        t0: 0,
+        first_sample_index: 0,
+        samples: 0,
+        unit: String::new(),
+        input_speed_hz: estimate,
+        mesh_hz: 0.5,
+        brake_torque_nm: 0.5,
+        cell: String::new(),
+        harmonics: [harmonic; 5],
+        machine: MachineState::Unknown,
+        instrument: InstrumentState::Ok,
+        resolvable: false,
+        reason: Reason::default(),
+        windows: 1,
+        baseline_sessions: 1,
+        state_fit: StateFit::default(),
+        states: vec![NearState { name: "".into(), probability: 0.5, goodness: 0.5 }; NEAREST_STATES],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conform_every_field_of_a_verdict_has_a_type_in_the_schema() {
+        let schema: Value = serde_json::from_slice(&VERDICT_SCHEMA.data).unwrap();
+        let verdict = serde_json::to_value(verdict_example()).unwrap();
+        for (field, _) in verdict.as_object().unwrap() {
+            assert!(schema["properties"][field]["type"].is_string(), "{field} has no type");
+        }
+        assert_eq!(schema["properties"]["dev_1x_percent"]["type"], "number");
+        assert_eq!(schema["properties"]["window"]["type"], "integer");
+        assert_eq!(schema["properties"]["rank_1x"]["type"], "string");
+    }
+}

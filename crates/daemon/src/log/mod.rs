@@ -1,0 +1,49 @@
+//! The log: MCAP files that survive `kill -9`, a power cut and a full disk.
+//!
+//! ```text
+//!  send(Record) ─► bounded queue ─► owner thread: group of ≤ 200 ms or 64 KiB ─► chunk with CRC ─► append ─► fdatasync ─► durable_seq
+//!  (never waits;                         │
+//!   sheds, counts)                       └ rotates, closes, prunes, recovers: nobody else touches the folder
+//! ```
+//!
+//! - A record is *acknowledged* when [`LogHandle::durable_seq`] has reached its sequence number. What is acknowledged survives a power cut.
+//! - Every chunk begins with a [`Group`] record that says what the chunk must hold; groups are numbered without a hole.
+//! - A file without footer is the normal case after a crash. The next start closes it, and records the tail that was never acknowledged as a gap.
+//! - No sequence number is given out twice, not even one that was lost.
+
+mod codec;
+mod config;
+mod content;
+mod disk;
+mod doctor;
+mod examine;
+mod format;
+mod handle;
+mod keeper;
+mod message;
+mod names;
+mod owner;
+mod queue;
+mod raw;
+mod record;
+mod recover;
+mod salvage;
+pub mod simulated;
+mod state;
+mod stepper;
+mod storage;
+mod walk;
+
+pub use config::{Compression, ConfigError, LogConfig, RawPolicy};
+pub use disk::Disk;
+pub use doctor::{FileHealth, Health, RecoverError, doctor, recover_file};
+pub use examine::{Damage, Ending};
+pub use handle::{LogError, LogHandle, spawn};
+pub use message::{CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC};
+pub use queue::Sent;
+pub use record::{Attachment, Cause, Clock, Context, Gap, Level, Note, Record};
+pub use recover::Recovery;
+pub use salvage::{Missing, Salvaged};
+pub use state::{Condition, LogState};
+pub use stepper::{Now, Stepper};
+pub use storage::{Storage, StorageFile};

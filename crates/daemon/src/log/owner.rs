@@ -1,0 +1,420 @@
+//! The one owner of the log's files, as a plain state machine: time and storage are handed in, so that tests can run it through every failure.
+//!
+//! A group is acknowledged in this order: chunk appended, file synced, `durable_seq` published. After a failed append or sync the file is cut back to what was
+//! acknowledged and never written again; the group stays in memory and goes to a new file.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use super::config::LogConfig;
+use super::format::Layout;
+use super::keeper::Keeper;
+use super::message::{Group, Message, encode, unsigned};
+use super::names::FileName;
+use super::queue::{Fill, Item, ShedCounts};
+use super::record::{Context, Record};
+use super::recover::{Recovery, close_open_files, log_files};
+use super::state::{Condition, LogState};
+use super::stepper::Now;
+use super::storage::{Storage, StorageFile};
+
+/// How long to wait after a failure before the disk is tried again.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Free space that must be there before a full disk is tried again (bytes), beside the group that waits.
+const FREE_MARGIN: u64 = 64 << 10;
+
+struct Open {
+    name: FileName,
+    file: Box<dyn StorageFile>,
+    layout: Layout,
+    /// Length up to which everything is acknowledged.
+    durable_bytes: u64,
+    groups: u64,
+    opened: Duration,
+}
+
+/// A group that is written even if it is empty.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mark {
+    None,
+    Start,
+    End,
+}
+
+pub(super) struct Owner {
+    config: LogConfig,
+    storage: Box<dyn Storage>,
+    context: Arc<Context>,
+    open: Option<Open>,
+    pending: Vec<Message>,
+    result_bytes: usize,
+    raw_bytes: usize,
+    results: usize,
+    pending_since: Option<Duration>,
+    /// The pending group must be written before anything else is taken.
+    urgent: bool,
+    rotate: bool,
+    next_group: u64,
+    next_number: u64,
+    last_seq: u64,
+    unwritten_max: u64,
+    retry_at: Option<Duration>,
+    /// Some file has no footer because something failed.
+    unclosed: bool,
+    keeper: Keeper,
+    refused: u64,
+    durable: watch::Sender<u64>,
+    state: watch::Sender<LogState>,
+}
+
+/// First sequence number after a recovery: behind all that may have been given out before, so that no number ever means two things.
+pub(super) fn first_seq(recovery: &Recovery) -> u64 {
+    recovery.last_seq + recovery.lost_max + 1
+}
+
+impl Owner {
+    pub fn new(
+        config: LogConfig,
+        storage: Box<dyn Storage>,
+        context: Arc<Context>,
+        recovery: &Recovery,
+        unwritten_max: u64,
+        durable: watch::Sender<u64>,
+        state: watch::Sender<LogState>,
+    ) -> Self {
+        durable.send_replace(recovery.last_seq);
+        Self {
+            keeper: Keeper::new(config.raw.clone()),
+            config,
+            storage,
+            context,
+            open: None,
+            pending: Vec::new(),
+            result_bytes: 0,
+            raw_bytes: 0,
+            results: 0,
+            pending_since: None,
+            urgent: false,
+            rotate: false,
+            next_group: recovery.last_group + 1,
+            next_number: recovery.last_number + 1,
+            last_seq: first_seq(recovery) - 1,
+            unwritten_max,
+            retry_at: None,
+            unclosed: !recovery.left.is_empty(),
+            refused: 0,
+            durable,
+            state,
+        }
+    }
+
+    /// Writes a first group, so that even an end right after the start leaves a trace.
+    pub fn start(&mut self, now: Now) {
+        self.commit(now, Mark::Start);
+        self.publish(ShedCounts::default());
+    }
+
+    /// Takes a record; says whether another may follow before the next [`Owner::step`].
+    pub fn accept(&mut self, item: Item, now: Now) -> Fill {
+        match &item.record {
+            Record::Context(context) => {
+                self.context = Arc::clone(context);
+                self.rotate = true;
+                self.urgent = true;
+                return Fill::Enough;
+            }
+            Record::Raw(packet) => {
+                let mut wanted = Vec::new();
+                self.keeper.packet(Arc::clone(packet), |packet| wanted.push(Arc::clone(packet)));
+                wanted.into_iter().for_each(|packet| self.raw(packet, now));
+            }
+            Record::Verdict(verdict) => {
+                self.result(&item, now);
+                let mut wanted = Vec::new();
+                self.keeper.verdict(verdict, |packet| wanted.push(Arc::clone(packet)));
+                wanted.into_iter().for_each(|packet| self.raw(packet, now));
+            }
+            _ => self.result(&item, now),
+        }
+        if self.has_room() { Fill::More } else { Fill::Enough }
+    }
+
+    /// Nothing more is taken while a full group waits.
+    pub fn has_room(&self) -> bool {
+        !self.urgent
+            && self.result_bytes < self.config.group_bytes
+            && self.raw_bytes < self.config.raw_group_bytes
+            && self.results < self.config.queue_records
+    }
+
+    fn result(&mut self, item: &Item, now: Now) {
+        self.last_seq = item.seq;
+        self.results += 1;
+        if let Some(message) = encode(item.seq, &item.record, now.wall_ns) {
+            self.result_bytes += message.data.len() + message.topic.len();
+            self.push(message, now);
+        }
+    }
+
+    fn raw(&mut self, packet: Arc<gearwatch_core::block::Packet>, now: Now) {
+        match encode(0, &Record::Raw(packet), now.wall_ns) {
+            Some(message) => {
+                self.raw_bytes += message.data.len();
+                self.push(message, now);
+            }
+            None => self.refused += 1,
+        }
+    }
+
+    fn push(&mut self, message: Message, now: Now) {
+        self.pending_since.get_or_insert(now.mono);
+        self.pending.push(message);
+    }
+
+    /// Does what is due: writes the group, begins a new file, tries again after a failure.
+    pub fn step(&mut self, now: Now, shed: ShedCounts) {
+        let due = !self.has_room() || self.pending_since.is_some_and(|since| now.mono >= since + self.group_time());
+        if due && self.retry_at.is_none_or(|at| now.mono >= at) {
+            self.commit(now, Mark::None);
+        }
+        let old = self.open.as_ref().is_some_and(|open| now.mono >= open.opened + self.rotate_time());
+        if old && self.pending.is_empty() {
+            self.close(now);
+        }
+        self.publish(shed);
+    }
+
+    /// When [`Owner::step`] has something to do again, measured from now.
+    pub fn idle_time(&self, now: Now) -> Duration {
+        let group = self.pending_since.map(|since| since + self.group_time());
+        let group = if self.has_room() { group } else { Some(Duration::ZERO) };
+        let group = group.map(|at| self.retry_at.map_or(at, |retry| at.max(retry)));
+        let rotation = self.open.as_ref().map(|open| open.opened + self.rotate_time());
+        let next = [group, rotation].into_iter().flatten().min();
+        next.map_or(Duration::from_secs(1), |at| at.saturating_sub(now.mono)).min(Duration::from_secs(1))
+    }
+
+    fn group_time(&self) -> Duration {
+        Duration::from_millis(self.config.group_ms)
+    }
+
+    fn rotate_time(&self) -> Duration {
+        Duration::from_secs(self.config.rotate_secs)
+    }
+
+    /// Writes what waits, whether it is due or not; says whether that worked.
+    pub fn flush(&mut self, now: Now) -> bool {
+        self.commit(now, Mark::None);
+        self.retry_at.is_none()
+    }
+
+    /// Writes what waits, closes the file in good order, and says whether everything is durable.
+    pub fn finish(&mut self, now: Now, shed: ShedCounts) -> bool {
+        self.commit(now, Mark::End);
+        let good = self.pending.is_empty() && self.retry_at.is_none();
+        self.close(now);
+        self.state.send_modify(|state| state.condition = Condition::Stopped);
+        self.publish(shed);
+        good
+    }
+
+    fn commit(&mut self, now: Now, mark: Mark) {
+        // A failure of the file at hand says nothing of a new one, so that is tried at once; after that the disk gets time.
+        let mut result = self.try_commit(now, mark);
+        if result.is_err() && self.open.is_some() {
+            self.abandon();
+            result = self.try_commit(now, mark);
+        }
+        match result {
+            Ok(()) => {
+                self.retry_at = None;
+                self.set_condition(Condition::Ok);
+            }
+            Err(error) => {
+                self.abandon();
+                self.retry_at = Some(now.mono + RETRY);
+                self.set_condition(Condition::of(&error));
+            }
+        }
+    }
+
+    fn try_commit(&mut self, now: Now, mark: Mark) -> io::Result<()> {
+        if self.pending.is_empty() && mark == Mark::None {
+            self.finish_group(now);
+            return Ok(());
+        }
+        self.wait_for_space()?;
+        let mut open = match self.open.take() {
+            Some(open) => open,
+            None => self.create(now)?,
+        };
+        let result = self.write_group(&mut open, now, mark);
+        self.open = Some(open);
+        result?;
+        self.next_group += 1;
+        self.durable.send_replace(self.last_seq);
+        self.finish_group(now);
+        Ok(())
+    }
+
+    /// While the disk is known to be full it is not written to: a torn group would only take more of it.
+    fn wait_for_space(&mut self) -> io::Result<()> {
+        if self.state.borrow().condition != Condition::Full {
+            return Ok(());
+        }
+        let needed = (self.result_bytes + self.raw_bytes) as u64 + FREE_MARGIN;
+        if self.storage.free_space()? < needed {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        Ok(())
+    }
+
+    fn create(&mut self, now: Now) -> io::Result<Open> {
+        let name = FileName::new(self.next_number, self.next_group, now.wall_ns);
+        self.next_number += 1;
+        let mut layout = Layout::default();
+        let facts: BTreeMap<String, String> = [
+            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+            ("file".to_owned(), name.number.to_string()),
+            ("first_group".to_owned(), name.first_group.to_string()),
+        ]
+        .into();
+        let opening = layout.opening(&self.context, &facts, unsigned(now.wall_ns));
+        let mut made = || {
+            let mut file = self.storage.create(&name.name)?;
+            file.append(&opening)?;
+            file.sync()?;
+            self.storage.sync_dir()?;
+            Ok(file)
+        };
+        match made() {
+            Ok(file) => {
+                let durable_bytes = layout.position;
+                Ok(Open { name, file, layout, durable_bytes, groups: 0, opened: now.mono })
+            }
+            Err(error) => {
+                // Nothing is in it; if it cannot be removed, the next start does it.
+                let _ = self.storage.remove(&name.name);
+                Err(error)
+            }
+        }
+    }
+
+    fn write_group(&mut self, open: &mut Open, now: Now, mark: Mark) -> io::Result<()> {
+        let group = Group {
+            group: self.next_group,
+            seq_first: self.last_seq + 1 - self.results as u64,
+            seq_last: self.last_seq,
+            unwritten_max: self.unwritten_max,
+            messages: self.pending.len() as u64,
+            wall_ns: now.wall_ns,
+            mono_ns: u64::try_from(now.mono.as_nanos()).unwrap_or(u64::MAX),
+            end: mark == Mark::End,
+        };
+        self.pending.insert(0, group.message());
+        let bytes = open.layout.group(&self.pending, self.config.compression);
+        self.pending.remove(0);
+        open.file.append(&bytes?)?;
+        open.file.sync()?;
+        open.durable_bytes = open.layout.position;
+        open.groups += 1;
+        Ok(())
+    }
+
+    /// The group is durable, or empty.
+    fn finish_group(&mut self, now: Now) {
+        self.pending.clear();
+        (self.results, self.result_bytes, self.raw_bytes) = (0, 0, 0);
+        self.pending_since = None;
+        self.urgent = false;
+        let full = self.open.as_ref().is_some_and(|open| open.layout.position >= self.config.rotate_bytes);
+        let old = self.open.as_ref().is_some_and(|open| now.mono >= open.opened + self.rotate_time());
+        if full || old || std::mem::take(&mut self.rotate) {
+            self.close(now);
+        }
+    }
+
+    /// Gives a file up after a failure: cut back to what was acknowledged, or removed if that is nothing.
+    fn abandon(&mut self) {
+        let Some(mut open) = self.open.take() else { return };
+        if open.groups == 0 {
+            drop(open.file);
+            // What cannot be removed now is removed at the next start.
+            let _ = self.storage.remove(&open.name.name);
+        } else {
+            // If it cannot be cut either: what is too much in it stands in the next file too, and is cut off when this one is closed.
+            let _ = open.file.truncate(open.durable_bytes);
+            self.unclosed = true;
+        }
+    }
+
+    /// Ends the open file with index and footer, and removes what is too old or too much.
+    fn close(&mut self, now: Now) {
+        if let Some(mut open) = self.open.take() {
+            let closing = open.layout.closing();
+            if open.file.append(&closing).and_then(|()| open.file.sync()).is_err() {
+                let _ = open.file.truncate(open.durable_bytes);
+                self.unclosed = true;
+            }
+        }
+        if self.unclosed {
+            self.unclosed = !close_open_files(&mut *self.storage, self.next_group).is_ok_and(|left| left == 0);
+        }
+        // Whatever goes wrong here, the log itself is whole.
+        let _ = self.prune(now);
+    }
+
+    fn prune(&mut self, now: Now) -> io::Result<()> {
+        let lengths: BTreeMap<String, u64> = self.storage.list()?.into_iter().collect();
+        let mut files = log_files(&mut *self.storage)?;
+        // The newest stays: it says where the numbers go on.
+        files.pop();
+        let mut total: u64 = lengths.values().sum();
+        let oldest = now.wall_ns.div_euclid(1_000_000_000).saturating_sub_unsigned(self.config.keep_secs);
+        let mut removed = 0;
+        for file in files {
+            if total <= self.config.keep_bytes && file.start_s >= oldest {
+                break;
+            }
+            self.storage.remove(&file.name)?;
+            removed += 1;
+            total -= lengths.get(&file.name).copied().unwrap_or(0).min(total);
+        }
+        if removed > 0 {
+            self.state.send_modify(|state| state.files_removed += removed);
+        }
+        Ok(())
+    }
+
+    fn set_condition(&mut self, condition: Condition) {
+        self.state.send_if_modified(|state| {
+            let changed = state.condition != condition;
+            state.condition = condition;
+            changed
+        });
+    }
+
+    fn publish(&mut self, shed: ShedCounts) {
+        let new = |state: &LogState| LogState {
+            condition: state.condition.clone(),
+            durable_seq: *self.durable.borrow(),
+            unlogged_records: shed.records,
+            unlogged_windows: shed.windows,
+            unlogged_raw: shed.raw + self.refused + self.keeper.overflowed,
+            file: self.open.as_ref().map_or_else(String::new, |open| open.name.name.clone()),
+            file_bytes: self.open.as_ref().map_or(0, |open| open.durable_bytes),
+            files_removed: state.files_removed,
+        };
+        self.state.send_if_modified(|state| {
+            let next = new(state);
+            let changed = *state != next;
+            *state = next;
+            changed
+        });
+    }
+}

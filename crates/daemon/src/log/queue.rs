@@ -1,0 +1,258 @@
+//! The bounded queue in front of the log's owner. Senders never wait: what does not fit is shed, newest first, and every shed run becomes one
+//! [`Gap`] record as soon as there is room again. Raw data have a bound of their own, so that they can never push out a verdict.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use gearwatch_core::block::{Packet, Samples, UnixNanos};
+
+use super::record::{Cause, Gap, Record};
+
+/// What became of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sent {
+    /// It will be durable when `durable_seq` has reached this number.
+    Queued {
+        /// Sequence number of the record in the log.
+        seq: u64,
+    },
+    /// Raw data have no sequence number: their sample index shows every gap. They wait to be kept or dropped as [`super::RawPolicy`] says.
+    /// A context has none either: it is no message.
+    Buffered,
+    /// The queue was full. The record is lost and will be accounted for by a gap record.
+    Shed {
+        /// Records shed since the start.
+        total: u64,
+    },
+    /// The log has been stopped.
+    Stopped,
+}
+
+/// A record with its number; 0 for raw data.
+pub(super) struct Item {
+    pub seq: u64,
+    pub record: Record,
+}
+
+/// What was shed so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct ShedCounts {
+    pub records: u64,
+    pub windows: u64,
+    pub raw: u64,
+}
+
+struct Run {
+    first: u64,
+    last: u64,
+    count: u64,
+}
+
+struct Inner {
+    items: VecDeque<Item>,
+    results: usize,
+    raw_bytes: usize,
+    next_seq: u64,
+    runs: BTreeMap<String, Run>,
+    shed: ShedCounts,
+    stopping: bool,
+}
+
+/// Shared by all senders and the owner.
+pub(super) struct Queue {
+    inner: Mutex<Inner>,
+    filled: Condvar,
+    max_results: usize,
+    max_raw_bytes: usize,
+}
+
+impl Queue {
+    pub fn new(max_results: usize, max_raw_bytes: usize, first_seq: u64) -> Self {
+        let inner = Inner {
+            items: VecDeque::new(),
+            results: 0,
+            raw_bytes: 0,
+            next_seq: first_seq,
+            runs: BTreeMap::new(),
+            shed: ShedCounts::default(),
+            stopping: false,
+        };
+        Self { inner: Mutex::new(inner), filled: Condvar::new(), max_results, max_raw_bytes }
+    }
+
+    /// Nothing in here panics while the lock is held, and a queue is whole after every statement.
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Never waits for more than another sender's push.
+    pub fn send(&self, record: Record, now_ns: UnixNanos) -> Sent {
+        let mut inner = self.lock();
+        if inner.stopping {
+            return Sent::Stopped;
+        }
+        if let Record::Raw(packet) = &record {
+            let size = packet_bytes(packet);
+            if inner.raw_bytes.saturating_add(size) > self.max_raw_bytes {
+                return inner.shed(&record);
+            }
+            inner.flush_runs(now_ns, self.max_results);
+            inner.raw_bytes += size;
+            inner.items.push_back(Item { seq: 0, record });
+            self.filled.notify_one();
+            return Sent::Buffered;
+        }
+        // A context is rare, and without it nobody can read what follows.
+        let urgent = matches!(record, Record::Context(_));
+        if inner.results >= self.max_results && !urgent {
+            return inner.shed(&record);
+        }
+        inner.flush_runs(now_ns, self.max_results);
+        if urgent {
+            inner.items.push_back(Item { seq: 0, record });
+            self.filled.notify_one();
+            return Sent::Buffered;
+        }
+        let seq = inner.push(record);
+        self.filled.notify_one();
+        Sent::Queued { seq }
+    }
+
+    /// Results that can be on their way at once, in the queue and in the owner's hands, which hold at most as many each; one more
+    /// may come with the gap record before it.
+    pub fn unwritten_max(&self) -> u64 {
+        2 * (self.max_results as u64 + 1)
+    }
+
+    /// Waits until the end is asked for, at most `timeout`.
+    pub fn wait_for_stop(&self, timeout: Duration) -> bool {
+        let waited = self.filled.wait_timeout_while(self.lock(), timeout, |inner| !inner.stopping);
+        waited.unwrap_or_else(PoisonError::into_inner).0.stopping
+    }
+
+    /// Nothing more is accepted; what waits is still written.
+    pub fn stop(&self) {
+        self.lock().stopping = true;
+        self.filled.notify_all();
+    }
+
+    /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says that it is enough.
+    /// Says whether the end was asked for and nothing is left.
+    pub fn take(&self, timeout: Duration, now_ns: impl Fn() -> UnixNanos, mut out: impl FnMut(Item) -> Fill) -> bool {
+        let mut inner = self.lock();
+        if inner.items.is_empty() && inner.runs.is_empty() && !inner.stopping {
+            inner = self.filled.wait_timeout(inner, timeout).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        if inner.items.is_empty() {
+            inner.flush_runs(now_ns(), self.max_results);
+        }
+        while let Some(item) = inner.items.pop_front() {
+            match &item.record {
+                Record::Raw(packet) => inner.raw_bytes = inner.raw_bytes.saturating_sub(packet_bytes(packet)),
+                Record::Context(_) => {}
+                _ => inner.results -= 1,
+            }
+            if out(item) == Fill::Enough {
+                break;
+            }
+        }
+        inner.stopping && inner.items.is_empty()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        let inner = self.lock();
+        inner.items.is_empty() && inner.runs.is_empty()
+    }
+
+    pub fn shed(&self) -> ShedCounts {
+        self.lock().shed
+    }
+}
+
+/// Whether more can be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fill {
+    More,
+    Enough,
+}
+
+impl Inner {
+    fn push(&mut self, record: Record) -> u64 {
+        let seq = self.next_seq;
+        self.next_seq += 1;
+        self.results += 1;
+        self.items.push_back(Item { seq, record });
+        seq
+    }
+
+    fn shed(&mut self, record: &Record) -> Sent {
+        self.shed.records += 1;
+        match record {
+            Record::Verdict(_) => self.shed.windows += 1,
+            Record::Raw(_) => self.shed.raw += 1,
+            _ => {}
+        }
+        let (channel, first, last, count) = extent(record, self.shed.records);
+        match self.runs.get_mut(&channel) {
+            Some(run) => {
+                run.last = last;
+                run.count += count;
+            }
+            None => {
+                self.runs.insert(channel, Run { first, last, count });
+            }
+        }
+        Sent::Shed { total: self.shed.records }
+    }
+
+    /// Gap records go before the record that ends the run, where there is room for records.
+    fn flush_runs(&mut self, now_ns: UnixNanos, max_results: usize) {
+        while self.results < max_results
+            && let Some((channel, run)) = self.runs.pop_first()
+        {
+            let gap = Gap {
+                channel,
+                first: run.first,
+                last: run.last,
+                count: run.count,
+                cause: Cause::LogQueueFull,
+                t_ns: now_ns,
+            };
+            self.push(Record::Gap(gap));
+        }
+    }
+}
+
+/// Channel, first and last number, and count of what is lost with this record.
+fn extent(record: &Record, shed: u64) -> (String, u64, u64, u64) {
+    match record {
+        Record::Verdict(v) => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
+        Record::Raw(packet) => match &**packet {
+            Packet::Vibration(b) => {
+                let count = b.samples.len() as u64;
+                let last = b.first_sample_index.saturating_add(count.saturating_sub(1));
+                (b.sensor.to_string(), b.first_sample_index, last, count)
+            }
+            Packet::Tacho(b) => (format!("tacho/{}", b.shaft), shed, shed, b.pulse_times.len() as u64),
+            Packet::OperatingPoint(_) => ("operating_point".into(), shed, shed, 1),
+        },
+        Record::Gap(_) => ("gap".into(), shed, shed, 1),
+        Record::Clock(_) => ("clock".into(), shed, shed, 1),
+        Record::Note(_) => ("log_note".into(), shed, shed, 1),
+        Record::Context(_) => ("context".into(), shed, shed, 1),
+    }
+}
+
+/// Memory that a packet holds (bytes), near enough for a bound.
+pub(super) fn packet_bytes(packet: &Arc<Packet>) -> usize {
+    let payload = match &**packet {
+        Packet::Vibration(b) => match &b.samples {
+            Samples::Counts { counts, .. } => counts.len() * 4,
+            Samples::Physical(values) => values.len() * 4,
+        },
+        Packet::Tacho(b) => b.pulse_times.len() * 8,
+        Packet::OperatingPoint(_) => 0,
+    };
+    payload + 128
+}

@@ -1,0 +1,134 @@
+//! What can be put into the log.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use gearwatch_core::block::{Packet, UnixNanos};
+use gearwatch_core::verdict::Verdict;
+use serde::{Deserialize, Serialize};
+
+/// One thing to be logged.
+#[derive(Clone, Debug)]
+pub enum Record {
+    /// A verdict, on `/gear/<stage>/rank`: the same JSON object as the line on stdout.
+    Verdict(Arc<Verdict>),
+    /// Raw data as the source gave them, on `/vib/…`, `/tacho/…` and `/operating_point`; kept or not by [`super::RawPolicy`].
+    Raw(Arc<Packet>),
+    /// Something is missing, on `/gap`.
+    Gap(Gap),
+    /// How the clocks stand, on `/clock`.
+    Clock(Clock),
+    /// A sentence for people, on `/log`.
+    Note(Note),
+    /// Configuration, baseline and calibration from now on. A new file begins with them.
+    Context(Arc<Context>),
+}
+
+/// A discontinuity: what is missing, and why. `first` and `last` count what `channel` counts: samples of a sensor, windows of a
+/// sensor and stage, sequence numbers of the log.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Gap {
+    /// `<sensor>`, `<sensor>/<stage>`, or [`Gap::LOG`].
+    pub channel: String,
+    /// First missing number.
+    pub first: u64,
+    /// Last missing number.
+    pub last: u64,
+    /// How many are missing; of what was cut off by a crash, at most so many.
+    pub count: u64,
+    /// Why.
+    pub cause: Cause,
+    /// When it was noticed (ns since the epoch).
+    pub t_ns: UnixNanos,
+}
+
+impl Gap {
+    /// Channel name of gaps in the log's own sequence numbers.
+    pub const LOG: &str = "log";
+}
+
+/// Why something is missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// The log's queue was full: the disk is full, or too slow.
+    LogQueueFull,
+    /// The service ended without closing the log; what was not yet durable is lost.
+    UncleanEnd,
+    /// Bytes on the disk are not what was written.
+    Damage,
+    /// The source lost the connection or the device.
+    Reconnect,
+    /// The instrument says that it lost samples.
+    Overrun,
+    /// The data do not follow each other, and nobody said why.
+    Discontinuity,
+    /// A worker could not keep up.
+    Overload,
+    /// The clock was set.
+    ClockStep,
+    /// The configuration changed.
+    Configuration,
+}
+
+/// Both clocks at one moment.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clock {
+    /// Wall clock (ns since the epoch).
+    pub wall_ns: UnixNanos,
+    /// Monotonic clock (ns since an arbitrary start).
+    pub mono_ns: u64,
+    /// Counts the steps of the wall clock since the service started.
+    pub clock_epoch: u64,
+    /// How far the wall clock was set, in this step (ns).
+    pub step_ns: i64,
+    /// Which start of the machine the monotonic clock belongs to.
+    pub boot_id: String,
+}
+
+/// How much a [`Note`] matters; numbers are those of `foxglove.Log`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Level {
+    /// For developers.
+    Debug = 1,
+    /// Good to know.
+    Info = 2,
+    /// Look at it when there is time.
+    Warning = 3,
+    /// Something does not work.
+    Error = 4,
+}
+
+/// A sentence for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Note {
+    /// When (ns since the epoch).
+    pub t_ns: UnixNanos,
+    /// How much it matters.
+    pub level: Level,
+    /// Which part of the service speaks.
+    pub name: String,
+    /// The sentence.
+    pub message: String,
+}
+
+/// What a reader needs to understand the verdicts of a file; stands at the head of each.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Context {
+    /// Whole files: configuration, bench, baseline, calibration.
+    pub attachments: Vec<Attachment>,
+    /// Short facts: versions, identities, hashes.
+    pub facts: BTreeMap<String, String>,
+}
+
+/// A file inside the log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attachment {
+    /// File name; a label, never a path to write to.
+    pub name: String,
+    /// For instance `application/toml`.
+    pub media_type: String,
+    /// Its content.
+    pub data: Vec<u8>,
+}

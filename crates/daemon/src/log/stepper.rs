@@ -1,0 +1,153 @@
+//! The log without its thread: for tests, which hand in time, and as the inside of [`super::LogHandle`].
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use gearwatch_core::block::UnixNanos;
+use tokio::sync::watch;
+
+use super::config::LogConfig;
+use super::handle::LogError;
+use super::owner::{Owner, first_seq};
+use super::queue::{Queue, Sent};
+use super::record::{Cause, Context, Gap, Level, Note, Record};
+use super::recover::{Recovery, recover};
+use super::state::LogState;
+use super::storage::Storage;
+
+/// Both clocks, read together.
+#[derive(Clone, Copy, Debug)]
+pub struct Now {
+    /// Wall clock (ns since the epoch): for labels only.
+    pub wall_ns: UnixNanos,
+    /// Monotonic clock, since the service started.
+    pub mono: Duration,
+}
+
+/// A log that does nothing but when it is told to.
+pub struct Stepper {
+    owner: Owner,
+    pub(super) queue: Arc<Queue>,
+    pub(super) recovery: Arc<Recovery>,
+    pub(super) durable: watch::Receiver<u64>,
+    pub(super) state: watch::Receiver<LogState>,
+}
+
+impl Stepper {
+    /// Recovers what the last end left, and writes a first group.
+    ///
+    /// # Errors
+    /// When a setting is out of its range or the folder cannot be listed.
+    pub fn start(
+        config: LogConfig,
+        context: Arc<Context>,
+        mut storage: Box<dyn Storage>,
+        now: Now,
+    ) -> Result<Self, LogError> {
+        config.check()?;
+        let recovery = recover(&mut *storage)?;
+        let queue = Arc::new(Queue::new(config.queue_records, config.raw_queue_bytes, first_seq(&recovery)));
+        let (durable_sender, durable) = watch::channel(0);
+        let (state_sender, state) = watch::channel(LogState::default());
+        let unwritten_max = queue.unwritten_max();
+        let mut owner = Owner::new(config, storage, context, &recovery, unwritten_max, durable_sender, state_sender);
+        owner.start(now);
+        for record in start_records(&recovery, now.wall_ns) {
+            queue.send(record, now.wall_ns);
+        }
+        Ok(Self { owner, queue, recovery: Arc::new(recovery), durable, state })
+    }
+
+    /// As [`super::LogHandle::send`].
+    pub fn send(&self, record: Record, now: Now) -> Sent {
+        self.queue.send(record, now.wall_ns)
+    }
+
+    /// Everything up to this sequence number survives a power cut.
+    pub fn durable_seq(&self) -> u64 {
+        *self.durable.borrow()
+    }
+
+    /// How the log stands.
+    pub fn state(&self) -> LogState {
+        self.state.borrow().clone()
+    }
+
+    /// What was found at the start.
+    pub fn recovery(&self) -> &Recovery {
+        &self.recovery
+    }
+
+    /// Takes everything that waits, as far as there is room, and does what is due.
+    pub fn step(&mut self, now: Now) {
+        loop {
+            self.turn(Duration::ZERO, || now);
+            if self.queue.is_empty() || !self.owner.has_room() {
+                break;
+            }
+        }
+    }
+
+    /// When [`Stepper::step`] has something to do again, measured from now, if nothing comes before.
+    pub fn idle_time(&self, now: Now) -> Duration {
+        self.owner.idle_time(now)
+    }
+
+    /// Writes what waits and closes the file. Says whether everything is durable.
+    pub fn stop(mut self, now: Now) -> bool {
+        self.queue.stop();
+        loop {
+            if let Some(durable) = self.turn(Duration::ZERO, || now) {
+                return durable;
+            }
+        }
+    }
+
+    /// Waits at most `idle` for records, takes them, and does what is due; at the end closes the log and says whether everything is durable.
+    pub(super) fn turn(&mut self, idle: Duration, now: impl Fn() -> Now) -> Option<bool> {
+        let ended = if self.owner.has_room() {
+            let owner = &mut self.owner;
+            self.queue.take(idle, || now().wall_ns, |item| owner.accept(item, now()))
+        } else {
+            // A full group cannot be written at the moment: what comes now waits in the queue or is shed there. At the end there
+            // is one last try.
+            self.queue.wait_for_stop(idle) && !self.owner.flush(now())
+        };
+        if ended {
+            let durable = self.owner.finish(now(), self.queue.shed());
+            return Some(durable && self.queue.is_empty());
+        }
+        self.owner.step(now(), self.queue.shed());
+        None
+    }
+}
+
+/// What the log says of its own start.
+fn start_records(recovery: &Recovery, t_ns: UnixNanos) -> Vec<Record> {
+    let mut records = Vec::new();
+    if recovery.unclean {
+        records.push(Record::Gap(Gap {
+            channel: Gap::LOG.into(),
+            first: recovery.last_seq + 1,
+            last: recovery.last_seq + recovery.lost_max,
+            count: recovery.lost_max,
+            cause: Cause::UncleanEnd,
+            t_ns,
+        }));
+    }
+    if recovery.unclean || !recovery.left.is_empty() {
+        let message = format!(
+            "the last end was not a good one: {} files closed, {} written anew, {} empty ones removed, {} left as they are, \
+             {} half-written bytes cut off; at most {} results after number {} were lost",
+            recovery.closed.len(),
+            recovery.rewritten.len(),
+            recovery.removed.len(),
+            recovery.left.len(),
+            recovery.torn_bytes,
+            recovery.lost_max,
+            recovery.last_seq,
+        );
+        records.push(Record::Note(Note { t_ns, level: Level::Warning, name: "log".into(), message }));
+    }
+    records
+}
