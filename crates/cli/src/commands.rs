@@ -8,10 +8,11 @@ use clap::{Args, Command};
 
 use crate::exit::Exit;
 
+mod convert;
 mod info;
 
 /// All commands, in the order of `gearwatch --help`.
-const COMMANDS: &[Kind] = &[kind::<info::Info>()];
+const COMMANDS: &[Kind] = &[kind::<info::Info>(), kind::<convert::Convert>()];
 
 /// A command: what the user may write, and what is then done.
 pub trait Run: Args + Send {

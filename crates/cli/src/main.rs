@@ -2,6 +2,7 @@
 
 mod commands;
 mod exit;
+mod input;
 
 use std::process::ExitCode;
 

@@ -1,21 +1,19 @@
 //! Opens a recording of any format: one table of formats, one set of options.
 
+use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use gearwatch_core::block::Packet;
+use gearwatch_core::block::{OperatingPoint, Packet, UnixNanos};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 
 use crate::formats::{FORMATS, Format};
+pub use crate::options::OpenOptions;
 use crate::problem::{Problem, ReadError};
-
-/// What a file may leave unsaid: given by flags or by a sidecar file.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct OpenOptions {}
 
 /// A source of packets that knows what was unusual in its file.
 pub trait Reader: Source<Error = Problem> {
@@ -48,14 +46,17 @@ impl<R: Read> Read for Counted<R> {
     }
 }
 
-/// The bytes of an opened file.
-pub type Bytes = BufReader<Counted<File>>;
+/// The bytes of an opened file, decompressed where the file is gzipped.
+pub type Bytes = Box<dyn Read + Send>;
 
 /// An opened recording.
 pub struct Opened {
     path: PathBuf,
     format: &'static dyn Format,
     reader: Box<dyn Reader>,
+    /// Speed and torque that the user gave; the file's own are passed over then.
+    point: Option<OperatingPoint>,
+    ready: VecDeque<Packet>,
     progress: Progress,
     size: u64,
 }
@@ -86,39 +87,109 @@ impl Source for Opened {
     type Error = ReadError;
 
     fn next_packet(&mut self) -> Result<Option<Packet>, ReadError> {
-        self.reader.next_packet().map_err(|problem| problem.in_file(&self.path))
+        if let Some(packet) = self.ready.pop_front() {
+            return Ok(Some(packet));
+        }
+        loop {
+            let packet = self.reader.next_packet().map_err(|problem| problem.in_file(&self.path))?;
+            let Some(packet) = packet else { return Ok(None) };
+            let Some(given) = &mut self.point else { return Ok(Some(packet)) };
+            if matches!(packet, Packet::OperatingPoint(_)) {
+                continue;
+            }
+            if given.t != UnixNanos::MIN {
+                return Ok(Some(packet));
+            }
+            given.t = match &packet {
+                Packet::Vibration(block) => block.t0,
+                Packet::Tacho(block) => block.t0,
+                Packet::OperatingPoint(point) => point.t,
+            };
+            let point = Packet::OperatingPoint(*given);
+            self.ready.push_back(packet);
+            return Ok(Some(point));
+        }
     }
 }
 
-/// Opens a recording; its format is found from its first bytes, else from its name.
+/// Bytes at the beginning from which a format is known.
+const HEAD: usize = 4096;
+
+/// Opens a recording; its format is found from its first bytes, else from its name. A sidecar file `<path>.toml` says
+/// what `options` leave out. A gzipped file is read as what it holds.
 ///
 /// # Errors
-/// When the file cannot be read or its format is not known.
+/// When the file cannot be read, its format is not known, or an option does not fit it.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened, ReadError> {
-    let fail = |problem: Problem| problem.in_file(path);
-    let metadata = std::fs::metadata(path).map_err(|e| fail(e.into()))?;
-    if metadata.is_dir() {
-        return Err(fail(Problem::unsupported("a directory", "name a recording in it")));
-    }
-    let mut head = Vec::new();
-    File::open(path).and_then(|file| file.take(4096).read_to_end(&mut head)).map_err(|e| fail(e.into()))?;
-    if head.is_empty() {
-        return Err(fail(Problem::Empty("the file has no bytes".to_owned())));
-    }
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    let format = FORMATS
-        .iter()
-        .find(|format| format.sniff(&head))
-        .or_else(|| FORMATS.iter().find(|f| f.extensions().iter().any(|e| name.ends_with(&format!(".{e}")))))
-        .ok_or_else(|| {
-            let known: Vec<&str> = FORMATS.iter().map(|format| format.name()).collect();
-            fail(Problem::unsupported("this file", format!("recordings are read as {}", known.join(", "))))
-        })?;
+    let options = options.with_sidecar(path)?;
     let progress = Progress::default();
-    let file = File::open(path).map_err(|e| fail(e.into()))?;
-    let bytes = BufReader::with_capacity(1 << 16, Counted { inner: file, progress: progress.clone() });
-    let reader = format.open(bytes, options).map_err(fail)?;
-    Ok(Opened { path: path.to_owned(), format: *format, reader, progress, size: metadata.len() })
+    let (format, reader, size) = open_inner(path, &options, &progress).map_err(|problem| problem.in_file(path))?;
+    let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    let point = (options.motor_speed_hz.is_some() || options.brake_torque_nm.is_some()).then_some(OperatingPoint {
+        // Set to the time of the first packet.
+        t: UnixNanos::MIN,
+        motor_speed_hz: given(options.motor_speed_hz),
+        brake_torque_nm: given(options.brake_torque_nm),
+        temperature_c: f64::NAN,
+    });
+    Ok(Opened { path: path.to_owned(), format, reader, point, ready: VecDeque::new(), progress, size })
+}
+
+/// Format, reader, and size of the file in bytes.
+type Found = (&'static dyn Format, Box<dyn Reader>, u64);
+
+fn open_inner(path: &Path, options: &OpenOptions, progress: &Progress) -> Result<Found, Problem> {
+    options.check()?;
+    let metadata = std::fs::metadata(path)?;
+    if metadata.is_dir() {
+        return Err(Problem::unsupported("a directory", "name a recording in it"));
+    }
+    let file = File::open(path)?;
+    let mut bytes: Bytes =
+        Box::new(BufReader::with_capacity(1 << 16, Counted { inner: file, progress: progress.clone() }));
+    let mut name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let mut head = take_head(&mut bytes)?;
+    if head.is_empty() {
+        return Err(Problem::Empty("the file has no bytes".to_owned()));
+    }
+    if head.starts_with(&[0x1F, 0x8B]) {
+        name = name.strip_suffix(".gz").unwrap_or(&name).to_owned();
+        let packed = Cursor::new(head).chain(bytes);
+        bytes = Box::new(BufReader::with_capacity(1 << 16, flate2::read::MultiGzDecoder::new(packed)));
+        head = take_head(&mut bytes)?;
+        if head.is_empty() {
+            return Err(Problem::Empty("the gzipped file has no bytes".to_owned()));
+        }
+    }
+    let by_name = |format: &&&dyn Format| format.extensions().iter().any(|end| name.ends_with(&format!(".{end}")));
+    let format =
+        FORMATS.iter().find(|format| format.sniff(&head)).or_else(|| FORMATS.iter().find(by_name)).ok_or_else(
+            || {
+                let known: Vec<&str> = FORMATS.iter().map(|format| format.name()).collect();
+                Problem::unsupported("what this file holds", format!("recordings are read as {}", known.join(", ")))
+            },
+        )?;
+    let reader = format.open(Box::new(Cursor::new(head).chain(bytes)), options)?;
+    Ok((*format, reader, metadata.len()))
+}
+
+/// Largest file of the formats that are read into memory as a whole.
+const LARGEST_WHOLE: u64 = 2 << 30;
+
+/// All bytes of a file whose format needs them at once.
+pub(crate) fn read_all(bytes: Bytes) -> Result<Vec<u8>, Problem> {
+    let mut all = Vec::new();
+    bytes.take(LARGEST_WHOLE + 1).read_to_end(&mut all)?;
+    if all.len() as u64 > LARGEST_WHOLE {
+        return Err(Problem::limit("the file", "its size", "2 GiB for this format"));
+    }
+    Ok(all)
+}
+
+fn take_head(bytes: &mut Bytes) -> Result<Vec<u8>, Problem> {
+    let mut head = Vec::with_capacity(HEAD);
+    bytes.take(HEAD as u64).read_to_end(&mut head)?;
+    Ok(head)
 }
 
 /// Reads a whole recording of any format into memory.

@@ -81,6 +81,16 @@ impl Problem {
         Self::Limit { place: place.to_string(), what: what.to_string(), limit: limit.to_string() }
     }
 
+    /// Shorthand for [`Problem::Missing`].
+    pub(crate) fn missing(what: impl std::fmt::Display, option: impl std::fmt::Display) -> Self {
+        Self::Missing { what: what.to_string(), option: option.to_string() }
+    }
+
+    /// Shorthand for [`Problem::Option`].
+    pub(crate) fn option(option: impl std::fmt::Display, message: impl std::fmt::Display) -> Self {
+        Self::Option { option: option.to_string(), message: message.to_string() }
+    }
+
     /// Names the file.
     pub fn in_file(self, path: &Path) -> ReadError {
         ReadError { path: path.to_owned(), problem: self }

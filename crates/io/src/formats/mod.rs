@@ -3,7 +3,10 @@
 use crate::open::{Bytes, OpenOptions, Reader};
 use crate::problem::Problem;
 
+mod csv;
 mod mcap;
+mod uff;
+mod wav;
 
 /// A format of recordings.
 pub trait Format: Sync {
@@ -27,4 +30,4 @@ pub trait Format: Sync {
 }
 
 /// All formats, in the order in which they are tried.
-pub const FORMATS: &[&dyn Format] = &[&mcap::Mcap];
+pub const FORMATS: &[&dyn Format] = &[&mcap::Mcap, &wav::Wav, &uff::Uff, &csv::Csv];

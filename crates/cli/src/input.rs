@@ -1,0 +1,133 @@
+//! Recordings on the command line: files and what they leave unsaid, with a progress bar for long ones.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use gearwatch_core::block::Packet;
+use gearwatch_core::recording::Recording;
+use gearwatch_core::source::Source;
+use gearwatch_io::{ChannelOption, OpenOptions, Opened, ReadError};
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Recordings to read, and what they leave unsaid.
+#[derive(Args, Clone, Debug)]
+pub struct Input {
+    /// Recordings: MCAP, CSV, WAV, UFF, TDMS, MATLAB (see docs/files.md)
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub options: InputOptions,
+}
+
+/// What recordings leave unsaid. The same can be said in a file `<recording>.toml` beside each.
+#[derive(Args, Clone, Debug, Default)]
+pub struct InputOptions {
+    /// Samples per second, for files that do not state it
+    #[arg(long, value_name = "HZ", help_heading = "Recordings")]
+    sample_rate: Option<f64>,
+    /// Unit of the values: m/s^2, g, mm/s, V or 1
+    #[arg(long, help_heading = "Recordings")]
+    unit: Option<String>,
+    /// Physical value = value in the file × SCALE
+    #[arg(long, allow_negative_numbers = true, help_heading = "Recordings")]
+    scale: Option<f64>,
+    /// Read this channel only; repeat for several. COLUMN is its name in the file or its number from 1, NAME is the sensor's name from here on
+    #[arg(long = "channel", value_name = "[NAME=]COLUMN[:UNIT]", help_heading = "Recordings")]
+    channels: Vec<ChannelOption>,
+    /// Column or variable with the time in seconds
+    #[arg(long, value_name = "COLUMN", help_heading = "Recordings")]
+    time_column: Option<String>,
+    /// Delimiter of text files, where the guess is wrong
+    #[arg(long, value_name = "CHARACTER", help_heading = "Recordings")]
+    delimiter: Option<char>,
+    /// Text files write 1,5 for one and a half
+    #[arg(long, help_heading = "Recordings")]
+    decimal_comma: bool,
+    /// Motor speed of the recording
+    #[arg(long, value_name = "HZ", help_heading = "Recordings")]
+    motor_speed: Option<f64>,
+    /// Torque at the brake
+    #[arg(long, value_name = "NM", allow_negative_numbers = true, help_heading = "Recordings")]
+    torque: Option<f64>,
+}
+
+impl InputOptions {
+    /// In the words of the file layer.
+    pub fn open_options(&self) -> OpenOptions {
+        OpenOptions {
+            sample_rate_hz: self.sample_rate,
+            unit: self.unit.clone(),
+            scale: self.scale,
+            time_column: self.time_column.clone(),
+            delimiter: self.delimiter,
+            decimal_comma: self.decimal_comma.then_some(true),
+            motor_speed_hz: self.motor_speed,
+            brake_torque_nm: self.torque,
+            channels: self.channels.clone(),
+        }
+    }
+
+    /// Opens a recording; reading it moves a progress bar on a terminal.
+    ///
+    /// # Errors
+    /// As [`gearwatch_io::open`].
+    pub fn open(&self, path: &Path) -> Result<Watched, ReadError> {
+        let opened = gearwatch_io::open(path, &self.open_options())?;
+        let bar = if opened.size() < WORTH_A_BAR { ProgressBar::hidden() } else { ProgressBar::new(opened.size()) };
+        // Without a terminal on stderr nothing is drawn.
+        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta}")
+        {
+            bar.set_style(style);
+        }
+        bar.set_message(path.file_name().unwrap_or_default().to_string_lossy().into_owned());
+        Ok(Watched { opened, bar, packets: 0 })
+    }
+
+    /// Reads a whole recording into memory.
+    ///
+    /// # Errors
+    /// As [`gearwatch_io::read_recording`].
+    #[expect(dead_code, reason = "for commands that need whole recordings")]
+    pub fn read_recording(&self, path: &Path) -> Result<Recording, ReadError> {
+        let mut source = self.open(path)?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut recording = Recording { name, ..Recording::default() };
+        while let Some(packet) = source.next_packet()? {
+            recording.push(packet);
+        }
+        Ok(recording)
+    }
+}
+
+/// Files below this size are read before a bar could be seen (bytes).
+const WORTH_A_BAR: u64 = 16 << 20;
+
+/// An opened recording with its progress bar.
+pub struct Watched {
+    opened: Opened,
+    bar: ProgressBar,
+    packets: u64,
+}
+
+impl Watched {
+    /// The recording.
+    pub fn opened(&self) -> &Opened {
+        &self.opened
+    }
+}
+
+impl Source for Watched {
+    type Error = ReadError;
+
+    fn next_packet(&mut self) -> Result<Option<Packet>, ReadError> {
+        self.packets += 1;
+        if self.packets.is_multiple_of(64) {
+            self.bar.set_position(self.opened.progress().bytes());
+        }
+        let next = self.opened.next_packet();
+        if !matches!(next, Ok(Some(_))) {
+            self.bar.finish_and_clear();
+        }
+        next
+    }
+}
