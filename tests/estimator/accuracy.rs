@@ -37,7 +37,7 @@ fn worst_error(
     let mut tones = mesh_tones(bench);
     let mesh = tones.clone();
     tones.extend_from_slice(others);
-    let pipeline = Pipeline::new(bench, &PipelineConfig::default()).expect("a usable bench");
+    let pipeline = Pipeline::new(bench, &PipelineConfig::default(), None).expect("a usable bench");
     let mut worker = pipeline.worker();
     let mut worst: f64 = 0.0;
     for run in runs {

@@ -11,7 +11,7 @@ use gearwatch_core::pipeline::{Pipeline, PipelineConfig, WorkerState};
 
 /// Everything that a pipeline says of some packets.
 pub fn analyse(bench: &Bench, config: &PipelineConfig, packets: &[Packet]) -> Vec<WindowAnalysis> {
-    let pipeline = Pipeline::new(bench, config).expect("a usable bench");
+    let pipeline = Pipeline::new(bench, config, None).expect("a usable bench");
     analyse_with(&pipeline, &mut pipeline.worker(), packets)
 }
 

@@ -16,15 +16,6 @@ use crate::verdict::{
     HARMONICS, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, Reason, StateFit, Verdict,
 };
 
-/// A channel of a pipeline.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ChannelInfo {
-    /// Sensor name.
-    pub name: String,
-    /// Unit of its samples and amplitudes.
-    pub unit: String,
-}
-
 /// How windows are judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -49,23 +40,12 @@ pub enum JudgeError {
         /// Of the bench.
         bench: Vec<String>,
     },
-    /// A channel's unit is not that of the baseline.
-    #[error("channel {channel:?} is in {found}, but the baseline knows it in {expected}")]
-    Unit {
-        /// The sensor.
-        channel: String,
-        /// In the baseline.
-        expected: String,
-        /// In the recording.
-        found: String,
-    },
 }
 
 /// Judges windows by a baseline. Immutable; [`Judge::judge`] is a pure function of window and judge.
 #[derive(Clone, Debug)]
 pub struct Judge {
     config: JudgeConfig,
-    channels: Vec<ChannelInfo>,
     stages: Vec<String>,
     normal: Option<Surface>,
     signatures: SignatureTable,
@@ -75,13 +55,12 @@ pub struct Judge {
 type Pair = (Option<Observed>, Option<Observed>);
 
 impl Judge {
-    /// For a pipeline with these channels and stages, in its order; without a baseline every rank is unknown.
+    /// For a pipeline with these stages, in its order; without a baseline every rank is unknown.
     ///
     /// # Errors
-    /// When the configuration is unusable, or stages or units are not those of the baseline.
+    /// When the configuration is unusable, or the stages are not those of the baseline.
     pub fn new(
         config: JudgeConfig,
-        channels: Vec<ChannelInfo>,
         stages: Vec<String>,
         baseline: Option<&Baseline>,
         signatures: SignatureTable,
@@ -93,16 +72,7 @@ impl Judge {
         if let Some(baseline) = baseline.filter(|b| b.stages != stages) {
             return Err(JudgeError::Stages { baseline: baseline.stages.clone(), bench: stages });
         }
-        for channel in &channels {
-            if let Some(unit) = normal.as_ref().and_then(|n| n.unit(&channel.name)).filter(|u| *u != channel.unit) {
-                return Err(JudgeError::Unit {
-                    channel: channel.name.clone(),
-                    expected: unit.to_owned(),
-                    found: channel.unit.clone(),
-                });
-            }
-        }
-        Ok(Self { config, channels, stages, normal, signatures })
+        Ok(Self { config, stages, normal, signatures })
     }
 
     /// Judges one window: one verdict for each stage, in order. Verdicts already in `out` are overwritten and their
@@ -139,36 +109,35 @@ impl Judge {
     ) {
         out.resize_with(self.stages.len().min(window.stages.len()), blank);
         let torque = Some(window.operating_point.brake_torque_nm).filter(|t| t.is_finite());
-        let channel = self.channels.get(window.channel);
-        let place = match (&self.normal, channel) {
+        let place = match &self.normal {
             _ if window.instrument != InstrumentState::Ok => Err(Reason::Instrument),
-            (None, _) => Err(Reason::NoBaseline),
-            (Some(normal), Some(channel)) if normal.unit(&channel.name).is_some() => {
-                normal.locate(window.input_speed_hz.value, torque).ok_or(Reason::OutsideBaseline)
-            }
-            (Some(_), _) => Err(Reason::ChannelNotInBaseline),
+            None => Err(Reason::NoBaseline),
+            Some(normal) => match normal.unit(&window.sensor) {
+                None => Err(Reason::ChannelNotInBaseline),
+                Some(unit) if *unit != *window.unit => Err(Reason::OtherUnit),
+                Some(_) => normal.locate(window.input_speed_hz.value, torque).ok_or(Reason::OutsideBaseline),
+            },
         };
         for (index, verdict) in out.iter_mut().enumerate() {
             let stage = &window.stages[index];
             self.describe(verdict, index, window, windows);
-            match (&place, &self.normal, channel) {
-                (Ok(place), Some(normal), Some(channel)) => {
+            match (&place, &self.normal) {
+                (Ok(place), Some(normal)) => {
                     normal.write_name(place, &mut verdict.cell);
                     let pairs = std::array::from_fn(|harmonic| observed(index, stage, harmonic));
-                    self.compare(verdict, &pairs, normal, place, &channel.name, index);
+                    self.compare(verdict, &pairs, normal, place, &window.sensor, index);
                 }
-                (Err(reason), ..) => verdict.reason = *reason,
-                _ => verdict.reason = Reason::ChannelNotInBaseline,
+                (Err(reason), _) => verdict.reason = *reason,
+                (Ok(_), None) => verdict.reason = Reason::NoBaseline,
             }
         }
     }
 
     /// Everything that is known without a baseline.
     fn describe(&self, verdict: &mut Verdict, index: usize, window: &WindowAnalysis, windows: u32) {
-        let channel = self.channels.get(window.channel);
         overwrite(&mut verdict.stage, &self.stages[index]);
-        overwrite(&mut verdict.channel, channel.map_or("", |c| &c.name));
-        overwrite(&mut verdict.unit, channel.map_or("", |c| &c.unit));
+        overwrite(&mut verdict.channel, &window.sensor);
+        overwrite(&mut verdict.unit, &window.unit);
         verdict.cell.clear();
         verdict.window = window.window;
         verdict.t0 = window.t0;
@@ -278,7 +247,7 @@ mod tests {
     use super::*;
     use crate::aggregate::Aggregate;
     use crate::baseline::{BaselineConfig, FORMAT, Learner, Origin};
-    use crate::testing::{Random, channels, window};
+    use crate::testing::{Random, window};
     use crate::verdict::Rank;
 
     const NORMAL: [f64; HARMONICS] = [5.0, 3.0, 2.0, 1.0, 0.5];
@@ -289,7 +258,7 @@ mod tests {
     }
 
     fn learned(count: u64, scatter: f64, random: &mut Random) -> Baseline {
-        let mut learner = Learner::new(BaselineConfig::default(), channels());
+        let mut learner = Learner::new(BaselineConfig::default());
         for n in 0..count {
             let floors = draw(&FLOORS, 0.1, random);
             learner.push(&window(n, 30.0, 50.0, draw(&NORMAL, scatter, random), floors));
@@ -309,7 +278,7 @@ mod tests {
 
     fn judge(baseline: Option<&Baseline>) -> Judge {
         let stages = vec!["stage1".to_owned()];
-        Judge::new(JudgeConfig::default(), channels(), stages, baseline, SignatureTable::paper()).expect("a judge")
+        Judge::new(JudgeConfig::default(), stages, baseline, SignatureTable::paper()).expect("a judge")
     }
 
     fn verdict(judge: &Judge, window: &WindowAnalysis) -> Verdict {
@@ -399,6 +368,9 @@ mod tests {
         let channel = elsewhere.runs[0].channels.remove("acc").expect("acc");
         elsewhere.runs[0].channels.insert("other".into(), channel);
         reasons(&judge(Some(&elsewhere)), &sound, Reason::ChannelNotInBaseline);
+        let mut volts = baseline.clone();
+        volts.runs[0].channels.get_mut("acc").expect("acc").unit = "V".into();
+        reasons(&judge(Some(&volts)), &sound, Reason::OtherUnit);
         // A verdict that is used again keeps nothing of the one before.
         let mut out = vec![verdict(&with, &sound)];
         judge(None).judge(&sound, &mut out);
@@ -410,16 +382,13 @@ mod tests {
     }
 
     #[test]
-    fn conform_a_baseline_of_other_stages_or_units_is_refused() {
+    fn conform_a_baseline_of_other_stages_is_refused() {
         let mut random = Random(34);
-        let mut baseline = learned(5, 0.05, &mut random);
+        let baseline = learned(5, 0.05, &mut random);
         let make = |baseline: &Baseline, stages: &[&str]| {
             let stages = stages.iter().map(|s| (*s).to_owned()).collect();
-            Judge::new(JudgeConfig::default(), channels(), stages, Some(baseline), SignatureTable::paper())
+            Judge::new(JudgeConfig::default(), stages, Some(baseline), SignatureTable::paper())
         };
         assert!(make(&baseline, &["first"]).expect_err("other stages").to_string().contains("\"first\""));
-        baseline.runs[0].channels.get_mut("acc").expect("acc").unit = "V".into();
-        let error = make(&baseline, &["stage1"]).expect_err("other unit").to_string();
-        assert!(error.contains("m/s^2") && error.contains("in V"), "{error}");
     }
 }

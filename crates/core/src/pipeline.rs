@@ -1,7 +1,7 @@
 //! The one pipeline: daemon, command line and tests push the same packets into it and get the same results.
 //!
 //! ```text
-//! Assembler (ordered, one thread) ─► Window ─► analyse (any thread, one WorkerState each) ─► WindowAnalysis
+//! Assembler (ordered, one thread) ─► Window ─► analyse (any thread, one WorkerState each) ─► WindowAnalysis ─► judge ─► Verdict
 //! ```
 //!
 //! [`Pipeline`] is immutable and shared. [`Pipeline::analyse`] depends on the window alone, so that results are the same for any
@@ -12,16 +12,21 @@ use thiserror::Error;
 
 use crate::analysis::{SpeedOrigin, StageAnalysis, WindowAnalysis};
 use crate::assemble::Assembler;
+use crate::baseline::Baseline;
 use crate::bench::Bench;
 use crate::estimate::Estimate;
 use crate::health::instrument_state;
+use crate::judge::{Judge, JudgeConfig, JudgeError};
+use crate::rank::RankConfig;
+use crate::signature::SignatureTable;
 use crate::spectral::angle::AngleTrack;
 use crate::spectral::harmonics::KnownAngle;
 use crate::spectral::plan::{RatePlan, RateState};
 use crate::spectral::pulses_fit::{PulseFitState, fit_pulses};
 use crate::speed::{SpeedConfig, SpeedMethod};
+use crate::state::StateConfig;
 use crate::train::Train;
-use crate::verdict::InstrumentState;
+use crate::verdict::{InstrumentState, Verdict};
 use crate::window::{Window, WindowConfig};
 
 /// Everything that a user may choose about the signal path.
@@ -32,6 +37,10 @@ pub struct PipelineConfig {
     pub window: WindowConfig,
     /// How the shaft speed is found.
     pub speed: SpeedConfig,
+    /// Steps between the ranks.
+    pub rank: RankConfig,
+    /// How sure the machine's state must be.
+    pub state: StateConfig,
     /// Share of the sample rate up to which lines are believed (0–0.5). Anti-aliasing filters begin at 0.39 of the sample rate in
     /// most instruments; what lies above 0.45 is filtered in all of them.
     pub usable_band: f64,
@@ -39,7 +48,13 @@ pub struct PipelineConfig {
 
 impl Default for PipelineConfig {
     fn default() -> Self {
-        Self { window: WindowConfig::default(), speed: SpeedConfig::default(), usable_band: 0.45 }
+        Self {
+            window: WindowConfig::default(),
+            speed: SpeedConfig::default(),
+            rank: RankConfig::default(),
+            state: StateConfig::default(),
+            usable_band: 0.45,
+        }
     }
 }
 
@@ -53,6 +68,9 @@ pub enum PipelineError {
     /// Values of the configuration that are out of range.
     #[error("the configuration cannot be used: {}", .0.join("; "))]
     Config(Vec<String>),
+    /// The baseline is not of this bench.
+    #[error(transparent)]
+    Judge(#[from] JudgeError),
 }
 
 /// The immutable plan. `Send + Sync`: share it by `Arc`.
@@ -61,6 +79,7 @@ pub struct Pipeline {
     bench: Bench,
     train: Train,
     config: PipelineConfig,
+    judge: Judge,
 }
 
 /// Scratch of one worker: transforms and buffers for each sample rate that it has seen.
@@ -72,11 +91,11 @@ pub struct WorkerState {
 }
 
 impl Pipeline {
-    /// The plan for a bench.
+    /// The plan for a bench. Without a baseline every rank is unknown.
     ///
     /// # Errors
-    /// Values of bench or configuration that are out of range, all of them, each in a sentence.
-    pub fn new(bench: &Bench, config: &PipelineConfig) -> Result<Self, PipelineError> {
+    /// Values of bench or configuration that are out of range, all of them, each in a sentence; a baseline of another bench.
+    pub fn new(bench: &Bench, config: &PipelineConfig, baseline: Option<Baseline>) -> Result<Self, PipelineError> {
         let problems = bench.problems();
         if !problems.is_empty() {
             return Err(PipelineError::Bench(problems));
@@ -89,7 +108,10 @@ impl Pipeline {
         if !problems.is_empty() {
             return Err(PipelineError::Config(problems));
         }
-        Ok(Self { bench: bench.clone(), train: Train::new(bench), config: config.clone() })
+        let stages = bench.stages.iter().map(|s| s.name.clone()).collect();
+        let judging = JudgeConfig { rank: config.rank, state: config.state };
+        let judge = Judge::new(judging, stages, baseline.as_ref(), SignatureTable::paper())?;
+        Ok(Self { bench: bench.clone(), train: Train::new(bench), config: config.clone(), judge })
     }
 
     /// The bench that the plan was made for.
@@ -140,6 +162,16 @@ impl Pipeline {
         if !matches!(out.instrument, InstrumentState::NotFinite | InstrumentState::FlatLine) {
             self.analyse_lines(state, window, out);
         }
+    }
+
+    /// Compares an analysis with the baseline: one verdict a stage, in order. Pure. Verdicts already in `out` are overwritten.
+    pub fn judge(&self, analysis: &WindowAnalysis, out: &mut Vec<Verdict>) {
+        self.judge.judge(analysis, out);
+    }
+
+    /// The judge itself, which also judges averages over many windows.
+    pub fn judging(&self) -> &Judge {
+        &self.judge
     }
 
     fn analyse_lines(&self, state: &mut WorkerState, window: &Window, out: &mut WindowAnalysis) {

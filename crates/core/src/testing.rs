@@ -3,7 +3,6 @@
 use crate::analysis::{Line, SpeedOrigin, StageAnalysis, WindowAnalysis};
 use crate::block::OperatingPoint;
 use crate::estimate::Estimate;
-use crate::judge::ChannelInfo;
 use crate::verdict::HARMONICS;
 
 /// Normal numbers: splitmix64 (Steele et al. 2014) and Box–Muller.
@@ -29,12 +28,7 @@ impl Random {
 /// Samples in a window of the tests.
 pub(crate) const LENGTH: u32 = 1000;
 
-/// One channel, `acc`.
-pub(crate) fn channels() -> Vec<ChannelInfo> {
-    vec![ChannelInfo { name: "acc".into(), unit: "m/s^2".into() }]
-}
-
-/// A window of one stage with these amplitudes and floors; windows do not overlap.
+/// A window of one stage of the channel `acc` with these amplitudes and floors; windows do not overlap.
 pub(crate) fn window(
     number: u64,
     speed_hz: f64,

@@ -142,6 +142,8 @@ pub enum Reason {
     NoBaseline,
     /// The baseline does not know this channel.
     ChannelNotInBaseline,
+    /// The baseline knows this channel in another unit.
+    OtherUnit,
     /// The baseline has not seen this speed and torque (or one of them is unknown, and was known when it was learned).
     OutsideBaseline,
     /// The baseline has too few windows here to say how much a healthy machine scatters.
@@ -158,6 +160,7 @@ impl Reason {
             Self::Instrument => "instrument",
             Self::NoBaseline => "no_baseline",
             Self::ChannelNotInBaseline => "channel_not_in_baseline",
+            Self::OtherUnit => "other_unit",
             Self::OutsideBaseline => "outside_baseline",
             Self::BaselineTooSmall => "baseline_too_small",
             Self::NotResolved => "not_resolved",

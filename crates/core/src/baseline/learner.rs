@@ -1,10 +1,10 @@
 //! From windows of the normal state to runs.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use super::{BaselineConfig, FloorStatistics, LineStatistics, Run, RunChannel};
 use crate::analysis::WindowAnalysis;
-use crate::judge::ChannelInfo;
 use crate::robust;
 use crate::verdict::{HARMONICS, InstrumentState};
 
@@ -36,7 +36,8 @@ pub enum LearnError {
 
 /// One window of one channel: all that is needed of it.
 struct Row {
-    channel: usize,
+    sensor: Arc<str>,
+    unit: Arc<str>,
     first_sample_index: u64,
     samples: u32,
     speed_hz: f64,
@@ -57,16 +58,15 @@ struct Sample {
 /// Windows whose instrument is not all right are counted and left out.
 pub struct Learner {
     config: BaselineConfig,
-    channels: Vec<ChannelInfo>,
     rows: Vec<Row>,
     offered: u64,
     refused: BTreeMap<&'static str, u64>,
 }
 
 impl Learner {
-    /// For a pipeline with these channels, in its order.
-    pub fn new(config: BaselineConfig, channels: Vec<ChannelInfo>) -> Self {
-        Self { config, channels, rows: Vec::new(), offered: 0, refused: BTreeMap::new() }
+    /// Empty.
+    pub fn new(config: BaselineConfig) -> Self {
+        Self { config, rows: Vec::new(), offered: 0, refused: BTreeMap::new() }
     }
 
     /// Adds a window.
@@ -95,7 +95,8 @@ impl Learner {
         });
         let torque = window.operating_point.brake_torque_nm;
         self.rows.push(Row {
-            channel: window.channel,
+            sensor: window.sensor.clone(),
+            unit: window.unit.clone(),
             first_sample_index: window.first_sample_index,
             samples: window.samples,
             speed_hz: window.input_speed_hz.value,
@@ -121,7 +122,7 @@ impl Learner {
         }
         let mut runs = Vec::new();
         for point in operating_points(&mut self.rows, &self.config) {
-            runs.push(run(point, origin, &self.channels));
+            runs.push(run(point, origin));
         }
         Ok(runs)
     }
@@ -152,18 +153,20 @@ pub(crate) fn split<T>(mut rest: &mut [T], belongs: impl Fn(&T, &T) -> bool) -> 
     out
 }
 
-fn run(rows: &mut [Row], origin: &Origin, names: &[ChannelInfo]) -> Run {
-    rows.sort_by_key(|row| (row.channel, row.first_sample_index));
+fn run(rows: &mut [Row], origin: &Origin) -> Run {
+    rows.sort_by(|a, b| {
+        let by_channel = (&a.sensor, &a.unit).cmp(&(&b.sensor, &b.unit));
+        by_channel.then(a.first_sample_index.cmp(&b.first_sample_index))
+    });
     let count = rows.len() as f64;
     let torques: Vec<f64> = rows.iter().filter_map(|row| row.torque_nm).collect();
     let mut channels = BTreeMap::new();
-    for rows in rows.chunk_by(|a, b| a.channel == b.channel) {
-        let Some(info) = names.get(rows[0].channel) else { continue };
+    for rows in rows.chunk_by(|a, b| a.sensor == b.sensor && a.unit == b.unit) {
         let stages = rows.iter().map(|row| row.stages.len()).min().unwrap_or(0);
         channels.insert(
-            info.name.clone(),
+            rows[0].sensor.to_string(),
             RunChannel {
-                unit: info.unit.clone(),
+                unit: rows[0].unit.to_string(),
                 windows: u32::try_from(rows.len()).unwrap_or(u32::MAX),
                 stages: (0..stages)
                     .map(|stage| std::array::from_fn(|harmonic| statistics(rows, stage, harmonic)))

@@ -1,5 +1,5 @@
 use super::*;
-use crate::testing::{Random, channels, window};
+use crate::testing::{Random, window};
 
 const FLOORS: [f64; HARMONICS] = [0.01, 0.02, 0.01, 0.01, 0.02];
 
@@ -22,7 +22,7 @@ fn empty() -> Baseline {
 
 /// Runs of `count` windows at one operating point, all harmonics at `level` with a relative scatter.
 fn runs(origin: &Origin, point: (f64, f64), level: f64, scatter: f64, count: u64, random: &mut Random) -> Vec<Run> {
-    let mut learner = Learner::new(BaselineConfig::default(), channels());
+    let mut learner = Learner::new(BaselineConfig::default());
     for n in 0..count {
         let amplitudes = std::array::from_fn(|_| level * (scatter * random.normal()).exp());
         learner.push(&window(n, point.0, point.1, amplitudes, FLOORS));
@@ -40,7 +40,7 @@ fn first_line(baseline: &Baseline, speed: f64, torque: Option<f64>) -> Option<Re
 #[test]
 fn analytic_learner_survives_nine_wild_windows_of_twenty() {
     let mut random = Random(21);
-    let mut learner = Learner::new(BaselineConfig::default(), channels());
+    let mut learner = Learner::new(BaselineConfig::default());
     for n in 0..20 {
         let wild = if n % 2 == 0 && n < 18 { 10.0 } else { 1.0 };
         let amplitudes = std::array::from_fn(|_| 3.0 * wild * (0.05 * random.normal()).exp());
@@ -60,7 +60,7 @@ fn analytic_learner_survives_nine_wild_windows_of_twenty() {
 
 #[test]
 fn conform_windows_of_a_faulty_instrument_teach_nothing() {
-    let mut learner = Learner::new(BaselineConfig::default(), channels());
+    let mut learner = Learner::new(BaselineConfig::default());
     let mut bad = window(0, 30.0, 50.0, [1.0; HARMONICS], FLOORS);
     bad.instrument = crate::verdict::InstrumentState::Overload;
     learner.push(&bad);
@@ -70,14 +70,14 @@ fn conform_windows_of_a_faulty_instrument_teach_nothing() {
     assert_eq!(learner.refused().len(), 2);
     let error = learner.finish(&origin("s", "a.mcap")).expect_err("nothing learned").to_string();
     assert!(error.contains("a.mcap") && error.contains("overload 1") && error.contains("no_speed 1"), "{error}");
-    let error = Learner::new(BaselineConfig::default(), channels()).finish(&origin("s", "b")).expect_err("empty");
+    let error = Learner::new(BaselineConfig::default()).finish(&origin("s", "b")).expect_err("empty");
     assert!(error.to_string().contains("shorter than a window"), "{error}");
 }
 
 /// A recording that dwells at three operating points becomes three runs, whatever their order.
 #[test]
 fn analytic_operating_points_are_told_apart() {
-    let mut learner = Learner::new(BaselineConfig::default(), channels());
+    let mut learner = Learner::new(BaselineConfig::default());
     for n in 0..30 {
         let (speed, torque) = [(30.0, 50.0), (30.1, 100.0), (20.0, 50.2)][(n % 3) as usize];
         learner.push(&window(n, speed, torque, [speed; HARMONICS], FLOORS));
