@@ -8,11 +8,26 @@ use clap::{Args, Command};
 
 use crate::exit::Exit;
 
+mod completions;
+mod config;
 mod convert;
 mod info;
+mod list;
+mod man;
+mod replay;
+mod run;
 
 /// All commands, in the order of `gearwatch --help`.
-const COMMANDS: &[Kind] = &[kind::<info::Info>(), kind::<convert::Convert>()];
+const COMMANDS: &[Kind] = &[
+    kind::<run::RunService>(),
+    kind::<replay::Replay>(),
+    kind::<info::Info>(),
+    kind::<convert::Convert>(),
+    kind::<list::List>(),
+    kind::<config::ConfigCommand>(),
+    kind::<completions::Completions>(),
+    kind::<man::Manual>(),
+];
 
 /// A command: what the user may write, and what is then done.
 pub trait Run: Args + Send {
@@ -66,9 +81,16 @@ pub fn dispatch(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     match (kind.run)(matches) {
         Ok(exit) => ExitCode::from(exit as u8),
+        // `gearwatch list | head -1`: whoever read has all he wanted.
+        Err(error) if is_closed_pipe(&error) => ExitCode::from(Exit::Ok as u8),
         Err(error) => {
             let _ = writeln!(std::io::stderr(), "gearwatch {name}: {error:#}");
             ExitCode::from(Exit::Unknown as u8)
         }
     }
+}
+
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    let closed = |e: &std::io::Error| e.kind() == std::io::ErrorKind::BrokenPipe;
+    error.chain().any(|cause| cause.downcast_ref::<std::io::Error>().is_some_and(closed))
 }

@@ -1,7 +1,7 @@
 //! Exit codes. One meaning each, the same for all commands.
 
 /// How a command ended.
-#[expect(dead_code, reason = "diagnose, which warns, joins with the pipeline")]
+#[expect(dead_code, reason = "diagnose, which warns, joins with its command")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
@@ -13,4 +13,6 @@ pub enum Exit {
     Critical = 2,
     /// Unknown, usage error, bad input, or finished with loss.
     Unknown = 3,
+    /// The service cannot go on by itself and must be started anew (`EX_SOFTWARE`).
+    Broken = 70,
 }

@@ -3,6 +3,9 @@
 mod commands;
 mod exit;
 mod input;
+mod serve;
+mod signals;
+mod talk;
 
 use std::process::ExitCode;
 

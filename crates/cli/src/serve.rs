@@ -1,0 +1,46 @@
+//! Runs a configuration as a service: what `run` and `replay` share.
+
+use gearwatch_daemon::config::Config;
+use gearwatch_daemon::service::{Service, Summary};
+use gearwatch_daemon::stop::Stop;
+
+use crate::exit::Exit;
+use crate::{signals, talk};
+
+/// Builds and runs a configuration until its sources end or a signal comes, and says how it ended. With `ends_with_sinks` a closed
+/// pipe ends it too.
+///
+/// # Errors
+/// When it cannot be built or started.
+pub fn serve(config: Config, ends_with_sinks: bool) -> anyhow::Result<Exit> {
+    talk::start();
+    let stop = Stop::default();
+    signals::stop_on_signals(&stop)?;
+    let mut service = Service::build(config, &stop)?;
+    if ends_with_sinks {
+        service = service.ending_with_sinks();
+    }
+    let summary = service.run(&stop)?;
+    say(&summary);
+    Ok(if !summary.died.is_empty() {
+        Exit::Broken
+    } else if summary.failed.is_empty() && summary.windows_lost == 0 && summary.events_lost.is_empty() {
+        Exit::Ok
+    } else if summary.stopped && summary.failed.is_empty() {
+        // Stopped as asked; what a slow sink missed in its life was counted and told.
+        Exit::Ok
+    } else {
+        Exit::Unknown
+    })
+}
+
+fn say(summary: &Summary) {
+    for failure in &summary.died {
+        tracing::error!("{failure}: the engine cannot go on");
+    }
+    for (sink, lost) in &summary.events_lost {
+        tracing::warn!(sink, lost, "it was too slow for some of its events");
+    }
+    let how = if summary.stopped { "stopped" } else { "all sources have ended" };
+    tracing::info!(windows = summary.judged, windows_lost = summary.windows_lost, "{how}");
+}

@@ -1,0 +1,63 @@
+//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once.
+
+use gearwatch_daemon::stop::Stop;
+
+/// Gives `stop` at the first SIGINT or SIGTERM, and exits at the second with 128 + the signal's number.
+///
+/// # Errors
+/// When the system gives no thread or no signal handler.
+pub fn stop_on_signals(stop: &Stop) -> std::io::Result<()> {
+    let stop = stop.clone();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let (ready, is_ready) = std::sync::mpsc::channel();
+    std::thread::Builder::new().name("gw-signals".to_owned()).spawn(move || {
+        runtime.block_on(async {
+            let waiting = Signals::new();
+            let opened = waiting.as_ref().map(|_| ()).map_err(|e| std::io::Error::from(e.kind()));
+            let _ = ready.send(opened);
+            let Ok(mut signals) = waiting else { return };
+            let name = signals.next().await.0;
+            tracing::info!("{name}: stopping; once more to end at once");
+            stop.now();
+            let (_, number) = signals.next().await;
+            std::process::exit(128 + number);
+        });
+    })?;
+    is_ready.recv().unwrap_or(Ok(()))
+}
+
+#[cfg(unix)]
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+    }
+
+    async fn next(&mut self) -> (&'static str, i32) {
+        tokio::select! {
+            _ = self.interrupt.recv() => ("SIGINT", 2),
+            _ = self.terminate.recv() => ("SIGTERM", 15),
+        }
+    }
+}
+
+#[cfg(not(unix))]
+struct Signals;
+
+#[cfg(not(unix))]
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        Ok(Self)
+    }
+
+    async fn next(&mut self) -> (&'static str, i32) {
+        let _ = tokio::signal::ctrl_c().await;
+        ("Ctrl-C", 2)
+    }
+}

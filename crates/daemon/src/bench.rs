@@ -1,0 +1,107 @@
+//! A bench as the service watches it: bench file, baseline and pipeline, made from its configuration.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::pipeline::Pipeline;
+
+use crate::config::{BenchConfig, DEMO_BENCH};
+use crate::engine::{Criteria, Judging};
+use crate::source::SourceContext;
+use crate::stop::Stop;
+
+mod learn;
+
+pub use learn::{LearnError, learn};
+
+/// A bench with all that is needed to judge its windows.
+#[derive(Debug)]
+pub struct WatchedBench {
+    /// Name from the bench file.
+    pub name: Arc<str>,
+    /// What is known of the bench.
+    pub bench: Arc<Bench>,
+    /// The row of stages up to the lines of a window.
+    pub pipeline: Arc<Pipeline>,
+    /// From lines to ranks, with the baseline.
+    pub judging: Judging,
+}
+
+/// Why a bench cannot be watched.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The bench file.
+    #[error(transparent)]
+    File(#[from] gearwatch_io::bench_file::BenchFileError),
+    /// The baseline file.
+    #[error(transparent)]
+    Baseline(#[from] gearwatch_io::baseline_file::BaselineFileError),
+    /// Bench, pipeline and baseline do not fit.
+    #[error("bench {bench:?}: {source}")]
+    Pipeline {
+        /// Name of the bench.
+        bench: String,
+        /// What does not fit.
+        source: gearwatch_core::pipeline::PipelineError,
+    },
+    /// Bench and baseline do not fit.
+    #[error("bench {bench:?}: {source}")]
+    Judge {
+        /// Name of the bench.
+        bench: String,
+        /// What does not fit.
+        source: gearwatch_core::judge::JudgeError,
+    },
+    /// The baseline could not be learned.
+    #[error("bench {bench:?}: learn_from: {source}")]
+    Learn {
+        /// Name of the bench.
+        bench: String,
+        /// What went wrong.
+        source: LearnError,
+    },
+}
+
+/// Reads a bench file, or the built-in demonstration bench.
+///
+/// # Errors
+/// When it cannot be read or its values cannot be right.
+pub fn read_bench(path: Option<&Path>) -> Result<Bench, BenchError> {
+    Ok(match path {
+        Some(path) => gearwatch_io::bench_file::read(path)?,
+        None => gearwatch_io::bench_file::parse(DEMO_BENCH, Path::new("the built-in demonstration bench"))?,
+    })
+}
+
+impl WatchedBench {
+    /// Reads bench file and baseline, learns where that is asked for, and plans the pipeline.
+    ///
+    /// # Errors
+    /// When a file cannot be used, or bench, pipeline and baseline do not fit each other.
+    pub fn build(config: &BenchConfig, folder: &Path, stop: &Stop) -> Result<Self, BenchError> {
+        let file: Option<PathBuf> = config.file.as_ref().map(|path| folder.join(path));
+        let bench = Arc::new(read_bench(file.as_deref())?);
+        let window_s = config.pipeline.window.length_s;
+        let pipeline = Pipeline::new(&bench, &config.pipeline)
+            .map_err(|source| BenchError::Pipeline { bench: bench.name.clone(), source })?;
+        let mut baseline = match &config.baseline {
+            Some(path) => Some(gearwatch_io::baseline_file::read_for(&folder.join(path), &bench, window_s)?),
+            None => None,
+        };
+        if let Some(entry) = &config.learn_from {
+            tracing::info!(bench = bench.name, source = entry.name, "learning the baseline");
+            let context = SourceContext { bench: bench.clone(), folder: folder.to_owned(), stop: stop.clone() };
+            let learned = learn(entry, &context, &pipeline, window_s)
+                .map_err(|source| BenchError::Learn { bench: bench.name.clone(), source })?;
+            baseline = Some(learned);
+        }
+        if baseline.is_none() {
+            tracing::warn!(bench = bench.name, "there is no baseline: every rank will be unknown");
+        }
+        let stages = bench.stages.iter().map(|stage| stage.name.clone()).collect();
+        let judging = Judging::new(Criteria { config: config.judge, stages, baseline: baseline.map(Arc::new) })
+            .map_err(|source| BenchError::Judge { bench: bench.name.clone(), source })?;
+        Ok(Self { name: bench.name.as_str().into(), pipeline: Arc::new(pipeline), judging, bench })
+    }
+}

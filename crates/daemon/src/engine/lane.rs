@@ -1,0 +1,378 @@
+//! One bench's way through the engine: windows are cut on one thread, judged in order on another, worked on by the pool in between.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use gearwatch_core::analysis::WindowAnalysis;
+use gearwatch_core::assemble::{Assembler, Counters, Gap};
+use gearwatch_core::block::Packet;
+use gearwatch_core::judge::JudgeError;
+use gearwatch_core::pipeline::Pipeline;
+use gearwatch_core::verdict::Verdict;
+use gearwatch_core::window::Window;
+
+use super::judging::Judging;
+use super::pool::{Done, Job, Pool, Way};
+use crate::queue::Inlet;
+
+/// What happens when all carriers are under way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overloaded {
+    /// Cutting waits, and with it the sources.
+    Wait,
+    /// Whole windows are shed and counted.
+    Shed,
+}
+
+/// Consecutive windows of one channel that nobody had time for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shed {
+    /// Sensor name.
+    pub sensor: Arc<str>,
+    /// Number of the first window that was shed.
+    pub first_window: u64,
+    /// Number of the last one.
+    pub last_window: u64,
+}
+
+/// What a lane tells. The order is that of the windows, whatever the number of workers.
+#[derive(Debug)]
+pub enum Told<'a> {
+    /// A verdict.
+    Verdict(&'a Verdict),
+    /// Samples are missing, or do not follow each other.
+    Gap(&'a Gap),
+    /// Windows were shed.
+    Shed(&'a Shed),
+    /// A worker panicked at this window; it has no verdict.
+    Failed {
+        /// Sensor name.
+        sensor: &'a str,
+        /// Number of the window.
+        window: u64,
+    },
+    /// A channel does not fit the baseline: its ranks are unknown. Told at its first window.
+    Unfit(&'a JudgeError),
+}
+
+/// What went through a lane. `cut = judged + failed + shed + under way`.
+#[derive(Debug, Default)]
+pub struct LaneCounters {
+    packets: AtomicU64,
+    cut: AtomicU64,
+    judged: AtomicU64,
+    failed: AtomicU64,
+    shed: AtomicU64,
+    verdicts: AtomicU64,
+    samples: Mutex<Counters>,
+}
+
+impl LaneCounters {
+    /// Packets taken in.
+    pub fn packets(&self) -> u64 {
+        self.packets.load(Ordering::Relaxed)
+    }
+
+    /// Windows cut.
+    pub fn cut(&self) -> u64 {
+        self.cut.load(Ordering::Relaxed)
+    }
+
+    /// Windows judged.
+    pub fn judged(&self) -> u64 {
+        self.judged.load(Ordering::Relaxed)
+    }
+
+    /// Windows at which a worker panicked.
+    pub fn failed(&self) -> u64 {
+        self.failed.load(Ordering::Relaxed)
+    }
+
+    /// Windows shed because the workers were too slow.
+    pub fn shed(&self) -> u64 {
+        self.shed.load(Ordering::Relaxed)
+    }
+
+    /// Verdicts given.
+    pub fn verdicts(&self) -> u64 {
+        self.verdicts.load(Ordering::Relaxed)
+    }
+
+    /// What happened to the samples.
+    pub fn samples(&self) -> Counters {
+        // A copy that is replaced whole is never half written.
+        *self.samples.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What a lane is made from.
+#[derive(Debug)]
+pub struct Lane {
+    /// The row of stages up to the lines of a window.
+    pub pipeline: Arc<Pipeline>,
+    /// From lines to ranks.
+    pub judging: Judging,
+    /// When all carriers are under way.
+    pub overloaded: Overloaded,
+    /// Carriers per worker (at least 1).
+    pub windows_per_worker: usize,
+}
+
+/// A running lane. It ends when its packets end and all windows are judged.
+#[derive(Debug)]
+pub struct LaneHandle {
+    counters: Arc<LaneCounters>,
+    cut: JoinHandle<()>,
+    rank: JoinHandle<()>,
+}
+
+/// A thread of a lane panicked: what it held is lost, and the lane cannot go on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the thread {thread} panicked")]
+pub struct LaneDied {
+    /// Name of the thread.
+    pub thread: &'static str,
+}
+
+impl LaneHandle {
+    /// What went through it so far.
+    pub fn counters(&self) -> &Arc<LaneCounters> {
+        &self.counters
+    }
+
+    /// Both threads have ended.
+    pub fn is_finished(&self) -> bool {
+        self.cut.is_finished() && self.rank.is_finished()
+    }
+
+    /// Either thread has ended by a panic.
+    pub fn has_died(&self) -> bool {
+        // The judging thread ends after the cutting thread, unless one of them panicked.
+        self.rank.is_finished() && !self.cut.is_finished()
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Errors
+    /// When one of its threads panicked.
+    pub fn join(self) -> Result<(), LaneDied> {
+        self.cut.join().map_err(|_| LaneDied { thread: "gw-cut" })?;
+        self.rank.join().map_err(|_| LaneDied { thread: "gw-rank" })
+    }
+}
+
+impl Lane {
+    /// Starts the lane's two threads. `tell` is called on the judging thread.
+    ///
+    /// # Errors
+    /// When the system does not give a thread.
+    pub fn start(
+        self,
+        pool: &Pool,
+        packets: Inlet<Packet>,
+        tell: impl FnMut(Told<'_>) + Send + 'static,
+    ) -> std::io::Result<LaneHandle> {
+        let counters = Arc::new(LaneCounters::default());
+        let (done, finished) = async_channel::unbounded();
+        let way = Arc::new(Way { pipeline: self.pipeline, done });
+        let carriers = self.windows_per_worker.max(1) * pool.workers() + 1;
+        let (back, free) = async_channel::bounded(carriers);
+        for _ in 0..carriers {
+            let empty = Job {
+                way: way.clone(),
+                seq: 0,
+                window: None,
+                analysis: WindowAnalysis::empty(),
+                failed: false,
+                shed: Vec::new(),
+                gaps: Vec::new(),
+            };
+            // There is room for all of them.
+            let _ = back.try_send(empty);
+        }
+        let cutter = Cutter {
+            jobs: pool.jobs(),
+            free,
+            overloaded: self.overloaded,
+            counters: counters.clone(),
+            way: way.clone(),
+            seq: 0,
+            shed: Vec::new(),
+            gaps: Vec::new(),
+            returned: Vec::new(),
+        };
+        let ranker =
+            Ranker { counters: counters.clone(), judging: self.judging, back, next: 0, waiting: VecDeque::new() };
+        let cut = std::thread::Builder::new().name("gw-cut".to_owned()).spawn(move || cutter.run(&packets))?;
+        let rank = std::thread::Builder::new().name("gw-rank".to_owned()).spawn(move || ranker.run(&finished, tell))?;
+        Ok(LaneHandle { counters, cut, rank })
+    }
+}
+
+/// The thread that cuts windows.
+struct Cutter {
+    jobs: async_channel::Sender<Job>,
+    free: async_channel::Receiver<Job>,
+    overloaded: Overloaded,
+    counters: Arc<LaneCounters>,
+    way: Arc<Way>,
+    seq: u64,
+    shed: Vec<Shed>,
+    gaps: Vec<Gap>,
+    returned: Vec<Window>,
+}
+
+/// The other threads of the lane have gone.
+struct Gone;
+
+impl Cutter {
+    fn run(mut self, packets: &Inlet<Packet>) {
+        // However this thread ends, the judging thread is told that no more comes.
+        let ended = catch_unwind(AssertUnwindSafe(|| self.cut(packets)));
+        let _ = self.way.done.send_blocking(Done::End { jobs: self.seq, shed: self.shed, gaps: self.gaps });
+        if let Err(panic) = ended {
+            resume_unwind(panic);
+        }
+    }
+
+    fn cut(&mut self, packets: &Inlet<Packet>) -> Result<(), Gone> {
+        let mut assembler = self.way.pipeline.assembler();
+        while let Ok(packet) = packets.recv_blocking() {
+            self.counters.packets.fetch_add(1, Ordering::Relaxed);
+            self.step(&mut assembler, |assembler, emit| assembler.push(&packet, emit))?;
+        }
+        self.step(&mut assembler, Assembler::finish)
+    }
+
+    fn step(
+        &mut self,
+        assembler: &mut Assembler,
+        push: impl FnOnce(&mut Assembler, &mut dyn FnMut(Window)),
+    ) -> Result<(), Gone> {
+        let mut result = Ok(());
+        push(assembler, &mut |window| {
+            if result.is_ok() {
+                result = self.dispatch(window);
+            }
+        });
+        self.gaps.extend(assembler.take_gaps());
+        for window in self.returned.drain(..) {
+            assembler.recycle(window);
+        }
+        *self.counters.samples.lock().unwrap_or_else(PoisonError::into_inner) = *assembler.counters();
+        result
+    }
+
+    /// Gives a window to the workers, or sheds it.
+    fn dispatch(&mut self, window: Window) -> Result<(), Gone> {
+        self.counters.cut.fetch_add(1, Ordering::Relaxed);
+        let mut job = match self.overloaded {
+            Overloaded::Wait => self.free.recv_blocking().map_err(|_| Gone)?,
+            Overloaded::Shed => match self.free.try_recv() {
+                Ok(job) => job,
+                Err(async_channel::TryRecvError::Closed) => return Err(Gone),
+                Err(async_channel::TryRecvError::Empty) => {
+                    self.shed(window);
+                    return Ok(());
+                }
+            },
+        };
+        self.returned.extend(job.window.replace(window));
+        job.seq = self.seq;
+        self.seq += 1;
+        job.failed = false;
+        // What was shed or missing before this window is told before its verdict.
+        std::mem::swap(&mut job.shed, &mut self.shed);
+        std::mem::swap(&mut job.gaps, &mut self.gaps);
+        self.jobs.send_blocking(job).map_err(|_| Gone)
+    }
+
+    fn shed(&mut self, window: Window) {
+        self.counters.shed.fetch_add(1, Ordering::Relaxed);
+        match self.shed.iter_mut().find(|run| run.sensor == window.sensor && run.last_window + 1 == window.number) {
+            Some(run) => run.last_window = window.number,
+            None => self.shed.push(Shed {
+                sensor: window.sensor.clone(),
+                first_window: window.number,
+                last_window: window.number,
+            }),
+        }
+        self.returned.push(window);
+    }
+}
+
+/// The thread that judges.
+struct Ranker {
+    counters: Arc<LaneCounters>,
+    judging: Judging,
+    back: async_channel::Sender<Job>,
+    next: u64,
+    /// `waiting[i]` is job `next + i`, where it has come.
+    waiting: VecDeque<Option<Job>>,
+}
+
+impl Ranker {
+    fn run(mut self, finished: &async_channel::Receiver<Done>, mut tell: impl FnMut(Told<'_>)) {
+        let mut verdicts = Vec::new();
+        let mut end = None;
+        while end.as_ref().is_none_or(|&(jobs, _, _)| jobs > self.next) {
+            match finished.recv_blocking() {
+                Ok(Done::Job(job)) => self.keep(job),
+                Ok(Done::End { jobs, shed, gaps }) => end = Some((jobs, shed, gaps)),
+                Err(_) => return,
+            }
+            while let Some(mut job) = self.waiting.front_mut().and_then(Option::take) {
+                self.waiting.pop_front();
+                self.next += 1;
+                self.judge(&mut job, &mut verdicts, &mut tell);
+                // The cutting thread may have ended.
+                let _ = self.back.try_send(job);
+            }
+        }
+        if let Some((_, shed, gaps)) = end {
+            tell_losses(&shed, &gaps, &mut tell);
+        }
+    }
+
+    /// Puts a job to where its turn is. There are never more than there are carriers.
+    fn keep(&mut self, job: Job) {
+        let at = usize::try_from(job.seq.saturating_sub(self.next)).unwrap_or(usize::MAX);
+        while self.waiting.len() <= at {
+            self.waiting.push_back(None);
+        }
+        self.waiting[at] = Some(job);
+    }
+
+    fn judge(&mut self, job: &mut Job, verdicts: &mut Vec<Verdict>, tell: &mut impl FnMut(Told<'_>)) {
+        tell_losses(&job.shed, &job.gaps, tell);
+        job.shed.clear();
+        job.gaps.clear();
+        if job.failed {
+            self.counters.failed.fetch_add(1, Ordering::Relaxed);
+            if let Some(window) = &job.window {
+                tell(Told::Failed { sensor: &window.sensor, window: window.number });
+            }
+            return;
+        }
+        if let Err(error) = self.judging.judge(&job.analysis, verdicts) {
+            tell(Told::Unfit(&error));
+        }
+        for verdict in verdicts.iter() {
+            tell(Told::Verdict(verdict));
+        }
+        self.counters.judged.fetch_add(1, Ordering::Relaxed);
+        self.counters.verdicts.fetch_add(verdicts.len() as u64, Ordering::Relaxed);
+    }
+}
+
+fn tell_losses(shed: &[Shed], gaps: &[Gap], tell: &mut impl FnMut(Told<'_>)) {
+    for gap in gaps {
+        tell(Told::Gap(gap));
+    }
+    for shed in shed {
+        tell(Told::Shed(shed));
+    }
+}

@@ -1,0 +1,103 @@
+//! Runs one sink: hands it its queue, opens it again after an error, disables it when its reader has gone.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use tokio::runtime::Handle;
+
+use super::backoff::Backoff;
+use crate::config::SinkEntry;
+use crate::event::Event;
+use crate::queue::QueueCounters;
+use crate::sink::{Drain, Events, SinkContext, SinkError};
+
+/// How a sink is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SinkState {
+    /// Takes what comes.
+    Running,
+    /// Failed, and is tried again after a while.
+    Waiting {
+        /// What went wrong.
+        error: String,
+    },
+    /// Its reader has gone; what it would have got is counted as dropped.
+    Disabled,
+    /// Has written all it got.
+    Ended,
+}
+
+/// What is known of a running sink.
+#[derive(Debug)]
+pub struct SinkMonitor {
+    /// Its name.
+    pub name: String,
+    /// What it was offered, and what it missed.
+    pub counters: Arc<QueueCounters>,
+    state: Mutex<SinkState>,
+}
+
+impl SinkMonitor {
+    pub(super) fn new(name: &str, counters: Arc<QueueCounters>) -> Self {
+        Self { name: name.to_owned(), counters, state: Mutex::new(SinkState::Running) }
+    }
+
+    /// How it is.
+    pub fn state(&self) -> SinkState {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, state: SinkState) {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
+    }
+}
+
+/// A sink's life, on a thread of its own. It was opened already for the first time.
+pub(super) fn drain(
+    entry: &SinkEntry,
+    first: Drain,
+    context: &SinkContext,
+    events: &Events,
+    monitor: &SinkMonitor,
+    runtime: &Handle,
+) {
+    let mut backoff = Backoff::default();
+    let mut opened = Some(first);
+    loop {
+        let began = Instant::now();
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            let drain = opened.take().map_or_else(|| entry.config.open(context), Ok)?;
+            monitor.set(SinkState::Running);
+            match drain {
+                Drain::Thread(run) => run(events.clone()),
+                Drain::Task(run) => runtime.block_on(run(events.clone())),
+            }
+        }));
+        let error = match result {
+            Ok(Ok(())) => return monitor.set(SinkState::Ended),
+            Ok(Err(SinkError::ReaderGone)) => {
+                tracing::warn!(sink = entry.name, "its reader has gone; it is disabled, and what it misses is counted");
+                events.close();
+                forget(events, monitor);
+                return monitor.set(SinkState::Disabled);
+            }
+            Ok(Err(e)) => e.to_string(),
+            Err(_) => "its code panicked".to_owned(),
+        };
+        let wait = backoff.next_wait(began);
+        tracing::error!(sink = entry.name, "{error}; next try in {wait:.1?}");
+        monitor.set(SinkState::Waiting { error });
+        if !context.stop.sleep(wait) {
+            return monitor.set(SinkState::Ended);
+        }
+    }
+}
+
+/// What was waiting for a sink that is gone is lost too.
+fn forget(events: &Events, monitor: &SinkMonitor) {
+    while let Ok(event) = events.try_recv() {
+        let _: Arc<Event> = event;
+        monitor.counters.count_dropped();
+    }
+}

@@ -1,0 +1,167 @@
+//! Runs one source: opens it, pumps its packets into the bench's queue, opens a live one again after an error.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use gearwatch_core::block::Packet;
+use tokio::runtime::Handle;
+
+use super::backoff::Backoff;
+use crate::config::SourceEntry;
+use crate::queue::{Closed, Outlet};
+use crate::source::{Feed, Pull, SourceContext, SourceError};
+
+/// How a source is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SourceState {
+    /// Being opened.
+    Opening,
+    /// Delivers.
+    Running,
+    /// Failed, and is tried again after a while.
+    Waiting {
+        /// What went wrong.
+        error: String,
+    },
+    /// Came to its end.
+    Ended,
+    /// Failed for good.
+    Failed {
+        /// What went wrong.
+        error: String,
+    },
+}
+
+/// What is known of a running source.
+#[derive(Debug)]
+pub struct SourceMonitor {
+    /// Its name.
+    pub name: String,
+    /// Packets it delivered.
+    pub packets: AtomicU64,
+    /// How often it was opened.
+    pub opened: AtomicU64,
+    state: Mutex<SourceState>,
+    heard: Mutex<Instant>,
+}
+
+impl SourceMonitor {
+    pub(super) fn new(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            packets: AtomicU64::new(0),
+            opened: AtomicU64::new(0),
+            state: Mutex::new(SourceState::Opening),
+            heard: Mutex::new(Instant::now()),
+        }
+    }
+
+    /// How it is.
+    pub fn state(&self) -> SourceState {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Its last packet came then; before the first, when it was started.
+    pub fn heard(&self) -> Instant {
+        *self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, state: SourceState) {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
+    }
+
+    pub(crate) fn count(&self) {
+        self.packets.fetch_add(1, Ordering::Relaxed);
+        *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+    }
+}
+
+/// Why pumping came to an end.
+enum End {
+    /// The source has no more.
+    Ended,
+    /// The service stops.
+    Stopped,
+    /// The source failed.
+    Failed(String),
+}
+
+/// A source's life, on a thread of its own.
+pub(super) fn feed(
+    entry: &SourceEntry,
+    context: &SourceContext,
+    outlet: &Outlet<Packet>,
+    monitor: &Arc<SourceMonitor>,
+    runtime: &Handle,
+) {
+    let mut backoff = Backoff::default();
+    loop {
+        let began = Instant::now();
+        monitor.set(SourceState::Opening);
+        monitor.opened.fetch_add(1, Ordering::Relaxed);
+        let end = catch_unwind(AssertUnwindSafe(|| feed_once(entry, context, outlet, monitor, runtime)))
+            .unwrap_or_else(|_| End::Failed("its code panicked".to_owned()));
+        match end {
+            End::Ended | End::Stopped => return monitor.set(SourceState::Ended),
+            End::Failed(error) if entry.config.is_live() => {
+                let wait = backoff.next_wait(began);
+                tracing::warn!(source = entry.name, bench = context.bench.name, "{error}; next try in {wait:.1?}");
+                monitor.set(SourceState::Waiting { error });
+                if !context.stop.sleep(wait) {
+                    return monitor.set(SourceState::Ended);
+                }
+            }
+            End::Failed(error) => {
+                tracing::error!(source = entry.name, bench = context.bench.name, "{error}");
+                return monitor.set(SourceState::Failed { error });
+            }
+        }
+    }
+}
+
+fn feed_once(
+    entry: &SourceEntry,
+    context: &SourceContext,
+    outlet: &Outlet<Packet>,
+    monitor: &Arc<SourceMonitor>,
+    runtime: &Handle,
+) -> End {
+    let feed = match entry.config.open(context) {
+        Ok(feed) => feed,
+        Err(e) => return End::Failed(e.to_string()),
+    };
+    monitor.set(SourceState::Running);
+    let result = match feed {
+        Feed::Pull(pull) => pump(pull, context, outlet, monitor),
+        Feed::Push(push) => runtime.block_on(async {
+            // The source's own end of the queue counts its packets; what it was just reading when the service stops is not waited for.
+            tokio::select! {
+                result = push(crate::source::Sender::new(outlet.clone(), monitor.clone())) => result,
+                () = context.stop.given() => Ok(()),
+            }
+        }),
+    };
+    match result {
+        Ok(()) if context.stop.is_given() => End::Stopped,
+        Ok(()) => End::Ended,
+        Err(e) => End::Failed(e.to_string()),
+    }
+}
+
+fn pump(
+    mut pull: Pull,
+    context: &SourceContext,
+    outlet: &Outlet<Packet>,
+    monitor: &SourceMonitor,
+) -> Result<(), SourceError> {
+    while !context.stop.is_given() {
+        let Some(packet) = pull()? else { break };
+        monitor.count();
+        if let Err(Closed) = outlet.put_blocking(packet) {
+            break;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,96 @@
+//! Sinks: where verdicts go. One file a kind, one line in [`KINDS`].
+//!
+//! # Adding a sink
+//! 1. A file in `sink/` with a struct for its TOML keys (`Serialize`, `Deserialize`, `JsonSchema`, `deny_unknown_fields`) that
+//!    implements [`SinkConfig`], and a `pub(super) const KIND`.
+//! 2. One line in [`KINDS`].
+//!
+//! Every sink has a bounded queue of its own and runs apart from all others: one that is slow or gone costs nobody else anything,
+//! and what it misses is counted. A sink that blocks (files, pipes) returns [`Drain::Thread`], one with a socket [`Drain::Task`].
+//! A verdict whose rank is unknown must stay recognisable as such in whatever the sink writes: never as rank 0, never as normal.
+
+use std::future::Future;
+use std::path::PathBuf;
+use std::pin::Pin;
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::event::Event;
+use crate::kinds::{Kind, read_keys};
+use crate::queue::Inlet;
+use crate::stop::Stop;
+
+mod stdout;
+
+/// All kinds of sinks.
+pub const KINDS: &[Kind<dyn SinkConfig>] = &[stdout::KIND];
+
+/// A line of [`KINDS`].
+const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SinkConfig>
+where
+    T: SinkConfig + DeserializeOwned + Serialize + JsonSchema + 'static,
+{
+    Kind::new::<T>(name, help, example, |keys| {
+        let (config, shown) = read_keys::<T>(keys)?;
+        Ok((Box::new(config), shown))
+    })
+}
+
+/// What a sink may know of the service.
+#[derive(Clone, Debug)]
+pub struct SinkContext {
+    /// Relative paths start here: the folder of the configuration file.
+    pub folder: PathBuf,
+    /// Given when the service ends at once; before that the queue is closed, and what is in it may still be written.
+    pub stop: Stop,
+}
+
+/// Events for one sink; closed when there will be no more.
+pub type Events = Inlet<Arc<Event>>;
+
+/// Takes events on a thread of its own until there are no more.
+pub type OnThread = Box<dyn FnOnce(Events) -> Result<(), SinkError> + Send>;
+
+/// Takes events in a task until there are no more.
+pub type InTask = Box<dyn FnOnce(Events) -> Pin<Box<dyn Future<Output = Result<(), SinkError>> + Send>> + Send>;
+
+/// An opened sink.
+pub enum Drain {
+    /// May block.
+    Thread(OnThread),
+    /// Must not block.
+    Task(InTask),
+}
+
+/// Why a sink cannot be opened or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SinkError {
+    /// Whoever read has gone: no fault, and nothing more to do.
+    #[error("the reader has gone")]
+    ReaderGone,
+    /// A file, pipe or socket failed.
+    #[error("{place}: {source}")]
+    Io {
+        /// File name, address or `stdout`.
+        place: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// A sink as configured: checked without touching the world, then opened.
+pub trait SinkConfig: std::fmt::Debug + Send + Sync {
+    /// What is wrong with the values, one sentence each; opens nothing.
+    fn problems(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Opens it.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    fn open(&self, context: &SinkContext) -> Result<Drain, SinkError>;
+}

@@ -1,0 +1,156 @@
+//! Sources: where packets come from. One file a kind, one line in [`KINDS`].
+//!
+//! # Adding a source
+//! 1. A file in `source/` with a struct for its TOML keys (`Deserialize`, `JsonSchema`, `deny_unknown_fields`) that
+//!    implements [`SourceConfig`], and a `pub(super) const KIND`.
+//! 2. One line in [`KINDS`].
+//!
+//! Parsing, `gearwatch list`, the schema, supervision, reconnects, counters and the conformance tests follow from the
+//! table. A source that is pulled (a file, the simulator) returns [`Feed::Pull`] and gets a thread of its own. A source
+//! with a socket returns [`Feed::Push`]: a future that owns its socket, puts packets into the outlet, and ends with an error
+//! when the connection is lost; it is then opened again after a while. Whatever is missing is told by a jump of
+//! `first_sample_index` or by [`Quality::GAP_BEFORE`](gearwatch_core::block::Quality::GAP_BEFORE), never silently closed up.
+
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::sync::Arc;
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::block::Packet;
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::kinds::{Kind, read_keys};
+use crate::queue::{Closed, Outlet};
+use crate::service::SourceMonitor;
+use crate::stop::Stop;
+
+mod file;
+mod framing;
+mod growing_file;
+mod pace;
+mod pipe;
+mod test_signal;
+
+pub(crate) use pace::Pacer;
+pub use pace::Speed;
+
+/// All kinds of sources.
+pub const KINDS: &[Kind<dyn SourceConfig>] = &[test_signal::KIND, file::KIND, pipe::KIND, growing_file::KIND];
+
+/// A line of [`KINDS`].
+const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SourceConfig>
+where
+    T: SourceConfig + DeserializeOwned + Serialize + JsonSchema + 'static,
+{
+    Kind::new::<T>(name, help, example, |keys| {
+        let (config, shown) = read_keys::<T>(keys)?;
+        Ok((Box::new(config), shown))
+    })
+}
+
+/// What a source may know of the bench that it feeds.
+#[derive(Clone, Debug)]
+pub struct SourceContext {
+    /// The bench.
+    pub bench: Arc<Bench>,
+    /// Relative paths start here: the folder of the configuration file.
+    pub folder: PathBuf,
+    /// Ends waiting.
+    pub stop: Stop,
+}
+
+impl SourceContext {
+    /// A path of the configuration, seen from where the service runs.
+    pub fn resolve(&self, path: &Path) -> PathBuf {
+        self.folder.join(path)
+    }
+}
+
+/// Pulls the next packet; `None` at the end.
+pub type Pull = Box<dyn FnMut() -> Result<Option<Packet>, SourceError> + Send>;
+
+/// Where a source with a socket puts its packets.
+#[derive(Clone, Debug)]
+pub struct Sender {
+    outlet: Outlet<Packet>,
+    monitor: Arc<SourceMonitor>,
+}
+
+impl Sender {
+    pub(crate) fn new(outlet: Outlet<Packet>, monitor: Arc<SourceMonitor>) -> Self {
+        Self { outlet, monitor }
+    }
+
+    /// Hands a packet over; never waits for long, since a live source is not held up.
+    ///
+    /// # Errors
+    /// When the service stops: the source returns then.
+    pub async fn send(&self, packet: Packet) -> Result<(), Closed> {
+        self.monitor.count();
+        self.outlet.put(packet).await
+    }
+}
+
+/// Pushes packets until it ends.
+pub type Push = Box<dyn FnOnce(Sender) -> Pin<Box<dyn Future<Output = Result<(), SourceError>> + Send>> + Send>;
+
+/// An opened source.
+pub enum Feed {
+    /// Called again and again on a thread of its own.
+    Pull(Pull),
+    /// Run as a task.
+    Push(Push),
+}
+
+/// Why a source cannot be opened or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A file, pipe or device failed.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// What was read makes no sense.
+    #[error("{}: {place}: expected {expected}, found {found}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// Line, byte or record.
+        place: String,
+        /// What would be right.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// A reader's own error, which names file and place.
+    #[error(transparent)]
+    Reader(Box<dyn std::error::Error + Send + Sync>),
+    /// Source and bench do not fit.
+    #[error("{0}")]
+    Bench(String),
+}
+
+/// A source as configured: checked without touching the world, then opened, perhaps many times.
+pub trait SourceConfig: std::fmt::Debug + Send + Sync {
+    /// What is wrong with the values, one sentence each; opens nothing.
+    fn problems(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Time goes on whether or not anybody listens. A live source is never held up: under overload whole windows are shed and
+    /// counted, and it is opened again after an error. One that is not live waits, loses nothing, and ends at its first error.
+    fn is_live(&self) -> bool;
+
+    /// Opens it; called again after an error of a live source.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    fn open(&self, context: &SourceContext) -> Result<Feed, SourceError>;
+}

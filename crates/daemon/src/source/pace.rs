@@ -1,0 +1,123 @@
+//! Holds packets back until they are due.
+
+use std::time::{Duration, Instant};
+
+use gearwatch_core::block::{Packet, UnixNanos};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::stop::Stop;
+
+/// How fast recorded time goes by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(try_from = "Written", into = "Written")]
+#[schemars(with = "Written")]
+pub enum Speed {
+    /// As fast as the machine can.
+    #[default]
+    Max,
+    /// Seconds of recording per second.
+    Times(f64),
+}
+
+/// A speed as it stands in the configuration.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+enum Written {
+    /// `"max"`.
+    Word(String),
+    /// Seconds of recording per second (> 0).
+    Times(f64),
+}
+
+impl TryFrom<Written> for Speed {
+    type Error = String;
+
+    fn try_from(written: Written) -> Result<Self, String> {
+        match written {
+            Written::Times(times) => Ok(Self::Times(times)),
+            Written::Word(word) if word == "max" => Ok(Self::Max),
+            Written::Word(word) => Err(format!("speed is {word:?}; expected \"max\" or a number")),
+        }
+    }
+}
+
+impl From<Speed> for Written {
+    fn from(speed: Speed) -> Self {
+        match speed {
+            Speed::Max => Self::Word("max".to_owned()),
+            Speed::Times(times) => Self::Times(times),
+        }
+    }
+}
+
+impl Speed {
+    /// What is wrong with it.
+    pub(crate) fn problem(self) -> Option<String> {
+        match self {
+            Self::Times(times) if !(times.is_finite() && times > 0.0) => {
+                Some(format!("speed is {times}; it must be \"max\" or a number above 0, 1 being real time"))
+            }
+            _ => None,
+        }
+    }
+}
+
+impl std::str::FromStr for Speed {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "max" {
+            return Ok(Self::Max);
+        }
+        let times = text.parse().map_err(|_| format!("expected max or a number, found {text:?}"))?;
+        let speed = Self::Times(times);
+        speed.problem().map_or(Ok(speed), Err)
+    }
+}
+
+/// Waits in a thread until a packet's last sample is due.
+#[derive(Debug)]
+pub(crate) struct Pacer {
+    speed: Speed,
+    stop: Stop,
+    start: Option<(Instant, UnixNanos)>,
+}
+
+impl Pacer {
+    pub(crate) fn new(speed: Speed, stop: Stop) -> Self {
+        Self { speed, stop, start: None }
+    }
+
+    /// Returns when the packet is due; `false` when asked to stop meanwhile.
+    pub(crate) fn wait_for(&mut self, packet: &Packet) -> bool {
+        let Speed::Times(times) = self.speed else { return !self.stop.is_given() };
+        let (begin, length_secs) = match packet {
+            Packet::Vibration(block) => (block.t0, block.samples.len() as f64 / block.sample_rate_hz),
+            Packet::Tacho(block) => (block.t0, 0.0),
+            Packet::OperatingPoint(point) => (point.t, 0.0),
+        };
+        let &mut (start, first) = self.start.get_or_insert_with(|| (Instant::now(), begin));
+        let recorded_secs = begin.saturating_sub(first).max(0) as f64 * 1e-9 + length_secs;
+        // A damaged time stamp must not hold a replay up for years.
+        let due = Duration::try_from_secs_f64(recorded_secs / times).unwrap_or_default();
+        self.stop.sleep((start + due).saturating_duration_since(Instant::now()).min(LONGEST_WAIT))
+    }
+}
+
+/// A jump of the recording's clock beyond this is passed over (an hour).
+const LONGEST_WAIT: Duration = Duration::from_secs(3600);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conform_speed_is_max_or_a_positive_number() {
+        assert_eq!("max".parse(), Ok(Speed::Max));
+        assert_eq!("1".parse(), Ok(Speed::Times(1.0)));
+        for bad in ["0", "-1", "nan", "inf", "fast", ""] {
+            assert!(bad.parse::<Speed>().is_err(), "{bad}");
+        }
+    }
+}
