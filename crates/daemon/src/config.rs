@@ -405,7 +405,7 @@ impl BenchConfig {
             if !names.insert(&source.name) {
                 out.push(format!("two sources are called {:?}; give one another name", source.name));
             }
-            if !(source.data_deadline_secs > 0.0) {
+            if source.data_deadline_secs.is_nan() || source.data_deadline_secs <= 0.0 {
                 out.push(format!(
                     "source {:?}: data_deadline_secs is {}; it must be above 0",
                     source.name, source.data_deadline_secs

@@ -37,7 +37,7 @@ const LOAD_PERIOD: Duration = Duration::from_secs(1);
 pub enum ServiceError {
     /// A bench.
     #[error(transparent)]
-    Bench(#[from] BenchError),
+    Bench(Box<BenchError>),
     /// A sink cannot be opened.
     #[error("sink {name:?}: {source}")]
     Sink {
@@ -86,7 +86,8 @@ impl Service {
             .benches
             .iter()
             .map(|bench| WatchedBench::build(bench, &config.folder, stop))
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<_, _>>()
+            .map_err(|e| ServiceError::Bench(Box::new(e)))?;
         Ok(Self { config, benches, ends_with_sinks: false })
     }
 

@@ -181,7 +181,7 @@ impl Lane {
         let carriers = self.windows_per_worker.max(1) * pool.workers() + 1;
         let (back, free) = async_channel::bounded(carriers);
         for _ in 0..carriers {
-            let empty = Job {
+            let empty = Box::new(Job {
                 way: way.clone(),
                 seq: 0,
                 window: None,
@@ -189,7 +189,7 @@ impl Lane {
                 failed: false,
                 shed: Vec::new(),
                 gaps: Vec::new(),
-            };
+            });
             // There is room for all of them.
             let _ = back.try_send(empty);
         }
@@ -214,8 +214,8 @@ impl Lane {
 
 /// The thread that cuts windows.
 struct Cutter {
-    jobs: async_channel::Sender<Job>,
-    free: async_channel::Receiver<Job>,
+    jobs: async_channel::Sender<Box<Job>>,
+    free: async_channel::Receiver<Box<Job>>,
     overloaded: Overloaded,
     counters: Arc<LaneCounters>,
     way: Arc<Way>,
@@ -308,10 +308,10 @@ impl Cutter {
 struct Ranker {
     counters: Arc<LaneCounters>,
     judging: Judging,
-    back: async_channel::Sender<Job>,
+    back: async_channel::Sender<Box<Job>>,
     next: u64,
     /// `waiting[i]` is job `next + i`, where it has come.
-    waiting: VecDeque<Option<Job>>,
+    waiting: VecDeque<Option<Box<Job>>>,
 }
 
 impl Ranker {
@@ -338,7 +338,7 @@ impl Ranker {
     }
 
     /// Puts a job to where its turn is. There are never more than there are carriers.
-    fn keep(&mut self, job: Job) {
+    fn keep(&mut self, job: Box<Job>) {
         let at = usize::try_from(job.seq.saturating_sub(self.next)).unwrap_or(usize::MAX);
         while self.waiting.len() <= at {
             self.waiting.push_back(None);

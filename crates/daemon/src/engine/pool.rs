@@ -24,7 +24,7 @@ pub(super) struct Way {
 #[derive(Debug)]
 pub(super) enum Done {
     /// A window was worked on, or its worker panicked.
-    Job(Job),
+    Job(Box<Job>),
     /// Cutting has ended.
     End {
         /// So many jobs were given out.
@@ -55,7 +55,7 @@ pub(super) struct Job {
 /// Named threads that do the spectra.
 #[derive(Debug)]
 pub struct Pool {
-    jobs: async_channel::Sender<Job>,
+    jobs: async_channel::Sender<Box<Job>>,
     threads: Vec<JoinHandle<()>>,
     load: Arc<Load>,
 }
@@ -67,7 +67,7 @@ impl Pool {
     /// When the system does not give a thread.
     pub fn start(workers: usize) -> std::io::Result<Self> {
         // Not bounded by itself: the carriers of the lanes bound it.
-        let (jobs, inlet) = async_channel::unbounded::<Job>();
+        let (jobs, inlet) = async_channel::unbounded::<Box<Job>>();
         let load = Arc::new(Load::new(workers.max(1)));
         let threads = (0..workers.max(1))
             .map(|number| {
@@ -90,7 +90,7 @@ impl Pool {
         &self.load
     }
 
-    pub(super) fn jobs(&self) -> async_channel::Sender<Job> {
+    pub(super) fn jobs(&self) -> async_channel::Sender<Box<Job>> {
         self.jobs.clone()
     }
 }
@@ -107,7 +107,7 @@ impl Drop for Pool {
 }
 
 /// A worker's life.
-fn work(jobs: &async_channel::Receiver<Job>, clock: &WorkerClock) {
+fn work(jobs: &async_channel::Receiver<Box<Job>>, clock: &WorkerClock) {
     // One state a lane; lanes that are gone (after a reload) are forgotten when a new one comes.
     let mut states: Vec<(Weak<Way>, WorkerState)> = Vec::new();
     while let Ok(mut job) = jobs.recv_blocking() {

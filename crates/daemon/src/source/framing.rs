@@ -314,7 +314,9 @@ mod tests {
     }
 
     /// Physical values by channel, and the blocks' first indices.
-    fn all(encoding: Encoding, bytes: &[u8], cut: usize) -> Result<(Vec<f64>, Vec<f64>, Vec<u64>), SourceError> {
+    type All = (Vec<f64>, Vec<f64>, Vec<u64>);
+
+    fn all(encoding: Encoding, bytes: &[u8], cut: usize) -> Result<All, SourceError> {
         let mut deframer = Deframer::new(framing(encoding), Path::new("pipe"));
         let (mut a, mut b, mut first) = (vec![], vec![], vec![]);
         let mut out = |packet: Packet| {
