@@ -7,7 +7,6 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::pipeline::Pipeline;
 
 use crate::config::{BenchConfig, DEMO_BENCH};
-use crate::engine::{Criteria, Judging};
 use crate::source::SourceContext;
 use crate::stop::Stop;
 
@@ -22,10 +21,8 @@ pub struct WatchedBench {
     pub name: Arc<str>,
     /// What is known of the bench.
     pub bench: Arc<Bench>,
-    /// The row of stages up to the lines of a window.
+    /// The row of stages with the baseline.
     pub pipeline: Arc<Pipeline>,
-    /// From lines to ranks, with the baseline.
-    pub judging: Judging,
 }
 
 /// Why a bench cannot be watched.
@@ -44,14 +41,6 @@ pub enum BenchError {
         bench: String,
         /// What does not fit.
         source: gearwatch_core::pipeline::PipelineError,
-    },
-    /// Bench and baseline do not fit.
-    #[error("bench {bench:?}: {source}")]
-    Judge {
-        /// Name of the bench.
-        bench: String,
-        /// What does not fit.
-        source: gearwatch_core::judge::JudgeError,
     },
     /// The baseline could not be learned.
     #[error("bench {bench:?}: learn_from: {source}")]
@@ -83,8 +72,10 @@ impl WatchedBench {
         let file: Option<PathBuf> = config.file.as_ref().map(|path| folder.join(path));
         let bench = Arc::new(read_bench(file.as_deref())?);
         let window_s = config.pipeline.window.length_s;
-        let pipeline = Pipeline::new(&bench, &config.pipeline)
-            .map_err(|source| BenchError::Pipeline { bench: bench.name.clone(), source })?;
+        let plan = |baseline| {
+            Pipeline::new(&bench, &config.pipeline, baseline)
+                .map_err(|source| BenchError::Pipeline { bench: bench.name.clone(), source })
+        };
         let mut baseline = match &config.baseline {
             Some(path) => Some(gearwatch_io::baseline_file::read_for(&folder.join(path), &bench, window_s)?),
             None => None,
@@ -92,16 +83,13 @@ impl WatchedBench {
         if let Some(entry) = &config.learn_from {
             tracing::info!(bench = bench.name, source = entry.name, "learning the baseline");
             let context = SourceContext { bench: bench.clone(), folder: folder.to_owned(), stop: stop.clone() };
-            let learned = learn(entry, &context, &pipeline, window_s)
+            let learned = learn(entry, &context, &plan(None)?, window_s)
                 .map_err(|source| BenchError::Learn { bench: bench.name.clone(), source })?;
             baseline = Some(learned);
         }
         if baseline.is_none() {
             tracing::warn!(bench = bench.name, "there is no baseline: every rank will be unknown");
         }
-        let stages = bench.stages.iter().map(|stage| stage.name.clone()).collect();
-        let judging = Judging::new(Criteria { config: config.judge, stages, baseline: baseline.map(Arc::new) })
-            .map_err(|source| BenchError::Judge { bench: bench.name.clone(), source })?;
-        Ok(Self { name: bench.name.as_str().into(), pipeline: Arc::new(pipeline), judging, bench })
+        Ok(Self { name: bench.name.as_str().into(), pipeline: Arc::new(plan(baseline)?), bench })
     }
 }

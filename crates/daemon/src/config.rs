@@ -5,7 +5,6 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use gearwatch_core::judge::JudgeConfig;
 use gearwatch_core::pipeline::PipelineConfig;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -90,14 +89,10 @@ struct BenchKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<schema::SourceKeys>")]
     learn_from: Option<Spanned<Table>>,
-    /// From samples to the lines of a window: window, speed, usable band.
+    /// The row of stages from samples to ranks: window, speed, usable band, rank steps, how sure a state must be.
     #[serde(default)]
     #[schemars(with = "serde_json::Value")]
     pipeline: PipelineConfig,
-    /// From lines to ranks: rank steps, how sure a state must be.
-    #[serde(default)]
-    #[schemars(with = "serde_json::Value")]
-    judge: JudgeConfig,
     /// Where its packets come from.
     #[serde(rename = "source")]
     #[schemars(with = "Vec<schema::SourceKeys>")]
@@ -148,10 +143,8 @@ pub struct BenchConfig {
     pub baseline: Option<PathBuf>,
     /// Learns the baseline at start.
     pub learn_from: Option<SourceEntry>,
-    /// From samples to the lines of a window.
+    /// The row of stages from samples to ranks.
     pub pipeline: PipelineConfig,
-    /// From lines to ranks.
-    pub judge: JudgeConfig,
     /// Where its packets come from.
     pub sources: Vec<SourceEntry>,
 }
@@ -229,8 +222,8 @@ impl Config {
                 Some(table) => Some(source_entry(table.get_ref()).map_err(|e| at("learn_from", table, e))?),
                 None => None,
             };
-            let BenchKeys { file, baseline, pipeline, judge, .. } = keys;
-            benches.push(BenchConfig { file, baseline, learn_from, pipeline, judge, sources });
+            let BenchKeys { file, baseline, pipeline, .. } = keys;
+            benches.push(BenchConfig { file, baseline, learn_from, pipeline, sources });
         }
         let mut sinks = Vec::new();
         for table in &file.sinks {
@@ -276,7 +269,6 @@ impl Config {
                 baseline: baseline.map(Path::to_owned),
                 learn_from: None,
                 pipeline: PipelineConfig::default(),
-                judge: JudgeConfig::default(),
                 sources: vec![source_entry(&source).map_err(syntax)?],
             }],
             sinks: vec![sink_entry(&keys(vec![("kind", "stdout".into())])).map_err(syntax)?],
@@ -342,7 +334,6 @@ impl Config {
                     baseline: bench.baseline.clone(),
                     learn_from: bench.learn_from.as_ref().map(|entry| spanned(&entry.keys)),
                     pipeline: bench.pipeline.clone(),
-                    judge: bench.judge,
                     sources: bench.sources.iter().map(|entry| spanned(&entry.keys)).collect(),
                 })
                 .collect(),
@@ -386,8 +377,8 @@ impl BenchConfig {
     fn problems(&self) -> Vec<String> {
         let mut out = self.pipeline.window.problems();
         out.extend(self.pipeline.speed.problems());
-        out.extend(self.judge.rank.problem());
-        out.extend(self.judge.state.problem());
+        out.extend(self.pipeline.rank.problem());
+        out.extend(self.pipeline.state.problem());
         if self.sources.is_empty() {
             out.push("there is no [[bench.source]]".to_owned());
         }

@@ -13,12 +13,10 @@
 //! sheds whole windows, counts them and says which. All threads are apart from tokio, so that nothing that
 //! waits for a network can hold up ranks.
 
-mod judging;
 mod lane;
 mod load;
 mod pool;
 
-pub use judging::{Criteria, Judging};
 pub use lane::{Lane, LaneCounters, LaneDied, LaneHandle, Overloaded, Shed, Told};
 pub use load::{Load, Measured};
 pub use pool::Pool;

@@ -3,7 +3,7 @@
 //! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files and baselines, but starts nothing;
 //! [`Service::run`] owns all threads and returns when all have ended.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -56,7 +56,7 @@ pub enum ServiceError {
 pub struct Summary {
     /// It was told to stop before its sources ended.
     pub stopped: bool,
-    /// Sources that failed for good and channels that do not fit the baseline, with what went wrong.
+    /// Sources that failed for good, with what went wrong.
     pub failed: Vec<String>,
     /// Threads of the engine that panicked; the service must be started anew.
     pub died: Vec<String>,
@@ -118,7 +118,6 @@ struct RunningBench {
     packets: Inlet<Packet>,
     lane: LaneHandle,
     sources: Vec<Arc<SourceMonitor>>,
-    unfit: telling::Unfit,
 }
 
 /// A sink that runs.
@@ -242,7 +241,6 @@ impl Running {
                     summary.failed.push(format!("source {:?}: {error}", source.name));
                 }
             }
-            summary.failed.append(&mut bench.unfit.lock().unwrap_or_else(PoisonError::into_inner));
             let counters = bench.lane.counters();
             summary.judged += counters.judged();
             summary.windows_lost += counters.shed() + counters.failed();
@@ -291,9 +289,8 @@ fn start_bench(
     let (outlet, packets) = queue::bounded(packet_queue, WhenFull::Block);
     let live = config.sources.iter().any(|source| source.config.is_live());
     let overloaded = if live { Overloaded::Shed } else { Overloaded::Wait };
-    let lane = Lane { pipeline: watched.pipeline, judging: watched.judging, overloaded, windows_per_worker };
-    let unfit = telling::Unfit::default();
-    let mut teller = telling::Teller::new(watched.name.clone(), label, fanout.clone(), unfit.clone());
+    let lane = Lane { pipeline: watched.pipeline, overloaded, windows_per_worker };
+    let mut teller = telling::Teller::new(watched.name.clone(), label, fanout.clone());
     let lane = lane.start(pool, packets.clone(), move |told| teller.tell(told))?;
     let mut sources = Vec::new();
     for entry in config.sources {
@@ -305,5 +302,5 @@ fn start_bench(
             .name("gw-source".to_owned())
             .spawn(move || feeding::feed(&entry, &context, &outlet, &monitor, &runtime))?;
     }
-    Ok(RunningBench { name: watched.name, packets, lane, sources, unfit })
+    Ok(RunningBench { name: watched.name, packets, lane, sources })
 }

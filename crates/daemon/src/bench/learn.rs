@@ -3,7 +3,6 @@
 use gearwatch_core::analysis::WindowAnalysis;
 use gearwatch_core::assemble::Assembler;
 use gearwatch_core::baseline::{Baseline, BaselineConfig, Learner, MergeError, Origin};
-use gearwatch_core::judge::ChannelInfo;
 use gearwatch_core::pipeline::{Pipeline, WorkerState};
 use gearwatch_core::window::Window;
 
@@ -42,9 +41,7 @@ pub fn learn(
 ) -> Result<Baseline, LearnError> {
     let Feed::Pull(mut pull) = entry.config.open(context)? else { return Err(LearnError::Kind { kind: entry.kind }) };
     let config = BaselineConfig::default();
-    let channels =
-        context.bench.sensors.iter().map(|s| ChannelInfo { name: s.name.clone(), unit: s.unit.clone() }).collect();
-    let mut learner = Learner::new(config, channels);
+    let mut learner = Learner::new(config);
     each_window(pipeline, &mut pull, &mut |analysis| learner.push(analysis))?;
     let session = "start of the service".to_owned();
     let origin = Origin { session, mounting: "as it is".to_owned(), recording: entry.name.clone() };

@@ -9,12 +9,10 @@ use std::thread::JoinHandle;
 use gearwatch_core::analysis::WindowAnalysis;
 use gearwatch_core::assemble::{Assembler, Counters, Gap};
 use gearwatch_core::block::Packet;
-use gearwatch_core::judge::JudgeError;
 use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::verdict::Verdict;
 use gearwatch_core::window::Window;
 
-use super::judging::Judging;
 use super::pool::{Done, Job, Pool, Way};
 use crate::queue::Inlet;
 
@@ -54,8 +52,6 @@ pub enum Told<'a> {
         /// Number of the window.
         window: u64,
     },
-    /// A channel does not fit the baseline: its ranks are unknown. Told at its first window.
-    Unfit(&'a JudgeError),
 }
 
 /// What went through a lane. `cut = judged + failed + shed + under way`.
@@ -111,10 +107,8 @@ impl LaneCounters {
 /// What a lane is made from.
 #[derive(Debug)]
 pub struct Lane {
-    /// The row of stages up to the lines of a window.
+    /// The row of stages.
     pub pipeline: Arc<Pipeline>,
-    /// From lines to ranks.
-    pub judging: Judging,
     /// When all carriers are under way.
     pub overloaded: Overloaded,
     /// Carriers per worker (at least 1).
@@ -204,8 +198,7 @@ impl Lane {
             gaps: Vec::new(),
             returned: Vec::new(),
         };
-        let ranker =
-            Ranker { counters: counters.clone(), judging: self.judging, back, next: 0, waiting: VecDeque::new() };
+        let ranker = Ranker { counters: counters.clone(), way, back, next: 0, waiting: VecDeque::new() };
         let cut = std::thread::Builder::new().name("gw-cut".to_owned()).spawn(move || cutter.run(&packets))?;
         let rank = std::thread::Builder::new().name("gw-rank".to_owned()).spawn(move || ranker.run(&finished, tell))?;
         Ok(LaneHandle { counters, cut, rank })
@@ -307,7 +300,7 @@ impl Cutter {
 /// The thread that judges.
 struct Ranker {
     counters: Arc<LaneCounters>,
-    judging: Judging,
+    way: Arc<Way>,
     back: async_channel::Sender<Box<Job>>,
     next: u64,
     /// `waiting[i]` is job `next + i`, where it has come.
@@ -346,7 +339,7 @@ impl Ranker {
         self.waiting[at] = Some(job);
     }
 
-    fn judge(&mut self, job: &mut Job, verdicts: &mut Vec<Verdict>, tell: &mut impl FnMut(Told<'_>)) {
+    fn judge(&self, job: &mut Job, verdicts: &mut Vec<Verdict>, tell: &mut impl FnMut(Told<'_>)) {
         tell_losses(&job.shed, &job.gaps, tell);
         job.shed.clear();
         job.gaps.clear();
@@ -357,9 +350,7 @@ impl Ranker {
             }
             return;
         }
-        if let Err(error) = self.judging.judge(&job.analysis, verdicts) {
-            tell(Told::Unfit(&error));
-        }
+        self.way.pipeline.judge(&job.analysis, verdicts);
         for verdict in verdicts.iter() {
             tell(Told::Verdict(verdict));
         }

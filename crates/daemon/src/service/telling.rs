@@ -1,6 +1,9 @@
 //! Turns what a lane tells into events for the sinks.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use gearwatch_core::verdict::{Reason, Verdict};
 
 use crate::engine::Told;
 use crate::event::{Event, Fanout};
@@ -12,21 +15,20 @@ pub(super) struct Teller {
     /// `"bench":"…",` where several benches share the sinks.
     label: String,
     fanout: Fanout,
-    unfit: Unfit,
+    /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
+    told: BTreeSet<(String, &'static str)>,
 }
 
-/// Channels that do not fit the baseline, in sentences.
-pub(super) type Unfit = Arc<Mutex<Vec<String>>>;
-
 impl Teller {
-    pub(super) fn new(bench: Arc<str>, label: Option<Arc<str>>, fanout: Fanout, unfit: Unfit) -> Self {
+    pub(super) fn new(bench: Arc<str>, label: Option<Arc<str>>, fanout: Fanout) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
-        Self { bench, label, fanout, unfit }
+        Self { bench, label, fanout, told: BTreeSet::new() }
     }
 
     pub(super) fn tell(&mut self, told: Told<'_>) {
         match told {
             Told::Verdict(verdict) => {
+                self.explain(verdict);
                 let line = match serde_json::to_string(verdict) {
                     Ok(line) => line,
                     // Strings and numbers always have a JSON form.
@@ -59,10 +61,6 @@ impl Teller {
                 last_window = shed.last_window,
                 "windows were shed: the workers are too slow"
             ),
-            Told::Unfit(error) => {
-                tracing::error!(bench = &*self.bench, "{error}; its ranks are unknown");
-                self.unfit.lock().unwrap_or_else(PoisonError::into_inner).push(error.to_string());
-            }
             Told::Failed { sensor, window } => {
                 tracing::error!(
                     bench = &*self.bench,
@@ -71,6 +69,19 @@ impl Teller {
                     "a worker panicked; the window has no verdict"
                 );
             }
+        }
+    }
+
+    fn explain(&mut self, verdict: &Verdict) {
+        let lasts = matches!(verdict.reason, Reason::ChannelNotInBaseline | Reason::OtherUnit);
+        if lasts && self.told.insert((verdict.channel.clone(), verdict.reason.code())) {
+            tracing::error!(
+                bench = &*self.bench,
+                channel = verdict.channel,
+                unit = verdict.unit,
+                "its ranks are unknown: {}",
+                verdict.reason.code()
+            );
         }
     }
 }
