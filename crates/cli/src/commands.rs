@@ -16,11 +16,13 @@ mod list;
 mod man;
 mod replay;
 mod run;
+mod top;
 
 /// All commands, in the order of `gearwatch --help`.
 const COMMANDS: &[Kind] = &[
     kind::<run::RunService>(),
     kind::<replay::Replay>(),
+    kind::<top::Top>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     kind::<list::List>(),

@@ -1,0 +1,93 @@
+//! Reads the service's stream of events on a thread of its own, and comes back when the service does.
+
+use std::io::{BufRead, BufReader};
+use std::sync::mpsc::SyncSender;
+use std::time::Duration;
+
+use serde_json::Value;
+use ureq::Agent;
+
+/// What came in.
+pub enum Message {
+    /// A verdict on one window.
+    Verdict(Value),
+    /// How the service is.
+    Status(Value),
+    /// The link is up, or why it is not.
+    Link(Result<(), String>),
+}
+
+/// The service says how it is once a second; after this long without a word the link counts as lost.
+const SILENCE: Duration = Duration::from_secs(6);
+const AGAIN: Duration = Duration::from_secs(1);
+/// One event holds one window or one status; more is not this service.
+const LONGEST_LINE: usize = 4 << 20;
+
+/// The link to a service.
+pub struct Feed {
+    agent: Agent,
+    url: String,
+}
+
+impl Feed {
+    /// Starts reading; the thread ends with the process or when nobody receives.
+    pub fn start(url: String, out: SyncSender<Message>) -> std::io::Result<Self> {
+        let url = url.trim_end_matches('/').to_owned();
+        let patient =
+            Agent::config_builder().timeout_connect(Some(SILENCE)).timeout_recv_response(Some(SILENCE)).build();
+        let agent: Agent = patient.into();
+        let feed = Self { agent: agent.clone(), url: url.clone() };
+        std::thread::Builder::new().name("top-feed".into()).spawn(move || {
+            loop {
+                let error = match read(&agent, &url, &out) {
+                    Ok(()) => "the service closed the stream".to_owned(),
+                    Err(error) => error.to_string(),
+                };
+                if out.send(Message::Link(Err(error))).is_err() {
+                    return;
+                }
+                std::thread::sleep(AGAIN);
+            }
+        })?;
+        Ok(feed)
+    }
+
+    /// Acknowledges an alarm and says how that went.
+    pub fn acknowledge(&self, id: &str) -> String {
+        let path = format!("{}/api/alarms/{id}/acknowledge", self.url);
+        match self.agent.post(&path).header("content-type", "application/json").send("{}") {
+            Ok(_) => format!("alarm {id} acknowledged"),
+            Err(error) => format!("alarm {id} could not be acknowledged: {error}"),
+        }
+    }
+}
+
+fn read(agent: &Agent, url: &str, out: &SyncSender<Message>) -> anyhow::Result<()> {
+    let response = agent.get(format!("{url}/api/events")).call()?;
+    if out.send(Message::Link(Ok(()))).is_err() {
+        return Ok(());
+    }
+    let mut lines = BufReader::new(response.into_body().into_reader());
+    let mut kind = String::new();
+    let mut line = String::new();
+    loop {
+        line.clear();
+        let mut bounded = std::io::Read::take(&mut lines, LONGEST_LINE as u64);
+        if bounded.read_line(&mut line)? == 0 {
+            return Ok(());
+        }
+        let text = line.trim_end();
+        if let Some(name) = text.strip_prefix("event:") {
+            name.trim().clone_into(&mut kind);
+        } else if let Some(data) = text.strip_prefix("data:") {
+            let wrap: fn(Value) -> Message = match kind.as_str() {
+                "verdict" => Message::Verdict,
+                "status" => Message::Status,
+                _ => continue,
+            };
+            if out.send(wrap(serde_json::from_str(data)?)).is_err() {
+                return Ok(());
+            }
+        }
+    }
+}
