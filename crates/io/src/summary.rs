@@ -52,6 +52,8 @@ pub struct ChannelSummary {
     first_index: u64,
     #[serde(skip)]
     square_sum: f64,
+    #[serde(skip)]
+    last_ns: UnixNanos,
 }
 
 /// Missing samples.
@@ -61,8 +63,10 @@ pub struct Gap {
     pub at_s: f64,
     /// Missing samples; 0 where the source says that there is a gap but not how long it is.
     pub samples: u64,
-    /// Its length (s).
+    /// What is missing (s).
     pub duration_s: f64,
+    /// From the last sample before it to the first one after it, by their time stamps (s).
+    pub step_s: f64,
 }
 
 /// One tachometer.
@@ -159,6 +163,7 @@ impl ChannelSummary {
             next_index: block.first_sample_index,
             first_index: block.first_sample_index,
             square_sum: 0.0,
+            last_ns: block.t0,
         }
     }
 
@@ -170,6 +175,7 @@ impl ChannelSummary {
                     at_s: self.next_index.saturating_sub(self.first_index) as f64 / self.sample_rate_hz,
                     samples: jump,
                     duration_s: jump as f64 / self.sample_rate_hz,
+                    step_s: block.t0.saturating_sub(self.last_ns) as f64 / 1e9,
                 });
             } else {
                 self.more_gaps += 1;
@@ -199,6 +205,8 @@ impl ChannelSummary {
             }
         }
         self.samples += block.samples.len() as u64;
+        let steps = block.samples.len().saturating_sub(1) as f64;
+        self.last_ns = block.t0.saturating_add((steps / block.sample_rate_hz * 1e9).round() as i64);
         self.next_index = block.first_sample_index.saturating_add(block.samples.len() as u64);
         self.duration_s = self.next_index.saturating_sub(self.first_index) as f64 / self.sample_rate_hz;
         let finite = self.samples.saturating_sub(self.not_finite);

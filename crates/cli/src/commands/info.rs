@@ -205,7 +205,7 @@ fn recording(path: &Path, input: &Input) -> anyhow::Result<Said> {
 fn describe(text: &mut String, name: &str, channel: &ChannelSummary) -> std::fmt::Result {
     writeln!(
         text,
-        "  {name}: {} samples at {} Hz, {:.4} s, {}, rms {:.6} ({:.6} to {:.6})",
+        "  {name}: {} samples at {:.6} Hz, {:.4} s, {}, rms {:.6} ({:.6} to {:.6})",
         channel.samples,
         channel.sample_rate_hz,
         channel.duration_s,
@@ -215,7 +215,13 @@ fn describe(text: &mut String, name: &str, channel: &ChannelSummary) -> std::fmt
         channel.max
     )?;
     for gap in &channel.gaps {
-        writeln!(text, "    gap at {:.4} s: {} samples missing ({:.4} s)", gap.at_s, gap.samples, gap.duration_s)?;
+        writeln!(
+            text,
+            "    gap at {:.4} s: {} samples missing, {:.1} ms between its ends",
+            gap.at_s,
+            gap.samples,
+            gap.step_s * 1e3
+        )?;
     }
     if channel.more_gaps > 0 {
         writeln!(text, "    and {} more gaps", channel.more_gaps)?;

@@ -1,11 +1,15 @@
 //! MCAP, gearwatch's own recordings and foreign ones.
 
-use std::io::Read;
+use std::collections::BTreeSet;
+
+use gearwatch_core::block::{Packet, Samples};
+use gearwatch_core::source::Source;
 
 use crate::mcap::McapSource;
 use crate::mcap::walk::{Limits, MAGIC};
 use crate::open::{Bytes, OpenOptions, Reader};
 use crate::problem::Problem;
+use crate::units;
 
 use super::Format;
 
@@ -29,13 +33,90 @@ impl Format for Mcap {
         head.starts_with(&MAGIC)
     }
 
-    fn open(&self, bytes: Bytes, _options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        Ok(Box::new(McapSource::new(bytes, Limits::default())))
+    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let source = McapSource::new(bytes, Limits::default()).with_sample_rate(options.sample_rate_hz);
+        Ok(Box::new(Chosen { source, options: options.clone(), seen: BTreeSet::new(), changed: BTreeSet::new() }))
     }
 }
 
-impl<R: Read + Send> Reader for McapSource<R> {
+/// A recording with sensors chosen, renamed, or given another unit or scale.
+struct Chosen {
+    source: McapSource<Bytes>,
+    options: OpenOptions,
+    /// Names in the file.
+    seen: BTreeSet<String>,
+    /// Sensors whose stated unit gave way to that of the options.
+    changed: BTreeSet<String>,
+}
+
+impl Source for Chosen {
+    type Error = Problem;
+
+    fn next_packet(&mut self) -> Result<Option<Packet>, Problem> {
+        loop {
+            let Some(mut packet) = self.source.next_packet()? else { return self.end() };
+            if self.apply(&mut packet) {
+                return Ok(Some(packet));
+            }
+        }
+    }
+}
+
+impl Chosen {
+    /// False for a sensor that was not chosen.
+    fn apply(&mut self, packet: &mut Packet) -> bool {
+        let Packet::Vibration(block) = packet else { return true };
+        if !self.seen.contains(&*block.sensor) {
+            self.seen.insert(block.sensor.to_string());
+        }
+        let wanted = self.options.channels.iter().find(|c| *c.column == *block.sensor);
+        if wanted.is_none() && !self.options.channels.is_empty() {
+            return false;
+        }
+        let unit = wanted.and_then(|w| w.unit.as_ref()).or(self.options.unit.as_ref());
+        let mut scale = wanted.and_then(|w| w.scale).or(self.options.scale).unwrap_or(1.0);
+        if let Some(unit) = unit {
+            let (unit, factor) = units::canonical(unit).unwrap_or((unit, 1.0));
+            scale *= factor;
+            if *unit != *block.unit {
+                if !self.changed.contains(&*block.sensor) {
+                    self.changed.insert(block.sensor.to_string());
+                }
+                block.unit = unit.into();
+            }
+        }
+        if let Some(name) = wanted.and_then(|w| w.name.as_ref()) {
+            block.sensor = name.as_str().into();
+        }
+        if scale != 1.0 {
+            match &mut block.samples {
+                Samples::Counts { scale: s, offset, .. } => {
+                    *s *= scale;
+                    *offset *= scale;
+                }
+                Samples::Physical(values) => values.iter_mut().for_each(|v| *v = (f64::from(*v) * scale) as f32),
+            }
+        }
+        true
+    }
+
+    fn end(&self) -> Result<Option<Packet>, Problem> {
+        match self.options.channels.iter().find(|wanted| !self.seen.contains(&wanted.column)) {
+            Some(wanted) => Err(Problem::option(
+                format_args!("--channel {:?}", wanted.column),
+                format_args!("no such channel; the file holds {:?}", self.seen),
+            )),
+            None => Ok(None),
+        }
+    }
+}
+
+impl Reader for Chosen {
     fn warnings(&self) -> Vec<String> {
-        Self::warnings(self).to_vec()
+        let mut warnings = self.source.warnings();
+        for sensor in &self.changed {
+            warnings.push(format!("{sensor}: the unit of the options stands in place of that in the file"));
+        }
+        warnings
     }
 }

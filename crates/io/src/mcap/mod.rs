@@ -5,6 +5,7 @@
 //! its messages is handed over.
 
 pub mod contract;
+pub mod foreign;
 pub mod source;
 pub mod walk;
 pub mod writer;

@@ -1,6 +1,7 @@
 //! An MCAP file as a source of packets.
 
-use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::sync::Arc;
 
@@ -9,15 +10,18 @@ use gearwatch_core::source::Source;
 use prost::Message;
 
 use super::contract;
+use super::foreign::imu::Imu;
+use super::foreign::raw_audio::{self, RawAudio};
 use super::walk::{Channel, Limits, Walk};
 use crate::problem::Problem;
 
 /// How messages of a channel become packets.
-#[derive(Clone, Debug)]
 enum Kind {
     Vibration(Arc<str>),
     Tacho(Arc<str>),
     OperatingPoint,
+    Imu(Box<Imu>),
+    Audio(RawAudio),
     /// Other data, such as the ranks that stand beside the recording.
     Other,
 }
@@ -27,6 +31,9 @@ pub struct McapSource<R> {
     walk: Walk<R>,
     kinds: BTreeMap<u16, Kind>,
     units: BTreeMap<Box<str>, Arc<str>>,
+    /// Packets of foreign schemas that are ready.
+    ready: VecDeque<Packet>,
+    sample_rate_hz: Option<f64>,
     packets: u64,
     done: bool,
 }
@@ -34,17 +41,43 @@ pub struct McapSource<R> {
 impl<R: Read> McapSource<R> {
     /// A source over the bytes of a file from its beginning.
     pub fn new(input: R, limits: Limits) -> Self {
-        Self { walk: Walk::new(input, limits), kinds: BTreeMap::new(), units: BTreeMap::new(), packets: 0, done: false }
+        Self {
+            walk: Walk::new(input, limits),
+            kinds: BTreeMap::new(),
+            units: BTreeMap::new(),
+            ready: VecDeque::new(),
+            sample_rate_hz: None,
+            packets: 0,
+            done: false,
+        }
+    }
+
+    /// Gives the sample rate of topics with one sample a message; otherwise it is estimated from their time stamps.
+    pub fn with_sample_rate(mut self, sample_rate_hz: Option<f64>) -> Self {
+        self.sample_rate_hz = sample_rate_hz;
+        self
     }
 
     /// Sentences on what is unusual; complete after the last packet.
-    pub fn warnings(&self) -> &[String] {
-        self.walk.warnings()
+    pub fn warnings(&self) -> Vec<String> {
+        let notes = self.kinds.values().filter_map(|kind| match kind {
+            Kind::Imu(imu) => imu.note(),
+            Kind::Audio(audio) => Some(audio.note()),
+            _ => None,
+        });
+        self.walk.warnings().iter().cloned().chain(notes).collect()
     }
 
     fn read(&mut self) -> Result<Option<Packet>, Problem> {
+        if let Some(packet) = self.ready.pop_front() {
+            self.packets += 1;
+            return Ok(Some(packet));
+        }
         while let Some(message) = self.walk.next_message()? {
-            let kind = self.kinds.entry(message.channel.id).or_insert_with(|| kind_of(message.channel));
+            let kind = match self.kinds.entry(message.channel.id) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(kind_of(message.channel, self.sample_rate_hz)?),
+            };
             let place = || format!("topic {}, message at byte {}", message.channel.topic, message.offset);
             let packet = match kind {
                 Kind::Other => continue,
@@ -67,6 +100,24 @@ impl<R: Read> McapSource<R> {
                     let block = decode::<contract::TachoBlock>(message.data, &place)?;
                     Packet::Tacho(tacho(block, shaft.clone(), message.log_time, &place)?)
                 }
+                Kind::Imu(imu) => {
+                    imu.push(message.data, message.log_time, message.offset)?;
+                    self.ready.extend(std::iter::from_fn(|| imu.pop()));
+                    match self.ready.pop_front() {
+                        Some(packet) => packet,
+                        None => continue,
+                    }
+                }
+                Kind::Audio(audio) => {
+                    let sound = decode::<raw_audio::Wire>(message.data, &place)?;
+                    let t0 = nanos(sound.timestamp, message.log_time, &place)?;
+                    audio.push(&sound, t0, &place)?;
+                    self.ready.extend(std::iter::from_fn(|| audio.pop()));
+                    match self.ready.pop_front() {
+                        Some(packet) => packet,
+                        None => continue,
+                    }
+                }
                 Kind::OperatingPoint => {
                     let point = decode::<contract::OperatingPoint>(message.data, &place)?;
                     let known = |value: f64| if value == 0.0 { f64::NAN } else { value };
@@ -81,10 +132,20 @@ impl<R: Read> McapSource<R> {
             self.packets += 1;
             return Ok(Some(packet));
         }
-        if self.packets == 0 {
-            return Err(self.empty());
+        for kind in self.kinds.values_mut() {
+            if let Kind::Imu(imu) = kind {
+                imu.finish()?;
+                self.ready.extend(std::iter::from_fn(|| imu.pop()));
+            }
         }
-        Ok(None)
+        match self.ready.pop_front() {
+            Some(packet) => {
+                self.packets += 1;
+                Ok(Some(packet))
+            }
+            None if self.packets == 0 => Err(self.empty()),
+            None => Ok(None),
+        }
     }
 
     /// Says what the file holds instead of packets.
@@ -122,17 +183,21 @@ impl<R: Read + Send> Source for McapSource<R> {
     }
 }
 
-fn kind_of(channel: &Channel) -> Kind {
+fn kind_of(channel: &Channel, sample_rate_hz: Option<f64>) -> Result<Kind, Problem> {
+    if let Some(imu) = Imu::for_channel(channel, sample_rate_hz)? {
+        return Ok(Kind::Imu(Box::new(imu)));
+    }
     let schema = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
     let name = |prefix: &str| -> Arc<str> {
         channel.topic.strip_prefix(prefix).unwrap_or(channel.topic.trim_start_matches('/')).into()
     };
-    match (channel.encoding.as_str(), schema) {
+    Ok(match (channel.encoding.as_str(), schema) {
         (contract::PROTOBUF, contract::VIBRATION_SCHEMA) => Kind::Vibration(name(contract::VIBRATION_PREFIX)),
         (contract::PROTOBUF, contract::TACHO_SCHEMA) => Kind::Tacho(name(contract::TACHO_PREFIX)),
         (contract::PROTOBUF, contract::OPERATING_POINT_SCHEMA) => Kind::OperatingPoint,
+        (contract::PROTOBUF, raw_audio::SCHEMA) => Kind::Audio(RawAudio::new(&channel.topic)),
         _ => Kind::Other,
-    }
+    })
 }
 
 fn decode<M: Message + Default>(data: &[u8], place: &dyn Fn() -> String) -> Result<M, Problem> {

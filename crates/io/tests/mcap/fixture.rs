@@ -76,7 +76,7 @@ pub fn read(bytes: &[u8]) -> (Vec<Packet>, Vec<String>, Option<Problem>) {
             Err(problem) => break Some(problem),
         }
     };
-    (packets, source.warnings().to_vec(), problem)
+    (packets, source.warnings(), problem)
 }
 
 /// `NaN` is not equal to itself, but its bits are.

@@ -3,3 +3,4 @@
 mod contract;
 mod damaged;
 mod fixture;
+mod foreign;
