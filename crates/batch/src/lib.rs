@@ -10,5 +10,6 @@
 
 pub mod part;
 pub mod rows;
+pub mod run;
 pub mod shard;
 pub mod worklist;

@@ -210,7 +210,12 @@ pub struct PieceWriter {
 
 impl PieceWriter {
     fn new(folder: &Path, target: PathBuf, settings: &str) -> Result<Self, PartError> {
-        let temporary = NamedTempFile::with_prefix_in(".unfinished-", folder).map_err(io_at(folder))?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".unfinished-");
+        // Temporary files are private by default; parts are for others to read, as far as the umask allows.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let temporary = builder.tempfile_in(folder).map_err(io_at(folder))?;
         let level = ZstdLevel::try_new(3).map_err(parquet_at(&target))?;
         let properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(level))

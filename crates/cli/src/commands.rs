@@ -8,6 +8,7 @@ use clap::{Args, Command};
 
 use crate::exit::Exit;
 
+mod batch;
 mod completions;
 mod config;
 mod convert;
@@ -25,6 +26,7 @@ const COMMANDS: &[Kind] = &[
     kind::<top::Top>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
+    kind::<batch::Batch>(),
     kind::<list::List>(),
     kind::<config::ConfigCommand>(),
     kind::<completions::Completions>(),
