@@ -153,7 +153,8 @@ impl StageContact {
         let mut pairs = Pairs::default();
         let sum: f64 = (0..PHASES)
             .map(|i| {
-                self.pairs(f64::from(i) / f64::from(PHASES), &mut pairs);
+                // Another tooth each time: one bad tooth is not the mean.
+                self.pairs(f64::from(i) * (1.0 + 1.0 / f64::from(PHASES)), &mut pairs);
                 pairs.approach_at(force).map_or(0.0, |(_, stiffness)| stiffness)
             })
             .sum();

@@ -6,7 +6,6 @@ pub mod faults;
 pub mod foundation;
 pub mod geometry;
 pub mod hertz;
-pub mod impact;
 pub mod linear;
 pub mod mesh;
 pub mod modal;
@@ -14,6 +13,7 @@ pub mod model;
 pub mod rk4;
 pub mod rotation;
 pub mod setup;
+pub mod steady;
 pub mod tooth;
 
 #[cfg(test)]

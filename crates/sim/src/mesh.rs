@@ -23,7 +23,6 @@ use self::tables::{GearTables, Side};
 use crate::faults::ToothModifications;
 use crate::geometry::{GearGeometry, PairGeometry};
 use crate::hertz::{Hertz, Material};
-use crate::impact::Impact;
 use crate::tooth::Root;
 
 /// How far (mesh cycles) before entry and after exit a pair is watched for corner contact.
@@ -42,8 +41,6 @@ pub struct MeshError {
 /// Which physics the pair has. The default is the best; [`MeshOptions::classical`] is the paper's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOptions {
-    /// `Some` replaces elastic teeth by rigid ones with the contact law of ADAMS: the paper's simulation.
-    pub impact: Option<Impact>,
     /// Law of the Hertz contact.
     pub hertz: Hertz,
     /// Form of the tooth root.
@@ -60,7 +57,6 @@ pub struct MeshOptions {
 impl Default for MeshOptions {
     fn default() -> Self {
         Self {
-            impact: None,
             hertz: Hertz::LoadDependent,
             root: Root::Fillet,
             body_coupling: Some(0.6),
@@ -74,7 +70,6 @@ impl MeshOptions {
     /// The classical form that the paper uses: linear Hertz contact, straight root, pairs simply added up.
     pub fn classical() -> Self {
         Self {
-            impact: None,
             hertz: Hertz::Linear,
             root: Root::Straight,
             body_coupling: None,

@@ -254,6 +254,11 @@ impl TrainModel {
         self.linear.names.len()
     }
 
+    /// Motor speed / first-shaft speed.
+    pub fn motor_order(&self) -> f64 {
+        self.motor_order
+    }
+
     /// Brake torque without ripple (N m).
     pub fn brake_torque_nm(&self, t: f64) -> f64 {
         self.torque_nm.at(t)
