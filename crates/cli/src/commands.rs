@@ -8,6 +8,7 @@ use clap::{Args, Command};
 
 use crate::exit::Exit;
 
+mod baseline;
 mod batch;
 mod completions;
 mod config;
@@ -15,6 +16,7 @@ mod convert;
 mod info;
 mod list;
 mod man;
+mod paper;
 mod replay;
 mod run;
 mod top;
@@ -24,6 +26,8 @@ const COMMANDS: &[Kind] = &[
     kind::<run::RunService>(),
     kind::<replay::Replay>(),
     kind::<top::Top>(),
+    kind::<baseline::BaselineCommand>(),
+    kind::<paper::Paper>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     kind::<batch::Batch>(),

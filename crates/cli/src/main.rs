@@ -2,6 +2,7 @@
 
 mod commands;
 mod exit;
+mod format;
 mod input;
 mod serve;
 mod signals;

@@ -19,6 +19,7 @@ pub mod deviation;
 pub mod estimate;
 pub mod health;
 pub mod judge;
+pub mod one_shot;
 pub mod pipeline;
 mod pulses;
 pub mod rank;

@@ -5,12 +5,13 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use gearwatch_io::summary::{ChannelSummary, Summary};
 use serde_json::{Value, json};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::format::Format;
 use crate::input::Input;
 
 /// Say what recordings, bench files and baselines hold
@@ -25,15 +26,6 @@ pub struct Info {
     /// Text for people, or one JSON object a file
     #[arg(long, value_enum, default_value_t)]
     format: Format,
-}
-
-#[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
-enum Format {
-    /// For people
-    #[default]
-    Text,
-    /// One object a line
-    Json,
 }
 
 /// What is said of one file.

@@ -1,0 +1,47 @@
+//! All windows of a source that ends, on the caller's thread: for learning and for diagnosis of files.
+
+use crate::analysis::WindowAnalysis;
+use crate::assemble::{Counters, Gap};
+use crate::pipeline::Pipeline;
+use crate::source::Source;
+
+/// What happened to a source besides its windows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Passage {
+    /// What happened to the samples.
+    pub counters: Counters,
+    /// Places where a run of samples ended.
+    pub gaps: Vec<Gap>,
+}
+
+/// Runs a source to its end and hands each window's analysis to `take`. Order and content are those of the service.
+///
+/// # Errors
+/// As the source; windows handed over before stay valid.
+pub fn each_window<S: Source>(
+    pipeline: &Pipeline,
+    source: &mut S,
+    take: &mut dyn FnMut(&WindowAnalysis),
+) -> Result<Passage, S::Error> {
+    let mut assembler = pipeline.assembler();
+    let mut worker = pipeline.worker();
+    let mut analysis = WindowAnalysis::empty();
+    let mut windows = Vec::new();
+    let mut gaps = Vec::new();
+    loop {
+        let packet = source.next_packet()?;
+        match &packet {
+            Some(packet) => assembler.push(packet, &mut |window| windows.push(window)),
+            None => assembler.finish(&mut |window| windows.push(window)),
+        }
+        for window in windows.drain(..) {
+            pipeline.analyse(&mut worker, &window, &mut analysis);
+            take(&analysis);
+            assembler.recycle(window);
+        }
+        gaps.extend(assembler.take_gaps());
+        if packet.is_none() {
+            return Ok(Passage { counters: *assembler.counters(), gaps });
+        }
+    }
+}
