@@ -1,13 +1,13 @@
 //! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on either flank.
 
+use crate::impact::Impact;
 use crate::mesh::{LoadPoint, MeshModel, MeshState, Pairs};
-use crate::setup::ImpactLaw;
 
 /// The force law of one mesh at an operating point.
 #[derive(Clone, Debug)]
 pub struct StageContact {
     mesh: MeshModel,
-    impact: Option<ImpactLaw>,
+    impact: Option<Impact>,
     load: LoadPoint,
     displacement_m: [f64; 2],
     /// Linear damping along the line of action while the flanks touch (N s/m).
@@ -48,7 +48,7 @@ impl Contact {
 
 impl StageContact {
     /// The law of a mesh under a static mesh force (N), its gears displaced by the static load (m, local frame).
-    pub fn new(mesh: MeshModel, impact: Option<ImpactLaw>, static_force_n: f64, displacement_m: [f64; 2]) -> Self {
+    pub fn new(mesh: MeshModel, impact: Option<Impact>, static_force_n: f64, displacement_m: [f64; 2]) -> Self {
         let load = mesh.at_load(static_force_n);
         let friction = if impact.is_some() { 0.0 } else { mesh.friction() };
         let mut out = Self {
@@ -67,7 +67,7 @@ impl StageContact {
     }
 
     /// The multibody contact law, where it was chosen.
-    pub fn impact(&self) -> Option<&ImpactLaw> {
+    pub fn impact(&self) -> Option<&Impact> {
         self.impact.as_ref()
     }
 
@@ -82,14 +82,14 @@ impl StageContact {
         self.mesh.pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
     }
 
-    /// Force at a mesh phase and approach, `pairs` being scratch.
+    /// Force at a mesh phase, an approach and its rate, `pairs` being scratch. The rate matters to the impact law alone.
     #[inline]
-    pub fn at(&self, phase: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
-        if let Some(law) = &self.impact {
-            return impact_contact(law, approach_m, self.backlash_m);
-        }
+    pub fn at(&self, phase: f64, approach_m: f64, rate_m_per_s: f64, pairs: &mut Pairs) -> Contact {
         self.pairs(phase, pairs);
-        self.among(pairs, phase, approach_m)
+        match &self.impact {
+            Some(law) => self.impact_contact(law, phase, approach_m, rate_m_per_s, pairs),
+            None => self.among(pairs, phase, approach_m),
+        }
     }
 
     /// As [`Self::at`] for pairs that were found before.
@@ -133,10 +133,34 @@ impl StageContact {
         out
     }
 
+    #[cold]
+    fn impact_contact(
+        &self,
+        law: &Impact,
+        phase: f64,
+        approach_m: f64,
+        rate_m_per_s: f64,
+        pairs: &mut Pairs,
+    ) -> Contact {
+        let touching = |pairs: &Pairs, approach: f64| {
+            let touch = pairs.as_slice().iter().filter(|pair| approach > pair.gap_m);
+            touch.fold(0, |bits, pair| bits | 1 << (pair.index & 15))
+        };
+        let driving = touching(pairs, approach_m);
+        let back = -approach_m - self.backlash_m;
+        if driving != 0 || back <= 0.0 {
+            let (force_n, stiffness_n_per_m) = law.mesh_force(pairs, approach_m, rate_m_per_s);
+            return Contact { force_n, stiffness_n_per_m, touching: driving, ..Default::default() };
+        }
+        self.mesh.back_pairs(phase, &self.load, pairs);
+        let (force, stiffness_n_per_m) = law.mesh_force(pairs, back, -rate_m_per_s);
+        Contact { force_n: -force, stiffness_n_per_m, touching: touching(pairs, back) << 16, ..Default::default() }
+    }
+
     /// Approach under a static force at a phase (m).
     pub fn static_approach(&self, phase: f64, force_n: f64) -> f64 {
         if let Some(law) = &self.impact {
-            return (force_n.max(0.0) / law.stiffness).powf(1.0 / law.exponent);
+            return law.penetration_m(force_n.max(0.0));
         }
         let mut pairs = Pairs::default();
         self.pairs(phase, &mut pairs);
@@ -148,7 +172,7 @@ impl StageContact {
         // An unloaded mesh is linearised about the lightest load that still closes it.
         let force = static_force_n.max(1.0);
         if let Some(law) = &self.impact {
-            return law.tangent_n_per_m(force);
+            return law.tangent_n_per_m(law.penetration_m(force));
         }
         let mut pairs = Pairs::default();
         let sum: f64 = (0..PHASES)
@@ -160,17 +184,4 @@ impl StageContact {
             .sum();
         sum / f64::from(PHASES)
     }
-}
-
-fn impact_contact(law: &ImpactLaw, approach_m: f64, backlash_m: f64) -> Contact {
-    let back = -approach_m - backlash_m;
-    let (penetration, sign, touching) = if approach_m > 0.0 {
-        (approach_m, 1.0, 1)
-    } else if back > 0.0 {
-        (back, -1.0, 1 << 16)
-    } else {
-        return Contact::default();
-    };
-    let force = law.force_n(penetration, 0.0);
-    Contact { force_n: sign * force, stiffness_n_per_m: law.tangent_n_per_m(force), touching, ..Default::default() }
 }

@@ -2,17 +2,24 @@
 
 pub mod contact;
 pub mod effects;
+pub mod etd;
 pub mod faults;
 pub mod foundation;
 pub mod geometry;
 pub mod hertz;
+pub mod impact;
 pub mod linear;
+pub mod lines;
 pub mod mesh;
 pub mod modal;
 pub mod model;
+pub mod path;
 pub mod rk4;
 pub mod rotation;
+pub mod scenario;
 pub mod setup;
+pub mod shipped;
+pub mod source;
 pub mod steady;
 pub mod tooth;
 

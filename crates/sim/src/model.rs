@@ -298,6 +298,8 @@ impl TrainModel {
                 amount * omega * omega * if *sine { sin } else { cos }
             }
             ExternalKind::Impacts { force, angles, width_s } => {
+                // The drawn sequence repeats after its hour.
+                let angle = angle.rem_euclid(angles.last().copied().unwrap_or(1.0));
                 let i = angles.partition_point(|&passage| passage <= angle);
                 let since = i.checked_sub(1).map_or(f64::INFINITY, |i| (angle - angles[i]) / omega);
                 if since < *width_s { 0.5 * force * (1.0 - (TAU * since / width_s).cos()) } else { 0.0 }
@@ -312,7 +314,7 @@ impl TrainModel {
 
     /// Contact of a stage in a state.
     #[inline]
-    pub fn contact(&self, stage: usize, reference_rad: f64, state: &[f64], pairs: &mut Pairs) -> (Contact, f64, f64) {
+    pub fn contact(&self, stage: usize, reference_rad: f64, state: &[f64], pairs: &mut Pairs) -> (Contact, f64) {
         let row = &self.linear.mesh[stage];
         let n = self.coordinates();
         let (mut approach, mut rate) = (0.0, 0.0);
@@ -327,19 +329,14 @@ impl TrainModel {
             rate += row[at] * state[n + at];
         }
         let phase = self.phase(stage, reference_rad, state[geometry.pinion.angle]);
-        (self.contacts[stage].at(phase, approach, pairs), approach, rate)
+        (self.contacts[stage].at(phase, approach, rate, pairs), rate)
     }
 
     /// Force on the line of action, damping included (N).
     #[inline]
-    pub fn mesh_force(&self, stage: usize, contact: &Contact, approach: f64, rate: f64) -> f64 {
-        let stage_contact = &self.contacts[stage];
-        match stage_contact.impact() {
-            Some(law) if contact.is_driving() => law.force_n(approach, rate),
-            Some(law) if contact.is_closed() => -law.force_n(-approach - stage_contact.backlash_m, -rate),
-            None if contact.is_closed() => contact.force_n + stage_contact.damping_n_s_per_m * rate,
-            _ => 0.0,
-        }
+    pub fn mesh_force(&self, stage: usize, contact: &Contact, rate: f64) -> f64 {
+        // Zero damping under the impact law, which has its own in the force.
+        if contact.is_closed() { contact.force_n + self.contacts[stage].damping_n_s_per_m * rate } else { 0.0 }
     }
 
     /// Right-hand side `ẋ = f(t, x)` in physical coordinates, `externals` as of [`Self::external_values`].
@@ -355,8 +352,8 @@ impl TrainModel {
             }
         }
         for stage in 0..self.contacts.len() {
-            let (contact, approach, rate) = self.contact(stage, reference_rad, state, pairs);
-            let force = self.mesh_force(stage, &contact, approach, rate);
+            let (contact, rate) = self.contact(stage, reference_rad, state, pairs);
+            let force = self.mesh_force(stage, &contact, rate);
             add(out_v, &self.linear.mesh[stage], -force, &self.linear.mass);
             let friction = self.contacts[stage].friction;
             if friction != 0.0 {
@@ -365,6 +362,23 @@ impl TrainModel {
                 }
             }
         }
+    }
+
+    /// Reading of a sensor of the bench in a state (m/s²), static part included.
+    pub fn reading(&self, sensor: usize, t: f64, state: &[f64]) -> f64 {
+        let n = self.coordinates();
+        let row = &self.linear.sensors[sensor];
+        let mut sum = 0.0;
+        for i in 0..n {
+            sum += row.position[i] * state[i] + row.velocity[i] * state[n + i];
+        }
+        if row.acceleration.iter().any(|&factor| factor != 0.0) {
+            let (mut externals, mut slope) = (Vec::new(), vec![0.0; 2 * n]);
+            self.external_values(t, &mut externals);
+            self.derivative(self.rotation.at(t).0, state, &externals, &mut Pairs::default(), &mut slope);
+            sum += row.acceleration.iter().zip(&slope[n..]).map(|(factor, a)| factor * a).sum::<f64>();
+        }
+        sum
     }
 
     /// The state at rest in the rotating frame under the loads at t = 0: every mesh at the approach that carries its static force.

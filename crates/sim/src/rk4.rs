@@ -191,12 +191,10 @@ impl<'a> Rk4<'a> {
     /// # Errors
     /// Where the step would be unstable for the fastest mode with all meshes at 1.5 times their mean stiffness.
     pub fn new(model: &'a TrainModel, step_s: f64) -> Result<Self, StepperError> {
-        let stiffness: Vec<f64> = model.contacts.iter().map(|c| 1.5 * c.mean_stiffness_n_per_m).collect();
-        let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
-        let modes = Modes::new(&model.linear.with_meshes(&stiffness, &damping)).map_err(ModelError::from)?;
-        let longest_s = STABLE / modes.fastest();
+        let fastest = fastest_mode(model)?;
+        let longest_s = STABLE / fastest;
         if !(step_s > 0.0 && step_s < longest_s) {
-            let fastest_hz = modes.fastest() / std::f64::consts::TAU;
+            let fastest_hz = fastest / std::f64::consts::TAU;
             return Err(UnstableStep { step_s, longest_s, fastest_hz }.into());
         }
         Ok(Self { model, step_s, t: 0.0, steps: 0, state: model.static_state()?, scratch: Scratch::new(model) })
@@ -228,19 +226,21 @@ impl<'a> Rk4<'a> {
 
     /// Reading of a sensor of the bench (m/s²), static part included.
     pub fn sensor(&self, sensor: usize) -> f64 {
-        let n = self.model.coordinates();
-        let row = &self.model.linear.sensors[sensor];
-        let mut externals = Vec::new();
-        self.model.external_values(self.t, &mut externals);
-        let mut slope = vec![0.0; 2 * n];
-        let (reference, _, _) = self.model.rotation.at(self.t);
-        self.model.derivative(reference, &self.state, &externals, &mut Pairs::default(), &mut slope);
-        (0..n)
-            .map(|i| {
-                row.position[i] * self.state[i]
-                    + row.velocity[i] * self.state[n + i]
-                    + row.acceleration[i] * slope[n + i]
-            })
-            .sum()
+        self.model.reading(sensor, self.t, &self.state)
     }
+
+    /// Longest step (s) that is stable for the fastest mode with all meshes at 1.5 times their mean stiffness.
+    ///
+    /// # Errors
+    /// Where the train has no separate modes.
+    pub fn longest_stable_step(model: &TrainModel) -> Result<f64, StepperError> {
+        Ok(STABLE / fastest_mode(model)?)
+    }
+}
+
+/// Largest |λ| (1/s) with all meshes at 1.5 times their mean stiffness.
+fn fastest_mode(model: &TrainModel) -> Result<f64, ModelError> {
+    let stiffness: Vec<f64> = model.contacts.iter().map(|c| 1.5 * c.mean_stiffness_n_per_m).collect();
+    let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
+    Ok(Modes::new(&model.linear.with_meshes(&stiffness, &damping))?.fastest())
 }

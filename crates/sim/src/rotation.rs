@@ -37,6 +37,12 @@ impl Profile {
         Some(Self { points: points.to_vec(), integrals })
     }
 
+    /// The same, later by some time (s).
+    pub fn delayed(&self, by_s: f64) -> Self {
+        let points = self.points.iter().map(|&(t, v)| (t + by_s, v)).collect();
+        Self { points, integrals: self.integrals.clone() }
+    }
+
     /// Value at a time (s).
     pub fn at(&self, t: f64) -> f64 {
         let (i, slope) = self.segment(t);

@@ -6,6 +6,7 @@
 use gearwatch_core::bench::Bench;
 
 use crate::faults::ToothModifications;
+use crate::impact::Impact;
 use crate::mesh::MeshOptions;
 
 /// How often something repeats.
@@ -124,6 +125,8 @@ pub struct SensorSetup {
     pub tones: Vec<Tone>,
     /// Level at which the amplifier clips, in the sensor's unit.
     pub clip_level: Option<f64>,
+    /// White noise of the machine ahead of the path, standard deviation per sample (m/s²).
+    pub background_m_per_s2: f64,
     /// White noise of sensor and amplifier, standard deviation per sample in the sensor's unit.
     pub noise: f64,
     /// Full scale of the converter, in the sensor's unit.
@@ -135,7 +138,7 @@ pub struct SensorSetup {
 }
 
 impl SensorSetup {
-    /// A common 100 mV/g transducer at a 24-bit converter: full scale 500 m/s², noise 2 mm/s² a sample, 0.5 Hz coupling; the same
+    /// A common 100 mV/g transducer at a 24-bit converter: full scale 500 m/s², noise 2 mm/s² a sample, background of the machine 4 mm/s², 0.5 Hz coupling; the same
     /// figures through the unit for `g`, and as plain numbers for any other unit.
     pub fn typical(unit: &str) -> Self {
         let unit_per_metre = metres_per_second2_to(unit);
@@ -144,6 +147,7 @@ impl SensorSetup {
             resonances: Vec::new(),
             tones: Vec::new(),
             clip_level: None,
+            background_m_per_s2: 4e-3,
             noise: 2e-3 * unit_per_metre,
             full_scale: 500.0 * unit_per_metre,
             bits: 24,
@@ -161,49 +165,6 @@ pub fn metres_per_second2_to(unit: &str) -> f64 {
     }
 }
 
-/// `F = max(0, K p^n + c(p) ṗ)` for a penetration p > 0, with `c` rising as a cubic step from 0 at p = 0 to `damping` at `depth`.
-///
-/// # Source
-/// IMPACT of ADAMS. It knows no bending of teeth and no second pair: with the usual `K = 4/3 √R E*`, n = 3/2 a mesh comes out three to
-/// six times too soft at bench loads, stiffens with F^(1/3), and is almost undamped at p ≪ depth. The mesh frequency shows only through
-/// geometric errors.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ImpactLaw {
-    /// K (N/m^n).
-    pub stiffness: f64,
-    /// n.
-    pub exponent: f64,
-    /// Damping at full depth (N s/m).
-    pub damping_n_s_per_m: f64,
-    /// Penetration at which the damping is full (m).
-    pub depth_m: f64,
-}
-
-impl ImpactLaw {
-    /// The usual figures of gear papers for flanks with radii of curvature `ρ = r sin α` at the pitch point (m):
-    /// `K = 4/3 √R E*`, `1/R = 1/ρ₁ + 1/ρ₂`, `E* = E/(2(1−ν²))`, n = 3/2, 50 N s/mm at 0.1 mm.
-    pub fn typical(radii_m: [f64; 2], youngs_modulus_pa: f64, poisson_ratio: f64) -> Self {
-        let radius = 1.0 / (1.0 / radii_m[0] + 1.0 / radii_m[1]);
-        let modulus = youngs_modulus_pa / (2.0 * (1.0 - poisson_ratio * poisson_ratio));
-        Self { stiffness: 4.0 / 3.0 * radius.sqrt() * modulus, exponent: 1.5, damping_n_s_per_m: 5e4, depth_m: 1e-4 }
-    }
-
-    /// Force (N) at a penetration (m) closing at a speed (m/s).
-    pub fn force_n(&self, penetration: f64, speed: f64) -> f64 {
-        if penetration <= 0.0 {
-            return 0.0;
-        }
-        let part = (penetration / self.depth_m).min(1.0);
-        let damping = self.damping_n_s_per_m * part * part * (3.0 - 2.0 * part);
-        (self.stiffness * penetration.powf(self.exponent) + damping * speed).max(0.0)
-    }
-
-    /// Elastic tangent stiffness (N/m) under a force (N): `n K^(1/n) F^(1 − 1/n)`.
-    pub fn tangent_n_per_m(&self, force_n: f64) -> f64 {
-        self.exponent * self.stiffness.powf(1.0 / self.exponent) * force_n.max(0.0).powf(1.0 - 1.0 / self.exponent)
-    }
-}
-
 /// Everything that is simulated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimSetup {
@@ -214,7 +175,7 @@ pub struct SimSetup {
     /// What is wrong with the teeth, one per stage of the bench, in its order.
     pub teeth: Vec<ToothModifications>,
     /// The contact law of multibody programs in place of elastic tooth pairs, for all meshes.
-    pub impact: Option<ImpactLaw>,
+    pub impact: Option<Impact>,
     /// Creep of the belt at the bench's nominal torque (1); it grows with the torque.
     pub belt_creep: f64,
     /// Uneven reference rotation.
@@ -249,24 +210,5 @@ impl SimSetup {
             clock_ppm: 0.0,
             tacho_jitter_s: 2e-6,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// 34 / 73 teeth, module 3, at 730 N: penetration 12.5 µm, tangent stiffness 0.87e8 N/m (0.45e8 at 100 N, 1.66e8 at 5 kN).
-    #[test]
-    fn literature_tangent_stiffness_of_the_impact_law() {
-        let law = ImpactLaw::typical([0.051, 0.1095].map(|r: f64| r * 20_f64.to_radians().sin()), 2.06e11, 0.3);
-        for (force, tangent) in [(100.0, 0.45e8), (730.0, 0.87e8), (5000.0, 1.66e8)] {
-            let found = law.tangent_n_per_m(force);
-            assert!((found / tangent - 1.0).abs() < 0.01, "{found} at {force} N");
-        }
-        let penetration = (730.0 / law.stiffness).powf(1.0 / 1.5);
-        assert!((penetration - 12.5e-6).abs() < 0.1e-6, "{penetration}");
-        assert!((law.force_n(penetration, 0.0) - 730.0).abs() < 1e-9);
-        assert_eq!(law.force_n(penetration, -1e9), 0.0, "a contact never pulls");
     }
 }

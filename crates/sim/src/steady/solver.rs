@@ -202,7 +202,7 @@ impl Grid {
                 for sample in 0..n {
                     let phase = model.phase(stage, angles[sample], angle[i][sample]);
                     let delta = approach[i][sample];
-                    let now = contact.at(phase, delta, &mut scratch);
+                    let now = contact.at(phase, delta, 0.0, &mut scratch);
                     if !now.is_driving() {
                         open = Some(stage);
                     }

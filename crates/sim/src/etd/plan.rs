@@ -1,0 +1,239 @@
+//! Exact propagators of the linear train over a step, full or partial.
+
+#![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
+
+use std::sync::Arc;
+
+use nalgebra::{Complex, DVector};
+
+use crate::modal::Modes;
+use crate::model::{ModelError, TrainModel};
+
+/// Nodes of a step at which the remainder is taken: its beginning, middle and end.
+pub(super) const NODES: usize = 3;
+/// Degree of the Taylor polynomials of `e^{λh}`.
+const DEGREE: usize = 18;
+/// Largest `|λ| h` at which they are used: the first term left out is 2.6¹⁹/19! = 6e-10.
+pub(super) const LONGEST: f64 = 2.6;
+
+/// Modal quantities, real and imaginary parts apart for vectorisation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Split {
+    pub(super) re: Vec<f64>,
+    pub(super) im: Vec<f64>,
+}
+
+impl Split {
+    pub(super) fn zeros(len: usize) -> Self {
+        Self { re: vec![0.0; len], im: vec![0.0; len] }
+    }
+
+    fn from(values: &[Complex<f64>], len: usize) -> Self {
+        let mut out = Self::zeros(len);
+        for (i, z) in values.iter().enumerate() {
+            (out.re[i], out.im[i]) = (z.re, z.im);
+        }
+        out
+    }
+
+    pub(super) fn at(&self, m: usize) -> Complex<f64> {
+        Complex::new(self.re[m], self.im[m])
+    }
+
+    /// `Σ Re(self_m other_m)`.
+    pub(super) fn real_dot(&self, other: &Self) -> f64 {
+        let mut sum = 0.0;
+        for m in 0..self.re.len() {
+            sum += self.re[m] * other.re[m] - self.im[m] * other.im[m];
+        }
+        sum
+    }
+}
+
+/// What a step of one length needs.
+#[derive(Clone, Debug)]
+pub(super) struct Weights {
+    /// `e^{λℓ/2}` and `e^{λℓ}`.
+    pub(super) decay: [Split; 2],
+    /// `∫ e^{λ(s−τ)} dτ` to the middle and to the end: response to a held force.
+    pub(super) held: [Split; 2],
+    /// `∫ e^{λ(ℓ−τ)} ℓ_node(τ) dτ` to the end, for the Lagrange polynomials of the nodes.
+    pub(super) node: [Split; NODES],
+    /// Response of each output to each input at each node, at the middle and at the end: `[half][output][input][node]`.
+    pub(super) coupling: [Vec<Vec<[f64; NODES]>>; 2],
+}
+
+/// Linear part, inputs and outputs of one parameter set.
+#[derive(Clone, Debug)]
+pub(super) struct Plan {
+    pub(super) model: Arc<TrainModel>,
+    pub(super) modes: Modes,
+    /// Modes, padded to a multiple of the vector width.
+    pub(super) len: usize,
+    /// Step (s).
+    pub(super) step_s: f64,
+    /// Mesh stiffness that is part of the linear train, by stage (N/m).
+    pub(super) stiffness: Vec<f64>,
+    /// Inputs of the remainder: the stages' mesh forces, then three friction forces per stage where there is friction.
+    pub(super) inputs: Vec<Split>,
+    /// Outputs that the remainder needs: approaches by stage, then pinion angles by stage.
+    pub(super) outputs: Vec<Split>,
+    /// Inputs of outside forces.
+    pub(super) externals: Vec<Split>,
+    /// Sensors of the bench (m/s²).
+    pub(super) sensors: Vec<Split>,
+    /// Per degree: `(λh)^k / k!`.
+    powers: Vec<Split>,
+    /// Per output, input: `Re Σ c (λh)^k/k! b`, by degree.
+    kernels: Vec<Vec<[f64; DEGREE + 1]>>,
+    moments: Moments,
+    /// Weights of a full step.
+    pub(super) full: Weights,
+}
+
+/// By half, degree and node.
+type Moments = [[[f64; NODES]; DEGREE + 1]; 2];
+
+/// `∫₀^x (x−τ)^k ℓ_node(τ) dτ` for the quadratic Lagrange polynomials on 0, ½, 1; x is ½ (first) or 1.
+fn node_moments() -> Moments {
+    // ∫₀^x (x−τ)^k τ^p dτ = k! p! / (k+p+1)! · x^(k+p+1)
+    let moment = |k: usize, p: usize, x: f64| {
+        let mut value = x.powi((k + p + 1) as i32) / (k + 1) as f64;
+        for i in 1..=p {
+            value *= i as f64 / (k + 1 + i) as f64;
+        }
+        value
+    };
+    [0.5, 1.0].map(|x| {
+        std::array::from_fn(|k| {
+            let (m0, m1, m2) = (moment(k, 0, x), moment(k, 1, x), moment(k, 2, x));
+            [m0 - 3.0 * m1 + 2.0 * m2, 4.0 * m1 - 4.0 * m2, 2.0 * m2 - m1]
+        })
+    })
+}
+
+impl Plan {
+    /// The plan of a model for steps of `step_s`, which the caller keeps within [`LONGEST`].
+    pub(super) fn new(model: Arc<TrainModel>, step_s: f64, friction: bool, pad: usize) -> Result<Self, ModelError> {
+        let stages = model.contacts.len();
+        let stiffness: Vec<f64> = model.contacts.iter().map(|c| c.mean_stiffness_n_per_m).collect();
+        let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
+        let meshed = model.linear.with_meshes(&stiffness, &damping);
+        let modes = Modes::new(&meshed)?;
+        let len = modes.len().div_ceil(pad) * pad;
+        let zero = DVector::zeros(model.coordinates());
+        let split = |values: Vec<Complex<f64>>| Split::from(&values, len);
+
+        let mut inputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.input(&-row))).collect();
+        let mut outputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.output(row, &zero))).collect();
+        for stage in 0..stages {
+            let mut row = zero.clone();
+            row[model.linear.stages[stage].pinion.angle] = 1.0;
+            outputs.push(split(modes.output(&row, &zero)));
+            if friction {
+                for vector in &model.friction_vectors[stage] {
+                    inputs.push(split(modes.input(&(vector * model.contacts[stage].friction))));
+                }
+            }
+        }
+        let a = meshed.state_matrix();
+        let n = model.coordinates();
+        let sensors = model
+            .linear
+            .sensors
+            .iter()
+            .map(|row| {
+                // q̈ of housing coordinates is linear in the state: no tooth force acts on them directly.
+                let below = a.rows(n, n);
+                let position = &row.position + below.columns(0, n).transpose() * &row.acceleration;
+                let velocity = &row.velocity + below.columns(n, n).transpose() * &row.acceleration;
+                split(modes.output(&position, &velocity))
+            })
+            .collect();
+        let mut powers = vec![Split { re: vec![1.0; len], im: vec![0.0; len] }];
+        for k in 1..=DEGREE {
+            let values: Vec<_> =
+                (0..modes.len()).map(|m| powers[k - 1].at(m) * modes.eigenvalues[m] * (step_s / k as f64)).collect();
+            powers.push(split(values));
+        }
+        let kernels = outputs
+            .iter()
+            .map(|output| {
+                let of_input = |input: &Split| {
+                    std::array::from_fn(|k| {
+                        (0..modes.len()).map(|m| (output.at(m) * powers[k].at(m) * input.at(m)).re).sum()
+                    })
+                };
+                inputs.iter().map(of_input).collect()
+            })
+            .collect();
+        let mut plan = Self {
+            len,
+            step_s,
+            stiffness,
+            externals: model.external_vectors().map(|vector| split(modes.input(vector))).collect(),
+            inputs,
+            outputs,
+            sensors,
+            powers,
+            kernels,
+            moments: node_moments(),
+            full: Weights {
+                decay: [Split::zeros(len), Split::zeros(len)],
+                held: [Split::zeros(len), Split::zeros(len)],
+                node: std::array::from_fn(|_| Split::zeros(len)),
+                coupling: [Vec::new(), Vec::new()],
+            },
+            modes,
+            model,
+        };
+        let mut full = plan.full.clone();
+        plan.weigh(1.0, &mut full);
+        plan.full = full;
+        Ok(plan)
+    }
+
+    /// Weights of a step of `part` of the full length (0–1).
+    ///
+    /// # Formula
+    /// `e^{λσh} = Σ (λh)^k/k! σ^k`, `∫ e^{λ(x−τ)} ℓ(τ) dτ = h Σ (λh)^k/k! σ^{k+1} β_k`, with moments β of the Lagrange polynomials.
+    pub(super) fn weigh(&self, part: f64, out: &mut Weights) {
+        let moments = &self.moments;
+        for half in 0..2 {
+            let x = if half == 0 { 0.5 * part } else { part };
+            fill(&mut out.decay[half], &self.powers, |k| x.powi(k as i32));
+            fill(&mut out.held[half], &self.powers, |k| self.step_s * x.powi(k as i32 + 1) / (k + 1) as f64);
+            out.coupling[half].resize(self.outputs.len(), Vec::new());
+            for (row, kernels) in out.coupling[half].iter_mut().zip(&self.kernels) {
+                row.resize(self.inputs.len(), [0.0; NODES]);
+                for (coupling, kernel) in row.iter_mut().zip(kernels) {
+                    *coupling = [0.0; NODES];
+                    let mut power = part * self.step_s;
+                    for k in 0..=DEGREE {
+                        for node in 0..NODES {
+                            coupling[node] += kernel[k] * power * moments[half][k][node];
+                        }
+                        power *= part;
+                    }
+                }
+            }
+        }
+        for (node, split) in out.node.iter_mut().enumerate() {
+            fill(split, &self.powers, |k| self.step_s * part.powi(k as i32 + 1) * moments[1][k][node]);
+        }
+    }
+}
+
+fn fill(out: &mut Split, powers: &[Split], factor: impl Fn(usize) -> f64) {
+    out.re.fill(0.0);
+    out.im.fill(0.0);
+    for (k, power) in powers.iter().enumerate() {
+        let factor = factor(k);
+        for (out, &value) in out.re.iter_mut().zip(&power.re) {
+            *out += factor * value;
+        }
+        for (out, &value) in out.im.iter_mut().zip(&power.im) {
+            *out += factor * value;
+        }
+    }
+}

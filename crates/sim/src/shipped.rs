@@ -1,0 +1,100 @@
+//! Benches and scenarios that come with the program.
+
+use gearwatch_core::bench::{Bench, EffectSpec};
+
+use crate::scenario::Scenario;
+use crate::source::{SimConfig, SimError, Simulator};
+
+/// A bench that comes with the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shipped {
+    /// Its name, taken in place of a file.
+    pub name: &'static str,
+    /// One line about it.
+    pub help: &'static str,
+    /// The bench file.
+    pub text: &'static str,
+}
+
+/// All of them.
+pub const BENCHES: &[Shipped] = &[
+    Shipped {
+        name: "single-pair",
+        help: "one pair, 23/57 teeth, driven directly: the smallest bench",
+        text: include_str!("shipped/single-pair.toml"),
+    },
+    Shipped {
+        name: "paper-rig",
+        help: "two stages behind a belt of 1:3.56; 34 teeth mesh at 286.5 Hz; load read as lb in",
+        text: include_str!("shipped/paper-rig.toml"),
+    },
+    Shipped {
+        name: "spectraquest-like",
+        help: "two stages 32/80 and 48/64, driven directly, as in many public recordings",
+        text: include_str!("shipped/spectraquest-like.toml"),
+    },
+];
+
+/// What the demonstration does: healthy at first, then the flanks of the first stage wear.
+const DEMO: &str = include_str!("shipped/demo-scenario.toml");
+
+/// The shipped bench with a name.
+pub fn bench(name: &str) -> Option<Bench> {
+    let shipped = BENCHES.iter().find(|shipped| shipped.name == name)?;
+    // A shipped text that is not a bench is found by the test below.
+    toml::from_str(shipped.text).ok()
+}
+
+/// The demonstration: the bench `spectraquest-like`, healthy for two minutes; then a fault sets in and grows for two more.
+///
+/// # Errors
+/// As [`Simulator::new`]; the shipped files themselves are tested.
+pub fn demo_config(seed: u64) -> Result<SimConfig, SimError> {
+    let broken = |what: &str| SimError::Scenario(vec![format!("the shipped {what} cannot be read")]);
+    Ok(SimConfig {
+        bench: bench("spectraquest-like").ok_or_else(|| broken("bench"))?,
+        effects: Vec::<EffectSpec>::new(),
+        scenario: toml::from_str::<Scenario>(DEMO).map_err(|_| broken("scenario"))?,
+        seed,
+        t0: 0,
+    })
+}
+
+/// The demonstration as a source.
+///
+/// # Errors
+/// As [`demo_config`].
+pub fn demo_source(seed: u64) -> Result<Simulator, SimError> {
+    Simulator::new(demo_config(seed)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::SimSetup;
+
+    #[test]
+    fn conform_shipped_benches_and_demo_are_usable() {
+        for shipped in BENCHES {
+            let bench: Bench = toml::from_str(shipped.text).unwrap();
+            assert_eq!(bench.name, shipped.name);
+            assert_eq!(bench.problems(), Vec::<String>::new());
+            let mut setup = SimSetup::nominal(&bench);
+            for spec in &bench.effects {
+                crate::effects::apply(spec, &mut setup).unwrap();
+            }
+        }
+        let demo = demo_config(1).unwrap();
+        assert_eq!(demo.scenario.problems(&demo.bench), Vec::<String>::new());
+        assert!(!demo.scenario.events.is_empty());
+    }
+
+    /// 34 teeth behind 1:3.56 at 30 Hz: the paper's 286 Hz. 1790 lb in are 202 N m.
+    #[test]
+    fn literature_paper_rig_meshes_at_286_hz() {
+        let bench = bench("paper-rig").unwrap();
+        let train = gearwatch_core::train::Train::new(&bench);
+        assert!((train.stages[0].mesh_order * train.nominal_input_hz - 286.5).abs() < 0.05);
+        assert!((bench.brake.torque_nm / (1790.0 * 0.112_985) - 1.0).abs() < 2e-3);
+    }
+}

@@ -1,0 +1,477 @@
+//! The simulator as a source: packets of 0.1 s, as fast as they can be made; the host paces them.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use gearwatch_core::bench::{Bench, EffectSpec};
+use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock, UnixNanos};
+use gearwatch_core::source::Source;
+use gearwatch_core::train::Train;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::effects::{self, EffectError};
+use crate::etd::Etd;
+use crate::model::{ModelError, TrainModel};
+use crate::path::Channel;
+use crate::rk4::{Diverged, Rk4, StepperError};
+use crate::scenario::{FaultKind, Scenario};
+use crate::setup::{Rate, SimSetup};
+
+/// Length of a block (s).
+pub const BLOCK_S: f64 = 0.1;
+/// Simulated before the first sample, for the transient of the start to decay (s).
+const SETTLING_S: f64 = 1.5;
+
+/// Why the simulator cannot start or go on.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SimError {
+    /// An effect that cannot be switched on.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// A bench that cannot be simulated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A scenario that cannot be.
+    #[error("scenario: {}", .0.join("; "))]
+    Scenario(Vec<String>),
+    /// A time step that would be unstable.
+    #[error(transparent)]
+    Stepper(#[from] StepperError),
+    /// The motion left everything that makes sense.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+}
+
+/// What is simulated, and how it is labelled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimConfig {
+    /// The bench, with its own `[[effect]]` tables.
+    pub bench: Bench,
+    /// Further effects, present from the start.
+    pub effects: Vec<EffectSpec>,
+    /// What happens over time.
+    pub scenario: Scenario,
+    /// Draws tooth positions, noise, jitter and slip.
+    pub seed: u64,
+    /// Time of the first sample.
+    pub t0: UnixNanos,
+}
+
+/// The simulator as a source of packets.
+pub struct Simulator {
+    config: SimConfig,
+    setup: SimSetup,
+    applied: Vec<Option<EffectSpec>>,
+    stepper: Stepper,
+    model: Arc<TrainModel>,
+    channels: Vec<Channel>,
+    names: Vec<Arc<str>>,
+    units: Vec<Arc<str>>,
+    rate_hz: f64,
+    sample: u64,
+    pending: std::collections::VecDeque<Packet>,
+    tacho: Option<TachoState>,
+    dropped: Vec<bool>,
+    ended: bool,
+    /// Deviation of the motor's angle at the end of the last block (rad).
+    motor_rad: f64,
+    motor_order: f64,
+    scratch: Vec<f64>,
+}
+
+struct TachoState {
+    shaft: Arc<str>,
+    /// Pulses per rad of the first shaft.
+    per_rad: f64,
+    /// Pulses per rad of its own shaft.
+    pulses_per_rad: f64,
+    pulses_per_rev: f64,
+    random: ChaCha8Rng,
+    /// Coordinate of the shaft's angle.
+    angle: usize,
+    /// Its last known deviation (rad).
+    deviation: f64,
+    /// Model time (s) and pulse count of the last sample, where it was near an edge.
+    previous: Option<(f64, f64)>,
+    /// Recording times of edges not yet handed over (s).
+    edges: std::collections::VecDeque<f64>,
+}
+
+/// The integrator that suits the mesh law.
+enum Stepper {
+    Exponential(Box<Etd<1>>),
+    /// Impact law: Runge–Kutta with located events, `parts` steps per half sample.
+    RungeKutta {
+        state: Vec<f64>,
+        parts: u32,
+        scratch: Box<crate::rk4::Scratch>,
+    },
+}
+
+impl Simulator {
+    /// A simulator at the start of its scenario, settled.
+    ///
+    /// # Errors
+    /// For a bench, effect or scenario that cannot be, in a sentence that says what would be right.
+    pub fn new(config: SimConfig) -> Result<Self, SimError> {
+        let problems = config.scenario.problems(&config.bench);
+        if !problems.is_empty() {
+            return Err(SimError::Scenario(problems));
+        }
+        let bench = &config.bench;
+        let applied: Vec<_> = config.scenario.events.iter().map(|event| event.spec_at(0.0)).collect();
+        let setup = make_setup(&config, &applied)?;
+        // The true rate: a clock that runs fast takes its samples too early.
+        let rate_hz = bench.acquisition.sample_rate_hz * (1.0 + 1e-6 * setup.clock_ppm);
+        let model = Arc::new(make_model(&config, &setup, rate_hz)?);
+        let channels = (bench.sensors.iter().zip(&setup.sensors).enumerate())
+            .map(|(i, (sensor, s))| Channel::new(s, &sensor.unit, rate_hz, config.seed ^ (0x5eed << 16) ^ i as u64))
+            .collect();
+        let stepper = Stepper::new(&model, rate_hz)?;
+        let train = Train::new(bench);
+        let tacho = bench.tacho.as_ref().map(|tacho| {
+            let order = train.shaft_order(&tacho.shaft).unwrap_or(1.0);
+            let linear = &model.linear;
+            let angle = match bench.shafts.iter().position(|s| s.name == tacho.shaft) {
+                Some(i) => linear.shaft_angles[i].0,
+                None => linear.motor_angle,
+            };
+            TachoState {
+                shaft: tacho.shaft.as_str().into(),
+                per_rad: order * tacho.pulses_per_rev / TAU,
+                pulses_per_rad: tacho.pulses_per_rev / TAU,
+                pulses_per_rev: tacho.pulses_per_rev,
+                random: ChaCha8Rng::seed_from_u64(config.seed ^ 0x7ac0),
+                angle,
+                deviation: 0.0,
+                previous: None,
+                edges: std::collections::VecDeque::new(),
+            }
+        });
+        let mut out = Self {
+            names: bench.sensors.iter().map(|s| s.name.as_str().into()).collect(),
+            units: bench.sensors.iter().map(|s| s.unit.as_str().into()).collect(),
+            dropped: vec![false; bench.sensors.len()],
+            setup,
+            applied,
+            stepper,
+            model,
+            channels,
+            rate_hz,
+            sample: 0,
+            pending: std::collections::VecDeque::new(),
+            tacho,
+            ended: false,
+            motor_rad: 0.0,
+            motor_order: train.motor_order,
+            scratch: Vec::new(),
+            config,
+        };
+        out.settle()?;
+        Ok(out)
+    }
+
+    /// The setup that is simulated at present.
+    pub fn setup(&self) -> &SimSetup {
+        &self.setup
+    }
+
+    /// The train as it is at present.
+    pub fn model(&self) -> &TrainModel {
+        &self.model
+    }
+
+    fn settle(&mut self) -> Result<(), SimError> {
+        for _ in 0..lead_samples(self.rate_hz) + u64::from(Channel::DELAY_SAMPLES) {
+            self.advance()?;
+            // Fills the filters; the counts before the first sample are not handed over.
+            for channel in &mut self.channels {
+                channel.sample(0.0);
+            }
+        }
+        self.motor_rad = self.motor_angle();
+        Ok(())
+    }
+
+    /// Steps one sample and pushes its two readings, at half and full time, into the channels.
+    fn advance(&mut self) -> Result<(), SimError> {
+        match &mut self.stepper {
+            Stepper::Exponential(etd) => {
+                let steps = (1.0 / (self.rate_hz * etd.step_s())).round() as u32;
+                for step in 1..=steps {
+                    etd.step()?;
+                    let [middle, end] = etd.readings();
+                    for (channel, (middle, end)) in self.channels.iter_mut().zip(middle.iter().zip(end)) {
+                        if 2 * step == steps + 1 {
+                            channel.push(middle[0]);
+                        } else if 2 * step == steps {
+                            channel.push(end[0]);
+                        }
+                        if step == steps {
+                            channel.push(end[0]);
+                        }
+                    }
+                }
+            }
+            Stepper::RungeKutta { state, parts, scratch } => {
+                let t = self.sample as f64 / self.rate_hz;
+                let half_s = 0.5 / self.rate_hz;
+                let h = half_s / f64::from(*parts);
+                for half in 0..2 {
+                    let from = t + f64::from(half) * half_s;
+                    for part in 0..*parts {
+                        scratch.located(&self.model, from + f64::from(part) * h, h, state)?;
+                    }
+                    for (s, channel) in self.channels.iter_mut().enumerate() {
+                        channel.push(self.model.reading(s, from + half_s, state));
+                    }
+                }
+            }
+        }
+        self.sample += 1;
+        Ok(())
+    }
+
+    /// Samples handed over so far.
+    fn handed(&self) -> u64 {
+        self.sample - lead_samples(self.rate_hz) - u64::from(Channel::DELAY_SAMPLES)
+    }
+
+    /// Time of the model at which the recording's time is zero (s): the filters' delay and the settling lie before it.
+    fn offset_s(rate_hz: f64) -> f64 {
+        (lead_samples(rate_hz) + 1) as f64 / rate_hz
+    }
+
+    /// Deviation of the motor's angle (rad).
+    fn motor_angle(&mut self) -> f64 {
+        let at = self.model.linear.motor_angle;
+        self.state()[at]
+    }
+
+    fn state(&mut self) -> &[f64] {
+        match &mut self.stepper {
+            Stepper::Exponential(etd) => {
+                etd.state(0, &mut self.scratch);
+                &self.scratch
+            }
+            Stepper::RungeKutta { state, .. } => state,
+        }
+    }
+
+    /// Makes the packets of the next 0.1 s.
+    fn make_block(&mut self) -> Result<(), SimError> {
+        let nominal_hz = self.config.bench.acquisition.sample_rate_hz;
+        let first = self.handed();
+        let block = (first as f64 / (nominal_hz * BLOCK_S)).round() as u64;
+        let mut last = ((block + 1) as f64 * BLOCK_S * nominal_hz).round() as u64;
+        if let Some(duration) = self.config.scenario.duration_s {
+            last = last.min((duration * nominal_hz).round() as u64);
+        }
+        if last <= first {
+            self.ended = true;
+            return Ok(());
+        }
+        self.follow_events(first as f64 / self.rate_hz)?;
+        let count = (last - first) as usize;
+        let mut counts: Vec<Vec<i32>> = self.channels.iter().map(|_| Vec::with_capacity(count)).collect();
+        let mut over = vec![false; self.channels.len()];
+        for n in first..last {
+            self.advance()?;
+            let time = n as f64 / self.rate_hz;
+            let reference = self.model.rotation.at(time + Self::offset_s(self.rate_hz)).0;
+            for (s, channel) in self.channels.iter_mut().enumerate() {
+                let mut tones = 0.0;
+                for tone in &self.setup.sensors[s].tones {
+                    let angle = match tone.rate {
+                        Rate::Hertz(hz) => TAU * hz * time,
+                        Rate::PerRevolution { shaft, order } => {
+                            order * reference * shaft.map_or(self.motor_order, |i| self.model.linear.shaft_orders[i])
+                        }
+                    };
+                    tones += tone.amplitude * angle.sin();
+                }
+                let (value, flag) = channel.sample(tones);
+                counts[s].push(value);
+                over[s] |= flag;
+            }
+            self.watch_tacho();
+        }
+        self.hand_over(first, last, counts, &over);
+        Ok(())
+    }
+
+    /// Notes the tacho edges of the sample that was stepped last.
+    fn watch_tacho(&mut self) {
+        let Some(mut tacho) = self.tacho.take() else { return };
+        let t = self.sample as f64 / self.rate_hz;
+        let (reference, omega, _) = self.model.rotation.at(t);
+        let counted = tacho.per_rad * reference + tacho.pulses_per_rad * tacho.deviation;
+        // The shaft's true angle is worked out only near an edge; it deviates slowly from the reference.
+        let near = 2.0 * tacho.per_rad * omega / self.rate_hz + 0.1 * tacho.pulses_per_rad;
+        if counted.ceil() - counted < near || counted - counted.floor() < near {
+            tacho.deviation = self.state()[tacho.angle];
+            let now = tacho.per_rad * reference + tacho.pulses_per_rad * tacho.deviation;
+            if let Some((then, before)) = tacho.previous {
+                let mut edge = before.floor() + 1.0;
+                while edge <= now {
+                    let part = (edge - before) / (now - before);
+                    let jitter: f64 = StandardNormal.sample(&mut tacho.random);
+                    let time = then + part * (t - then) - Self::offset_s(self.rate_hz);
+                    tacho.edges.push_back(time + self.setup.tacho_jitter_s * jitter);
+                    edge += 1.0;
+                }
+            }
+            tacho.previous = Some((t, now));
+        } else {
+            tacho.previous = None;
+        }
+        self.tacho = Some(tacho);
+    }
+
+    fn hand_over(&mut self, first: u64, last: u64, counts: Vec<Vec<i32>>, over: &[bool]) {
+        let nominal_hz = self.config.bench.acquisition.sample_rate_hz;
+        let stamp = |seconds: f64| self.config.t0 + (1e9 * seconds).round() as UnixNanos;
+        let (begin, end) = (first as f64 / self.rate_hz, last as f64 / self.rate_hz);
+        // What the recording's clock shows for a true time.
+        let clock = self.rate_hz / nominal_hz;
+        let t0 = stamp(first as f64 / nominal_hz);
+        let motor_rad = self.motor_angle();
+        let slip_hz = (motor_rad - self.motor_rad) / (TAU * (end - begin));
+        self.motor_rad = motor_rad;
+        let middle = 0.5 * (begin + end) + Self::offset_s(self.rate_hz);
+        let point = OperatingPoint {
+            t: t0,
+            motor_speed_hz: self.model.rotation.motor_hz(middle) + slip_hz,
+            brake_torque_nm: self.model.brake_torque_nm(middle),
+            temperature_c: f64::NAN,
+        };
+        let stamp = |seconds: f64| self.config.t0 + (1e9 * seconds).round() as UnixNanos;
+        self.pending.push_back(Packet::OperatingPoint(point));
+        if let Some(tacho) = &mut self.tacho {
+            let mut pulse_times = Vec::new();
+            while tacho.edges.front().is_some_and(|&edge| edge < end) {
+                let edge = tacho.edges.pop_front().unwrap_or_default();
+                if edge >= 0.0 {
+                    pulse_times.push(stamp(edge * clock));
+                }
+            }
+            // Jitter may swap two edges of a fast encoder.
+            pulse_times.sort_unstable();
+            self.pending.push_back(Packet::Tacho(TachoBlock {
+                shaft: tacho.shaft.clone(),
+                t0,
+                pulses_per_rev: tacho.pulses_per_rev,
+                pulse_times,
+                quality: Quality::GOOD,
+            }));
+        }
+        for (s, mut counts) in counts.into_iter().enumerate() {
+            let mut quality = if over[s] { Quality::OVERLOAD } else { Quality::GOOD };
+            let fault = self.config.scenario.sensor_faults.iter().find(|fault| {
+                fault.sensor == *self.names[s] && fault.start_s < end && fault.end_s.is_none_or(|e| e > begin)
+            });
+            match fault.map(|fault| fault.kind) {
+                Some(FaultKind::Dropout) => {
+                    self.dropped[s] = true;
+                    continue;
+                }
+                Some(FaultKind::Flat) => {
+                    let held = counts.first().copied().unwrap_or_default();
+                    counts.fill(held);
+                }
+                Some(FaultKind::Clipped) => {
+                    let level = counts.iter().map(|c| c.unsigned_abs()).max().unwrap_or_default() / 10;
+                    let level = i32::try_from(level).unwrap_or(i32::MAX);
+                    counts.iter_mut().for_each(|c| *c = (*c).clamp(-level, level));
+                    quality |= Quality::OVERLOAD;
+                }
+                None => {}
+            }
+            if std::mem::take(&mut self.dropped[s]) {
+                quality |= Quality::GAP_BEFORE;
+            }
+            self.pending.push_back(Packet::Vibration(Block {
+                sensor: self.names[s].clone(),
+                t0,
+                sample_rate_hz: nominal_hz,
+                first_sample_index: first,
+                unit: self.units[s].clone(),
+                samples: Samples::Counts { counts, scale: self.channels[s].scale(), offset: 0.0 },
+                quality,
+            }));
+        }
+    }
+
+    /// Rebuilds the model where an effect set in or grew; the train goes on from where it is.
+    fn follow_events(&mut self, t: f64) -> Result<(), SimError> {
+        let now: Vec<_> = self.config.scenario.events.iter().map(|event| event.spec_at(t)).collect();
+        if now == self.applied {
+            return Ok(());
+        }
+        let setup = make_setup(&self.config, &now)?;
+        let model = Arc::new(make_model(&self.config, &setup, self.rate_hz)?);
+        let state = self.state().to_vec();
+        let mut stepper = Stepper::new(&model, self.rate_hz)?;
+        let model_time = self.sample as f64 / self.rate_hz;
+        match &mut stepper {
+            Stepper::Exponential(etd) => {
+                etd.set_time(model_time);
+                etd.set_state(0, &state);
+            }
+            Stepper::RungeKutta { state: new, .. } => new.clone_from(&state),
+        }
+        for (channel, sensor) in self.channels.iter_mut().zip(&setup.sensors) {
+            channel.change(sensor);
+        }
+        (self.setup, self.model, self.stepper, self.applied) = (setup, model, stepper, now);
+        Ok(())
+    }
+}
+
+impl Source for Simulator {
+    type Error = SimError;
+
+    fn next_packet(&mut self) -> Result<Option<Packet>, SimError> {
+        while self.pending.is_empty() && !self.ended {
+            self.make_block()?;
+        }
+        Ok(self.pending.pop_front())
+    }
+}
+
+impl Stepper {
+    fn new(model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
+        if model.contacts.iter().any(|contact| contact.impact().is_some()) {
+            // Damping of the impact law grows with depth and is not in the matrices: steps well inside the border of stability.
+            let longest = Rk4::longest_stable_step(model)?;
+            let parts = (0.5 / rate_hz / (0.25 * longest)).ceil().max(1.0) as u32;
+            let scratch = Box::new(crate::rk4::Scratch::new(model));
+            return Ok(Self::RungeKutta { state: model.static_state()?, parts, scratch });
+        }
+        Ok(Self::Exponential(Box::new(Etd::new([model.clone()], 1.0 / rate_hz)?)))
+    }
+}
+
+/// Whole samples before the first one.
+fn lead_samples(rate_hz: f64) -> u64 {
+    (SETTLING_S * rate_hz).round() as u64
+}
+
+fn make_setup(config: &SimConfig, events: &[Option<EffectSpec>]) -> Result<SimSetup, SimError> {
+    let further: Vec<EffectSpec> = config.effects.iter().chain(events.iter().flatten()).cloned().collect();
+    let mut setup = effects::setup(&config.bench, &further)?;
+    // The clock is one for the whole recording.
+    setup.bench.acquisition = config.bench.acquisition.clone();
+    Ok(setup)
+}
+
+fn make_model(config: &SimConfig, setup: &SimSetup, rate_hz: f64) -> Result<TrainModel, SimError> {
+    let (speed, torque) = config
+        .scenario
+        .profiles(&config.bench)
+        .ok_or_else(|| SimError::Scenario(config.scenario.problems(&config.bench)))?;
+    let offset = Simulator::offset_s(rate_hz);
+    Ok(TrainModel::new(setup, speed.delayed(offset), torque.delayed(offset), config.seed)?)
+}
