@@ -1,0 +1,129 @@
+//! The gear pair and the steady state against stepping, in one run: `cargo bench -p gearwatch-sim --bench steady`.
+//!
+//! `cold` and `warm` give the ten amplitudes 1x to 5x of both stages of a two-stage rig at two sensors; `stepping` is the shortest run that
+//! gives them too: 1.5 s to settle and one common period, by Runge–Kutta.
+
+use gearwatch_core::bench::{Acquisition, Belt, Bench, Brake, FORMAT, Gear, GearMaterial, Motor, Sensor, Shaft, Stage};
+use gearwatch_sim::mesh::{MeshModel, MeshState, Pairs};
+use gearwatch_sim::model::TrainModel;
+use gearwatch_sim::rk4::Rk4;
+use gearwatch_sim::rotation::Profile;
+use gearwatch_sim::setup::SimSetup;
+use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
+
+fn main() {
+    divan::main();
+}
+
+/// 34/73 and 36/90 teeth behind a belt of 1:3.56.
+fn rig() -> Bench {
+    let shaft = |name: &str| Shaft {
+        name: name.into(),
+        inertia_kg_m2: 0.002,
+        torsion_nm_per_rad: 9000.0,
+        torsion_damping_nm_s_per_rad: 0.4,
+        bearing_n_per_m: 1.2e8,
+        bearing_damping_n_s_per_m: 1500.0,
+    };
+    let stage = |name: &str, pinion, wheel, line_of_centres_deg| {
+        let gear = |teeth| Gear { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
+        Stage {
+            name: name.into(),
+            module_mm: 3.0,
+            pressure_angle_deg: 20.0,
+            face_width_mm: 20.0,
+            backlash_um: 80.0,
+            mesh_damping_ratio: 0.06,
+            line_of_centres_deg,
+            pinion: gear(pinion),
+            wheel: gear(wheel),
+        }
+    };
+    let sensor = |name: &str, shaft: &str, direction_deg| Sensor {
+        name: name.into(),
+        shaft: shaft.into(),
+        direction_deg,
+        unit: "m/s^2".into(),
+    };
+    Bench {
+        format: FORMAT.into(),
+        name: "two stages".into(),
+        motor: Motor { speed_hz: 30.0, inertia_kg_m2: 0.008, slip_slope_nm_s_per_rad: 2.0 },
+        belt: Some(Belt { ratio: 3.56, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.0 }),
+        shafts: vec![shaft("input"), shaft("intermediate"), shaft("output")],
+        stages: vec![stage("stage1", 34, 73, 0.0), stage("stage2", 36, 90, 30.0)],
+        gear_material: GearMaterial::default(),
+        brake: Brake { torque_nm: 60.0, inertia_kg_m2: 0.02 },
+        housing_modes: vec![],
+        sensors: vec![sensor("acc_1", "input", 90.0), sensor("acc_2", "output", 0.0)],
+        tacho: None,
+        acquisition: Acquisition::default(),
+        effects: vec![],
+    }
+}
+
+fn orders() -> Vec<f64> {
+    [34.0, 34.0 / 73.0 * 36.0].iter().flat_map(|mesh| (1..=5).map(move |h| mesh * f64::from(h))).collect()
+}
+
+#[divan::bench]
+fn cold(bencher: divan::Bencher) {
+    let setup = SimSetup::nominal(&rig());
+    let orders = orders();
+    bencher.bench(|| SteadySolver::new(SteadyOptions::default()).solve(&setup, 30.0, 60.0, 5, &orders));
+}
+
+/// From a neighbour whose teeth are 2 % stiffer, to and fro.
+#[divan::bench]
+fn warm(bencher: divan::Bencher) {
+    let setup = SimSetup::nominal(&rig());
+    let mut stiffer = setup.clone();
+    stiffer.teeth[0].pair.stiffness_factor = 1.02;
+    let orders = orders();
+    let mut solver = SteadySolver::new(SteadyOptions::default());
+    let mut turn = 0;
+    bencher.bench_local(|| {
+        turn += 1;
+        let setup = if turn % 2 == 0 { &setup } else { &stiffer };
+        solver.solve(setup, 30.0, 60.0, 5, &orders)
+    });
+}
+
+/// Tables and plan of the train alone: part of `cold` and `warm`.
+#[divan::bench]
+fn train_model(bencher: divan::Bencher) {
+    let setup = SimSetup::nominal(&rig());
+    bencher.bench(|| TrainModel::new(&setup, Profile::constant(30.0), Profile::constant(60.0), 5));
+}
+
+#[divan::bench(sample_count = 3, sample_size = 1)]
+fn stepping(bencher: divan::Bencher) {
+    let model =
+        TrainModel::new(&SimSetup::nominal(&rig()), Profile::constant(30.0), Profile::constant(60.0), 5).unwrap();
+    let period = 73.0 / 34.0 / (30.0 / 3.56);
+    bencher.bench_local(|| {
+        let mut rk4 = Rk4::new(&model, period / 16_384.0).unwrap();
+        for _ in 0..16_384 * 7 {
+            rk4.step_plain();
+        }
+        rk4.state[0]
+    });
+}
+
+/// 1000 look-ups and forces of a healthy pair.
+#[divan::bench]
+fn thousand_forces(bencher: divan::Bencher) {
+    let setup = SimSetup::nominal(&rig());
+    let mesh = MeshModel::new(&setup.bench, 0, &setup.mesh, &setup.teeth[0]).unwrap();
+    let load = mesh.at_load(700.0);
+    let mut pairs = Pairs::default();
+    bencher.bench_local(|| {
+        let mut sum = 0.0;
+        for i in 0..1000 {
+            let state = MeshState { phase: 0.0137 * f64::from(i), displacement_m: [0.0; 2] };
+            mesh.pairs_at(&state, &load, &mut pairs);
+            sum += pairs.force(3e-6).force_n;
+        }
+        sum
+    });
+}
