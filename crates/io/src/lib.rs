@@ -5,15 +5,17 @@ pub mod bench_file;
 mod blocks;
 mod columns;
 pub mod formats;
+pub mod mat;
 pub mod mcap;
 pub mod open;
 pub mod options;
 pub mod problem;
 pub mod summary;
+pub mod tdms;
 mod timing;
 pub mod uff;
 mod units;
 
-pub use open::{Opened, open, read_recording};
+pub use open::{Opened, open, open_bytes, read_recording};
 pub use options::{ChannelOption, OpenOptions};
 pub use problem::{Problem, ReadError};

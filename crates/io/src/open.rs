@@ -77,7 +77,7 @@ impl Opened {
         self.progress.clone()
     }
 
-    /// Size of the file in bytes.
+    /// Size of the file in bytes; 0 where it is not known.
     pub fn size(&self) -> u64 {
         self.size
     }
@@ -122,8 +122,26 @@ const HEAD: usize = 4096;
 /// When the file cannot be read, its format is not known, or an option does not fit it.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened, ReadError> {
     let options = options.with_sidecar(path)?;
+    let fail = |e: std::io::Error| Problem::from(e).in_file(path);
+    let metadata = std::fs::metadata(path).map_err(fail)?;
+    if metadata.is_dir() {
+        return Err(Problem::unsupported("a directory", "name a recording in it").in_file(path));
+    }
+    let file = File::open(path).map_err(fail)?;
+    let mut opened = open_bytes(path, Box::new(file), &options)?;
+    opened.size = metadata.len();
+    Ok(opened)
+}
+
+/// As [`open`], from bytes that come from elsewhere, such as a pipe; `path` is named in errors, and its end helps to find
+/// the format. There is no sidecar file.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_bytes(path: &Path, bytes: Bytes, options: &OpenOptions) -> Result<Opened, ReadError> {
     let progress = Progress::default();
-    let (format, reader, size) = open_inner(path, &options, &progress).map_err(|problem| problem.in_file(path))?;
+    let counted = Counted { inner: bytes, progress: progress.clone() };
+    let (format, reader) = find(path, counted, options).map_err(|problem| problem.in_file(path))?;
     let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
     let point = (options.motor_speed_hz.is_some() || options.brake_torque_nm.is_some()).then_some(OperatingPoint {
         // Set to the time of the first packet.
@@ -132,21 +150,15 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened, ReadError> {
         brake_torque_nm: given(options.brake_torque_nm),
         temperature_c: f64::NAN,
     });
-    Ok(Opened { path: path.to_owned(), format, reader, point, ready: VecDeque::new(), progress, size })
+    Ok(Opened { path: path.to_owned(), format, reader, point, ready: VecDeque::new(), progress, size: 0 })
 }
 
-/// Format, reader, and size of the file in bytes.
-type Found = (&'static dyn Format, Box<dyn Reader>, u64);
+/// Format and reader.
+type Found = (&'static dyn Format, Box<dyn Reader>);
 
-fn open_inner(path: &Path, options: &OpenOptions, progress: &Progress) -> Result<Found, Problem> {
+fn find(path: &Path, input: Counted<Bytes>, options: &OpenOptions) -> Result<Found, Problem> {
     options.check()?;
-    let metadata = std::fs::metadata(path)?;
-    if metadata.is_dir() {
-        return Err(Problem::unsupported("a directory", "name a recording in it"));
-    }
-    let file = File::open(path)?;
-    let mut bytes: Bytes =
-        Box::new(BufReader::with_capacity(1 << 16, Counted { inner: file, progress: progress.clone() }));
+    let mut bytes: Bytes = Box::new(BufReader::with_capacity(1 << 16, input));
     let mut name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let mut head = take_head(&mut bytes)?;
     if head.is_empty() {
@@ -170,7 +182,7 @@ fn open_inner(path: &Path, options: &OpenOptions, progress: &Progress) -> Result
             },
         )?;
     let reader = format.open(Box::new(Cursor::new(head).chain(bytes)), options)?;
-    Ok((*format, reader, metadata.len()))
+    Ok((*format, reader))
 }
 
 /// Largest file of the formats that are read into memory as a whole.

@@ -4,7 +4,9 @@ use crate::open::{Bytes, OpenOptions, Reader};
 use crate::problem::Problem;
 
 mod csv;
+mod mat;
 mod mcap;
+mod tdms;
 mod uff;
 mod wav;
 
@@ -30,4 +32,4 @@ pub trait Format: Sync {
 }
 
 /// All formats, in the order in which they are tried.
-pub const FORMATS: &[&dyn Format] = &[&mcap::Mcap, &wav::Wav, &uff::Uff, &csv::Csv];
+pub const FORMATS: &[&dyn Format] = &[&mcap::Mcap, &wav::Wav, &uff::Uff, &mat::Mat, &tdms::Tdms, &csv::Csv];

@@ -1,0 +1,187 @@
+//! MATLAB files: which arrays are channels, and where their sample rate stands.
+
+use std::io::Read;
+
+use gearwatch_core::block::Samples;
+
+use crate::blocks::{Whole, WholeSource};
+use crate::columns::{self, Column};
+use crate::mat::{Numbers, Parsed, Variable, v5, v73};
+use crate::open::{Bytes, OpenOptions, Reader, read_all};
+use crate::problem::Problem;
+use crate::timing;
+
+use super::Format;
+
+/// See the module.
+pub(super) struct Mat;
+
+const HDF5: [u8; 8] = [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1A, b'\n'];
+/// Arrays below this length are parameters, not recordings.
+const SHORTEST: usize = 64;
+/// Names under which files store their sample rate, in lower case.
+const RATE_NAMES: [&str; 10] = [
+    "fs",
+    "sr",
+    "f_s",
+    "fsamp",
+    "samplerate",
+    "sample_rate",
+    "samplingrate",
+    "sampling_rate",
+    "sample_rate_hz",
+    "samplingfrequency",
+];
+
+impl Format for Mat {
+    fn name(&self) -> &'static str {
+        "MATLAB"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["mat", "h5", "hdf5"]
+    }
+
+    fn help(&self) -> &'static str {
+        "versions 5 to 7.3, arrays in structs too (name them struct.field); needs --unit, and --sample-rate where no variable fs or sr has it"
+    }
+
+    fn sniff(&self, head: &[u8]) -> bool {
+        head.starts_with(b"MATLAB 5.0") || is_hdf5(head)
+    }
+
+    fn open(&self, mut bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let mut head = vec![0; 1024];
+        let mut got = 0;
+        while got < head.len() {
+            match bytes.read(&mut head[got..])? {
+                0 => break,
+                n => got += n,
+            }
+        }
+        head.truncate(got);
+        let hdf5 = is_hdf5(&head);
+        let all = read_all(Box::new(std::io::Cursor::new(head).chain(bytes)))?;
+        let parsed = if hdf5 {
+            v73::parse(all)?
+        } else if all.starts_with(b"MATLAB 5.0") {
+            v5::parse(&all, v5::MOST_BYTES)?
+        } else {
+            return Err(Problem::unsupported(
+                "a MATLAB file of version 4, or none at all,",
+                "versions 5 to 7.3 are read: save it with save(name, '-v7')",
+            ));
+        };
+        Ok(Box::new(assemble(parsed, options)?))
+    }
+}
+
+/// HDF5 begins at byte 0, or behind a block of the user's own, which in MATLAB has 512 bytes.
+fn is_hdf5(head: &[u8]) -> bool {
+    head.starts_with(&HDF5) || head.get(512..520) == Some(&HDF5)
+}
+
+/// One column of one array.
+struct Part<'a> {
+    variable: &'a Variable,
+    from: usize,
+    length: usize,
+}
+
+fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Problem> {
+    let Parsed { variables, mut warnings } = parsed;
+    let time = match &options.time_column {
+        None => None,
+        Some(wanted) => Some(variables.iter().find(|v| v.path == *wanted).ok_or_else(|| {
+            Problem::option(
+                format_args!("--time-column {wanted:?}"),
+                format_args!("no such array; the file holds {}", names(&variables)),
+            )
+        })?),
+    };
+    let mut parts = Vec::new();
+    let mut described = Vec::new();
+    for variable in variables.iter().filter(|v| time.is_none_or(|t| t.path != v.path)) {
+        // A recording is a row, a column, or a matrix with a channel in each of its longer lines.
+        let along_rows = variable.rows >= variable.columns;
+        let (length, many) =
+            if along_rows { (variable.rows, variable.columns) } else { (variable.columns, variable.rows) };
+        if length < SHORTEST || (!along_rows && many > 1) || many > 1024 {
+            if length >= SHORTEST {
+                warnings.push(format!(
+                    "{} has {} rows and {} columns; a channel in each column is read, so it was passed over",
+                    variable.path, variable.rows, variable.columns
+                ));
+            }
+            continue;
+        }
+        for i in 0..many {
+            let name = if many == 1 { variable.path.clone() } else { format!("{}({})", variable.path, i + 1) };
+            let (rate, source) = rate(variable, time, &variables, length)?;
+            if let Some(source) = source.filter(|_| options.sample_rate_hz.is_none()) {
+                warnings.push(format!("{name}: its sample rate is taken from {source}"));
+            }
+            described.push(Column { name, sample_rate_hz: rate, ..Column::default() });
+            parts.push(Part { variable, from: i * length, length });
+        }
+    }
+    if parts.is_empty() {
+        return Err(Problem::Empty(format!(
+            "there is no array of {SHORTEST} values or more; there are {}",
+            names(&variables)
+        )));
+    }
+    let sensors = columns::choose(&described, 0..described.len(), options, &mut warnings)?;
+    let whole =
+        sensors.into_iter().map(|sensor| Whole { samples: samples(&parts[sensor.column], sensor.scale), sensor });
+    Ok(WholeSource::new(whole.collect(), warnings))
+}
+
+/// The sample rate of an array and where it was found: an array of times, or a number in the same struct, else at the top.
+fn rate(
+    variable: &Variable,
+    time: Option<&Variable>,
+    all: &[Variable],
+    length: usize,
+) -> Result<(Option<f64>, Option<String>), Problem> {
+    if let Some(time) = time {
+        if time.numbers.len() != length {
+            return Err(Problem::option(
+                format_args!("--time-column {:?}", time.path),
+                format_args!("it has {} values, and {} has {length}", time.numbers.len(), variable.path),
+            ));
+        }
+        let stamps: Vec<f64> = (0..length).filter_map(|i| time.numbers.get(i)).collect();
+        let period = timing::period_s(&stamps).map_err(|e| {
+            Problem::option(format_args!("--time-column {:?}", time.path), format_args!("expected {e}"))
+        })?;
+        return Ok((Some(1.0 / period), None));
+    }
+    let group = variable.path.rsplit_once('.').map_or("", |(group, _)| group);
+    let scalar = |wanted: &str| {
+        all.iter().find(|v| {
+            let (place, name) = v.path.rsplit_once('.').unwrap_or(("", &v.path));
+            v.numbers.len() == 1 && place == wanted && RATE_NAMES.contains(&name.to_lowercase().as_str())
+        })
+    };
+    let found = scalar(group).or_else(|| scalar("")).and_then(|v| v.numbers.get(0).map(|rate| (rate, v.path.clone())));
+    Ok(found.map_or((None, None), |(rate, path)| (Some(rate), Some(path))))
+}
+
+fn names(variables: &[Variable]) -> String {
+    let names: Vec<String> =
+        variables.iter().take(50).map(|v| format!("{} ({}×{})", v.path, v.rows, v.columns)).collect();
+    if names.is_empty() { "no numeric array".to_owned() } else { names.join(", ") }
+}
+
+fn samples(part: &Part<'_>, scale: f64) -> Samples {
+    let range = part.from..part.from + part.length;
+    match &part.variable.numbers {
+        Numbers::Integer(values) => {
+            Samples::Counts { counts: values.get(range).unwrap_or_default().to_vec(), scale, offset: 0.0 }
+        }
+        Numbers::Real(values) => {
+            Samples::Physical(values.get(range).unwrap_or_default().iter().map(|v| (v * scale) as f32).collect())
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! TDMS.
+
+use gearwatch_core::block::Samples;
+
+use crate::blocks::{Whole, WholeSource};
+use crate::columns::{self, Column};
+use crate::open::{Bytes, OpenOptions, Reader, read_all};
+use crate::problem::Problem;
+use crate::tdms::{self, Values};
+
+use super::Format;
+
+/// See the module.
+pub(super) struct Tdms;
+
+impl Format for Tdms {
+    fn name(&self) -> &'static str {
+        "TDMS"
+    }
+
+    fn extensions(&self) -> &'static [&'static str] {
+        &["tdms"]
+    }
+
+    fn help(&self) -> &'static str {
+        "National Instruments; --sample-rate where a channel has no property wf_increment, --unit where it has no unit_string"
+    }
+
+    fn sniff(&self, head: &[u8]) -> bool {
+        head.starts_with(b"TDSm")
+    }
+
+    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let tdms::Parsed { channels, mut warnings } = tdms::parse(&read_all(bytes)?)?;
+        if channels.is_empty() {
+            return Err(Problem::Empty(match warnings.is_empty() {
+                true => "no channel of this TDMS file has values".to_owned(),
+                false => warnings.join("; "),
+            }));
+        }
+        let columns: Vec<Column> = channels
+            .iter()
+            .map(|c| Column { name: c.name.clone(), unit: c.unit.clone(), sample_rate_hz: c.sample_rate_hz, t0: c.t0 })
+            .collect();
+        let sensors = columns::choose(&columns, 0..columns.len(), options, &mut warnings)?;
+        let whole = sensors.into_iter().map(|sensor| {
+            let channel = &channels[sensor.column];
+            let (scale, offset) = (channel.scale * sensor.scale, channel.offset * sensor.scale);
+            let samples = match &channel.values {
+                Values::Integer(counts) => Samples::Counts { counts: counts.clone(), scale, offset },
+                Values::Real(values) => Samples::Physical(values.iter().map(|v| (v * scale + offset) as f32).collect()),
+            };
+            Whole { sensor, samples }
+        });
+        Ok(Box::new(WholeSource::new(whole.collect(), warnings)))
+    }
+}

@@ -1,0 +1,370 @@
+//! Metadata of TDMS segments: objects, their raw data index and properties.
+
+use std::collections::BTreeMap;
+
+use gearwatch_core::block::UnixNanos;
+
+use super::Values;
+use crate::problem::Problem;
+
+/// Objects of a file; real files have tens.
+const MOST_OBJECTS: usize = 65_536;
+
+/// Type of raw data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    I16,
+    I32,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+    F32,
+    F64,
+    /// Times, text, complex and other: bytes of a value, 0 where they vary.
+    Other(usize),
+}
+
+impl Kind {
+    fn of(code: u32) -> Option<Self> {
+        Some(match code {
+            1 => Self::I8,
+            2 => Self::I16,
+            3 => Self::I32,
+            4 => Self::I64,
+            5 => Self::U8,
+            6 => Self::U16,
+            7 => Self::U32,
+            8 => Self::U64,
+            9 | 0x19 => Self::F32,
+            10 | 0x1A => Self::F64,
+            0x20 => Self::Other(0),
+            0x21 => Self::Other(1),
+            11 | 0x1B | 0x44 | 0x10_000D => Self::Other(16),
+            0x8_000C => Self::Other(8),
+            _ => return None,
+        })
+    }
+
+    /// Of the types of DAQmx scalers.
+    fn of_daqmx(code: u32) -> Option<Self> {
+        Some(match code {
+            0 => Self::U8,
+            1 => Self::I8,
+            2 => Self::U16,
+            3 => Self::I16,
+            4 => Self::U32,
+            5 => Self::I32,
+            _ => return None,
+        })
+    }
+
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+            Self::Other(size) => size,
+        }
+    }
+
+    fn is_integer(self) -> bool {
+        matches!(self, Self::I8 | Self::I16 | Self::I32 | Self::U8 | Self::U16)
+    }
+
+    /// Appends one value of `size()` bytes.
+    pub(super) fn push(self, cell: &[u8], big_endian: bool, values: &mut Values) {
+        let mut wide = [0_u8; 8];
+        for (i, slot) in wide.iter_mut().take(cell.len()).enumerate() {
+            *slot = if big_endian { cell[cell.len() - 1 - i] } else { cell[i] };
+        }
+        let [a, b, c, d, ..] = wide;
+        let integer = match self {
+            Self::I8 => i32::from(a as i8),
+            Self::U8 => i32::from(a),
+            Self::I16 => i32::from(i16::from_le_bytes([a, b])),
+            Self::U16 => i32::from(u16::from_le_bytes([a, b])),
+            Self::I32 => i32::from_le_bytes([a, b, c, d]),
+            _ => 0,
+        };
+        let real = match self {
+            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Self::I64 => i64::from_le_bytes(wide) as f64,
+            Self::U64 => u64::from_le_bytes(wide) as f64,
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::F64 => f64::from_le_bytes(wide),
+            Self::Other(_) => return,
+            _ => f64::from(integer),
+        };
+        match values {
+            Values::Integer(list) if self.is_integer() => list.push(integer),
+            Values::Real(list) => list.push(real),
+            Values::Integer(list) if list.is_empty() => *values = Values::Real(vec![real]),
+            // A channel whose type changes between segments.
+            Values::Integer(list) => {
+                let mut all: Vec<f64> = list.iter().map(|&v| f64::from(v)).collect();
+                all.push(real);
+                *values = Values::Real(all);
+            }
+        }
+    }
+}
+
+/// Where the raw data of an object lie in a chunk.
+#[derive(Clone, Debug)]
+pub(super) enum Index {
+    /// `count` values; `bytes` in all for text.
+    Plain { kind: Kind, count: usize, bytes: Option<usize> },
+    /// Values within rows of raw buffers.
+    Daqmx { count: usize, scalers: Vec<Scaler>, widths: Vec<usize> },
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scaler {
+    pub kind: Kind,
+    pub buffer: usize,
+    pub offset: usize,
+    pub id: u32,
+}
+
+/// Value of a property.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Value {
+    Number(f64),
+    Text(String),
+    Time(UnixNanos),
+}
+
+impl Value {
+    pub(super) fn number(&self) -> Option<f64> {
+        if let Self::Number(number) = self { Some(*number) } else { None }
+    }
+
+    pub(super) fn text(&self) -> Option<String> {
+        if let Self::Text(text) = self { Some(text.clone()) } else { None }
+    }
+
+    pub(super) fn nanos(&self) -> Option<UnixNanos> {
+        if let Self::Time(time) = self { Some(*time) } else { None }
+    }
+}
+
+pub(super) type Properties = BTreeMap<String, Value>;
+
+#[derive(Debug)]
+pub(super) struct Object {
+    pub path: String,
+    pub index: Option<Index>,
+    pub properties: Properties,
+    pub values: Values,
+}
+
+/// All objects of a file, and those with data in the current segment.
+#[derive(Debug, Default)]
+pub(super) struct Objects {
+    pub all: Vec<Object>,
+    by_path: BTreeMap<String, usize>,
+    pub list: Vec<usize>,
+}
+
+impl Objects {
+    /// Reads the metadata of a segment.
+    pub(super) fn read(&mut self, reader: &mut Reader<'_>, new_list: bool) -> Result<(), Problem> {
+        const NO_DATA: u32 = u32::MAX;
+        const AS_BEFORE: u32 = 0;
+        if new_list {
+            self.list.clear();
+        }
+        let count = reader.u32()?;
+        for _ in 0..count {
+            let path = reader.text()?;
+            let at = match self.by_path.get(&path) {
+                Some(&at) => at,
+                None => {
+                    if self.all.len() >= MOST_OBJECTS {
+                        return Err(Problem::limit(reader.place(), "the number of objects", MOST_OBJECTS));
+                    }
+                    self.by_path.insert(path.clone(), self.all.len());
+                    self.all.push(Object {
+                        path,
+                        index: None,
+                        properties: Properties::new(),
+                        values: Values::Integer(Vec::new()),
+                    });
+                    self.all.len() - 1
+                }
+            };
+            let length = reader.u32()?;
+            match length {
+                NO_DATA => self.list.retain(|&i| i != at),
+                AS_BEFORE => {
+                    if self.all[at].index.is_none() {
+                        return Err(Problem::damaged(
+                            reader.place(),
+                            "a description of the raw data of a new object",
+                            "a reference to an earlier one",
+                        ));
+                    }
+                    self.enlist(at);
+                }
+                _ => {
+                    self.all[at].index = Some(reader.index(length)?);
+                    self.enlist(at);
+                }
+            }
+            for _ in 0..reader.u32()? {
+                let name = reader.text()?;
+                if let Some(value) = reader.value()? {
+                    self.all[at].properties.insert(name, value);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn enlist(&mut self, at: usize) {
+        if !self.list.contains(&at) {
+            self.list.push(at);
+        }
+    }
+}
+
+/// Reads from the front of some bytes.
+pub(super) struct Reader<'a> {
+    bytes: &'a [u8],
+    offset: usize,
+    big_endian: bool,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(bytes: &'a [u8], offset: usize, big_endian: bool) -> Self {
+        Self { bytes, offset, big_endian }
+    }
+
+    pub(super) fn place(&self) -> String {
+        format!("byte {}", self.offset)
+    }
+
+    fn take(&mut self, n: usize) -> Result<&'a [u8], Problem> {
+        let (front, rest) = self.bytes.split_at_checked(n).ok_or_else(|| {
+            Problem::damaged(
+                self.place(),
+                format_args!("{n} bytes"),
+                format_args!("{} in the segment", self.bytes.len()),
+            )
+        })?;
+        self.bytes = rest;
+        self.offset += n;
+        Ok(front)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], Problem> {
+        let mut out = [0; N];
+        out.copy_from_slice(self.take(N)?);
+        if self.big_endian {
+            out.reverse();
+        }
+        Ok(out)
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, Problem> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn u64(&mut self) -> Result<u64, Problem> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    fn size(&mut self) -> Result<usize, Problem> {
+        let value = self.u64()?;
+        usize::try_from(value).map_err(|_| Problem::damaged(self.place(), "a size of memory", value))
+    }
+
+    fn text(&mut self) -> Result<String, Problem> {
+        let length = self.u32()? as usize;
+        Ok(String::from_utf8_lossy(self.take(length)?).into_owned())
+    }
+
+    /// A property's value; `None` for types that are not used.
+    fn value(&mut self) -> Result<Option<Value>, Problem> {
+        let code = self.u32()?;
+        let known = Kind::of(code).ok_or_else(|| Problem::damaged(self.place(), "a known type of property", code))?;
+        Ok(match (code, known) {
+            (0x20, _) => Some(Value::Text(self.text()?)),
+            (0x44, _) => {
+                // Seconds since 1904 and fractions of 2^-64 s, in this order where the high byte comes first.
+                let (fraction, seconds) = if self.big_endian {
+                    let seconds = self.u64()?;
+                    (self.u64()?, seconds)
+                } else {
+                    (self.u64()?, self.u64()?)
+                };
+                const FROM_1904_TO_1970_S: i64 = 2_082_844_800;
+                let nanos = (fraction as f64 / 2_f64.powi(64) * 1e9).round() as i64;
+                let seconds = seconds as i64;
+                // Zero means that there is no time.
+                let time = (seconds > FROM_1904_TO_1970_S)
+                    .then(|| (seconds - FROM_1904_TO_1970_S).checked_mul(1_000_000_000)?.checked_add(nanos))
+                    .flatten();
+                time.map(Value::Time)
+            }
+            (_, Kind::Other(size)) => {
+                self.take(size)?;
+                None
+            }
+            (_, kind) => {
+                let cell = self.take(kind.size())?;
+                let mut one = Values::Real(Vec::new());
+                kind.push(cell, self.big_endian, &mut one);
+                match one {
+                    Values::Real(list) => list.first().copied().map(Value::Number),
+                    Values::Integer(_) => None,
+                }
+            }
+        })
+    }
+
+    fn index(&mut self, length: u32) -> Result<Index, Problem> {
+        const FORMAT_CHANGING: u32 = 0x1269;
+        const DIGITAL_LINE: u32 = 0x126A;
+        let place = self.place();
+        let code = self.u32()?;
+        let dimension = self.u32()?;
+        let count = self.size()?;
+        if dimension != 1 {
+            return Err(Problem::damaged(place, "raw data of dimension 1", dimension));
+        }
+        if matches!(length, FORMAT_CHANGING | DIGITAL_LINE) {
+            let mut scalers = Vec::new();
+            for _ in 0..self.u32()? {
+                let (code, buffer, offset) = (self.u32()?, self.u32()? as usize, self.u32()? as usize);
+                let id = if length == FORMAT_CHANGING {
+                    let _bitmap = self.u32()?;
+                    self.u32()?
+                } else {
+                    let _bitmap = self.take(1)?;
+                    self.u32()?
+                };
+                let kind = Kind::of_daqmx(code)
+                    .ok_or_else(|| Problem::damaged(&place, "a type of DAQmx data of 0 to 5", code))?;
+                // Digital lines count in bits.
+                let offset = if length == DIGITAL_LINE { offset / 8 } else { offset };
+                scalers.push(Scaler { kind, buffer, offset, id });
+            }
+            let mut widths = Vec::new();
+            for _ in 0..self.u32()? {
+                widths.push(self.u32()? as usize);
+            }
+            if scalers.iter().any(|s| s.buffer >= widths.len()) {
+                return Err(Problem::damaged(place, "a raw buffer that is described", "another"));
+            }
+            return Ok(Index::Daqmx { count, scalers, widths });
+        }
+        let kind = Kind::of(code).ok_or_else(|| Problem::damaged(&place, "a known type of data", code))?;
+        let bytes = if code == 0x20 { Some(self.size()?) } else { None };
+        Ok(Index::Plain { kind, count, bytes })
+    }
+}

@@ -1,0 +1,12 @@
+//! Recordings of all formats: right values, round trips through MCAP, damaged and contradictory files, options.
+
+mod csv;
+mod damaged;
+mod files;
+mod mat;
+mod options;
+mod oracle;
+mod round_trip;
+mod tdms;
+mod uff;
+mod wav;
