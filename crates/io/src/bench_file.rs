@@ -49,7 +49,142 @@ pub fn read(path: &Path) -> Result<Bench, BenchFileError> {
 /// As [`read`].
 pub fn parse(text: &str, path: &Path) -> Result<Bench, BenchFileError> {
     let bench: Bench = toml::from_str(text)
-        .map_err(|e| BenchFileError::Syntax { path: path.to_owned(), message: e.to_string().trim_end().to_owned() })?;
+        .map_err(|e| BenchFileError::Syntax { path: path.to_owned(), message: explain(text, &e) })?;
     let problems = bench.problems();
     if problems.is_empty() { Ok(bench) } else { Err(BenchFileError::Values { path: path.to_owned(), problems }) }
+}
+
+/// The text of a bench file that [`parse`] reads as the same bench. Keys that bear a default are written out.
+///
+/// # Errors
+/// When a value cannot be written as TOML.
+pub fn to_toml(bench: &Bench) -> Result<String, toml::ser::Error> {
+    toml::to_string_pretty(bench)
+}
+
+/// Line and table of an error, and the known key that is nearest to an unknown one.
+fn explain(text: &str, error: &toml::de::Error) -> String {
+    let message = error.message();
+    let Some(span) = error.span() else { return message.to_owned() };
+    let before = text.get(..span.start).unwrap_or(text);
+    let line = before.matches('\n').count() + 1;
+    let table = text.lines().take(line).filter(|l| l.trim_start().starts_with('[')).last();
+    let place = match table {
+        Some(table) => format!("line {line}, under {}", table.split('#').next().unwrap_or(table).trim()),
+        None => format!("line {line}"),
+    };
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    if message.starts_with("unknown field")
+        && let Some(unknown) = quoted.next()
+    {
+        let known: Vec<&str> = quoted.collect();
+        let nearest = known.iter().map(|key| (distance(unknown, key), *key)).min();
+        let hint = match nearest {
+            // A third of the letters, rounded up, may differ.
+            Some((far, key)) if far <= unknown.len().max(key.len()).div_ceil(3) => format!("; did you mean {key:?}?"),
+            _ => String::new(),
+        };
+        return format!("{place}: unknown key {unknown:?}{hint} (known here: {})", known.join(", "));
+    }
+    if message.starts_with("missing field")
+        && let Some(missing) = quoted.next()
+    {
+        return format!("{place}: the key {missing:?} is missing");
+    }
+    format!("{place}: {message}")
+}
+
+/// Levenshtein distance in characters.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut corner = i;
+        row[0] = i + 1;
+        for (j, &y) in b.iter().enumerate() {
+            let replaced = corner + usize::from(x != y);
+            corner = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(corner + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = r#"format = "gearwatch-bench/1"
+name = "small"
+
+[motor]
+speed_hz = 30.0
+
+[[shaft]]
+name = "input"
+[[shaft]]
+name = "output"
+
+[[stage]]
+name = "stage1"
+pinion = { teeth = 29 }
+wheel = { teeth = 100, bore_mm = 40.0 }
+
+[[housing_mode]]
+frequency_hz = 620.0
+damping_ratio = 0.03
+mass_kg = 25.0
+shape = { input = 0.8, output = -0.3 }
+
+[[sensor]]
+name = "acc_1"
+shaft = "input"
+
+[tacho]
+shaft = "input"
+
+[[effect]]
+effect = "eccentricity"
+where = "stage1.pinion"
+parameters = { runout_um = 20.0 }
+"#;
+
+    fn error(text: &str) -> String {
+        parse(text, Path::new("b.toml")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn conform_a_bench_survives_being_written() {
+        let bench = parse(SMALL, Path::new("b.toml")).unwrap();
+        let text = to_toml(&bench).unwrap();
+        assert_eq!(parse(&text, Path::new("b.toml")).unwrap(), bench, "{text}");
+    }
+
+    #[test]
+    fn conform_an_unknown_key_names_line_and_nearest_key() {
+        let text = error(&SMALL.replace("frequency_hz", "freqency_hz"));
+        assert!(text.contains("b.toml: line 18, under [[housing_mode]]"), "{text}");
+        assert!(text.contains("did you mean \"frequency_hz\"?"), "{text}");
+        let text = error(&SMALL.replace("[tacho]", "[tachometer]"));
+        assert!(text.contains("unknown key \"tachometer\""), "{text}");
+        let text = error(&SMALL.replace("teeth = 29", "tooth = 29"));
+        assert!(text.contains("line 14") && text.contains("did you mean \"teeth\"?"), "{text}");
+    }
+
+    #[test]
+    fn conform_a_missing_or_mistyped_key_is_named() {
+        let text = error(&SMALL.replace("speed_hz = 30.0\n", ""));
+        assert!(text.contains("\"speed_hz\" is missing") && text.contains("[motor]"), "{text}");
+        let text = error(&SMALL.replace("speed_hz = 30.0", "speed_hz = \"fast\""));
+        assert!(text.contains("line 5") && text.contains("fast"), "{text}");
+        let text = error("format = ");
+        assert!(text.contains("line 1"), "{text}");
+    }
+
+    #[test]
+    fn analytic_distances_of_words() {
+        assert_eq!(distance("teeth", "tooth"), 2);
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("same", "same"), 0);
+    }
 }
