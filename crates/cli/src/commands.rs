@@ -13,6 +13,7 @@ mod batch;
 mod completions;
 mod config;
 mod convert;
+mod diagnose;
 mod info;
 mod list;
 mod man;
@@ -28,6 +29,7 @@ const COMMANDS: &[Kind] = &[
     kind::<top::Top>(),
     kind::<baseline::BaselineCommand>(),
     kind::<paper::Paper>(),
+    kind::<diagnose::Diagnose>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     kind::<batch::Batch>(),

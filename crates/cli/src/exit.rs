@@ -1,7 +1,6 @@
 //! Exit codes. One meaning each, the same for all commands.
 
 /// How a command ended.
-#[expect(dead_code, reason = "diagnose, which warns, joins with its command")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {

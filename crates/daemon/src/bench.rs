@@ -48,7 +48,7 @@ pub enum BenchError {
         /// Name of the bench.
         bench: String,
         /// What went wrong.
-        source: LearnError,
+        source: Box<LearnError>,
     },
 }
 
@@ -68,7 +68,7 @@ impl WatchedBench {
     ///
     /// # Errors
     /// When a file cannot be used, or bench, pipeline and baseline do not fit each other.
-    pub fn build(config: &BenchConfig, folder: &Path, stop: &Stop) -> Result<Self, BenchError> {
+    pub fn build(config: &BenchConfig, folder: &Path, workers: usize, stop: &Stop) -> Result<Self, BenchError> {
         let file: Option<PathBuf> = config.file.as_ref().map(|path| folder.join(path));
         let bench = Arc::new(read_bench(file.as_deref())?);
         let window_s = config.pipeline.window.length_s;
@@ -83,8 +83,8 @@ impl WatchedBench {
         if let Some(entry) = &config.learn_from {
             tracing::info!(bench = bench.name, source = entry.name, "learning the baseline");
             let context = SourceContext { bench: bench.clone(), folder: folder.to_owned(), stop: stop.clone() };
-            let learned = learn(entry, &context, &plan(None)?, window_s)
-                .map_err(|source| BenchError::Learn { bench: bench.name.clone(), source })?;
+            let learned = learn(entry, &context, &Arc::new(plan(None)?), window_s, workers)
+                .map_err(|e| BenchError::Learn { bench: bench.name.clone(), source: Box::new(e) })?;
             baseline = Some(learned);
         }
         if baseline.is_none() {

@@ -415,7 +415,7 @@ fn take<T: for<'de> Deserialize<'de>>(keys: &mut Table, key: &str) -> Result<Opt
     match keys.remove(key) {
         None => Ok(None),
         Some(value) => {
-            value.try_into().map(Some).map_err(|e: toml::de::Error| format!("{key}: {}", e.message().trim_end()))
+            value.try_into().map(Some).map_err(|e: toml::de::Error| format!("{key}: {}", kinds::one_line(&e)))
         }
     }
 }

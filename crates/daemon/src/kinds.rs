@@ -43,9 +43,14 @@ impl<C: ?Sized> Kind<C> {
 
 /// Reads keys into the type that describes a kind, and fills in the defaults.
 pub(crate) fn read_keys<T: DeserializeOwned + Serialize>(keys: toml::Table) -> Result<(T, toml::Table), String> {
-    let config: T = keys.try_into().map_err(|e: toml::de::Error| e.message().trim_end().to_owned())?;
+    let config: T = keys.try_into().map_err(|e: toml::de::Error| one_line(&e))?;
     let shown = toml::Table::try_from(&config).map_err(|e| e.to_string())?;
     Ok((config, shown))
+}
+
+/// What is wrong, and with which key.
+pub(crate) fn one_line(error: &toml::de::Error) -> String {
+    error.to_string().trim_end().replace('\n', " ")
 }
 
 /// Finds a kind by name, or says which there are.

@@ -6,6 +6,7 @@ pub mod engine;
 pub mod event;
 pub mod kinds;
 pub mod log;
+pub mod oneshot;
 pub mod queue;
 pub mod service;
 pub mod sink;

@@ -85,7 +85,7 @@ impl Service {
         let benches = config
             .benches
             .iter()
-            .map(|bench| WatchedBench::build(bench, &config.folder, stop))
+            .map(|bench| WatchedBench::build(bench, &config.folder, config.service.worker_count(), stop))
             .collect::<Result<_, _>>()
             .map_err(|e| ServiceError::Bench(Box::new(e)))?;
         Ok(Self { config, benches, ends_with_sinks: false })

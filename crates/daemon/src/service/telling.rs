@@ -27,6 +27,7 @@ impl Teller {
 
     pub(super) fn tell(&mut self, told: Told<'_>) {
         match told {
+            Told::Window(_) => {}
             Told::Verdict(verdict) => {
                 self.explain(verdict);
                 let line = match serde_json::to_string(verdict) {

@@ -1,0 +1,293 @@
+//! `gearwatch diagnose FILE…`: what recordings say of the gears, once.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use gearwatch_core::aggregate::Aggregate;
+use gearwatch_core::assemble::Counters;
+use gearwatch_core::baseline::{Baseline, BaselineConfig};
+use gearwatch_core::block::Packet;
+use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
+use gearwatch_core::source::Source;
+use gearwatch_core::verdict::{MachineState, Verdict};
+use gearwatch_daemon::engine::Told;
+use gearwatch_daemon::oneshot;
+
+use super::Run;
+use crate::exit::Exit;
+use crate::input::Input;
+
+mod plain;
+mod table;
+
+/// Say once what recordings tell of the gears: rank codes, averaged over each recording
+///
+/// All windows of a recording at one operating point are averaged, which resolves ranks that no single window can. The verdict on one
+/// line of the table is that of one gear stage at one sensor.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  gearwatch diagnose today.mcap --bench bench.toml --baseline normal.json
+  gearwatch diagnose *.csv.gz --bench bench.toml --baseline normal.json --sample-rate 12800 --unit g --format csv
+  gearwatch diagnose today.mcap -b bench.toml -n normal.json --format nagios       for a monitoring system
+  gearwatch diagnose today.mcap -b bench.toml -n normal.json --windows             each window, as `gearwatch replay` says it
+
+Exit codes: 0 within limits; 1 warning: a deviation of rank I to III, or the path from gear to sensor changed; 2 critical: rank IV
+or V; 3 unknown: nothing resolved, no baseline here, an instrument fault, a channel missing, bad input. Of several, 2 goes before 1,
+1 before 3, 3 before 0. Colours appear on a terminal only, and never where NO_COLOR is set.")]
+pub struct Diagnose {
+    #[command(flatten)]
+    input: Input,
+    /// Bench file
+    #[arg(short, long, value_name = "FILE")]
+    bench: PathBuf,
+    /// Baseline file; without one every rank is `unknown`
+    #[arg(short = 'n', long, value_name = "FILE")]
+    baseline: Option<PathBuf>,
+    /// Form of the result
+    #[arg(short, long, value_enum, default_value_t)]
+    format: Format,
+    /// Every window by itself, one JSON object a line, not the averages
+    #[arg(long, conflicts_with = "format")]
+    windows: bool,
+    /// Threads for the spectra; 0: one a core. The result does not depend on it
+    #[arg(short, long, default_value_t = 0, value_name = "N")]
+    workers: usize,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// For people
+    #[default]
+    Table,
+    /// One JSON object a line
+    Json,
+    /// With a header line
+    Csv,
+    /// One line with performance data, for Nagios, Icinga and the like
+    Nagios,
+}
+
+/// What one recording says.
+pub(super) struct Diagnosis {
+    /// As given on the command line.
+    recording: String,
+    /// Verdicts on the averages, by channel and operating point, stages in order.
+    verdicts: Vec<Verdict>,
+    /// What is incomplete or doubtful, one sentence each.
+    notes: Vec<String>,
+    /// Something is missing, so that no verdict can mean that all is well.
+    incomplete: bool,
+}
+
+/// What is collected while a recording is read.
+struct Collected {
+    aggregate: Aggregate,
+    windows: Vec<Verdict>,
+    by_sensor: BTreeMap<String, u64>,
+    failed: u64,
+    keep_windows: bool,
+}
+
+impl Run for Diagnose {
+    const NAME: &'static str = "diagnose";
+
+    fn run(self) -> anyhow::Result<Exit> {
+        let bench = gearwatch_io::bench_file::read(&self.bench)?;
+        let config = PipelineConfig::default();
+        let baseline = match &self.baseline {
+            Some(path) => Some(gearwatch_io::baseline_file::read_for(path, &bench, config.window.length_s)?),
+            None => None,
+        };
+        let expected = expected_channels(&bench, baseline.as_ref());
+        let tolerances = baseline.as_ref().map_or_else(BaselineConfig::default, |baseline| baseline.config);
+        let pipeline = Arc::new(Pipeline::new(&bench, &config, baseline)?);
+        let mut all = Vec::new();
+        let mut failed = None;
+        for path in &self.input.files {
+            match self.diagnose(path, &pipeline, &expected, tolerances) {
+                Ok(diagnosis) => all.push(diagnosis),
+                // The other files are diagnosed all the same.
+                Err(error) if self.input.files.len() > 1 => {
+                    let _ = writeln!(std::io::stderr(), "gearwatch diagnose: {error:#}");
+                    failed = Some(Exit::Unknown);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        let exit = all.iter().map(Diagnosis::exit).chain(failed).max_by_key(|exit| severity(*exit));
+        let exit = exit.unwrap_or(Exit::Unknown);
+        self.print(&all, exit)?;
+        Ok(exit)
+    }
+}
+
+impl Diagnose {
+    fn diagnose(
+        &self,
+        path: &Path,
+        pipeline: &Arc<Pipeline>,
+        expected: &BTreeSet<String>,
+        tolerances: BaselineConfig,
+    ) -> anyhow::Result<Diagnosis> {
+        let mut source = self.input.options.open(path)?;
+        let mut heard = BTreeSet::new();
+        let pull = || {
+            let packet = source.next_packet()?;
+            if let Some(Packet::Vibration(block)) = &packet
+                && !heard.contains(&*block.sensor)
+            {
+                heard.insert(block.sensor.to_string());
+            }
+            Ok(packet)
+        };
+        let collected = Collected {
+            aggregate: Aggregate::new(tolerances),
+            windows: Vec::new(),
+            by_sensor: BTreeMap::new(),
+            failed: 0,
+            keep_windows: self.windows,
+        };
+        let workers = match self.workers {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            count => count,
+        };
+        let (collected, samples) =
+            oneshot::run::<gearwatch_io::ReadError, _>(pipeline, workers, pull, collected, Collected::take)?;
+        let mut diagnosis = Diagnosis {
+            recording: path.display().to_string(),
+            verdicts: Vec::new(),
+            notes: source.opened().warnings(),
+            incomplete: false,
+        };
+        diagnosis.note_losses(&collected, &samples, pipeline.config().window.length_s);
+        for sensor in expected.difference(&heard) {
+            diagnosis.incomplete = true;
+            let there: Vec<_> = heard.iter().map(String::as_str).collect();
+            diagnosis.notes.push(format!(
+                "channel {sensor:?} is missing; the recording has {} (--channel {sensor}=COLUMN gives a column this name)",
+                there.join(", ")
+            ));
+        }
+        for sensor in heard.iter().filter(|sensor| !collected.by_sensor.contains_key(*sensor)) {
+            diagnosis.incomplete = true;
+            let length_s = pipeline.config().window.length_s;
+            diagnosis
+                .notes
+                .push(format!("channel {sensor:?} has no {length_s} s without a gap: too short for a window"));
+        }
+        if self.windows {
+            diagnosis.verdicts = collected.windows;
+            return Ok(diagnosis);
+        }
+        let mut verdicts = Vec::new();
+        for average in collected.aggregate.finish() {
+            pipeline.judging().judge_average(&average, &mut verdicts);
+            diagnosis.verdicts.append(&mut verdicts);
+        }
+        Ok(diagnosis)
+    }
+
+    fn print(&self, all: &[Diagnosis], exit: Exit) -> anyhow::Result<()> {
+        // Colours are taken out where the output is no terminal or NO_COLOR is set.
+        let mut out = std::io::BufWriter::new(anstream::stdout().lock());
+        if self.windows {
+            plain::lines(&mut out, all, self.input.files.len() > 1)?;
+        } else {
+            match self.format {
+                Format::Table => all.iter().try_for_each(|one| table::table(&mut out, one))?,
+                Format::Json => plain::lines(&mut out, all, true)?,
+                Format::Csv => plain::csv(&mut out, all)?,
+                Format::Nagios => plain::nagios(&mut out, all, exit)?,
+            }
+        }
+        out.flush()?;
+        // The table has its notes beside the verdicts.
+        if self.windows || self.format != Format::Table {
+            for (one, note) in all.iter().flat_map(|one| one.notes.iter().map(move |note| (one, note))) {
+                writeln!(std::io::stderr(), "{}: {note}", one.recording)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Collected {
+    fn take(&mut self, told: Told<'_>) {
+        match told {
+            Told::Window(window) => {
+                *self.by_sensor.entry(window.sensor.to_string()).or_default() += 1;
+                if !self.keep_windows {
+                    self.aggregate.push(window);
+                }
+            }
+            Told::Verdict(verdict) if self.keep_windows => self.windows.push(verdict.clone()),
+            Told::Failed { .. } => self.failed += 1,
+            Told::Verdict(_) | Told::Gap(_) | Told::Shed(_) => {}
+        }
+    }
+}
+
+impl Diagnosis {
+    fn note_losses(&mut self, collected: &Collected, samples: &Counters, length_s: f64) {
+        let mut refused: BTreeMap<(String, &str), u64> = BTreeMap::new();
+        for window in collected.aggregate.refused() {
+            // A window that is sound but for its speed has no other reason to be left out.
+            let why = match window.instrument.code() {
+                "ok" => "no_speed",
+                code => code,
+            };
+            *refused.entry((window.sensor.to_string(), why)).or_default() += 1;
+        }
+        for ((sensor, why), count) in refused {
+            let of = collected.by_sensor.get(&sensor).copied().unwrap_or(count);
+            self.incomplete |= count == of;
+            self.notes.push(format!("channel {sensor:?}: {count} of {of} windows left out: {why}"));
+        }
+        if samples.gaps > 0 {
+            self.notes.push(format!(
+                "{} gap(s), {} samples missing; {} samples lie between gaps closer than {length_s} s and were not used",
+                samples.gaps, samples.samples_missing, samples.samples_discarded
+            ));
+        }
+        if collected.failed > 0 {
+            self.incomplete = true;
+            self.notes.push(format!("{} windows could not be analysed: a fault of this program", collected.failed));
+        }
+    }
+
+    fn exit(&self) -> Exit {
+        let missing = (self.incomplete || self.verdicts.is_empty()).then_some(Exit::Unknown);
+        let verdicts = self.verdicts.iter().map(|verdict| exit_of(verdict.machine));
+        verdicts.chain(missing).max_by_key(|exit| severity(*exit)).unwrap_or(Exit::Unknown)
+    }
+}
+
+/// Channels that a recording must have: those of the baseline, else those of the bench file.
+fn expected_channels(bench: &gearwatch_core::bench::Bench, baseline: Option<&Baseline>) -> BTreeSet<String> {
+    match baseline {
+        Some(baseline) => baseline.runs.iter().flat_map(|run| run.channels.keys().cloned()).collect(),
+        None => bench.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+    }
+}
+
+fn exit_of(machine: MachineState) -> Exit {
+    match machine {
+        MachineState::Normal => Exit::Ok,
+        MachineState::Deviating | MachineState::PathChanged => Exit::Warning,
+        MachineState::Alarm => Exit::Critical,
+        MachineState::Unknown => Exit::Unknown,
+    }
+}
+
+/// Of several verdicts the most severe counts; unknown is worse than good, and never good.
+fn severity(exit: Exit) -> u8 {
+    match exit {
+        Exit::Ok => 0,
+        Exit::Unknown | Exit::Broken => 1,
+        Exit::Warning => 2,
+        Exit::Critical => 3,
+    }
+}

@@ -1,0 +1,8 @@
+//! The binary as a user meets it: ranks that do not depend on the way, exit codes, signals, bad input, help.
+
+mod bad_input;
+mod exit_codes;
+mod fixture;
+mod help;
+mod identity;
+mod signals;
