@@ -58,6 +58,17 @@ impl Default for PipelineConfig {
     }
 }
 
+/// The angle of a window: where it is from, how many revolutions at the mean speed, and how well that is known (rev²).
+struct Found {
+    origin: SpeedOrigin,
+    revolutions: f64,
+    revolutions_variance: f64,
+    angle_variance: f64,
+}
+
+/// Mean of `τ²` over a window without weighting, which the efficient window comes near to.
+const MEAN_TAU2: f64 = 1.0 / 12.0;
+
 /// Why there is no pipeline for a bench and a configuration.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -197,34 +208,48 @@ impl Pipeline {
         plan.transform(&window.samples, buffers);
 
         let method = self.config.speed.method;
-        let mut variances = None;
+        let mut found = None;
         if matches!(method, SpeedMethod::Auto | SpeedMethod::Tacho) {
-            variances = fit_pulses(pulses, &window.pulses, length_s, track)
-                .map(|fit| (SpeedOrigin::Tacho, fit.variance_linear, fit.variance_quadratic));
+            found = fit_pulses(pulses, &window.pulses, length_s, track).map(|fit| Found {
+                origin: SpeedOrigin::Tacho,
+                revolutions: track.revolutions(),
+                revolutions_variance: fit.revolutions_variance,
+                angle_variance: fit.angle_variance,
+            });
         }
         if method == SpeedMethod::Given {
             let revolutions = start_hz * length_s;
-            track.set_quadratic(revolutions, 0.0);
+            track.set_polynomial(&[revolutions]);
             let sigma = self.config.speed.given_sigma_percent * 1e-2 * revolutions;
-            variances = Some((SpeedOrigin::Given, sigma * sigma, 0.0));
-        }
-        if variances.is_none() && method != SpeedMethod::Tacho {
-            variances = plan.mesh_speed(buffers, start_hz * length_s, highest_bin).map(|found| {
-                track.set_quadratic(found.n1, found.n2);
-                (SpeedOrigin::MeshLines, found.variance_n1, found.variance_n2)
+            found = Some(Found {
+                origin: SpeedOrigin::Given,
+                revolutions,
+                revolutions_variance: sigma * sigma,
+                angle_variance: sigma * sigma * MEAN_TAU2,
             });
         }
-        let Some((origin, variance_linear, variance_quadratic)) = variances else {
+        if found.is_none() && method != SpeedMethod::Tacho {
+            found = plan.mesh_speed(buffers, &window.samples, start_hz * length_s, highest_bin).map(|mesh| {
+                track.set_polynomial(&mesh.coefficients);
+                Found {
+                    origin: SpeedOrigin::MeshLines,
+                    revolutions: mesh.revolutions,
+                    revolutions_variance: mesh.revolutions_variance,
+                    angle_variance: mesh.angle_variance,
+                }
+            });
+        }
+        let Some(found) = found else {
             if out.instrument == InstrumentState::Ok {
                 let in_band = plan.some_harmonic_in_band(start_hz * length_s, highest_bin);
                 out.instrument = if in_band { InstrumentState::NoSpeed } else { InstrumentState::OutOfBand };
             }
             return;
         };
-        out.speed_origin = origin;
-        out.input_speed_hz = Estimate::new(track.revolutions() / length_s, variance_linear.sqrt() / length_s);
+        out.speed_origin = found.origin;
+        out.input_speed_hz = Estimate::new(found.revolutions / length_s, found.revolutions_variance.sqrt() / length_s);
         out.ramp_percent = 100.0 * track.ramp();
-        let angle = KnownAngle { track, variance_linear, variance_quadratic };
+        let angle = KnownAngle { track, variance: found.angle_variance };
         plan.lines(buffers, &self.train, angle, highest_bin, &mut out.stages);
         let seen = out.stages.iter().flat_map(|s| &s.harmonics).any(|l| l.amplitude.is_known());
         if !seen && out.instrument == InstrumentState::Ok {

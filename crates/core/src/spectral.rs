@@ -41,6 +41,7 @@ pub mod angle;
 pub mod harmonics;
 pub mod kaiser;
 pub mod lines;
+pub mod mesh_refine;
 pub mod mesh_speed;
 pub mod plan;
 pub mod pulses_fit;

@@ -11,11 +11,6 @@ pub struct AngleTrack {
 }
 
 impl AngleTrack {
-    /// Becomes `n1 τ + n2 τ²`: `n1` revolutions in the window, speed changing by `2 n2` revolutions per window from end to end.
-    pub fn set_quadratic(&mut self, n1: f64, n2: f64) {
-        self.set_polynomial(&[n1, n2]);
-    }
-
     /// Becomes a polynomial without constant term.
     pub fn set_polynomial(&mut self, coefficients: &[f64]) {
         self.knots.clear();

@@ -6,7 +6,7 @@ use rustfft::FftPlanner;
 use crate::analysis::{Line, Sidebands, StageAnalysis};
 use crate::estimate::Estimate;
 use crate::spectral::angle::AngleTrack;
-use crate::spectral::kaiser::KaiserWindow;
+use crate::spectral::kaiser::WindowPair;
 use crate::spectral::lines::{Band, Coupling, LinePlan, MAX_GROUP, Slot};
 use crate::spectral::small::{cholesky, solve};
 use crate::spectral::zoom::Zoom;
@@ -16,17 +16,21 @@ use crate::verdict::HARMONICS;
 /// Order bins beside a harmonic that the floor rests on at least.
 const FLOOR_BINS: usize = 16;
 
+/// Squared difference between the two windows' carriers, by its variance, from which the guard's is taken: exceeded by noise alone in
+/// `e^-5`, 0.7 % of the windows.
+const HAUSMAN: f64 = 5.0;
+
 /// What the windowed spectrum of one window is.
 #[derive(Clone, Copy)]
 pub struct WindowSpectrum<'a> {
-    /// Bins 0…N/2 of the transform of `w x`.
+    /// Bins 0…N/2 of the transform of the weighted samples.
     pub bins: &'a [Complex64],
     /// Samples in the window.
     pub samples: usize,
     /// Highest usable bin.
     pub highest_bin: f64,
-    /// The window.
-    pub window: &'a KaiserWindow,
+    /// The windows; the spectrum is that of the efficient one.
+    pub windows: &'a WindowPair,
 }
 
 /// Shaft angle with the variance of what is not known of it.
@@ -34,17 +38,15 @@ pub struct WindowSpectrum<'a> {
 pub struct KnownAngle<'a> {
     /// The angle.
     pub track: &'a AngleTrack,
-    /// Variance of the revolutions in the window (rev²).
-    pub variance_linear: f64,
-    /// Variance of the coefficient of `τ²` (rev²).
-    pub variance_quadratic: f64,
+    /// Variance of the angle, mean over the window (rev²).
+    pub variance: f64,
 }
 
 /// Plan: bands, their sizes.
 pub struct Harmonics {
     /// The lines.
     pub lines: LinePlan,
-    zooms: Vec<Zoom>,
+    zooms: Vec<(Zoom, Vec<f64>)>,
 }
 
 /// Buffers of one worker.
@@ -57,6 +59,8 @@ pub struct HarmonicsState {
     scratch: Vec<Complex64>,
     sums: Vec<Complex64>,
     variance: Vec<f64>,
+    guard_sums: Vec<Complex64>,
+    guard_variance: Vec<f64>,
     floor: Vec<f64>,
     masked: Vec<bool>,
     coupling: Box<Coupling>,
@@ -79,21 +83,21 @@ impl Harmonics {
     /// speed.
     pub fn new(
         train: &Train,
-        window: &KaiserWindow,
+        windows: &WindowPair,
         revolutions: f64,
         max_ramp: f64,
         planner: &mut FftPlanner<f64>,
     ) -> Self {
-        let lines = LinePlan::new(train, window, revolutions);
+        let lines = LinePlan::new(train, windows, revolutions);
         let highest = lines.bands.iter().map(|b| b.order).fold(0.0, f64::max);
-        let still = lines.widest_offset * revolutions * 1.05 + 2.0 * window.half_width + 8.0;
-        let mut zooms: Vec<Zoom> = Vec::new();
+        let still = lines.widest_offset * revolutions * 1.05 + 2.0 * windows.guard.half_width + 8.0;
+        let mut zooms: Vec<(Zoom, Vec<f64>)> = Vec::new();
         for ramp in [0.0, 0.25 * max_ramp, max_ramp] {
             let flat = (still + 0.5 * ramp * highest * revolutions).ceil();
             let fade = (0.15 * flat).max(8.0).ceil();
             let size = fast_size(2 * (flat + fade) as usize);
-            if zooms.last().is_none_or(|z| z.size() < size) {
-                zooms.push(Zoom::new(planner, size, size / 2 - fade as usize));
+            if zooms.last().is_none_or(|(z, _)| z.size() < size) {
+                zooms.push((Zoom::new(planner, size, size / 2 - fade as usize), windows.ratio(size)));
             }
         }
         Self { lines, zooms }
@@ -101,7 +105,7 @@ impl Harmonics {
 
     /// Buffers for one worker.
     pub fn state(&self) -> HarmonicsState {
-        let largest = self.zooms.last().map_or(0, Zoom::size);
+        let largest = self.zooms.last().map_or(0, |(z, _)| z.size());
         let zero = Complex64::ZERO;
         let unknowns = self.lines.bands.iter().map(|b| b.unknowns.len()).max().unwrap_or(0);
         HarmonicsState {
@@ -110,9 +114,11 @@ impl Harmonics {
             power: vec![zero; largest],
             tables: vec![vec![zero; largest]; self.lines.tables.len()],
             band: vec![zero; largest],
-            scratch: vec![zero; self.zooms.iter().map(Zoom::scratch_len).max().unwrap_or(0)],
+            scratch: vec![zero; self.zooms.iter().map(|(z, _)| z.scratch_len()).max().unwrap_or(0)],
             sums: vec![zero; unknowns],
             variance: vec![1.0; unknowns],
+            guard_sums: vec![zero; unknowns],
+            guard_variance: vec![1.0; unknowns],
             floor: Vec::with_capacity(largest),
             masked: vec![false; largest],
             coupling: Box::default(),
@@ -120,10 +126,10 @@ impl Harmonics {
     }
 
     /// Bands of the smallest size in which every line of the window stays in the flat part, or the largest.
-    fn zoom_for(&self, track: &AngleTrack, half_width: f64) -> Option<&Zoom> {
+    fn zoom_for(&self, track: &AngleTrack, half_width: f64) -> Option<&(Zoom, Vec<f64>)> {
         let highest = self.lines.bands.iter().map(|b| b.order).fold(0.0, f64::max);
         let need = self.lines.widest_offset * track.revolutions() + highest * track.excursion() + half_width + 3.0;
-        self.zooms.iter().find(|z| z.flat() as f64 >= need).or(self.zooms.last())
+        self.zooms.iter().find(|(z, _)| z.flat() as f64 >= need).or(self.zooms.last())
     }
 
     /// Amplitudes, phases, floors and sigmas of all lines; one entry of `out` a stage. Lines outside the usable band stay
@@ -137,7 +143,7 @@ impl Harmonics {
         rate_per_window: f64,
         out: &mut [StageAnalysis],
     ) {
-        let Some(zoom) = self.zoom_for(angle.track, spectrum.window.half_width) else { return };
+        let Some((zoom, ratio)) = self.zoom_for(angle.track, spectrum.windows.guard.half_width) else { return };
         let m = zoom.size();
         let revolutions = angle.track.revolutions();
         for (i, theta) in state.theta[..m].iter_mut().enumerate() {
@@ -168,7 +174,7 @@ impl Harmonics {
                 }
                 let Some(band) = self.lines.bands.get(s * HARMONICS + h) else { continue };
                 let centre = first_centre * (h as i64 + 1);
-                self.band(state, zoom, spectrum, angle, band, centre, stage);
+                self.band(state, zoom, ratio, spectrum, angle, band, centre, stage);
             }
         }
     }
@@ -179,6 +185,7 @@ impl Harmonics {
         &self,
         state: &mut HarmonicsState,
         zoom: &Zoom,
+        ratio: &[f64],
         spectrum: WindowSpectrum<'_>,
         angle: KnownAngle<'_>,
         band: &Band,
@@ -188,7 +195,8 @@ impl Harmonics {
         let m = zoom.size();
         let track = angle.track;
         let revolutions = track.revolutions();
-        let half_width = spectrum.window.half_width;
+        let windows = spectrum.windows;
+        let half_width = windows.guard.half_width;
         // The fastest and the slowest moment of each line must lie in the usable band.
         let spread = 1.0 + track.excursion() / revolutions;
         let usable = |offset: f64| {
@@ -204,7 +212,7 @@ impl Harmonics {
         zoom.extract(spectrum.bins, spectrum.samples, centre, points, &mut state.scratch);
         // Shifting the time origin to the window's middle turns the carrier by π per bin.
         let sign = if centre % 2 == 0 { 1.0 } else { -1.0 };
-        let scale = sign * 2.0 / (spectrum.window.sum * m as f64);
+        let scale = sign * 2.0 / (windows.efficient.sum * m as f64);
         for (z, p) in points.iter_mut().zip(&state.power) {
             *z = *z * p * scale;
         }
@@ -224,13 +232,31 @@ impl Harmonics {
                 }
             };
         }
-        for group in &band.coupled {
-            self.lines.coupling(band, group, revolutions, &mut state.coupling);
-            separate(group, &state.coupling, &mut state.sums, &mut state.variance);
+        self.lines.coupling(band, &band.all, revolutions, &mut state.coupling);
+        separate(&band.all, &state.coupling, &mut state.sums, &mut state.variance);
+
+        // From here on the guard window: its carrier, and the floor, which strong lines must not leak into.
+        let gain = windows.efficient.sum / windows.guard.sum;
+        for (z, r) in points.iter_mut().zip(ratio) {
+            *z *= r * gain;
+        }
+        for &i in &band.beside_carrier {
+            state.guard_variance[i] = 1.0;
+            state.guard_sums[i] = match band.unknowns[i].table {
+                None => points.iter().sum(),
+                Some(table) => {
+                    let (plain, mirrored) = sums_of_pair(points, &state.tables[table][..m]);
+                    if band.unknowns[i].offset > 0.0 { plain } else { mirrored }
+                }
+            };
+        }
+        if band.beside_carrier.len() > 1 {
+            self.lines.guard_coupling(band, &band.beside_carrier, revolutions, &mut state.coupling);
+            separate(&band.beside_carrier, &state.coupling, &mut state.guard_sums, &mut state.guard_variance);
         }
         zoom.spectrum(points, &mut state.scratch);
         let sweep = band.order * track.excursion();
-        let floor_power = floor_power(
+        let guard_floor = floor_power(
             points,
             &band.known_offsets,
             revolutions,
@@ -239,13 +265,24 @@ impl Harmonics {
             &mut state.masked[..m],
             &mut state.floor,
         );
+        let floor = guard_floor / windows.guard_noise;
+        // Where the two windows differ by more than noise explains, an unknown line leaks into the efficient one (the test of J. A.
+        // Hausman, "Specification tests in econometrics", Econometrica 46 (1978) 1251).
+        let difference = (state.guard_sums[0] - state.sums[0]).norm_sqr();
+        let more = windows.guard_noise * state.guard_variance[0] - state.variance[0];
+        let carrier_guarded = difference > HAUSMAN * floor * more.max(windows.difference);
         let start = track.at(-0.5);
         for (i, unknown) in band.unknowns.iter().enumerate() {
             if !usable(unknown.offset) {
                 continue;
             }
             let order = band.order + unknown.offset;
-            let line = line(state.sums[i], floor_power * state.variance[i], order, start, spectrum.window, angle);
+            let line = if i == 0 && carrier_guarded {
+                let noise = guard_floor * state.guard_variance[0];
+                line(state.guard_sums[0], noise, order, start, angle)
+            } else {
+                line(state.sums[i], floor * state.variance[i], order, start, angle)
+            };
             for slot in &unknown.slots {
                 let sides = |sidebands: &mut [Sidebands; HARMONICS], k: usize, above: bool| {
                     let side = &mut sidebands[band.harmonic];
@@ -369,21 +406,13 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
 
 /// Amplitude with its sigma. Noise turns and stretches the phasor alike: the amplitude sees one of two components. An
 /// error of the angle track that is `δφ(t)` on this line shortens it by half the weighted variance of `δφ` about its mean.
-fn line(
-    sum: Complex64,
-    noise_power: f64,
-    order: f64,
-    theta_start: f64,
-    window: &KaiserWindow,
-    angle: KnownAngle<'_>,
-) -> Line {
+fn line(sum: Complex64, noise_power: f64, order: f64, theta_start: f64, angle: KnownAngle<'_>) -> Line {
     if !noise_power.is_finite() {
         return Line::UNKNOWN;
     }
     let amplitude = sum.norm();
     let radians = std::f64::consts::TAU * order;
-    let phase_variance =
-        radians * radians * (angle.variance_linear * window.tau2 + angle.variance_quadratic * window.quadratic);
+    let phase_variance = radians * radians * angle.variance;
     let sigma = (0.5 * noise_power + (0.5 * amplitude * phase_variance).powi(2)).sqrt();
     let turns = sum.arg() / std::f64::consts::TAU + order * theta_start;
     Line {

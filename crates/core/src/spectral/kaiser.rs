@@ -58,14 +58,6 @@ pub struct KaiserWindow {
     pub sum: f64,
     /// `Σ w²`.
     pub sum_squares: f64,
-    /// `Σ w τ² / Σ w`.
-    pub tau2: f64,
-    /// `Σ w (τ² - tau2)² / Σ w`.
-    pub quadratic: f64,
-    /// `Σ w² τ² / Σ w²`.
-    pub tau2_squared: f64,
-    /// `Σ w² (τ² - tau2)² / Σ w²`.
-    pub quadratic_squared: f64,
 }
 
 impl KaiserWindow {
@@ -74,19 +66,10 @@ impl KaiserWindow {
         let beta = beta(half_width);
         let tau = |i: usize| (i as f64 - 0.5 * n as f64) / n as f64;
         let coefficients: Vec<f64> = (0..n).map(|i| value(beta, tau(i))).collect();
-        let mean = |power: i32, f: &dyn Fn(f64) -> f64| {
-            let total: f64 = coefficients.iter().map(|w| w.powi(power)).sum();
-            coefficients.iter().enumerate().map(|(i, w)| w.powi(power) * f(tau(i))).sum::<f64>() / total
-        };
-        let tau2 = mean(1, &|t| t * t);
         Self {
             half_width,
             sum: coefficients.iter().sum(),
             sum_squares: coefficients.iter().map(|w| w * w).sum(),
-            tau2,
-            quadratic: mean(1, &|t| (t * t - tau2).powi(2)),
-            tau2_squared: mean(2, &|t| t * t),
-            quadratic_squared: mean(2, &|t| (t * t - tau2).powi(2)),
             coefficients,
         }
     }
@@ -109,6 +92,43 @@ impl KaiserWindow {
             total += w2;
         }
         sum / total
+    }
+}
+
+/// The two windows of the estimator: an efficient one, nearly without weighting, which resolves best and lets least noise in, and a guard
+/// with low side lobes, which unknown lines cannot get past.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WindowPair {
+    /// What the samples are weighted with before the transform.
+    pub efficient: KaiserWindow,
+    /// What the decimated signal is weighted with in its place where unknown lines are to be kept out.
+    pub guard: KaiserWindow,
+    /// Variance of the difference between the two amplitudes of a line in white noise, by that of the efficient one.
+    pub difference: f64,
+    /// Noise power that the guard lets in, by that of the efficient window.
+    pub guard_noise: f64,
+}
+
+/// Half width of the efficient window's main lobe: equivalent noise bandwidth 1.09 bins, where no weighting has 1.
+pub const EFFICIENT: f64 = 1.4;
+
+impl WindowPair {
+    /// For windows of `n` samples in which lines are `separation_bins` apart at least.
+    pub fn new(n: usize, separation_bins: f64) -> Self {
+        let efficient = KaiserWindow::new(n, EFFICIENT);
+        let guard = KaiserWindow::new(n, half_width(separation_bins));
+        let own = efficient.sum_squares / efficient.sum.powi(2);
+        let guards = guard.sum_squares / guard.sum.powi(2);
+        let products = efficient.coefficients.iter().zip(&guard.coefficients).map(|(a, b)| a * b);
+        let both = products.sum::<f64>() / (efficient.sum * guard.sum);
+        Self { difference: (own + guards - 2.0 * both) / own, guard_noise: guards / own, efficient, guard }
+    }
+
+    /// What turns the efficient window into the guard, at `m` points of the decimated signal.
+    pub fn ratio(&self, m: usize) -> Vec<f64> {
+        let (a, b) = (beta(self.efficient.half_width), beta(self.guard.half_width));
+        let tau = |i: usize| i as f64 / m as f64 - 0.5;
+        (0..m).map(|i| value(b, tau(i)) / value(a, tau(i))).collect()
     }
 }
 

@@ -7,15 +7,15 @@
 //! covariance of the solution is `G⁻¹ C G⁻¹` times the variance of a line that stands alone.
 
 use crate::analysis::SIDEBANDS;
-use crate::spectral::kaiser::KaiserWindow;
+use crate::spectral::kaiser::{KaiserWindow, WindowPair};
 use crate::train::Train;
 use crate::verdict::HARMONICS;
 
 /// Lines closer than this cannot be separated (bins): 0.9 of the resolution of the whole window without weighting.
 pub const MERGE_BINS: f64 = 0.9;
 
-/// Steps of the transform tables per bin: linear interpolation is then good to 1e-6 (h²/8 times a curvature below 2).
-const TABLE_STEPS: f64 = 512.0;
+/// Steps of the transform tables per bin: linear interpolation is then good to 1e-5 (h²/8 times a curvature of 4 at most).
+const TABLE_STEPS: f64 = 256.0;
 
 /// A slot of a harmonic's result that an unknown fills.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,8 +52,10 @@ pub struct Band {
     pub order: f64,
     /// The carrier first.
     pub unknowns: Vec<Unknown>,
-    /// Groups of unknowns that lie within the main lobe of one another; unknowns that stand alone are in none.
-    pub coupled: Vec<Vec<usize>>,
+    /// All unknowns, for the fit with the efficient window.
+    pub all: Vec<usize>,
+    /// The carrier and the unknowns that lie within the guard window's main lobe of it or, one by one, of each other.
+    pub beside_carrier: Vec<usize>,
     /// Offsets of all known lines, for keeping them out of the floor.
     pub known_offsets: Vec<f64>,
 }
@@ -76,12 +78,35 @@ pub struct LinePlan {
     pub tables: Vec<Table>,
     /// Largest offset of a line that is reported.
     pub widest_offset: f64,
-    transform: Vec<f64>,
-    transform_squared: Vec<f64>,
+    efficient: Transforms,
+    guard: Transforms,
 }
 
-/// Most lines that are separated from one another; larger groups are cut.
-pub const MAX_GROUP: usize = 24;
+/// Tables of a window's transform and of that of its square.
+#[derive(Clone, Debug, PartialEq)]
+struct Transforms {
+    plain: Vec<f64>,
+    squared: Vec<f64>,
+}
+
+impl Transforms {
+    fn new(window: &KaiserWindow, reach_bins: f64) -> Self {
+        let table = |bins: f64, f: &dyn Fn(f64) -> f64| {
+            (0..=(bins * TABLE_STEPS) as usize).map(|i| f(i as f64 / TABLE_STEPS)).collect()
+        };
+        // Noise far apart is as good as uncorrelated; what the lines themselves leak is not nothing.
+        Self {
+            plain: table(reach_bins, &|x| window.transform(x)),
+            squared: table(reach_bins.min(CORRELATED_BINS), &|x| window.transform_squared(x)),
+        }
+    }
+}
+
+/// Beyond this the noise of two lines is taken as uncorrelated (bins).
+const CORRELATED_BINS: f64 = 6.0;
+
+/// Most lines that are separated from one another; lines of other stages beyond them are left to their luck.
+pub const MAX_GROUP: usize = 32;
 
 /// How the sums of a coupled group mix, and how their noise is correlated.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -123,8 +148,9 @@ fn known_lines(train: &Train) -> Vec<KnownLine> {
 
 impl LinePlan {
     /// The lines of a train; `revolutions` of the input shaft in a window at nominal speed turn orders into bins.
-    pub fn new(train: &Train, window: &KaiserWindow, revolutions: f64) -> Self {
+    pub fn new(train: &Train, windows: &WindowPair, revolutions: f64) -> Self {
         let known = known_lines(train);
+        let half_width = windows.guard.half_width;
         let mut tables = Vec::new();
         let mut widest_offset: f64 = 0.0;
         let mut bands = Vec::new();
@@ -132,31 +158,47 @@ impl LinePlan {
             widest_offset = widest_offset.max(SIDEBANDS as f64 * stage.pinion_order.max(stage.wheel_order));
             for harmonic in 0..HARMONICS {
                 let order = stage.mesh_order * (harmonic + 1) as f64;
-                let unknowns = unknowns(&known, s, harmonic, order, window.half_width, revolutions, &mut tables);
-                let coupled = couple(&unknowns, window.half_width, revolutions);
-                let known_offsets = known.iter().map(|l| l.order - order).collect();
-                bands.push(Band { stage: s, harmonic, order, unknowns, coupled, known_offsets });
+                let unknowns = unknowns(&known, s, harmonic, order, half_width, revolutions, &mut tables);
+                bands.push(Band {
+                    stage: s,
+                    harmonic,
+                    order,
+                    all: (0..unknowns.len()).collect(),
+                    beside_carrier: beside_carrier(&unknowns, half_width, revolutions),
+                    unknowns,
+                    known_offsets: known.iter().map(|l| l.order - order).collect(),
+                });
             }
         }
-        let entries = (reach(window.half_width) * 2.0 * TABLE_STEPS) as usize;
-        let at = |i: usize| i as f64 / TABLE_STEPS;
+        // From the lowest sideband to the highest, and other stages' lines beyond them, at a speed above nominal.
+        let widest = 2.4 * (widest_offset * revolutions + reach(half_width));
         Self {
             bands,
             tables,
             widest_offset,
-            transform: (0..entries).map(|i| window.transform(at(i))).collect(),
-            transform_squared: (0..entries).map(|i| window.transform_squared(at(i))).collect(),
+            efficient: Transforms::new(&windows.efficient, widest),
+            guard: Transforms::new(&windows.guard, 1.5 * reach(half_width)),
         }
     }
 
-    /// `G` and `C` of a coupled group at a speed of `revolutions` per window.
+    /// How the sums with the efficient window mix at a speed of `revolutions` per window.
     pub fn coupling(&self, band: &Band, group: &[usize], revolutions: f64, out: &mut Coupling) {
-        for (i, &a) in group.iter().enumerate() {
-            for (j, &b) in group.iter().enumerate() {
-                let bins = (band.unknowns[a].offset - band.unknowns[b].offset).abs() * revolutions;
-                out.g[i][j] = interpolate(&self.transform, bins);
-                out.c[i][j] = interpolate(&self.transform_squared, bins);
-            }
+        couple(&self.efficient, band, group, revolutions, out);
+    }
+
+    /// The same for the guard window.
+    pub fn guard_coupling(&self, band: &Band, group: &[usize], revolutions: f64, out: &mut Coupling) {
+        couple(&self.guard, band, group, revolutions, out);
+    }
+}
+
+fn couple(tables: &Transforms, band: &Band, group: &[usize], revolutions: f64, out: &mut Coupling) {
+    for (i, &a) in group.iter().enumerate() {
+        for (j, &b) in group[..=i].iter().enumerate() {
+            let bins = (band.unknowns[a].offset - band.unknowns[b].offset).abs() * revolutions;
+            let (g, c) = (interpolate(&tables.plain, bins), interpolate(&tables.squared, bins));
+            (out.g[i][j], out.g[j][i]) = (g, g);
+            (out.c[i][j], out.c[j][i]) = (c, c);
         }
     }
 }
@@ -205,6 +247,9 @@ fn unknowns(
     }
     let own = out.len();
     for line in known.iter().filter(|l| l.stage != stage || l.harmonic != harmonic) {
+        if out.len() == MAX_GROUP {
+            break;
+        }
         let offset = line.order - order;
         let nearest = out[..own].iter().map(|u| (u.offset - offset).abs()).fold(f64::INFINITY, f64::min);
         if nearest > reach(half_width) / revolutions {
@@ -244,26 +289,20 @@ fn table_of(offset: f64, slot: Slot, tables: &mut Vec<Table>) -> Option<usize> {
     Some(tables.len() - 1)
 }
 
-/// Connected groups of unknowns within reach of each other.
-fn couple(unknowns: &[Unknown], half_width: f64, revolutions: f64) -> Vec<Vec<usize>> {
+/// The carrier with the unknowns within reach of it, and those within reach of these.
+fn beside_carrier(unknowns: &[Unknown], half_width: f64, revolutions: f64) -> Vec<usize> {
     // At 10 % less than nominal speed the lines are 10 % closer.
     let near = reach(half_width) * 1.1 / revolutions;
-    let mut group: Vec<usize> = (0..unknowns.len()).collect();
-    for i in 0..unknowns.len() {
-        for j in 0..i {
-            if (unknowns[i].offset - unknowns[j].offset).abs() < near {
-                let (from, to) = (group[i].max(group[j]), group[i].min(group[j]));
-                group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
+    let mut group = vec![0];
+    let mut done = 0;
+    while done < group.len() && group.len() < MAX_GROUP {
+        let from = unknowns[group[done]].offset;
+        for (i, unknown) in unknowns.iter().enumerate() {
+            if (unknown.offset - from).abs() < near && !group.contains(&i) && group.len() < MAX_GROUP {
+                group.push(i);
             }
         }
+        done += 1;
     }
-    let members = |root: usize| (0..unknowns.len()).filter(|&i| group[i] == root).collect::<Vec<_>>();
-    let groups = (0..unknowns.len()).map(members).filter(|m| m.len() > 1);
-    // The unknowns are in the order of their weight for this harmonic: its own lines first.
-    groups
-        .map(|mut m| {
-            m.truncate(MAX_GROUP);
-            m
-        })
-        .collect()
+    group
 }

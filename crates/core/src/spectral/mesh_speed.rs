@@ -1,11 +1,9 @@
 //! Shaft speed from the mesh lines of a window.
 //!
 //! 1. *Search.* Over a range about the starting speed, the evidence of a speed is the sum over the mesh harmonics of all stages
-//!    of `log(1 + P/floor)`, the power in the bin where the line would be by the median of its neighbourhood. The logarithm and a cap keep
+//!    of `log(1 + P/floor)`, the power in the bin where the line would be by the median of its neighbourhood. The logarithm keeps
 //!    one strong line from deciding alone: a sideband as large as its carrier fits one harmonic, but not all of them.
-//! 2. *Refinement.* Speed and ramp, `θ(τ) = n1 τ + n2 τ²`, maximise `Σ |a(o)|² / floor²`: for white noise the maximum-likelihood
-//!    estimate (D. C. Rife, R. R. Boorstyn, "Single-tone parameter estimation from discrete-time observations", IEEE Trans. IT 20 (1974) 591, summed
-//!    over lines). Steps are Gauss-Newton's, low orders first: each rung brings the phase close enough for the next.
+//! 2. *Refinement.* See [`mesh_refine`](super::mesh_refine).
 //! 3. *Ramps.* A line that sweeps over more bins than the main lobe is wide is not a peak any more. If the first two steps do not end in
 //!    compact lines, the search is repeated on copies of the window whose time was warped by a row of ramps.
 //! 4. *Trust.* See [`Trust`]: whatever does not pass is reported as no speed at all.
@@ -14,27 +12,42 @@ use num_complex::Complex64;
 use rustfft::FftPlanner;
 
 use crate::spectral::harmonics::{WindowSpectrum, median};
+use crate::spectral::kaiser::WindowPair;
+use crate::spectral::mesh_refine::{Basis, DEGREE, NARROW, Rotator, terms};
 use crate::spectral::zoom::Zoom;
+use crate::verdict::HARMONICS;
 
-/// Bins of the narrow band around a line in which it is refined, and how many on each side are kept whole.
-const NARROW: (usize, usize) = (64, 16);
+/// Bins beyond the range of a line that belong to its neighbourhood.
+const SEARCH_MARGIN: f64 = 12.0;
 
-/// Lines count no more than this signal-to-noise power ratio: past 40 dB it is the model, not the noise, that limits.
-const CAP: f64 = 1e4;
+/// Lines weigh no more in the refinement than at this signal-to-noise power ratio: past 40 dB it is the model, not the noise, that limits.
+pub(crate) const CAP: f64 = 1e4;
 
-/// Speed as revolutions of the input shaft per window.
+/// Power by its floor at which a line counts as seen: noise alone exceeds it once in 20 000 bins.
+pub const STANDS_OUT: f64 = 10.0;
+
+/// Input-shaft angle of a window from its mesh lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshSpeed {
-    /// Revolutions in the window.
-    pub n1: f64,
-    /// Coefficient of `τ²`: the speed changes by `2 n2` revolutions per window from end to end.
-    pub n2: f64,
-    /// Variance of `n1` (rev²).
-    pub variance_n1: f64,
-    /// Variance of `n2` (rev²).
-    pub variance_n2: f64,
+    /// Coefficients of `τ, τ², τ³` (rev).
+    pub coefficients: [f64; DEGREE],
+    /// Revolutions in the window at its mean speed (weighted as the lines are).
+    pub revolutions: f64,
+    /// Variance of the revolutions (rev²).
+    pub revolutions_variance: f64,
+    /// Variance of the angle, mean over the window (rev²).
+    pub angle_variance: f64,
     /// What speaks for it.
     pub trust: Trust,
+}
+
+/// A speed that the search found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// Revolutions in the window.
+    pub n1: f64,
+    /// What speaks for it, see [`Trust::evidence`].
+    pub evidence: f64,
 }
 
 /// What speaks for a speed.
@@ -42,62 +55,113 @@ pub struct MeshSpeed {
 pub struct Trust {
     /// Mesh lines that stand out of their neighbourhood.
     pub lines: usize,
-    /// `Σ log(1 + P/floor)` over the mesh lines, capped (nepers of power).
+    /// `Σ log(1 + P/floor)` over the mesh lines (nepers of power).
     pub evidence: f64,
     /// Evidence of the best speed elsewhere in the range.
     pub rival: f64,
-    /// Weighted mean over the lines of the share of the power near the line that the line explains (1 for a pure tone).
+    /// Share of the power near a line that the line explains (1 for a pure tone), mean over the lines that stand out, weighted by
+    /// evidence and order squared.
     pub compactness: f64,
 }
 
 impl MeshSpeed {
-    /// The speed can be relied on: two lines at least stand out, together they are past chance, and its sigma (relative) is small enough.
+    /// What is compared between a refinement with and without a large ramp.
+    pub fn merit(&self) -> f64 {
+        self.trust.evidence * self.trust.compactness
+    }
+
+    /// The speed can be relied on: two lines at least stand out, no other speed in the range has nearly as much evidence,
+    /// the lines are lines and not smears, and sigma (relative) is small enough.
     pub fn is_trusted(&self, max_sigma: f64) -> bool {
-        self.trust.lines >= 2 && self.variance_n1.sqrt() < max_sigma * self.n1
+        self.trust.lines >= 2
+            && self.trust.evidence > self.trust.rival + MARGIN
+            && self.trust.compactness > SMEARED
+            && self.revolutions_variance.sqrt() < max_sigma * self.revolutions
+    }
+
+    /// Nothing better is to be expected from looking for ramps.
+    pub fn is_clear(&self) -> bool {
+        self.trust.lines >= 2 && self.trust.evidence > self.trust.rival + MARGIN && self.trust.compactness > CLEAR
     }
 }
 
-/// Mesh orders to look for.
-#[derive(Clone, Debug)]
-struct MeshLine {
-    order: f64,
+/// A speed must have this much more evidence than any other: a likelihood ratio of 20.
+const MARGIN: f64 = 3.0;
+
+/// Below this compactness lines are smeared: a plateau of five equal bins has 0.35 to 0.4.
+const SMEARED: f64 = 0.6;
+
+/// Above this compactness lines are as sharp as the window makes them.
+const CLEAR: f64 = 0.95;
+
+/// A mesh harmonic to look for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MeshLine {
+    pub(crate) order: f64,
+    /// Mesh order of its stage, and its number from 1.
+    pub(crate) mesh_order: f64,
+    pub(crate) stage: usize,
+    pub(crate) harmonic: usize,
 }
 
 /// Plan.
 pub struct MeshSearch {
     lines: Vec<MeshLine>,
-    zoom: Zoom,
+    stages: usize,
+    pub(crate) zoom: Zoom,
+    pub(crate) ratio: Vec<f64>,
+    pub(crate) basis: Basis,
+    /// Terms of the angle polynomial that are fitted.
+    pub(crate) terms: usize,
 }
 
 /// Buffers.
 pub struct MeshSearchState {
     logs: Vec<f64>,
+    evidence: Vec<f64>,
     sorting: Vec<f64>,
-    bands: Vec<Complex64>,
-    scratch: Vec<Complex64>,
-    used: Vec<UsedLine>,
+    pub(crate) bands: Vec<Complex64>,
+    pub(crate) scratch: Vec<Complex64>,
+    pub(crate) used: Vec<UsedLine>,
+    pub(crate) rotators: Vec<Rotator>,
 }
 
 /// A mesh line that lies in the usable band.
 #[derive(Clone, Copy, Debug)]
-struct UsedLine {
-    order: f64,
+pub(crate) struct UsedLine {
+    pub(crate) line: MeshLine,
     first_bin: usize,
     first_log: usize,
     logs: usize,
-    floor: f64,
-    centre: i64,
-    weight: f64,
+    pub(crate) floor: f64,
+    pub(crate) centre: i64,
+    /// Power by floor.
+    pub(crate) ratio: f64,
+    pub(crate) compactness: f64,
 }
 
 impl MeshSearch {
-    /// For the mesh harmonics of these orders; equal orders count once.
-    pub fn new(mut orders: Vec<f64>, planner: &mut FftPlanner<f64>) -> Self {
-        orders.sort_by(f64::total_cmp);
-        orders.dedup_by(|a, b| (*a - *b).abs() < 1e-9 * *b);
+    /// For the mesh harmonics of stages with these mesh orders; equal orders count once. `separation_bins` is how far from them
+    /// their nearest sidebands are.
+    pub fn new(mesh_orders: &[f64], windows: &WindowPair, separation_bins: f64, planner: &mut FftPlanner<f64>) -> Self {
+        let harmonics = |(stage, &mesh_order): (usize, &f64)| {
+            (1..=HARMONICS).map(move |harmonic| MeshLine {
+                order: mesh_order * harmonic as f64,
+                mesh_order,
+                stage,
+                harmonic,
+            })
+        };
+        let mut lines: Vec<MeshLine> = mesh_orders.iter().enumerate().flat_map(harmonics).collect();
+        lines.sort_by(|a, b| a.order.total_cmp(&b.order));
+        lines.dedup_by(|a, b| (a.order - b.order).abs() < 1e-9 * b.order);
         Self {
-            lines: orders.into_iter().map(|order| MeshLine { order }).collect(),
+            lines,
+            stages: mesh_orders.len(),
             zoom: Zoom::new(planner, NARROW.0, NARROW.1),
+            ratio: windows.ratio(NARROW.0),
+            basis: Basis::new(&windows.guard),
+            terms: terms(separation_bins, &windows.guard),
         }
     }
 
@@ -105,64 +169,65 @@ impl MeshSearch {
     pub fn state(&self) -> MeshSearchState {
         MeshSearchState {
             logs: Vec::new(),
+            evidence: Vec::new(),
             sorting: Vec::new(),
             bands: vec![Complex64::ZERO; self.lines.len() * NARROW.0],
             scratch: vec![Complex64::ZERO; self.zoom.scratch_len()],
             used: Vec::with_capacity(self.lines.len()),
+            rotators: vec![Rotator::default(); self.stages],
         }
     }
 
-    /// Speed at constant or slowly changing speed, between `lowest` and `highest` revolutions per window. `None` where no mesh line lies
-    /// in the usable band.
-    pub fn find(
+    /// The speed that has most evidence, between `lowest` and `highest` revolutions per window, if it did not change in the window.
+    /// `None` where no mesh line lies in the usable band.
+    pub fn search(
         &self,
         state: &mut MeshSearchState,
         spectrum: WindowSpectrum<'_>,
         lowest: f64,
         highest: f64,
-    ) -> Option<MeshSpeed> {
+    ) -> Option<Candidate> {
         self.prepare(state, spectrum, lowest, highest);
-        let top = state.used.last()?.order;
+        let top = state.used.last()?.line.order;
         // Half a bin per step at the highest line: a quarter off at most, where the main lobe is still within 1 dB.
         let step = 0.5 / top;
         let steps = ((highest - lowest) / step).ceil() as usize + 1;
-        let evidence_at = |n1: f64| -> f64 {
-            let terms = state.used.iter().map(|l| {
-                let bin = (l.order * n1).round() as usize;
-                state.logs[l.first_log + (bin - l.first_bin).min(l.logs - 1)]
-            });
-            terms.sum()
-        };
-        let (mut best, mut at) = (f64::NEG_INFINITY, lowest);
-        for i in 0..steps {
-            let n1 = (lowest + i as f64 * step).min(highest);
-            let evidence = evidence_at(n1);
-            if evidence > best {
-                (best, at) = (evidence, n1);
+        state.evidence.clear();
+        state.evidence.resize(steps, 0.0);
+        for used in &state.used {
+            let logs = &state.logs[used.first_log..used.first_log + used.logs];
+            for (i, evidence) in state.evidence.iter_mut().enumerate() {
+                let bin = (used.line.order * (lowest + i as f64 * step)).round() as usize;
+                *evidence += logs[(bin - used.first_bin).min(logs.len() - 1)];
             }
         }
-        // The lowest line is the one whose peak is broadest in speed; within its main lobe there is no rival.
-        let apart = 2.0 * spectrum.window.half_width / state.used.first()?.order.max(top / 5.0);
-        let rival = (0..steps)
-            .map(|i| (lowest + i as f64 * step).min(highest))
-            .filter(|n1| (n1 - at).abs() > apart)
-            .map(evidence_at)
-            .fold(0.0, f64::max);
-        let mut found = self.refine(state, spectrum, at);
-        found.trust.evidence = best;
-        found.trust.rival = rival;
-        Some(found)
+        let best = (0..steps).max_by(|&a, &b| state.evidence[a].total_cmp(&state.evidence[b]))?;
+        Some(Candidate { n1: lowest + best as f64 * step, evidence: state.evidence[best] })
+    }
+
+    /// Order of the highest line in the usable band at a speed in revolutions per window.
+    pub fn top_order(&self, n1: f64, highest_bin: f64) -> Option<f64> {
+        let orders = self.lines.iter().map(|l| l.order).filter(|order| order * n1 + SEARCH_MARGIN <= highest_bin);
+        orders.last()
+    }
+
+    /// Most evidence of the last search for a speed elsewhere: outside the main lobe of the lowest line.
+    pub fn rival(&self, state: &MeshSearchState, half_width: f64, lowest: f64, n1: f64) -> f64 {
+        let (Some(first), Some(last)) = (state.used.first(), state.used.last()) else { return 0.0 };
+        let apart = 2.0 * half_width / first.line.order.max(last.line.order / 5.0);
+        let step = 0.5 / last.line.order;
+        let elsewhere = |i: &usize| (lowest + *i as f64 * step - n1).abs() > apart;
+        (0..state.evidence.len()).filter(elsewhere).map(|i| state.evidence[i]).fold(0.0, f64::max)
     }
 
     /// Picks the lines in the usable band, their floors and the logarithms that the search adds up.
     fn prepare(&self, state: &mut MeshSearchState, spectrum: WindowSpectrum<'_>, lowest: f64, highest: f64) {
-        const MARGIN: f64 = 12.0;
         state.used.clear();
         state.logs.clear();
         for line in &self.lines {
-            let from = line.order * lowest - MARGIN;
-            let to = line.order * highest + MARGIN;
-            if from < spectrum.window.half_width || to > spectrum.highest_bin {
+            let from = line.order * lowest - SEARCH_MARGIN;
+            let to = line.order * highest + SEARCH_MARGIN;
+            if from < spectrum.windows.guard.half_width || to > spectrum.highest_bin {
                 continue;
             }
             let (first_bin, last_bin) = (from.floor() as usize, (to.ceil() as usize).min(spectrum.bins.len() - 1));
@@ -172,138 +237,31 @@ impl MeshSearch {
             state.sorting.clear();
             state.sorting.extend_from_slice(&state.logs[first_log..]);
             let strongest = state.sorting.iter().copied().fold(0.0, f64::max);
-            // Without noise the side lobes of the window are the floor.
-            let floor = (median(&mut state.sorting) / std::f64::consts::LN_2).max(1e-10 * strongest);
+            // Without noise rounding would be the floor.
+            let floor = (median(&mut state.sorting) / std::f64::consts::LN_2).max(1e-8 * strongest);
             if floor.is_nan() || floor <= 0.0 {
                 state.logs.truncate(first_log);
                 continue;
             }
             for power in &mut state.logs[first_log..] {
-                *power = quick_ln(1.0 + (*power / floor).min(CAP));
+                *power = quick_ln(1.0 + *power / floor);
             }
             state.used.push(UsedLine {
-                order: line.order,
+                line: *line,
                 first_bin,
                 first_log,
                 logs: last_bin - first_bin + 1,
                 floor,
                 centre: 0,
-                weight: 0.0,
+                ratio: 0.0,
+                compactness: 0.0,
             });
         }
     }
-
-    /// Refines speed and ramp from a start within a fraction of a bin at the highest line.
-    fn refine(&self, state: &mut MeshSearchState, spectrum: WindowSpectrum<'_>, start: f64) -> MeshSpeed {
-        let MeshSearchState { bands, scratch, used, .. } = state;
-        let window = spectrum.window;
-        for (line, band) in used.iter_mut().zip(bands.chunks_exact_mut(NARROW.0)) {
-            line.centre = (line.order * start).round() as i64;
-            self.zoom.extract(spectrum.bins, spectrum.samples, line.centre, band, scratch);
-        }
-        let (mut n1, mut n2) = (start, 0.0);
-        let lowest = used.first().map_or(1.0, |l| l.order);
-        let mut limit = lowest * 1.01;
-        let top = used.last().map_or(1.0, |l| l.order);
-        let mut last_rounds = 0;
-        let mut rounds = 0;
-        while last_rounds < 4 && rounds < 24 {
-            rounds += 1;
-            let (mut g1, mut g2, mut h) = (0.0, 0.0, 0.0);
-            for (line, band) in used.iter_mut().zip(bands.chunks_exact(NARROW.0)) {
-                if line.order > limit {
-                    break;
-                }
-                let [y0, y1, y2] = moments(band, line.order, line.centre as f64, n1, n2, window.tau2);
-                let power = y0.norm_sqr() / (NARROW.0 as f64).powi(2);
-                let ratio = power / line.floor;
-                line.weight = ratio;
-                // Weight of a line relative to its power: 1 / floor, less where the model limits.
-                let omega = 1.0 / (line.floor * (1.0 + ratio / CAP)) / (NARROW.0 as f64).powi(2);
-                let k = std::f64::consts::TAU * line.order;
-                g1 += omega * k * (y0.conj() * y1).im;
-                g2 += omega * k * (y0.conj() * y2).im;
-                h += omega * k * k * y0.norm_sqr();
-            }
-            if h.is_nan() || h <= 0.0 {
-                break;
-            }
-            // d|y|²/dp = -2 k Im(y* y_p)... the phase that is left is the slope of Im(y* y_p)/|y|² against k.
-            let reach = 0.5 / limit.min(top);
-            let d1 = (g1 / (h * window.tau2)).clamp(-reach, reach);
-            let d2 = (g2 / (h * window.quadratic)).clamp(-6.0 * reach, 6.0 * reach);
-            n1 += d1;
-            n2 += d2;
-            let settled = d1.abs() * limit < 0.02 && d2.abs() * limit < 0.1;
-            if limit < top {
-                if settled || rounds % 4 == 0 {
-                    limit = (limit * 2.0).min(top * 1.01);
-                }
-            } else if d1.abs() * top < 1e-7 && d2.abs() * top < 1e-7 {
-                break;
-            } else {
-                last_rounds += 1;
-            }
-        }
-        let (variance_n1, variance_n2) = variances(used, window);
-        let lines = used.iter().filter(|l| l.weight > STANDS_OUT).count();
-        let trust = Trust { lines, evidence: f64::NAN, rival: f64::NAN, compactness: f64::NAN };
-        MeshSpeed { n1, n2, variance_n1, variance_n2, trust }
-    }
-}
-
-/// Power by its floor at which a line counts as seen: noise alone exceeds it once in 20 000 bins.
-pub const STANDS_OUT: f64 = 10.0;
-
-/// `Σ z e^{-jψ}`, and the same weighted by `τ` and by `τ² - mean`, with `ψ = 2π (order (n1 τ + n2 τ²) - centre τ)`.
-fn moments(band: &[Complex64], order: f64, centre: f64, n1: f64, n2: f64, tau2: f64) -> [Complex64; 3] {
-    let m = band.len() as f64;
-    let a = order * n1 - centre;
-    let b = order * n2;
-    let turn = |turns: f64| {
-        let (sin, cos) = (-std::f64::consts::TAU * turns).sin_cos();
-        Complex64::new(cos, sin)
-    };
-    // ψ is quadratic in the index: its second difference is constant, so two products a step replace the sines.
-    let step = 1.0 / m;
-    let psi = |tau: f64| a * tau + b * tau * tau;
-    let mut phasor = turn(psi(-0.5));
-    let mut advance = turn(psi(-0.5 + step) - psi(-0.5));
-    let bend = turn(2.0 * b * step * step);
-    let mut sums = [Complex64::ZERO; 3];
-    for (i, z) in band.iter().enumerate() {
-        let tau = i as f64 * step - 0.5;
-        let v = z * phasor;
-        sums[0] += v;
-        sums[1] += v * tau;
-        sums[2] += v * (tau * tau - tau2);
-        phasor *= advance;
-        advance *= bend;
-    }
-    sums
-}
-
-/// Variances of `n1` and `n2`. The maximiser is a weighted fit of the phases: with `b` the basis function, weights `c` per line and
-/// the power ratio `ρ` (line by mean square noise),
-/// `var = (Σ w² b² / Σ w²) / (Σ w b² / Σ w)² · Σ c² / (2 ρ (2π o)²) / (Σ c)²`.
-fn variances(used: &[UsedLine], window: &crate::spectral::kaiser::KaiserWindow) -> (f64, f64) {
-    let (mut total, mut noise) = (0.0, 0.0);
-    for line in used {
-        let k2 = (std::f64::consts::TAU * line.order).powi(2);
-        let rho = line.weight.max(1e-3);
-        let c = rho / (1.0 + rho / CAP) * k2;
-        total += c;
-        noise += c * c / (2.0 * rho * k2);
-    }
-    let lines = noise / (total * total);
-    (
-        lines * window.tau2_squared / (window.tau2 * window.tau2),
-        lines * window.quadratic_squared / (window.quadratic * window.quadratic),
-    )
 }
 
 /// Natural logarithm to 1 %: exponent and linear mantissa. Evidence needs no more.
-fn quick_ln(x: f64) -> f64 {
+pub(crate) fn quick_ln(x: f64) -> f64 {
     const MANTISSA: u64 = (1 << 52) - 1;
     let bits = x.to_bits();
     let exponent = (bits >> 52) as f64 - 1023.0;

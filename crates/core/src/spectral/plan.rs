@@ -8,20 +8,23 @@ use rustfft::FftPlanner;
 
 use crate::analysis::StageAnalysis;
 use crate::spectral::harmonics::{Harmonics, HarmonicsState, KnownAngle, WindowSpectrum};
-use crate::spectral::kaiser::{KaiserWindow, half_width};
-use crate::spectral::mesh_speed::{MeshSearch, MeshSearchState, MeshSpeed};
+use crate::spectral::kaiser::WindowPair;
+use crate::spectral::mesh_refine::DEGREE;
+use crate::spectral::mesh_speed::{Candidate, MeshSearch, MeshSearchState, MeshSpeed};
 use crate::speed::SpeedConfig;
 use crate::train::Train;
-use crate::verdict::HARMONICS;
 
 /// Nearest line beside a mesh harmonic that must not bias it, in orders of the input shaft (belts and couplings make such).
 const NEAREST_ORDER: f64 = 0.4;
+
+/// How often a ramp that was found is refined: each pass takes out what the pass before left.
+const RAMP_PASSES: usize = 3;
 
 /// Plan for windows of one length at one sample rate.
 pub struct RatePlan {
     samples: usize,
     sample_rate_hz: f64,
-    window: KaiserWindow,
+    windows: WindowPair,
     transform: Arc<dyn RealToComplex<f64>>,
     search: MeshSearch,
     harmonics: Harmonics,
@@ -33,6 +36,7 @@ pub struct RatePlan {
 pub struct RateState {
     weighted: Vec<f64>,
     spectrum: Vec<Complex64>,
+    warped: Vec<Complex64>,
     scratch: Vec<Complex64>,
     search: MeshSearchState,
     harmonics: HarmonicsState,
@@ -42,11 +46,11 @@ impl RatePlan {
     /// The plan for windows of `samples` at `sample_rate_hz`.
     pub fn new(train: &Train, speed: &SpeedConfig, samples: usize, sample_rate_hz: f64) -> Self {
         let revolutions = train.nominal_input_hz * samples as f64 / sample_rate_hz;
-        let window = KaiserWindow::new(samples, half_width(NEAREST_ORDER * revolutions));
+        let windows = WindowPair::new(samples, NEAREST_ORDER * revolutions);
         let mut planner = FftPlanner::new();
-        let orders = train.stages.iter().flat_map(|s| (1..=HARMONICS).map(|h| s.mesh_order * h as f64));
-        let search = MeshSearch::new(orders.collect(), &mut planner);
-        let harmonics = Harmonics::new(train, &window, revolutions, speed.max_ramp_percent * 1e-2, &mut planner);
+        let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
+        let search = MeshSearch::new(&mesh_orders, &windows, NEAREST_ORDER * revolutions, &mut planner);
+        let harmonics = Harmonics::new(train, &windows, revolutions, speed.max_ramp_percent * 1e-2, &mut planner);
         Self {
             samples,
             sample_rate_hz,
@@ -55,7 +59,7 @@ impl RatePlan {
             harmonics,
             lowest_mesh_order: train.stages.iter().map(|s| s.mesh_order).fold(f64::INFINITY, f64::min),
             speed: speed.clone(),
-            window,
+            windows,
         }
     }
 
@@ -69,6 +73,7 @@ impl RatePlan {
         RateState {
             weighted: self.transform.make_input_vec(),
             spectrum: self.transform.make_output_vec(),
+            warped: self.transform.make_output_vec(),
             scratch: self.transform.make_scratch_vec(),
             search: self.search.state(),
             harmonics: self.harmonics.state(),
@@ -77,7 +82,7 @@ impl RatePlan {
 
     /// Transforms the weighted samples of a window.
     pub fn transform(&self, samples: &[f64], state: &mut RateState) {
-        for (y, (x, w)) in state.weighted.iter_mut().zip(samples.iter().zip(&self.window.coefficients)) {
+        for (y, (x, w)) in state.weighted.iter_mut().zip(samples.iter().zip(&self.windows.efficient.coefficients)) {
             *y = x * w;
         }
         // The lengths are those of the plan by construction, the only thing that can be wrong.
@@ -89,17 +94,100 @@ impl RatePlan {
 
     /// Speed from the mesh lines of the window that was transformed last, about a start in revolutions per window. `None` where it
     /// cannot be trusted.
-    pub fn mesh_speed(&self, state: &mut RateState, start: f64, highest_bin: f64) -> Option<MeshSpeed> {
+    pub fn mesh_speed(
+        &self,
+        state: &mut RateState,
+        samples: &[f64],
+        start: f64,
+        highest_bin: f64,
+    ) -> Option<MeshSpeed> {
         let range = self.speed.search_percent * 1e-2;
+        let (lowest, highest) = (start * (1.0 - range), start * (1.0 + range));
         let spectrum =
-            WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, window: &self.window };
-        let found = self.search.find(&mut state.search, spectrum, start * (1.0 - range), start * (1.0 + range))?;
+            WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, windows: &self.windows };
+        let candidate = self.search.search(&mut state.search, spectrum, lowest, highest)?;
+        let mut found = self.search.refine(&mut state.search, spectrum, candidate.n1);
+        found.trust.rival = self.search.rival(&state.search, self.windows.guard.half_width, lowest, found.revolutions);
+        if !found.is_clear() && self.speed.max_ramp_percent > 0.0 {
+            let ramping = self.ramping_speed(state, samples, lowest, highest, highest_bin);
+            found = ramping.filter(|r| r.merit() > found.merit()).unwrap_or(found);
+        }
         found.is_trusted(self.speed.max_sigma_percent * 1e-2).then_some(found)
+    }
+
+    /// The same where the speed changes too much within the window for its lines to be peaks: the window's time is warped by each
+    /// of a row of ramps, so that the right one makes peaks of them.
+    fn ramping_speed(
+        &self,
+        state: &mut RateState,
+        samples: &[f64],
+        lowest: f64,
+        highest: f64,
+        highest_bin: f64,
+    ) -> Option<MeshSpeed> {
+        let limit = self.speed.max_ramp_percent * 1e-2;
+        let top = self.search.top_order(highest, highest_bin)?;
+        // Between two ramps of the row the highest line sweeps over four bins to either side.
+        let step = 8.0 / (top * highest);
+        let count = (limit / step).ceil() as i32;
+        let (mut best, mut ramp) = (Candidate { n1: f64::NAN, evidence: 0.0 }, 0.0);
+        for i in -count..=count {
+            let tried = f64::from(i) * step;
+            let found = self.warped_search(state, samples, tried, lowest, highest, highest_bin)?;
+            if found.evidence > best.evidence {
+                (best, ramp) = (found, tried);
+            }
+        }
+        let mut rival: f64 = 0.0;
+        for i in -count..=count {
+            let tried = f64::from(i) * step;
+            self.warped_search(state, samples, tried, lowest, highest, highest_bin)?;
+            rival = rival.max(self.search.rival(&state.search, self.windows.guard.half_width, lowest, best.n1));
+        }
+        let mut found = None;
+        for _ in 0..RAMP_PASSES {
+            let candidate = self.warped_search(state, samples, ramp, lowest, highest, highest_bin)?;
+            let spectrum =
+                WindowSpectrum { bins: &state.warped, samples: self.samples, highest_bin, windows: &self.windows };
+            let mut refined = self.search.refine(&mut state.search, spectrum, candidate.n1);
+            refined.trust.rival = rival;
+            refined.coefficients = unwarp(refined.coefficients, ramp);
+            ramp = (2.0 * refined.coefficients[1] / refined.coefficients[0]).clamp(-limit, limit);
+            found = Some(refined);
+        }
+        found
+    }
+
+    /// Searches a copy of the window in which a speed that changes by `ramp` of its mean from end to end is constant.
+    fn warped_search(
+        &self,
+        state: &mut RateState,
+        samples: &[f64],
+        ramp: f64,
+        lowest: f64,
+        highest: f64,
+        highest_bin: f64,
+    ) -> Option<Candidate> {
+        let n = samples.len() as f64;
+        for (i, (y, w)) in state.weighted.iter_mut().zip(&self.windows.efficient.coefficients).enumerate() {
+            let u = i as f64 / n - 0.5;
+            // τ + (ramp/2) (τ² - 1/4) = u solved for τ, in the form that holds for ramp = 0 too.
+            let c = u + 0.125 * ramp;
+            let tau = 2.0 * c / (1.0 + (1.0 + 2.0 * ramp * c).sqrt());
+            *y = w * interpolate(samples, (tau + 0.5) * n);
+        }
+        let done = self.transform.process_with_scratch(&mut state.weighted, &mut state.warped, &mut state.scratch);
+        if done.is_err() {
+            return None;
+        }
+        let spectrum =
+            WindowSpectrum { bins: &state.warped, samples: self.samples, highest_bin, windows: &self.windows };
+        self.search.search(&mut state.search, spectrum, lowest, highest)
     }
 
     /// The first harmonic of some stage lies in the usable band at a speed in revolutions per window.
     pub fn some_harmonic_in_band(&self, revolutions: f64, highest_bin: f64) -> bool {
-        self.lowest_mesh_order * revolutions + self.window.half_width < highest_bin
+        self.lowest_mesh_order * revolutions + self.windows.guard.half_width < highest_bin
     }
 
     /// The lines of the window that was transformed last; one entry of `out` a stage.
@@ -112,8 +200,32 @@ impl RatePlan {
         out: &mut [StageAnalysis],
     ) {
         let spectrum =
-            WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, window: &self.window };
+            WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, windows: &self.windows };
         let windows_per_second = self.sample_rate_hz / self.samples as f64;
         self.harmonics.process(&mut state.harmonics, train, spectrum, angle, windows_per_second, out);
     }
+}
+
+/// Coefficients of an angle in the powers of `τ` from those in the powers of the warped time `u = τ + q τ² + d`, `q = ramp/2`,
+/// `d = -ramp/8`, without the powers above the third: they come with factors that the last pass makes vanish.
+fn unwarp([c1, c2, c3]: [f64; DEGREE], ramp: f64) -> [f64; DEGREE] {
+    let (q, d) = (0.5 * ramp, -0.125 * ramp);
+    [
+        c1 + 2.0 * d * c2 + 3.0 * d * d * c3,
+        q * c1 + (1.0 + 2.0 * d * q) * c2 + 3.0 * d * c3,
+        2.0 * q * c2 + (1.0 + 6.0 * d * q) * c3,
+    ]
+}
+
+/// Value between samples by the cubic through four of them: good enough to look for lines, never used to measure them.
+fn interpolate(samples: &[f64], position: f64) -> f64 {
+    let last = samples.len() - 1;
+    let i = (position.floor().max(0.0) as usize).min(last);
+    let x = position - i as f64;
+    let at = |k: usize| samples[k.min(last)];
+    let (a, b, c, d) = (at(i.saturating_sub(1)), at(i), at(i + 1), at(i + 2));
+    let (below, above) = (x + 1.0, x - 1.0);
+    let far = x - 2.0;
+    a * (-x * above * far / 6.0) + b * (below * above * far / 2.0) - c * (below * x * far / 2.0)
+        + d * (below * x * above / 6.0)
 }

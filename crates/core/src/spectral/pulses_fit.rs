@@ -22,9 +22,9 @@ const BAD_SHARE: f64 = 0.1;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PulseFit {
     /// Variance of the revolutions in the window (rev²).
-    pub variance_linear: f64,
-    /// Variance of the coefficient of `τ²` (rev²).
-    pub variance_quadratic: f64,
+    pub revolutions_variance: f64,
+    /// Variance of the angle, mean over the window (rev²).
+    pub angle_variance: f64,
 }
 
 /// Buffers.
@@ -81,12 +81,12 @@ pub fn fit_pulses(
             a[i + 3] - 3.0 * a[i + 2] + 3.0 * a[i + 1] - a[i]
         };
         let jitter: f64 = (0..n - 3).map(|i| third(i).powi(2)).sum::<f64>() / (20.0 * (n - 3) as f64);
-        return Some(PulseFit { variance_linear: 2.0 * jitter, variance_quadratic: 16.0 * jitter });
+        return Some(PulseFit { revolutions_variance: 2.0 * jitter, angle_variance: jitter });
     }
     track.set_polynomial(&coefficients[1..=degree]);
-    // Variances of slope and bend of a fit to n equally spaced points over a span near 1: 12/n and 180/n of the residual's.
+    // Of a fit of k terms to n pulses the mean variance is k/n of the residual's; a slope over a span near 1 has 12/n of it.
     let n = n as f64;
-    Some(PulseFit { variance_linear: 12.0 * variance / n, variance_quadratic: 180.0 * variance / n })
+    Some(PulseFit { revolutions_variance: 12.0 * variance / n, angle_variance: degree as f64 * variance / n })
 }
 
 impl PulseFitState {
