@@ -208,7 +208,7 @@ impl MeshSearch {
     /// Order of the highest line in the usable band at a speed in revolutions per window.
     pub fn top_order(&self, n1: f64, highest_bin: f64) -> Option<f64> {
         let orders = self.lines.iter().map(|l| l.order).filter(|order| order * n1 + SEARCH_MARGIN <= highest_bin);
-        orders.last()
+        orders.max_by(f64::total_cmp)
     }
 
     /// Most evidence of the last search for a speed elsewhere: outside the main lobe of the lowest line.
