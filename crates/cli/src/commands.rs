@@ -14,10 +14,12 @@ mod completions;
 mod config;
 mod convert;
 mod diagnose;
+mod explain;
 mod info;
 mod list;
 mod man;
 mod paper;
+mod prove;
 mod replay;
 mod run;
 mod top;
@@ -33,6 +35,8 @@ const COMMANDS: &[Kind] = &[
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     kind::<batch::Batch>(),
+    kind::<explain::Explain>(),
+    kind::<prove::Prove>(),
     kind::<list::List>(),
     kind::<config::ConfigCommand>(),
     kind::<completions::Completions>(),

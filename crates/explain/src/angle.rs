@@ -1,0 +1,254 @@
+//! Shaft angle of a recording from its own mesh lines: comb search for the speed, then phase of strong harmonics in passes.
+
+use num_complex::Complex64;
+use std::f64::consts::PI;
+
+use crate::dsp::{Transforms, median};
+
+/// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
+pub struct CombField {
+    log_excess: Vec<f64>,
+    bin_hz: f64,
+}
+
+impl CombField {
+    /// From the Hann spectra of all channels of one recording (equal lengths and rates).
+    pub fn new(transforms: &mut Transforms, channels: &[&[f64]], sample_rate_hz: f64) -> Self {
+        let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
+        let mut log_excess = vec![0.0; len / 2 + 1];
+        for channel in channels {
+            let mut weighted: Vec<f64> = channel[..len]
+                .iter()
+                .enumerate()
+                .map(|(n, x)| x * (0.5 - 0.5 * (2.0 * PI * n as f64 / len as f64).cos()))
+                .collect();
+            let bins = transforms.forward_real(&mut weighted);
+            let power: Vec<f64> = bins.iter().map(|b| b.norm_sqr()).collect();
+            let floor = local_floor(&power, 60);
+            for ((sum, p), f) in log_excess.iter_mut().zip(&power).zip(&floor) {
+                // Capped: one huge line must not outvote a whole comb.
+                *sum += (p / f.max(f64::MIN_POSITIVE)).max(1.0).ln().min(7.0);
+            }
+        }
+        let count = channels.len().max(1) as f64;
+        log_excess.iter_mut().for_each(|v| *v /= count);
+        Self { log_excess, bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
+    }
+
+    /// Mean log excess over the lines of a comb at an input-shaft speed.
+    pub fn score(&self, orders: &[f64], input_hz: f64) -> f64 {
+        let mut sum = 0.0;
+        let mut count = 0usize;
+        for order in orders {
+            let position = order * input_hz / self.bin_hz;
+            let bin = position as usize;
+            if bin + 1 >= self.log_excess.len() {
+                continue;
+            }
+            let t = position - bin as f64;
+            sum += self.log_excess[bin] * (1.0 - t) + self.log_excess[bin + 1] * t;
+            count += 1;
+        }
+        if count == 0 { 0.0 } else { sum / count as f64 }
+    }
+
+    /// Best speed in a range and its score.
+    pub fn search(&self, orders: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
+        let highest = orders.iter().copied().fold(1.0, f64::max);
+        // A fifth of a bin at the highest order: finer than the main lobe of the window.
+        let step = (0.2 * self.bin_hz / highest).max(1e-9);
+        let count = (((high_hz - low_hz) / step).ceil() as usize).min(400_000);
+        let mut best = (0.5 * (low_hz + high_hz), f64::NEG_INFINITY);
+        for i in 0..=count {
+            let f = low_hz + step * i as f64;
+            let score = self.score(orders, f);
+            if score > best.1 {
+                best = (f, score);
+            }
+        }
+        best
+    }
+}
+
+/// Median of the neighbouring `half` bins on each side, evaluated in steps and interpolated.
+fn local_floor(power: &[f64], half: usize) -> Vec<f64> {
+    let step = (half / 2).max(1);
+    let mut knots = Vec::new();
+    let mut centre = 0;
+    let mut window = Vec::with_capacity(2 * half + 1);
+    while centre < power.len() + step {
+        let low = centre.saturating_sub(half);
+        let high = (centre + half + 1).min(power.len());
+        window.clear();
+        if low < high {
+            window.extend_from_slice(&power[low..high]);
+        }
+        let value = median(&mut window) / std::f64::consts::LN_2;
+        knots.push(if value.is_finite() { value } else { knots.last().copied().unwrap_or(1.0) });
+        centre += step;
+    }
+    (0..power.len())
+        .map(|i| {
+            let k = i / step;
+            let t = (i % step) as f64 / step as f64;
+            let (a, b) = (knots[k], knots[(k + 1).min(knots.len() - 1)]);
+            a * (1.0 - t) + b * t
+        })
+        .collect()
+}
+
+/// One mesh harmonic as a phase reference.
+struct Reference {
+    order: f64,
+    ratio: f64,
+    phase_rad: Vec<f64>,
+}
+
+/// Least power over neighbouring noise at which a harmonic may carry the angle.
+const CARRIER_RATIO: f64 = 10.0;
+/// Harmonics that carry the angle at most.
+const CARRIERS: usize = 12;
+
+/// Refines the input-shaft angle (revolutions, per sample) from the phase of strong mesh harmonics of all channels.
+///
+/// Each pass demodulates the harmonics with the angle so far, keeps `half_width_hz` about each, and adds the mean of their phases
+/// weighted by power and squared order (the inverse variance of the angle that each gives); later passes admit higher harmonics.
+/// Returns the refined angle and how many harmonics carried the last pass.
+pub fn refine(
+    transforms: &mut Transforms,
+    channels: &[&[f64]],
+    sample_rate_hz: f64,
+    start_rev: &[f64],
+    mesh_orders: &[f64],
+    half_width_hz: f64,
+) -> (Vec<f64>, usize) {
+    let len = start_rev.len();
+    let mut angle = start_rev.to_vec();
+    let mut carried = 0;
+    let mean_hz = (angle[len - 1] - angle[0]) * sample_rate_hz / (len - 1) as f64;
+    for highest_hz in [1200.0_f64, 3000.0, 5000.0] {
+        let mut references: Vec<Reference> = Vec::new();
+        for &order in mesh_orders {
+            if order * mean_hz > highest_hz.min(0.4 * sample_rate_hz) {
+                continue;
+            }
+            for channel in channels {
+                references.extend(
+                    demodulate(transforms, &channel[..len], sample_rate_hz, &angle, order, half_width_hz)
+                        .filter(|r| r.ratio > CARRIER_RATIO),
+                );
+            }
+        }
+        references.sort_by(|a, b| (b.ratio * b.order * b.order).total_cmp(&(a.ratio * a.order * a.order)));
+        references.truncate(CARRIERS);
+        if references.is_empty() {
+            continue;
+        }
+        carried = references.len();
+        let mut correction = vec![0.0; len];
+        let mut total = 0.0;
+        for r in &references {
+            let weight = r.ratio.min(1e4) * r.order * r.order;
+            total += weight;
+            let mean = r.phase_rad.iter().sum::<f64>() / len as f64;
+            for (c, p) in correction.iter_mut().zip(&r.phase_rad) {
+                *c += weight * (p - mean) / (2.0 * PI * r.order);
+            }
+        }
+        for (a, c) in angle.iter_mut().zip(&correction) {
+            *a += c / total;
+        }
+    }
+    (angle, carried)
+}
+
+fn demodulate(
+    transforms: &mut Transforms,
+    signal: &[f64],
+    sample_rate_hz: f64,
+    angle: &[f64],
+    order: f64,
+    half_width_hz: f64,
+) -> Option<Reference> {
+    let len = signal.len();
+    let mut bins: Vec<Complex64> =
+        signal.iter().zip(angle).map(|(x, a)| Complex64::from_polar(*x, -2.0 * PI * (order * a).fract())).collect();
+    transforms.forward(&mut bins);
+    let keep = ((half_width_hz * len as f64 / sample_rate_hz).round() as usize).max(2);
+    if 8 * keep > len {
+        return None;
+    }
+    let power = |k: usize| bins[k].norm_sqr();
+    let mut inside = 0.0;
+    let mut ring = Vec::new();
+    for k in 0..=keep {
+        inside += power(k) + if k > 0 { power(len - k) } else { 0.0 };
+    }
+    for k in (keep + keep / 2)..(3 * keep) {
+        ring.push(power(k));
+        ring.push(power(len - k));
+    }
+    let noise = median(&mut ring) / std::f64::consts::LN_2;
+    let ratio = inside / (2 * keep + 1) as f64 / noise.max(f64::MIN_POSITIVE);
+    for (k, b) in bins.iter_mut().enumerate() {
+        if k > keep && k < len - keep {
+            *b = Complex64::ZERO;
+        }
+    }
+    transforms.inverse(&mut bins);
+    let mut phase_rad = Vec::with_capacity(len);
+    let mut previous = bins[0].arg();
+    let mut turns = 0.0;
+    for b in &bins {
+        let now = b.arg();
+        let jump = now - previous;
+        if jump > PI {
+            turns -= 2.0 * PI;
+        } else if jump < -PI {
+            turns += 2.0 * PI;
+        }
+        previous = now;
+        phase_rad.push(now + turns);
+    }
+    Some(Reference { order, ratio, phase_rad })
+}
+
+/// Angle of a shaft (revolutions, per sample) from its pulses: cubic through the pulse times, straight on beyond the ends.
+///
+/// `pulse_s` are seconds after the first sample. `None` with fewer than four pulses.
+pub fn from_pulses(pulse_s: &[f64], pulses_per_rev: f64, sample_rate_hz: f64, len: usize) -> Option<Vec<f64>> {
+    if pulse_s.len() < 4 {
+        return None;
+    }
+    let n = pulse_s.len();
+    let slope = |i: usize| {
+        // Three-point slope in pulses per second (Catmull–Rom on uneven steps).
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+        (b - a) as f64 / (pulse_s[b] - pulse_s[a])
+    };
+    let mut at = 0;
+    let mut out = Vec::with_capacity(len);
+    for k in 0..len {
+        let t = k as f64 / sample_rate_hz;
+        while at + 2 < n && pulse_s[at + 1] <= t {
+            at += 1;
+        }
+        let (t0, t1) = (pulse_s[at], pulse_s[at + 1]);
+        let pulses = if t <= pulse_s[0] {
+            slope(0) * (t - pulse_s[0])
+        } else if t >= pulse_s[n - 1] {
+            (n - 1) as f64 + slope(n - 1) * (t - pulse_s[n - 1])
+        } else {
+            let h = t1 - t0;
+            let u = (t - t0) / h;
+            let (m0, m1) = (slope(at) * h, slope(at + 1) * h);
+            let (u2, u3) = (u * u, u * u * u);
+            at as f64 * (2.0 * u3 - 3.0 * u2 + 1.0)
+                + m0 * (u3 - 2.0 * u2 + u)
+                + (at + 1) as f64 * (-2.0 * u3 + 3.0 * u2)
+                + m1 * (u3 - u2)
+        };
+        out.push(pulses / pulses_per_rev);
+    }
+    Some(out)
+}

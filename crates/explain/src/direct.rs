@@ -1,0 +1,422 @@
+//! Findings that need no comparison of lines: the data themselves, tooth numbers, speeds, and lines that no gear makes.
+
+use crate::dsp::{Transforms, median};
+use crate::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
+use crate::features::RecordingFeatures;
+use crate::name::{Finding, Question};
+use crate::ratio::{CREEP, DISPLAY_SIGMA};
+use crate::report::{Evidence, Fit};
+use crate::scan::{self, StrangeLine, Twin};
+
+/// Sample clocks of good converters stay within 20 ppm; beyond three times that the clock is named.
+const CLOCK_PPM: f64 = 60.0;
+/// Standard deviations at which a speed ratio is believed.
+const RATIO_Z: f64 = 4.0;
+
+/// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before it.
+pub fn gears_on(q: &Question<'_>, shaft: usize) -> Vec<String> {
+    let mut out = Vec::new();
+    if let Some(s) = q.train.stages.get(shaft) {
+        out.push(format!("{}.pinion", s.name));
+    }
+    if let Some(s) = shaft.checked_sub(1).and_then(|i| q.train.stages.get(i)) {
+        out.push(format!("{}.wheel", s.name));
+    }
+    out
+}
+
+/// Clipping, tooth numbers, belt slip, clock.
+pub fn findings(q: &Question<'_>, steps: &mut Vec<String>) -> Vec<Finding> {
+    let mut out = Vec::new();
+    clipping(q, &mut out);
+    if let Some(t) = q.teeth {
+        let gear = if t.pinion { "pinion" } else { "wheel" };
+        let stage = &q.train.stages[t.stage].name;
+        let mut f =
+            Finding::new("wrong_tooth_count", format!("{stage}.{gear}"), 0.97).with("teeth", f64::from(t.teeth), 0.3);
+        f.evidence.place = format!(
+            "with {} instead of {} teeth, mesh lines, sidebands and shaft orders meet lines in all recordings: {:.2} nats more per line",
+            t.teeth, t.sheet, t.gain
+        );
+        steps.push(format!("tooth numbers: {stage}.{gear} has {} teeth, the sheet says {}", t.teeth, t.sheet));
+        out.push(f);
+    }
+    speeds(q, &mut out, steps);
+    out
+}
+
+fn clipping(q: &Question<'_>, out: &mut Vec<Finding>) {
+    let names: Vec<&String> = q.recordings.iter().flat_map(|r| r.channels.iter().map(|c| &c.name)).collect();
+    let mut seen: Vec<&String> = Vec::new();
+    for name in names {
+        if seen.contains(&name) {
+            continue;
+        }
+        seen.push(name);
+        let levels: Vec<f64> = q
+            .recordings
+            .iter()
+            .flat_map(|r| r.channels.iter().filter(|c| c.name == *name).filter_map(|c| c.integrity.clipped_at))
+            .collect();
+        if levels.is_empty() {
+            continue;
+        }
+        let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+        let spread = levels.iter().map(|l| (l - mean).abs()).fold(0.0, f64::max);
+        let mut f = Finding::new("clipping", name.clone(), 0.97).with("level", mean, (0.002 * mean).max(spread));
+        f.evidence.place =
+            format!("samples of {name} pile up at ±{mean:.4} in {} of {} recordings", levels.len(), q.recordings.len());
+        out.push(f);
+    }
+}
+
+fn mean_finite(values: impl Iterator<Item = f64>) -> Option<(f64, usize)> {
+    let kept: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    (!kept.is_empty()).then(|| (kept.iter().sum::<f64>() / kept.len() as f64, kept.len()))
+}
+
+fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
+    let n = q.recordings.len();
+    let mut clocks: Vec<f64> = q.ratios.clock[..n].iter().copied().filter(|c| c.is_finite()).collect();
+    let clock = if clocks.is_empty() { f64::NAN } else { median(&mut clocks) };
+    let clock_known = clock.is_finite();
+    if clock_known {
+        steps.push(format!("gear lines against tacho: {:+.0} ppm", clock * 1e6));
+        if clock.abs() * 1e6 > CLOCK_PPM {
+            let spread = clocks.iter().map(|c| (c - clock).abs()).fold(0.0, f64::max) * 1e6;
+            let mut f =
+                Finding::new("clock_offset", "acquisition", 0.95).with("ppm", clock * -1e6, (0.5 * spread).max(12.0));
+            f.evidence.place = format!("all gear lines lie {:+.0} ppm off the tacho", clock * 1e6);
+            f.evidence.law = "the same at every speed and load".into();
+            out.push(f);
+        }
+    }
+    let slip = &q.ratios.slip[..n];
+    let Some((mean, count)) = mean_finite(slip.iter().copied()) else { return };
+    let reference = mean_finite(q.ratios.slip[n..].iter().copied());
+    let base = reference.map_or(if q.bench.belt.is_some() { CREEP } else { 0.0 }, |r| r.0);
+    let base_variance = reference.map_or(2e-4f64.powi(2), |r| DISPLAY_SIGMA.powi(2) / r.1 as f64);
+    let sigma = (DISPLAY_SIGMA.powi(2) / count as f64 + base_variance).sqrt();
+    let excess = mean - base;
+    steps.push(format!(
+        "input shaft behind the drive display: {:.3} % (usual up to {:.3} %)",
+        100.0 * mean,
+        100.0 * (base + 2.0 * sigma)
+    ));
+    if excess.abs() < RATIO_Z * sigma + 3e-4 {
+        return;
+    }
+    // Load: slip grows with torque, a wrong clock does not.
+    let (mut low, mut high) = (f64::INFINITY, 0.0f64);
+    for r in q.recordings {
+        low = low.min(r.brake_torque_nm);
+        high = high.max(r.brake_torque_nm);
+    }
+    let at = |torque: f64| {
+        mean_finite(
+            q.recordings
+                .iter()
+                .zip(slip)
+                .filter(|(r, _)| (r.brake_torque_nm / torque - 1.0).abs() < 0.1)
+                .map(|(_, s)| *s),
+        )
+    };
+    let loaded = at(high);
+    let grows = match (at(low), loaded) {
+        (Some(a), Some(b)) if high > 1.3 * low => {
+            (b.0 - a.0) / (DISPLAY_SIGMA * (1.0 / a.1 as f64 + 1.0 / b.1 as f64).sqrt())
+        }
+        _ => 0.0,
+    };
+    if q.bench.belt.is_some() && excess > 0.0 {
+        let (value, n_high) = loaded.unwrap_or((mean, count));
+        let sure = clock_known || grows > 3.0;
+        let mut f = Finding::new("belt_slip", "belt", if sure { 0.96 } else { 0.7 }).with(
+            "slip_percent",
+            100.0 * (value - base),
+            100.0 * (DISPLAY_SIGMA.powi(2) / n_high as f64 + base_variance + 2e-4f64.powi(2)).sqrt(),
+        );
+        f.evidence.place = format!("all gear orders lie {:.2} % below the motor's display", 100.0 * mean);
+        f.evidence.law = format!("change from least to highest load: {grows:.1} standard deviations");
+        if !sure {
+            f.alternatives.push(("clock_offset", "acquisition".into()));
+        }
+        out.push(f);
+    } else if !clock_known || clock.abs() * 1e6 > CLOCK_PPM {
+        if out.iter().any(|f| f.effect == "clock_offset") {
+            return;
+        }
+        let mut f = Finding::new("clock_offset", "acquisition", 0.85).with("ppm", 1e6 * excess, 1e6 * sigma);
+        f.evidence.place = format!("all gear lines lie {:.2} % off the drive display", -100.0 * excess);
+        out.push(f);
+    }
+}
+
+/// Whether lines may be compared one by one: not with other teeth or at another speed.
+pub fn comparable(findings: &[Finding]) -> bool {
+    !findings.iter().any(|f| matches!(f.effect, "belt_slip" | "clipping" | "clock_offset"))
+}
+
+/// Lines and envelope orders outside the train's comb.
+#[derive(Default)]
+pub struct Strange {
+    /// At fixed frequency.
+    pub fixed: Vec<StrangeLine>,
+    /// At fixed order.
+    pub orders: Vec<StrangeLine>,
+    /// In the envelope of the rest.
+    pub envelope: Option<EnvelopeLine>,
+    /// There was a reference.
+    pub against_reference: bool,
+}
+
+/// Least mean excess (nats) of a line that is named, against a reference and without.
+const NEW_LINE: f64 = 3.0;
+const LONE_LINE: f64 = 4.5;
+/// Standard scores of the envelope scan above which a bearing is named; scans of benches without one reach 8.
+const ENVELOPE_SCORE: f64 = 10.5;
+/// The same against a reference, where scans reach 5.6.
+const ENVELOPE_SCORE_AGAINST: f64 = 8.0;
+
+/// Nearest multiple of 50 or 60 Hz, where the line lies on one.
+fn mains(hz: f64) -> Option<f64> {
+    [50.0, 60.0].into_iter().find(|base| {
+        let m = (hz / base).round();
+        (1.0..=20.0).contains(&m) && (hz - m * base).abs() < 0.12 + 2e-4 * hz
+    })
+}
+
+impl Strange {
+    fn foreign(&self) -> Vec<&StrangeLine> {
+        self.fixed
+            .iter()
+            .filter(|l| {
+                let others = l.by_channel.iter().filter(|e| **e > 1.5).count();
+                l.excess > NEW_LINE
+                    && l.least > 1.5
+                    && mains(l.position).is_none()
+                    && (others > 1 || l.by_channel.len() == 1)
+            })
+            .collect()
+    }
+
+    /// Several lines at fixed frequencies that are not mains, on several sensors.
+    pub fn foreign_machine(&self) -> bool {
+        self.against_reference && self.foreign().len() >= 2
+    }
+}
+
+/// Scans for strange lines.
+pub fn strange(
+    q: &Question<'_>,
+    transforms: &mut Transforms,
+    twins: &[Twin<'_>],
+    channels: &[String],
+    steps: &mut Vec<String>,
+) -> Strange {
+    let against_reference = twins.iter().any(|t| t.reference.is_some());
+    let mut spectra = Vec::new();
+    let mut add = |all: &[RecordingFeatures], sign: f64| {
+        for (i, r) in all.iter().enumerate() {
+            for (c, name) in channels.iter().enumerate() {
+                if let Some(channel) = r.channels.iter().find(|x| x.name == *name) {
+                    spectra.push(EnvelopeSpectrum {
+                        revolutions: r.revolutions,
+                        channel: c,
+                        recording: i,
+                        sign,
+                        power: envelope::spectrum(transforms, r, channel),
+                    });
+                }
+            }
+        }
+    };
+    add(q.recordings, 1.0);
+    if !q.references.is_empty() {
+        add(q.references, -(q.recordings.len() as f64) / q.references.len() as f64);
+    }
+    let found = Strange {
+        fixed: scan::fixed_lines(twins, channels, q.train),
+        orders: scan::order_lines(twins, channels, q.train),
+        envelope: envelope::scan(&spectra, q.train, channels.len()),
+        against_reference,
+    };
+    if let Some(e) = &found.envelope {
+        steps.push(format!("envelope: order {:.3} stands out by {:.1} standard scores", e.order, e.score));
+    }
+    found
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Names what the scans found.
+pub fn add_strange(
+    q: &Question<'_>,
+    strange: Strange,
+    findings: &mut Vec<Finding>,
+    unexplained: &mut bool,
+    steps: &mut Vec<String>,
+) {
+    let channels: Vec<String> = if q.comparison.pairs.is_empty() {
+        q.recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
+    } else {
+        q.comparison.channels.clone()
+    };
+    let speeds: Vec<f64> = q.recordings.iter().map(|r| r.input_hz).collect();
+    let several = speeds.iter().any(|s| (s / speeds[0] - 1.0).abs() > 0.05);
+    let threshold = if strange.against_reference { NEW_LINE } else { LONE_LINE };
+    let gear_changed = findings.iter().any(|f| {
+        matches!(
+            f.effect,
+            "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" | "eccentricity" | "belt_slip" | "clock_offset"
+        )
+    });
+    // Lines at fixed frequency.
+    let pickup = strange.fixed.iter().find(|l| {
+        let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
+        let steady = l.least > if strange.against_reference { 1.0 } else { 4.0 };
+        l.excess > threshold
+            && steady
+            && others == 0
+            && several
+            && (mains(l.position).is_some()
+                || (strange.against_reference && l.excess > 3.5 && !gear_changed && l.off_comb > 3.0))
+    });
+    if let Some(l) = pickup {
+        let on_mains = mains(l.position).is_some();
+        let amplitude = mean(&l.amplitudes);
+        let spread = l.amplitudes.iter().map(|a| (a - amplitude).abs()).fold(0.0, f64::max);
+        let mut f = Finding::new(
+            "electrical_pickup",
+            channels.get(l.channel).cloned().unwrap_or_default(),
+            if on_mains { 0.95 } else { 0.6 },
+        )
+        .with("frequency_hz", l.position, 0.05)
+        .with("amplitude", amplitude, (0.5 * spread).max(0.06 * amplitude));
+        if !on_mains {
+            f.alternatives.push(("aliasing", f.place.clone()));
+        }
+        f.evidence.place = format!("a line at {:.2} Hz at every speed, on this sensor alone", l.position);
+        f.evidence.law = "fixed frequency, no order".into();
+        findings.push(f);
+    } else if strange.foreign_machine() && !gear_changed {
+        let lines = strange.foreign();
+        steps.push(format!(
+            "{} lines at fixed frequencies that are neither mains nor of this bench, the strongest at {:.2} Hz",
+            lines.len(),
+            lines[0].position
+        ));
+        *unexplained = true;
+    }
+    // Lines at fixed order.
+    let off: Vec<&StrangeLine> =
+        strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
+    let on: Vec<&StrangeLine> =
+        strange.orders.iter().filter(|l| l.off_comb < 1.5 && l.excess > threshold && l.least > 1.5).collect();
+    let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
+    if let Some(e) = &strange.envelope
+        && e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE }
+        && !named(findings)
+        && !*unexplained
+    {
+        findings.push(bearing(q, e, &channels));
+    } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
+        steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
+        *unexplained = true;
+    }
+    // High mesh harmonics and far sidebands are lines of the train too, though nobody listed them.
+    let of_mesh = |order: f64| {
+        q.train.stages.iter().any(|s| ((order / s.mesh_order).round() * s.mesh_order - order).abs() < 0.02)
+    };
+    let machine =
+        findings.iter().any(|f| !matches!(f.effect, "torque_ripple" | "speed_fluctuation" | "electrical_pickup"));
+    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_mesh(l.position)).collect();
+    if strange.against_reference && !on.is_empty() && on.len() <= 6 && !machine && !*unexplained {
+        let line = on[0];
+        let shaft = q
+            .train
+            .shafts
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, o))| ((line.position / o).round() * o - line.position).abs() < 0.02)
+            .max_by(|a, b| a.1.1.total_cmp(&b.1.1));
+        if let Some((j, (_, order))) = shaft {
+            let gears = gears_on(q, j);
+            let mut f = Finding::new("ghost_component", gears[0].clone(), if gears.len() == 1 { 0.75 } else { 0.5 })
+                .with("order", (line.position / order).round(), 0.2);
+            f.alternatives.extend(gears.iter().skip(1).map(|g| ("ghost_component", g.clone())));
+            f.evidence.place = format!(
+                "a new line at order {:.0} of shaft {}, no mesh harmonic and no low sideband",
+                (line.position / order).round(),
+                q.train.shafts[j].0
+            );
+            findings.push(f);
+        }
+    }
+}
+
+fn bearing(q: &Question<'_>, e: &EnvelopeLine, channels: &[String]) -> Finding {
+    // Inner and outer races of usual bearings lie between 2 and 12 orders of their own shaft; the sensor nearest shows them best.
+    let sensor_shaft =
+        channels.get(e.channel).and_then(|c| q.bench.sensors.iter().find(|s| s.name == *c)).map(|s| s.shaft.clone());
+    let mut shafts: Vec<(usize, f64)> = q
+        .train
+        .shafts
+        .iter()
+        .enumerate()
+        .map(|(j, s)| (j, e.order / s.1))
+        .filter(|(_, own)| (1.8..14.0).contains(own))
+        .collect();
+    shafts.sort_by_key(|(j, _)| usize::from(sensor_shaft.as_deref() != Some(q.train.shafts[*j].0.as_str())));
+    let (j, own) = shafts.first().copied().unwrap_or((0, e.order));
+    let mut f = Finding::new("bearing_defect", q.train.shafts[j].0.clone(), 0.7).with("order", own, 0.006 * own);
+    f.alternatives.extend(shafts.iter().skip(1).map(|(k, _)| ("bearing_defect", q.train.shafts[*k].0.clone())));
+    f.evidence = Evidence {
+        place: format!("order {:.3} of the input shaft in the envelope, {:.1} standard scores", e.order, e.score),
+        law: "an order that no gear makes".into(),
+        ..Evidence::default()
+    };
+    f
+}
+
+/// What can be said without a reference beyond the direct findings.
+pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
+    crate::alone::shaft_orders(q, findings, steps);
+}
+
+/// Speed ratios before and after, where the finding is one of speed.
+pub fn ratio_fit(q: &Question<'_>, findings: &[Finding]) -> Option<Fit> {
+    let f = findings.iter().find(|f| matches!(f.effect, "belt_slip" | "clock_offset"))?;
+    let n = q.recordings.len();
+    if n < 2 {
+        return None;
+    }
+    let values: Vec<f64> = q.ratios.slip[..n].iter().map(|s| s - CREEP).collect();
+    let torques: Vec<f64> = q.recordings.iter().map(|r| r.brake_torque_nm).collect();
+    let held = n - 1;
+    let model = |i: usize| -> f64 {
+        let others = (0..n).filter(|k| *k != held && *k != i);
+        if f.effect == "belt_slip" {
+            let (xy, xx) =
+                others.fold((0.0, 0.0), |(a, b), k| (a + values[k] * torques[k], b + torques[k] * torques[k]));
+            if xx > 0.0 { xy / xx * torques[i] } else { 0.0 }
+        } else {
+            let kept: Vec<f64> = others.map(|k| values[k]).collect();
+            mean(&kept)
+        }
+    };
+    let rms = |members: Vec<f64>| {
+        (members.iter().map(|v| v * v).sum::<f64>() / members.len().max(1) as f64).sqrt() / DISPLAY_SIGMA
+    };
+    Some(Fit {
+        metric: "root mean square of the speed ratio's deviation from the sheet over the standard deviation of a drive display".into(),
+        train_before: rms((0..held).map(|i| values[i]).collect()),
+        train_after: rms((0..held).map(|i| values[i] - model(i)).collect()),
+        held_out_before: rms(vec![values[held]]),
+        held_out_after: rms(vec![values[held] - model(held)]),
+        noise_floor: 1.0,
+        held_out: vec![q.recordings[held].name.clone()],
+    })
+}

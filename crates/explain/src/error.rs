@@ -1,0 +1,22 @@
+//! What can be wrong with a question to the mismatch finder.
+
+use thiserror::Error;
+
+/// Why recordings and bench file cannot be compared at all.
+#[derive(Debug, Error)]
+pub enum ExplainError {
+    /// The values of the bench file contradict each other.
+    #[error("the bench file cannot be used: {0}")]
+    Bench(String),
+    /// There is nothing to judge.
+    #[error("there is no recording to explain; name MCAP files or a folder that holds some")]
+    NoRecording,
+    /// None of the recordings can be judged.
+    #[error("none of the {count} recordings can be judged. {reasons}")]
+    NothingUsable {
+        /// How many were given.
+        count: usize,
+        /// One sentence each.
+        reasons: String,
+    },
+}

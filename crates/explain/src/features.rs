@@ -1,0 +1,449 @@
+//! What explain reads from a recording: speed, complex order lines with their local noise, floors, and the spectra they came from.
+
+use num_complex::Complex64;
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::recording::{Recording, Segment};
+use gearwatch_core::train::Train;
+
+use crate::angle::{self, CombField};
+use crate::dsp::{self, LINE_FIT_NOISE_GAIN, MAIN_LOBE_BINS, Transforms, median};
+use crate::integrity::{self, Integrity};
+use crate::lines::{self, Line};
+
+/// Bins on each side of a line from which its noise is read.
+const NOISE_BINS: usize = 60;
+/// Share of the sample rate up to which lines are used: below the usual anti-alias corner.
+pub const USABLE_BAND: f64 = 0.45;
+/// Floor bands per octave.
+const BANDS_PER_OCTAVE: f64 = 6.0;
+/// Lower edge of the first floor band (Hz).
+const FIRST_BAND_HZ: f64 = 50.0;
+
+/// A line as measured.
+#[derive(Clone, Copy, Debug)]
+pub struct LineValue {
+    /// Complex peak amplitude, phase at the start of the angle axis.
+    pub amplitude: Complex64,
+    /// Mean power that noise alone would show in `amplitude`.
+    pub noise: f64,
+}
+
+impl LineValue {
+    /// Power over noise.
+    pub fn ratio(&self) -> f64 {
+        self.amplitude.norm_sqr() / self.noise.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Background between the lines in one band.
+#[derive(Clone, Copy, Debug)]
+pub struct FloorBand {
+    /// Middle of the band (Hz).
+    pub frequency_hz: f64,
+    /// Mean power of one bin of the windowed spectrum.
+    pub power: f64,
+    /// Bins that were read.
+    pub bins: usize,
+}
+
+/// One channel of one recording.
+pub struct ChannelFeatures {
+    /// Sensor name.
+    pub name: String,
+    /// Unit of the samples.
+    pub unit: String,
+    /// In the order of [`RecordingFeatures::lines`]; `None` where the line lies outside the usable band.
+    pub values: Vec<Option<LineValue>>,
+    /// Background.
+    pub floor: Vec<FloorBand>,
+    /// Spectrum over shaft angle; bin `k` is order `k / revolutions`.
+    pub order_spectrum: Vec<Complex64>,
+    /// Mean noise power per bin of `order_spectrum`.
+    pub order_floor: Vec<f64>,
+    /// Spectrum over time of what stays when the train's lines are taken out over angle; bin `k` is `k × hz_per_bin`.
+    pub remainder: Vec<Complex64>,
+    /// Mean noise power per bin of `remainder`.
+    pub remainder_floor: Vec<f64>,
+    /// Samples over even steps of shaft angle.
+    pub angle_signal: Vec<f64>,
+    /// Clipping, flat lines, values that are not numbers.
+    pub integrity: Integrity,
+}
+
+/// A recording at one operating point.
+pub struct RecordingFeatures {
+    /// File name or label.
+    pub name: String,
+    /// Motor speed as displayed (Hz); `NaN` where unknown.
+    pub display_motor_hz: f64,
+    /// Torque at the brake as set (N m); `NaN` where unknown.
+    pub brake_torque_nm: f64,
+    /// Input-shaft speed that the gear lines show (Hz).
+    pub input_hz: f64,
+    /// Input-shaft speed by the tacho (Hz).
+    pub tacho_input_hz: Option<f64>,
+    /// Mean log excess of the comb at `input_hz`.
+    pub comb_score: f64,
+    /// Mesh harmonics that carried the angle.
+    pub carriers: usize,
+    /// Revolutions of the input shaft in the recording.
+    pub revolutions: f64,
+    /// Revolution of the input shaft at the first sample as counted from the first tacho pulse; 0 without a tacho.
+    pub start_rev: f64,
+    /// Width of a bin of the time spectrum (Hz).
+    pub hz_per_bin: f64,
+    /// Samples per second.
+    pub sample_rate_hz: f64,
+    /// The lines that were read.
+    pub lines: Vec<Line>,
+    /// Bins that the train's lines take, in order spectra and (as near as the speed is steady) in time spectra.
+    pub taken: Vec<bool>,
+    /// Input-shaft angle at each sample (revolutions).
+    pub phase_rev: Vec<f64>,
+    /// By channel.
+    pub channels: Vec<ChannelFeatures>,
+}
+
+impl RecordingFeatures {
+    /// Frequency of an order (Hz).
+    pub fn order_hz(&self, order: f64) -> f64 {
+        order * self.input_hz
+    }
+
+    /// Position of an order in the order spectra.
+    pub fn order_bin(&self, order: f64) -> f64 {
+        order * self.revolutions
+    }
+}
+
+/// Samples of a recording that belong together: the longest gap-free run of every channel.
+pub struct Steady<'a> {
+    /// The recording.
+    pub recording: &'a Recording,
+    /// Channel name, unit and run.
+    pub channels: Vec<(&'a str, &'a str, &'a Segment)>,
+    /// Samples per second.
+    pub sample_rate_hz: f64,
+    /// Motor speed as displayed, mean (Hz).
+    pub display_motor_hz: f64,
+    /// (N m).
+    pub brake_torque_nm: f64,
+}
+
+/// A recording that was not used, or not as a steady one.
+pub enum Unused {
+    /// Speed moves through it.
+    RunUp,
+    /// It cannot be judged; the sentence says why.
+    Bad(String),
+}
+
+/// Speed change within a recording above which it is a run-up (relative).
+const RUN_UP: f64 = 0.02;
+/// Bins between neighbours of a shaft's comb above which the whole comb is taken out.
+const COMB_SPACING: f64 = 40.0;
+/// Shortest recording that is judged (input-shaft revolutions).
+const SHORTEST_REVOLUTIONS: f64 = 20.0;
+
+/// Picks the samples to judge, or says why not.
+///
+/// # Errors
+/// [`Unused`] for run-ups and for recordings that do not fit the bench.
+pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Result<Steady<'a>, Unused> {
+    let bad = |text: String| Err(Unused::Bad(format!("{}: {text}", recording.name)));
+    let mut channels = Vec::new();
+    let mut rate = f64::NAN;
+    for sensor in &bench.sensors {
+        let Some((name, channel)) = recording.channels.get_key_value(&sensor.name) else { continue };
+        if *channel.unit != sensor.unit {
+            return bad(format!(
+                "channel {} is in {:?}, the bench file says {:?}; correct one of them",
+                sensor.name, channel.unit, sensor.unit
+            ));
+        }
+        let Some(run) = channel.segments.iter().max_by_key(|s| s.samples.len()) else { continue };
+        if run.samples.iter().any(|x| !x.is_finite()) {
+            return bad(format!("channel {} holds samples that are not numbers", sensor.name));
+        }
+        let expected = bench.acquisition.sample_rate_hz;
+        if (channel.sample_rate_hz / expected - 1.0).abs() > 0.01 {
+            return bad(format!(
+                "channel {} was sampled at {} Hz, the bench file says {expected} Hz; correct one of them",
+                sensor.name, channel.sample_rate_hz
+            ));
+        }
+        rate = channel.sample_rate_hz;
+        channels.push((name.as_str(), &*channel.unit, run));
+    }
+    if channels.is_empty() {
+        let found: Vec<&str> = recording.channels.keys().map(String::as_str).collect();
+        let known: Vec<&str> = bench.sensors.iter().map(|s| s.name.as_str()).collect();
+        return bad(format!(
+            "none of its channels ({}) is a sensor of the bench file ({})",
+            found.join(", "),
+            known.join(", ")
+        ));
+    }
+    let speeds: Vec<f64> =
+        recording.operating_points.iter().map(|p| p.motor_speed_hz).filter(|s| s.is_finite() && *s > 0.0).collect();
+    let torques: Vec<f64> =
+        recording.operating_points.iter().map(|p| p.brake_torque_nm).filter(|s| s.is_finite()).collect();
+    let mean = |v: &[f64]| if v.is_empty() { f64::NAN } else { v.iter().sum::<f64>() / v.len() as f64 };
+    let (low, high) = speeds.iter().fold((f64::INFINITY, 0.0f64), |(l, h), &s| (l.min(s), h.max(s)));
+    if high > low * (1.0 + RUN_UP) {
+        return Err(Unused::RunUp);
+    }
+    let display = mean(&speeds);
+    let guess = if display.is_finite() { display } else { bench.motor.speed_hz } / train.motor_order;
+    let shortest = channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
+    let revolutions = shortest as f64 / rate * guess;
+    if revolutions < SHORTEST_REVOLUTIONS {
+        return bad(format!(
+            "its longest run without a gap holds {revolutions:.1} revolutions of the input shaft; at least {SHORTEST_REVOLUTIONS} are needed, {:.0} s at this speed",
+            (SHORTEST_REVOLUTIONS / guess).ceil()
+        ));
+    }
+    Ok(Steady { recording, channels, sample_rate_hz: rate, display_motor_hz: display, brake_torque_nm: mean(&torques) })
+}
+
+impl Steady<'_> {
+    /// Input-shaft angle by the tacho (revolutions per sample), the mean speed that it gives (Hz), or nothing.
+    pub fn tacho_angle(&self, train: &Train) -> Option<(Vec<f64>, f64)> {
+        let (_, _, run) = self.channels.first()?;
+        let (shaft, tacho) = self.recording.tachos.iter().next()?;
+        let order = train.shaft_order(shaft)?;
+        let pulses: Vec<f64> = tacho.pulse_times.iter().map(|t| (t - run.t0) as f64 * 1e-9).collect();
+        if pulses.windows(2).any(|w| w[1] <= w[0]) || tacho.pulses_per_rev <= 0.0 {
+            return None;
+        }
+        let mut angle = angle::from_pulses(&pulses, tacho.pulses_per_rev, self.sample_rate_hz, run.samples.len())?;
+        angle.iter_mut().for_each(|a| *a /= order);
+        let seconds = (angle.len() - 1) as f64 / self.sample_rate_hz;
+        let speed = (angle[angle.len() - 1] - angle[0]) / seconds;
+        (speed.is_finite() && speed > 0.0).then_some((angle, speed))
+    }
+
+    /// The comb field of all channels.
+    pub fn comb_field(&self, transforms: &mut Transforms) -> CombField {
+        let signals: Vec<&[f64]> = self.channels.iter().map(|c| c.2.samples.as_slice()).collect();
+        CombField::new(transforms, &signals, self.sample_rate_hz)
+    }
+}
+
+/// Orders of the comb that finds the speed: the first mesh harmonics of every stage and the first orders of every shaft.
+pub fn comb_orders(train: &Train) -> Vec<f64> {
+    let mut out = Vec::new();
+    for stage in &train.stages {
+        out.extend((1..=5).map(|h| stage.mesh_order * f64::from(h)));
+    }
+    out
+}
+
+/// Reads one steady recording, given the input-shaft speed that the comb search found.
+pub fn read(
+    transforms: &mut Transforms,
+    bench: &Bench,
+    train: &Train,
+    steady: &Steady<'_>,
+    input_hz: f64,
+    comb_score: f64,
+) -> RecordingFeatures {
+    let rate = steady.sample_rate_hz;
+    let len = steady.channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
+    let tacho = steady.tacho_angle(train);
+    let tacho_input_hz = tacho.as_ref().map(|t| t.1);
+    let start: Vec<f64> = (0..len).map(|n| input_hz * n as f64 / rate).collect();
+    let slowest = train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min) * input_hz;
+    let half_width = (0.4 * slowest).min(1.5);
+    let mut mesh_orders = Vec::new();
+    for stage in &train.stages {
+        mesh_orders.extend((1..=8).map(|h| stage.mesh_order * f64::from(h)));
+    }
+    let signals: Vec<&[f64]> = steady.channels.iter().map(|c| c.2.samples.as_slice()).collect();
+    // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
+    let start = match &tacho {
+        Some((angle, speed)) => angle[..len].iter().map(|a| a * input_hz / speed).collect(),
+        None => start,
+    };
+    let (angle, carriers) = angle::refine(transforms, &signals, rate, &start, &mesh_orders, half_width);
+    let revolutions = (angle[len - 1] - angle[0]) * len as f64 / (len - 1) as f64;
+    let input_hz = revolutions * rate / len as f64;
+    let start_rev = tacho.as_ref().map_or(0.0, |t| t.0[0]);
+    let lines = lines::of_train(train, bench.belt.is_some(), 1.5 / revolutions);
+    let taken = occupied(len / 2 + 1, lines.iter().map(|l| l.order * revolutions));
+    let mut combs = taken.clone();
+    for (_, order) in &train.shafts {
+        // A shaft's whole comb can go where that leaves most bins free.
+        let spacing = order * revolutions;
+        if spacing > COMB_SPACING {
+            let count = ((len / 2) as f64 / spacing) as usize;
+            let whole = occupied(len / 2 + 1, (1..=count).map(|m| m as f64 * spacing));
+            combs.iter_mut().zip(whole).for_each(|(a, b)| *a |= b);
+        }
+    }
+    let channels = steady
+        .channels
+        .iter()
+        .map(|(name, unit, run)| {
+            let samples = &run.samples[..len];
+            let angle_signal = dsp::resample_to_angle(transforms, samples, &angle);
+            let order_spectrum = dsp::windowed_spectrum(transforms, &angle_signal);
+            let highest = USABLE_BAND * rate / input_hz;
+            let order_floor = floor_of(&order_spectrum, &taken);
+            let values = fit_lines(&order_spectrum, &order_floor, &lines, revolutions, highest);
+            let floor = bands(&order_spectrum, &taken, rate / len as f64, rate);
+            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &combs, &angle);
+            let remainder_floor = floor_of(&remainder, &combs);
+            ChannelFeatures {
+                name: (*name).to_owned(),
+                unit: (*unit).to_owned(),
+                values,
+                floor,
+                order_spectrum,
+                order_floor,
+                remainder,
+                remainder_floor,
+                angle_signal,
+                integrity: integrity::check(samples, run.quality),
+            }
+        })
+        .collect();
+    RecordingFeatures {
+        name: steady.recording.name.clone(),
+        display_motor_hz: steady.display_motor_hz,
+        brake_torque_nm: steady.brake_torque_nm,
+        input_hz,
+        tacho_input_hz,
+        comb_score,
+        carriers,
+        revolutions,
+        start_rev,
+        hz_per_bin: rate / len as f64,
+        sample_rate_hz: rate,
+        lines,
+        taken: combs,
+        phase_rev: angle,
+        channels,
+    }
+}
+
+/// Bins within the main lobe of a line.
+pub fn occupied(len: usize, positions: impl Iterator<Item = f64>) -> Vec<bool> {
+    let mut taken = vec![false; len];
+    for p in positions {
+        let centre = p.round() as usize;
+        for t in
+            taken.iter_mut().take((centre + MAIN_LOBE_BINS).min(len)).skip(centre.saturating_sub(MAIN_LOBE_BINS - 1))
+        {
+            *t = true;
+        }
+    }
+    taken
+}
+
+/// Mean noise power of each bin from the median of its free neighbours (median of exponential = ln 2 × mean).
+fn floor_of(spectrum: &[Complex64], taken: &[bool]) -> Vec<f64> {
+    let step = NOISE_BINS / 2;
+    let mut knots: Vec<f64> = Vec::new();
+    let mut window = Vec::with_capacity(8 * NOISE_BINS);
+    let mut centre = 0;
+    while centre < spectrum.len() + step {
+        let mut half = NOISE_BINS;
+        loop {
+            window.clear();
+            let high = (centre + half + 1).min(spectrum.len());
+            for k in centre.saturating_sub(half).min(high)..high {
+                if !taken[k] {
+                    window.push(spectrum[k].norm_sqr());
+                }
+            }
+            // Crowded neighbourhoods are widened until enough free bins stand for the noise.
+            if window.len() >= NOISE_BINS / 2 || half >= 4 * NOISE_BINS {
+                break;
+            }
+            half *= 2;
+        }
+        let value = median(&mut window) / std::f64::consts::LN_2;
+        knots.push(if value.is_finite() && value > 0.0 {
+            value
+        } else {
+            knots.last().copied().unwrap_or(f64::MIN_POSITIVE)
+        });
+        centre += step;
+    }
+    (0..spectrum.len())
+        .map(|i| {
+            let k = i / step;
+            let t = (i % step) as f64 / step as f64;
+            knots[k] * (1.0 - t) + knots[(k + 1).min(knots.len() - 1)] * t
+        })
+        .collect()
+}
+
+/// Amplitudes of all lines by least squares over the bins about each, jointly with the lines beside it.
+fn fit_lines(
+    spectrum: &[Complex64],
+    floor: &[f64],
+    lines: &[Line],
+    revolutions: f64,
+    highest_order: f64,
+) -> Vec<Option<LineValue>> {
+    let reach = 2.0 * MAIN_LOBE_BINS as f64;
+    let usable = lines.partition_point(|l| l.order < highest_order);
+    let mut out = vec![None; lines.len()];
+    for i in 0..usable {
+        let position = lines[i].order * revolutions;
+        let bin = position.round() as usize;
+        if bin < 2 * MAIN_LOBE_BINS || bin + 2 * MAIN_LOBE_BINS >= spectrum.len() {
+            continue;
+        }
+        let first = lines[..i].iter().rposition(|l| position - l.order * revolutions > reach).map_or(0, |k| k + 1);
+        let last =
+            lines[i..usable].iter().position(|l| l.order * revolutions - position > reach).map_or(usable, |k| i + k);
+        let group: Vec<f64> = lines[first..last].iter().map(|l| l.order * revolutions).collect();
+        let low = bin - MAIN_LOBE_BINS;
+        let high = bin + MAIN_LOBE_BINS;
+        // Only lines that reach into these bins take part.
+        let members: Vec<f64> = group.into_iter().filter(|p| *p > low as f64 - 3.0 && *p < high as f64 + 3.0).collect();
+        let Some(me) = members.iter().position(|p| (p - position).abs() < 1e-12) else { continue };
+        let n = members.len();
+        let mut normal = nalgebra::DMatrix::<Complex64>::zeros(n, n);
+        let mut right = nalgebra::DVector::<Complex64>::zeros(n);
+        for (k, bin_value) in spectrum.iter().enumerate().take(high + 1).skip(low) {
+            let row: Vec<Complex64> = members.iter().map(|p| dsp::window_response(k as f64 - p)).collect();
+            for a in 0..n {
+                right[a] += row[a].conj() * bin_value;
+                for b in 0..n {
+                    normal[(a, b)] += row[a].conj() * row[b];
+                }
+            }
+        }
+        let Some(inverse) = normal.try_inverse() else { continue };
+        let amplitude = (&inverse * right)[me];
+        // Alone, a line's normal equation is the energy of the window response; crowding raises the variance by this factor.
+        let alone: f64 = (low..=high).map(|k| dsp::window_response(k as f64 - position).norm_sqr()).sum();
+        let crowding = (inverse[(me, me)].re * alone).max(1.0);
+        out[i] = Some(LineValue { amplitude, noise: floor[bin] * LINE_FIT_NOISE_GAIN * crowding });
+    }
+    out
+}
+
+/// Background in sixths of an octave, between the lines.
+fn bands(spectrum: &[Complex64], taken: &[bool], hz_per_bin: f64, rate: f64) -> Vec<FloorBand> {
+    let mut out = Vec::new();
+    let ratio = 2f64.powf(1.0 / BANDS_PER_OCTAVE);
+    let mut low = FIRST_BAND_HZ;
+    while low * ratio < USABLE_BAND * rate {
+        let (a, b) = ((low / hz_per_bin) as usize, ((low * ratio / hz_per_bin) as usize).min(spectrum.len()));
+        let mut powers: Vec<f64> = (a..b).filter(|&k| !taken[k]).map(|k| spectrum[k].norm_sqr()).collect();
+        let bins = powers.len();
+        out.push(FloorBand {
+            frequency_hz: low * ratio.sqrt(),
+            power: median(&mut powers) / std::f64::consts::LN_2,
+            bins,
+        });
+        low *= ratio;
+    }
+    out
+}

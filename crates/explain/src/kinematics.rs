@@ -1,0 +1,132 @@
+//! Speed of each recording and the tooth numbers that the lines themselves show.
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::train::Train;
+
+use crate::angle::CombField;
+use crate::features::{self, Steady};
+
+/// Largest change of the teeth of one gear that is tried.
+const TEETH_REACH: i64 = 4;
+/// How far the speed may lie from the tacho's (relative): sample clocks are better than that.
+const TACHO_REACH: f64 = 0.004;
+/// How far the speed may lie from the drive display without a belt (relative): display and sample clock.
+const DIRECT_REACH: f64 = 0.008;
+/// Belt slip that is looked for (relative).
+const SLIP_REACH: f64 = 0.04;
+/// Gain in mean log excess, summed over recordings and per line, at which another tooth number is believed.
+///
+/// A comb on noise scores about 0.6, one on lines of 10 dB about 2.3; a wrong mesh comb of one stage loses that on half its lines.
+const TEETH_GAIN: f64 = 0.5;
+
+/// A gear with other teeth than the bench file says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OtherTeeth {
+    /// Position of the stage.
+    pub stage: usize,
+    /// Else the wheel.
+    pub pinion: bool,
+    /// Teeth that fit.
+    pub teeth: u32,
+    /// Teeth by the bench file.
+    pub sheet: u32,
+    /// Mean gain in log excess per line.
+    pub gain: f64,
+}
+
+/// Speed of one recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Speed {
+    /// Input-shaft speed (Hz).
+    pub input_hz: f64,
+    /// Mean log excess of the comb there.
+    pub score: f64,
+}
+
+/// Range of input-shaft speeds to search (Hz).
+fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64>) -> (f64, f64) {
+    if let Some(hz) = tacho_hz {
+        return (hz * (1.0 - TACHO_REACH), hz * (1.0 + TACHO_REACH));
+    }
+    let known = steady.display_motor_hz.is_finite();
+    let centre = if known { steady.display_motor_hz } else { bench.motor.speed_hz } / train.motor_order;
+    let spread = if known { DIRECT_REACH } else { 0.05 };
+    let slip = if bench.belt.is_some() { SLIP_REACH } else { spread };
+    (centre * (1.0 - slip.max(spread)), centre * (1.0 + spread))
+}
+
+/// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
+fn deciding_orders(train: &Train) -> Vec<f64> {
+    let mut out = features::comb_orders(train);
+    for stage in &train.stages {
+        for h in 1..=3 {
+            let centre = stage.mesh_order * f64::from(h);
+            for shaft in [stage.pinion_order, stage.wheel_order] {
+                out.extend([centre - shaft, centre + shaft]);
+            }
+        }
+    }
+    for (_, order) in &train.shafts {
+        out.extend((1..=4).map(|k| order * f64::from(k)));
+    }
+    out
+}
+
+fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Bench {
+    let mut other = bench.clone();
+    if let Some(s) = other.stages.get_mut(stage) {
+        let gear = if pinion { &mut s.pinion } else { &mut s.wheel };
+        gear.teeth = teeth;
+    }
+    other
+}
+
+/// Speeds of all recordings by the bench file's own teeth.
+pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombField]) -> Vec<Speed> {
+    let orders = features::comb_orders(train);
+    all.iter()
+        .zip(fields)
+        .map(|(steady, field)| {
+            let tacho = steady.tacho_angle(train).map(|t| t.1);
+            let (low, high) = range(bench, train, steady, tacho);
+            let (input_hz, score) = field.search(&orders, low, high);
+            Speed { input_hz, score }
+        })
+        .collect()
+}
+
+/// The bench with the one tooth number changed that fits all recordings clearly better, if there is one.
+pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
+    let score = |candidate: &Bench| -> f64 {
+        let train = Train::new(candidate);
+        let orders = deciding_orders(&train);
+        let comb = features::comb_orders(&train);
+        let mut sum = 0.0;
+        for (steady, field) in all.iter().zip(fields) {
+            let tacho = steady.tacho_angle(&train).map(|t| t.1);
+            let (low, high) = range(candidate, &train, steady, tacho);
+            let (hz, _) = field.search(&comb, low, high);
+            sum += field.score(&orders, hz);
+        }
+        sum / all.len().max(1) as f64
+    };
+    let base = score(bench);
+    let mut best: Option<(OtherTeeth, Bench)> = None;
+    for (i, stage) in bench.stages.iter().enumerate() {
+        for pinion in [true, false] {
+            let sheet = if pinion { stage.pinion.teeth } else { stage.wheel.teeth };
+            for change in -TEETH_REACH..=TEETH_REACH {
+                let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
+                if change == 0 || teeth < 5 {
+                    continue;
+                }
+                let candidate = with_teeth(bench, i, pinion, teeth);
+                let gain = score(&candidate) - base;
+                if gain > TEETH_GAIN && best.as_ref().is_none_or(|(b, _)| gain > b.gain) {
+                    best = Some((OtherTeeth { stage: i, pinion, teeth, sheet, gain }, candidate));
+                }
+            }
+        }
+    }
+    best
+}

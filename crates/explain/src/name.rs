@@ -1,0 +1,375 @@
+//! From evidence to names: direct findings first (data, teeth, speeds), then sensor paths, then masks of lines, then strange lines.
+
+use std::collections::BTreeMap;
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::estimate::Estimate;
+use gearwatch_core::train::Train;
+
+use crate::compare::Comparison;
+use crate::direct;
+use crate::dsp::Transforms;
+use crate::features::RecordingFeatures;
+use crate::kinematics::OtherTeeth;
+use crate::lines::Family;
+use crate::locate::{self, Cell, Place};
+use crate::ratio::Ratios;
+use crate::report::{Candidate, Evidence, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
+use crate::scan::Twin;
+use crate::subname;
+
+/// Everything that was measured.
+pub struct Question<'a> {
+    /// With corrected teeth where the sheet's were wrong.
+    pub bench: &'a Bench,
+    /// Kinematics of `bench`.
+    pub train: &'a Train,
+    /// Steady recordings.
+    pub recordings: &'a [RecordingFeatures],
+    /// Steady reference recordings.
+    pub references: &'a [RecordingFeatures],
+    /// Recordings against reference.
+    pub comparison: &'a Comparison,
+    /// Speeds; recordings first, then references.
+    pub ratios: &'a Ratios,
+    /// A tooth number of the sheet that is wrong.
+    pub teeth: Option<&'a OtherTeeth>,
+    /// Effects that are taken out of the library.
+    pub without: &'a [&'a str],
+}
+
+/// An effect found, before it is published.
+#[derive(Clone, Debug)]
+pub struct Finding {
+    /// Effect id.
+    pub effect: &'static str,
+    /// Place.
+    pub place: String,
+    /// That effect and place are right.
+    pub probability: f64,
+    /// By name.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// What cannot be told from it here.
+    pub alternatives: Vec<(&'static str, String)>,
+    /// Why.
+    pub evidence: Evidence,
+}
+
+impl Finding {
+    /// A finding without parameters.
+    pub fn new(effect: &'static str, place: impl Into<String>, probability: f64) -> Self {
+        Self {
+            effect,
+            place: place.into(),
+            probability,
+            parameters: BTreeMap::new(),
+            alternatives: Vec::new(),
+            evidence: Evidence::default(),
+        }
+    }
+
+    /// With a parameter.
+    pub fn with(mut self, name: &str, value: f64, sigma: f64) -> Self {
+        self.parameters.insert(name.to_owned(), Estimate::new(value, sigma));
+        self
+    }
+}
+
+/// Gain (nats) above which a mask is believed: recordings of an unchanged bench stay below 25.
+const BELIEVED: f64 = 24.0;
+/// A simpler mask is preferred to a larger one that gains up to this much more.
+const SIMPLER: f64 = 0.85;
+/// A second effect must take at least this share of the whole misfit, and this gain.
+const SECOND_SHARE: f64 = 0.25;
+const SECOND_GAIN: f64 = 60.0;
+/// A second effect's lines must misfit this many times more than the others.
+const CONCENTRATED: f64 = 3.5;
+/// Misfit per line above which something is there even where no mask takes it.
+const RESTLESS: f64 = 1.5;
+
+/// Answers.
+pub fn answer(
+    q: &Question<'_>,
+    transforms: &mut Transforms,
+    mut steps: Vec<String>,
+    progress: &mut dyn FnMut(&str),
+) -> Explanation {
+    let mut findings = direct::findings(q, &mut steps);
+    let mut unexplained = false;
+    let mut fit = None;
+    let cells = locate::cells(q.comparison);
+    let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
+    let channels: Vec<String> = if q.comparison.pairs.is_empty() {
+        q.recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
+    } else {
+        q.comparison.channels.clone()
+    };
+    progress("lines that no gear makes");
+    let twins: Vec<Twin<'_>> = if q.comparison.pairs.is_empty() {
+        q.recordings.iter().map(|r| Twin { recording: r, reference: None }).collect()
+    } else {
+        q.comparison
+            .pairs
+            .iter()
+            .map(|p| Twin { recording: &q.recordings[p.recording], reference: Some(&q.references[p.reference]) })
+            .collect()
+    };
+    let strange = direct::strange(q, transforms, &twins, &channels, &mut steps);
+    if !q.comparison.pairs.is_empty() && direct::comparable(&findings) {
+        progress("what changed against the reference");
+        let before = findings.len();
+        compare_with_reference(q, &cells, &speeds, &strange, &mut findings, &mut unexplained, &mut steps);
+        if findings.len() > before || unexplained {
+            fit = held_out(q, &cells, &speeds, &findings);
+        }
+    }
+    direct::add_strange(q, strange, &mut findings, &mut unexplained, &mut steps);
+    if q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
+        direct::without_reference(q, &mut findings, &mut steps);
+    }
+    if fit.is_none() {
+        fit = direct::ratio_fit(q, &findings);
+    }
+    let known = findings.len();
+    findings.retain(|f| !q.without.contains(&f.effect));
+    unexplained |= findings.len() < known;
+    publish(q, findings, unexplained, &cells, fit, steps)
+}
+
+/// Places by what they would be called, simplest first.
+fn simplicity(place: Place) -> u8 {
+    match place {
+        Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_) => 0,
+        Place::FirstSide(..) | Place::Mesh(_) => 1,
+        Place::ShaftOrders(_) => 2,
+        Place::LowSide(..) => 3,
+        Place::Gear(..) => 4,
+        Place::Gain(_) => 5,
+        Place::Path(_) => 6,
+        Place::Dynamics | Place::Housing => 7,
+    }
+}
+
+fn compare_with_reference(
+    q: &Question<'_>,
+    cells: &[Cell],
+    speeds: &[f64],
+    strange: &direct::Strange,
+    findings: &mut Vec<Finding>,
+    unexplained: &mut bool,
+    steps: &mut Vec<String>,
+) {
+    let masks = locate::places(q.train.stages.len(), q.comparison.channels.len(), q.bench.belt.is_some());
+    let lines = cells.iter().filter(|c| c.family.is_some()).count();
+    let (first, total) = locate::accounts(cells, &masks, speeds);
+    steps.push(format!(
+        "{} pairs of recording and reference, {lines} lines, misfit {:.2} per line (below 0.6 on an unchanged bench)",
+        speeds.len(),
+        total / lines.max(1) as f64
+    ));
+    // A changed sensor path shows in the background too, by the same function of frequency at every speed.
+    let mut remaining: Vec<Cell> = cells.to_vec();
+    if let Some(found) = subname::path(q, cells, speeds, &first, steps) {
+        remaining = locate::without_path(&remaining, found.0, speeds);
+        findings.push(found.1);
+    }
+    let path_found = findings.iter().any(|f| subname::is_path(f.effect));
+    for round in 0..2 {
+        let (accounts, left) = locate::accounts(&remaining, &masks, speeds);
+        let machine: Vec<_> =
+            accounts.iter().filter(|a| !matches!(a.place, Place::Path(_) | Place::Housing | Place::Gain(_))).collect();
+        let Some(best) = machine.first() else { break };
+        // Among masks that gain nearly as much, the simplest.
+        let chosen = machine
+            .iter()
+            .filter(|a| a.gain > SIMPLER * best.gain)
+            .min_by(|a, b| simplicity(a.place).cmp(&simplicity(b.place)).then(b.gain.total_cmp(&a.gain)))
+            .copied()
+            .unwrap_or(best);
+        let later = round > 0 || path_found;
+        let enough = if later {
+            // What a path leaves lies everywhere; a second effect lies in its mask.
+            let inside = (2.0 * chosen.gain + locate::PRICE * chosen.cells as f64) / chosen.cells as f64;
+            let all = remaining.iter().filter(|c| c.family.is_some()).count();
+            let outside = (left - inside * chosen.cells as f64) / (all - chosen.cells).max(1) as f64;
+            chosen.gain > SECOND_GAIN && 2.0 * chosen.gain > SECOND_SHARE * total && inside > CONCENTRATED * outside
+        } else {
+            chosen.gain > BELIEVED
+        };
+        steps.push(format!(
+            "best mask: {} gains {:.0} nats ({:.0} % of the misfit over {} lines){}",
+            subname::describe(q, chosen.place),
+            chosen.gain,
+            100.0 * chosen.share,
+            chosen.cells,
+            if enough { "" } else { ", not enough to name anything" }
+        ));
+        if !enough {
+            if round == 0 && left / lines.max(1) as f64 > RESTLESS && !path_found {
+                *unexplained = true;
+            }
+            break;
+        }
+        if strange.foreign_machine() && chosen.share < 0.6 {
+            steps.push("lines of another machine are there; what changed in the gears' own lines is left to it".into());
+            *unexplained = true;
+            break;
+        }
+        let Some(finding) = subname::name(q, chosen, &remaining, speeds, steps) else {
+            *unexplained = true;
+            break;
+        };
+        let mask = chosen.place;
+        findings.push(finding);
+        remaining.retain(|c| !(locate::covers(mask, c.family) && c.family.is_some()));
+    }
+}
+
+/// Leave-one-out figures of the comparison: each pair's line changes predicted from the other pairs by the law of what was named.
+fn held_out(q: &Question<'_>, cells: &[Cell], speeds: &[f64], findings: &[Finding]) -> Option<Fit> {
+    if speeds.len() < 2 {
+        return None;
+    }
+    let held = speeds.len() - 1;
+    let path = findings.iter().any(|f| subname::is_path(f.effect));
+    let machine = findings.iter().any(|f| !subname::is_path(f.effect));
+    let masks: Vec<Place> = findings.iter().filter_map(|f| subname::mask_of(q, f)).collect();
+    let mut sums = [0.0f64; 4];
+    let mut counts = [0usize; 2];
+    for cell in cells.iter().filter(|c| c.family.is_some()) {
+        let side = usize::from(cell.pair == held);
+        let others: Vec<Cell> = cells.iter().filter(|c| c.pair != held && c.pair != cell.pair).copied().collect();
+        let same: Vec<&Cell> = others.iter().filter(|c| c.channel == cell.channel && c.family == cell.family).collect();
+        let mut predicted = 0.0;
+        if machine && masks.iter().any(|m| locate::covers(*m, cell.family)) && !same.is_empty() {
+            // Shrunk by how far the other pairs agree.
+            let mean = same.iter().map(|c| c.change).sum::<f64>() / same.len() as f64;
+            let square = same.iter().map(|c| c.change * c.change).sum::<f64>() / same.len() as f64;
+            let noise = same.iter().map(|c| c.variance).sum::<f64>() / same.len() as f64;
+            predicted = mean * (mean * mean / square.max(1e-12)) * (square / (square + noise));
+        } else if path && let Some((p, v)) = locate::path_prediction(cell, &others, speeds) {
+            predicted = p * p * p / (p * p + v).max(1e-12);
+            predicted = if predicted.is_finite() { predicted } else { 0.0 };
+        }
+        sums[side] += (cell.change * cell.change / cell.variance).min(100.0);
+        sums[2 + side] += ((cell.change - predicted).powi(2) / cell.variance).min(100.0);
+        counts[side] += 1;
+    }
+    let rms = |sum: f64, n: usize| (sum / n.max(1) as f64).sqrt();
+    Some(Fit {
+        metric: "root mean square of ln(amplitude in recording / in model) over its standard deviation, all lines; the model before is \
+                 the reference, after it is the reference changed as the other recordings tell; 1 or less is repetition"
+            .into(),
+        train_before: rms(sums[0], counts[0]),
+        train_after: rms(sums[2], counts[0]),
+        held_out_before: rms(sums[1], counts[1]),
+        held_out_after: rms(sums[3], counts[1]),
+        noise_floor: 1.0,
+        held_out: vec![q.recordings[q.comparison.pairs[held].recording].name.clone()],
+    })
+}
+
+fn publish(
+    q: &Question<'_>,
+    mut findings: Vec<Finding>,
+    unexplained: bool,
+    cells: &[Cell],
+    fit: Option<Fit>,
+    steps: Vec<String>,
+) -> Explanation {
+    findings.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let ambiguous = findings.iter().any(|f| !f.alternatives.is_empty() && f.probability < 0.85);
+    let status = if findings.is_empty() {
+        if unexplained { Status::Unexplained } else { Status::Consistent }
+    } else if ambiguous {
+        Status::Ambiguous
+    } else {
+        Status::Explained
+    };
+    let mut advice = Vec::new();
+    for f in &findings {
+        if let Some((other, place)) = f.alternatives.first() {
+            advice.push(subname::advice(q, f.effect, &f.place, other, place));
+        }
+    }
+    if q.references.is_empty() {
+        advice.push(
+            "record the same operating points again after any change, with sensors and mounting untouched: against such a reference, \
+             changes of a few per cent can be named; without it only what no healthy gear makes"
+                .into(),
+        );
+    }
+    if status == Status::Unexplained {
+        advice.push("record with the motor at standstill and neighbouring machines running, then with them switched off: lines that stay are not of this bench".into());
+    }
+    let effects = findings
+        .into_iter()
+        .map(|f| NamedEffect {
+            effect: f.effect.to_owned(),
+            place: f.place,
+            probability: f.probability,
+            parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
+            indistinguishable_from: f
+                .alternatives
+                .into_iter()
+                .map(|(effect, place)| Candidate { effect: effect.to_owned(), place })
+                .collect(),
+            evidence: f.evidence,
+        })
+        .collect();
+    Explanation {
+        format: FORMAT,
+        status,
+        effects,
+        mismatch: if status == Status::Consistent { Vec::new() } else { mismatch(q, cells) },
+        fit,
+        advice,
+        steps,
+    }
+}
+
+/// Lines listed at most.
+const LISTED: usize = 20;
+
+fn mismatch(q: &Question<'_>, cells: &[Cell]) -> Vec<Mismatch> {
+    let total: f64 = cells.iter().map(|c| c.change * c.change / c.variance).sum();
+    let mut out: Vec<Mismatch> = q
+        .comparison
+        .lines
+        .iter()
+        .map(|l| {
+            let sigma_log = (l.variance + locate::REPEAT_SIGMA.powi(2)).sqrt();
+            let (measured, modelled) = (l.power.sqrt(), l.reference_power.sqrt());
+            let sigma = sigma_log * measured.max(modelled).max(l.noise.sqrt());
+            Mismatch {
+                recording: q.recordings[q.comparison.pairs[l.pair].recording].name.clone(),
+                channel: q.comparison.channels[l.channel].clone(),
+                what: l.family.describe(q.train),
+                order: l.order,
+                frequency_hz: l.frequency_hz,
+                measured,
+                modelled,
+                sigma,
+                z: l.log_ratio / sigma_log,
+                share: l.log_ratio.powi(2) / sigma_log.powi(2) / total.max(1e-9),
+            }
+        })
+        .filter(|m| m.z.abs() > 3.0)
+        .collect();
+    out.sort_by(|a, b| b.z.abs().total_cmp(&a.z.abs()));
+    out.truncate(LISTED);
+    out
+}
+
+/// Finds whether a line family belongs to a shaft.
+pub fn belongs_to_shaft(family: Family, shaft: usize) -> bool {
+    match family {
+        Family::Shaft { shaft: j, .. } | Family::Side { shaft: j, .. } => j == shaft,
+        Family::Mesh { .. } | Family::Motor { .. } => false,
+    }
+}
+
+/// Twins that have a reference.
+pub fn with_reference(twins: &[Twin<'_>]) -> bool {
+    twins.iter().any(|t| t.reference.is_some())
+}
