@@ -13,6 +13,11 @@ const FORBIDDEN: &[(&str, &[&str])] = &[
     ("gearwatch-io", &["gearwatch-sim", "gearwatch-explain", "gearwatch-daemon", "tokio", "clap"]),
     ("gearwatch-explain", &["gearwatch-io", "gearwatch-daemon", "tokio", "mcap", "clap"]),
     ("gearwatch-daemon", &["clap"]),
+    ("gearwatch-batch", &["gearwatch-daemon", "tokio", "clap"]),
+    (
+        "gearwatch-report",
+        &["gearwatch-core", "gearwatch-sim", "gearwatch-io", "gearwatch-explain", "gearwatch-daemon", "clap"],
+    ),
     ("gearwatch", &["realfft", "rustfft"]),
 ];
 
