@@ -31,7 +31,7 @@ impl Format for Csv {
     }
 
     fn extensions(&self) -> &'static [&'static str] {
-        &["csv", "tsv", "txt", "dat", "asc"]
+        &["csv", "csv.gz", "tsv", "txt", "dat", "asc"]
     }
 
     fn help(&self) -> &'static str {
