@@ -22,6 +22,7 @@ mod paper;
 mod prove;
 mod replay;
 mod run;
+mod signatures;
 mod top;
 
 /// All commands, in the order of `gearwatch --help`.
@@ -32,6 +33,7 @@ const COMMANDS: &[Kind] = &[
     kind::<baseline::BaselineCommand>(),
     kind::<paper::Paper>(),
     kind::<diagnose::Diagnose>(),
+    kind::<signatures::SignaturesCommand>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     kind::<batch::Batch>(),

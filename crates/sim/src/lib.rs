@@ -19,6 +19,7 @@ pub mod rotation;
 pub mod scenario;
 pub mod setup;
 pub mod shipped;
+pub mod signatures;
 pub mod source;
 pub mod steady;
 pub mod tooth;
