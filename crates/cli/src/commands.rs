@@ -23,12 +23,14 @@ mod prove;
 mod replay;
 mod run;
 mod signatures;
+mod simulate;
 mod top;
 
 /// All commands, in the order of `gearwatch --help`.
 const COMMANDS: &[Kind] = &[
     kind::<run::RunService>(),
     kind::<replay::Replay>(),
+    kind::<simulate::Simulate>(),
     kind::<top::Top>(),
     kind::<baseline::BaselineCommand>(),
     kind::<paper::Paper>(),

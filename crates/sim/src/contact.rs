@@ -167,6 +167,12 @@ impl StageContact {
         pairs.approach_at(force_n).map_or(0.0, |(approach, _)| approach)
     }
 
+    /// Tangent stiffness under a static force at a phase (N/m).
+    pub fn static_stiffness(&self, phase: f64, force_n: f64) -> f64 {
+        let approach = self.static_approach(phase, force_n);
+        self.at(phase, approach, 0.0, &mut Pairs::default()).stiffness_n_per_m
+    }
+
     fn mean_stiffness(&self, static_force_n: f64) -> f64 {
         const PHASES: u32 = 64;
         // An unloaded mesh is linearised about the lightest load that still closes it.

@@ -14,6 +14,7 @@ pub mod mesh;
 pub mod modal;
 pub mod model;
 pub mod path;
+pub mod render;
 pub mod rk4;
 pub mod rotation;
 pub mod scenario;

@@ -40,75 +40,55 @@ pub struct Diverged {
 /// Largest sensible tooth approach (m).
 pub(crate) const LARGEST_APPROACH_M: f64 = 5e-3;
 
-/// Working memory of Runge–Kutta steps.
+/// A system whose right-hand side switches between smooth regimes.
+pub trait Switched {
+    /// Which regime a state is in, such as the set of touching tooth pairs.
+    type Regime: PartialEq;
+    /// `ẋ = f(t, x)`.
+    fn derivative(&mut self, t: f64, state: &[f64], out: &mut [f64]);
+    /// The regime of a state.
+    fn regime(&mut self, t: f64, state: &[f64]) -> Self::Regime;
+}
+
+/// Classical Runge–Kutta of order 4 with its working memory.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Scratch {
+pub struct RungeKutta {
     k: [Vec<f64>; 4],
     stage: Vec<f64>,
     trial: Vec<f64>,
     slope: Vec<f64>,
-    externals: Vec<f64>,
-    pairs: Pairs,
 }
 
-impl Scratch {
-    pub(crate) fn new(model: &TrainModel) -> Self {
-        let zeros = || vec![0.0; 2 * model.coordinates()];
-        Self { k: std::array::from_fn(|_| zeros()), stage: zeros(), trial: zeros(), slope: zeros(), ..Self::default() }
+impl RungeKutta {
+    /// For states of `len` numbers.
+    pub fn new(len: usize) -> Self {
+        let zeros = || vec![0.0; len];
+        Self { k: std::array::from_fn(|_| zeros()), stage: zeros(), trial: zeros(), slope: zeros() }
     }
 
-    fn derivative(&mut self, model: &TrainModel, t: f64, which: Option<usize>) {
-        let mut externals = std::mem::take(&mut self.externals);
-        model.external_values(t, &mut externals);
-        let (reference, _, _) = model.rotation.at(t);
-        let (input, out) = match which {
-            Some(i) => (&self.stage, &mut self.k[i]),
-            None => (&self.trial, &mut self.slope),
-        };
-        model.derivative(reference, input, &externals, &mut self.pairs, out);
-        self.externals = externals;
+    /// One plain step of `h`: regime changes fall where they fall.
+    pub fn plain(&mut self, system: &mut impl Switched, t: f64, h: f64, state: &mut [f64]) {
+        self.classical(system, t, h, state);
+        state.copy_from_slice(&self.trial);
     }
 
-    /// One classical step of `h` from `state` at `t` into `self.trial`; `self.k[0]` is the slope at the start.
-    fn classical(&mut self, model: &TrainModel, t: f64, h: f64, state: &[f64]) {
-        self.stage.copy_from_slice(state);
-        self.derivative(model, t, Some(0));
-        for (i, part) in [(1, 0.5), (2, 0.5), (3, 1.0)] {
-            for ((stage, &x), &k) in self.stage.iter_mut().zip(state).zip(&self.k[i - 1]) {
-                *stage = x + part * h * k;
-            }
-            self.derivative(model, t + part * h, Some(i));
-        }
-        let [k1, k2, k3, k4] = &self.k;
-        for (i, (trial, &x)) in self.trial.iter_mut().zip(state).enumerate() {
-            *trial = x + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
-        }
-    }
-
-    /// A step whose parts end on the events: a tooth pair that comes into or goes out of contact.
-    pub(crate) fn located(
-        &mut self,
-        model: &TrainModel,
-        mut t: f64,
-        h: f64,
-        state: &mut [f64],
-    ) -> Result<(), Diverged> {
+    /// A step of `h` whose parts end on the changes of regime, located to 1e-11 of the time unit by bisection on the cubic
+    /// Hermite interpolant of the step.
+    pub fn located<S: Switched>(&mut self, system: &mut S, mut t: f64, h: f64, state: &mut [f64]) {
         let end = t + h;
         for _ in 0..MOST_EVENTS {
             let length = end - t;
-            self.classical(model, t, length, state);
-            let before = self.touching(model, t, state);
-            let trial = std::mem::take(&mut self.trial);
-            let after = self.touching(model, end, &trial);
-            self.trial = trial;
-            if before == after {
+            self.classical(system, t, length, state);
+            let before = system.regime(t, state);
+            if before == system.regime(end, &self.trial) {
                 break;
             }
-            self.derivative(model, end, None);
+            system.derivative(end, &self.trial, &mut self.slope);
             let (mut low, mut high) = (0.0, length);
             while high - low > EVENT_TOLERANCE_S {
                 let middle = 0.5 * (low + high);
-                if self.touching_between(model, t, length, state, middle) == before {
+                self.interpolate(state, length, middle);
+                if system.regime(t + middle, &self.stage) == before {
                     low = middle;
                 } else {
                     high = middle;
@@ -117,38 +97,95 @@ impl Scratch {
             if length - high <= EVENT_TOLERANCE_S {
                 break;
             }
-            self.classical(model, t, high, state);
+            self.classical(system, t, high, state);
             state.copy_from_slice(&self.trial);
             t += high;
         }
         if end - t > 0.0 {
-            self.classical(model, t, end - t, state);
+            self.classical(system, t, end - t, state);
             state.copy_from_slice(&self.trial);
         }
-        check(model, end, state)
     }
 
-    fn touching(&mut self, model: &TrainModel, t: f64, state: &[f64]) -> [u32; 8] {
-        let (reference, _, _) = model.rotation.at(t);
-        let mut out = [0; 8];
-        for (stage, out) in (0..model.contacts.len()).zip(&mut out) {
-            *out = model.contact(stage, reference, state, &mut self.pairs).0.touching;
+    /// One classical step from `state` into `self.trial`; `self.k[0]` is the slope at the start.
+    fn classical(&mut self, system: &mut impl Switched, t: f64, h: f64, state: &[f64]) {
+        let [k1, k2, k3, k4] = &mut self.k;
+        let shift = |stage: &mut [f64], by: f64, k: &[f64]| {
+            for ((stage, &x), &k) in stage.iter_mut().zip(state).zip(k) {
+                *stage = x + by * k;
+            }
+        };
+        system.derivative(t, state, k1);
+        shift(&mut self.stage, 0.5 * h, k1);
+        system.derivative(t + 0.5 * h, &self.stage, k2);
+        shift(&mut self.stage, 0.5 * h, k2);
+        system.derivative(t + 0.5 * h, &self.stage, k3);
+        shift(&mut self.stage, h, k3);
+        system.derivative(t + h, &self.stage, k4);
+        for (i, (trial, &x)) in self.trial.iter_mut().zip(state).enumerate() {
+            *trial = x + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
         }
-        out
     }
 
-    /// Touching pairs inside a step, the state by cubic Hermite interpolation of both ends and their slopes.
-    fn touching_between(&mut self, model: &TrainModel, t: f64, h: f64, state: &[f64], s: f64) -> [u32; 8] {
+    /// The state inside a step of `h` into `self.stage`, by cubic Hermite interpolation of both ends and their slopes.
+    fn interpolate(&mut self, state: &[f64], h: f64, s: f64) {
         let x = s / h;
         let (h00, h10) = ((1.0 + 2.0 * x) * (1.0 - x) * (1.0 - x), x * (1.0 - x) * (1.0 - x) * h);
         let (h01, h11) = (x * x * (3.0 - 2.0 * x), x * x * (x - 1.0) * h);
         for (i, stage) in self.stage.iter_mut().enumerate() {
             *stage = h00 * state[i] + h10 * self.k[0][i] + h01 * self.trial[i] + h11 * self.slope[i];
         }
-        let stage = std::mem::take(&mut self.stage);
-        let out = self.touching(model, t + s, &stage);
-        self.stage = stage;
+    }
+}
+
+/// A train as a switched system: the regime is the set of touching tooth pairs of each stage.
+struct Train<'a> {
+    model: &'a TrainModel,
+    externals: &'a mut Vec<f64>,
+    pairs: &'a mut Pairs,
+}
+
+impl Switched for Train<'_> {
+    type Regime = [u32; 8];
+
+    fn derivative(&mut self, t: f64, state: &[f64], out: &mut [f64]) {
+        self.model.external_values(t, self.externals);
+        let (reference, _, _) = self.model.rotation.at(t);
+        self.model.derivative(reference, state, self.externals, self.pairs, out);
+    }
+
+    fn regime(&mut self, t: f64, state: &[f64]) -> [u32; 8] {
+        let (reference, _, _) = self.model.rotation.at(t);
+        let mut out = [0; 8];
+        for (stage, out) in (0..self.model.contacts.len()).zip(&mut out) {
+            *out = self.model.contact(stage, reference, state, self.pairs).0.touching;
+        }
         out
+    }
+}
+
+/// Working memory of Runge–Kutta steps of a train.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Scratch {
+    runge_kutta: RungeKutta,
+    externals: Vec<f64>,
+    pairs: Pairs,
+}
+
+impl Scratch {
+    pub(crate) fn new(model: &TrainModel) -> Self {
+        Self { runge_kutta: RungeKutta::new(2 * model.coordinates()), ..Self::default() }
+    }
+
+    fn split<'a>(&'a mut self, model: &'a TrainModel) -> (&'a mut RungeKutta, Train<'a>) {
+        (&mut self.runge_kutta, Train { model, externals: &mut self.externals, pairs: &mut self.pairs })
+    }
+
+    /// A step whose parts end on the events: a tooth pair that comes into or goes out of contact.
+    pub(crate) fn located(&mut self, model: &TrainModel, t: f64, h: f64, state: &mut [f64]) -> Result<(), Diverged> {
+        let (runge_kutta, mut train) = self.split(model);
+        runge_kutta.located(&mut train, t, h, state);
+        check(model, t + h, state)
     }
 }
 
@@ -207,8 +244,8 @@ impl<'a> Rk4<'a> {
 
     /// One plain step: what a straightforward program does. Pair changes fall where they fall.
     pub fn step_plain(&mut self) {
-        self.scratch.classical(self.model, self.t, self.step_s, &self.state);
-        self.state.copy_from_slice(&self.scratch.trial);
+        let (runge_kutta, mut train) = self.scratch.split(self.model);
+        runge_kutta.plain(&mut train, self.t, self.step_s, &mut self.state);
         self.steps += 1;
         self.t = self.steps as f64 * self.step_s;
     }

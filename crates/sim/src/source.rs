@@ -178,6 +178,11 @@ impl Simulator {
         &self.setup
     }
 
+    /// Where formulas are used at the border of their validity, in sentences.
+    pub fn warnings(&self) -> impl Iterator<Item = &str> {
+        self.model.contacts.iter().flat_map(|contact| contact.mesh().warnings().iter().map(String::as_str))
+    }
+
     /// The train as it is at present.
     pub fn model(&self) -> &TrainModel {
         &self.model
@@ -240,7 +245,7 @@ impl Simulator {
     }
 
     /// Time of the model at which the recording's time is zero (s): the filters' delay and the settling lie before it.
-    fn offset_s(rate_hz: f64) -> f64 {
+    pub fn offset_s(rate_hz: f64) -> f64 {
         (lead_samples(rate_hz) + 1) as f64 / rate_hz
     }
 

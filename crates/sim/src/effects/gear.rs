@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use super::signature::{shaft_lines, sidebands};
+use super::signature::{mesh_lines, shaft_lines, sidebands};
 use super::{Change, EffectError, Law, Line, Place, Signature, SpeedLaw, Values};
 use crate::faults::{GearModifications, PairModifications};
 use crate::setup::SimSetup;
@@ -53,7 +53,9 @@ impl GearAt {
         let train = Train::new(bench);
         let spacing = train.shafts[self.shaft()].1;
         let mut lines = sidebands(&train, self.stage, spacing, harmonics);
-        lines.extend(shaft_lines(&train, self.shaft(), harmonics));
+        lines.extend(shaft_lines(&train, self.shaft(), 2 * harmonics));
+        // One tooth of z carries 1/z of every mesh harmonic, and uneven teeth share the load unevenly.
+        lines.extend(mesh_lines(&train, self.stage));
         lines
     }
 }

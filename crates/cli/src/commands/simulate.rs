@@ -1,0 +1,181 @@
+//! `gearwatch simulate BENCH`: a simulated recording, with and without effects.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use gearwatch_core::bench::{Bench, EffectSpec};
+use gearwatch_core::recording::Recording;
+use gearwatch_core::source::Source;
+use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
+use gearwatch_sim::scenario::{Course, Scenario};
+use gearwatch_sim::source::{SimConfig, Simulator};
+
+use super::Run;
+use crate::exit::Exit;
+
+mod plot;
+
+/// 2026-01-01T00:00:00Z: the same seed gives the same bytes, so the recording cannot carry today's date.
+const START_NS: i64 = 1_767_225_600_000_000_000;
+/// Without an end a scenario is cut here (s).
+const DEFAULT_DURATION_S: f64 = 10.0;
+
+/// Simulate a bench, with or without faults, into a recording
+#[derive(Args)]
+#[command(after_help = "Examples:
+  gearwatch simulate paper-rig -o healthy.mcap --duration 30
+  gearwatch simulate bench.toml --effect tooth_breakage@stage1.pinion:fraction=0.6 -o broken.mcap
+  gearwatch simulate bench.toml --effect eccentricity@stage1.wheel:runout_um=30 --effect unbalance@input \\
+      --speed 20 --torque 40 --seed 7 -o out.mcap --plot out.svg
+  gearwatch simulate single-pair --scenario run-up.toml -o run-up.mcap --plot run-up.html
+
+Benches that come with the program: single-pair, paper-rig, spectraquest-like.
+`gearwatch list` shows the effects.")]
+pub struct Simulate {
+    /// Bench file, or the name of a bench that comes with the program
+    bench: PathBuf,
+    /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value
+    #[arg(long, value_name = "EFFECT")]
+    effect: Vec<String>,
+    /// Motor speed (Hz); the bench's nominal one where left out
+    #[arg(long, value_name = "HZ")]
+    speed: Option<f64>,
+    /// Brake torque (N m); the bench's nominal one where left out
+    #[arg(long, value_name = "NM")]
+    torque: Option<f64>,
+    /// Length (s); the scenario's, or 10 s
+    #[arg(long, value_name = "S")]
+    duration: Option<f64>,
+    /// Draws tooth positions, noise and jitter; the same seed gives the same bytes
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Scenario file: profiles of speed and torque, faults that set in, sensors that fail
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Recording to write (.mcap)
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Picture of waveform, order spectrum and mesh stiffness to write (.svg or .html)
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+impl Run for Simulate {
+    const NAME: &'static str = "simulate";
+
+    fn run(self) -> anyhow::Result<Exit> {
+        if self.output.is_none() && self.plot.is_none() {
+            bail!("nothing to write: give -o FILE.mcap, --plot FILE.svg, or both");
+        }
+        let config = self.config()?;
+        let mut simulator = Simulator::new(config.clone()).with_context(|| self.bench.display().to_string())?;
+        let mut err = std::io::stderr().lock();
+        for warning in simulator.warnings() {
+            writeln!(err, "gearwatch simulate: {}: {warning}", self.bench.display()).context("stderr")?;
+        }
+        let plotted = plot::PLOTTED_S;
+        let mut recording = Recording { name: config.bench.name.clone(), ..Recording::default() };
+        let mut keep = |packet: &gearwatch_core::block::Packet| {
+            let held = recording.channels.values().map(gearwatch_core::recording::Channel::len).max().unwrap_or(0);
+            if self.plot.is_some() && (held as f64) < plotted * config.bench.acquisition.sample_rate_hz {
+                recording.push(packet.clone());
+            }
+        };
+        match &self.output {
+            Some(path) => write(path, &mut simulator, &mut keep)?,
+            None => {
+                while let Some(packet) = simulator.next_packet()? {
+                    keep(&packet);
+                }
+            }
+        }
+        if let Some(path) = &self.plot {
+            let text = plot::picture(path, &recording, &config, simulator.model())?;
+            std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        }
+        Ok(Exit::Ok)
+    }
+}
+
+impl Simulate {
+    fn config(&self) -> anyhow::Result<SimConfig> {
+        let bench = read_bench(&self.bench)?;
+        let effects = self.effect.iter().map(|text| parse_effect(text)).collect::<anyhow::Result<Vec<_>>>()?;
+        let mut scenario = match &self.scenario {
+            Some(path) => {
+                let text =
+                    std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+                toml::from_str(&text)
+                    .map_err(|e| anyhow::anyhow!("{}: {}", path.display(), e.to_string().trim_end()))?
+            }
+            None => Scenario::default(),
+        };
+        if let Some(hz) = self.speed {
+            scenario.motor_speed_hz = Some(Course::Constant(hz));
+        }
+        if let Some(nm) = self.torque {
+            scenario.brake_torque_nm = Some(Course::Constant(nm));
+        }
+        scenario.duration_s = Some(self.duration.or(scenario.duration_s).unwrap_or(DEFAULT_DURATION_S));
+        Ok(SimConfig { bench, effects, scenario, seed: self.seed, t0: START_NS })
+    }
+}
+
+/// A bench file, or a bench that comes with the program where there is no such file.
+fn read_bench(path: &Path) -> anyhow::Result<Bench> {
+    if !path.exists() {
+        if let Some(bench) = path.to_str().and_then(gearwatch_sim::shipped::bench) {
+            return Ok(bench);
+        }
+        let names: Vec<_> = gearwatch_sim::shipped::BENCHES.iter().map(|shipped| shipped.name).collect();
+        bail!("{}: no such file, and no bench that comes with the program ({})", path.display(), names.join(", "));
+    }
+    Ok(gearwatch_io::bench_file::read(path)?)
+}
+
+/// `id@place:parameter=value,parameter=value`.
+fn parse_effect(text: &str) -> anyhow::Result<EffectSpec> {
+    let form = "expected ID@PLACE or ID@PLACE:PARAMETER=VALUE,PARAMETER=VALUE";
+    let (effect, rest) = text.split_once('@').with_context(|| format!("--effect {text:?}: {form}"))?;
+    let (place, parameters) = rest.split_once(':').unwrap_or((rest, ""));
+    let parameters = parameters
+        .split(',')
+        .filter(|part| !part.is_empty())
+        .map(|part| {
+            let (name, value) = part.split_once('=').with_context(|| format!("--effect {text:?}: {form}"))?;
+            let number =
+                value.trim().parse().map_err(|_| anyhow::anyhow!("--effect {text:?}: {value:?} is not a number"))?;
+            Ok((name.trim().to_owned(), number))
+        })
+        .collect::<anyhow::Result<_>>()?;
+    Ok(EffectSpec { effect: effect.trim().to_owned(), place: place.trim().to_owned(), parameters })
+}
+
+fn write(
+    path: &Path,
+    simulator: &mut Simulator,
+    keep: &mut dyn FnMut(&gearwatch_core::block::Packet),
+) -> anyhow::Result<()> {
+    // A half-written file never stands under the final name.
+    let part = path.with_extension("mcap.part");
+    let cannot = || format!("{}: cannot be written", part.display());
+    let made = (|| -> anyhow::Result<()> {
+        let file = File::create(&part).with_context(cannot)?;
+        let mut writer = McapWriter::new(BufWriter::new(file), Compression::Zstd, PublishTime::LogTime)?;
+        while let Some(packet) = simulator.next_packet()? {
+            keep(&packet);
+            writer.write(&packet)?;
+        }
+        let file = writer.finish()?.into_inner().map_err(|e| e.into_error()).with_context(cannot)?;
+        file.sync_all().with_context(cannot)?;
+        std::fs::rename(&part, path).with_context(|| format!("{}: cannot be written", path.display()))
+    })();
+    if made.is_err() {
+        // What could not be finished is of no use, and the error is what matters.
+        let _ = std::fs::remove_file(&part);
+    }
+    made
+}

@@ -1,0 +1,145 @@
+//! The picture of a simulated recording: waveform, order spectrum, mesh stiffness.
+
+use std::path::Path;
+
+use anyhow::bail;
+use gearwatch_core::recording::Recording;
+use gearwatch_core::train::Train;
+use gearwatch_report::{Chart, Lines, Mark, Part, Report, Section, Series};
+use gearwatch_sim::lines::order_spectrum;
+use gearwatch_sim::model::TrainModel;
+use gearwatch_sim::source::{SimConfig, Simulator};
+
+/// Length of the recording that the picture is made from (s).
+pub const PLOTTED_S: f64 = 2.0;
+/// Length of the waveform that is shown, in revolutions of the first shaft.
+const WAVEFORM_REVOLUTIONS: f64 = 1.5;
+/// Lines per revolution of the first shaft in the order spectrum.
+const LINES_PER_ORDER: f64 = 10.0;
+/// Mesh cycles shown of the stiffness.
+const CYCLES: f64 = 3.0;
+
+/// The text of the file, SVG or HTML by the end of its name.
+pub fn picture(path: &Path, recording: &Recording, config: &SimConfig, model: &TrainModel) -> anyhow::Result<String> {
+    let charts = [waveform(recording, model), spectrum(recording, config, model), stiffness(config, model)];
+    match path.extension().and_then(|end| end.to_str()) {
+        Some("svg") => {
+            let mut text = String::from(r#"<svg xmlns="http://www.w3.org/2000/svg" width="900" height="960">"#);
+            for (i, chart) in charts.iter().enumerate() {
+                let svg = chart.svg()?;
+                text.push_str(&svg.replacen("<svg ", &format!("<svg y=\"{}\" ", 320 * i), 1));
+            }
+            text.push_str("</svg>\n");
+            Ok(text)
+        }
+        Some("html") => Ok(gearwatch_report::render(&Report {
+            title: format!("Simulated: {}", config.bench.name),
+            verdict: describe(config),
+            sections: vec![Section {
+                heading: "Pictures".into(),
+                parts: charts.into_iter().map(Part::Chart).collect(),
+            }],
+            provenance: vec![("seed".into(), config.seed.to_string())],
+            ..Report::default()
+        })),
+        _ => bail!("{}: the name must end in .svg or .html, which says the form", path.display()),
+    }
+}
+
+fn describe(config: &SimConfig) -> String {
+    let effects: Vec<_> =
+        config.bench.effects.iter().chain(&config.effects).map(|e| format!("{} at {}", e.effect, e.place)).collect();
+    if effects.is_empty() {
+        "No effect beyond the nominal model.".into()
+    } else {
+        format!("With {}.", effects.join(", "))
+    }
+}
+
+/// Samples of each channel from the start of the recording, and the first shaft's angle at each.
+fn samples(recording: &Recording, model: &TrainModel) -> Vec<(String, String, f64, Vec<f64>, Vec<f64>)> {
+    let channels = recording.channels.iter().filter_map(|(name, channel)| {
+        let segment = channel.segments.first()?;
+        let rate = channel.sample_rate_hz;
+        let offset = Simulator::offset_s(rate);
+        let angles = (0..segment.samples.len()).map(|n| model.rotation.at(n as f64 / rate + offset).0).collect();
+        Some((name.clone(), channel.unit.to_string(), rate, segment.samples.clone(), angles))
+    });
+    channels.collect()
+}
+
+fn waveform(recording: &Recording, model: &TrainModel) -> Chart {
+    let all = samples(recording, model);
+    let unit = all.first().map_or(String::new(), |(_, unit, ..)| unit.clone());
+    let series = all
+        .into_iter()
+        .map(|(name, _, rate, samples, angles)| {
+            let start = angles.first().copied().unwrap_or(0.0);
+            let shown = angles.partition_point(|a| a - start < std::f64::consts::TAU * WAVEFORM_REVOLUTIONS);
+            let points = samples[..shown].iter().enumerate().map(|(n, &v)| (n as f64 / rate, v)).collect();
+            Series { name, points }
+        })
+        .collect();
+    Chart::Lines(Lines {
+        caption: "Waveform".into(),
+        x_label: "time (s)".into(),
+        y_label: format!("acceleration ({unit})"),
+        log_y: false,
+        series,
+        marks: Vec::new(),
+    })
+}
+
+fn spectrum(recording: &Recording, config: &SimConfig, model: &TrainModel) -> Chart {
+    let train = Train::new(&config.bench);
+    let highest = train.stages.iter().map(|stage| 5.2 * stage.mesh_order).fold(0.0, f64::max);
+    let all = samples(recording, model);
+    let unit = all.first().map_or(String::new(), |(_, unit, ..)| unit.clone());
+    let series = all
+        .into_iter()
+        .map(|(name, _, rate, samples, angles)| {
+            // Nothing above the converter's filter.
+            let speed = model.rotation.at(Simulator::offset_s(rate)).1 / std::f64::consts::TAU;
+            let count = (LINES_PER_ORDER * highest.min(0.39 * rate / speed)) as usize;
+            let spectrum = order_spectrum(&samples, &angles, 1.0 / LINES_PER_ORDER, count);
+            // The lowest orders are what a window of this length cannot tell from the mean.
+            let points = spectrum.into_iter().enumerate().skip(8);
+            Series { name, points: points.map(|(i, a)| (i as f64 / LINES_PER_ORDER, a)).collect() }
+        })
+        .collect();
+    let marks = train.stages.iter().flat_map(|stage| {
+        (1..=5).map(move |h| Mark {
+            x: f64::from(h) * stage.mesh_order,
+            label: if h == 1 { format!("{} 1x", stage.name) } else { format!("{h}x") },
+        })
+    });
+    Chart::Lines(Lines {
+        caption: "Order spectrum (Hann, amplitude)".into(),
+        x_label: format!("order of {}", train.shafts.first().map_or("the first shaft", |(name, _)| name)),
+        y_label: format!("amplitude ({unit})"),
+        log_y: true,
+        series,
+        marks: marks.collect(),
+    })
+}
+
+fn stiffness(config: &SimConfig, model: &TrainModel) -> Chart {
+    let torque = model.brake_torque_nm(0.0);
+    let series = (config.bench.stages.iter().zip(&model.contacts).zip(&model.force_per_torque))
+        .map(|((stage, contact), force)| Series {
+            name: stage.name.clone(),
+            points: (0..=600)
+                .map(|i| CYCLES * f64::from(i) / 600.0)
+                .map(|phase| (phase, contact.static_stiffness(phase, force * torque) * 1e-6))
+                .collect(),
+        })
+        .collect();
+    Chart::Lines(Lines {
+        caption: format!("Mesh stiffness k(t) under the static load of {torque} N m at the brake"),
+        x_label: "mesh cycles".into(),
+        y_label: "stiffness (N/µm)".into(),
+        log_y: false,
+        series,
+        marks: Vec::new(),
+    })
+}

@@ -1,0 +1,266 @@
+//! Lines, load laws and speed laws as measured on simulated runs.
+
+use super::*;
+
+/// Torque and speed of the second operating points: a factor that a law shows in, small enough to keep every mesh closed.
+const LOAD_FACTOR: f64 = 1.6;
+const SPEED_FACTOR: f64 = 1.2;
+/// Undeclared lines may move by this much of the strongest declared change: a train is one mechanical system, and what happens at one
+/// line leaks a little into all others through the modulation of the mesh stiffness.
+const LEAK: f64 = 0.25;
+/// A law holds when the exponent comes out within this of the declared one.
+const EXPONENT: f64 = 0.3;
+
+struct Runs {
+    point: (f64, f64),
+    with: Rendered,
+    without: Rendered,
+}
+
+impl Runs {
+    fn new(setup: &SimSetup, base: &SimSetup, motor_hz: f64, torque_nm: f64) -> Self {
+        let with = run(setup, motor_hz, torque_nm);
+        let without = run(base, motor_hz, torque_nm);
+        Self { point: (motor_hz, torque_nm), with, without }
+    }
+
+    /// Change of a line in a sensor.
+    fn change(&self, sensor: usize, at: Line) -> f64 {
+        let hz = self.point.0;
+        (amplitude(&self.with, sensor, at, hz) - amplitude(&self.without, sensor, at, hz)).norm()
+    }
+
+    /// Largest change of amplitude, phase left out: the train may come to run at another tooth position.
+    fn loudest(&self, sensor: usize, lines: &[Line]) -> (f64, Option<Line>) {
+        let loudness = |run: &Rendered, at: Line| amplitude(run, sensor, at, self.point.0).norm();
+        let change = |at: Line| ((loudness(&self.with, at) - loudness(&self.without, at)).abs(), Some(at));
+        lines.iter().map(|&at| change(at)).fold((0.0, None), |a, b| if b.0 > a.0 { b } else { a })
+    }
+
+    fn largest(&self, sensor: usize, lines: &[Line]) -> f64 {
+        lines.iter().map(|&at| self.change(sensor, at)).fold(0.0, f64::max)
+    }
+}
+
+/// Lines that a train can have: harmonics of its shafts, mesh harmonics with sidebands, and places where it should have none.
+fn all_lines(train: &Train) -> Vec<Line> {
+    let mut out = Vec::new();
+    for &(_, order) in &train.shafts {
+        out.extend((1..=6).map(|k| Line::Order(f64::from(k) * order)));
+    }
+    for stage in &train.stages {
+        for h in 1..=5 {
+            let mesh = f64::from(h) * stage.mesh_order;
+            out.push(Line::Order(mesh));
+            for spacing in [stage.pinion_order, stage.wheel_order] {
+                out.extend([-2.0, -1.0, 1.0, 2.0].map(|k| Line::Order(mesh + k * spacing)));
+            }
+            out.push(Line::Order(mesh + 7.37));
+        }
+    }
+    out.push(Line::Hertz(61.3));
+    out
+}
+
+fn same(a: Line, b: Line, first_shaft_hz: f64) -> bool {
+    // Two lines within three bins of the record are one.
+    let hz = |at: Line| at.recorded_hz(first_shaft_hz, 16_384.0);
+    (hz(a) - hz(b)).abs() < 3.0 / RECORD_S
+}
+
+fn exponent(low: f64, high: f64, factor: f64) -> f64 {
+    (high / low).ln() / factor.ln()
+}
+
+fn check(effect: &'static dyn Effect) {
+    let bench = bench();
+    let train = Train::new(&bench);
+    let Some((place, _)) = Place::of(effect, &bench).into_iter().next() else {
+        // A place that only other benches have, such as a belt.
+        return check_shift_behind_a_belt(effect);
+    };
+    let spec = spec(effect, &place);
+    let base = SimSetup::nominal(&bench);
+    let mut setup = base.clone();
+    effects::apply(&spec, &mut setup).unwrap_or_else(|e| panic!("{e}"));
+    let (_, values) = effects::resolve(&spec, &bench).expect("resolves");
+    let signature = effect.signature(&values, &bench);
+    let id = effect.id();
+    assert!(!signature.lines.is_empty(), "{id} declares no line");
+    let runs = Runs::new(&setup, &base, MOTOR_HZ, TORQUE_NM);
+    match id {
+        "backlash" => return check_backlash(&setup, &base, &runs, &signature.lines),
+        "bearing_defect" => return check_passages(id, &runs, &signature.lines),
+        _ => {}
+    }
+    match signature.change {
+        Change::Shifts => return check_shift(effect, &values, &runs, &train),
+        Change::Path => return check_path(id, &runs, &signature.lines),
+        Change::Rises | Change::Alters => {}
+    }
+    let sensor = 0;
+    let declared = runs.largest(sensor, &signature.lines);
+    let stays: Vec<Line> =
+        all_lines(&train).into_iter().filter(|&at| !signature.lines.iter().any(|&d| same(at, d, MOTOR_HZ))).collect();
+    let (elsewhere, worst) = runs.loudest(sensor, &stays);
+    assert!(declared > 1e-7, "{id} at {place}: its declared lines change by {declared:.2e} m/s² only");
+    assert!(
+        elsewhere < LEAK * declared,
+        "{id} at {place}: declared lines change by {declared:.2e}, others by up to {elsewhere:.2e} m/s² ({worst:?})"
+    );
+    if signature.change == Change::Rises {
+        let rise = signature
+            .lines
+            .iter()
+            .map(|&at| {
+                amplitude(&runs.with, sensor, at, MOTOR_HZ).norm()
+                    - amplitude(&runs.without, sensor, at, MOTOR_HZ).norm()
+            })
+            .fold(0.0, f64::max);
+        assert!(rise > 0.25 * declared, "{id} at {place}: lines change by {declared:.2e} but rise by {rise:.2e} m/s²");
+    }
+    if let Law::Power(_) | Law::Independent = signature.load {
+        let expected = if let Law::Power(p) = signature.load { p } else { 0.0 };
+        let loaded = Runs::new(&setup, &base, MOTOR_HZ, LOAD_FACTOR * TORQUE_NM);
+        let found = exponent(declared, loaded.largest(sensor, &signature.lines), LOAD_FACTOR);
+        assert!(
+            (found - expected).abs() < EXPONENT,
+            "{id} at {place}: grows with torque^{found:.2}, declared {expected}"
+        );
+    }
+    if let SpeedLaw::Power(_) | SpeedLaw::Independent = signature.speed {
+        let expected = if let SpeedLaw::Power(p) = signature.speed { p } else { 0.0 };
+        let faster = Runs::new(&setup, &base, SPEED_FACTOR * MOTOR_HZ, TORQUE_NM);
+        let found = exponent(declared, faster.largest(sensor, &signature.lines), SPEED_FACTOR);
+        assert!(
+            (found - expected).abs() < EXPONENT,
+            "{id} at {place}: grows with speed^{found:.2}, declared {expected}"
+        );
+    }
+}
+
+/// The mesh line moves by one factor: it stands where it should now, and is gone from where it was.
+fn check_shift(effect: &dyn Effect, values: &Values, runs: &Runs, train: &Train) {
+    let moved = match effect.id() {
+        "clock_offset" => 1.0 / (1.0 + 1e-6 * values.get("ppm")),
+        "belt_slip" => 1.0 - 1e-2 * values.get("slip_percent"),
+        "wrong_tooth_count" => values.get("teeth") / f64::from(train.stages[0].pinion_teeth),
+        id => panic!("{id} declares a shift; say here by which factor"),
+    };
+    let hz = train.stages[0].mesh_order * runs.point.0 / train.motor_order;
+    let at = |run: &Rendered, hz: f64| amplitude(run, 0, Line::Hertz(hz), 1.0).norm();
+    let (before, after, left) = (at(&runs.without, hz), at(&runs.with, hz * moved), at(&runs.with, hz));
+    let id = effect.id();
+    assert!(after > 0.3 * before, "{id}: {before:.2e} at {hz} Hz before, {after:.2e} where it should be now");
+    assert!(left < 0.1 * after, "{id}: {left:.2e} left at {hz} Hz, {after:.2e} where it should be now");
+}
+
+/// A defect's passages slip, so its lines are in the power of what it adds, not in its waveform: the squared difference has a line at
+/// the passage order and none beside it.
+fn check_passages(id: &str, runs: &Runs, lines: &[Line]) {
+    let square: Vec<f64> =
+        runs.with.samples[0].iter().zip(&runs.without.samples[0]).map(|(a, b)| (a - b) * (a - b)).collect();
+    let mean = square.iter().sum::<f64>() / square.len() as f64;
+    let Some(&Line::Order(order)) = lines.first() else { panic!("{id} declares no order") };
+    let part = |order: f64| line(&square, &runs.with.angles_rad, order).norm() / mean;
+    assert!(part(order) > 0.4, "{id}: {:.2} at its order {order}", part(order));
+    for beside in [0.63, 1.31] {
+        assert!(
+            part(beside * order) < 0.25 * part(order),
+            "{id}: {:.2} at {beside} of its order",
+            part(beside * order)
+        );
+    }
+}
+
+/// Backlash does nothing while the load keeps the teeth together, and sets the flight where it does not.
+fn check_backlash(setup: &SimSetup, base: &SimSetup, loaded: &Runs, lines: &[Line]) {
+    assert!(loaded.largest(0, lines) < 1e-9, "backlash must not show under load");
+    let rattling = |setup: &SimSetup| {
+        let mut setup = setup.clone();
+        let error = EffectSpec {
+            effect: "profile_error".into(),
+            place: "stage1".into(),
+            parameters: [("e1_um".to_owned(), 15.0)].into(),
+        };
+        effects::apply(&error, &mut setup).expect("applies");
+        setup
+    };
+    let unloaded = Runs::new(&rattling(setup), &rattling(base), MOTOR_HZ, 0.2);
+    assert!(unloaded.largest(0, lines) > 1e-3, "backlash must show where the teeth part");
+}
+
+/// The belt's effects on the bench that has one.
+fn check_shift_behind_a_belt(effect: &'static dyn Effect) {
+    let mut bench = shipped::bench("paper-rig").expect("shipped");
+    bench.effects.clear();
+    bench.brake.torque_nm = 2.0 * TORQUE_NM;
+    let (place, _) = Place::of(effect, &bench).into_iter().next().expect("a place on this bench");
+    let spec = EffectSpec { parameters: [("slip_percent".to_owned(), 3.0)].into(), ..spec(effect, &place) };
+    let base = SimSetup::nominal(&bench);
+    let mut setup = base.clone();
+    effects::apply(&spec, &mut setup).expect("applies");
+    let (_, values) = effects::resolve(&spec, &bench).expect("resolves");
+    let runs = Runs::new(&setup, &base, MOTOR_HZ, 2.0 * TORQUE_NM);
+    check_shift(effect, &values, &runs, &Train::new(&bench));
+    // Declared: in proportion to the torque.
+    assert_eq!(effect.signature(&values, &bench).load, Law::Power(1.0));
+    let half = run(&setup, MOTOR_HZ, TORQUE_NM);
+    let slip = |run: &Rendered| {
+        let turned = run.angles_rad.last().unwrap_or(&0.0) - run.angles_rad[0];
+        let seconds = (run.angles_rad.len() - 1) as f64 / run.sample_rate_hz;
+        1.0 - turned / (std::f64::consts::TAU * seconds * MOTOR_HZ / 3.56)
+    };
+    assert!((slip(&runs.with) / slip(&half) - 2.0).abs() < 1e-6);
+}
+
+/// One function of frequency alters every line, whatever the load: the ratio at each line is the same at two loads.
+fn check_path(id: &str, runs: &Runs, lines: &[Line]) {
+    let ratio = |with: &Rendered, without: &Rendered, at: Line| {
+        amplitude(with, 0, at, MOTOR_HZ) / amplitude(without, 0, at, MOTOR_HZ)
+    };
+    let strongest: Vec<Line> =
+        lines.iter().copied().filter(|&at| amplitude(&runs.without, 0, at, MOTOR_HZ).norm() > 1e-4).collect();
+    assert!(!strongest.is_empty(), "{id}: no line to see the path in");
+    let moved =
+        strongest.iter().map(|&at| (ratio(&runs.with, &runs.without, at).norm() - 1.0).abs()).fold(0.0, f64::max);
+    assert!(moved > 0.01, "{id}: no line changes by more than {moved:.1e}");
+    let bench = bench();
+    let spec = spec(effects::find(id).expect("known"), "acc_1");
+    let base = SimSetup::nominal(&bench);
+    let mut setup = base.clone();
+    effects::apply(&spec, &mut setup).expect("applies");
+    let loaded = Runs::new(&setup, &base, MOTOR_HZ, LOAD_FACTOR * TORQUE_NM);
+    for &at in &strongest {
+        let (one, two) = (ratio(&runs.with, &runs.without, at), ratio(&loaded.with, &loaded.without, at));
+        // A path is linear: only the Hann window's side lobes of other lines differ between the loads.
+        assert!((one / two - Complex::new(1.0, 0.0)).norm() < 1e-2, "{id}: {one} and {two} at {at:?}");
+    }
+}
+
+/// Four tests share the table, so that they run side by side.
+fn quarter(n: usize) {
+    for effect in effects::ALL.iter().skip(n).step_by(4) {
+        check(*effect);
+    }
+}
+
+#[test]
+fn conform_signatures_first_quarter() {
+    quarter(0);
+}
+
+#[test]
+fn conform_signatures_second_quarter() {
+    quarter(1);
+}
+
+#[test]
+fn conform_signatures_third_quarter() {
+    quarter(2);
+}
+
+#[test]
+fn conform_signatures_last_quarter() {
+    quarter(3);
+}
