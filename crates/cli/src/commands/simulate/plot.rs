@@ -56,24 +56,33 @@ fn describe(config: &SimConfig) -> String {
     }
 }
 
-/// Samples of each channel from the start of the recording, and the first shaft's angle at each.
-fn samples(recording: &Recording, model: &TrainModel) -> Vec<(String, String, f64, Vec<f64>, Vec<f64>)> {
+/// A channel from the start of the recording.
+struct Trace {
+    name: String,
+    unit: String,
+    rate: f64,
+    samples: Vec<f64>,
+    /// The first shaft's angle at each sample (rad).
+    angles: Vec<f64>,
+}
+
+fn traces(recording: &Recording, model: &TrainModel) -> Vec<Trace> {
     let channels = recording.channels.iter().filter_map(|(name, channel)| {
         let segment = channel.segments.first()?;
         let rate = channel.sample_rate_hz;
         let offset = Simulator::offset_s(rate);
         let angles = (0..segment.samples.len()).map(|n| model.rotation.at(n as f64 / rate + offset).0).collect();
-        Some((name.clone(), channel.unit.to_string(), rate, segment.samples.clone(), angles))
+        Some(Trace { name: name.clone(), unit: channel.unit.to_string(), rate, samples: segment.samples.clone(), angles })
     });
     channels.collect()
 }
 
 fn waveform(recording: &Recording, model: &TrainModel) -> Chart {
-    let all = samples(recording, model);
-    let unit = all.first().map_or(String::new(), |(_, unit, ..)| unit.clone());
+    let all = traces(recording, model);
+    let unit = all.first().map_or(String::new(), |trace| trace.unit.clone());
     let series = all
         .into_iter()
-        .map(|(name, _, rate, samples, angles)| {
+        .map(|Trace { name, rate, samples, angles, .. }| {
             let start = angles.first().copied().unwrap_or(0.0);
             let shown = angles.partition_point(|a| a - start < std::f64::consts::TAU * WAVEFORM_REVOLUTIONS);
             let points = samples[..shown].iter().enumerate().map(|(n, &v)| (n as f64 / rate, v)).collect();
@@ -93,11 +102,11 @@ fn waveform(recording: &Recording, model: &TrainModel) -> Chart {
 fn spectrum(recording: &Recording, config: &SimConfig, model: &TrainModel) -> Chart {
     let train = Train::new(&config.bench);
     let highest = train.stages.iter().map(|stage| 5.2 * stage.mesh_order).fold(0.0, f64::max);
-    let all = samples(recording, model);
-    let unit = all.first().map_or(String::new(), |(_, unit, ..)| unit.clone());
+    let all = traces(recording, model);
+    let unit = all.first().map_or(String::new(), |trace| trace.unit.clone());
     let series = all
         .into_iter()
-        .map(|(name, _, rate, samples, angles)| {
+        .map(|Trace { name, rate, samples, angles, .. }| {
             // Nothing above the converter's filter.
             let speed = model.rotation.at(Simulator::offset_s(rate)).1 / std::f64::consts::TAU;
             let count = (LINES_PER_ORDER * highest.min(0.39 * rate / speed)) as usize;
