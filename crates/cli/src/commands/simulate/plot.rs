@@ -72,7 +72,13 @@ fn traces(recording: &Recording, model: &TrainModel) -> Vec<Trace> {
         let rate = channel.sample_rate_hz;
         let offset = Simulator::offset_s(rate);
         let angles = (0..segment.samples.len()).map(|n| model.rotation.at(n as f64 / rate + offset).0).collect();
-        Some(Trace { name: name.clone(), unit: channel.unit.to_string(), rate, samples: segment.samples.clone(), angles })
+        Some(Trace {
+            name: name.clone(),
+            unit: channel.unit.to_string(),
+            rate,
+            samples: segment.samples.clone(),
+            angles,
+        })
     });
     channels.collect()
 }
