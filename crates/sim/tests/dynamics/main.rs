@@ -246,7 +246,7 @@ fn analytic_energy_balance() {
 #[test]
 fn conform_an_unstable_step_is_refused() {
     let model = model(&bare("single-pair"), 25.0, 60.0, 1);
-    let complaint = Rk4::new(&model, 2e-4).err().expect("refused").to_string();
+    let complaint = Rk4::new(&model, 2e-4).expect_err("refused").to_string();
     assert!(complaint.contains("unstable") && complaint.contains("needs steps below"), "{complaint}");
     // Just inside the border it runs.
     let longest = Rk4::longest_stable_step(&model).expect("modes");
