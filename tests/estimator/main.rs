@@ -3,6 +3,10 @@
 #![allow(clippy::print_stderr, reason = "the measured figures are shown with --nocapture")]
 
 mod accuracy;
+mod coverage;
+mod golden;
+mod oracle;
+mod trust;
 
 use gearwatch_core::analysis::WindowAnalysis;
 use gearwatch_core::bench::Bench;

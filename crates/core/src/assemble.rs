@@ -326,7 +326,8 @@ impl Assembler {
         while let Some((window, delivered)) = channel.waiting.front() {
             let end = after(window.t0, window.samples.len() as u64, window.sample_rate_hz);
             let covered = tacho.covers(end);
-            if tacho.is_expected() && !covered && !last {
+            let expected = tacho.is_expected();
+            if expected && !covered && !last {
                 let waited = (channel.delivered - delivered) as f64 / window.sample_rate_hz;
                 if waited < config.tacho_wait_s {
                     return;
@@ -339,7 +340,7 @@ impl Assembler {
             let point = operating_points.iter().rev().find(|p| p.t <= middle);
             window.operating_point = point.copied().unwrap_or(OperatingPoint::UNKNOWN);
             counters.windows += 1;
-            counters.windows_without_tacho_cover += u64::from(tacho.is_expected() && !covered);
+            counters.windows_without_tacho_cover += u64::from(expected && !covered);
             emit(window);
         }
     }

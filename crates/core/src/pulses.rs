@@ -97,6 +97,10 @@ impl PulseTrain {
         // A tacho that stopped long ago has nothing to say.
         let inside = self.times.range(from..until).filter(|&&p| p >= t0 && p < end).count();
         if inside > 0 {
+            // Room for twice as many, so that a run-up does not allocate window after window.
+            if out.times_s.capacity() < until - from {
+                out.times_s.reserve(2 * (until - from));
+            }
             out.times_s.extend(self.times.range(from..until).map(|&p| (i128::from(p) - i128::from(t0)) as f64 * 1e-9));
         }
     }

@@ -1,13 +1,20 @@
 //! Input-shaft angle over a window.
 
 /// Input-shaft angle in revolutions over window time `τ = (t - T/2) / T`, zero in the middle.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct AngleTrack {
     /// Coefficients of `τ, τ², τ³ …`.
     polynomial: Vec<f64>,
     /// Knots of a natural cubic spline, used where there are any: `τ`, angle, second derivative.
     knots: Vec<[f64; 3]>,
     offset: f64,
+}
+
+impl Default for AngleTrack {
+    /// No turning at all, with room for the longest spline.
+    fn default() -> Self {
+        Self { polynomial: Vec::with_capacity(16), knots: Vec::with_capacity(MAX_KNOTS), offset: 0.0 }
+    }
 }
 
 impl AngleTrack {

@@ -143,7 +143,7 @@ impl MeshSearch {
                     largest = largest.max(d.abs());
                 }
             }
-            if round > STRAIGHT_ROUNDS && largest * top < 1e-5 {
+            if round > STRAIGHT_ROUNDS && largest * top < 1e-4 {
                 break;
             }
         }
