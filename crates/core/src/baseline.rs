@@ -32,7 +32,8 @@ pub struct BaselineConfig {
     pub torque_tolerance_percent: f64,
     /// Torques this near are one operating point (N m, above 0); the larger of the two counts.
     pub torque_tolerance_nm: f64,
-    /// Independent windows that a cell needs before anything is judged by it (above 1).
+    /// Independent windows that a line's scatter must be known from before anything is judged by it: its own, and what the
+    /// other lines of its stage at the sensor are worth for it (above 1).
     pub least_windows: f64,
 }
 

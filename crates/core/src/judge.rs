@@ -11,7 +11,7 @@ use crate::deviation::{Deviation, Observed};
 use crate::estimate::Estimate;
 use crate::rank::RankConfig;
 use crate::signature::SignatureTable;
-use crate::state::StateConfig;
+use crate::state::{Path, StateConfig};
 use crate::verdict::{
     HARMONICS, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, Reason, StateFit, Verdict,
 };
@@ -118,14 +118,27 @@ impl Judge {
                 Some(_) => normal.locate(window.input_speed_hz.value, torque).ok_or(Reason::OutsideBaseline),
             },
         };
+        let deviations = |index: usize, normal: &Surface, place: &Place| {
+            let pairs = std::array::from_fn(|harmonic| observed(index, &window.stages[index], harmonic));
+            StageDeviations::new(&pairs, normal, place, &window.sensor, index)
+        };
+        // The path belongs to the sensor: lines of all stages speak of it, a line that two of them share only once.
+        let mut path = Path::default();
+        if let (Ok(place), Some(normal)) = (&place, &self.normal) {
+            for (index, stage) in window.stages.iter().enumerate().take(out.len()) {
+                let StageDeviations { mut lines, mut floors, .. } = deviations(index, normal, place);
+                for harmonic in (0..HARMONICS).filter(|&h| index > 0 && stage.shared[h]) {
+                    (lines[harmonic], floors[harmonic]) = (None, None);
+                }
+                path.add(&self.config.rank, &lines, &floors);
+            }
+        }
         for (index, verdict) in out.iter_mut().enumerate() {
-            let stage = &window.stages[index];
             self.describe(verdict, index, window, windows);
             match (&place, &self.normal) {
                 (Ok(place), Some(normal)) => {
                     normal.write_name(place, &mut verdict.cell);
-                    let pairs = std::array::from_fn(|harmonic| observed(index, stage, harmonic));
-                    self.compare(verdict, &pairs, normal, place, &window.sensor, index);
+                    self.compare(verdict, &deviations(index, normal, place), &path);
                 }
                 (Err(reason), _) => verdict.reason = *reason,
                 (Ok(_), None) => verdict.reason = Reason::NoBaseline,
@@ -159,52 +172,67 @@ impl Judge {
         }
     }
 
-    fn compare(
-        &self,
-        verdict: &mut Verdict,
-        observed: &[Pair; HARMONICS],
-        normal: &Surface,
-        place: &Place,
-        channel: &str,
-        stage: usize,
-    ) {
-        let (line_prior, floor_prior) = normal.priors(channel).unwrap_or((ScatterPrior::NONE, ScatterPrior::NONE));
-        let mut lines = [None; HARMONICS];
-        let mut floors = [None; HARMONICS];
-        let mut sessions = u32::MAX;
-        for (harmonic, &(line, floor)) in observed.iter().enumerate() {
-            if let (Some(line), Some(reference)) = (line, normal.line(place, channel, stage, harmonic)) {
-                let deviation = Deviation::new(line, &reference, line_prior);
-                let percent = deviation.percent();
-                let judged = &mut verdict.harmonics[harmonic];
-                judged.baseline = reference.ln.exp();
-                judged.deviation_percent = percent;
-                if percent.is_known() {
-                    judged.rank = self.config.rank.rank_of(percent.value);
-                    judged.rank_probability = self.config.rank.rank_probability(percent);
-                    lines[harmonic] = Some(deviation);
-                    sessions = sessions.min(reference.sessions);
-                }
-            }
-            if let (Some(floor), Some(reference)) = (floor, normal.floor(place, channel, stage, harmonic)) {
-                floors[harmonic] = Some(Deviation::new(floor, &reference, floor_prior));
-            }
-        }
-        if lines.iter().all(Option::is_none) {
+    fn compare(&self, verdict: &mut Verdict, deviations: &StageDeviations, path: &Path) {
+        if deviations.lines.iter().all(Option::is_none) {
             verdict.reason = Reason::BaselineTooSmall;
             return;
         }
-        verdict.baseline_sessions = sessions;
-        verdict.machine = self.config.state.machine(&self.config.rank, &lines, &floors);
+        verdict.baseline_sessions = deviations.sessions;
+        for (harmonic, judged) in verdict.harmonics.iter_mut().enumerate() {
+            judged.baseline = deviations.normal[harmonic];
+            if let Some(deviation) = &deviations.lines[harmonic] {
+                judged.deviation_percent = deviation.percent();
+                judged.rank = self.config.rank.rank_of(judged.deviation_percent.value);
+                judged.rank_probability = self.config.rank.rank_probability(judged.deviation_percent);
+            }
+        }
+        verdict.machine = self.config.state.machine(&self.config.rank, &deviations.lines, path);
         let judged = |h: &&HarmonicVerdict| h.deviation_percent.is_known();
         verdict.resolvable = verdict.harmonics.iter().filter(judged).all(|h| h.rank_probability > 0.5);
         if verdict.machine == MachineState::Unknown {
             verdict.reason = Reason::NotResolved;
         }
-        if !matches!(verdict.machine, MachineState::PathChanged) {
-            let deviations: [Estimate; HARMONICS] = std::array::from_fn(|h| verdict.harmonics[h].deviation_percent);
-            verdict.state_fit = self.signatures.compare(&self.config.rank, &deviations, &mut verdict.states);
+        if verdict.machine != MachineState::PathChanged {
+            let percents: [Estimate; HARMONICS] = std::array::from_fn(|h| verdict.harmonics[h].deviation_percent);
+            verdict.state_fit = self.signatures.compare(&self.config.rank, &percents, &mut verdict.states);
         }
+    }
+}
+
+/// How far the lines and floors of one stage at one sensor lie from normal; none where that is not known.
+struct StageDeviations {
+    lines: [Option<Deviation>; HARMONICS],
+    floors: [Option<Deviation>; HARMONICS],
+    /// Normal amplitudes, `NaN` where not known.
+    normal: [f64; HARMONICS],
+    /// Sessions behind the least known line.
+    sessions: u32,
+}
+
+impl StageDeviations {
+    fn new(observed: &[Pair; HARMONICS], normal: &Surface, place: &Place, sensor: &str, stage: usize) -> Self {
+        let (line_prior, floor_prior) =
+            normal.priors(sensor, stage).unwrap_or((ScatterPrior::NONE, ScatterPrior::NONE));
+        let mut out = Self {
+            lines: [None; HARMONICS],
+            floors: [None; HARMONICS],
+            normal: [f64::NAN; HARMONICS],
+            sessions: u32::MAX,
+        };
+        for (harmonic, &(line, floor)) in observed.iter().enumerate() {
+            if let (Some(line), Some(reference)) = (line, normal.line(place, sensor, stage, harmonic)) {
+                let deviation = Deviation::new(line, &reference, line_prior);
+                out.normal[harmonic] = reference.ln.exp();
+                if deviation.percent().is_known() {
+                    out.lines[harmonic] = Some(deviation);
+                    out.sessions = out.sessions.min(reference.sessions);
+                }
+            }
+            if let (Some(floor), Some(reference)) = (floor, normal.floor(place, sensor, stage, harmonic)) {
+                out.floors[harmonic] = Some(Deviation::new(floor, &reference, floor_prior));
+            }
+        }
+        out
     }
 }
 
@@ -363,7 +391,7 @@ mod tests {
         reasons(&with, &window(0, 31.0, 50.0, NORMAL, FLOORS), Reason::OutsideBaseline);
         reasons(&with, &window(0, 30.0, 60.0, NORMAL, FLOORS), Reason::OutsideBaseline);
         reasons(&with, &window(0, 30.0, f64::NAN, NORMAL, FLOORS), Reason::OutsideBaseline);
-        reasons(&judge(Some(&learned(2, 0.05, &mut random))), &sound, Reason::BaselineTooSmall);
+        reasons(&judge(Some(&learned(1, 0.05, &mut random))), &sound, Reason::BaselineTooSmall);
         let mut elsewhere = baseline.clone();
         let channel = elsewhere.runs[0].channels.remove("acc").expect("acc");
         elsewhere.runs[0].channels.insert("other".into(), channel);

@@ -61,18 +61,13 @@ fn median(values: &mut [f64]) -> f64 {
     if values.len() % 2 == 1 { values[middle] } else { f64::midpoint(values[middle - 1], values[middle]) }
 }
 
-/// Correlation of what two Hann windows measure in white noise when one starts `lag` window lengths after the other
-/// (0 to 1; nothing from 1 on).
+/// Correlation of what two windows measure in white noise when one starts `lag` window lengths after the other (0 to 1;
+/// nothing from 1 on): the share of the samples that they have in common.
 ///
-/// # Formula
-/// `∫ w(t) w(t+x) dt / ∫ w² dt = (1−x)(2/3 + cos(2πx)/3) + sin(2πx)/(2π)`; 1/6 at half a window (P. D. Welch 1967; A. H.
-/// Nuttall 1971).
-pub fn hann_overlap_correlation(lag: f64) -> f64 {
-    if !(0.0..1.0).contains(&lag) {
-        return 0.0;
-    }
-    let angle = std::f64::consts::TAU * lag;
-    (1.0 - lag) * (2.0 + angle.cos()) / 3.0 + angle.sin() / std::f64::consts::TAU
+/// That is exact for windows without weighting, which the estimator's efficient one nearly is; windows that taper off
+/// share less (Hann at half a window: 1/6).
+pub fn overlap_correlation(lag: f64) -> f64 {
+    if (0.0..1.0).contains(&lag) { 1.0 - lag } else { 0.0 }
 }
 
 /// Lags beyond this many hops are not searched for correlation.
@@ -81,7 +76,7 @@ const MOST_LAGS: usize = 500;
 /// How many independent values a series of windows is worth, for the variance of its mean: `s²/n_eff`.
 ///
 /// `starts` are the windows' first samples, ascending, `length` the samples in a window, `values` what was measured.
-/// Two things correlate neighbours: shared samples (known: [`hann_overlap_correlation`]) and slow changes of the machine
+/// Two things correlate neighbours: shared samples (known: [`overlap_correlation`]) and slow changes of the machine
 /// (estimated from the series itself, summed until the autocorrelation first drops to zero). At each lag the larger counts.
 ///
 /// # Formula
@@ -106,7 +101,7 @@ pub fn effective_number(starts: &[u64], length: u64, values: &[f64]) -> f64 {
         for lag in 1..n.min(MOST_LAGS) {
             let distance = hop.saturating_mul(lag as u64);
             let weight = 1.0 - lag as f64 / count;
-            let overlap = hann_overlap_correlation(distance as f64 / length.max(1) as f64);
+            let overlap = overlap_correlation(distance as f64 / length.max(1) as f64);
             let measured = if total > 0.0 {
                 (autocovariance(starts, &centred, distance) + weight * mean_variance) / total
             } else {
@@ -125,7 +120,7 @@ pub fn effective_number(starts: &[u64], length: u64, values: &[f64]) -> f64 {
         (variance * count / (count - 1.0) / mean_variance).clamp(1.0, count)
     } else {
         // A series that does not move: what is known is the overlap.
-        let overlap = hann_overlap_correlation(hop as f64 / length.max(1) as f64);
+        let overlap = overlap_correlation(hop as f64 / length.max(1) as f64);
         (count / (1.0 + 2.0 * overlap)).max(1.0)
     }
 }
@@ -212,21 +207,6 @@ mod tests {
         assert!((arithmetic - 1.0 - sigma * sigma / 2.0).abs() < 4.0 * standard_error, "{arithmetic}");
     }
 
-    #[test]
-    fn analytic_overlap_correlation_of_hann_windows() {
-        assert!((hann_overlap_correlation(0.0) - 1.0).abs() < 1e-15);
-        assert!((hann_overlap_correlation(0.5) - 1.0 / 6.0).abs() < 1e-15);
-        assert_eq!(hann_overlap_correlation(1.0), 0.0);
-        let n = 4096;
-        let hann = |i: usize| 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / n as f64).cos();
-        let power: f64 = (0..n).map(|i| hann(i).powi(2)).sum();
-        for lag in [410, 1024, 2048, 3072] {
-            let sum: f64 = (0..n - lag).map(|i| hann(i) * hann(i + lag)).sum();
-            let formula = hann_overlap_correlation(lag as f64 / n as f64);
-            assert!((sum / power - formula).abs() < 1e-6, "{lag}: {} against {formula}", sum / power);
-        }
-    }
-
     /// The stated variance of a mean, s²/n_eff, against the true one over many series, with windows that overlap by 75 % over
     /// white noise (correlation from shared samples), and an autoregressive machine (correlation of its own).
     /// Long series are right within 35 %, on the safe side; so are short ones that only overlap. Of a drift with a time
@@ -250,8 +230,7 @@ mod tests {
         };
         let overlapping = |random: &mut Random, count: usize| -> Vec<f64> {
             let noise: Vec<f64> = (0..16 * (count - 1) + 64).map(|_| random.normal()).collect();
-            let hann = |i: usize| 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / 64.0).cos();
-            (0..count).map(|w| (0..64).map(|i| hann(i) * noise[16 * w + i]).sum()).collect()
+            (0..count).map(|w| noise[16 * w..16 * w + 64].iter().sum()).collect()
         };
         let long = ratio(&mut || overlapping(&mut random, 200), 16);
         assert!((1.0..1.35).contains(&long), "{long}");

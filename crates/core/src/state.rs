@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::deviation::Deviation;
+use crate::estimate::Estimate;
 use crate::rank::RankConfig;
 use crate::verdict::{HARMONICS, MachineState, Rank};
 
@@ -29,43 +30,44 @@ impl StateConfig {
         (!usable).then(|| format!("false_alarm is {}; expected a probability between 0 and 0.5", self.false_alarm))
     }
 
-    /// State of the machine from the deviations of the harmonics and of the floors beside them; unknown where none is judged
-    /// or nothing is resolved.
+    /// State of the machine from the deviations of one stage's harmonics at a sensor; `path` is what all lines and floors
+    /// of the sensor say of its path. Unknown where no harmonic is judged or nothing is resolved.
     ///
     /// - *Deviating*: some harmonic's deviation is larger than the first rank step, proven by Student's t test at the
     ///   false-alarm probability shared out over the harmonics (Šidák). *Alarm*: larger than the step of rank IV.
-    /// - *Path changed*: deviating, a floor moved too (by the same test), and the floors explain how the harmonics moved
-    ///   ([`floors_explain`]).
-    /// - *Normal*: neither, and in no harmonic rank IV or V is more probable than not.
-    pub fn machine(
-        &self,
-        ranks: &RankConfig,
-        lines: &[Option<Deviation>; HARMONICS],
-        floors: &[Option<Deviation>; HARMONICS],
-    ) -> MachineState {
+    /// - *Path changed*: deviating, and the path did change ([`Path::changed`]).
+    /// - *Normal*: not deviating, and rank IV or V is less probable than not in each harmonic that can be judged at all,
+    ///   of which there must be one. A harmonic whose deviation is so uncertain that rank IV or V would be more
+    ///   probable than not even at 0 (sigma above 1.48 times the step of rank IV) says nothing for or against.
+    pub fn machine(&self, ranks: &RankConfig, lines: &[Option<Deviation>; HARMONICS], path: &Path) -> MachineState {
         let [deviating, _, _, alarm, _] = ranks.steps_percent;
-        if !lines.iter().any(Option::is_some) {
-            return MachineState::Unknown;
-        }
         if self.exceeds(lines, deviating) {
-            if self.exceeds(floors, deviating) && floors_explain(lines, floors, self.false_alarm) {
+            if path.changed(self) {
                 return MachineState::PathChanged;
             }
             return if self.exceeds(lines, alarm) { MachineState::Alarm } else { MachineState::Deviating };
         }
-        let alarming = |deviation: &Deviation| {
-            let percent = deviation.percent();
-            ranks.probability_of(Rank::IV, percent) + ranks.probability_of(Rank::V, percent)
-        };
+        let alarming =
+            |percent: Estimate| ranks.probability_of(Rank::IV, percent) + ranks.probability_of(Rank::V, percent);
+        let percents = || lines.iter().flatten().map(Deviation::percent);
+        let mut judged = percents().filter(|d| alarming(Estimate::new(0.0, d.sigma)) < 0.5).peekable();
         // A comparison with NaN is false: what is not known is not normal.
-        if lines.iter().flatten().all(|d| alarming(d) < 0.5) { MachineState::Normal } else { MachineState::Unknown }
+        if judged.peek().is_some() && judged.all(|d| alarming(d) < 0.5) {
+            MachineState::Normal
+        } else {
+            MachineState::Unknown
+        }
     }
 
     /// Some deviation is proven to be larger than the limit.
     fn exceeds(&self, deviations: &[Option<Deviation>; HARMONICS], limit_percent: f64) -> bool {
-        let judged = deviations.iter().flatten().count();
-        let share = 1.0 - (1.0 - self.false_alarm).powf(1.0 / judged.max(1) as f64);
+        let share = self.share(deviations.iter().flatten().count() as u32);
         deviations.iter().flatten().any(|d| d.p_within(limit_percent) < share)
+    }
+
+    /// Probability at which one of `tests` is significant, so that all together err with the false-alarm probability (Šidák).
+    fn share(&self, tests: u32) -> f64 {
+        1.0 - (1.0 - self.false_alarm).powf(1.0 / f64::from(tests.max(1)))
     }
 }
 
@@ -91,28 +93,52 @@ impl Deviation {
     }
 }
 
-/// The floors say better how the harmonics moved than "they moved by themselves": the path from gear to sensor changed.
+/// What the lines of all stages at one sensor, and the floors beside them, say of the path from the gears to the sensor.
 ///
 /// A linear path multiplies a mesh line and the noise right beside it by the same gain, so that the logarithmic
 /// deviations `d` of the lines equal those of the floors, `f`, harmonic by harmonic. A gear that changes moves the lines and
 /// leaves the floors. With an unknown common error of either statement the likelihoods are `(Σ (d−f)²)^(−n/2)` and
-/// `(Σ d²)^(−n/2)`; the path is named where their ratio is above `1 / false_alarm`, 100 as a rule: for five harmonics the
-/// floors must account for 84 % of the sum of squares, for two of them for 99 %.
-pub fn floors_explain(
-    lines: &[Option<Deviation>; HARMONICS],
-    floors: &[Option<Deviation>; HARMONICS],
-    false_alarm: f64,
-) -> bool {
-    let (mut alone, mut with_floor, mut count) = (0.0, 0.0, 0);
-    for (line, floor) in lines.iter().zip(floors).filter_map(|(d, f)| Some(((*d)?, (*f)?))) {
-        alone += line.ln.powi(2);
-        with_floor += (line.ln - floor.ln).powi(2);
-        count += 1;
+/// `(Σ d²)^(−n/2)`; the path is named where their ratio is above `1 / false_alarm`, 100 as a rule: of five lines the
+/// floors must account for 84 % of the sum of squares, of ten for 60 %, of two for 99 %.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Path {
+    /// Σ d²
+    lines_alone: f64,
+    /// Σ (d − f)²
+    beside_floors: f64,
+    /// n
+    pairs: u32,
+    floors: u32,
+    /// The least probable of the floors, if none had moved by a rank step.
+    least_p: Option<f64>,
+}
+
+impl Path {
+    /// Adds the lines and floors of a stage.
+    pub fn add(
+        &mut self,
+        ranks: &RankConfig,
+        lines: &[Option<Deviation>; HARMONICS],
+        floors: &[Option<Deviation>; HARMONICS],
+    ) {
+        for floor in floors.iter().flatten() {
+            let p = floor.p_within(ranks.steps_percent[0]);
+            self.floors += 1;
+            self.least_p = Some(self.least_p.map_or(p, |least| least.min(p)));
+        }
+        for (line, floor) in lines.iter().zip(floors).filter_map(|(d, f)| Some(((*d)?, (*f)?))) {
+            self.lines_alone += line.ln.powi(2);
+            self.beside_floors += (line.ln - floor.ln).powi(2);
+            self.pairs += 1;
+        }
     }
-    if count < 2 {
-        return false;
+
+    /// A floor is proven to have moved by more than the first rank step, and the floors explain how the lines moved.
+    pub fn changed(&self, config: &StateConfig) -> bool {
+        let moved = self.least_p.is_some_and(|p| p < config.share(self.floors));
+        let ratio = f64::from(self.pairs) / 2.0 * (self.lines_alone / self.beside_floors).ln();
+        moved && self.pairs >= 2 && ratio > -config.false_alarm.ln()
     }
-    f64::from(count) / 2.0 * (alone / with_floor).ln() > -false_alarm.ln()
 }
 
 #[cfg(test)]
@@ -125,7 +151,14 @@ mod tests {
     }
 
     fn machine(lines: [f64; HARMONICS], floors: [f64; HARMONICS], sigma: f64) -> MachineState {
-        StateConfig::default().machine(&RankConfig::default(), &deviations(lines, sigma), &deviations(floors, sigma))
+        let (lines, floors) = (deviations(lines, sigma), deviations(floors, sigma));
+        StateConfig::default().machine(&RankConfig::default(), &lines, &path(&lines, &floors))
+    }
+
+    fn path(lines: &[Option<Deviation>; HARMONICS], floors: &[Option<Deviation>; HARMONICS]) -> Path {
+        let mut path = Path::default();
+        path.add(&RankConfig::default(), lines, floors);
+        path
     }
 
     const STILL: [f64; HARMONICS] = [0.0; HARMONICS];
@@ -148,10 +181,19 @@ mod tests {
         ] {
             assert_eq!(machine(one(ln), STILL, 0.01), state, "{ln}");
         }
-        // A healthy machine that scatters by 20 % cannot be called normal by one window: rank IV is more probable than not.
-        assert_eq!(machine(STILL, STILL, 0.20), MachineState::Unknown);
+        // A healthy machine that scatters by 15 % cannot be called normal by one window: rank IV is more probable than not.
+        assert_eq!(machine(STILL, STILL, 0.147), MachineState::Normal);
+        assert_eq!(machine(STILL, STILL, 0.149), MachineState::Unknown);
+        // One harmonic that says nothing does not keep the others from being normal; one that may be rank IV does.
+        let mut lines = deviations(STILL, 0.05);
+        lines[3] = Some(Deviation { ln: 0.3, variance: 0.5 * 0.5, freedom: 1e3 });
+        let judge =
+            |lines: &[_; HARMONICS]| StateConfig::default().machine(&RankConfig::default(), lines, &Path::default());
+        assert_eq!(judge(&lines), MachineState::Normal);
+        lines[3] = Some(Deviation { ln: 0.12, variance: 0.05 * 0.05, freedom: 1e3 });
+        assert_eq!(judge(&lines), MachineState::Unknown);
         assert_eq!(machine(STILL, STILL, 0.05), MachineState::Normal);
-        let nothing = StateConfig::default().machine(&RankConfig::default(), &[None; HARMONICS], &[None; HARMONICS]);
+        let nothing = StateConfig::default().machine(&RankConfig::default(), &[None; HARMONICS], &Path::default());
         assert_eq!(nothing, MachineState::Unknown);
         assert_eq!(machine([f64::NAN; HARMONICS], STILL, 0.05), MachineState::Unknown);
     }
@@ -172,11 +214,18 @@ mod tests {
             let lines = deviations([1.0; 5], 0.05);
             let mut floors = deviations([1.0 - q; 5], 0.05);
             floors[count..].fill(None);
-            floors_explain(&lines, &floors, 0.01)
+            path(&lines, &floors).changed(&StateConfig::default())
         };
         // 100^(−1/5) = 0.398, 100^(−1/2) = 0.1
         assert!(short(0.39, 5) && !short(0.41, 5));
         assert!(short(0.099, 2) && !short(0.101, 2) && !short(0.0, 1));
+        // A path belongs to a sensor: a second stage with the same story makes it clearer, one whose gear failed less so.
+        let story = |lines: [f64; HARMONICS], floors| {
+            let mut both = path(&deviations([1.0; 5], 0.05), &deviations([0.5; 5], 0.05));
+            both.add(&RankConfig::default(), &deviations(lines, 0.05), &deviations(floors, 0.05));
+            both.changed(&StateConfig::default())
+        };
+        assert!(!short(0.5, 5) && story([1.0; 5], [0.5; 5]) && !story([1.0; 5], STILL));
     }
 
     /// Gear faults of 6 dB on lines whose floors wander by as much, independently: called a changed path in fewer than 1 %
@@ -190,7 +239,9 @@ mod tests {
         let trials = 20_000;
         for _ in 0..trials {
             let (gear, floor, difference) = (draw(0.7), draw(0.7), draw(0.115));
-            let explained = |d: [f64; HARMONICS], f| floors_explain(&deviations(d, 0.05), &deviations(f, 0.05), 0.01);
+            let explained = |d: [f64; HARMONICS], f: [f64; HARMONICS]| {
+                path(&deviations(d, 0.05), &deviations(f, 0.05)).changed(&StateConfig::default())
+            };
             wrong += u32::from(explained(gear, floor));
             missed += u32::from(!explained(std::array::from_fn(|h| floor[h] + difference[h]), floor));
         }

@@ -1,8 +1,8 @@
-//! Scatter estimated from few windows, steadied by what the other lines of the same sensor show.
+//! Scatter estimated from few windows, steadied by what the other lines of the same stage and sensor show.
 
 use statrs::function::gamma::digamma;
 
-/// What the scatters of all lines of a sensor have in common: their variances are spread about `variance` like those of
+/// What the scatters of all lines of a stage at a sensor have in common: their variances are spread about `variance` like those of
 /// samples with `freedom` degrees of freedom. A line known from few windows leans on it, one known from many does not.
 ///
 /// # Source

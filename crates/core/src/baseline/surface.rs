@@ -82,14 +82,14 @@ struct Bend {
 struct StageSurface {
     lines: [Series; HARMONICS],
     floors: [Series; HARMONICS],
+    line_prior: ScatterPrior,
+    floor_prior: ScatterPrior,
 }
 
 /// One sensor.
 #[derive(Clone, Debug, PartialEq)]
 struct ChannelSurface {
     unit: String,
-    line_prior: ScatterPrior,
-    floor_prior: ScatterPrior,
     stages: Vec<StageSurface>,
 }
 
@@ -133,40 +133,43 @@ impl Surface {
                 (0..baseline.stages.len())
                     .map(|stage| {
                         (0..HARMONICS)
-                            .map(|h| {
-                                members
-                                    .iter()
-                                    .map(|runs| Gathered::of(runs, name, stage, h, floor, config.least_windows))
-                                    .collect()
-                            })
+                            .map(|h| members.iter().map(|runs| Gathered::of(runs, name, stage, h, floor)).collect())
                             .collect()
                     })
                     .collect()
             };
             let (lines, floors) = (gather(false), gather(true));
-            let prior = |all: &Vec<Vec<Vec<Option<Gathered>>>>| {
-                let variances: Vec<_> =
-                    all.iter().flatten().flatten().flatten().map(|g| (g.variance, g.freedom)).collect();
+            // What scatters alike are the lines of one stage at one sensor, over all cells.
+            let prior = |stage: &[Vec<Option<Gathered>>]| {
+                let variances: Vec<_> = stage.iter().flatten().flatten().map(|g| (g.variance, g.freedom)).collect();
                 ScatterPrior::learn(&variances)
             };
-            let (line_prior, floor_prior) = (prior(&lines), prior(&floors));
             let series = |gathered: &[Option<Gathered>], prior: ScatterPrior| {
-                let cells: Vec<_> = gathered.iter().map(|g| g.as_ref().map(|g| g.reference(prior))).collect();
+                let reference = |g: &Gathered| {
+                    let reference = g.reference(prior);
+                    (reference.scatter_freedom + 1.0 >= config.least_windows).then_some(reference)
+                };
+                let cells: Vec<_> = gathered.iter().map(|g| g.as_ref().and_then(reference)).collect();
                 Series {
                     speed_bend: surface.speed_bend(&cells, &speed_triples),
                     torque_bend: surface.torque_bend(&cells, &torque_triples),
                     cells,
                 }
             };
-            let stages = (0..baseline.stages.len())
-                .map(|stage| StageSurface {
-                    lines: std::array::from_fn(|h| series(&lines[stage][h], line_prior)),
-                    floors: std::array::from_fn(|h| series(&floors[stage][h], floor_prior)),
+            let stages = lines
+                .iter()
+                .zip(&floors)
+                .map(|(lines, floors)| {
+                    let (line_prior, floor_prior) = (prior(lines), prior(floors));
+                    StageSurface {
+                        lines: std::array::from_fn(|h| series(&lines[h], line_prior)),
+                        floors: std::array::from_fn(|h| series(&floors[h], floor_prior)),
+                        line_prior,
+                        floor_prior,
+                    }
                 })
                 .collect();
-            surface
-                .channels
-                .insert(name.clone(), ChannelSurface { unit: unit.clone(), line_prior, floor_prior, stages });
+            surface.channels.insert(name.clone(), ChannelSurface { unit: unit.clone(), stages });
         }
         surface
     }
@@ -181,9 +184,9 @@ impl Surface {
         self.channels.get(channel).map(|c| c.unit.as_str())
     }
 
-    /// What the scatters of a channel's lines and floors have in common.
-    pub fn priors(&self, channel: &str) -> Option<(ScatterPrior, ScatterPrior)> {
-        self.channels.get(channel).map(|c| (c.line_prior, c.floor_prior))
+    /// What the scatters of the lines, and of the floors, of a stage at a channel have in common.
+    pub fn priors(&self, channel: &str, stage: usize) -> Option<(ScatterPrior, ScatterPrior)> {
+        self.channels.get(channel)?.stages.get(stage).map(|s| (s.line_prior, s.floor_prior))
     }
 
     /// Finds an operating point among the cells; none outside what the baseline has seen.
@@ -406,7 +409,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn of(runs: &[&Run], channel: &str, stage: usize, harmonic: usize, floor: bool, least: f64) -> Option<Self> {
+    fn of(runs: &[&Run], channel: &str, stage: usize, harmonic: usize, floor: bool) -> Option<Self> {
         // (ln mean, scatter, independent windows, noise) of each run, by session and mounting
         let mut by_session: BTreeMap<(&str, &str), Vec<[f64; 4]>> = BTreeMap::new();
         for run in runs {
@@ -434,7 +437,7 @@ impl Gathered {
             windows += n;
             out.sessions.push((mean, n));
         }
-        if windows < least || out.freedom <= 0.0 {
+        if out.freedom <= 0.0 {
             return None;
         }
         out.variance /= out.freedom;

@@ -194,8 +194,12 @@ fn conform_no_interpolation_without_an_inner_cell() {
     assert_eq!(first_line(&baseline, 25.0, None), None);
     assert!(first_line(&baseline, 20.1, None).is_some());
     assert_eq!(first_line(&baseline, 20.1, Some(0.0)), None, "a torque is known now and was not then");
-    // Too few windows: no scatter, no judgement.
-    let mut small = empty();
-    small.add(runs(&origin("s", "a"), (20.0, f64::NAN), 1.0, 0.01, 2, &mut random)).expect("added");
-    assert_eq!(first_line(&small, 20.0, None), None);
+    // One window has no scatter, and so judges nothing.
+    let small = |count: u64, random: &mut Random| {
+        let mut small = empty();
+        small.add(runs(&origin("s", "a"), (20.0, f64::NAN), 1.0, 0.01, count, random)).expect("added");
+        first_line(&small, 20.0, None)
+    };
+    assert_eq!(small(1, &mut random), None);
+    assert!(small(4, &mut random).expect("four windows").scatter_freedom >= 2.0);
 }
