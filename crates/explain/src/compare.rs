@@ -142,8 +142,9 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                 if bins < 12.0 || !(x.power > 0.0 && y.power > 0.0) {
                     continue;
                 }
-                // The logarithm of a median of n exponentials varies by 1/(n ln² 2); neighbouring bins of this window go in pairs.
-                let variance = 0.25 * 2.0 * 2.08 / (bins / 2.0);
+                // The logarithm of the lower quartile of n exponentials varies by p/((1 − p) n ln²(1 − p)) = 4.03/n, in each of both
+                // recordings; neighbouring bins of this window go in pairs.
+                let variance = 0.25 * 2.0 * 4.03 / (bins / 2.0);
                 out.floors.push(FloorChange {
                     pair: p,
                     channel: c,

@@ -429,6 +429,17 @@ fn fit_lines(
     out
 }
 
+/// The value below which a quarter lies; `NaN` of nothing. Lines that nobody listed sit in the upper part of a band, its lower quartile
+/// is noise: −ln 0.75 of the mean of an exponential distribution.
+fn lower_quartile(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let at = values.len() / 4;
+    let (_, quartile, _) = values.select_nth_unstable_by(at, f64::total_cmp);
+    *quartile
+}
+
 /// Background in sixths of an octave, between the lines.
 fn bands(spectrum: &[Complex64], taken: &[bool], hz_per_bin: f64, rate: f64) -> Vec<FloorBand> {
     let mut out = Vec::new();
@@ -440,7 +451,7 @@ fn bands(spectrum: &[Complex64], taken: &[bool], hz_per_bin: f64, rate: f64) -> 
         let bins = powers.len();
         out.push(FloorBand {
             frequency_hz: low * ratio.sqrt(),
-            power: median(&mut powers) / std::f64::consts::LN_2,
+            power: lower_quartile(&mut powers) / -(0.75f64.ln()),
             bins,
         });
         low *= ratio;

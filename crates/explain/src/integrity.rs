@@ -92,3 +92,20 @@ pub fn check(samples: &[f64], quality: Quality) -> Integrity {
         overload: quality.contains(Quality::OVERLOAD),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sine(limit: f64) -> Vec<f64> {
+        (0..8192).map(|n| (0.0371 * f64::from(n)).sin().clamp(-limit, limit)).collect()
+    }
+
+    /// A sine clipped at 0.7 piles up there; a whole one has its own turning points at the ends, in which it thins out.
+    #[test]
+    fn analytic_clipped_sine_piles_up_and_a_whole_one_does_not() {
+        let clipped = check(&sine(0.7), Quality::GOOD).clipped_at;
+        assert!(clipped.is_some_and(|level| (level - 0.7).abs() < 1e-9), "{clipped:?}");
+        assert_eq!(check(&sine(2.0), Quality::GOOD).clipped_at, None);
+    }
+}

@@ -20,5 +20,6 @@ pub mod ratio;
 pub mod report;
 pub mod scan;
 pub mod shape;
+pub mod sizes;
 pub mod subname;
 pub mod tables;

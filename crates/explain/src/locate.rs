@@ -38,6 +38,8 @@ pub enum Place {
     LowSide(usize, usize),
     /// All sidebands and orders of the shaft, and the mesh harmonics of the stage.
     Gear(usize, usize),
+    /// Mesh harmonics of a stage and all sidebands about them.
+    Stage(usize),
     /// One multiple of a shaft and sidebands at that distance.
     ShaftOrder(usize, u8),
     /// One multiple of the motor.
@@ -129,6 +131,9 @@ pub fn covers(place: Place, family: Option<Family>) -> bool {
             Family::Mesh { stage, .. } => stage == i,
             Family::Motor { .. } => false,
         },
+        (Place::Stage(i), Some(f)) => {
+            matches!(f, Family::Mesh { stage, .. } | Family::Side { stage, .. } if stage == i)
+        }
         (Place::ShaftOrder(j, k), Some(f)) => match f {
             Family::Side { shaft, offset, .. } => shaft == j && offset.unsigned_abs() == k,
             Family::Shaft { shaft, multiple } => shaft == j && multiple == k,
@@ -151,7 +156,7 @@ pub fn places(stages: usize, channels: usize, has_belt: bool) -> Vec<Place> {
     }
     out.push(Place::Dynamics);
     for i in 0..stages {
-        out.push(Place::Mesh(i));
+        out.extend([Place::Mesh(i), Place::Stage(i)]);
         for j in [i, i + 1] {
             out.extend([Place::FirstSide(i, j), Place::LowSide(i, j), Place::Gear(i, j)]);
         }

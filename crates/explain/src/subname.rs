@@ -4,7 +4,7 @@ use crate::dsp::median;
 use crate::lines::Family;
 use crate::locate::{self, Account, Cell, Place};
 use crate::name::{Finding, Question};
-use crate::shape;
+use crate::{shape, sizes};
 
 /// Effects that alter the way from housing to samples.
 pub fn is_path(effect: &str) -> bool {
@@ -25,6 +25,7 @@ pub fn describe(q: &Question<'_>, place: Place) -> String {
         Place::FirstSide(i, j) => format!("sidebands ±1 of {} about {}", shaft(j), stage(i)),
         Place::LowSide(i, j) => format!("mesh harmonics and sidebands ±1, ±2 of {} about {}", shaft(j), stage(i)),
         Place::Gear(i, j) => format!("all sidebands and orders of {} about {}", shaft(j), stage(i)),
+        Place::Stage(i) => format!("mesh harmonics and all sidebands of {}", stage(i)),
         Place::ShaftOrder(j, k) => format!("order {k} of {} and sidebands at that distance", shaft(j)),
         Place::MotorOrder(k) => format!("order {k} of the motor"),
         Place::ShaftOnce(j) => format!("first order of {}", shaft(j)),
@@ -288,7 +289,7 @@ pub fn name(
         Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.7).with("order", f64::from(k), 0.2),
         Place::LowSide(i, _) => from_shape(q, Place::Mesh(i), cells, steps)?,
         Place::Gear(i, j) => gear(q, i, j, exponent),
-        Place::Mesh(_) | Place::Dynamics => from_shape(q, place, cells, steps)?,
+        Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => from_shape(q, place, cells, steps)?,
         Place::Gain(_) | Place::Path(_) | Place::Housing => return None,
     };
     finding.evidence.place = format!(
@@ -300,6 +301,9 @@ pub fn name(
     if let Some(p) = exponent {
         finding.evidence.law = format!("amplitude of the change ∝ torque^{p:.2}");
     }
+    if let Some((parameter, size)) = sizes::estimate(q, finding.effect, &finding.place, &finding.parameters, place) {
+        finding.parameters.insert(parameter.to_owned(), size);
+    }
     Some(finding)
 }
 
@@ -310,6 +314,7 @@ fn from_shape(q: &Question<'_>, place: Place, cells: &[Cell], steps: &mut Vec<St
     let fits = |r: &&shape::Ranked| match place {
         // Only the mesh harmonics of one stage moved: what sits elsewhere or moves every line is out.
         Place::Mesh(i) => r.place == q.train.stages[i].name,
+        Place::Stage(i) => r.place == q.train.stages[i].name || (i..=i + 1).any(|j| r.place == q.train.shafts[j].0),
         _ => true,
     };
     let kept: Vec<&shape::Ranked> = ranked.iter().filter(fits).collect();
