@@ -3,7 +3,7 @@
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::HARMONICS;
-use gearwatch_tests::benches::{bench, with_tacho};
+use gearwatch_tests::benches::{self, bench, with_tacho};
 use gearwatch_tests::tones::{Run, Tone, add_noise, block, pulses, samples};
 
 const RATE_HZ: f64 = 4096.0;
@@ -82,6 +82,28 @@ fn oracle_least_squares_on_the_samples() {
                 found.sigma
             );
             assert!((found.value - exact).abs() < allowed, "noise {noise}, ramp {percent} %, {}x", h + 1);
+        }
+    }
+}
+
+/// The phase is that at the window's first sample, in ramps that the refinement follows from a steady start and in those it does not.
+#[test]
+fn analytic_phase_at_the_first_sample() {
+    let bench = benches::bench(25.0, &[(29, 100)]);
+    let tone = |i: u32| Tone { order: 29.0 * f64::from(i + 1), amplitude: 1.0, phase_rad: 0.4 * f64::from(i) - 0.9 };
+    let tones: Vec<Tone> = (0..5).map(tone).collect();
+    for percent in [0.0, 0.1, 0.3, 0.7, 1.2] {
+        let x = samples(Run::ramp(24.9, percent, 1.0), &tones, 16_384.0, 16_384);
+        let analysis = &super::analyse(&bench, &PipelineConfig::default(), &[block(&x, 16_384.0)])[0];
+        for (line, tone) in analysis.stages[0].harmonics.iter().zip(&tones) {
+            // The angle at the ends of the window is known to 1e-5 rev: 0.01 rad at order 145.
+            assert!(
+                (line.phase_rad - tone.phase_rad).abs() < 0.01,
+                "{percent} %: {} {}",
+                line.phase_rad,
+                tone.phase_rad
+            );
+            assert!((line.amplitude.value - 1.0).abs() < 1e-3, "{percent} %: {}", line.amplitude.value);
         }
     }
 }

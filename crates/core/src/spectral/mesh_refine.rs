@@ -30,7 +30,7 @@ const BEND_SEPARATION: f64 = 1.5;
 const COMPACT_BINS: i32 = 2;
 
 /// Most steps of the refinement, and how many of them change the speed alone.
-const ROUNDS: usize = 16;
+const ROUNDS: usize = 48;
 const STRAIGHT_ROUNDS: usize = 2;
 
 /// Terms of the polynomial that lines `separation_bins` apart allow.
