@@ -24,11 +24,13 @@ mod replay;
 mod run;
 mod signatures;
 mod simulate;
+mod status;
 mod top;
 
 /// All commands, in the order of `gearwatch --help`.
 const COMMANDS: &[Kind] = &[
     kind::<run::RunService>(),
+    kind::<status::Status>(),
     kind::<replay::Replay>(),
     kind::<simulate::Simulate>(),
     kind::<top::Top>(),

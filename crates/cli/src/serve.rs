@@ -1,26 +1,35 @@
 //! Runs a configuration as a service: what `run` and `replay` share.
 
+use std::path::PathBuf;
+
 use gearwatch_daemon::config::Config;
-use gearwatch_daemon::service::{Service, Summary};
+use gearwatch_daemon::service::{Reload, Service, Summary};
 use gearwatch_daemon::stop::Stop;
 
 use crate::exit::Exit;
 use crate::{signals, talk};
 
 /// Builds and runs a configuration until its sources end or a signal comes, and says how it ended. With `ends_with_sinks` a closed
-/// pipe ends it too.
+/// pipe ends it too. At SIGHUP the configuration in `reread` takes over, if it is good.
 ///
 /// # Errors
 /// When it cannot be built or started.
-pub fn serve(config: Config, ends_with_sinks: bool) -> anyhow::Result<Exit> {
+pub fn serve(config: Config, ends_with_sinks: bool, reread: Option<PathBuf>) -> anyhow::Result<Exit> {
     talk::start();
     let stop = Stop::default();
-    signals::stop_on_signals(&stop)?;
+    let reload = Reload::default();
+    signals::listen(&stop, &reload)?;
     let mut service = Service::build(config, &stop)?;
     if ends_with_sinks {
         service = service.ending_with_sinks();
     }
-    let summary = service.run(&stop)?;
+    let told = stop.clone();
+    let again = move || {
+        let path = reread.as_ref().ok_or("there is no configuration file to read again")?;
+        let config = Config::read(path).map_err(|e| e.to_string())?;
+        Service::build(config, &told).map_err(|e| e.to_string())
+    };
+    let summary = service.run_reloading(&stop, &reload, again)?;
     say(&summary);
     Ok(if !summary.died.is_empty() {
         Exit::Broken

@@ -1,13 +1,14 @@
-//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once.
+//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once. SIGHUP asks for the configuration to be read again.
 
+use gearwatch_daemon::service::Reload;
 use gearwatch_daemon::stop::Stop;
 
-/// Gives `stop` at the first SIGINT or SIGTERM, and exits at the second with 128 + the signal's number.
+/// Gives `stop` at the first SIGINT or SIGTERM, and exits at the second with 128 + the signal's number. Asks for `reload` at SIGHUP.
 ///
 /// # Errors
 /// When the system gives no thread or no signal handler.
-pub fn stop_on_signals(stop: &Stop) -> std::io::Result<()> {
-    let stop = stop.clone();
+pub fn listen(stop: &Stop, reload: &Reload) -> std::io::Result<()> {
+    let (stop, reload) = (stop.clone(), reload.clone());
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (ready, is_ready) = std::sync::mpsc::channel();
     std::thread::Builder::new().name("gw-signals".to_owned()).spawn(move || {
@@ -16,10 +17,10 @@ pub fn stop_on_signals(stop: &Stop) -> std::io::Result<()> {
             let opened = waiting.as_ref().map(|_| ()).map_err(|e| std::io::Error::from(e.kind()));
             let _ = ready.send(opened);
             let Ok(mut signals) = waiting else { return };
-            let name = signals.next().await.0;
+            let name = signals.next(&reload).await.0;
             tracing::info!("{name}: stopping; once more to end at once");
             stop.now();
-            let (_, number) = signals.next().await;
+            let (_, number) = signals.next(&reload).await;
             std::process::exit(128 + number);
         });
     })?;
@@ -30,19 +31,28 @@ pub fn stop_on_signals(stop: &Stop) -> std::io::Result<()> {
 struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
+    hangup: tokio::signal::unix::Signal,
 }
 
 #[cfg(unix)]
 impl Signals {
     fn new() -> std::io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
-        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hangup: signal(SignalKind::hangup())?,
+        })
     }
 
-    async fn next(&mut self) -> (&'static str, i32) {
-        tokio::select! {
-            _ = self.interrupt.recv() => ("SIGINT", 2),
-            _ = self.terminate.recv() => ("SIGTERM", 15),
+    /// The next signal to end.
+    async fn next(&mut self, reload: &Reload) -> (&'static str, i32) {
+        loop {
+            tokio::select! {
+                _ = self.interrupt.recv() => return ("SIGINT", 2),
+                _ = self.terminate.recv() => return ("SIGTERM", 15),
+                _ = self.hangup.recv() => reload.ask(),
+            }
         }
     }
 }
@@ -56,7 +66,7 @@ impl Signals {
         Ok(Self)
     }
 
-    async fn next(&mut self) -> (&'static str, i32) {
+    async fn next(&mut self, _: &Reload) -> (&'static str, i32) {
         let _ = tokio::signal::ctrl_c().await;
         ("Ctrl-C", 2)
     }

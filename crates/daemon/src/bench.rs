@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::pipeline::Pipeline;
 
@@ -23,6 +24,8 @@ pub struct WatchedBench {
     pub bench: Arc<Bench>,
     /// The row of stages with the baseline.
     pub pipeline: Arc<Pipeline>,
+    /// What is normal, for the log.
+    pub baseline: Option<Baseline>,
 }
 
 /// Why a bench cannot be watched.
@@ -90,6 +93,6 @@ impl WatchedBench {
         if baseline.is_none() {
             tracing::warn!(bench = bench.name, "there is no baseline: every rank will be unknown");
         }
-        Ok(Self { name: bench.name.as_str().into(), pipeline: Arc::new(plan(baseline)?), bench })
+        Ok(Self { name: bench.name.as_str().into(), pipeline: Arc::new(plan(baseline.clone())?), baseline, bench })
     }
 }

@@ -3,6 +3,7 @@
 //! *validate → build → run*: [`Config::parse`] and [`Config::problems`] touch nothing but the text; what they accept can be built.
 
 use std::collections::BTreeSet;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use gearwatch_core::pipeline::PipelineConfig;
@@ -10,6 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table};
 
+use crate::health::AlarmConfig;
 use crate::kinds::{self, Kind};
 use crate::queue::WhenFull;
 use crate::sink::{self, SinkConfig};
@@ -93,6 +95,9 @@ struct BenchKeys {
     #[serde(default)]
     #[schemars(with = "serde_json::Value")]
     pipeline: PipelineConfig,
+    /// When alarms come and go.
+    #[serde(default)]
+    alarm: AlarmConfig,
     /// Where its packets come from.
     #[serde(rename = "source")]
     #[schemars(with = "Vec<schema::SourceKeys>")]
@@ -109,13 +114,29 @@ pub struct ServiceConfig {
     pub packet_queue: usize,
     /// Windows in work or waiting for a worker, per bench and worker (1–1024).
     pub windows_per_worker: usize,
+    /// Address of the page and of the metrics, such as `127.0.0.1:8650`; none where left out. Loopback only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub page: Option<SocketAddr>,
+    /// Socket that answers `gearwatch status`; none where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub status_socket: Option<PathBuf>,
+    /// A known signal goes through the workers every ten seconds, and must get its known ranks.
+    pub self_test: bool,
     /// Time that sinks get to write what is left when the service stops (s, 0–60).
     pub drain_secs: f64,
 }
 
 impl Default for ServiceConfig {
     fn default() -> Self {
-        Self { workers: 0, packet_queue: 256, windows_per_worker: 4, drain_secs: 2.0 }
+        Self {
+            workers: 0,
+            packet_queue: 256,
+            windows_per_worker: 4,
+            page: None,
+            status_socket: None,
+            self_test: true,
+            drain_secs: 2.0,
+        }
     }
 }
 
@@ -145,6 +166,8 @@ pub struct BenchConfig {
     pub learn_from: Option<SourceEntry>,
     /// The row of stages from samples to ranks.
     pub pipeline: PipelineConfig,
+    /// When alarms come and go.
+    pub alarm: AlarmConfig,
     /// Where its packets come from.
     pub sources: Vec<SourceEntry>,
 }
@@ -222,8 +245,8 @@ impl Config {
                 Some(table) => Some(source_entry(table.get_ref()).map_err(|e| at("learn_from", table, e))?),
                 None => None,
             };
-            let BenchKeys { file, baseline, pipeline, .. } = keys;
-            benches.push(BenchConfig { file, baseline, learn_from, pipeline, sources });
+            let BenchKeys { file, baseline, pipeline, alarm, .. } = keys;
+            benches.push(BenchConfig { file, baseline, learn_from, pipeline, alarm, sources });
         }
         let mut sinks = Vec::new();
         for table in &file.sinks {
@@ -263,12 +286,13 @@ impl Config {
         let config = Self {
             name: text(recording),
             folder: PathBuf::new(),
-            service: ServiceConfig { workers, ..ServiceConfig::default() },
+            service: ServiceConfig { workers, self_test: false, ..ServiceConfig::default() },
             benches: vec![BenchConfig {
                 file: Some(bench.to_owned()),
                 baseline: baseline.map(Path::to_owned),
                 learn_from: None,
                 pipeline: PipelineConfig::default(),
+                alarm: AlarmConfig::default(),
                 sources: vec![source_entry(&source).map_err(syntax)?],
             }],
             sinks: vec![sink_entry(&keys(vec![("kind", "stdout".into())])).map_err(syntax)?],
@@ -334,6 +358,7 @@ impl Config {
                     baseline: bench.baseline.clone(),
                     learn_from: bench.learn_from.as_ref().map(|entry| spanned(&entry.keys)),
                     pipeline: bench.pipeline.clone(),
+                    alarm: bench.alarm.clone(),
                     sources: bench.sources.iter().map(|entry| spanned(&entry.keys)).collect(),
                 })
                 .collect(),
@@ -354,6 +379,12 @@ impl ServiceConfig {
         within("workers", self.workers, 256, 0);
         within("packet_queue", self.packet_queue, 1_000_000, 1);
         within("windows_per_worker", self.windows_per_worker, 1024, 1);
+        if let Some(address) = self.page.filter(|address| !address.ip().is_loopback()) {
+            out.push(format!(
+                "service.page is {address}, which other machines can reach; expected a loopback address such as 127.0.0.1:8650 \
+                 (a reverse proxy with TLS and a password can lead there)"
+            ));
+        }
         if !(0.0..=60.0).contains(&self.drain_secs) {
             out.push(format!("service.drain_secs is {}; expected 0 to 60", self.drain_secs));
         }
@@ -378,6 +409,7 @@ impl BenchConfig {
         let mut out = self.pipeline.window.problems();
         out.extend(self.pipeline.speed.problems());
         out.extend(self.pipeline.rank.problem());
+        out.extend(self.alarm.problems());
         out.extend(self.pipeline.state.problem());
         if self.sources.is_empty() {
             out.push("there is no [[bench.source]]".to_owned());

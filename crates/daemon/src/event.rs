@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use gearwatch_core::block::Packet;
 use gearwatch_core::verdict::Verdict;
 
+use crate::log::Gap;
 use crate::queue::Outlet;
 
 /// One thing to be told. Shared between the sinks, so that nothing is copied per sink.
@@ -18,6 +20,10 @@ pub enum Event {
         /// The same as JSON: what stdout and the log carry, byte for byte.
         line: Arc<str>,
     },
+    /// Something is missing.
+    Gap(Gap),
+    /// What a source delivered; only for sinks that want it.
+    Raw(Arc<Packet>),
 }
 
 /// Hands events to all sinks, each by the policy of its own queue.
@@ -36,6 +42,11 @@ impl Fanout {
         for queue in &self.0 {
             let _ = queue.put_blocking(event.clone());
         }
+    }
+
+    /// There is nobody to tell.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
     /// No more will be told.

@@ -3,28 +3,42 @@
 //! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files and baselines, but starts nothing;
 //! [`Service::run`] owns all threads and returns when all have ended.
 
-use std::sync::Arc;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use gearwatch_core::block::Packet;
+use gearwatch_core::train::Train;
+use gearwatch_core::verdict::MachineState;
 use tokio::runtime::{Handle, Runtime};
+use tokio::sync::watch;
 
 use crate::bench::{BenchError, WatchedBench};
 use crate::config::{BenchConfig, Config, SinkEntry};
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
 use crate::event::Fanout;
+use crate::health::{Alarm, Health, Severity};
+use crate::log::{Attachment, Context};
 use crate::queue::{self, Inlet, WhenFull};
+use crate::selftest::{SelfTest, SelfTestError};
 use crate::sink::{SinkContext, SinkError};
+use crate::snapshot::{AlarmSnapshot, BenchSnapshot, PlaceSnapshot, Snapshot, worst};
 use crate::source::SourceContext;
 use crate::stop::Stop;
+use crate::web::{self, Hub};
 
 mod backoff;
 mod draining;
+mod edge;
 mod feeding;
+mod notify;
 mod telling;
 
 pub use draining::{SinkMonitor, SinkState};
+use notify::{LaneProgress, Notifier};
+
 pub use feeding::{SourceMonitor, SourceState};
 
 /// How often the service looks after its parts.
@@ -46,6 +60,9 @@ pub enum ServiceError {
         /// What went wrong.
         source: SinkError,
     },
+    /// The self test.
+    #[error(transparent)]
+    SelfTest(#[from] SelfTestError),
     /// The system gives no thread.
     #[error("a thread cannot be started: {0}")]
     Thread(#[from] std::io::Error),
@@ -102,22 +119,64 @@ impl Service {
     /// # Errors
     /// When a sink cannot be opened at the start, or the system gives no thread.
     pub fn run(self, stop: &Stop) -> Result<Summary, ServiceError> {
+        self.run_reloading(stop, &Reload::default(), || Err("there is nothing to reload".to_owned()))
+    }
+
+    /// As [`Self::run`]. When `reload` is asked for, `again` builds the service anew beside the running one; what it builds takes over, and
+    /// where it fails the running one goes on.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_reloading(
+        self,
+        stop: &Stop,
+        reload: &Reload,
+        again: impl Fn() -> Result<Self, String> + Send + Sync + 'static,
+    ) -> Result<Summary, ServiceError> {
+        let again: Again = Arc::new(again);
         let runtime =
             tokio::runtime::Builder::new_multi_thread().worker_threads(2).thread_name("gw-net").enable_all().build()?;
-        let running = Running::start(self, &runtime, stop)?;
-        let summary = running.until_end(stop);
+        let mut service = self;
+        let summary = loop {
+            let running = Running::start(service, &runtime, stop)?;
+            match running.until_end(stop, reload, &again) {
+                (summary, None) => break summary,
+                (_, Some(next)) => service = *next,
+            }
+        };
         // Tasks that do not end by themselves are no reason to wait.
         runtime.shutdown_background();
         Ok(summary)
     }
 }
 
+/// Asks a running service to read its configuration again.
+#[derive(Clone, Debug, Default)]
+pub struct Reload(Arc<AtomicBool>);
+
+impl Reload {
+    /// Asks.
+    pub fn ask(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    fn take(&self) -> bool {
+        self.0.swap(false, Ordering::AcqRel)
+    }
+}
+
+/// Builds the service anew.
+type Again = Arc<dyn Fn() -> Result<Service, String> + Send + Sync>;
+
 /// A bench that runs.
 struct RunningBench {
     name: Arc<str>,
+    /// Motor speed / input-shaft speed.
+    motor_order: f64,
     packets: Inlet<Packet>,
     lane: LaneHandle,
     sources: Vec<Arc<SourceMonitor>>,
+    health: Arc<Mutex<Health>>,
 }
 
 /// A sink that runs.
@@ -128,6 +187,13 @@ struct RunningSink {
 
 /// All that runs.
 struct Running {
+    started: Instant,
+    self_test: Option<SelfTest>,
+    hub: Arc<Hub>,
+    snapshots: watch::Sender<Arc<Snapshot>>,
+    notifier: Notifier,
+    edge: tokio::task::JoinSet<()>,
+    runtime: Handle,
     pool: Pool,
     fanout: Fanout,
     benches: Vec<RunningBench>,
@@ -144,16 +210,26 @@ impl Running {
     fn start(service: Service, runtime: &Runtime, stop: &Stop) -> Result<Self, ServiceError> {
         let Service { config, benches, ends_with_sinks } = service;
         let sinks_stop = Stop::default();
+        let log_context = Arc::new(log_context(&config, &benches));
         let pool = Pool::start(config.service.worker_count())?;
         let policies: Vec<WhenFull> = config.sinks.iter().map(|entry| config.when_full(entry)).collect();
         let several = benches.len() > 1;
         let mut queues = Vec::new();
+        let mut raw_queues = Vec::new();
         let mut sinks = Vec::new();
         for (entry, policy) in config.sinks.into_iter().zip(policies) {
             let (outlet, events) = queue::bounded(entry.queue, policy);
-            let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone()));
+            let context = SinkContext {
+                folder: config.folder.clone(),
+                stop: sinks_stop.clone(),
+                log_context: log_context.clone(),
+                ..SinkContext::default()
+            };
+            let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone(), context.detail.clone()));
+            if entry.config.wants_raw() {
+                raw_queues.push(outlet.clone());
+            }
             queues.push(outlet);
-            let context = SinkContext { folder: config.folder.clone(), stop: sinks_stop.clone() };
             let first = entry
                 .config
                 .open(&context)
@@ -161,6 +237,8 @@ impl Running {
             sinks.push(start_sink(entry, first, context, events, monitor, runtime.handle().clone())?);
         }
         let fanout = Fanout::new(queues);
+        let raw = Fanout::new(raw_queues);
+        let hub = Arc::new(Hub::default());
         let sources_stop = stop.child();
         let mut running = Vec::new();
         for (watched, bench) in benches.into_iter().zip(config.benches) {
@@ -171,36 +249,89 @@ impl Running {
             };
             let sizes = (config.service.packet_queue, config.service.windows_per_worker);
             let label = several.then(|| watched.name.clone());
-            running.push(start_bench(watched, bench, sizes, context, &pool, (&fanout, label), runtime.handle())?);
+            let ends = Ends { fanout: &fanout, raw: &raw, hub: &hub, label };
+            running.push(start_bench(watched, bench, sizes, context, &pool, ends, runtime.handle())?);
         }
-        let drain_secs = config.service.drain_secs;
-        Ok(Self { pool, fanout, benches: running, sinks, drain_secs, ends_with_sinks, sources_stop, sinks_stop })
+        let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };
+        let (snapshots, seen) = watch::channel(Arc::new(Snapshot::default()));
+        let mut edge = tokio::task::JoinSet::new();
+        if let Some(address) = config.service.page {
+            let acknowledge = acknowledge(&running);
+            edge.spawn_on(edge::serve_page(address, hub.clone(), acknowledge, seen.clone()), runtime.handle());
+        }
+        if let Some(path) = &config.service.status_socket {
+            edge.spawn_on(edge::serve_status(config.folder.join(path), seen), runtime.handle());
+        }
+        let notifier = Notifier::new();
+        notifier.ready();
+        Ok(Self {
+            started: Instant::now(),
+            self_test,
+            hub,
+            snapshots,
+            notifier,
+            edge,
+            runtime: runtime.handle().clone(),
+            pool,
+            fanout,
+            benches: running,
+            sinks,
+            drain_secs: config.service.drain_secs,
+            ends_with_sinks,
+            sources_stop,
+            sinks_stop,
+        })
     }
 
     /// Looks after everything until the end, and ends it in order: sources, lanes, sinks.
-    fn until_end(self, stop: &Stop) -> Summary {
+    fn until_end(mut self, stop: &Stop, reload: &Reload, again: &Again) -> (Summary, Option<Box<Service>>) {
         let mut last_load = Instant::now();
         let mut died = Vec::new();
+        let mut building: Option<JoinHandle<Result<Service, String>>> = None;
+        let mut next = None;
         while !stop.is_given() && !self.benches.iter().all(|bench| bench.lane.is_finished()) {
             std::thread::sleep(TICK);
             died.extend(self.benches.iter().filter(|b| b.lane.has_died()).map(|b| format!("bench {:?}", b.name)));
             if !died.is_empty() || self.nobody_listens() {
                 break;
             }
-            if last_load.elapsed() >= LOAD_PERIOD {
-                last_load = Instant::now();
-                self.look_at_load(last_load);
+            if reload.take() && building.is_none() {
+                let again = again.clone();
+                let builder = std::thread::Builder::new().name("gw-reload".to_owned());
+                building = builder.spawn(move || again()).map_err(|e| tracing::error!("no reload: {e}")).ok();
+            }
+            if building.as_ref().is_some_and(JoinHandle::is_finished) {
+                next = building.take().and_then(built);
+                if next.is_some() {
+                    break;
+                }
+            }
+            let now = Instant::now();
+            if let Some(self_test) = &mut self.self_test {
+                self_test.tick(now);
+            }
+            let self_test = self.self_test_state(now);
+            let benches = &self.benches;
+            self.notifier.tick(now, || benches.iter().map(RunningBench::progress).collect(), self_test);
+            if now.duration_since(last_load) >= LOAD_PERIOD {
+                last_load = now;
+                self.look_at_load(now);
+                self.publish(now);
             }
         }
         let stopped = stop.is_given();
+        if next.is_none() {
+            self.notifier.stopping();
+        }
         self.sources_stop.now();
         for bench in &self.benches {
             bench.packets.close();
         }
         // What runs to its end by itself may take its time; what is told to stop may not.
+        let reloading = next.is_some();
         let deadline = |stop: &Stop, since: &mut Option<Instant>| {
             let since = *since.get_or_insert_with(Instant::now);
-            stop.is_given() && since.elapsed().as_secs_f64() >= self.drain_secs
+            (stop.is_given() || reloading) && since.elapsed().as_secs_f64() >= self.drain_secs
         };
         let mut since = None;
         while died.is_empty() && !self.benches.iter().all(|b| b.lane.is_finished()) && !deadline(stop, &mut since) {
@@ -208,13 +339,41 @@ impl Running {
         }
         self.fanout.close();
         while !self.sinks.iter().all(|sink| sink.thread.is_finished()) && !deadline(stop, &mut since) {
-            if !stop.is_given() {
+            if !stop.is_given() && !reloading {
                 since = None;
             }
             std::thread::sleep(TICK / 4);
         }
         self.sinks_stop.now();
-        self.summary(stopped, died)
+        // The next configuration may want the same address.
+        self.runtime.block_on(self.edge.shutdown());
+        (self.summary(stopped, died), next)
+    }
+
+    fn self_test_state(&self, now: Instant) -> &'static str {
+        // One that is switched off by the configuration is not wrong.
+        self.self_test.as_ref().map_or("right", |self_test| self_test.state(now))
+    }
+
+    /// Tells observers how all is.
+    fn publish(&self, now: Instant) {
+        let self_test = self.self_test_state(now);
+        let benches: Vec<_> = self.benches.iter().map(RunningBench::snapshot).collect();
+        let sinks: Vec<_> = self.sinks.iter().map(|sink| sink.monitor.snapshot()).collect();
+        let delivering = |state: &str| matches!(state, "running" | "opening" | "ended");
+        let sources_ok = benches.iter().flat_map(|bench| &bench.sources).all(|source| delivering(&source.state));
+        let sinks_ok = sinks.iter().all(|sink| sink.state != "waiting");
+        let snapshot = Arc::new(Snapshot {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            uptime_secs: now.duration_since(self.started).as_secs_f64(),
+            ok: sources_ok && sinks_ok && matches!(self_test, "right" | "not_yet"),
+            self_test: self_test.to_owned(),
+            load: self.pool.load().latest(),
+            benches,
+            sinks,
+        });
+        self.hub.status(&snapshot.to_page());
+        self.snapshots.send_replace(snapshot);
     }
 
     fn nobody_listens(&self) -> bool {
@@ -262,6 +421,126 @@ impl Running {
     }
 }
 
+impl RunningBench {
+    fn progress(&self) -> LaneProgress {
+        let counters = self.lane.counters();
+        let done = counters.judged() + counters.failed() + counters.shed();
+        LaneProgress {
+            waiting: self.packets.len(),
+            packets: counters.packets(),
+            under_way: counters.cut().saturating_sub(done),
+            judged: counters.judged(),
+        }
+    }
+
+    fn snapshot(&self) -> BenchSnapshot {
+        let counters = self.lane.counters();
+        let samples = counters.samples();
+        let health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
+        let channels: Vec<_> =
+            health.instruments().map(|(channel, state)| (channel.to_owned(), state.code().to_owned())).collect();
+        let sources: Vec<_> = self.sources.iter().map(|source| source.snapshot()).collect();
+        let silent = sources.iter().any(|s| matches!(s.state.as_str(), "silent" | "waiting" | "failed"));
+        // No data is no good news.
+        let instrument = match channels.iter().find(|(_, code)| code != "ok") {
+            _ if silent => "silent",
+            Some((_, code)) => code,
+            None if channels.is_empty() => "not_ok_yet",
+            None => "ok",
+        };
+        let machine = if silent { MachineState::Unknown } else { worst(health.newest().map(|v| v.machine)) };
+        let known = |value: f64| Some(value).filter(|value| value.is_finite());
+        let newest = health.newest().next();
+        BenchSnapshot {
+            name: self.name.to_string(),
+            machine: machine.code().to_owned(),
+            instrument: instrument.to_owned(),
+            motor_speed_hz: newest.and_then(|v| known(v.input_speed_hz.value * self.motor_order)),
+            brake_torque_nm: newest.and_then(|v| known(v.brake_torque_nm)),
+            windows_cut: counters.cut(),
+            windows_judged: counters.judged(),
+            windows_shed: counters.shed(),
+            windows_failed: counters.failed(),
+            samples_in: samples.samples_in,
+            samples_missing: samples.samples_missing,
+            gaps: samples.gaps,
+            sources,
+            channels,
+            places: health.newest().map(PlaceSnapshot::of).collect(),
+            alarms: health.alarms().map(|alarm| self.alarm(alarm)).collect(),
+        }
+    }
+
+    fn alarm(&self, alarm: &Alarm) -> AlarmSnapshot {
+        AlarmSnapshot {
+            id: format!("{}/{}", self.name, alarm.id),
+            severity: match alarm.severity {
+                Severity::Warning => "warning",
+                Severity::Critical => "critical",
+            }
+            .to_owned(),
+            since_ns: alarm.since_ns,
+            active: alarm.active,
+            acknowledged: alarm.acknowledged,
+        }
+    }
+}
+
+/// The new service, if it could be built; says how it went.
+fn built(building: JoinHandle<Result<Service, String>>) -> Option<Box<Service>> {
+    match building.join().unwrap_or_else(|_| Err("its code panicked".to_owned())) {
+        Ok(service) => {
+            tracing::info!("the new configuration is good and takes over");
+            Some(Box::new(service))
+        }
+        Err(e) => {
+            tracing::error!("the new configuration is not used, the old one goes on: {e}");
+            None
+        }
+    }
+}
+
+/// Acknowledges alarms of all benches; an id is `<bench>/<stage>@<channel>`.
+fn acknowledge(benches: &[RunningBench]) -> web::Acknowledge {
+    let all: Vec<_> = benches.iter().map(|bench| (format!("{}/", bench.name), bench.health.clone())).collect();
+    Arc::new(move |id| {
+        all.iter().any(|(prefix, health)| {
+            id.strip_prefix(prefix.as_str())
+                .is_some_and(|id| health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id))
+        })
+    })
+}
+
+/// What a log needs to be understood without this machine.
+fn log_context(config: &Config, benches: &[WatchedBench]) -> Context {
+    let attachment = |name: String, media_type: &str, text: String| Attachment {
+        name,
+        media_type: media_type.to_owned(),
+        data: text.into_bytes(),
+    };
+    let mut attachments = vec![attachment("service.toml".to_owned(), "application/toml", config.shown())];
+    for bench in benches {
+        if let Ok(text) = toml::to_string(&*bench.bench) {
+            attachments.push(attachment(format!("{}.bench.toml", bench.name), "application/toml", text));
+        }
+        let name = format!("{}.baseline.json", bench.name);
+        let baseline = bench.baseline.as_ref();
+        if let Some(Ok(text)) = baseline.map(|b| gearwatch_io::baseline_file::to_text(b, Path::new(&name))) {
+            attachments.push(attachment(name, "application/json", text));
+        }
+    }
+    let facts = [("gearwatch".to_owned(), env!("CARGO_PKG_VERSION").to_owned())].into();
+    Context { attachments, facts }
+}
+
+/// Where a bench's verdicts go.
+struct Ends<'a> {
+    fanout: &'a Fanout,
+    raw: &'a Fanout,
+    hub: &'a Arc<Hub>,
+    label: Option<Arc<str>>,
+}
+
 fn start_sink(
     entry: SinkEntry,
     first: crate::sink::Drain,
@@ -283,24 +562,27 @@ fn start_bench(
     (packet_queue, windows_per_worker): (usize, usize),
     context: SourceContext,
     pool: &Pool,
-    (fanout, label): (&Fanout, Option<Arc<str>>),
+    ends: Ends<'_>,
     runtime: &Handle,
 ) -> Result<RunningBench, ServiceError> {
     let (outlet, packets) = queue::bounded(packet_queue, WhenFull::Block);
     let live = config.sources.iter().any(|source| source.config.is_live());
     let overloaded = if live { Overloaded::Shed } else { Overloaded::Wait };
     let lane = Lane { pipeline: watched.pipeline, overloaded, windows_per_worker };
-    let mut teller = telling::Teller::new(watched.name.clone(), label, fanout.clone());
+    let health = Arc::new(Mutex::new(Health::new(config.alarm)));
+    let mut teller =
+        telling::Teller::new(watched.name.clone(), ends.label, ends.fanout.clone(), health.clone(), ends.hub.clone());
     let lane = lane.start(pool, packets.clone(), move |told| teller.tell(told))?;
     let mut sources = Vec::new();
     for entry in config.sources {
-        let monitor = Arc::new(SourceMonitor::new(&entry.name));
-        sources.push(monitor.clone());
         let outlet = outlet.branch(if entry.config.is_live() { WhenFull::DropNewest } else { WhenFull::Block });
-        let (context, runtime) = (context.clone(), runtime.clone());
+        let monitor = Arc::new(SourceMonitor::new(&entry, outlet.counters().clone()));
+        sources.push(monitor.clone());
+        let (context, raw, runtime) = (context.clone(), ends.raw.clone(), runtime.clone());
         std::thread::Builder::new()
             .name("gw-source".to_owned())
-            .spawn(move || feeding::feed(&entry, &context, &outlet, &monitor, &runtime))?;
+            .spawn(move || feeding::feed(&entry, &context, &outlet, &monitor, (&raw, &runtime)))?;
     }
-    Ok(RunningBench { name: watched.name, packets, lane, sources })
+    let motor_order = Train::new(&watched.bench).motor_order;
+    Ok(RunningBench { name: watched.name, motor_order, packets, lane, sources, health })
 }

@@ -12,7 +12,7 @@
 use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -20,13 +20,15 @@ use serde::de::DeserializeOwned;
 
 use crate::event::Event;
 use crate::kinds::{Kind, read_keys};
+use crate::log::Context;
 use crate::queue::Inlet;
 use crate::stop::Stop;
 
+mod mcap_log;
 mod stdout;
 
 /// All kinds of sinks.
-pub const KINDS: &[Kind<dyn SinkConfig>] = &[stdout::KIND];
+pub const KINDS: &[Kind<dyn SinkConfig>] = &[stdout::KIND, mcap_log::KIND];
 
 /// A line of [`KINDS`].
 const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SinkConfig>
@@ -40,12 +42,23 @@ where
 }
 
 /// What a sink may know of the service.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SinkContext {
     /// Relative paths start here: the folder of the configuration file.
     pub folder: PathBuf,
     /// Given when the service ends at once; before that the queue is closed, and what is in it may still be written.
     pub stop: Stop,
+    /// Configuration, benches and baselines, for a log that must be understood without them.
+    pub log_context: Arc<Context>,
+    /// What the sink says of itself.
+    pub(crate) detail: Arc<Mutex<String>>,
+}
+
+impl SinkContext {
+    /// Tells observers how the sink stands, in its own words.
+    pub fn say(&self, detail: String) {
+        *self.detail.lock().unwrap_or_else(PoisonError::into_inner) = detail;
+    }
 }
 
 /// Events for one sink; closed when there will be no more.
@@ -86,6 +99,11 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
     /// What is wrong with the values, one sentence each; opens nothing.
     fn problems(&self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// It takes the packets of the sources too.
+    fn wants_raw(&self) -> bool {
+        false
     }
 
     /// Opens it.

@@ -23,6 +23,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::event::{Event, Fanout};
 use crate::kinds::{Kind, read_keys};
 use crate::queue::{Closed, Outlet};
 use crate::service::SourceMonitor;
@@ -33,13 +34,16 @@ mod framing;
 mod growing_file;
 mod pace;
 mod pipe;
+mod simulator;
 mod test_signal;
 
+pub(crate) use framing::now_unix_ns;
 pub(crate) use pace::Pacer;
 pub use pace::Speed;
 
 /// All kinds of sources.
-pub const KINDS: &[Kind<dyn SourceConfig>] = &[test_signal::KIND, file::KIND, pipe::KIND, growing_file::KIND];
+pub const KINDS: &[Kind<dyn SourceConfig>] =
+    &[simulator::KIND, test_signal::KIND, file::KIND, pipe::KIND, growing_file::KIND];
 
 /// A line of [`KINDS`].
 const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SourceConfig>
@@ -78,11 +82,12 @@ pub type Pull = Box<dyn FnMut() -> Result<Option<Packet>, SourceError> + Send>;
 pub struct Sender {
     outlet: Outlet<Packet>,
     monitor: Arc<SourceMonitor>,
+    raw: Fanout,
 }
 
 impl Sender {
-    pub(crate) fn new(outlet: Outlet<Packet>, monitor: Arc<SourceMonitor>) -> Self {
-        Self { outlet, monitor }
+    pub(crate) fn new(outlet: Outlet<Packet>, monitor: Arc<SourceMonitor>, raw: Fanout) -> Self {
+        Self { outlet, monitor, raw }
     }
 
     /// Hands a packet over; never waits for long, since a live source is not held up.
@@ -91,7 +96,15 @@ impl Sender {
     /// When the service stops: the source returns then.
     pub async fn send(&self, packet: Packet) -> Result<(), Closed> {
         self.monitor.count();
+        tap(&packet, &self.raw);
         self.outlet.put(packet).await
+    }
+}
+
+/// Hands a packet to the sinks that want raw data, before anything else happens to it.
+pub(crate) fn tap(packet: &Packet, raw: &Fanout) {
+    if !raw.is_empty() {
+        raw.tell(Event::Raw(Arc::new(packet.clone())));
     }
 }
 

@@ -49,6 +49,9 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
 /// Acknowledges an alarm by its id; false where there is no such alarm.
 pub type Acknowledge = Arc<dyn Fn(&str) -> bool + Send + Sync>;
 
+/// The metrics as text for Prometheus.
+pub type Metrics = Arc<dyn Fn() -> String + Send + Sync>;
+
 #[derive(Clone)]
 struct Shared {
     hub: Arc<Hub>,
@@ -58,13 +61,14 @@ struct Shared {
 
 /// The routes of the page. `bound` is the address that the server listens on; only requests that name it (or a host of `also`) in
 /// their `Host` header are answered, which keeps foreign pages and rebound names out.
-pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, bound: SocketAddr, also: &[String]) -> Router {
+pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, metrics: Metrics, bound: SocketAddr, also: &[String]) -> Router {
     let mut router = Router::new();
     for &(path, media, bytes) in ASSETS {
         router = router.route(path, get(move || async move { asset(media, bytes) }));
     }
     let shared = Shared { hub, acknowledge, listeners: Arc::new(Semaphore::new(MOST_LISTENERS)) };
     router
+        .route("/metrics", get(move || async move { exposition(metrics()) }))
         .route("/api/events", get(events))
         .route("/api/status", get(status))
         .route("/api/alarms/{id}/acknowledge", post(acknowledge_alarm))
@@ -81,6 +85,10 @@ fn asset(media: &'static str, bytes: &'static [u8]) -> Response {
         (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
     ];
     (headers, bytes).into_response()
+}
+
+fn exposition(text: String) -> Response {
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 
 async fn status(State(shared): State<Shared>) -> Response {

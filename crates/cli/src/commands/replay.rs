@@ -40,6 +40,6 @@ impl Run for Replay {
 
     fn run(self) -> anyhow::Result<Exit> {
         let config = Config::of_recording(&self.file, &self.bench, self.baseline.as_deref(), self.speed, self.workers)?;
-        serve(config, true)
+        serve(config, true, None)
     }
 }

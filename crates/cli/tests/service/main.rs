@@ -5,4 +5,5 @@ mod exit_codes;
 mod fixture;
 mod help;
 mod identity;
+mod operation;
 mod signals;

@@ -11,6 +11,7 @@ use crate::config::SinkEntry;
 use crate::event::Event;
 use crate::queue::QueueCounters;
 use crate::sink::{Drain, Events, SinkContext, SinkError};
+use crate::snapshot::SinkSnapshot;
 
 /// How a sink is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,16 +37,33 @@ pub struct SinkMonitor {
     /// What it was offered, and what it missed.
     pub counters: Arc<QueueCounters>,
     state: Mutex<SinkState>,
+    detail: Arc<Mutex<String>>,
 }
 
 impl SinkMonitor {
-    pub(super) fn new(name: &str, counters: Arc<QueueCounters>) -> Self {
-        Self { name: name.to_owned(), counters, state: Mutex::new(SinkState::Running) }
+    pub(super) fn new(name: &str, counters: Arc<QueueCounters>, detail: Arc<Mutex<String>>) -> Self {
+        Self { name: name.to_owned(), counters, state: Mutex::new(SinkState::Running), detail }
     }
 
     /// How it is.
     pub fn state(&self) -> SinkState {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(super) fn snapshot(&self) -> SinkSnapshot {
+        let (state, detail) = match self.state() {
+            SinkState::Running => ("running", self.detail.lock().unwrap_or_else(PoisonError::into_inner).clone()),
+            SinkState::Waiting { error } => ("waiting", error),
+            SinkState::Disabled => ("disabled", String::new()),
+            SinkState::Ended => ("ended", String::new()),
+        };
+        SinkSnapshot {
+            name: self.name.clone(),
+            state: state.to_owned(),
+            offered: self.counters.entered(),
+            dropped: self.counters.dropped(),
+            detail,
+        }
     }
 
     fn set(&self, state: SinkState) {

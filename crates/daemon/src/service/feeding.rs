@@ -10,8 +10,10 @@ use tokio::runtime::Handle;
 
 use super::backoff::Backoff;
 use crate::config::SourceEntry;
-use crate::queue::{Closed, Outlet};
-use crate::source::{Feed, Pull, SourceContext, SourceError};
+use crate::event::Fanout;
+use crate::queue::{Closed, Outlet, QueueCounters};
+use crate::snapshot::SourceSnapshot;
+use crate::source::{Feed, Pull, SourceContext, SourceError, tap};
 
 /// How a source is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,14 +45,20 @@ pub struct SourceMonitor {
     pub packets: AtomicU64,
     /// How often it was opened.
     pub opened: AtomicU64,
+    pub(super) queue: Arc<QueueCounters>,
+    pub(super) live: bool,
+    pub(super) data_deadline_secs: f64,
     state: Mutex<SourceState>,
     heard: Mutex<Instant>,
 }
 
 impl SourceMonitor {
-    pub(super) fn new(name: &str) -> Self {
+    pub(super) fn new(entry: &SourceEntry, queue: Arc<QueueCounters>) -> Self {
         Self {
-            name: name.to_owned(),
+            name: entry.name.clone(),
+            queue,
+            live: entry.config.is_live(),
+            data_deadline_secs: entry.data_deadline_secs,
             packets: AtomicU64::new(0),
             opened: AtomicU64::new(0),
             state: Mutex::new(SourceState::Opening),
@@ -66,6 +74,30 @@ impl SourceMonitor {
     /// Its last packet came then; before the first, when it was started.
     pub fn heard(&self) -> Instant {
         *self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A live source that has not been heard for longer than its deadline.
+    fn is_silent(&self) -> bool {
+        self.live && self.heard().elapsed().as_secs_f64() > self.data_deadline_secs
+    }
+
+    pub(super) fn snapshot(&self) -> SourceSnapshot {
+        let (state, error) = match self.state() {
+            SourceState::Waiting { error } => ("waiting", error),
+            SourceState::Failed { error } => ("failed", error),
+            SourceState::Ended => ("ended", String::new()),
+            SourceState::Opening | SourceState::Running if self.is_silent() => ("silent", String::new()),
+            SourceState::Opening => ("opening", String::new()),
+            SourceState::Running => ("running", String::new()),
+        };
+        SourceSnapshot {
+            name: self.name.clone(),
+            state: state.to_owned(),
+            error,
+            packets: self.packets.load(Ordering::Relaxed),
+            dropped: self.queue.dropped(),
+            opened: self.opened.load(Ordering::Relaxed),
+        }
     }
 
     fn set(&self, state: SourceState) {
@@ -94,14 +126,14 @@ pub(super) fn feed(
     context: &SourceContext,
     outlet: &Outlet<Packet>,
     monitor: &Arc<SourceMonitor>,
-    runtime: &Handle,
+    (raw, runtime): (&Fanout, &Handle),
 ) {
     let mut backoff = Backoff::default();
     loop {
         let began = Instant::now();
         monitor.set(SourceState::Opening);
         monitor.opened.fetch_add(1, Ordering::Relaxed);
-        let end = catch_unwind(AssertUnwindSafe(|| feed_once(entry, context, outlet, monitor, runtime)))
+        let end = catch_unwind(AssertUnwindSafe(|| feed_once(entry, context, outlet, monitor, (raw, runtime))))
             .unwrap_or_else(|_| End::Failed("its code panicked".to_owned()));
         match end {
             End::Ended | End::Stopped => return monitor.set(SourceState::Ended),
@@ -126,7 +158,7 @@ fn feed_once(
     context: &SourceContext,
     outlet: &Outlet<Packet>,
     monitor: &Arc<SourceMonitor>,
-    runtime: &Handle,
+    (raw, runtime): (&Fanout, &Handle),
 ) -> End {
     let feed = match entry.config.open(context) {
         Ok(feed) => feed,
@@ -134,11 +166,11 @@ fn feed_once(
     };
     monitor.set(SourceState::Running);
     let result = match feed {
-        Feed::Pull(pull) => pump(pull, context, outlet, monitor),
+        Feed::Pull(pull) => pump(pull, context, outlet, monitor, raw),
         Feed::Push(push) => runtime.block_on(async {
             // The source's own end of the queue counts its packets; what it was just reading when the service stops is not waited for.
             tokio::select! {
-                result = push(crate::source::Sender::new(outlet.clone(), monitor.clone())) => result,
+                result = push(crate::source::Sender::new(outlet.clone(), monitor.clone(), raw.clone())) => result,
                 () = context.stop.given() => Ok(()),
             }
         }),
@@ -155,10 +187,12 @@ fn pump(
     context: &SourceContext,
     outlet: &Outlet<Packet>,
     monitor: &SourceMonitor,
+    raw: &Fanout,
 ) -> Result<(), SourceError> {
     while !context.stop.is_given() {
         let Some(packet) = pull()? else { break };
         monitor.count();
+        tap(&packet, raw);
         if let Err(Closed) = outlet.put_blocking(packet) {
             break;
         }

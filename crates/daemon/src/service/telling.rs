@@ -1,12 +1,16 @@
 //! Turns what a lane tells into events for the sinks.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use gearwatch_core::verdict::{Reason, Verdict};
 
 use crate::engine::Told;
 use crate::event::{Event, Fanout};
+use crate::health::Health;
+use crate::log::{Cause, Gap};
+use crate::source::now_unix_ns;
+use crate::web::Hub;
 
 /// Tells the sinks what one bench's lane says.
 #[derive(Debug)]
@@ -15,14 +19,22 @@ pub(super) struct Teller {
     /// `"bench":"…",` where several benches share the sinks.
     label: String,
     fanout: Fanout,
+    health: Arc<Mutex<Health>>,
+    hub: Arc<Hub>,
     /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
     told: BTreeSet<(String, &'static str)>,
 }
 
 impl Teller {
-    pub(super) fn new(bench: Arc<str>, label: Option<Arc<str>>, fanout: Fanout) -> Self {
+    pub(super) fn new(
+        bench: Arc<str>,
+        label: Option<Arc<str>>,
+        fanout: Fanout,
+        health: Arc<Mutex<Health>>,
+        hub: Arc<Hub>,
+    ) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
-        Self { bench, label, fanout, told: BTreeSet::new() }
+        Self { bench, label, fanout, health, hub, told: BTreeSet::new() }
     }
 
     pub(super) fn tell(&mut self, told: Told<'_>) {
@@ -30,6 +42,7 @@ impl Teller {
             Told::Window(_) => {}
             Told::Verdict(verdict) => {
                 self.explain(verdict);
+                self.watch(verdict);
                 let line = match serde_json::to_string(verdict) {
                     Ok(line) => line,
                     // Strings and numbers always have a JSON form.
@@ -46,22 +59,32 @@ impl Teller {
                     line: line.into(),
                 });
             }
-            Told::Gap(gap) => tracing::warn!(
-                bench = &*self.bench,
-                channel = &*gap.sensor,
-                expected_index = gap.expected_index,
-                found_index = gap.found_index,
-                discarded = gap.discarded,
-                "the samples do not follow each other: {:?}",
-                gap.reason
-            ),
-            Told::Shed(shed) => tracing::warn!(
-                bench = &*self.bench,
-                channel = &*shed.sensor,
-                first_window = shed.first_window,
-                last_window = shed.last_window,
-                "windows were shed: the workers are too slow"
-            ),
+            Told::Gap(gap) => {
+                tracing::warn!(
+                    bench = &*self.bench,
+                    channel = &*gap.sensor,
+                    expected_index = gap.expected_index,
+                    found_index = gap.found_index,
+                    discarded = gap.discarded,
+                    "the samples do not follow each other: {:?}",
+                    gap.reason
+                );
+                let missing = gap.found_index.saturating_sub(gap.expected_index);
+                let last = gap.found_index.saturating_sub(1).max(gap.expected_index);
+                let range = (gap.expected_index, last, missing);
+                self.lost(gap.sensor.to_string(), range, Cause::Discontinuity, gap.t);
+            }
+            Told::Shed(shed) => {
+                tracing::warn!(
+                    bench = &*self.bench,
+                    channel = &*shed.sensor,
+                    first_window = shed.first_window,
+                    last_window = shed.last_window,
+                    "windows were shed: the workers are too slow"
+                );
+                let range = (shed.first_window, shed.last_window, shed.last_window - shed.first_window + 1);
+                self.lost(format!("{} windows", shed.sensor), range, Cause::Overload, now_unix_ns());
+            }
             Told::Failed { sensor, window } => {
                 tracing::error!(
                     bench = &*self.bench,
@@ -71,6 +94,25 @@ impl Teller {
                 );
             }
         }
+    }
+
+    /// Alarms, and the page.
+    fn watch(&self, verdict: &Verdict) {
+        let changed = self.health.lock().unwrap_or_else(PoisonError::into_inner).take(verdict);
+        if let Some(alarm) = changed {
+            let severity = format!("{:?}", alarm.severity).to_lowercase();
+            let how = if alarm.active { "alarm" } else { "alarm over" };
+            tracing::warn!(bench = &*self.bench, alarm = alarm.id, severity, window = verdict.window, "{how}");
+        }
+        let states = verdict
+            .states
+            .iter()
+            .map(|state| serde_json::json!({ "name": &*state.name, "probability": state.probability }));
+        self.hub.verdict(&self.bench, verdict, states.collect());
+    }
+
+    fn lost(&self, channel: String, (first, last, count): (u64, u64, u64), cause: Cause, t_ns: i64) {
+        self.fanout.tell(Event::Gap(Gap { channel, first, last, count, cause, t_ns }));
     }
 
     fn explain(&mut self, verdict: &Verdict) {

@@ -1,0 +1,120 @@
+//! `gearwatch status`: how the running service is.
+
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::Args;
+use gearwatch_daemon::snapshot::Snapshot;
+
+use super::Run;
+use crate::exit::Exit;
+
+/// Say how the running service is
+#[derive(Args)]
+#[command(after_help = "Examples:
+  gearwatch status
+  gearwatch status --socket ./status.sock --json | jq .benches[0].channels
+
+The service answers where its configuration has service.status_socket. Exit codes: 0 all that must go on goes on and nothing is wrong
+with the gears; 1 warning; 2 critical; 3 not all right, unknown, or no answer.")]
+pub struct Status {
+    /// The service's socket
+    #[arg(short, long, value_name = "PATH", default_value = "/run/gearwatch/status.sock")]
+    socket: PathBuf,
+    /// The whole state as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A service that does not answer within this time is not all right.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+impl Run for Status {
+    const NAME: &'static str = "status";
+
+    fn run(self) -> anyhow::Result<Exit> {
+        let place =
+            || format!("{}: no answer; is the service running with this service.status_socket?", self.socket.display());
+        let mut stream = UnixStream::connect(&self.socket).with_context(place)?;
+        stream.set_read_timeout(Some(PATIENCE)).with_context(place)?;
+        let mut text = String::new();
+        stream.read_to_string(&mut text).with_context(place)?;
+        let snapshot: Snapshot = serde_json::from_str(&text).with_context(place)?;
+        let mut out = std::io::stdout().lock();
+        if self.json {
+            writeln!(out, "{text}")?;
+        } else {
+            print(&mut out, &snapshot)?;
+        }
+        Ok(exit(&snapshot))
+    }
+}
+
+fn exit(snapshot: &Snapshot) -> Exit {
+    let worst = |code: &str| snapshot.benches.iter().any(|bench| bench.machine == code);
+    let alarm = |severity: &str| snapshot.benches.iter().flat_map(|b| &b.alarms).any(|a| a.severity == severity);
+    if worst("alarm") || alarm("critical") {
+        Exit::Critical
+    } else if worst("deviating") || worst("path_changed") || alarm("warning") {
+        Exit::Warning
+    } else if !snapshot.ok || worst("unknown") || snapshot.benches.iter().any(|bench| bench.instrument != "ok") {
+        Exit::Unknown
+    } else {
+        Exit::Ok
+    }
+}
+
+fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
+    let ok = if snapshot.ok { "all goes on" } else { "NOT ALL RIGHT" };
+    writeln!(
+        out,
+        "gearwatch {}: {ok}; up {:.0} s, load {:.0} %, self test {}",
+        snapshot.version,
+        snapshot.uptime_secs,
+        100.0 * snapshot.load,
+        snapshot.self_test
+    )?;
+    for bench in &snapshot.benches {
+        writeln!(out, "{}: machine {}, instrument {}", bench.name, bench.machine, bench.instrument)?;
+        writeln!(
+            out,
+            "  windows: {} judged, {} shed, {} failed; {} gap(s), {} samples missing",
+            bench.windows_judged, bench.windows_shed, bench.windows_failed, bench.gaps, bench.samples_missing
+        )?;
+        for source in &bench.sources {
+            writeln!(out, "  source {}: {}, {} packets {}", source.name, source.state, source.packets, source.error)?;
+        }
+        for (channel, state) in &bench.channels {
+            writeln!(out, "  channel {channel}: {state}")?;
+        }
+        for place in &bench.places {
+            let rank = |&level: &i8| match level {
+                0 => "0",
+                1 => "I",
+                2 => "II",
+                3 => "III",
+                4 => "IV",
+                5 => "V",
+                _ => "unknown",
+            };
+            let ranks: Vec<_> = place.levels.iter().map(rank).collect();
+            writeln!(out, "  {} at {}: {}, ranks {}", place.stage, place.channel, place.machine, ranks.join(" "))?;
+        }
+        for alarm in &bench.alarms {
+            let active = if alarm.active { "active" } else { "over, latched" };
+            let seen = if alarm.acknowledged { "acknowledged" } else { "not acknowledged" };
+            writeln!(out, "  alarm {}: {}, {active}, {seen}", alarm.id, alarm.severity)?;
+        }
+    }
+    for sink in &snapshot.sinks {
+        writeln!(
+            out,
+            "sink {}: {}, {} events, {} missed {}",
+            sink.name, sink.state, sink.offered, sink.dropped, sink.detail
+        )?;
+    }
+    Ok(())
+}

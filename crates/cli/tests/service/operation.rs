@@ -1,0 +1,133 @@
+//! A service in operation: status, metrics, the log, reload.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::fixture::{Bench, gearwatch, output, stderr, stdout, text};
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
+    assert!(sent.unwrap().success());
+}
+
+/// Lines of the service's talk, as they come.
+fn talk(child: &mut Child) -> impl FnMut(&str) -> String + use<> {
+    let (sender, lines) = std::sync::mpsc::channel();
+    let stderr = child.stderr.take().unwrap();
+    std::thread::spawn(move || {
+        BufReader::new(stderr).lines().map_while(Result::ok).for_each(|line| drop(sender.send(line)))
+    });
+    move |part| {
+        let end = Instant::now() + Duration::from_secs(20);
+        while let Ok(line) = lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            if line.contains(part) {
+                return line;
+            }
+        }
+        panic!("{part:?} was not said")
+    }
+}
+
+fn request(address: &str, host: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+/// One service at fifty times the speed, with a fault from the beginning: alarm in status and metrics, a foreign host refused, a bad
+/// reload refused, a good one taken over, the log whole at the end.
+#[test]
+fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
+    let bench = Bench::new();
+    bench.baseline();
+    let config = |seed: u32, further: &str| {
+        format!(
+            "format = \"gearwatch-service/1\"\n\
+             service = {{ workers = 2, page = \"127.0.0.1:0\", status_socket = \"status.sock\" }}\n\
+             [[bench]]\nfile = \"bench.toml\"\nbaseline = \"baseline.json\"\n\
+             [[bench.source]]\nkind = \"test_signal\"\nspeed = 50.0\nseed = {seed}\n\
+             fault = {{ after_secs = 0.0, stage = \"stage1\", percent = [0.0, 5.5, 0.0, 0.0, 20.0] }}\n\
+             [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n{further}"
+        )
+    };
+    let path = bench.write("service.toml", &config(1, ""));
+    let mut child = gearwatch(&["run", "--config", text(&path)])
+        .env("GEARWATCH_LOG", "info")
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut said = talk(&mut child);
+    let page = said("metrics at http://");
+    let address = page.rsplit("http://").next().unwrap().trim_end_matches("/metrics").to_owned();
+    said("alarm=\"stage1@acc_1\"");
+    // The first snapshot comes within a second.
+    let socket = bench.path("status.sock");
+    let end = Instant::now() + Duration::from_secs(10);
+    let status = loop {
+        let status = output(&["status", "--socket", text(&socket)]);
+        if stdout(&status).contains("self test right") || Instant::now() > end {
+            break status;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    };
+    assert_eq!(status.status.code(), Some(2), "{}{}", stdout(&status), stderr(&status));
+    for part in
+        ["all goes on", "self test right", "instrument ok", "ranks 0 II 0 0 V", "alarm small/stage1@acc_1: critical"]
+    {
+        assert!(stdout(&status).contains(part), "{part}: {}", stdout(&status));
+    }
+    let metrics = request(&address, &address, "/metrics");
+    for part in [
+        "HTTP/1.1 200",
+        "gearwatch_ok 1",
+        "gearwatch_rank{bench=\"small\",stage=\"stage1\",channel=\"acc_1\",harmonic=\"5\"} 5",
+        "gearwatch_windows_shed_total{bench=\"small\"} 0",
+    ] {
+        assert!(metrics.contains(part), "{part}: {metrics}");
+    }
+    assert!(request(&address, "evil.example", "/metrics").starts_with("HTTP/1.1 403"));
+    // A bad configuration is refused and the old one goes on; a good one takes over.
+    bench.write("service.toml", &config(2, "no_such_key = 1"));
+    signal(&child, "HUP");
+    assert!(said("the old one goes on").contains("no_such_key"));
+    assert!(output(&["status", "--socket", text(&socket)]).status.code() == Some(2));
+    bench.write("service.toml", &config(3, ""));
+    signal(&child, "HUP");
+    said("takes over");
+    said("metrics at http://");
+    signal(&child, "TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    // Every file of the log is whole, and holds verdicts with the configuration beside them.
+    let files: Vec<_> = std::fs::read_dir(bench.path("log")).unwrap().map(|e| e.unwrap().path()).collect();
+    let mut verdicts = 0;
+    for file in files.iter().filter(|f| f.extension().is_some_and(|e| e == "mcap")) {
+        let bytes = std::fs::read(file).unwrap();
+        let summary = mcap::Summary::read(&bytes).unwrap().expect("footer and index are there");
+        assert!(summary.attachment_indexes.iter().any(|a| a.name == "service.toml"), "{}", file.display());
+        for message in mcap::MessageStream::new(&bytes).unwrap() {
+            let message = message.unwrap();
+            if message.channel.topic == "/gear/stage1/rank" {
+                let object: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+                assert_eq!(object["rank_5x"], "V");
+                verdicts += 1;
+            }
+        }
+    }
+    assert!(verdicts > 20, "{verdicts} verdicts in {files:?}");
+}
+
+#[test]
+fn conform_a_page_that_others_can_reach_is_refused() {
+    let bench = Bench::new();
+    let config = "format = \"gearwatch-service/1\"\nservice = { page = \"0.0.0.0:8650\" }\n[[bench]]\nfile = \"bench.toml\"\n\
+                  [[bench.source]]\nkind = \"test_signal\"\n";
+    let path = bench.write("service.toml", config);
+    let refused = output(&["run", "--config", text(&path)]);
+    assert_eq!(refused.status.code(), Some(3));
+    assert!(stderr(&refused).contains("loopback"), "{}", stderr(&refused));
+}

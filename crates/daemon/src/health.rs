@@ -1,0 +1,348 @@
+//! Health of one bench: alarms that do not flicker, and an instrument state per channel that must be earned.
+//!
+//! Pure: driven by verdicts alone, so that a replay gives the same alarms. All delays are counted in judged windows.
+//!
+//! - *N of M*: an alarm comes when at least `needed` of the last `of` judged windows ask for it (on delay).
+//! - *Hysteresis, off delay*: it goes when `clear` judged windows in a row are `normal`; a window that is merely less bad does not count.
+//! - *Latch*: a latched alarm that has gone stays until somebody acknowledges it.
+//! - A window whose state is unknown neither raises nor clears: unknown is never normal. A channel is `ok` only after `earn` good windows
+//!   in a row, also at the start.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use gearwatch_core::verdict::{InstrumentState, MachineState, Verdict};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// When alarms come and go.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct AlarmConfig {
+    /// So many windows must ask for an alarm (1–1000) …
+    pub needed: usize,
+    /// … of so many judged ones (`needed`–1000).
+    pub of: usize,
+    /// So many normal windows in a row end it (1–100000).
+    pub clear: usize,
+    /// It stays until it is acknowledged.
+    pub latch: bool,
+    /// So many good windows in a row make a channel `ok` (1–1000).
+    pub earn: usize,
+}
+
+impl Default for AlarmConfig {
+    fn default() -> Self {
+        Self { needed: 3, of: 5, clear: 10, latch: true, earn: 3 }
+    }
+}
+
+impl AlarmConfig {
+    /// What is wrong with the values, one sentence each.
+    pub fn problems(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        if !(1..=1000).contains(&self.needed) || !(self.needed..=1000).contains(&self.of) {
+            out.push(format!(
+                "alarm: needed is {} of {}; expected 1 to 1000 of at least as many",
+                self.needed, self.of
+            ));
+        }
+        if !(1..=100_000).contains(&self.clear) {
+            out.push(format!("alarm.clear is {}; expected 1 to 100000", self.clear));
+        }
+        if !(1..=1000).contains(&self.earn) {
+            out.push(format!("alarm.earn is {}; expected 1 to 1000", self.earn));
+        }
+        out
+    }
+}
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// Rank I to III, or the path from gear to sensor changed.
+    Warning,
+    /// Rank IV or V.
+    Critical,
+}
+
+/// One alarm.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Alarm {
+    /// Names it: `<stage>@<channel>`.
+    pub id: String,
+    /// Stage name.
+    pub stage: String,
+    /// Sensor name.
+    pub channel: String,
+    /// The worst it has been.
+    pub severity: Severity,
+    /// Time of the window that raised it (ns since the epoch).
+    pub since_ns: i64,
+    /// It holds now; otherwise it is latched.
+    pub active: bool,
+    /// Somebody has seen it.
+    pub acknowledged: bool,
+}
+
+/// A channel's instrument.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChannelHealth {
+    /// Not enough good windows in a row yet.
+    Earning,
+    /// All right.
+    Ok,
+    /// Not all right, and why.
+    NotOk(InstrumentState),
+}
+
+impl ChannelHealth {
+    /// As written in JSON and metrics; never empty, and `ok` for nothing but ok.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::Earning => "not_ok_yet",
+            Self::Ok => "ok",
+            Self::NotOk(state) => state.code(),
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+struct Place {
+    recent: VecDeque<Option<Severity>>,
+    normal_in_a_row: usize,
+    alarm: Option<Alarm>,
+}
+
+#[derive(Debug)]
+struct Instrument {
+    good_in_a_row: usize,
+    window: Option<u64>,
+    health: ChannelHealth,
+}
+
+/// Health of one bench.
+#[derive(Debug)]
+pub struct Health {
+    config: AlarmConfig,
+    /// By stage and channel.
+    places: BTreeMap<(String, String), Place>,
+    /// By channel.
+    instruments: BTreeMap<String, Instrument>,
+    /// The newest verdict, by stage and channel.
+    newest: BTreeMap<(String, String), Verdict>,
+}
+
+impl Health {
+    /// Nothing was seen yet.
+    pub fn new(config: AlarmConfig) -> Self {
+        Self { config, places: BTreeMap::new(), instruments: BTreeMap::new(), newest: BTreeMap::new() }
+    }
+
+    /// Takes a verdict in; hands out the alarm if it came, went or grew worse.
+    pub fn take(&mut self, verdict: &Verdict) -> Option<Alarm> {
+        let key = (verdict.stage.clone(), verdict.channel.clone());
+        self.take_instrument(verdict);
+        let place = self.places.entry(key.clone()).or_default();
+        let changed = place.take(&self.config, verdict);
+        self.newest.insert(key, verdict.clone());
+        changed
+    }
+
+    fn take_instrument(&mut self, verdict: &Verdict) {
+        let earning = Instrument { good_in_a_row: 0, window: None, health: ChannelHealth::Earning };
+        let instrument = self.instruments.entry(verdict.channel.clone()).or_insert(earning);
+        // Several stages say the same of one window.
+        if instrument.window == Some(verdict.window) {
+            return;
+        }
+        instrument.window = Some(verdict.window);
+        if verdict.instrument == InstrumentState::Ok {
+            instrument.good_in_a_row += 1;
+            if instrument.good_in_a_row >= self.config.earn {
+                instrument.health = ChannelHealth::Ok;
+            }
+        } else {
+            instrument.good_in_a_row = 0;
+            instrument.health = ChannelHealth::NotOk(verdict.instrument);
+        }
+    }
+
+    /// Somebody has seen it; `false` where there is no such alarm. One that holds no longer is over then.
+    pub fn acknowledge(&mut self, id: &str) -> bool {
+        for place in self.places.values_mut() {
+            if let Some(alarm) = place.alarm.as_mut().filter(|alarm| alarm.id == id) {
+                alarm.acknowledged = true;
+                if !alarm.active {
+                    place.alarm = None;
+                }
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Alarms that hold, or are not acknowledged.
+    pub fn alarms(&self) -> impl Iterator<Item = &Alarm> {
+        self.places.values().filter_map(|place| place.alarm.as_ref())
+    }
+
+    /// Instruments by channel.
+    pub fn instruments(&self) -> impl Iterator<Item = (&str, ChannelHealth)> {
+        self.instruments.iter().map(|(channel, instrument)| (channel.as_str(), instrument.health))
+    }
+
+    /// The newest verdicts, one a stage and channel.
+    pub fn newest(&self) -> impl Iterator<Item = &Verdict> {
+        self.newest.values()
+    }
+}
+
+impl Place {
+    fn take(&mut self, config: &AlarmConfig, verdict: &Verdict) -> Option<Alarm> {
+        let asked = match verdict.machine {
+            MachineState::Unknown => return None,
+            MachineState::Normal => None,
+            MachineState::Deviating | MachineState::PathChanged => Some(Severity::Warning),
+            MachineState::Alarm => Some(Severity::Critical),
+        };
+        self.normal_in_a_row = if asked.is_none() { self.normal_in_a_row + 1 } else { 0 };
+        self.recent.push_back(asked);
+        if self.recent.len() > config.of {
+            self.recent.pop_front();
+        }
+        let votes = |least: Severity| self.recent.iter().filter(|s| s.is_some_and(|s| s >= least)).count();
+        let voted = [Severity::Critical, Severity::Warning].into_iter().find(|&least| votes(least) >= config.needed);
+        match (&mut self.alarm, voted) {
+            (None, Some(severity)) => {
+                self.alarm = Some(Alarm {
+                    id: format!("{}@{}", verdict.stage, verdict.channel),
+                    stage: verdict.stage.clone(),
+                    channel: verdict.channel.clone(),
+                    severity,
+                    since_ns: verdict.t0,
+                    active: true,
+                    acknowledged: false,
+                });
+                self.alarm.clone()
+            }
+            (Some(alarm), Some(severity)) if severity > alarm.severity || !alarm.active => {
+                // It came back, or grew worse: whoever acknowledged it has not seen this.
+                alarm.acknowledged &= severity <= alarm.severity && alarm.active;
+                alarm.severity = alarm.severity.max(severity);
+                alarm.active = true;
+                self.alarm.clone()
+            }
+            (Some(alarm), _) if alarm.active && self.normal_in_a_row >= config.clear => {
+                alarm.active = false;
+                let gone = alarm.clone();
+                self.recent.clear();
+                if alarm.acknowledged || !config.latch {
+                    self.alarm = None;
+                }
+                Some(gone)
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gearwatch_core::estimate::Estimate;
+    use gearwatch_core::verdict::{HARMONICS, HarmonicVerdict, Reason, StateFit};
+
+    fn verdict(window: u64, machine: MachineState, instrument: InstrumentState) -> Verdict {
+        Verdict {
+            stage: "stage1".into(),
+            channel: "acc_1".into(),
+            window,
+            t0: window as i64,
+            first_sample_index: 0,
+            samples: 1,
+            unit: "g".into(),
+            input_speed_hz: Estimate::UNKNOWN,
+            mesh_hz: 1.0,
+            brake_torque_nm: 0.0,
+            cell: String::new(),
+            harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
+            machine,
+            instrument,
+            resolvable: false,
+            reason: Reason::None,
+            windows: 1,
+            baseline_sessions: 1,
+            state_fit: StateFit::NotCompared,
+            states: vec![],
+        }
+    }
+
+    /// Feeds a row of states, `n` normal, `d` deviating, `a` alarm, `u` unknown; the windows at which something changed.
+    fn feed(health: &mut Health, row: &str) -> Vec<(usize, bool, Severity)> {
+        let state = |c| match c {
+            'n' => MachineState::Normal,
+            'd' => MachineState::Deviating,
+            'a' => MachineState::Alarm,
+            _ => MachineState::Unknown,
+        };
+        let windows = row.chars().enumerate();
+        let changes = windows.filter_map(|(i, c)| {
+            let alarm = health.take(&verdict(i as u64, state(c), InstrumentState::Ok))?;
+            Some((i, alarm.active, alarm.severity))
+        });
+        changes.collect()
+    }
+
+    fn health() -> Health {
+        Health::new(AlarmConfig { needed: 3, of: 5, clear: 4, latch: true, earn: 3 })
+    }
+
+    #[test]
+    fn analytic_three_of_five_raise_and_four_normal_in_a_row_clear() {
+        // Two of five are too few; unknown windows count for nothing in either direction.
+        assert_eq!(feed(&mut health(), "ndndnnndunduuun"), []);
+        assert_eq!(feed(&mut health(), "ndnduduu"), [(5, true, Severity::Warning)]);
+        // The alarm goes with the fourth normal window in a row, and unknown ones do not count as normal.
+        assert_eq!(
+            feed(&mut health(), "dddnnndnnuuuunn"),
+            [(2, true, Severity::Warning), (14, false, Severity::Warning)]
+        );
+        // It grows worse with the third window that asks for it.
+        assert_eq!(feed(&mut health(), "dddaaa"), [(2, true, Severity::Warning), (5, true, Severity::Critical)]);
+    }
+
+    #[test]
+    fn analytic_a_latched_alarm_stays_until_acknowledged() {
+        let mut health = health();
+        feed(&mut health, "dddnnnn");
+        let alarm = health.alarms().next().unwrap().clone();
+        assert!(!alarm.active && !alarm.acknowledged);
+        assert!(!health.acknowledge("stage9@acc_1"));
+        assert!(health.acknowledge(&alarm.id));
+        assert_eq!(health.alarms().count(), 0);
+        // Acknowledged while it holds: it goes by itself later, and an alarm that grows worse must be seen again.
+        feed(&mut health, "ddd");
+        assert!(health.acknowledge(&alarm.id));
+        feed(&mut health, "aaa");
+        assert!(!health.alarms().next().unwrap().acknowledged);
+        assert!(health.acknowledge(&alarm.id));
+        feed(&mut health, "nnnn");
+        assert_eq!(health.alarms().count(), 0);
+    }
+
+    #[test]
+    fn analytic_an_instrument_earns_its_ok() {
+        let mut health = health();
+        let mut codes = Vec::new();
+        let states = [InstrumentState::Ok, InstrumentState::Overload];
+        for (window, &bad) in [0, 0, 0, 1, 0, 0, 0].iter().enumerate() {
+            let taken = verdict(window as u64, MachineState::Unknown, states[bad]);
+            health.take(&taken);
+            // Another stage of the same window changes nothing.
+            health.take(&Verdict { stage: "stage2".into(), ..taken });
+            codes.push(health.instruments().next().unwrap().1.code());
+        }
+        assert_eq!(codes, ["not_ok_yet", "not_ok_yet", "ok", "overload", "overload", "overload", "ok"]);
+    }
+}

@@ -1,0 +1,95 @@
+//! systemd: readiness, reload, stop, and a watchdog that is fed by progress and not by being alive.
+
+use std::time::{Duration, Instant};
+
+use sd_notify::NotifyState;
+
+/// What went through one lane up to a moment: all that is needed to say whether it goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct LaneProgress {
+    /// Packets waiting to be cut.
+    pub waiting: usize,
+    /// Packets cut.
+    pub packets: u64,
+    /// Windows cut and not judged yet.
+    pub under_way: u64,
+    /// Windows judged.
+    pub judged: u64,
+}
+
+/// Whether every lane went on between two looks: what had work to do did some.
+pub(super) fn all_went_on(before: &[LaneProgress], now: &[LaneProgress]) -> bool {
+    before.len() == now.len()
+        && before.iter().zip(now).all(|(before, now)| {
+            let cut = now.waiting == 0 || now.packets > before.packets;
+            let judged = now.under_way == 0 || now.judged > before.judged;
+            cut && judged
+        })
+}
+
+/// Talks to systemd where the service runs under it; silent elsewhere.
+#[derive(Debug)]
+pub(super) struct Notifier {
+    period: Option<Duration>,
+    last: Instant,
+    before: Vec<LaneProgress>,
+}
+
+impl Notifier {
+    pub(super) fn new() -> Self {
+        // Twice as often as systemd asks for: one late look is forgiven.
+        let period = sd_notify::watchdog_enabled().map(|limit| limit / 2);
+        Self { period, last: Instant::now(), before: Vec::new() }
+    }
+
+    /// The service runs.
+    pub(super) fn ready(&self) {
+        say(&[NotifyState::Ready]);
+    }
+
+    /// The service ends.
+    pub(super) fn stopping(&self) {
+        say(&[NotifyState::Stopping]);
+    }
+
+    /// Feeds the watchdog when it is time, if all lanes went on since the last time and the self test has not failed.
+    pub(super) fn tick(&mut self, now: Instant, progress: impl FnOnce() -> Vec<LaneProgress>, self_test: &str) {
+        let Some(period) = self.period else { return };
+        if now.saturating_duration_since(self.last) < period / 2 {
+            return;
+        }
+        self.last = now;
+        let current = progress();
+        let went_on = self.before.is_empty() || all_went_on(&self.before, &current);
+        if went_on && matches!(self_test, "right" | "not_yet") {
+            say(&[NotifyState::Watchdog]);
+            self.before = current;
+        } else {
+            tracing::error!(self_test, went_on, "no progress: the watchdog is not fed");
+        }
+    }
+}
+
+fn say(state: &[NotifyState<'_>]) {
+    // Without systemd there is nobody to tell.
+    if let Err(e) = sd_notify::notify(state) {
+        tracing::debug!("systemd cannot be told: {e}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn analytic_work_that_waits_must_go_on() {
+        let idle = LaneProgress { waiting: 0, packets: 5, under_way: 0, judged: 9 };
+        assert!(all_went_on(&[idle], &[idle]), "without work there is nothing to do");
+        let stuck = LaneProgress { under_way: 3, ..idle };
+        assert!(!all_went_on(&[stuck], &[stuck]));
+        assert!(all_went_on(&[stuck], &[LaneProgress { judged: 10, ..stuck }]));
+        let choked = LaneProgress { waiting: 4, ..idle };
+        assert!(!all_went_on(&[idle, choked], &[idle, choked]));
+        assert!(all_went_on(&[choked], &[LaneProgress { packets: 6, ..choked }]));
+    }
+}
