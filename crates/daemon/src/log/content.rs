@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::examine::Rules;
 use super::format::{Channel, FileSchema};
 use super::walk::{AttachmentView, Found, Inner, MessageView, Walk};
 
@@ -21,10 +22,10 @@ pub(super) enum Part<'a> {
 }
 
 /// Hands over every part of the file that is good.
-pub(super) fn visit<E>(bytes: &[u8], mut sink: impl FnMut(Part<'_>) -> Result<(), E>) -> Result<(), E> {
+pub(super) fn visit<E>(bytes: &[u8], rules: Rules, mut sink: impl FnMut(Part<'_>) -> Result<(), E>) -> Result<(), E> {
     let mut schemas: BTreeMap<u16, FileSchema> = BTreeMap::new();
     let mut channels: BTreeMap<u16, Channel> = BTreeMap::new();
-    for (_, found) in Walk::new(bytes) {
+    for (_, found) in Walk::new(bytes, rules) {
         match found {
             Found::Schema(schema) => drop(schemas.insert(schema.id, schema)),
             Found::Channel(channel) => drop(channels.insert(channel.id, channel)),

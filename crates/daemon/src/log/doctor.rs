@@ -116,7 +116,7 @@ fn look(path: &Path, name: String, health: &mut Health, previous: &mut Option<Gr
         *previous = Some(group);
     }
     let mut messages: BTreeMap<String, u64> = BTreeMap::new();
-    let counted: Result<(), std::convert::Infallible> = visit(&bytes, |part| {
+    let counted: Result<(), std::convert::Infallible> = visit(&bytes, Rules::Own, |part| {
         if let Part::Message { channel, message, .. } = part {
             *messages.entry(channel.topic.clone()).or_default() += 1;
             if channel.topic == GAP_TOPIC
@@ -167,7 +167,7 @@ pub fn recover_file(input: &Path, output: &Path) -> Result<Salvaged, RecoverErro
         move |error| RecoverError::File { path, error }
     };
     let bytes = fs::read(input).map_err(failed(input))?;
-    let salvaged = salvage(&bytes, None).map_err(failed(input))?;
+    let salvaged = salvage(&bytes).map_err(failed(input))?;
     if salvaged.messages == 0 && !salvaged.has_header {
         return Err(RecoverError::Nothing { path: input.to_owned() });
     }

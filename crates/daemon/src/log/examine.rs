@@ -57,8 +57,6 @@ pub(super) struct Examined {
     /// Message indexes that the last good chunk lacks, when the file is cut there.
     pub owed: Vec<u8>,
     pub chunks: Vec<GoodChunk>,
-    /// Messages outside of chunks (other writers).
-    pub loose: u64,
     /// Damage with good records after it, or in a file that is closed.
     pub damage: Vec<Damage>,
     /// Bytes at the end that a crash left half written.
@@ -83,7 +81,6 @@ pub(super) fn examine(bytes: &[u8], rules: Option<Rules>) -> Examined {
         good_bytes: 0,
         owed: Vec::new(),
         chunks: Vec::new(),
-        loose: 0,
         damage: Vec::new(),
         torn_tail: None,
         ending: Ending::Open,
@@ -91,7 +88,7 @@ pub(super) fn examine(bytes: &[u8], rules: Option<Rules>) -> Examined {
     };
     // The layout describes the good beginning; behind damage it is only read what is there.
     let mut intact = true;
-    let mut walk = Walk::new(bytes);
+    let mut walk = Walk::new(bytes, rules);
     while let Some((range, found)) = walk.next() {
         let mut problem = None;
         let mut end = range.end;
@@ -103,15 +100,10 @@ pub(super) fn examine(bytes: &[u8], rules: Option<Rules>) -> Examined {
                     problem = Some("a record where this log writes none".into());
                 }
             }
+            // In the files of others only.
             Found::Schema(schema) => drop(all.layout.schemas.insert(schema.id, schema)),
             Found::Channel(channel) => drop(all.layout.channels.insert(channel.id, channel)),
-            Found::Message(view) => {
-                all.loose += 1;
-                all.layout.loose_message(view.channel, view.log_time);
-                if rules == Rules::Own {
-                    problem = Some("a message outside of a chunk".into());
-                }
-            }
+            Found::Message(_) => {}
             Found::Attachment(a) => {
                 let (offset, length) = (range.start as u64, range.len() as u64);
                 let size = a.data.len() as u64;
@@ -172,7 +164,7 @@ fn settle_tail(bytes: &[u8], all: &mut Examined) {
 
 /// The rules by what the header says; a damaged header makes a file foreign, and its chunks are still checked.
 fn rules_of(bytes: &[u8]) -> Rules {
-    match Walk::new(bytes).next() {
+    match Walk::new(bytes, Rules::Foreign).next() {
         Some((_, Found::Header { library, .. })) if library.split(' ').next() == LIBRARY.split(' ').next() => {
             Rules::Own
         }

@@ -68,6 +68,8 @@ pub(super) struct Layout {
     crc: crc32fast::Hasher,
     pub schemas: BTreeMap<u16, FileSchema>,
     pub channels: BTreeMap<u16, Channel>,
+    /// Ids up to this one are not given to new schemas and channels.
+    pub reserved_ids: u16,
     chunks: Vec<ChunkEntry>,
     attachments: Vec<Vec<u8>>,
     metadata: Vec<Vec<u8>>,
@@ -135,13 +137,6 @@ impl Layout {
         self.metadata.push(index);
     }
 
-    /// Takes note of a message outside of chunks.
-    pub fn loose_message(&mut self, channel: u16, log_time: u64) {
-        *self.message_counts.entry(channel).or_default() += 1;
-        self.first_time = Some(self.first_time.map_or(log_time, |t| t.min(log_time)));
-        self.last_time = self.last_time.max(log_time);
-    }
-
     /// Takes note of a chunk that begins at `offset`, and gives the message index records that follow it.
     pub fn chunk(&mut self, offset: u64, length: u64, facts: &ChunkFacts<'_>) -> Vec<u8> {
         let mut indexes = Vec::new();
@@ -193,7 +188,7 @@ impl Layout {
         let schema_id = match self.schemas.values().find(|s| s.name == schema.name) {
             Some(known) => known.id,
             None => {
-                let id = self.schemas.last_key_value().map_or(Some(1), |(id, _)| id.checked_add(1)).ok_or_else(full)?;
+                let id = next_id(self.schemas.keys(), self.reserved_ids).ok_or_else(full)?;
                 let file_schema = FileSchema {
                     id,
                     name: schema.name.clone(),
@@ -204,7 +199,7 @@ impl Layout {
                 id
             }
         };
-        let id = self.channels.last_key_value().map_or(Some(1), |(id, _)| id.checked_add(1)).ok_or_else(full)?;
+        let id = next_id(self.channels.keys(), self.reserved_ids).ok_or_else(full)?;
         let channel = Channel {
             id,
             schema_id,
@@ -350,6 +345,10 @@ impl Layout {
             }
         });
     }
+}
+
+fn next_id<'a>(mut ids: impl DoubleEndedIterator<Item = &'a u16>, reserved: u16) -> Option<u16> {
+    ids.next_back().copied().unwrap_or(0).max(reserved).checked_add(1)
 }
 
 pub(super) fn attachment_record(attachment: &AttachmentView<'_>) -> Vec<u8> {

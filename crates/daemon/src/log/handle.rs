@@ -74,7 +74,8 @@ impl LogHandle {
         self.queue.send(record, wall_ns())
     }
 
-    /// Everything up to this sequence number survives a power cut.
+    /// Of the numbers that this log gave out since its start, everything up to this one survives a power cut. Numbers of an earlier start are
+    /// durable or covered by a gap record.
     pub fn durable_seq(&self) -> watch::Receiver<u64> {
         self.durable.clone()
     }

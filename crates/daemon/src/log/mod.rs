@@ -43,7 +43,7 @@ pub use message::{CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC};
 pub use queue::Sent;
 pub use record::{Attachment, Cause, Clock, Context, Gap, Level, Note, Record};
 pub use recover::Recovery;
-pub use salvage::{Missing, Salvaged};
+pub use salvage::{Missing, Salvaged, salvage};
 pub use state::{Condition, LogState};
 pub use stepper::{Now, Stepper};
 pub use storage::{Storage, StorageFile};

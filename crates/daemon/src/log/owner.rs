@@ -63,6 +63,7 @@ pub(super) struct Owner {
     next_number: u64,
     last_seq: u64,
     unwritten_max: u64,
+    started: bool,
     retry_at: Option<Duration>,
     /// Some file has no footer because something failed.
     unclosed: bool,
@@ -105,6 +106,7 @@ impl Owner {
             next_number: recovery.last_number + 1,
             last_seq: first_seq(recovery) - 1,
             unwritten_max,
+            started: false,
             retry_at: None,
             unclosed: !recovery.left.is_empty(),
             refused: 0,
@@ -113,10 +115,15 @@ impl Owner {
         }
     }
 
-    /// Writes a first group, so that even an end right after the start leaves a trace.
-    pub fn start(&mut self, now: Now) {
-        self.commit(now, Mark::Start);
-        self.publish(ShedCounts::default());
+    /// Writes a first group, when it is due; says whether it is there. Before that no number is given out: a start that left no trace would be
+    /// followed by one that gives out the same numbers again.
+    pub fn start(&mut self, now: Now, shed: ShedCounts) -> bool {
+        if !self.started && self.retry_at.is_none_or(|at| now.mono >= at) {
+            self.commit(now, Mark::Start);
+            self.started = self.retry_at.is_none();
+        }
+        self.publish(shed);
+        self.started
     }
 
     /// Takes a record; says whether another may follow before the next [`Owner::step`].
@@ -195,7 +202,8 @@ impl Owner {
         let group = if self.has_room() { group } else { Some(Duration::ZERO) };
         let group = group.map(|at| self.retry_at.map_or(at, |retry| at.max(retry)));
         let rotation = self.open.as_ref().map(|open| open.opened + self.rotate_time());
-        let next = [group, rotation].into_iter().flatten().min();
+        let start = if self.started { None } else { self.retry_at };
+        let next = [start, group, rotation].into_iter().flatten().min();
         next.map_or(Duration::from_secs(1), |at| at.saturating_sub(now.mono)).min(Duration::from_secs(1))
     }
 
@@ -215,8 +223,10 @@ impl Owner {
 
     /// Writes what waits, closes the file in good order, and says whether everything is durable.
     pub fn finish(&mut self, now: Now, shed: ShedCounts) -> bool {
-        self.commit(now, Mark::End);
-        let good = self.pending.is_empty() && self.retry_at.is_none();
+        if self.started {
+            self.commit(now, Mark::End);
+        }
+        let good = self.started && self.pending.is_empty() && self.retry_at.is_none();
         self.close(now);
         self.state.send_modify(|state| state.condition = Condition::Stopped);
         self.publish(shed);

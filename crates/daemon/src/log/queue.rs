@@ -56,6 +56,8 @@ struct Inner {
     next_seq: u64,
     runs: BTreeMap<String, Run>,
     shed: ShedCounts,
+    /// Numbers may be given out: the log has written that it began.
+    open: bool,
     stopping: bool,
 }
 
@@ -76,6 +78,7 @@ impl Queue {
             next_seq: first_seq,
             runs: BTreeMap::new(),
             shed: ShedCounts::default(),
+            open: false,
             stopping: false,
         };
         Self { inner: Mutex::new(inner), filled: Condvar::new(), max_results, max_raw_bytes }
@@ -91,6 +94,9 @@ impl Queue {
         let mut inner = self.lock();
         if inner.stopping {
             return Sent::Stopped;
+        }
+        if !inner.open {
+            return inner.shed(&record);
         }
         if let Record::Raw(packet) = &record {
             let size = packet_bytes(packet);
@@ -129,6 +135,11 @@ impl Queue {
     pub fn wait_for_stop(&self, timeout: Duration) -> bool {
         let waited = self.filled.wait_timeout_while(self.lock(), timeout, |inner| !inner.stopping);
         waited.unwrap_or_else(PoisonError::into_inner).0.stopping
+    }
+
+    /// From now on records are accepted.
+    pub fn open(&self) {
+        self.lock().open = true;
     }
 
     /// Nothing more is accepted; what waits is still written.

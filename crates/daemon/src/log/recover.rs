@@ -2,11 +2,11 @@
 
 use std::io;
 
-use super::codec::MAGIC;
+use super::codec::{MAGIC, RECORD_HEAD, Take, op};
 use super::examine::{Ending, Examined, GoodChunk, Rules, examine};
 use super::message::Group;
 use super::names::{FileName, TEMPORARY};
-use super::salvage::salvage;
+use super::salvage::salvage_as;
 use super::storage::Storage;
 
 /// What was found at the start, and done about it.
@@ -48,8 +48,10 @@ pub(super) fn recover(storage: &mut dyn Storage) -> io::Result<Recovery> {
     let mut next_first_group = None;
     let mut last: Option<(Group, bool)> = None;
     let mut unreadable = false;
+    let mut seen = 0;
     while let Some(file) = files.pop() {
-        let open = !ends_with_magic(storage, &file.name);
+        seen += 1;
+        let open = !is_closed(storage, &file.name, seen <= CHECKED);
         if open || last.is_none() {
             let outcome = close_file(storage, &file.name, next_first_group);
             report.torn_bytes += outcome.torn_bytes;
@@ -102,7 +104,7 @@ pub(super) fn close_open_files(storage: &mut dyn Storage, next_group: u64) -> io
     let mut next_first_group = next_group;
     let mut left = 0;
     for file in log_files(storage)?.into_iter().rev() {
-        if !ends_with_magic(storage, &file.name) {
+        if !is_closed(storage, &file.name, false) {
             let outcome = close_file(storage, &file.name, Some(next_first_group));
             left += usize::from(matches!(outcome.done, Done::Left(_)));
         }
@@ -110,6 +112,9 @@ pub(super) fn close_open_files(storage: &mut dyn Storage, next_group: u64) -> io
     }
     Ok(left)
 }
+
+/// How often a file is read before it is given up.
+const READ_TRIES: usize = 3;
 
 /// All files of the log, oldest first. What a rewriting left behind is removed.
 pub(super) fn log_files(storage: &mut dyn Storage) -> io::Result<Vec<FileName>> {
@@ -126,9 +131,32 @@ pub(super) fn log_files(storage: &mut dyn Storage) -> io::Result<Vec<FileName>> 
     Ok(files)
 }
 
-/// A cheap look: only files that have no end are read whole.
-fn ends_with_magic(storage: &mut dyn Storage, name: &str) -> bool {
-    storage.read_end(name, MAGIC.len()).is_ok_and(|end| end == MAGIC)
+/// Newest files whose index is checked at the start. A power cut can tear the end only of files that were being closed then; with older ones the last bytes
+/// are proof enough.
+const CHECKED: usize = 8;
+
+/// Whether a file has its end; only files without are read whole.
+fn is_closed(storage: &mut dyn Storage, name: &str, thorough: bool) -> bool {
+    let footer_length = RECORD_HEAD + 20 + MAGIC.len();
+    let Ok(end) = storage.read_end(name, footer_length) else { return false };
+    if !end.ends_with(&MAGIC) || end.len() < footer_length {
+        return false;
+    }
+    let mut whole = || {
+        let (opcode, footer) = Take(&end).record()?;
+        let mut take = Take(footer);
+        let (summary, _, crc) = (take.u64()?, take.u64()?, take.u32()?);
+        let length = storage.list().ok()?.into_iter().find(|(other, _)| other == name)?.1;
+        // The end of the data stands directly before the summary.
+        let data_end = RECORD_HEAD + 4;
+        let from = usize::try_from(length.checked_sub(summary)?).ok()?.checked_add(data_end)?;
+        let tail = storage.read_end(name, from).ok()?;
+        let (data_opcode, data) = Take(&tail).record()?;
+        let summed = tail.get(data_end..tail.len().checked_sub(4 + MAGIC.len())?)?;
+        let good = (opcode, data_opcode, data.len()) == (op::FOOTER, op::DATA_END, 4);
+        Some(good && crc32fast::hash(summed) == crc)
+    };
+    !thorough || whole() == Some(true)
 }
 
 pub(super) enum Done {
@@ -151,7 +179,12 @@ pub(super) struct Outcome {
 /// Closes one file. Groups that stand in the next file too are cut off: they were never acknowledged here, because a failed write or sync is
 /// followed by the same group in a new file.
 pub(super) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group: Option<u64>) -> Outcome {
-    let content = match storage.read(name) {
+    // An error that passes must not cost the numbering.
+    let mut read = storage.read(name);
+    for _ in 1..READ_TRIES {
+        read = read.or_else(|_| storage.read(name));
+    }
+    let content = match read {
         Ok(content) => content,
         Err(error) => {
             let done = Done::Left(format!("cannot be read: {error}"));
@@ -170,7 +203,8 @@ pub(super) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group
     }
     let torn_bytes = all.torn_tail.as_ref().map_or(0, |tail| tail.length);
     let result = if all.ending == Ending::Closed {
-        Ok(Done::Whole)
+        // It may have been closed by a start that was killed before it could sync, and the numbers go on behind what is in it.
+        storage.open(name).and_then(|mut file| file.sync()).map(|()| Done::Whole)
     } else if all.chunks.is_empty() {
         storage.remove(name).map(|()| Done::Removed)
     } else if all.damage.is_empty() {
@@ -196,7 +230,7 @@ fn append_closing(storage: &mut dyn Storage, name: &str, all: &Examined) -> io::
 
 /// Writes the good part anew, and keeps what was there beside it.
 fn rewrite(storage: &mut dyn Storage, name: &str, bytes: &[u8]) -> io::Result<()> {
-    let salvaged = salvage(bytes, Some(Rules::Own))?;
+    let salvaged = salvage_as(bytes, Some(Rules::Own))?;
     for (copy, content) in [(format!("{name}.damaged"), bytes), (format!("{name}{TEMPORARY}"), &salvaged.bytes)] {
         let written = storage.create(&copy).and_then(|mut file| {
             file.append(content)?;

@@ -68,13 +68,24 @@ pub(super) fn hole(before: &Group, after: &Group) -> Option<Missing> {
     })
 }
 
-/// Writes the good part of a file anew, with index and footer. Chunks of a gearwatch log keep their bounds; a hole between them gets a gap record.
+/// Writes the good part of any MCAP file anew, with index and footer.
 ///
 /// # Errors
 /// When a chunk cannot be packed.
-pub(super) fn salvage(bytes: &[u8], rules: Option<Rules>) -> io::Result<Salvaged> {
+pub fn salvage(bytes: &[u8]) -> io::Result<Salvaged> {
+    salvage_as(bytes, None)
+}
+
+/// The same by given rules. Chunks of a gearwatch log keep their bounds; a hole between them gets a gap record.
+///
+/// # Errors
+/// When a chunk cannot be packed.
+pub(super) fn salvage_as(bytes: &[u8], rules: Option<Rules>) -> io::Result<Salvaged> {
     let all = examine(bytes, rules);
     let mut out = Anew::new(all.rules);
+    let last = |id: Option<&u16>| id.copied().unwrap_or(0);
+    out.layout.reserved_ids =
+        last(all.layout.channels.keys().next_back()).max(last(all.layout.schemas.keys().next_back()));
     let mut salvaged = Salvaged {
         bytes: Vec::new(),
         messages: 0,
@@ -86,7 +97,7 @@ pub(super) fn salvage(bytes: &[u8], rules: Option<Rules>) -> io::Result<Salvaged
         missing: Vec::new(),
     };
     let mut previous: Option<Group> = None;
-    visit(bytes, |part| -> io::Result<()> {
+    visit(bytes, all.rules, |part| -> io::Result<()> {
         match part {
             Part::Attachment(a) => out.attachment(&a)?,
             Part::Metadata(name, map) => out.metadata(&name, &map)?,

@@ -283,7 +283,9 @@ impl Inner {
         let fault = self.call()?;
         if let Some(mut file) = self.files.remove(&id) {
             match fault {
-                Some(Fault::Io | Fault::Full | Fault::CrashDuring) => {
+                // Half of it has reached the disk; the rest is still waiting to be written.
+                Some(Fault::CrashDuring) => file.durable = self.tear(&file),
+                Some(Fault::Io | Fault::Full) => {
                     let from = file.dirty_from.unwrap_or(file.current.len());
                     let mut held = self.tear(&file);
                     held.resize(file.current.len().max(from), 0);

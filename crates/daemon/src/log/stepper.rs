@@ -27,6 +27,7 @@ pub struct Now {
 /// A log that does nothing but when it is told to.
 pub struct Stepper {
     owner: Owner,
+    open: bool,
     pub(super) queue: Arc<Queue>,
     pub(super) recovery: Arc<Recovery>,
     pub(super) durable: watch::Receiver<u64>,
@@ -50,12 +51,21 @@ impl Stepper {
         let (durable_sender, durable) = watch::channel(0);
         let (state_sender, state) = watch::channel(LogState::default());
         let unwritten_max = queue.unwritten_max();
-        let mut owner = Owner::new(config, storage, context, &recovery, unwritten_max, durable_sender, state_sender);
-        owner.start(now);
-        for record in start_records(&recovery, now.wall_ns) {
-            queue.send(record, now.wall_ns);
+        let owner = Owner::new(config, storage, context, &recovery, unwritten_max, durable_sender, state_sender);
+        let mut log = Self { owner, queue, recovery: Arc::new(recovery), durable, state, open: false };
+        log.open(now);
+        Ok(log)
+    }
+
+    /// Opens the queue as soon as a first group is written.
+    fn open(&mut self, now: Now) {
+        if !self.open && self.owner.start(now, self.queue.shed()) {
+            self.open = true;
+            self.queue.open();
+            for record in start_records(&self.recovery, now.wall_ns) {
+                self.queue.send(record, now.wall_ns);
+            }
         }
-        Ok(Self { owner, queue, recovery: Arc::new(recovery), durable, state })
     }
 
     /// As [`super::LogHandle::send`].
@@ -105,6 +115,7 @@ impl Stepper {
 
     /// Waits at most `idle` for records, takes them, and does what is due; at the end closes the log and says whether everything is durable.
     pub(super) fn turn(&mut self, idle: Duration, now: impl Fn() -> Now) -> Option<bool> {
+        self.open(now());
         let ended = if self.owner.has_room() {
             let owner = &mut self.owner;
             self.queue.take(idle, || now().wall_ns, |item| owner.accept(item, now()))

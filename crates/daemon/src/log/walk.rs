@@ -9,6 +9,7 @@ use std::io::Read;
 use std::ops::Range;
 
 use super::codec::{MAGIC, RECORD_HEAD, Take, op};
+use super::examine::Rules;
 use super::format::{Channel, FileSchema};
 
 /// Largest chunk that is unpacked (bytes); the writers of this project stay below 100 MiB, others by far too.
@@ -104,11 +105,14 @@ pub(super) struct Walk<'a> {
     at: usize,
     done: bool,
     budget: usize,
+    /// Fields behind those that are known here are damage, not a later version of the format.
+    strict: bool,
 }
 
 impl<'a> Walk<'a> {
-    pub fn new(bytes: &'a [u8]) -> Self {
-        Self { bytes, at: 0, done: false, budget: bytes.len().saturating_mul(SEARCH_BUDGET) }
+    pub fn new(bytes: &'a [u8], rules: Rules) -> Self {
+        let budget = bytes.len().saturating_mul(SEARCH_BUDGET);
+        Self { bytes, at: 0, done: false, budget, strict: rules == Rules::Own }
     }
 
     /// Goes on at `offset`.
@@ -122,26 +126,25 @@ impl<'a> Walk<'a> {
         Some((start..self.at, Found::Damage(what.into())))
     }
 
-    /// Where the next good record may be: behind the damaged one if its length leads to a record, else at the next good chunk.
+    /// Where the next good record may be: at the next chunk whose checksum is right, or behind the damaged record if its length leads to a
+    /// record before that.
     fn resume_after(&mut self, start: usize) -> usize {
-        if let Some(end) = self.frame(start).map(|(_, body)| body.end)
-            && end > start
-            && self.frame(end).is_some_and(|(opcode, _)| (op::HEADER..=op::DATA_END).contains(&opcode))
-        {
-            return end;
-        }
-        for candidate in start + 1..self.bytes.len() {
+        let known = |(opcode, _): &(u8, Range<usize>)| (op::HEADER..=op::DATA_END).contains(opcode);
+        let framed =
+            self.frame(start).map(|(_, body)| body.end).filter(|&end| self.frame(end).as_ref().is_some_and(known));
+        let end = framed.unwrap_or(self.bytes.len());
+        for candidate in start + 1..end {
             if self.bytes[candidate] != op::CHUNK {
                 continue;
             }
             let Some((_, body)) = self.frame(candidate) else { continue };
-            let Some(cost) = self.budget.checked_sub(body.len()) else { break };
-            self.budget = cost;
+            let Some(budget) = self.budget.checked_sub(body.len()) else { break };
+            self.budget = budget;
             if chunk(&self.bytes[body]).is_ok_and(|c| c.checked) {
                 return candidate;
             }
         }
-        self.bytes.len()
+        end
     }
 
     /// Opcode and body of the record at `offset`, if it lies within the bytes.
@@ -177,8 +180,11 @@ impl<'a> Iterator for Walk<'a> {
         };
         let end = range.end;
         let body = &self.bytes[range];
+        let strict = self.strict;
         let found = match opcode {
-            op::HEADER => header(body).map(|library| Found::Header { library }),
+            op::HEADER => header(body, strict).map(|library| Found::Header { library }),
+            // This log writes these three into chunks only.
+            op::SCHEMA | op::CHANNEL | op::MESSAGE if strict => None,
             op::SCHEMA => schema(body).map(Found::Schema),
             op::CHANNEL => channel(body).map(Found::Channel),
             op::MESSAGE => message(body).map(Found::Message),
@@ -186,17 +192,18 @@ impl<'a> Iterator for Walk<'a> {
                 Ok(chunk) => Some(Found::Chunk(chunk)),
                 Err(what) => return self.damage(what),
             },
-            op::MESSAGE_INDEX => Some(Found::MessageIndex),
+            op::MESSAGE_INDEX => is_message_index(body).then_some(Found::MessageIndex),
             op::ATTACHMENT => match attachment(body) {
                 Ok(view) => Some(Found::Attachment(view)),
                 Err(what) => return self.damage(what),
             },
-            op::METADATA => metadata(body),
+            op::METADATA => metadata(body, strict),
             op::DATA_END => {
                 self.done = body.len() == 4;
                 Take(body).u32().filter(|_| body.len() == 4).map(Found::DataEnd)
             }
             0 => None,
+            _ if strict => None,
             _ => Some(Found::Other),
         };
         let Some(found) = found else { return self.damage(format!("a record of kind {opcode} has impossible fields")) };
@@ -205,10 +212,16 @@ impl<'a> Iterator for Walk<'a> {
     }
 }
 
-fn header(body: &[u8]) -> Option<String> {
+fn header(body: &[u8], strict: bool) -> Option<String> {
     let mut take = Take(body);
-    let _profile = take.text()?;
-    take.text().map(str::to_owned)
+    let (_profile, library) = (take.text()?, take.text()?);
+    (take.0.is_empty() || !strict).then(|| library.to_owned())
+}
+
+fn is_message_index(body: &[u8]) -> bool {
+    let mut take = Take(body);
+    let length = take.u16().and_then(|_| take.u32());
+    length.is_some_and(|length| length % 16 == 0 && length as usize == take.0.len())
 }
 
 fn schema(body: &[u8]) -> Option<FileSchema> {
@@ -256,10 +269,10 @@ fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, String> {
     parse().ok_or_else(|| "an attachment has impossible fields".into())
 }
 
-fn metadata<'a>(body: &[u8]) -> Option<Found<'a>> {
+fn metadata<'a>(body: &[u8], strict: bool) -> Option<Found<'a>> {
     let mut take = Take(body);
     let (name, map) = (take.text()?.to_owned(), take.text_map()?);
-    Some(Found::Metadata { name, map })
+    (take.0.is_empty() || !strict).then_some(Found::Metadata { name, map })
 }
 
 /// Unpacks a chunk and checks all of it.

@@ -1,5 +1,7 @@
 //! The log under kill, power cut, full disk and damage. What it wrote is judged by the reader of the `mcap` crate, which knows nothing of the
 //! log's own code.
 
+mod damage;
+mod kills;
 mod start_and_stop;
 mod support;
