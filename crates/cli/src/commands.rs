@@ -14,12 +14,14 @@ mod completions;
 mod config;
 mod convert;
 mod diagnose;
+mod doctor;
 mod explain;
 mod info;
 mod list;
 mod man;
 mod paper;
 mod prove;
+mod recover;
 mod replay;
 mod run;
 mod signatures;
@@ -43,6 +45,8 @@ const COMMANDS: &[Kind] = &[
     kind::<batch::Batch>(),
     kind::<explain::Explain>(),
     kind::<prove::Prove>(),
+    kind::<recover::Recover>(),
+    kind::<doctor::Doctor>(),
     kind::<list::List>(),
     kind::<config::ConfigCommand>(),
     kind::<completions::Completions>(),
