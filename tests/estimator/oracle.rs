@@ -96,9 +96,10 @@ fn analytic_phase_at_the_first_sample() {
         let x = samples(Run::ramp(24.9, percent, 1.0), &tones, 16_384.0, 16_384);
         let analysis = &super::analyse(&bench, &PipelineConfig::default(), &[block(&x, 16_384.0)])[0];
         for (line, tone) in analysis.stages[0].harmonics.iter().zip(&tones) {
-            // The angle at the ends of the window is known to 1e-5 rev: 0.01 rad at order 145.
+            // The search among ramps works on interpolated copies and leaves up to 2e-5 rev at the ends of the window, 0.02 rad at
+            // order 145; a speed that is off by the 5e-5 that ranks can bear would leave 6e-4 rev.
             assert!(
-                (line.phase_rad - tone.phase_rad).abs() < 0.01,
+                (line.phase_rad - tone.phase_rad).abs() < 0.03,
                 "{percent} %: {} {}",
                 line.phase_rad,
                 tone.phase_rad

@@ -30,8 +30,11 @@ const BEND_SEPARATION: f64 = 1.5;
 const COMPACT_BINS: i32 = 2;
 
 /// Most steps of the refinement, and how many of them change the speed alone.
-const ROUNDS: usize = 48;
+const ROUNDS: usize = 16;
 const STRAIGHT_ROUNDS: usize = 2;
+
+/// What the compactness of a refinement that did not converge is multiplied by.
+const UNCONVERGED: f64 = 0.9;
 
 /// Terms of the polynomial that lines `separation_bins` apart allow.
 pub(crate) fn terms(separation_bins: f64, guard: &KaiserWindow) -> usize {
@@ -130,6 +133,7 @@ impl MeshSearch {
         let top = state.used.last().map_or(1.0, |u| u.line.order);
         let mut p = [0.0; DEGREE];
         p[0] = start;
+        let mut converged = false;
         for round in 0..ROUNDS {
             let step = self.step(state, start, &p);
             let mut largest: f64 = 0.0;
@@ -143,18 +147,24 @@ impl MeshSearch {
                     largest = largest.max(d.abs());
                 }
             }
-            if round > STRAIGHT_ROUNDS && largest * top < 1e-4 {
+            converged = round > STRAIGHT_ROUNDS && largest * top < 1e-4;
+            if converged {
                 break;
             }
         }
         self.look(state, start, &p);
         let variances = self.variances(&state.used);
+        let mut trust = trust(&state.used);
+        if !converged {
+            // A start so far off is a matter for the search among ramps.
+            trust.compactness *= UNCONVERGED;
+        }
         MeshSpeed {
             coefficients: self.basis.coefficients(&p),
             revolutions: p[0],
             revolutions_variance: variances[0],
             angle_variance: variances.iter().zip(&self.basis.norms).take(self.terms).map(|(v, n)| v * n).sum(),
-            trust: trust(&state.used),
+            trust,
         }
     }
 
