@@ -14,3 +14,7 @@ test:
 # The benchmarks: figures are ratios within one run
 bench:
     cargo bench --workspace
+
+# The SpectraQuest recordings (../shared): a baseline of first halves judges second halves and the broken tooth
+spectraquest:
+    cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture
