@@ -3,6 +3,8 @@
 //! The recordings are not part of the project: without them (`../shared` beside the checkout) the tests say so and skip. The
 //! whole set is analysed once. No constant of the method was chosen on the second halves or on the broken-tooth files.
 
+#![allow(clippy::print_stderr, reason = "the figures of the whole set are for people")]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

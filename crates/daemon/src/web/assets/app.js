@@ -206,9 +206,9 @@ function drawTrend(row) {
 
 function drawPillars(last) {
   const { g, width, height } = fit(el("pillars"));
-  const near = (last.states || []).slice(0, 3);
+  const near = (Array.isArray(last.states) ? last.states : []).slice(0, 3);
   const groups = [{ name: "now", dev: HARMONICS.map((h) => last[`dev_${h}x_percent`]), sigma: HARMONICS.map((h) => last[`dev_sigma_${h}x_percent`]) }]
-    .concat(near.map((s) => ({ name: s.name, dev: s.deviation_percent, sigma: [] })));
+    .concat(near.map((s) => ({ name: s.name, dev: s.deviation_percent || [], sigma: [] })));
   const limit = Math.max(15, ...groups.flatMap((s) => s.dev.map((d, i) => (known(d) ? Math.abs(d) + (s.sigma[i] || 0) : 0)))) * 1.08;
   const left = 40;
   const bottom = 18;
