@@ -59,6 +59,7 @@ function onVerdict(v) {
 }
 
 function onSpectrum(s) {
+  el("spectra").hidden = false;
   const key = `${s.bench}/${s.channel}`;
   let store = spectra.get(key);
   if (!store) spectra.set(key, (store = { last: null, waterfall: [] }));
