@@ -70,7 +70,7 @@ impl InputOptions {
     /// Opens a recording; reading it moves a progress bar on a terminal.
     ///
     /// # Errors
-    /// As [`gearwatch_io::open`].
+    /// As [`gearwatch_io::open()`].
     pub fn open(&self, path: &Path) -> Result<Watched, ReadError> {
         let opened = gearwatch_io::open(path, &self.open_options())?;
         let bar = if opened.size() < WORTH_A_BAR { ProgressBar::hidden() } else { ProgressBar::new(opened.size()) };
