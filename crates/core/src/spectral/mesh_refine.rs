@@ -9,7 +9,7 @@
 //! several times better than the difference of the angles at the ends.
 //!
 //! Sidebands near a line pull at its phase through the transforms of `w τ`, `w τ²`, `w τ³`, the wider the higher the power. The bend is
-//! fitted only where they are [`BEND_SEPARATION`] main lobes away.
+//! fitted only where they are `BEND_SEPARATION` main lobes away.
 
 use num_complex::Complex64;
 
