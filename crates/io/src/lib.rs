@@ -5,6 +5,8 @@ pub mod bench_file;
 mod blocks;
 mod columns;
 pub mod formats;
+pub mod frames;
+pub mod lanxi;
 pub mod mat;
 pub mod mcap;
 pub mod open;
@@ -14,7 +16,7 @@ pub mod summary;
 pub mod tdms;
 mod timing;
 pub mod uff;
-mod units;
+pub mod units;
 
 pub use open::{Opened, open, open_bytes, read_recording};
 pub use options::{ChannelOption, OpenOptions};
