@@ -85,7 +85,7 @@ impl WatchedBench {
         };
         if let Some(entry) = &config.learn_from {
             tracing::info!(bench = bench.name, source = entry.name, "learning the baseline");
-            let context = SourceContext { bench: bench.clone(), folder: folder.to_owned(), stop: stop.clone() };
+            let context = SourceContext::new(bench.clone(), folder.to_owned(), stop.clone());
             let learned = learn(entry, &context, &Arc::new(plan(None)?), window_s, workers)
                 .map_err(|e| BenchError::Learn { bench: bench.name.clone(), source: Box::new(e) })?;
             baseline = Some(learned);

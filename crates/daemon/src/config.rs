@@ -204,8 +204,8 @@ pub struct SinkEntry {
     keys: Table,
 }
 
-/// A source silent for so long is NOT OK (s).
-const DATA_DEADLINE_SECS: f64 = 5.0;
+/// A source that may be silent for longer is not watched (s).
+const LONGEST_DEADLINE_SECS: f64 = 86_400.0;
 /// Some minutes of verdicts of a small bench.
 const SINK_QUEUE: usize = 4096;
 
@@ -428,9 +428,9 @@ impl BenchConfig {
             if !names.insert(&source.name) {
                 out.push(format!("two sources are called {:?}; give one another name", source.name));
             }
-            if source.data_deadline_secs.is_nan() || source.data_deadline_secs <= 0.0 {
+            if !(source.data_deadline_secs > 0.0 && source.data_deadline_secs <= LONGEST_DEADLINE_SECS) {
                 out.push(format!(
-                    "source {:?}: data_deadline_secs is {}; it must be above 0",
+                    "source {:?}: data_deadline_secs is {}; it must be above 0 and at most a day",
                     source.name, source.data_deadline_secs
                 ));
             }
@@ -466,7 +466,7 @@ fn source_entry(keys: &Table) -> Result<SourceEntry, String> {
     let mut own = keys.clone();
     let kind = kind_of(&mut own, source::KINDS, "source")?;
     let name = take(&mut own, "name")?.unwrap_or_else(|| kind.name.to_owned());
-    let data_deadline_secs = take(&mut own, "data_deadline_secs")?.unwrap_or(DATA_DEADLINE_SECS);
+    let data_deadline_secs = take(&mut own, "data_deadline_secs")?.unwrap_or(source::DATA_DEADLINE_SECS);
     let (config, shown) = kind.read(own).map_err(|e| format!("{}: {e}", kind.name))?;
     let mut keys = Table::new();
     keys.insert("kind".to_owned(), kind.name.into());

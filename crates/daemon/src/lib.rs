@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod config;
+pub mod emulate;
 pub mod engine;
 pub mod event;
 pub mod health;

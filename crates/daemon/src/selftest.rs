@@ -84,7 +84,7 @@ impl SelfTest {
         let name = PathBuf::from("self test");
         let config = Config::parse(SERVICE, "self test", &name).map_err(|e| fail(&e))?;
         let bench = gearwatch_io::bench_file::parse(BENCH, &name).map_err(|e| fail(&e))?;
-        let context = SourceContext { bench: Arc::new(bench), folder: PathBuf::new(), stop: Stop::default() };
+        let context = SourceContext::new(Arc::new(bench), PathBuf::new(), Stop::default());
         let mut settings = PipelineConfig::default();
         settings.window.hop_s = settings.window.length_s;
         let plan = |baseline| Pipeline::new(&context.bench, &settings, baseline).map(Arc::new).map_err(|e| fail(&e));

@@ -176,6 +176,7 @@ struct RunningBench {
     packets: Inlet<Packet>,
     lane: LaneHandle,
     sources: Vec<Arc<SourceMonitor>>,
+    live_threads: Vec<JoinHandle<()>>,
     health: Arc<Mutex<Health>>,
 }
 
@@ -242,11 +243,7 @@ impl Running {
         let sources_stop = stop.child();
         let mut running = Vec::new();
         for (watched, bench) in benches.into_iter().zip(config.benches) {
-            let context = SourceContext {
-                bench: watched.bench.clone(),
-                folder: config.folder.clone(),
-                stop: sources_stop.clone(),
-            };
+            let context = SourceContext::new(watched.bench.clone(), config.folder.clone(), sources_stop.clone());
             let sizes = (config.service.packet_queue, config.service.windows_per_worker);
             let label = several.then(|| watched.name.clone());
             let ends = Ends { fanout: &fanout, raw: &raw, hub: &hub, label };
@@ -335,6 +332,11 @@ impl Running {
         };
         let mut since = None;
         while died.is_empty() && !self.benches.iter().all(|b| b.lane.is_finished()) && !deadline(stop, &mut since) {
+            std::thread::sleep(TICK / 4);
+        }
+        // Instruments are taken back to idle; the next configuration may want the same ones.
+        let closed = |bench: &RunningBench| bench.live_threads.iter().all(JoinHandle::is_finished);
+        while !self.benches.iter().all(closed) && !deadline(stop, &mut since) {
             std::thread::sleep(TICK / 4);
         }
         self.fanout.close();
@@ -573,16 +575,20 @@ fn start_bench(
     let mut teller =
         telling::Teller::new(watched.name.clone(), ends.label, ends.fanout.clone(), health.clone(), ends.hub.clone());
     let lane = lane.start(pool, packets.clone(), move |told| teller.tell(told))?;
-    let mut sources = Vec::new();
+    let (mut sources, mut live_threads) = (Vec::new(), Vec::new());
     for entry in config.sources {
         let outlet = outlet.branch(if entry.config.is_live() { WhenFull::DropNewest } else { WhenFull::Block });
         let monitor = Arc::new(SourceMonitor::new(&entry, outlet.counters().clone()));
         sources.push(monitor.clone());
-        let (context, raw, runtime) = (context.clone(), ends.raw.clone(), runtime.clone());
-        std::thread::Builder::new()
+        let data_deadline = Duration::from_secs_f64(entry.data_deadline_secs);
+        let context = SourceContext { data_deadline, ..context.clone() };
+        let (live, raw, runtime) = (entry.config.is_live(), ends.raw.clone(), runtime.clone());
+        let thread = std::thread::Builder::new()
             .name("gw-source".to_owned())
             .spawn(move || feeding::feed(&entry, &context, &outlet, &monitor, (&raw, &runtime)))?;
+        // A source that is not live may wait in a read for ever; it has nothing to close.
+        live_threads.extend(live.then_some(thread));
     }
     let motor_order = Train::new(&watched.bench).motor_order;
-    Ok(RunningBench { name: watched.name, motor_order, packets, lane, sources, health })
+    Ok(RunningBench { name: watched.name, motor_order, packets, lane, sources, live_threads, health })
 }

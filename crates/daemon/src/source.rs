@@ -6,15 +6,17 @@
 //! 2. One line in [`KINDS`].
 //!
 //! Parsing, `gearwatch list`, the schema, supervision, reconnects, counters and the conformance tests follow from the
-//! table. A source that is pulled (a file, the simulator) returns [`Feed::Pull`] and gets a thread of its own. A source
-//! with a socket returns [`Feed::Push`]: a future that owns its socket, puts packets into the outlet, and ends with an error
-//! when the connection is lost; it is then opened again after a while. Whatever is missing is told by a jump of
+//! table. A source that is pulled (a file, the simulator, a socket that is read with a time limit) returns [`Feed::Pull`] and gets a
+//! thread of its own. One whose protocol is spoken by tokio returns [`Feed::Push`]: a future that owns its socket and puts packets
+//! into the outlet. Either ends with an error when the connection is lost, and is opened again after a while; it checks then
+//! that it meets the same device as before. Whatever is missing is told by a jump of
 //! `first_sample_index` or by [`Quality::GAP_BEFORE`](gearwatch_core::block::Quality::GAP_BEFORE), never silently closed up.
 
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::time::Duration;
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::block::Packet;
@@ -32,18 +34,24 @@ use crate::stop::Stop;
 mod file;
 mod framing;
 mod growing_file;
+mod lanxi;
+mod numbering;
 mod pace;
 mod pipe;
 mod simulator;
 mod test_signal;
 
-pub(crate) use framing::now_unix_ns;
+pub(crate) use framing::{now_unix_ns, time_of};
+pub(crate) use lanxi::is_timeout;
 pub(crate) use pace::Pacer;
 pub use pace::Speed;
 
 /// All kinds of sources.
 pub const KINDS: &[Kind<dyn SourceConfig>] =
-    &[simulator::KIND, test_signal::KIND, file::KIND, pipe::KIND, growing_file::KIND];
+    &[simulator::KIND, test_signal::KIND, file::KIND, pipe::KIND, growing_file::KIND, lanxi::KIND];
+
+/// A source silent for so long is NOT OK (s), where its configuration says nothing else.
+pub const DATA_DEADLINE_SECS: f64 = 5.0;
 
 /// A line of [`KINDS`].
 const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SourceConfig>
@@ -65,9 +73,16 @@ pub struct SourceContext {
     pub folder: PathBuf,
     /// Ends waiting.
     pub stop: Stop,
+    /// A live source without data for so long has failed.
+    pub data_deadline: Duration,
 }
 
 impl SourceContext {
+    /// For a source of this bench, with the usual deadline.
+    pub fn new(bench: Arc<Bench>, folder: PathBuf, stop: Stop) -> Self {
+        Self { bench, folder, stop, data_deadline: Duration::from_secs_f64(DATA_DEADLINE_SECS) }
+    }
+
     /// A path of the configuration, seen from where the service runs.
     pub fn resolve(&self, path: &Path) -> PathBuf {
         self.folder.join(path)
@@ -145,6 +160,14 @@ pub enum SourceError {
     /// A reader's own error, which names file and place.
     #[error(transparent)]
     Reader(Box<dyn std::error::Error + Send + Sync>),
+    /// An instrument, broker or other machine.
+    #[error("{peer}: {message}")]
+    Peer {
+        /// Its address.
+        peer: String,
+        /// What went wrong.
+        message: String,
+    },
     /// Source and bench do not fit.
     #[error("{0}")]
     Bench(String),

@@ -63,8 +63,7 @@ impl Bench {
         );
         let config = Config::parse(&text, "test signal", self.folder.path()).unwrap();
         let bench = gearwatch_io::bench_file::read(&self.path("bench.toml")).unwrap();
-        let context =
-            SourceContext { bench: Arc::new(bench), folder: self.folder.path().to_owned(), stop: Stop::default() };
+        let context = SourceContext::new(Arc::new(bench), self.folder.path().to_owned(), Stop::default());
         (config, context)
     }
 

@@ -26,7 +26,7 @@ impl JsonSchema for SourceKeys {
             ("name", json!({ "type": "string", "description": "Unique within its bench; the kind where left out." })),
             (
                 "data_deadline_secs",
-                json!({ "type": "number", "exclusiveMinimum": 0, "default": super::DATA_DEADLINE_SECS,
+                json!({ "type": "number", "exclusiveMinimum": 0, "default": source::DATA_DEADLINE_SECS,
                         "description": "Without a packet for so long a live source counts as silent (s)." }),
             ),
         ];

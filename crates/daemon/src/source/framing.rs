@@ -63,7 +63,7 @@ fn default_scale() -> f64 {
 }
 
 /// Units that a recording may have.
-const UNITS: [&str; 5] = ["m/s^2", "g", "mm/s", "V", "1"];
+pub(super) const UNITS: [&str; 5] = ["m/s^2", "g", "mm/s", "V", "1"];
 /// More channels than any bench has; bounds what is allocated.
 const MOST_CHANNELS: usize = 1024;
 /// A longer line is no line of numbers.

@@ -1,0 +1,79 @@
+//! Numbers samples by their time stamps, through gaps and new connections: what is missing becomes a jump of the index.
+
+use gearwatch_core::block::{Quality, UnixNanos};
+
+use super::framing::time_of;
+
+/// Stamps that lie farther apart from what follows than this are no gap but another clock (s): a day.
+const LONGEST_GAP_SECS: f64 = 86_400.0;
+
+/// Numbers the samples of one channel. Lives as long as the service, not as one connection.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Numbering {
+    /// Index of the next sample.
+    next: u64,
+    /// Its time, where there was a sample before.
+    expected: Option<UnixNanos>,
+    /// Something was lost since the last sample.
+    broken: bool,
+}
+
+impl Numbering {
+    /// Something was lost here; the next samples follow on a gap even if their time does not show one.
+    pub(crate) fn break_here(&mut self) {
+        self.broken = true;
+    }
+
+    /// Index of the first of these samples, and [`Quality::GAP_BEFORE`] where they do not follow on those before. Stamps that are half a
+    /// sample off do not follow; those that run backwards or jump by more than a day tell a gap, but not how long it is.
+    pub(crate) fn place(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (u64, Quality) {
+        let mut quality = Quality::GOOD;
+        if let Some(expected) = self.expected {
+            let late_secs = (i128::from(t0) - i128::from(expected)) as f64 * 1e-9;
+            if self.broken || (late_secs * rate_hz).abs() > 0.5 {
+                quality = Quality::GAP_BEFORE;
+            }
+            if quality != Quality::GOOD && (0.0..=LONGEST_GAP_SECS).contains(&late_secs) {
+                // Clamped before the cast.
+                self.next = self.next.saturating_add((late_secs * rate_hz).round() as u64);
+            }
+        }
+        self.broken = false;
+        let first = self.next;
+        self.next = first.saturating_add(samples as u64);
+        self.expected = Some(time_of(t0, samples as u64, rate_hz));
+        (first, quality)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATE_HZ: f64 = 1000.0;
+    const MS: i64 = 1_000_000;
+
+    #[test]
+    fn analytic_missing_time_is_a_jump_of_the_index() {
+        let mut numbering = Numbering::default();
+        assert_eq!(numbering.place(0, 100, RATE_HZ), (0, Quality::GOOD));
+        assert_eq!(numbering.place(100 * MS, 50, RATE_HZ), (100, Quality::GOOD));
+        // 30 ms are missing: 30 samples.
+        assert_eq!(numbering.place(180 * MS, 20, RATE_HZ), (180, Quality::GAP_BEFORE));
+        // 0.4 of a sample is jitter, 0.6 is not; less than a sample is missing.
+        assert_eq!(numbering.place(200 * MS + 400_000, 20, RATE_HZ), (200, Quality::GOOD));
+        assert_eq!(numbering.place(221 * MS, 20, RATE_HZ), (221, Quality::GAP_BEFORE));
+    }
+
+    #[test]
+    fn analytic_other_clocks_and_known_losses_are_gaps_of_unknown_length() {
+        let mut numbering = Numbering::default();
+        numbering.place(0, 100, RATE_HZ);
+        numbering.break_here();
+        assert_eq!(numbering.place(100 * MS, 10, RATE_HZ), (100, Quality::GAP_BEFORE));
+        assert_eq!(numbering.place(110 * MS, 10, RATE_HZ), (110, Quality::GOOD));
+        // The same block again, and a clock two days ahead.
+        assert_eq!(numbering.place(110 * MS, 10, RATE_HZ), (120, Quality::GAP_BEFORE));
+        assert_eq!(numbering.place(2 * 86_400_000 * MS, 10, RATE_HZ), (130, Quality::GAP_BEFORE));
+    }
+}
