@@ -18,3 +18,11 @@ bench:
 # The SpectraQuest recordings (../shared): a baseline of first halves judges second halves and the broken tooth
 spectraquest:
     cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture
+
+# All campaigns of the service: kills, stops, full disk, power cuts, overload, soak, brokers, fuzzing (docs/reliability.md)
+campaign: campaign-kills campaign-soak campaign-overload campaign-time campaign-fuzz
+
+# 300 kill -9, 100 stops, a full disk and 100 power cuts (the last two need root) against the release build
+campaign-kills:
+    GEARWATCH_ROUNDS=300 cargo test --release -p gearwatch --test campaign -- --nocapture kills disk_full
+    GEARWATCH_ROUNDS=100 cargo test --release -p gearwatch --test campaign -- --nocapture --test-threads=1 stops power_cut

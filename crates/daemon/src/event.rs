@@ -5,6 +5,9 @@ use std::sync::Arc;
 use gearwatch_core::block::Packet;
 use gearwatch_core::verdict::Verdict;
 
+use serde::Serialize;
+
+use crate::health::Alarm;
 use crate::log::Gap;
 use crate::queue::Outlet;
 
@@ -21,9 +24,67 @@ pub enum Event {
         line: Arc<str>,
     },
     /// Something is missing.
-    Gap(Gap),
+    Gap {
+        /// Name of the bench.
+        bench: Arc<str>,
+        /// What.
+        gap: Gap,
+    },
+    /// An alarm came, went or grew worse.
+    Alarm {
+        /// Name of the bench.
+        bench: Arc<str>,
+        /// How it is now.
+        alarm: Alarm,
+    },
+    /// How a bench is: about once a second, and once more when the service stops.
+    State {
+        /// Name of the bench.
+        bench: Arc<str>,
+        /// How it is.
+        state: Arc<BenchState>,
+    },
     /// What a source delivered; only for sinks that want it.
     Raw(Arc<Packet>),
+}
+
+/// How a bench is, in a few words and figures. `machine` and `instrument` are never better than what is known.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BenchState {
+    /// When this was so (ns since the epoch).
+    pub t_ns: i64,
+    /// `running` or `stopped`.
+    pub service: &'static str,
+    /// All that must go on goes on: sources, sinks, self test.
+    pub ok: bool,
+    /// Worst machine state of the bench's places.
+    pub machine: String,
+    /// `ok` only if all channels are.
+    pub instrument: String,
+    /// Motor speed in Hz, `null` where unknown.
+    pub motor_speed_hz: Option<f64>,
+    /// Torque at the brake in N m, `null` where unknown.
+    pub brake_torque_nm: Option<f64>,
+    /// Windows judged.
+    pub windows_judged: u64,
+    /// Windows shed because the workers were too slow.
+    pub windows_shed: u64,
+    /// Gaps.
+    pub gaps: u64,
+    /// Alarms that hold.
+    pub alarms_active: u64,
+    /// Version of the service.
+    pub version: &'static str,
+}
+
+impl BenchState {
+    /// In a way that somebody may want to know of at once.
+    pub fn differs_from(&self, other: &Self) -> bool {
+        let heart = |state: &Self| {
+            (state.service, state.ok, state.machine.clone(), state.instrument.clone(), state.alarms_active)
+        };
+        heart(self) != heart(other)
+    }
 }
 
 /// Hands events to all sinks, each by the policy of its own queue.
@@ -41,6 +102,14 @@ impl Fanout {
         let event = Arc::new(event);
         for queue in &self.0 {
             let _ = queue.put_blocking(event.clone());
+        }
+    }
+
+    /// Tells all sinks that have room. For what is said again a second later, by somebody who must never wait.
+    pub fn mention(&self, event: Event) {
+        let event = Arc::new(event);
+        for queue in &self.0 {
+            queue.put_if_room(event.clone());
         }
     }
 

@@ -66,6 +66,16 @@ pub enum Severity {
     Critical,
 }
 
+impl Severity {
+    /// As written in JSON and metrics.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::Warning => "warning",
+            Self::Critical => "critical",
+        }
+    }
+}
+
 /// One alarm.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Alarm {
@@ -79,6 +89,8 @@ pub struct Alarm {
     pub severity: Severity,
     /// Time of the window that raised it (ns since the epoch).
     pub since_ns: i64,
+    /// Time of the window that changed it last (ns since the epoch).
+    pub t_ns: i64,
     /// It holds now; otherwise it is latched.
     pub active: bool,
     /// Somebody has seen it.
@@ -221,6 +233,7 @@ impl Place {
                     channel: verdict.channel.clone(),
                     severity,
                     since_ns: verdict.t0,
+                    t_ns: verdict.t0,
                     active: true,
                     acknowledged: false,
                 });
@@ -228,6 +241,7 @@ impl Place {
             }
             (Some(alarm), Some(severity)) if severity > alarm.severity || !alarm.active => {
                 // It came back, or grew worse: whoever acknowledged it has not seen this.
+                alarm.t_ns = verdict.t0;
                 alarm.acknowledged &= severity <= alarm.severity && alarm.active;
                 alarm.severity = alarm.severity.max(severity);
                 alarm.active = true;
@@ -235,6 +249,7 @@ impl Place {
             }
             (Some(alarm), _) if alarm.active && self.normal_in_a_row >= config.clear => {
                 alarm.active = false;
+                alarm.t_ns = verdict.t0;
                 let gone = alarm.clone();
                 self.recent.clear();
                 if alarm.acknowledged || !config.latch {

@@ -93,6 +93,13 @@ impl<T> Outlet<T> {
         }
     }
 
+    /// Puts an item in if there is room; what does not go in was never offered.
+    pub fn put_if_room(&self, item: T) {
+        if self.sender.try_send(item).is_ok() {
+            self.counters.entered.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
     /// Applies the policy; hands the item back where the policy is to wait.
     fn offer(&self, item: T) -> Result<Option<T>, Closed> {
         use async_channel::TrySendError::{Closed as Shut, Full};

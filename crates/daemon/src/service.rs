@@ -18,14 +18,14 @@ use tokio::sync::watch;
 use crate::bench::{BenchError, WatchedBench};
 use crate::config::{BenchConfig, Config, SinkEntry};
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
-use crate::event::Fanout;
-use crate::health::{Alarm, Health, Severity};
+use crate::event::{BenchState, Event, Fanout};
+use crate::health::{Alarm, Health};
 use crate::log::{Attachment, Context};
 use crate::queue::{self, Inlet, WhenFull};
 use crate::selftest::{SelfTest, SelfTestError};
 use crate::sink::{SinkContext, SinkError};
 use crate::snapshot::{AlarmSnapshot, BenchSnapshot, PlaceSnapshot, Snapshot, worst};
-use crate::source::SourceContext;
+use crate::source::{SourceContext, now_unix_ns};
 use crate::stop::Stop;
 use crate::web::{self, Hub};
 
@@ -37,14 +37,17 @@ mod notify;
 mod telling;
 
 pub use draining::{SinkMonitor, SinkState};
+pub(crate) use backoff::Backoff;
 use notify::{LaneProgress, Notifier};
 
 pub use feeding::{SourceMonitor, SourceState};
 
 /// How often the service looks after its parts.
 const TICK: Duration = Duration::from_millis(20);
-/// How often load is measured.
+/// How often load is measured and pages are told.
 const LOAD_PERIOD: Duration = Duration::from_secs(1);
+/// How often the status and the metrics are renewed: what goes wrong shows within a second even if the first look misses it.
+const SNAPSHOT_PERIOD: Duration = Duration::from_millis(200);
 
 /// Why the service cannot start, or had to end.
 #[derive(Debug, thiserror::Error)]
@@ -197,6 +200,8 @@ struct Running {
     runtime: Handle,
     pool: Pool,
     fanout: Fanout,
+    /// The sinks that want to know how the benches are.
+    states: Fanout,
     benches: Vec<RunningBench>,
     sinks: Vec<RunningSink>,
     drain_secs: f64,
@@ -217,6 +222,7 @@ impl Running {
         let several = benches.len() > 1;
         let mut queues = Vec::new();
         let mut raw_queues = Vec::new();
+        let mut state_queues = Vec::new();
         let mut sinks = Vec::new();
         for (entry, policy) in config.sinks.into_iter().zip(policies) {
             let (outlet, events) = queue::bounded(entry.queue, policy);
@@ -226,9 +232,12 @@ impl Running {
                 log_context: log_context.clone(),
                 ..SinkContext::default()
             };
-            let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone(), context.detail.clone()));
+            let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone(), context.voice.clone()));
             if entry.config.wants_raw() {
                 raw_queues.push(outlet.clone());
+            }
+            if entry.config.wants_states() {
+                state_queues.push(outlet.clone());
             }
             queues.push(outlet);
             let first = entry
@@ -271,6 +280,7 @@ impl Running {
             runtime: runtime.handle().clone(),
             pool,
             fanout,
+            states: Fanout::new(state_queues),
             benches: running,
             sinks,
             drain_secs: config.service.drain_secs,
@@ -283,6 +293,7 @@ impl Running {
     /// Looks after everything until the end, and ends it in order: sources, lanes, sinks.
     fn until_end(mut self, stop: &Stop, reload: &Reload, again: &Again) -> (Summary, Option<Box<Service>>) {
         let mut last_load = Instant::now();
+        let mut last_snapshot = last_load;
         let mut died = Vec::new();
         let mut building: Option<JoinHandle<Result<Service, String>>> = None;
         let mut next = None;
@@ -313,6 +324,11 @@ impl Running {
             if now.duration_since(last_load) >= LOAD_PERIOD {
                 last_load = now;
                 self.look_at_load(now);
+                self.hub.status(&self.snapshots.borrow().to_page());
+                self.tell_states("running");
+            }
+            if now.duration_since(last_snapshot) >= SNAPSHOT_PERIOD {
+                last_snapshot = now;
                 self.publish(now);
             }
         }
@@ -339,6 +355,7 @@ impl Running {
         while !self.benches.iter().all(closed) && !deadline(stop, &mut since) {
             std::thread::sleep(TICK / 4);
         }
+        self.tell_states("stopped");
         self.fanout.close();
         while !self.sinks.iter().all(|sink| sink.thread.is_finished()) && !deadline(stop, &mut since) {
             if !stop.is_given() && !reloading {
@@ -350,6 +367,29 @@ impl Running {
         // The next configuration may want the same address.
         self.runtime.block_on(self.edge.shutdown());
         (self.summary(stopped, died), next)
+    }
+
+    /// Tells the sinks how all benches are.
+    fn tell_states(&self, service: &'static str) {
+        let snapshot = self.snapshots.borrow();
+        for bench in &snapshot.benches {
+            let state = BenchState {
+                t_ns: now_unix_ns(),
+                service,
+                ok: snapshot.ok && service == "running",
+                // Nobody watches a bench whose service has stopped.
+                machine: if service == "running" { bench.machine.clone() } else { "unknown".to_owned() },
+                instrument: if service == "running" { bench.instrument.clone() } else { "stopped".to_owned() },
+                motor_speed_hz: bench.motor_speed_hz,
+                brake_torque_nm: bench.brake_torque_nm,
+                windows_judged: bench.windows_judged,
+                windows_shed: bench.windows_shed,
+                gaps: bench.gaps,
+                alarms_active: bench.alarms.iter().filter(|alarm| alarm.active).count() as u64,
+                version: env!("CARGO_PKG_VERSION"),
+            };
+            self.states.mention(Event::State { bench: bench.name.as_str().into(), state: Arc::new(state) });
+        }
     }
 
     fn self_test_state(&self, now: Instant) -> &'static str {
@@ -364,7 +404,7 @@ impl Running {
         let sinks: Vec<_> = self.sinks.iter().map(|sink| sink.monitor.snapshot()).collect();
         let delivering = |state: &str| matches!(state, "running" | "opening" | "ended");
         let sources_ok = benches.iter().flat_map(|bench| &bench.sources).all(|source| delivering(&source.state));
-        let sinks_ok = sinks.iter().all(|sink| sink.state != "waiting");
+        let sinks_ok = sinks.iter().all(|sink| sink.ok);
         let snapshot = Arc::new(Snapshot {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             uptime_secs: now.duration_since(self.started).as_secs_f64(),
@@ -374,7 +414,6 @@ impl Running {
             benches,
             sinks,
         });
-        self.hub.status(&snapshot.to_page());
         self.snapshots.send_replace(snapshot);
     }
 
@@ -476,11 +515,7 @@ impl RunningBench {
     fn alarm(&self, alarm: &Alarm) -> AlarmSnapshot {
         AlarmSnapshot {
             id: format!("{}/{}", self.name, alarm.id),
-            severity: match alarm.severity {
-                Severity::Warning => "warning",
-                Severity::Critical => "critical",
-            }
-            .to_owned(),
+            severity: alarm.severity.code().to_owned(),
             since_ns: alarm.since_ns,
             active: alarm.active,
             acknowledged: alarm.acknowledged,

@@ -12,7 +12,7 @@
 use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -24,11 +24,18 @@ use crate::log::Context;
 use crate::queue::Inlet;
 use crate::stop::Stop;
 
+mod broker;
 mod mcap_log;
+mod mqtt;
+mod nats;
+mod standing;
 mod stdout;
+mod webhook;
+
+pub use standing::{Standing, Voice};
 
 /// All kinds of sinks.
-pub const KINDS: &[Kind<dyn SinkConfig>] = &[stdout::KIND, mcap_log::KIND];
+pub const KINDS: &[Kind<dyn SinkConfig>] = &[stdout::KIND, mcap_log::KIND, nats::KIND, mqtt::KIND, webhook::KIND];
 
 /// A line of [`KINDS`].
 const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SinkConfig>
@@ -51,14 +58,7 @@ pub struct SinkContext {
     /// Configuration, benches and baselines, for a log that must be understood without them.
     pub log_context: Arc<Context>,
     /// What the sink says of itself.
-    pub(crate) detail: Arc<Mutex<String>>,
-}
-
-impl SinkContext {
-    /// Tells observers how the sink stands, in its own words.
-    pub fn say(&self, detail: String) {
-        *self.detail.lock().unwrap_or_else(PoisonError::into_inner) = detail;
-    }
+    pub voice: Voice,
 }
 
 /// Events for one sink; closed when there will be no more.
@@ -103,6 +103,11 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
 
     /// It takes the packets of the sources too.
     fn wants_raw(&self) -> bool {
+        false
+    }
+
+    /// It takes the states of the benches too.
+    fn wants_states(&self) -> bool {
         false
     }
 

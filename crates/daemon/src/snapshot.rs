@@ -120,12 +120,16 @@ pub struct SinkSnapshot {
     pub name: String,
     /// `running`, `waiting`, `disabled` or `ended`.
     pub state: String,
+    /// What it is given arrives where it belongs, or will arrive.
+    pub ok: bool,
     /// Events offered.
     pub offered: u64,
     /// Events it missed.
     pub dropped: u64,
     /// What it says of itself, or what went wrong; empty where it says nothing.
     pub detail: String,
+    /// Its own figures, by name.
+    pub figures: Vec<(String, f64)>,
 }
 
 impl PlaceSnapshot {
@@ -280,6 +284,16 @@ impl Snapshot {
         out.family("gearwatch_sink_events_dropped_total", "counter", "Events that a sink missed");
         for sink in &self.sinks {
             out.sample("gearwatch_sink_events_dropped_total", &[("sink", &sink.name)], sink.dropped as f64);
+        }
+        out.family("gearwatch_sink_ok", "gauge", "1 if what a sink is given arrives where it belongs, or will arrive");
+        for sink in &self.sinks {
+            out.sample("gearwatch_sink_ok", &[("sink", &sink.name)], f64::from(u8::from(sink.ok)));
+        }
+        out.family("gearwatch_sink_figure", "gauge", "What a sink says of itself in figures");
+        for sink in &self.sinks {
+            for (what, value) in &sink.figures {
+                out.sample("gearwatch_sink_figure", &[("sink", &sink.name), ("what", what)], *value);
+            }
         }
         out.text
     }

@@ -106,9 +106,10 @@ impl Bench {
     }
 }
 
-/// The command, without colours and with little talk.
+/// The command, without colours and with little talk. `GEARWATCH_BINARY` puts another build in its place.
 pub fn gearwatch(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_gearwatch"));
+    let built = env!("CARGO_BIN_EXE_gearwatch").into();
+    let mut command = Command::new(std::env::var_os("GEARWATCH_BINARY").unwrap_or(built));
     command.args(args).env("NO_COLOR", "1").env("GEARWATCH_LOG", "warn");
     command
 }

@@ -87,8 +87,8 @@ impl Group {
 /// The message of a record; `None` for a context, which is no message, and for what cannot be put into a recording.
 pub(super) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Message> {
     let (topic, schema, log_ns, data): (String, &'static Schema, UnixNanos, Vec<u8>) = match record {
-        Record::Verdict(verdict) => {
-            (format!("/gear/{}/rank", verdict.stage), &*VERDICT_SCHEMA, verdict.t0, json_bytes(&**verdict))
+        Record::Verdict { verdict, line } => {
+            (format!("/gear/{}/rank", verdict.stage), &*VERDICT_SCHEMA, verdict.t0, line.as_bytes().to_vec())
         }
         Record::Gap(gap) => (GAP_TOPIC.into(), &*GAP_SCHEMA, gap.t_ns, json_bytes(gap)),
         Record::Clock(clock) => (CLOCK_TOPIC.into(), &*CLOCK_SCHEMA, clock.wall_ns, json_bytes(clock)),

@@ -64,6 +64,9 @@ pub(super) struct Owner {
     last_seq: u64,
     unwritten_max: u64,
     started: bool,
+    /// What the first group says of the end before it: a start that is killed before its second group must not leave a hole that nothing
+    /// explains.
+    beginning: Vec<Record>,
     retry_at: Option<Duration>,
     /// Some file has no footer because something failed.
     unclosed: bool,
@@ -84,9 +87,8 @@ impl Owner {
         storage: Box<dyn Storage>,
         context: Arc<Context>,
         recovery: &Recovery,
-        unwritten_max: u64,
-        durable: watch::Sender<u64>,
-        state: watch::Sender<LogState>,
+        (unwritten_max, beginning): (u64, Vec<Record>),
+        (durable, state): (watch::Sender<u64>, watch::Sender<LogState>),
     ) -> Self {
         durable.send_replace(recovery.last_seq);
         Self {
@@ -107,6 +109,7 @@ impl Owner {
             last_seq: first_seq(recovery) - 1,
             unwritten_max,
             started: false,
+            beginning,
             retry_at: None,
             unclosed: !recovery.left.is_empty(),
             refused: 0,
@@ -119,6 +122,9 @@ impl Owner {
     /// followed by one that gives out the same numbers again.
     pub fn start(&mut self, now: Now, shed: ShedCounts) -> bool {
         if !self.started && self.retry_at.is_none_or(|at| now.mono >= at) {
+            for record in std::mem::take(&mut self.beginning) {
+                self.result(&Item { seq: self.last_seq + 1, record }, now);
+            }
             self.commit(now, Mark::Start);
             self.started = self.retry_at.is_none();
         }
@@ -140,7 +146,7 @@ impl Owner {
                 self.keeper.packet(Arc::clone(packet), |packet| wanted.push(Arc::clone(packet)));
                 wanted.into_iter().for_each(|packet| self.raw(packet, now));
             }
-            Record::Verdict(verdict) => {
+            Record::Verdict { verdict, .. } => {
                 self.result(&item, now);
                 let mut wanted = Vec::new();
                 self.keeper.verdict(verdict, |packet| wanted.push(Arc::clone(packet)));

@@ -200,7 +200,7 @@ impl Inner {
     fn shed(&mut self, record: &Record) -> Sent {
         self.shed.records += 1;
         match record {
-            Record::Verdict(_) => self.shed.windows += 1,
+            Record::Verdict { .. } => self.shed.windows += 1,
             Record::Raw(_) => self.shed.raw += 1,
             _ => {}
         }
@@ -238,7 +238,7 @@ impl Inner {
 /// Channel, first and last number, and count of what is lost with this record.
 fn extent(record: &Record, shed: u64) -> (String, u64, u64, u64) {
     match record {
-        Record::Verdict(v) => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
+        Record::Verdict { verdict: v, .. } => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
         Record::Raw(packet) => match &**packet {
             Packet::Vibration(b) => {
                 let count = b.samples.len() as u64;

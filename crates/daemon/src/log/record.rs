@@ -10,8 +10,13 @@ use serde::{Deserialize, Serialize};
 /// One thing to be logged.
 #[derive(Clone, Debug)]
 pub enum Record {
-    /// A verdict, on `/gear/<stage>/rank`: the same JSON object as the line on stdout.
-    Verdict(Arc<Verdict>),
+    /// A verdict, on `/gear/<stage>/rank`.
+    Verdict {
+        /// The verdict.
+        verdict: Arc<Verdict>,
+        /// The JSON object that is the line on stdout too, byte for byte; where several benches share a log it names the bench.
+        line: Arc<str>,
+    },
     /// Raw data as the source gave them, on `/vib/…`, `/tacho/…` and `/operating_point`; kept or not by [`super::RawPolicy`].
     Raw(Arc<Packet>),
     /// Something is missing, on `/gap`.
@@ -69,6 +74,8 @@ pub enum Cause {
     ClockStep,
     /// The configuration changed.
     Configuration,
+    /// The spool in front of a broker was full.
+    SpoolFull,
 }
 
 /// Both clocks at one moment.

@@ -47,11 +47,14 @@ impl Stepper {
     ) -> Result<Self, LogError> {
         config.check()?;
         let recovery = recover(&mut *storage)?;
-        let queue = Arc::new(Queue::new(config.queue_records, config.raw_queue_bytes, first_seq(&recovery)));
+        let beginning = start_records(&recovery, now.wall_ns);
+        let first_seq = first_seq(&recovery) + beginning.len() as u64;
+        let queue = Arc::new(Queue::new(config.queue_records, config.raw_queue_bytes, first_seq));
         let (durable_sender, durable) = watch::channel(0);
         let (state_sender, state) = watch::channel(LogState::default());
         let unwritten_max = queue.unwritten_max();
-        let owner = Owner::new(config, storage, context, &recovery, unwritten_max, durable_sender, state_sender);
+        let told = (durable_sender, state_sender);
+        let owner = Owner::new(config, storage, context, &recovery, (unwritten_max, beginning), told);
         let mut log = Self { owner, queue, recovery: Arc::new(recovery), durable, state, open: false };
         log.open(now);
         Ok(log)
@@ -62,9 +65,6 @@ impl Stepper {
         if !self.open && self.owner.start(now, self.queue.shed()) {
             self.open = true;
             self.queue.open();
-            for record in start_records(&self.recovery, now.wall_ns) {
-                self.queue.send(record, now.wall_ns);
-            }
         }
     }
 

@@ -10,7 +10,7 @@ use super::backoff::Backoff;
 use crate::config::SinkEntry;
 use crate::event::Event;
 use crate::queue::QueueCounters;
-use crate::sink::{Drain, Events, SinkContext, SinkError};
+use crate::sink::{Drain, Events, SinkContext, SinkError, Standing, Voice};
 use crate::snapshot::SinkSnapshot;
 
 /// How a sink is.
@@ -37,12 +37,12 @@ pub struct SinkMonitor {
     /// What it was offered, and what it missed.
     pub counters: Arc<QueueCounters>,
     state: Mutex<SinkState>,
-    detail: Arc<Mutex<String>>,
+    voice: Voice,
 }
 
 impl SinkMonitor {
-    pub(super) fn new(name: &str, counters: Arc<QueueCounters>, detail: Arc<Mutex<String>>) -> Self {
-        Self { name: name.to_owned(), counters, state: Mutex::new(SinkState::Running), detail }
+    pub(super) fn new(name: &str, counters: Arc<QueueCounters>, voice: Voice) -> Self {
+        Self { name: name.to_owned(), counters, state: Mutex::new(SinkState::Running), voice }
     }
 
     /// How it is.
@@ -51,18 +51,21 @@ impl SinkMonitor {
     }
 
     pub(super) fn snapshot(&self) -> SinkSnapshot {
-        let (state, detail) = match self.state() {
-            SinkState::Running => ("running", self.detail.lock().unwrap_or_else(PoisonError::into_inner).clone()),
-            SinkState::Waiting { error } => ("waiting", error),
-            SinkState::Disabled => ("disabled", String::new()),
-            SinkState::Ended => ("ended", String::new()),
+        let none = |ok, detail| Standing { ok, detail, figures: Vec::new() };
+        let (state, standing) = match self.state() {
+            SinkState::Running => ("running", self.voice.ask()),
+            SinkState::Waiting { error } => ("waiting", none(false, error)),
+            SinkState::Disabled => ("disabled", none(true, String::new())),
+            SinkState::Ended => ("ended", none(true, String::new())),
         };
         SinkSnapshot {
             name: self.name.clone(),
             state: state.to_owned(),
+            ok: standing.ok,
             offered: self.counters.entered(),
             dropped: self.counters.dropped(),
-            detail,
+            detail: standing.detail,
+            figures: standing.figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect(),
         }
     }
 

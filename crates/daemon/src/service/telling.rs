@@ -100,7 +100,8 @@ impl Teller {
     fn watch(&self, verdict: &Verdict) {
         let changed = self.health.lock().unwrap_or_else(PoisonError::into_inner).take(verdict);
         if let Some(alarm) = changed {
-            let severity = format!("{:?}", alarm.severity).to_lowercase();
+            self.fanout.tell(Event::Alarm { bench: self.bench.clone(), alarm: alarm.clone() });
+            let severity = alarm.severity.code();
             let how = if alarm.active { "alarm" } else { "alarm over" };
             tracing::warn!(bench = &*self.bench, alarm = alarm.id, severity, window = verdict.window, "{how}");
         }
@@ -112,7 +113,8 @@ impl Teller {
     }
 
     fn lost(&self, channel: String, (first, last, count): (u64, u64, u64), cause: Cause, t_ns: i64) {
-        self.fanout.tell(Event::Gap(Gap { channel, first, last, count, cause, t_ns }));
+        let gap = Gap { channel, first, last, count, cause, t_ns };
+        self.fanout.tell(Event::Gap { bench: self.bench.clone(), gap });
     }
 
     fn explain(&mut self, verdict: &Verdict) {

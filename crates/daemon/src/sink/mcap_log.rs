@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{Drain, Events, SinkConfig, SinkContext, SinkError, kind};
+use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
+use crate::health::{Alarm, Severity};
 use crate::kinds::Kind;
-use crate::log::{self, Disk, LogConfig, LogHandle, RawPolicy, Record};
+use crate::log::{self, Condition, Disk, LogConfig, LogHandle, Level, LogState, Note, RawPolicy, Record};
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",
@@ -34,27 +35,47 @@ impl SinkConfig for LogConfig {
         let config = Self { folder, ..self.clone() };
         let handle = log::spawn(config, context.log_context.clone(), Box::new(disk))
             .map_err(|e| failed(std::io::Error::other(e)))?;
-        let context = context.clone();
-        Ok(Drain::Thread(Box::new(move |events| write(&events, &handle, &context, place))))
+        let state = handle.state();
+        context.voice.answer_with(move || standing(&state.borrow()));
+        Ok(Drain::Thread(Box::new(move |events| write(&events, &handle, place))))
     }
 }
 
-fn write(events: &Events, handle: &LogHandle, context: &SinkContext, place: String) -> Result<(), SinkError> {
-    let state = handle.state();
+fn note(bench: &str, alarm: &Alarm) -> Note {
+    let level = if alarm.severity == Severity::Critical { Level::Error } else { Level::Warning };
+    let how = if alarm.active { "alarm" } else { "alarm over" };
+    let message = format!("{how} at bench {bench}: {}, {}", alarm.id, alarm.severity.code());
+    Note { t_ns: alarm.t_ns, level, name: "alarm".to_owned(), message }
+}
+
+fn standing(state: &LogState) -> Standing {
+    Standing {
+        ok: state.condition == Condition::Ok,
+        detail: serde_json::to_string(state).unwrap_or_default(),
+        figures: vec![
+            ("durable_seq", state.durable_seq as f64),
+            ("unlogged_records", state.unlogged_records as f64),
+            ("unlogged_windows", state.unlogged_windows as f64),
+            ("unlogged_raw", state.unlogged_raw as f64),
+            ("file_bytes", state.file_bytes as f64),
+        ],
+    }
+}
+
+fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkError> {
     while let Ok(event) = events.recv_blocking() {
         // Never waits; what the log has no room for it counts itself, and writes a gap record.
         handle.send(match &*event {
-            Event::Verdict { verdict, .. } => Record::Verdict(Arc::clone(verdict)),
-            Event::Gap(gap) => Record::Gap(gap.clone()),
+            Event::Verdict { verdict, line, .. } => {
+                Record::Verdict { verdict: Arc::clone(verdict), line: Arc::clone(line) }
+            }
+            Event::Gap { gap, .. } => Record::Gap(gap.clone()),
             Event::Raw(packet) => Record::Raw(Arc::clone(packet)),
+            Event::Alarm { bench, alarm } => Record::Note(note(bench, alarm)),
+            Event::State { .. } => continue,
         });
-        if events.is_empty() {
-            context.say(serde_json::to_string(&*state.borrow()).unwrap_or_default());
-        }
     }
-    let durable = handle.stop();
-    context.say(serde_json::to_string(&*state.borrow()).unwrap_or_default());
-    if durable {
+    if handle.stop() {
         return Ok(());
     }
     Err(SinkError::Io { place, source: std::io::Error::other("the end of the log is not durable") })

@@ -24,7 +24,7 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         rank: level,
         rank_probability: 0.9,
     };
-    Record::Verdict(Arc::new(Verdict {
+    let verdict = Verdict {
         stage: "stage1".into(),
         channel: "acc_1".into(),
         window,
@@ -45,13 +45,15 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         baseline_sessions: 2,
         state_fit: StateFit::NotCompared,
         states: Vec::new(),
-    }))
+    };
+    let line = serde_json::to_string(&verdict).unwrap().into();
+    Record::Verdict { verdict: Arc::new(verdict), line }
 }
 
 /// The line that stdout shows for the verdict of [`verdict`].
 pub fn line(window: u64, level: Rank) -> Vec<u8> {
-    let Record::Verdict(verdict) = verdict(window, level) else { unreachable!("verdict() makes a verdict") };
-    serde_json::to_vec(&*verdict).unwrap()
+    let Record::Verdict { line, .. } = verdict(window, level) else { unreachable!("verdict() makes a verdict") };
+    line.as_bytes().to_vec()
 }
 
 /// A log of small files.

@@ -1,0 +1,104 @@
+//! A full disk: ranks go on, the state says so within a second, logging goes on by itself, and what was not logged is counted exactly.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use gearwatch_daemon::log::Cause;
+
+use crate::fixture::{Bench, gearwatch, text};
+use crate::log_content::content;
+use crate::service::{configure, ended_within, files, log_of, signal, status, wait_for};
+
+/// A small file system in memory; gone with the value.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    /// `None` where mounting is not allowed.
+    fn new(folder: PathBuf, size: &str) -> Option<Self> {
+        std::fs::create_dir_all(&folder).ok()?;
+        let options = format!("size={size}");
+        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs", text(&folder)]).output();
+        mount.is_ok_and(|output| output.status.success()).then_some(Self(folder))
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").args(["-l", text(&self.0)]).status();
+    }
+}
+
+fn condition(bench: &Bench) -> Option<(bool, bool, String)> {
+    let snapshot = status(bench)?;
+    let log = log_of(&snapshot)?;
+    Some((snapshot.ok, log.ok, log.detail.clone()))
+}
+
+fn fill(place: &Path) {
+    // Writes until nothing more goes in; what fails is the point.
+    let _ = Command::new("dd").args(["if=/dev/zero", &format!("of={}", text(place)), "bs=4096"]).output();
+}
+
+#[test]
+fn conform_a_full_disk_is_told_and_counted() {
+    let bench = Bench::new();
+    let Some(disk) = SmallDisk::new(bench.path("disk"), "3m") else {
+        eprintln!("skipped: mounting a small file system needs root");
+        return;
+    };
+    let folder = disk.0.join("log");
+    let further = "group_ms = 50\nqueue_records = 64\n[[sink]]\nkind = \"stdout\"";
+    let config = configure(&bench, &folder, "20.0", further);
+    let mut child = gearwatch(&["run", "--config", text(&config)])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let lines = Arc::new(AtomicU64::new(0));
+    let counted = lines.clone();
+    let stdout = child.stdout.take().unwrap();
+    let reader = std::thread::spawn(move || {
+        for _ in BufReader::new(stdout).lines().map_while(Result::ok) {
+            counted.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    let limit = Duration::from_secs(10);
+    let good = |(_, ok, detail): (bool, bool, String)| (ok && detail.contains("gearwatch-")).then_some(());
+    wait_for(limit, || condition(&bench).and_then(good)).expect("the log begins");
+
+    fill(&disk.0.join("ballast"));
+    let begin = Instant::now();
+    let full = |(all, ok, detail): (bool, bool, String)| (!all && !ok && detail.contains("\"full\"")).then_some(());
+    wait_for(limit, || condition(&bench).and_then(full)).expect("the state says that the disk is full");
+    let told = begin.elapsed();
+    let before = lines.load(Ordering::Relaxed);
+    std::thread::sleep(Duration::from_secs(3));
+    let during = lines.load(Ordering::Relaxed) - before;
+    std::fs::remove_file(disk.0.join("ballast")).unwrap();
+    let begin = Instant::now();
+    wait_for(limit, || condition(&bench).and_then(good)).expect("logging goes on by itself");
+    let resumed = begin.elapsed();
+    std::thread::sleep(Duration::from_secs(1));
+    signal(&child, "TERM");
+    assert_eq!(ended_within(&mut child, Duration::from_secs(5)).and_then(|s| s.code()), Some(0));
+    reader.join().unwrap();
+
+    let lines = lines.load(Ordering::Relaxed);
+    let content = content(&files(&folder));
+    let unlogged: u64 =
+        content.gaps.iter().filter(|gap| gap.cause == Cause::LogQueueFull).map(|gap| gap.count).sum();
+    let logged = content.verdicts.len() as u64;
+    println!(
+        "full disk: told after {told:.2?}, {during} ranks meanwhile, resumed after {resumed:.2?}; {lines} lines = {logged} logged + {unlogged} counted as unlogged"
+    );
+    // 2 channels, 2 windows a second, 20 times the speed: 80 a second; a busy machine may shed some.
+    assert!(during > 60, "ranks did not go on: {during}");
+    assert!(told <= Duration::from_secs(1), "{told:?}");
+    assert!(resumed <= Duration::from_secs(5), "{resumed:?}");
+    assert!(unlogged > 0, "nothing was shed: the disk was not full for long enough to test anything");
+    assert_eq!(lines, logged + unlogged);
+}

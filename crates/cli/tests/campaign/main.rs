@@ -1,0 +1,15 @@
+//! Campaigns against the real binary: killed, stopped, without space, without power. The normal run does a few rounds of each; `just campaign`
+//! does them all (`GEARWATCH_ROUNDS` sets how many), and `docs/reliability.md` holds the last figures.
+
+#[path = "../service/fixture.rs"]
+#[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
+mod fixture;
+#[path = "../../../daemon/tests/log/support.rs"]
+#[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
+mod log_content;
+
+mod disk_full;
+mod kills;
+mod power_cut;
+mod service;
+mod stops;
