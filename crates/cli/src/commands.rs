@@ -16,6 +16,7 @@ mod convert;
 mod diagnose;
 mod doctor;
 mod explain;
+mod fleet;
 mod info;
 mod list;
 mod man;
@@ -36,6 +37,7 @@ const COMMANDS: &[Kind] = &[
     kind::<replay::Replay>(),
     kind::<simulate::Simulate>(),
     kind::<top::Top>(),
+    kind::<fleet::Fleet>(),
     kind::<baseline::BaselineCommand>(),
     kind::<paper::Paper>(),
     kind::<diagnose::Diagnose>(),

@@ -36,8 +36,8 @@ mod feeding;
 mod notify;
 mod telling;
 
-pub use draining::{SinkMonitor, SinkState};
 pub(crate) use backoff::Backoff;
+pub use draining::{SinkMonitor, SinkState};
 use notify::{LaneProgress, Notifier};
 
 pub use feeding::{SourceMonitor, SourceState};

@@ -53,11 +53,8 @@ fn conform_a_full_disk_is_told_and_counted() {
     let folder = disk.0.join("log");
     let further = "group_ms = 50\nqueue_records = 64\n[[sink]]\nkind = \"stdout\"";
     let config = configure(&bench, &folder, "20.0", further);
-    let mut child = gearwatch(&["run", "--config", text(&config)])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut child =
+        gearwatch(&["run", "--config", text(&config)]).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     let lines = Arc::new(AtomicU64::new(0));
     let counted = lines.clone();
     let stdout = child.stdout.take().unwrap();
@@ -89,8 +86,7 @@ fn conform_a_full_disk_is_told_and_counted() {
 
     let lines = lines.load(Ordering::Relaxed);
     let content = content(&files(&folder));
-    let unlogged: u64 =
-        content.gaps.iter().filter(|gap| gap.cause == Cause::LogQueueFull).map(|gap| gap.count).sum();
+    let unlogged: u64 = content.gaps.iter().filter(|gap| gap.cause == Cause::LogQueueFull).map(|gap| gap.count).sum();
     let logged = content.verdicts.len() as u64;
     println!(
         "full disk: told after {told:.2?}, {during} ranks meanwhile, resumed after {resumed:.2?}; {lines} lines = {logged} logged + {unlogged} counted as unlogged"

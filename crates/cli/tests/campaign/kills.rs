@@ -7,7 +7,9 @@ use gearwatch_daemon::log::Cause;
 
 use crate::fixture::Bench;
 use crate::log_content::{Content, content};
-use crate::service::{Moments, configure, ended_within, figure, files, log_of, rounds, said, signal, start, status, wait_for};
+use crate::service::{
+    Moments, configure, ended_within, figure, files, log_of, rounds, said, signal, start, status, wait_for,
+};
 
 /// Runs of one folder before it is read as a whole.
 const CHAIN: u64 = 10;
@@ -62,7 +64,10 @@ pub fn judge(label: &str, content: &Content, acknowledged_before: impl Fn(i64) -
         let (channel, window) = (object["channel"].as_str().unwrap().to_owned(), object["window"].as_u64().unwrap());
         let before = windows.insert(channel.clone(), window);
         let restarted = window < 3 || tails.iter().any(|gap| gap.last < *seq && seq - gap.last < 200);
-        assert!(before.is_none_or(|before| before < window) || restarted, "{label}: window {window} of {channel} again");
+        assert!(
+            before.is_none_or(|before| before < window) || restarted,
+            "{label}: window {window} of {channel} again"
+        );
     }
     (content.verdicts.len() as u64, tails.len() as u64)
 }

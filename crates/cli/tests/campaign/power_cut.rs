@@ -100,7 +100,9 @@ fn conform_power_cuts_lose_nothing_that_was_acknowledged() {
         tails += gaps;
         std::fs::remove_dir_all(&folder).unwrap();
     }
-    println!("{cuts} power cuts, {acknowledged_runs} of them after something was acknowledged, {verdicts} verdicts, {tails} tails");
+    println!(
+        "{cuts} power cuts, {acknowledged_runs} of them after something was acknowledged, {verdicts} verdicts, {tails} tails"
+    );
     assert!(acknowledged_runs * 2 > cuts, "the cuts came too early to test anything");
 }
 

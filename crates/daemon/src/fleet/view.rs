@@ -141,11 +141,8 @@ impl Bench {
         self.verdicts += 1;
         let ranks = (1..=5).map(|k| heard.text(&format!("rank_{k}x")).to_owned());
         let ranks = ranks.map(|rank| if rank.is_empty() { "unknown".to_owned() } else { rank }).collect();
-        let place = Place {
-            window: heard.number("window").unwrap_or(0),
-            machine: heard.text("machine").to_owned(),
-            ranks,
-        };
+        let place =
+            Place { window: heard.number("window").unwrap_or(0), machine: heard.text("machine").to_owned(), ranks };
         self.places.insert(format!("{}@{}", heard.text("stage"), heard.text("channel")), place);
     }
 
@@ -214,7 +211,9 @@ mod tests {
     fn conform_silence_and_a_stop_are_no_good_news() {
         let mut fleet = Fleet::default();
         let state = |service: &str| {
-            format!("\"kind\":\"state\",\"service\":\"{service}\",\"ok\":true,\"machine\":\"normal\",\"instrument\":\"ok\"")
+            format!(
+                "\"kind\":\"state\",\"service\":\"{service}\",\"ok\":true,\"machine\":\"normal\",\"instrument\":\"ok\""
+            )
         };
         fleet.take(&letter("a", 1, &state("running")));
         let second = 1_000_000_000;

@@ -6,7 +6,7 @@ use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
 use crate::health::{Alarm, Severity};
 use crate::kinds::Kind;
-use crate::log::{self, Condition, Disk, LogConfig, LogHandle, Level, LogState, Note, RawPolicy, Record};
+use crate::log::{self, Condition, Disk, Level, LogConfig, LogHandle, LogState, Note, RawPolicy, Record};
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",

@@ -12,7 +12,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tokio::sync::Notify;
 
-use super::broker::{self, Carrier, Delivery, Kind as LetterKind, Outbox, Position, SpoolPlace, WINDOW, broker_error, secret};
+use super::broker::{
+    self, Carrier, Delivery, Kind as LetterKind, Outbox, Position, SpoolPlace, WINDOW, broker_error, secret,
+};
 use super::{Drain, SinkConfig, SinkContext, SinkError, kind};
 use crate::fleet;
 use crate::kinds::Kind;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use async_nats::jetstream::{self, context::PublishAckFuture, stream};
 use async_nats::HeaderMap;
+use async_nats::jetstream::{self, context::PublishAckFuture, stream};
 use futures_util::StreamExt;
 use futures_util::stream::FuturesOrdered;
 use schemars::JsonSchema;
@@ -186,11 +186,7 @@ async fn forward(
     }
 }
 
-async fn send(
-    jetstream: &jetstream::Context,
-    prefix: &str,
-    outgoing: &Outgoing,
-) -> Result<PublishAckFuture, String> {
+async fn send(jetstream: &jetstream::Context, prefix: &str, outgoing: &Outgoing) -> Result<PublishAckFuture, String> {
     let mut headers = HeaderMap::new();
     headers.insert(async_nats::header::NATS_MESSAGE_ID, outgoing.letter.id.as_str());
     if outgoing.resent {

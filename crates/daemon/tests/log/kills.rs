@@ -213,3 +213,27 @@ fn conform_a_file_whose_sync_failed_is_never_acknowledged_again() {
     }
     assert!(seen > 20, "only {seen} failures led to a new file");
 }
+
+/// The machine stops, starts, and stops again before the second group of that start is written: what the first stop took must not be a hole
+/// that no gap record explains. The first group says it.
+#[test]
+fn regress_a_start_that_is_killed_at_once_explains_what_was_lost_before_it() {
+    let disk = Simulated::new(7);
+    let mut outside = Outside::default();
+    let mut log = Stepper::start(small(), context(), Box::new(disk.clone()), at(0)).unwrap();
+    for window in 0..20 {
+        if let Sent::Queued { seq } = log.send(verdict(window, Rank::Zero), at(window)) {
+            outside.accepted.push((seq, window));
+        }
+    }
+    drop(log);
+    disk.power_cut();
+    for start in 1..4 {
+        drop(Stepper::start(small(), context(), Box::new(disk.clone()), at(start * 10_000)).unwrap());
+        disk.power_cut();
+    }
+    Stepper::start(small(), context(), Box::new(disk.clone()), at(50_000)).unwrap().stop(at(50_001));
+    let content = content(&disk.contents());
+    assert!(content.verdicts.is_empty(), "nothing was written: the test tests something else");
+    judge("killed starts", &content, &outside);
+}

@@ -178,7 +178,10 @@ mod tests {
             assert_eq!(Letter::from_bytes(&letter.to_bytes()), Some(letter.clone()));
             assert_eq!(Kind::of_topic(&letter.topic), Some(Kind::Gap));
             let object: serde_json::Value = serde_json::from_str(&format!("{{{}", letter.body)).unwrap();
-            assert_eq!((&object["kind"], &object["bench"], &object["count"]), (&"gap".into(), &bench.into(), &2.into()));
+            assert_eq!(
+                (&object["kind"], &object["bench"], &object["count"]),
+                (&"gap".into(), &bench.into(), &2.into())
+            );
             numbers.push(object["seq"].as_u64().unwrap());
         }
         assert_eq!(numbers, [1, 1, 2]);

@@ -101,7 +101,8 @@ impl Spool {
     /// Puts a record in; how many older ones had to go for it.
     pub fn append(&mut self, record: &[u8]) -> io::Result<u64> {
         let length = (HEAD + record.len()) as u64;
-        let full = self.segments.back().is_some_and(|last| last.bytes > 0 && last.bytes + length > self.segment_bytes());
+        let full =
+            self.segments.back().is_some_and(|last| last.bytes > 0 && last.bytes + length > self.segment_bytes());
         if full {
             self.begin_segment()?;
         }
@@ -338,7 +339,9 @@ mod tests {
         let (mut lost, mut taken, mut last) = (0, 0, None);
         for i in 0..40_000 {
             lost += spool.append(&record(i)).unwrap();
-            if i % 7 == 0 && let Some((position, _, bytes)) = spool.next() {
+            if i % 7 == 0
+                && let Some((position, _, bytes)) = spool.next()
+            {
                 assert!(last < Some(number(&bytes)), "out of order");
                 last = Some(number(&bytes));
                 spool.confirm(position);

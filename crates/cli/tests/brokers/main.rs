@@ -1,0 +1,17 @@
+//! The service against real brokers, which the tests start themselves; skipped with a message where there are none.
+
+#[path = "../service/fixture.rs"]
+#[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
+mod fixture;
+#[path = "../../../daemon/tests/log/support.rs"]
+#[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
+mod log_content;
+#[path = "../campaign/service.rs"]
+#[expect(dead_code, reason = "shared with the campaigns, which use all of it")]
+mod service;
+
+mod fleet;
+mod mqtt;
+mod nats;
+mod server;
+mod webhook;

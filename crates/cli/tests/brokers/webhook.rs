@@ -1,0 +1,76 @@
+//! A receiver that is away, refuses, or answers nonsense for a while gets every alarm in the end, once and in order.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpListener;
+use std::sync::mpsc::channel;
+use std::time::Duration;
+
+use crate::fixture::Bench;
+use crate::service::{configure, ended_within, signal, start};
+
+#[test]
+fn conform_alarms_are_posted_until_they_are_taken() {
+    let bench = Bench::new();
+    bench.baseline();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let (sender, posted) = channel();
+    std::thread::spawn(move || {
+        for (number, stream) in listener.incoming().enumerate() {
+            let mut stream = stream.unwrap();
+            let mut reader = BufReader::new(stream.try_clone().unwrap());
+            let (mut line, mut length, mut authorization) = (String::new(), 0, String::new());
+            while reader.read_line(&mut line).is_ok_and(|n| n > 2) {
+                let lower = line.to_ascii_lowercase();
+                if let Some(value) = lower.strip_prefix("content-length:") {
+                    length = value.trim().parse().unwrap();
+                }
+                if lower.starts_with("authorization:") {
+                    authorization = line.trim().to_owned();
+                }
+                line.clear();
+            }
+            let mut body = vec![0; length];
+            reader.read_exact(&mut body).unwrap();
+            // First it is busy, then it hangs up, then it takes what comes.
+            match number {
+                0 => drop(stream.write_all(b"HTTP/1.1 503 Busy\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")),
+                1 => {}
+                _ => {
+                    let answer = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
+                    drop(stream.write_all(answer));
+                    sender.send((authorization, body)).unwrap();
+                }
+            }
+        }
+    });
+    bench.write("token", "s3cret\n");
+    let further = format!(
+        "[[sink]]\nkind = \"webhook\"\nurl = \"http://{address}/alarms\"\ntoken_file = \"token\"\ntimeout_secs = 2.0\n"
+    );
+    let config = configure(&bench, &bench.path("log"), "20.0", &further);
+    let text = std::fs::read_to_string(&config).unwrap();
+    let text = text.replace("file = \"bench.toml\"\n", "file = \"bench.toml\"\nbaseline = \"baseline.json\"\n");
+    let fault = "fault = { after_secs = 0.0, stage = \"stage1\", percent = [0.0, 0.0, 0.0, 0.0, 25.0] }\n[[sink]]";
+    std::fs::write(&config, text.replacen("[[sink]]", fault, 1)).unwrap();
+    let mut child = start(&config);
+    let mut alarms = Vec::new();
+    for _ in 0..2 {
+        let (authorization, body) = posted.recv_timeout(Duration::from_secs(30)).expect("an alarm is posted");
+        assert!(authorization.ends_with("Bearer s3cret"), "{authorization}");
+        alarms.push(serde_json::from_slice::<serde_json::Value>(&body).unwrap());
+    }
+    signal(&child, "TERM");
+    assert_eq!(ended_within(&mut child, Duration::from_secs(5)).and_then(|s| s.code()), Some(0));
+    assert!(posted.try_recv().is_err(), "each alarm once");
+    let mut channels: Vec<&str> = alarms.iter().map(|alarm| alarm["channel"].as_str().unwrap()).collect();
+    channels.sort_unstable();
+    assert_eq!(channels, ["acc_1", "acc_2"], "one alarm a channel");
+    for alarm in &alarms {
+        assert_eq!(
+            (&alarm["kind"], &alarm["active"], &alarm["bench"]),
+            (&"alarm".into(), &true.into(), &"small".into())
+        );
+        assert!(alarm["text"].as_str().unwrap().contains("stage1"), "{alarm}");
+    }
+}
