@@ -247,7 +247,10 @@ fn path(folder: &Path, number: u64) -> PathBuf {
 }
 
 fn create(folder: &Path, number: u64) -> io::Result<File> {
-    File::options().append(true).create_new(true).open(path(folder, number))
+    let file = File::options().append(true).create_new(true).open(path(folder, number))?;
+    // A name that is not durable is no file after a power cut.
+    File::open(folder)?.sync_all()?;
+    Ok(file)
 }
 
 /// What was confirmed, and what was handed out if that is known. A cursor that cannot be read confirms nothing: all is sent again.
