@@ -75,6 +75,11 @@ impl Judge {
         Ok(Self { config, stages, normal, signatures })
     }
 
+    /// The states that verdicts are matched with.
+    pub fn signatures(&self) -> &SignatureTable {
+        &self.signatures
+    }
+
     /// Judges one window: one verdict for each stage, in order. Verdicts already in `out` are overwritten and their
     /// buffers used again, so that after the first windows nothing is allocated.
     pub fn judge(&self, window: &WindowAnalysis, out: &mut Vec<Verdict>) {

@@ -20,6 +20,7 @@ pub mod estimate;
 pub mod health;
 pub mod judge;
 pub mod one_shot;
+pub mod order_spectrum;
 pub mod pipeline;
 mod pulses;
 pub mod rank;

@@ -135,7 +135,7 @@ fn judge(what: Told<'_>, answers: &Mutex<Answers>) {
     let right = match what {
         Told::Verdict(verdict) => verdict.harmonics.iter().map(|h| h.rank).eq(RANKS),
         Told::Failed { .. } => false,
-        Told::Window(_) | Told::Gap(_) | Told::Shed(_) => return,
+        Told::Window(..) | Told::Gap(_) | Told::Shed(_) => return,
     };
     let mut answers = answers.lock().unwrap_or_else(PoisonError::into_inner);
     answers.last_was_right = right;

@@ -35,6 +35,7 @@ mod edge;
 mod feeding;
 mod notify;
 mod telling;
+mod viewing;
 
 pub(crate) use backoff::Backoff;
 pub use draining::{SinkMonitor, SinkState};
@@ -249,13 +250,14 @@ impl Running {
         let fanout = Fanout::new(queues);
         let raw = Fanout::new(raw_queues);
         let hub = Arc::new(Hub::default());
+        let views = viewing::start(&hub)?;
         let sources_stop = stop.child();
         let mut running = Vec::new();
         for (watched, bench) in benches.into_iter().zip(config.benches) {
             let context = SourceContext::new(watched.bench.clone(), config.folder.clone(), sources_stop.clone());
             let sizes = (config.service.packet_queue, config.service.windows_per_worker);
             let label = several.then(|| watched.name.clone());
-            let ends = Ends { fanout: &fanout, raw: &raw, hub: &hub, label };
+            let ends = Ends { fanout: &fanout, raw: &raw, hub: &hub, views: &views, label };
             running.push(start_bench(watched, bench, sizes, context, &pool, ends, runtime.handle())?);
         }
         let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };
@@ -575,6 +577,7 @@ struct Ends<'a> {
     fanout: &'a Fanout,
     raw: &'a Fanout,
     hub: &'a Arc<Hub>,
+    views: &'a viewing::Views,
     label: Option<Arc<str>>,
 }
 
@@ -607,8 +610,15 @@ fn start_bench(
     let overloaded = if live { Overloaded::Shed } else { Overloaded::Wait };
     let lane = Lane { pipeline: watched.pipeline, overloaded, windows_per_worker };
     let health = Arc::new(Mutex::new(Health::new(config.alarm)));
-    let mut teller =
-        telling::Teller::new(watched.name.clone(), ends.label, ends.fanout.clone(), health.clone(), ends.hub.clone());
+    let mut teller = telling::Teller::new(
+        watched.name.clone(),
+        ends.label,
+        ends.fanout.clone(),
+        health.clone(),
+        ends.hub.clone(),
+        ends.views.of(watched.name.clone(), Train::new(&watched.bench)),
+        lane.pipeline.judging().signatures().clone(),
+    );
     let lane = lane.start(pool, packets.clone(), move |told| teller.tell(told))?;
     let (mut sources, mut live_threads) = (Vec::new(), Vec::new());
     for entry in config.sources {

@@ -13,6 +13,7 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(120, 120, 120),
 ];
 const SIZE: (u32, u32) = (900, 320);
+const FONT: (&str, u32) = ("sans-serif", 13);
 /// Points drawn per series: two per pixel show everything that can be seen.
 const MOST_POINTS: usize = 2 * SIZE.0 as usize;
 
@@ -74,6 +75,8 @@ pub struct Mark {
     pub x: f64,
     /// Its name, may be empty.
     pub label: String,
+    /// Row in which the name is written, 0 at the top: marks of different kinds often lie close together.
+    pub row: u32,
 }
 
 /// Groups of bars with error bars.
@@ -170,6 +173,7 @@ macro_rules! finish_lines {
             .configure_mesh()
             .x_desc($lines.x_label.as_str())
             .y_desc($lines.y_label.as_str())
+            .label_style(FONT)
             .y_label_formatter(&|v| {
                 format!("{v:.3e}").parse::<f64>().map_or_else(|_| v.to_string(), |r| format!("{r}"))
             })
@@ -182,9 +186,8 @@ macro_rules! finish_lines {
                 .draw_series(std::iter::once(PathElement::new([(mark.x, $bounds.0), (mark.x, $bounds.1)], style)))
                 .map_err(failed)?;
             let place = (mark.x, $bounds.1);
-            $chart
-                .draw_series(std::iter::once(Text::new(mark.label.clone(), place, ("sans-serif", 12))))
-                .map_err(failed)?;
+            let text = Text::new(mark.label.clone(), (2, 12 * mark.row as i32), ("sans-serif", 12));
+            $chart.draw_series(std::iter::once(EmptyElement::at(place) + text)).map_err(failed)?;
         }
         for (series, colour) in $lines.series.iter().zip(COLOURS.iter().cycle()) {
             let points = thinned(&series.points).into_iter().filter(|p| $keep(p.1));
@@ -247,6 +250,7 @@ fn draw_bars(bars: &Bars, root: &Area<'_>) -> Result<(), ChartError> {
             group.cloned().unwrap_or_default()
         })
         .y_desc(bars.y_label.as_str())
+        .label_style(FONT)
         .light_line_style(WHITE)
         .draw()
         .map_err(failed)?;

@@ -121,7 +121,7 @@ mod tests {
                         y_label: evil.into(),
                         log_y: false,
                         series: vec![Series { name: evil.into(), points: vec![(0.0, 1.0), (1.0, 2.0)] }],
-                        marks: vec![Mark { x: 0.5, label: evil.into() }],
+                        marks: vec![Mark { x: 0.5, label: evil.into(), row: 0 }],
                     })),
                     Part::Chart(Chart::Bars(Bars {
                         caption: evil.into(),

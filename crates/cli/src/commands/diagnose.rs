@@ -21,6 +21,7 @@ use crate::exit::Exit;
 use crate::input::Input;
 
 mod plain;
+mod report;
 mod table;
 
 /// Say once what recordings tell of the gears: rank codes, averaged over each recording
@@ -32,6 +33,7 @@ mod table;
   gearwatch diagnose today.mcap --bench bench.toml --baseline normal.json
   gearwatch diagnose *.csv.gz --bench bench.toml --baseline normal.json --sample-rate 12800 --unit g --format csv
   gearwatch diagnose today.mcap -b bench.toml -n normal.json --format nagios       for a monitoring system
+  gearwatch diagnose today.mcap -b bench.toml -n normal.json --report today.html   a page to be handed on
   gearwatch diagnose today.mcap -b bench.toml -n normal.json --windows             each window, as `gearwatch replay` says it
 
 Exit codes: 0 within limits; 1 warning: a deviation of rank I to III, or the path from gear to sensor changed; 2 critical: rank IV
@@ -52,6 +54,9 @@ pub struct Diagnose {
     /// Every window by itself, one JSON object a line, not the averages
     #[arg(long, conflicts_with = "format")]
     windows: bool,
+    /// Also write a report: one HTML file with pictures, for a browser
+    #[arg(long, value_name = "FILE.html", conflicts_with = "windows")]
+    report: Option<PathBuf>,
     /// Threads for the spectra; 0: one a core. The result does not depend on it
     #[arg(short, long, default_value_t = 0, value_name = "N")]
     workers: usize,
@@ -80,6 +85,8 @@ pub(super) struct Diagnosis {
     notes: Vec<String>,
     /// Something is missing, so that no verdict can mean that all is well.
     incomplete: bool,
+    /// For the report.
+    pictures: Option<report::Pictures>,
 }
 
 /// What is collected while a recording is read.
@@ -89,6 +96,7 @@ struct Collected {
     by_sensor: BTreeMap<String, u64>,
     failed: u64,
     keep_windows: bool,
+    pictures: Option<report::Pictures>,
 }
 
 impl Run for Diagnose {
@@ -120,6 +128,12 @@ impl Run for Diagnose {
         let exit = all.iter().map(Diagnosis::exit).chain(failed).max_by_key(|exit| severity(*exit));
         let exit = exit.unwrap_or(Exit::Unknown);
         self.print(&all, exit)?;
+        if let Some(path) = &self.report {
+            let baseline = self.baseline.as_deref().map(|path| ("baseline", path));
+            let files: Vec<_> = [("bench", self.bench.as_path())].into_iter().chain(baseline).collect();
+            report::write(path, &all, &pipeline, &files)?;
+            let _ = writeln!(std::io::stderr(), "gearwatch diagnose: the report is {}", path.display());
+        }
         Ok(exit)
     }
 }
@@ -149,6 +163,7 @@ impl Diagnose {
             by_sensor: BTreeMap::new(),
             failed: 0,
             keep_windows: self.windows,
+            pictures: self.report.is_some().then(report::Pictures::default),
         };
         let workers = match self.workers {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -161,6 +176,7 @@ impl Diagnose {
             verdicts: Vec::new(),
             notes: source.opened().warnings(),
             incomplete: false,
+            pictures: None,
         };
         diagnosis.note_losses(&collected, &samples, pipeline.config().window.length_s);
         for sensor in expected.difference(&heard) {
@@ -182,6 +198,7 @@ impl Diagnose {
             diagnosis.verdicts = collected.windows;
             return Ok(diagnosis);
         }
+        diagnosis.pictures = collected.pictures;
         let mut verdicts = Vec::new();
         for average in collected.aggregate.finish() {
             pipeline.judging().judge_average(&average, &mut verdicts);
@@ -217,15 +234,25 @@ impl Diagnose {
 impl Collected {
     fn take(&mut self, told: Told<'_>) {
         match told {
-            Told::Window(window) => {
+            Told::Window(window, analysis) => {
                 *self.by_sensor.entry(window.sensor.to_string()).or_default() += 1;
                 if !self.keep_windows {
-                    self.aggregate.push(window);
+                    self.aggregate.push(analysis);
+                }
+                if let Some(pictures) = &mut self.pictures {
+                    pictures.window(window, analysis);
                 }
             }
-            Told::Verdict(verdict) if self.keep_windows => self.windows.push(verdict.clone()),
+            Told::Verdict(verdict) => {
+                if self.keep_windows {
+                    self.windows.push(verdict.clone());
+                }
+                if let Some(pictures) = &mut self.pictures {
+                    pictures.verdict(verdict);
+                }
+            }
             Told::Failed { .. } => self.failed += 1,
-            Told::Verdict(_) | Told::Gap(_) | Told::Shed(_) => {}
+            Told::Gap(_) | Told::Shed(_) => {}
         }
     }
 }

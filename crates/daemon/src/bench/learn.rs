@@ -48,7 +48,7 @@ pub fn learn(
     let config = BaselineConfig::default();
     let learner = Learner::new(config);
     let (learner, _) = oneshot::run(pipeline, workers, &mut pull, learner, |learner, told| {
-        if let Told::Window(window) = told {
+        if let Told::Window(_, window) = told {
             learner.push(window);
         }
     })?;

@@ -39,8 +39,8 @@ pub struct Shed {
 /// What a lane tells. The order is that of the windows, whatever the number of workers.
 #[derive(Debug)]
 pub enum Told<'a> {
-    /// What was measured in a window; its verdicts come next.
-    Window(&'a WindowAnalysis),
+    /// A window and what was measured in it; its verdicts come next.
+    Window(&'a Window, &'a WindowAnalysis),
     /// A verdict.
     Verdict(&'a Verdict),
     /// Samples are missing, or do not follow each other.
@@ -353,7 +353,9 @@ impl Ranker {
             return;
         }
         self.way.pipeline.judge(&job.analysis, verdicts);
-        tell(Told::Window(&job.analysis));
+        if let Some(window) = &job.window {
+            tell(Told::Window(window, &job.analysis));
+        }
         for verdict in verdicts.iter() {
             tell(Told::Verdict(verdict));
         }

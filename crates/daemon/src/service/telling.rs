@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use gearwatch_core::signature::{Expected, SignatureTable};
 use gearwatch_core::verdict::{Reason, Verdict};
 
 use crate::engine::Told;
@@ -11,6 +12,8 @@ use crate::health::Health;
 use crate::log::{Cause, Gap};
 use crate::source::now_unix_ns;
 use crate::web::Hub;
+
+use super::viewing::Viewer;
 
 /// Tells the sinks what one bench's lane says.
 #[derive(Debug)]
@@ -21,6 +24,8 @@ pub(super) struct Teller {
     fanout: Fanout,
     health: Arc<Mutex<Health>>,
     hub: Arc<Hub>,
+    viewer: Viewer,
+    signatures: SignatureTable,
     /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
     told: BTreeSet<(String, &'static str)>,
 }
@@ -32,14 +37,16 @@ impl Teller {
         fanout: Fanout,
         health: Arc<Mutex<Health>>,
         hub: Arc<Hub>,
+        viewer: Viewer,
+        signatures: SignatureTable,
     ) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
-        Self { bench, label, fanout, health, hub, told: BTreeSet::new() }
+        Self { bench, label, fanout, health, hub, viewer, signatures, told: BTreeSet::new() }
     }
 
     pub(super) fn tell(&mut self, told: Told<'_>) {
         match told {
-            Told::Window(_) => {}
+            Told::Window(window, analysis) => self.viewer.offer(window, analysis),
             Told::Verdict(verdict) => {
                 self.explain(verdict);
                 self.watch(verdict);
@@ -105,10 +112,14 @@ impl Teller {
             let how = if alarm.active { "alarm" } else { "alarm over" };
             tracing::warn!(bench = &*self.bench, alarm = alarm.id, severity, window = verdict.window, "{how}");
         }
-        let states = verdict
-            .states
-            .iter()
-            .map(|state| serde_json::json!({ "name": &*state.name, "probability": state.probability }));
+        let states = verdict.states.iter().map(|state| {
+            let pattern = self.signatures.signatures.iter().find(|s| s.name == state.name);
+            serde_json::json!({
+                "name": &*state.name,
+                "probability": state.probability,
+                "expected": pattern.map(|s| s.harmonics.map(expected)),
+            })
+        });
         self.hub.verdict(&self.bench, verdict, states.collect());
     }
 
@@ -128,5 +139,13 @@ impl Teller {
                 verdict.reason.code()
             );
         }
+    }
+}
+
+/// What a state does to a harmonic: a signed deviation in percent, or a rank of either sign.
+fn expected(expected: Expected) -> serde_json::Value {
+    match expected {
+        Expected::Signed(deviation) => serde_json::json!({ "percent": deviation.value, "sigma": deviation.sigma }),
+        Expected::Rank(rank) => serde_json::json!({ "rank": rank.code() }),
     }
 }

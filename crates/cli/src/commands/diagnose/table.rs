@@ -35,7 +35,7 @@ pub(super) fn table(out: &mut impl Write, one: &Diagnosis) -> std::io::Result<()
     writeln!(out)
 }
 
-fn operating_point(verdict: &Verdict) -> String {
+pub(super) fn operating_point(verdict: &Verdict) -> String {
     let torque = match verdict.brake_torque_nm {
         torque if torque.is_finite() => format!(", {torque:.1} N m"),
         _ => String::new(),
@@ -97,7 +97,7 @@ fn verdict_table(out: &mut impl Write, verdict: &Verdict) -> std::io::Result<()>
 }
 
 /// Four significant figures, without an exponent where that stays readable.
-fn figure(value: f64) -> String {
+pub(super) fn figure(value: f64) -> String {
     if !value.is_finite() {
         return "-".to_owned();
     }
@@ -133,7 +133,7 @@ fn probability(harmonic: &HarmonicVerdict) -> String {
     if harmonic.rank_probability.is_finite() { format!(" (p {:.2})", harmonic.rank_probability) } else { String::new() }
 }
 
-fn nearest(verdict: &Verdict) -> String {
+pub(super) fn nearest(verdict: &Verdict) -> String {
     let named: Vec<String> =
         verdict.states.iter().map(|s| format!("{} {:.0} %", s.name, 100.0 * s.probability)).collect();
     match verdict.state_fit {

@@ -122,10 +122,11 @@ fn spectrum(recording: &Recording, config: &SimConfig, model: &TrainModel) -> Ch
             Series { name, points: points.map(|(i, a)| (i as f64 / LINES_PER_ORDER, a)).collect() }
         })
         .collect();
-    let marks = train.stages.iter().flat_map(|stage| {
+    let marks = train.stages.iter().zip(0..).flat_map(|(stage, row)| {
         (1..=5).map(move |h| Mark {
             x: f64::from(h) * stage.mesh_order,
             label: if h == 1 { format!("{} 1x", stage.name) } else { format!("{h}x") },
+            row,
         })
     });
     Chart::Lines(Lines {

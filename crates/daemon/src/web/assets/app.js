@@ -177,7 +177,7 @@ function drawDetail() {
   const body = el("ranks").tBodies[0];
   body.replaceChildren(...HARMONICS.map((h) => {
     const level = last[`level_${h}x`];
-    const badge = node("b", { style: `background:${rankColour(level)};color:${[1, 2, 3].includes(level) || level < 0 ? "#111" : "#fff"}` }, last[`rank_${h}x`]);
+    const badge = node("b", { style: `background:${rankColour(level)};color:${level === 0 || level === 5 ? "#fff" : "#111"}` }, last[`rank_${h}x`]);
     return node("tr", {}, node("th", { scope: "row" }, `${h}x`), node("td", { class: "rank" }, badge),
       node("td", {}, known(last[`p_${h}x`]) ? `${(100 * last[`p_${h}x`]).toFixed(0)} %` : "–"),
       node("td", {}, `${percent(last[`dev_${h}x_percent`])} ± ${known(last[`dev_sigma_${h}x_percent`]) ? last[`dev_sigma_${h}x_percent`].toFixed(1) : "–"}`),
@@ -205,11 +205,27 @@ function drawTrend(row) {
   trendPlot.u.setData([t, amp, base, band(1), band(-1)]);
 }
 
+// A fault state's pillars: signed where its table knows the sign; where it knows ranks alone, the middle of the rank on the side of the
+// measured deviation, drawn from the rank's lower to its upper step.
+const STEP = [0, 1, 4, 7, 10, 13, 16];
+function pattern(expected, last) {
+  const dev = [];
+  const range = [];
+  HARMONICS.forEach((h, i) => {
+    const e = expected[i] || {};
+    const side = last[`dev_${h}x_percent`] < 0 ? -1 : 1;
+    const rank = RANKS.indexOf(e.rank);
+    dev.push(known(e.percent) ? e.percent : rank < 0 ? null : side * 0.5 * (STEP[rank] + STEP[rank + 1]));
+    range.push(known(e.percent) || rank < 0 ? null : [side * STEP[rank], side * STEP[rank + 1]]);
+  });
+  return { dev, range };
+}
+
 function drawPillars(last) {
   const { g, width, height } = fit(el("pillars"));
   const near = (Array.isArray(last.states) ? last.states : []).slice(0, 3);
   const groups = [{ name: "now", dev: HARMONICS.map((h) => last[`dev_${h}x_percent`]), sigma: HARMONICS.map((h) => last[`dev_sigma_${h}x_percent`]) }]
-    .concat(near.map((s) => ({ name: s.name, dev: s.deviation_percent || [], sigma: [] })));
+    .concat(near.map((s) => ({ name: s.name, sigma: [], ...pattern(s.expected || [], last) })));
   const limit = Math.max(15, ...groups.flatMap((s) => s.dev.map((d, i) => (known(d) ? Math.abs(d) + (s.sigma[i] || 0) : 0)))) * 1.08;
   const left = 40;
   const bottom = 18;
@@ -230,13 +246,19 @@ function drawPillars(last) {
   }
   const slot = (width - left) / HARMONICS.length;
   const bar = Math.min(26, (slot * 0.8) / groups.length);
-  const inks = [null, css("--soft"), css("--unknown"), css("--line")];
+  const inks = [null, css("--accent"), css("--warn"), css("--unknown")];
   HARMONICS.forEach((h, i) => {
     groups.forEach((s, k) => {
       const d = s.dev[i];
       if (!known(d)) return;
       const x = left + i * slot + slot * 0.1 + k * bar;
       g.fillStyle = k === 0 ? rankColour(last[`level_${h}x`]) : inks[k];
+      const range = s.range && s.range[i];
+      if (range) {
+        const [near0, far] = range.map(y);
+        g.fillRect(x, Math.min(near0, far), bar - 2, Math.max(1, Math.abs(far - near0)));
+        return;
+      }
       g.fillRect(x, Math.min(y(0), y(d)), bar - 2, Math.max(1, Math.abs(y(d) - y(0))));
       if (k === 0 && known(s.sigma[i])) {
         g.strokeStyle = css("--ink");
@@ -250,7 +272,9 @@ function drawPillars(last) {
     g.textAlign = "center";
     g.fillText(`${h}x`, left + (i + 0.5) * slot, height - bottom / 2);
   });
-  el("states").replaceChildren(...near.map((s) => node("li", {}, `${s.name}: ${(100 * s.probability).toFixed(0)} %`)));
+  const words = { none: "No known state fits these deviations. The nearest, and their shares of the likelihood:", several: "Several states fit about equally.", not_compared: "Not compared: nothing is known of the deviations." };
+  el("fit").textContent = words[last.state_fit] || "";
+  el("states").replaceChildren(...near.map((s, k) => node("li", {}, node("i", { style: `background:${inks[k + 1]}` }), `${s.name.replaceAll("_", " ")}: ${(100 * s.probability).toFixed(0)} %`)));
 }
 
 function drawSpectrum() {
@@ -262,7 +286,7 @@ function drawSpectrum() {
   spectrumPlot = sized(host, (width) => new uPlot({
     width, height: 240, legend: { show: false },
     scales: { x: { time: false }, y: { distr: 3 } },
-    axes: [axis("order of the input shaft"), axis(s.unit)],
+    axes: [axis("order of the input shaft"), { ...axis(s.unit), size: 64, values: (u, ticks) => ticks.map((t) => (t && Number.isInteger(Math.log10(t)) ? t.toExponential(0) : "")) }],
     series: [{}, { label: "amplitude", stroke: css("--accent"), width: 1 }],
     hooks: { draw: [(u) => marks(u, spectra.get(`${selected.bench}/${selected.channel}`).last.lines)] },
   }, [[], []], host), spectrumPlot, `${selected.bench}/${selected.channel}`);
@@ -273,6 +297,7 @@ function drawSpectrum() {
 
 function marks(u, lines) {
   const g = u.ctx;
+  const stages = [];
   const ratio = window.devicePixelRatio || 1;
   g.save();
   g.font = `${11 * ratio}px system-ui`;
@@ -290,7 +315,10 @@ function marks(u, lines) {
     if (!line.sideband) {
       g.fillStyle = css("--ink");
       g.textAlign = "left";
-      g.fillText(line.label, x + 3 * ratio, u.bbox.top + 10 * ratio);
+      // One row of labels a stage: lines of two stages often lie close together.
+      const stage = line.label.slice(0, line.label.lastIndexOf(" "));
+      if (!stages.includes(stage)) stages.push(stage);
+      g.fillText(line.label, x + 3 * ratio, u.bbox.top + (10 + 13 * stages.indexOf(stage)) * ratio);
     }
   }
   g.restore();
