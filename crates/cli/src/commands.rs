@@ -15,6 +15,7 @@ mod config;
 mod convert;
 mod diagnose;
 mod doctor;
+mod emulate;
 mod explain;
 mod fleet;
 mod info;
@@ -36,6 +37,7 @@ const COMMANDS: &[Kind] = &[
     kind::<status::Status>(),
     kind::<replay::Replay>(),
     kind::<simulate::Simulate>(),
+    kind::<emulate::Emulate>(),
     kind::<top::Top>(),
     kind::<fleet::Fleet>(),
     kind::<baseline::BaselineCommand>(),

@@ -32,23 +32,42 @@ use crate::service::SourceMonitor;
 use crate::stop::Stop;
 
 mod file;
+mod frames;
 mod framing;
 mod growing_file;
 mod lanxi;
+mod modbus;
+mod mqtt;
 mod numbering;
 mod pace;
 mod pipe;
+mod readings;
 mod simulator;
+mod sound_card;
+mod tcp;
 mod test_signal;
+mod udp;
 
 pub(crate) use framing::{now_unix_ns, time_of};
 pub(crate) use lanxi::is_timeout;
 pub(crate) use pace::Pacer;
 pub use pace::Speed;
+pub use readings::{Quantity, Readings};
 
 /// All kinds of sources.
-pub const KINDS: &[Kind<dyn SourceConfig>] =
-    &[simulator::KIND, test_signal::KIND, file::KIND, pipe::KIND, growing_file::KIND, lanxi::KIND];
+pub const KINDS: &[Kind<dyn SourceConfig>] = &[
+    simulator::KIND,
+    test_signal::KIND,
+    file::KIND,
+    pipe::KIND,
+    growing_file::KIND,
+    lanxi::KIND,
+    tcp::KIND,
+    udp::KIND,
+    sound_card::KIND,
+    modbus::KIND,
+    mqtt::KIND,
+];
 
 /// A source silent for so long is NOT OK (s), where its configuration says nothing else.
 pub const DATA_DEADLINE_SECS: f64 = 5.0;
@@ -75,12 +94,15 @@ pub struct SourceContext {
     pub stop: Stop,
     /// A live source without data for so long has failed.
     pub data_deadline: Duration,
+    /// What the bench's sources know of its operating point, together.
+    pub readings: Readings,
 }
 
 impl SourceContext {
     /// For a source of this bench, with the usual deadline.
     pub fn new(bench: Arc<Bench>, folder: PathBuf, stop: Stop) -> Self {
-        Self { bench, folder, stop, data_deadline: Duration::from_secs_f64(DATA_DEADLINE_SECS) }
+        let data_deadline = Duration::from_secs_f64(DATA_DEADLINE_SECS);
+        Self { bench, folder, stop, data_deadline, readings: Readings::default() }
     }
 
     /// A path of the configuration, seen from where the service runs.

@@ -54,7 +54,7 @@ pub struct Framing {
     pub first_sample_unix_ns: Option<i64>,
 }
 
-fn default_unit() -> String {
+pub(super) fn default_unit() -> String {
     "m/s^2".to_owned()
 }
 

@@ -38,11 +38,26 @@ impl Numbering {
                 self.next = self.next.saturating_add((late_secs * rate_hz).round() as u64);
             }
         }
+        (self.advance(t0, samples, rate_hz), quality)
+    }
+
+    /// Samples that follow for certain, as their sender numbers them; their time may drift.
+    pub(crate) fn follow(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (u64, Quality) {
+        (self.advance(t0, samples, rate_hz), Quality::GOOD)
+    }
+
+    /// Samples after so many missing ones, as their sender numbers them.
+    pub(crate) fn skip(&mut self, missing: u64, t0: UnixNanos, samples: usize, rate_hz: f64) -> (u64, Quality) {
+        self.next = self.next.saturating_add(missing);
+        (self.advance(t0, samples, rate_hz), Quality::GAP_BEFORE)
+    }
+
+    fn advance(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> u64 {
         self.broken = false;
         let first = self.next;
         self.next = first.saturating_add(samples as u64);
         self.expected = Some(time_of(t0, samples as u64, rate_hz));
-        (first, quality)
+        first
     }
 }
 

@@ -1,0 +1,117 @@
+//! Sound cards and USB accelerometers, which are sound cards to the system. Compiled in with the cargo feature `sound-card`.
+
+use std::collections::BTreeSet;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
+use crate::kinds::Kind;
+
+#[cfg(any(feature = "sound-card", test))]
+mod calibration;
+#[cfg(feature = "sound-card")]
+mod capture;
+
+pub(super) const KIND: Kind<dyn SourceConfig> = kind::<SoundCard>(
+    "sound_card",
+    if cfg!(feature = "sound-card") {
+        "a sound card or USB accelerometer (Digiducer 333D01 and its kin bring their calibration along)"
+    } else {
+        "a sound card or USB accelerometer (not in this build: compile with --features sound-card)"
+    },
+    r#"
+device = "333D01"                   # part of the device's name; its calibration stands there too
+sample_rate_hz = 48000.0
+channels = [{ input = 1, sensor = "acc_1" }]
+"#,
+);
+
+/// Keys of a sound card.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct SoundCard {
+    /// Part of the device's name. No other device is ever taken in its place.
+    device: String,
+    /// Samples per second, one of those that the device has (Hz).
+    sample_rate_hz: f64,
+    /// The inputs that are read.
+    channels: Vec<Input>,
+    #[cfg(feature = "sound-card")]
+    #[serde(skip)]
+    memory: std::sync::Arc<std::sync::Mutex<capture::Memory>>,
+}
+
+/// One input of a sound card.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct Input {
+    /// Its number, from 1.
+    input: u16,
+    /// Name of the sensor in the bench file.
+    sensor: String,
+    /// Physical value of full scale (not 0); goes with `unit`. Where left out, from the device's name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    full_scale: Option<f64>,
+    /// Unit of the physical values: `m/s^2`, `g`, `mm/s`, `V` or `1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    unit: Option<String>,
+}
+
+/// Inputs of the largest card.
+const MOST_INPUTS: u16 = 256;
+
+impl SourceConfig for SoundCard {
+    fn problems(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        if self.device.is_empty() {
+            out.push("device is empty; expected a part of the device's name".to_owned());
+        }
+        let rate = self.sample_rate_hz;
+        if !(rate.is_finite() && (1.0..=1e7).contains(&rate) && rate.fract() == 0.0) {
+            out.push(format!("sample_rate_hz is {rate}; expected a whole number from 1 to 1e7"));
+        }
+        if self.channels.is_empty() {
+            out.push("channels is empty; expected at least one input".to_owned());
+        }
+        let (mut inputs, mut sensors) = (BTreeSet::new(), BTreeSet::new());
+        for channel in &self.channels {
+            let number = channel.input;
+            if !(1..=MOST_INPUTS).contains(&number) {
+                out.push(format!("input is {number}; expected 1 to {MOST_INPUTS}"));
+            }
+            if !inputs.insert(number) || !sensors.insert(&channel.sensor) {
+                out.push(format!("input {number} or its sensor {:?} is named twice", channel.sensor));
+            }
+            match (channel.full_scale, &channel.unit) {
+                (Some(s), _) if !(s.is_finite() && s != 0.0) => {
+                    out.push(format!("input {number}: full_scale is {s}; expected a number other than 0"));
+                }
+                (Some(_), None) | (None, Some(_)) => {
+                    out.push(format!("input {number}: full_scale and unit go together; give both or none"));
+                }
+                (Some(_), Some(unit)) if !super::framing::UNITS.contains(&unit.as_str()) => {
+                    let units = super::framing::UNITS.join(", ");
+                    out.push(format!("input {number}: unit is {unit:?}; expected one of {units}"));
+                }
+                _ => {}
+            }
+        }
+        out
+    }
+
+    fn is_live(&self) -> bool {
+        true
+    }
+
+    #[cfg(feature = "sound-card")]
+    fn open(&self, context: &SourceContext) -> Result<Feed, SourceError> {
+        capture::open(self, context)
+    }
+
+    #[cfg(not(feature = "sound-card"))]
+    fn open(&self, _: &SourceContext) -> Result<Feed, SourceError> {
+        let message = "this build cannot read sound cards; compile gearwatch with --features sound-card".to_owned();
+        Err(SourceError::Peer { peer: self.device.clone(), message })
+    }
+}

@@ -1,0 +1,120 @@
+//! Frames over UDP, one a datagram.
+
+use std::collections::VecDeque;
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::time::Duration;
+
+use gearwatch_core::block::Packet;
+use gearwatch_io::frames::datagram;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::frames::{Layout, Memory, Reader};
+use super::{Feed, SourceConfig, SourceContext, SourceError, is_timeout, kind};
+use crate::kinds::Kind;
+use crate::stop::Stop;
+
+pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Udp>(
+    "udp",
+    "frames of samples over UDP, in gearwatch's own format (try it with `gearwatch emulate udp`)",
+    r#"
+listen = "0.0.0.0:5512"
+from = "192.168.1.7"                # the only machine that is heard; leave out for any
+frames = { channels = ["acc_1", "acc_2"], unit = "m/s^2" }
+"#,
+);
+
+/// Keys of a UDP source.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct Udp {
+    /// Address at which datagrams come.
+    listen: SocketAddr,
+    /// The only machine that is heard; any where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    from: Option<IpAddr>,
+    /// What the frames hold.
+    frames: Layout,
+    #[serde(skip)]
+    memory: Memory,
+}
+
+/// How often a thread that gets nothing looks whether it should stop.
+const POLL: Duration = Duration::from_millis(50);
+/// The longest datagram.
+const LONGEST: usize = 65_536;
+
+impl SourceConfig for Udp {
+    fn problems(&self) -> Vec<String> {
+        self.frames.problems()
+    }
+
+    fn is_live(&self) -> bool {
+        true
+    }
+
+    fn open(&self, context: &SourceContext) -> Result<Feed, SourceError> {
+        let failed = |e: std::io::Error| SourceError::Peer { peer: self.listen.to_string(), message: e.to_string() };
+        let socket = UdpSocket::bind(self.listen).map_err(failed)?;
+        socket.set_read_timeout(Some(POLL)).map_err(failed)?;
+        let mut reading = Reading {
+            socket,
+            name: self.listen,
+            from: self.from,
+            reader: Reader::new(&self.frames, &self.memory),
+            ready: VecDeque::new(),
+            buffer: vec![0; LONGEST],
+            stop: context.stop.clone(),
+            unusable: 0,
+            foreign: 0,
+        };
+        Ok(Feed::Pull(Box::new(move || reading.next_packet())))
+    }
+}
+
+struct Reading {
+    socket: UdpSocket,
+    name: SocketAddr,
+    from: Option<IpAddr>,
+    reader: Reader,
+    ready: VecDeque<Packet>,
+    buffer: Vec<u8>,
+    stop: Stop,
+    unusable: u64,
+    foreign: u64,
+}
+
+impl Reading {
+    /// There is no connection that could end; silence shows in the state of the source.
+    fn next_packet(&mut self) -> Result<Option<Packet>, SourceError> {
+        loop {
+            if let Some(packet) = self.ready.pop_front() {
+                return Ok(Some(packet));
+            }
+            if self.stop.is_given() {
+                return Ok(None);
+            }
+            let error = |message: String| SourceError::Peer { peer: self.name.to_string(), message };
+            match self.socket.recv_from(&mut self.buffer) {
+                Ok((_, peer)) if self.from.is_some_and(|from| from != peer.ip().to_canonical()) => {
+                    self.foreign += 1;
+                    // Told ever more rarely: whoever sends must not be able to fill the log.
+                    if self.foreign.is_power_of_two() {
+                        tracing::warn!(datagrams = self.foreign, "{peer} sends to {} and is not heard", self.name);
+                    }
+                }
+                Ok((n, peer)) => match datagram(self.buffer.get(..n).unwrap_or_default()) {
+                    Ok(frame) => self.reader.take(frame, &mut self.ready).map_err(error)?,
+                    Err(damage) => {
+                        self.unusable += 1;
+                        if self.unusable.is_power_of_two() {
+                            tracing::warn!(%peer, datagrams = self.unusable, "not readable: {damage}");
+                        }
+                    }
+                },
+                Err(e) if is_timeout(&e) => {}
+                Err(e) => return Err(error(e.to_string())),
+            }
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! Every kind of source: its example is a configuration, and what is wrong in one is said.
+
+use std::path::Path;
+
+use gearwatch_daemon::config::Config;
+use gearwatch_daemon::source::KINDS;
+
+fn parse(keys: &str) -> Result<Config, String> {
+    let text = format!("format = \"gearwatch-service/1\"\n[[bench]]\n[[bench.source]]\n{keys}");
+    Config::parse(&text, "test", Path::new("")).map_err(|e| e.to_string())
+}
+
+#[test]
+fn conform_every_example_is_a_configuration_and_shows_itself_again() {
+    for kind in KINDS {
+        let config = parse(&format!("kind = {:?}\n{}", kind.name, kind.example)).unwrap_or_else(|e| panic!("{e}"));
+        let shown = config.shown();
+        let again = Config::parse(&shown, "shown", Path::new("")).unwrap_or_else(|e| panic!("{}: {e}", kind.name));
+        assert_eq!(again.shown(), shown);
+    }
+}
+
+#[test]
+fn conform_values_that_cannot_be_are_named() {
+    let frames = "frames = { channels = [\"a\"] }";
+    for (keys, why) in [
+        ("kind = \"lanxi\"\naddress = \"http://x\"\nchannels = []", "address is \"http://x\""),
+        ("kind = \"lanxi\"\naddress = \"x\"\nchannels = [{ input = 0, sensor = \"a\" }]", "input is 0"),
+        ("kind = \"lanxi\"\naddress = \"x\"\nchannels = [{ input = 1, sensor = \"a\", unit = \"g\" }]", "go together"),
+        ("kind = \"lanxi\"\naddress = \"x\"\nchannels = [{ input = 1, sensor = \"a\", gain = 2 }]", "gain"),
+        (&format!("kind = \"tcp\"\n{frames}"), "either connect or listen"),
+        (&format!("kind = \"tcp\"\nconnect = \"x\"\n{frames}"), "expected host:port"),
+        (&format!("kind = \"udp\"\nlisten = \"x\"\n{frames}"), "listen"),
+        ("kind = \"udp\"\nlisten = \"127.0.0.1:1\"\nframes = { channels = [], unit = \"N\" }", "unit is \"N\""),
+        ("kind = \"modbus\"\naddress = \"x\"\nregisters = []", "expected host:port"),
+        (
+            "kind = \"modbus\"\naddress = \"x:1\"\nregisters = [{ quantity = \"brake_torque_nm\", register = 1, scale = 0.0 }]",
+            "scale 0",
+        ),
+        ("kind = \"mqtt\"\nbroker = \"x\"\ntopics = []", "broker is \"x\""),
+        (
+            "kind = \"mqtt\"\nbroker = \"x:1\"\ntopics = [{ quantity = \"temperature_c\", topic = \"a/#\" }]",
+            "without wildcards",
+        ),
+        ("kind = \"mqtt\"\nbroker = \"x:1\"\ntopics = [{ quantity = \"torque\", topic = \"a\" }]", "brake_torque_nm"),
+        (
+            &format!("data_deadline_secs = inf\nkind = \"tcp\"\nconnect = \"x:1\"\n{frames}"),
+            "data_deadline_secs is inf",
+        ),
+    ] {
+        let error = parse(keys).expect_err(keys);
+        assert!(error.contains(why), "{why}: {error}");
+    }
+}
