@@ -5,7 +5,7 @@
 const HARMONICS = [1, 2, 3, 4, 5];
 const RANKS = ["0", "I", "II", "III", "IV", "V"];
 const STEPS = "< 1 %,≥ 1 %,≥ 4 %,≥ 7 %,≥ 10 %,≥ 13 %".split(",");
-const KEEP = 1200; // windows kept per row
+const KEEP = 7200; // windows kept per row: an hour of two a second
 const WATERFALL_ROWS = 120;
 
 const rows = new Map(); // key → { key, bench, stage, channel, verdicts, canvas, … }
@@ -13,6 +13,7 @@ const spectra = new Map(); // bench/channel → { last, waterfall: [...] }
 let status = null;
 let selected = null;
 let harmonic = 1;
+let span = 0; // seconds that a strip shows; 0: each window by itself
 const dirty = new Set();
 
 const el = (id) => document.getElementById(id);
@@ -130,22 +131,37 @@ function draw() {
   if (selected && (todo.has("spectrum") || todo.has("all"))) drawSpectrum();
 }
 
+// What a strip shows, oldest first: the windows themselves, or for each column of a longer span the highest level in it.
+function columns(row, fits) {
+  if (!span) return row.verdicts.slice(-fits).map((v) => HARMONICS.map((h) => v[`level_${h}x`]));
+  const end = row.verdicts[row.verdicts.length - 1].t0_ns;
+  const wide = (span * 1e9) / fits;
+  const out = Array.from({ length: fits }, () => null);
+  for (let i = row.verdicts.length - 1; i >= 0; i--) {
+    const v = row.verdicts[i];
+    const at = fits - 1 - Math.floor((end - v.t0_ns) / wide);
+    if (at < 0) break;
+    if (!out[at]) out[at] = HARMONICS.map(() => -1);
+    HARMONICS.forEach((h, k) => (out[at][k] = Math.max(out[at][k], v[`level_${h}x`])));
+  }
+  return out;
+}
+
 function drawStrip(row) {
   const { g, width, height } = fit(row.canvas);
-  const cell = Math.max(2, Math.min(8, width / 60));
+  const cell = span ? 3 : Math.max(2, Math.min(8, width / 60));
   const lane = height / HARMONICS.length;
-  const fits = Math.floor(width / cell);
-  const shown = row.verdicts.slice(-fits);
+  const shown = columns(row, Math.floor(width / cell));
   const x0 = width - shown.length * cell;
   const colours = [-1, 0, 1, 2, 3, 4, 5].map(rankColour);
-  shown.forEach((v, i) => {
-    for (const h of HARMONICS) {
-      const level = v[`level_${h}x`];
+  shown.forEach((levels, i) => {
+    if (!levels) return;
+    levels.forEach((level, k) => {
       g.fillStyle = colours[level + 1];
       // The height says the same as the colour, for those who cannot tell colours apart.
       const tall = level < 0 ? 0.18 : 0.3 + 0.14 * level;
-      g.fillRect(x0 + i * cell, h * lane - 1 - tall * (lane - 2), cell - (cell > 3 ? 1 : 0), tall * (lane - 2));
-    }
+      g.fillRect(x0 + i * cell, (k + 1) * lane - 1 - tall * (lane - 2), cell - (cell > 3 ? 1 : 0), tall * (lane - 2));
+    });
   });
   const last = row.verdicts[row.verdicts.length - 1];
   const codes = HARMONICS.map((h) => (last[`level_${h}x`] < 0 ? "?" : last[`rank_${h}x`])).join(" ");
@@ -420,6 +436,16 @@ for (const h of HARMONICS) {
     invalidate("detail");
   });
   el("pick").append(button);
+}
+
+for (const [seconds, name] of [[0, "Windows"], [600, "10 min"], [3600, "1 h"]]) {
+  const button = node("button", { type: "button", "aria-pressed": String(seconds === span) }, name);
+  button.addEventListener("click", () => {
+    span = seconds;
+    for (const other of el("span").children) other.setAttribute("aria-pressed", String(other === button));
+    invalidate("all");
+  });
+  el("span").append(button);
 }
 
 function theme(dark) {
