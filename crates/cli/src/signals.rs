@@ -12,6 +12,8 @@ pub fn listen(stop: &Stop, reload: &Reload) -> std::io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (ready, is_ready) = std::sync::mpsc::channel();
     std::thread::Builder::new().name("gw-signals".to_owned()).spawn(move || {
+        // Nobody else hears signals: without this thread the service could not be told to stop.
+        let _guard = ExitOnPanic;
         runtime.block_on(async {
             let waiting = Signals::new();
             let opened = waiting.as_ref().map(|_| ()).map_err(|e| std::io::Error::from(e.kind()));
@@ -25,6 +27,17 @@ pub fn listen(stop: &Stop, reload: &Reload) -> std::io::Result<()> {
         });
     })?;
     is_ready.recv().unwrap_or(Ok(()))
+}
+
+/// Ends the process when the thread that holds it panics.
+struct ExitOnPanic;
+
+impl Drop for ExitOnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            std::process::exit(70);
+        }
+    }
 }
 
 #[cfg(unix)]

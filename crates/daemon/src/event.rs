@@ -8,7 +8,7 @@ use gearwatch_core::verdict::Verdict;
 use serde::Serialize;
 
 use crate::health::Alarm;
-use crate::log::Gap;
+use crate::log::{Clock, Gap};
 use crate::queue::Outlet;
 
 /// One thing to be told. Shared between the sinks, so that nothing is copied per sink.
@@ -44,6 +44,8 @@ pub enum Event {
         /// How it is.
         state: Arc<BenchState>,
     },
+    /// How the clocks stand, at the start and when the wall clock was set.
+    Clock(Clock),
     /// What a source delivered; only for sinks that want it.
     Raw(Arc<Packet>),
 }

@@ -5,6 +5,7 @@ pub mod config;
 pub mod emulate;
 pub mod engine;
 pub mod event;
+pub mod fail;
 pub mod fleet;
 pub mod health;
 pub mod kinds;

@@ -30,6 +30,7 @@ use crate::stop::Stop;
 use crate::web::{self, Hub};
 
 mod backoff;
+mod clock;
 mod draining;
 mod edge;
 mod feeding;
@@ -38,7 +39,9 @@ mod telling;
 mod viewing;
 
 pub(crate) use backoff::Backoff;
+use clock::ClockWatch;
 pub use draining::{SinkMonitor, SinkState};
+use edge::PageAccess;
 use notify::{LaneProgress, Notifier};
 
 pub use feeding::{SourceMonitor, SourceState};
@@ -64,6 +67,9 @@ pub enum ServiceError {
         /// What went wrong.
         source: SinkError,
     },
+    /// Token, certificate or key of the page.
+    #[error("the page: {0}")]
+    Page(String),
     /// The self test.
     #[error(transparent)]
     SelfTest(#[from] SelfTestError),
@@ -94,6 +100,7 @@ pub struct Summary {
 pub struct Service {
     config: Config,
     benches: Vec<WatchedBench>,
+    page: Option<PageAccess>,
     ends_with_sinks: bool,
 }
 
@@ -109,7 +116,8 @@ impl Service {
             .map(|bench| WatchedBench::build(bench, &config.folder, config.service.worker_count(), stop))
             .collect::<Result<_, _>>()
             .map_err(|e| ServiceError::Bench(Box::new(e)))?;
-        Ok(Self { config, benches, ends_with_sinks: false })
+        let page = PageAccess::read(&config.service, &config.folder).map_err(ServiceError::Page)?;
+        Ok(Self { config, benches, page, ends_with_sinks: false })
     }
 
     /// Ends when no sink has a reader any more: for a replay into a pipe, not for a service.
@@ -196,6 +204,7 @@ struct Running {
     self_test: Option<SelfTest>,
     hub: Arc<Hub>,
     snapshots: watch::Sender<Arc<Snapshot>>,
+    clock: ClockWatch,
     notifier: Notifier,
     edge: tokio::task::JoinSet<()>,
     runtime: Handle,
@@ -215,7 +224,7 @@ struct Running {
 
 impl Running {
     fn start(service: Service, runtime: &Runtime, stop: &Stop) -> Result<Self, ServiceError> {
-        let Service { config, benches, ends_with_sinks } = service;
+        let Service { config, benches, page, ends_with_sinks } = service;
         let sinks_stop = Stop::default();
         let log_context = Arc::new(log_context(&config, &benches));
         let pool = Pool::start(config.service.worker_count())?;
@@ -263,12 +272,16 @@ impl Running {
         let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };
         let (snapshots, seen) = watch::channel(Arc::new(Snapshot::default()));
         let mut edge = tokio::task::JoinSet::new();
-        if let Some(address) = config.service.page {
+        if let Some(access) = page {
             let acknowledge = acknowledge(&running);
-            edge.spawn_on(edge::serve_page(address, hub.clone(), acknowledge, seen.clone()), runtime.handle());
+            let (hub, seen) = (hub.clone(), seen.clone());
+            let serve = move || edge::serve_page(access.clone(), hub.clone(), acknowledge.clone(), seen.clone());
+            edge.spawn_on(edge::keep("page", serve), runtime.handle());
         }
         if let Some(path) = &config.service.status_socket {
-            edge.spawn_on(edge::serve_status(config.folder.join(path), seen), runtime.handle());
+            let path = config.folder.join(path);
+            let serve = move || edge::serve_status(path.clone(), seen.clone());
+            edge.spawn_on(edge::keep("status", serve), runtime.handle());
         }
         let notifier = Notifier::new();
         notifier.ready();
@@ -277,6 +290,7 @@ impl Running {
             self_test,
             hub,
             snapshots,
+            clock: ClockWatch::new(),
             notifier,
             edge,
             runtime: runtime.handle().clone(),
@@ -302,6 +316,9 @@ impl Running {
         while !stop.is_given() && !self.benches.iter().all(|bench| bench.lane.is_finished()) {
             std::thread::sleep(TICK);
             died.extend(self.benches.iter().filter(|b| b.lane.has_died()).map(|b| format!("bench {:?}", b.name)));
+            if self.pool.has_died() {
+                died.push("a worker thread".to_owned());
+            }
             if !died.is_empty() || self.nobody_listens() {
                 break;
             }
@@ -317,6 +334,11 @@ impl Running {
                 }
             }
             let now = Instant::now();
+            crate::fail::point("main");
+            let mono_ns = u64::try_from(now.duration_since(self.started).as_nanos()).unwrap_or(u64::MAX);
+            if let Some(clock) = self.clock.look(now_unix_ns(), mono_ns) {
+                self.fanout.mention(Event::Clock(clock));
+            }
             if let Some(self_test) = &mut self.self_test {
                 self_test.tick(now);
             }

@@ -9,6 +9,8 @@
 
 mod guard;
 mod hub;
+mod tls;
+mod token;
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -26,6 +28,8 @@ use tokio::sync::{Semaphore, broadcast};
 
 pub use guard::AllowedHosts;
 pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, SpectrumFrame, SpectrumLine, Status};
+pub use tls::{TlsListener, acceptor};
+pub use token::Token;
 
 /// Pages that may listen at once; one more is refused with 503.
 const MOST_LISTENERS: usize = 64;
@@ -75,6 +79,11 @@ pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, metrics: Metrics, bound: 
         .with_state(shared)
         .layer(axum::middleware::from_fn_with_state(Arc::new(AllowedHosts::new(bound, also)), guard::check))
         .layer(axum::extract::DefaultBodyLimit::max(64 * 1024))
+}
+
+/// In front of all routes: requests without the token are refused.
+pub fn with_token(router: Router, token: Token) -> Router {
+    router.layer(axum::middleware::from_fn_with_state(token, token::check))
 }
 
 fn asset(media: &'static str, bytes: &'static [u8]) -> Response {

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
@@ -123,6 +123,7 @@ pub struct LaneHandle {
     counters: Arc<LaneCounters>,
     cut: JoinHandle<()>,
     rank: JoinHandle<()>,
+    died: Arc<AtomicBool>,
 }
 
 /// A thread of a lane panicked: what it held is lost, and the lane cannot go on.
@@ -146,8 +147,7 @@ impl LaneHandle {
 
     /// Either thread has ended by a panic.
     pub fn has_died(&self) -> bool {
-        // The judging thread ends after the cutting thread, unless one of them panicked.
-        self.rank.is_finished() && !self.cut.is_finished()
+        self.died.load(Ordering::Acquire)
     }
 
     /// Waits for its end.
@@ -200,10 +200,25 @@ impl Lane {
             gaps: Vec::new(),
             returned: Vec::new(),
         };
+        let died = Arc::new(AtomicBool::new(false));
         let ranker = Ranker { counters: counters.clone(), way, back, next: 0, waiting: VecDeque::new() };
-        let cut = std::thread::Builder::new().name("gw-cut".to_owned()).spawn(move || cutter.run(&packets))?;
-        let rank = std::thread::Builder::new().name("gw-rank".to_owned()).spawn(move || ranker.run(&finished, tell))?;
-        Ok(LaneHandle { counters, cut, rank })
+        let cut = std::thread::Builder::new().name("gw-cut".to_owned()).spawn({
+            let died = died.clone();
+            move || or_died(&died, || cutter.run(&packets))
+        })?;
+        let rank = std::thread::Builder::new().name("gw-rank".to_owned()).spawn({
+            let died = died.clone();
+            move || or_died(&died, || ranker.run(&finished, tell))
+        })?;
+        Ok(LaneHandle { counters, cut, rank, died })
+    }
+}
+
+/// Says so when a thread ends by a panic, before it ends.
+fn or_died(died: &AtomicBool, run: impl FnOnce()) {
+    if let Err(panic) = catch_unwind(AssertUnwindSafe(run)) {
+        died.store(true, Ordering::Release);
+        resume_unwind(panic);
     }
 }
 
@@ -236,6 +251,7 @@ impl Cutter {
     fn cut(&mut self, packets: &Inlet<Packet>) -> Result<(), Gone> {
         let mut assembler = self.way.pipeline.assembler();
         while let Ok(packet) = packets.recv_blocking() {
+            crate::fail::point("cut");
             self.counters.packets.fetch_add(1, Ordering::Relaxed);
             self.step(&mut assembler, |assembler, emit| assembler.push(&packet, emit))?;
         }
@@ -342,6 +358,7 @@ impl Ranker {
     }
 
     fn judge(&self, job: &mut Job, verdicts: &mut Vec<Verdict>, tell: &mut impl FnMut(Told<'_>)) {
+        crate::fail::point("rank");
         tell_losses(&job.shed, &job.gaps, tell);
         job.shed.clear();
         job.gaps.clear();

@@ -85,6 +85,11 @@ impl Pool {
         self.threads.len()
     }
 
+    /// A thread has ended although nobody told it to: what it held never comes back, and its lane waits for ever.
+    pub fn has_died(&self) -> bool {
+        self.threads.iter().any(JoinHandle::is_finished)
+    }
+
     /// How busy they are.
     pub fn load(&self) -> &Arc<Load> {
         &self.load
@@ -111,6 +116,7 @@ fn work(jobs: &async_channel::Receiver<Box<Job>>, clock: &WorkerClock) {
     // One state a lane; lanes that are gone (after a reload) are forgotten when a new one comes.
     let mut states: Vec<(Weak<Way>, WorkerState)> = Vec::new();
     while let Ok(mut job) = jobs.recv_blocking() {
+        crate::fail::point("worker-thread");
         let begin = Instant::now();
         let at = match states.iter().position(|(way, _)| std::ptr::eq(way.as_ptr(), Arc::as_ptr(&job.way))) {
             Some(at) => at,
@@ -123,7 +129,11 @@ fn work(jobs: &async_channel::Receiver<Box<Job>>, clock: &WorkerClock) {
         if let (Some((_, state)), Some(window)) = (states.get_mut(at), &job.window) {
             let analysis = &mut job.analysis;
             let pipeline = &job.way.pipeline;
-            job.failed = catch_unwind(AssertUnwindSafe(|| pipeline.analyse(state, window, analysis))).is_err();
+            job.failed = catch_unwind(AssertUnwindSafe(|| {
+                crate::fail::point("worker");
+                pipeline.analyse(state, window, analysis);
+            }))
+            .is_err();
             if job.failed {
                 // Half-done work may be in it.
                 states.swap_remove(at);

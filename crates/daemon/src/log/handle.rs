@@ -51,6 +51,7 @@ pub fn spawn(config: LogConfig, context: Arc<Context>, storage: Box<dyn Storage>
     let (durable, state) = (log.durable.clone(), log.state.clone());
     let run = move || {
         loop {
+            crate::fail::point("log");
             if let Some(durable) = log.turn(log.idle_time(now()), now) {
                 return durable;
             }

@@ -3,34 +3,97 @@
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use futures_util::FutureExt;
 use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::sync::watch;
+use tokio_rustls::TlsAcceptor;
 
+use super::Backoff;
+use crate::config::ServiceConfig;
 use crate::snapshot::Snapshot;
-use crate::web::{self, Hub};
+use crate::web::{self, Hub, TlsListener, Token};
 
 /// A client that does not take its answer within this time is left.
 const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Serves the page and `/metrics` until the runtime ends. A port that is taken is told, and is no reason not to watch.
-pub(super) async fn serve_page(
+/// How the page is reached. Read at build, so that a wrong file is found before anything runs.
+#[derive(Clone)]
+pub(super) struct PageAccess {
     address: SocketAddr,
+    hosts: Vec<String>,
+    token: Option<Token>,
+    tls: Option<TlsAcceptor>,
+}
+
+impl std::fmt::Debug for PageAccess {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PageAccess").field("address", &self.address).finish_non_exhaustive()
+    }
+}
+
+impl PageAccess {
+    /// Reads token, certificate and key; `None` where there is no page.
+    pub(super) fn read(config: &ServiceConfig, folder: &Path) -> Result<Option<Self>, String> {
+        let Some(address) = config.page else { return Ok(None) };
+        let token = config.page_token_file.as_ref().map(|file| {
+            let path = folder.join(file);
+            let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+            let token = Token::new(text.lines().next().unwrap_or_default().trim());
+            token.map_err(|e| format!("{}: {e}", path.display()))
+        });
+        let tls =
+            config.page_tls.as_ref().map(|tls| web::acceptor(&folder.join(&tls.certificate), &folder.join(&tls.key)));
+        let hosts = config.page_hosts.clone();
+        Ok(Some(Self { address, hosts, token: token.transpose()?, tls: tls.transpose()? }))
+    }
+}
+
+/// Runs a task for as long as the service does: what ends or panics is begun anew after a while.
+pub(super) async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl Fn() -> F) {
+    let mut backoff = Backoff::default();
+    loop {
+        let began = Instant::now();
+        let life = async {
+            tokio::select! {
+                () = run() => {}
+                () = crate::fail::watch(name) => {}
+            }
+        };
+        if std::panic::AssertUnwindSafe(life).catch_unwind().await.is_err() {
+            tracing::error!("{name}: its code panicked");
+        }
+        tokio::time::sleep(backoff.next_wait(began)).await;
+    }
+}
+
+/// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is no reason not to watch.
+pub(super) async fn serve_page(
+    access: PageAccess,
     hub: Arc<Hub>,
     acknowledge: web::Acknowledge,
     snapshots: watch::Receiver<Arc<Snapshot>>,
 ) {
+    let address = access.address;
     let listener = match TcpListener::bind(address).await {
         Ok(listener) => listener,
         Err(e) => return tracing::error!("{address}: no page and no metrics: {e}"),
     };
     let bound = listener.local_addr().unwrap_or(address);
-    tracing::info!("page at http://{bound}, metrics at http://{bound}/metrics");
+    let scheme = if access.tls.is_some() { "https" } else { "http" };
+    tracing::info!("page at {scheme}://{bound}, metrics at {scheme}://{bound}/metrics");
     let metrics = Arc::new(move || snapshots.borrow().prometheus());
-    let router = web::router(hub, acknowledge, metrics, bound, &[]);
-    if let Err(e) = axum::serve(listener, router).await {
+    let mut router = web::router(hub, acknowledge, metrics, bound, &access.hosts);
+    if let Some(token) = access.token {
+        router = web::with_token(router, token);
+    }
+    let served = match access.tls {
+        Some(tls) => axum::serve(TlsListener::new(listener, tls), router).await,
+        None => axum::serve(listener, router).await,
+    };
+    if let Err(e) = served {
         tracing::error!("{bound}: the page has ended: {e}");
     }
 }

@@ -190,6 +190,7 @@ fn pump(
     raw: &Fanout,
 ) -> Result<(), SourceError> {
     while !context.stop.is_given() {
+        crate::fail::point("source");
         let Some(packet) = pull()? else { break };
         monitor.count();
         tap(&packet, raw);

@@ -106,6 +106,7 @@ pub(super) async fn run(
 async fn collect(events: &Events, outbox: &Outbox, heartbeat: Duration) {
     let mut secretary = Secretary::new(heartbeat);
     while let Ok(event) = events.recv().await {
+        crate::fail::point("sink-broker");
         if let Some(letter) = secretary.write(&event, Instant::now()) {
             let lost = outbox.put(&letter);
             if lost > 0 {

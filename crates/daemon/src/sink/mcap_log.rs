@@ -36,7 +36,11 @@ impl SinkConfig for LogConfig {
         let handle = log::spawn(config, context.log_context.clone(), Box::new(disk))
             .map_err(|e| failed(std::io::Error::other(e)))?;
         let state = handle.state();
-        context.voice.answer_with(move || standing(&state.borrow()));
+        context.voice.answer_with(move || match state.has_changed() {
+            Ok(_) => standing(&state.borrow()),
+            // Whoever writes the state has gone: what it says is not so any more.
+            Err(_) => Standing { ok: false, detail: "the thread of the log has ended".to_owned(), figures: Vec::new() },
+        });
         Ok(Drain::Thread(Box::new(move |events| write(&events, &handle, place))))
     }
 }
@@ -63,7 +67,12 @@ fn standing(state: &LogState) -> Standing {
 }
 
 fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkError> {
+    let state = handle.state();
     while let Ok(event) = events.recv_blocking() {
+        crate::fail::point("sink-mcap_log");
+        if state.has_changed().is_err() {
+            return Err(SinkError::Io { place, source: std::io::Error::other("the thread of the log has died") });
+        }
         // Never waits; what the log has no room for it counts itself, and writes a gap record.
         handle.send(match &*event {
             Event::Verdict { verdict, line, .. } => {
@@ -72,6 +81,7 @@ fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkE
             Event::Gap { gap, .. } => Record::Gap(gap.clone()),
             Event::Raw(packet) => Record::Raw(Arc::clone(packet)),
             Event::Alarm { bench, alarm } => Record::Note(note(bench, alarm)),
+            Event::Clock(clock) => Record::Clock(clock.clone()),
             Event::State { .. } => continue,
         });
     }

@@ -27,6 +27,7 @@ impl SinkConfig for Stdout {
 /// Writes until there are no more events; flushes whenever none is waiting.
 fn write_lines(events: &Events, mut out: impl Write) -> Result<(), SinkError> {
     while let Ok(event) = events.recv_blocking() {
+        crate::fail::point("sink-stdout");
         let Event::Verdict { line, .. } = &*event else { continue };
         let mut written = out.write_all(line.as_bytes()).and_then(|()| out.write_all(b"\n"));
         if events.is_empty() {
