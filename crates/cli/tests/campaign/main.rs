@@ -9,7 +9,14 @@ mod fixture;
 mod log_content;
 
 mod disk_full;
+mod failures;
 mod kills;
+mod overload;
 mod power_cut;
+mod reader;
+mod sensor_faults;
 mod service;
+mod soak;
 mod stops;
+mod time;
+mod unit;

@@ -132,3 +132,65 @@ fn conform_a_page_that_others_can_reach_is_refused() {
     assert_eq!(refused.status.code(), Some(3));
     assert!(stderr(&refused).contains("loopback"), "{}", stderr(&refused));
 }
+
+/// With a certificate and a token the page may be reached by others, and by nobody without the token.
+#[test]
+fn conform_a_page_with_tls_asks_for_the_token() {
+    let bench = Bench::new();
+    let (key, certificate) = (bench.path("key.pem"), bench.path("certificate.pem"));
+    let made = Command::new("openssl")
+        .args(["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"])
+        .args(["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-keyout", text(&key), "-out"])
+        .arg(&certificate)
+        .output();
+    let curl = Command::new("curl").arg("--version").output();
+    if !made.is_ok_and(|output| output.status.success()) || curl.is_err() {
+        eprintln!("skipped: openssl and curl are not installed");
+        return;
+    }
+    bench.write("token", "a token of some length\n");
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let service = |page: &str| {
+        format!(
+            "format = \"gearwatch-service/1\"\n[service]\nself_test = false\npage = \"0.0.0.0:{port}\"\n{page}\n\
+             [[bench]]\nfile = \"bench.toml\"\n[[bench.source]]\nkind = \"test_signal\"\n"
+        )
+    };
+    let tls = "page_tls = { certificate = \"certificate.pem\", key = \"key.pem\" }";
+    let token = "page_token_file = \"token\"";
+    // One of them alone is not enough, and files that cannot be right are found before anything runs.
+    for (page, says) in [
+        (tls.to_owned(), "page_token_file"),
+        (token.to_owned(), "page_tls"),
+        (format!("{tls}\npage_token_file = \"no-token\""), "no-token"),
+        (format!("{token}\npage_tls = {{ certificate = \"token\", key = \"key.pem\" }}"), "token"),
+    ] {
+        let refused = output(&["run", "--config", text(&bench.write("refused.toml", &service(&page)))]);
+        assert_eq!(refused.status.code(), Some(3), "{page}");
+        assert!(stderr(&refused).contains(says), "{says}: {}", stderr(&refused));
+    }
+    let page = format!("{tls}\n{token}\npage_hosts = [\"localhost:{port}\"]");
+    let path = bench.write("service.toml", &service(&page));
+    let mut child = gearwatch(&["run", "--config", text(&path)])
+        .env("GEARWATCH_LOG", "info")
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut said = talk(&mut child);
+    said("metrics at https://");
+    let url = format!("https://localhost:{port}/metrics");
+    let ask = |further: &[&str]| {
+        let fixed = ["-s", "-o", "/dev/null", "-w", "%{http_code}", "--noproxy", "*", "--cacert", text(&certificate)];
+        stdout(&Command::new("curl").args(fixed).args(further).output().unwrap())
+    };
+    let bearer = ["-H", "Authorization: Bearer a token of some length"];
+    assert_eq!(ask(&[&url]), "401");
+    assert_eq!(ask(&["-H", "Authorization: Bearer another token", &url]), "401");
+    assert_eq!(ask(&[bearer[0], bearer[1], &url]), "200");
+    assert_eq!(ask(&["-u", "operator:a token of some length", &url]), "200");
+    assert_eq!(ask(&[bearer[0], bearer[1], "-H", "Host: evil.example", &url]), "403");
+    assert_eq!(ask(&[bearer[0], bearer[1], &url.replace("https", "http")]), "000", "no answer without TLS");
+    signal(&child, "TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}

@@ -66,7 +66,18 @@ fn standing(state: &LogState) -> Standing {
     }
 }
 
+/// Ends the log's thread whatever happens: without this a panic here would leave it in possession of the folder, and no other log could be opened.
+struct Stopping<'a>(&'a LogHandle);
+
+impl Drop for Stopping<'_> {
+    fn drop(&mut self) {
+        // Where it was stopped already, this does nothing.
+        self.0.stop();
+    }
+}
+
 fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkError> {
+    let _stopping = Stopping(handle);
     let state = handle.state();
     while let Ok(event) = events.recv_blocking() {
         crate::fail::point("sink-mcap_log");

@@ -1,0 +1,209 @@
+//! Every parser against bytes that somebody changed: seeded mutations of one small file of each kind. No panic, no endless work, no flood of memory.
+//!
+//! The normal run spends a moment on each parser; `just campaign-fuzz` a minute (`GEARWATCH_FUZZ_SECS`). A find is written to the temporary folder,
+//! named in the message, and belongs into the tests of its parser.
+
+#[path = "../../../io/tests/formats/files.rs"]
+#[expect(dead_code, reason = "shared with the tests of the formats, which use all of it")]
+mod files;
+#[path = "../service/fixture.rs"]
+#[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
+mod fixture;
+
+mod mutate;
+
+use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use gearwatch_core::source::Source;
+use gearwatch_io::OpenOptions;
+use mutate::Mutator;
+
+/// No parser may take longer for one of these small inputs, on a machine that does much else.
+const SLOWEST: Duration = Duration::from_secs(2);
+
+/// A parser and files for it.
+struct Target {
+    name: &'static str,
+    seeds: Vec<Vec<u8>>,
+    parse: fn(&[u8]),
+}
+
+/// Reads a recording as far as it goes.
+fn recording(name: &str, bytes: &[u8]) {
+    let options = OpenOptions { sample_rate_hz: Some(1000.0), unit: Some("g".into()), ..OpenOptions::default() };
+    let Ok(mut opened) = gearwatch_io::open_bytes(Path::new(name), Box::new(Cursor::new(bytes.to_vec())), &options)
+    else {
+        return;
+    };
+    while let Ok(Some(_)) = opened.next_packet() {}
+    opened.warnings();
+}
+
+fn text(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
+    String::from_utf8_lossy(bytes)
+}
+
+/// Pushes bytes in pieces whose lengths follow from the bytes.
+fn in_pieces(bytes: &[u8], mut push: impl FnMut(&[u8])) {
+    let mut rest = bytes;
+    while let Some(&first) = rest.first() {
+        let (piece, next) = rest.split_at((1 + usize::from(first) % 97).min(rest.len()));
+        push(piece);
+        rest = next;
+    }
+}
+
+fn lanxi_seed() -> Vec<u8> {
+    let hex = "42 4b 14 00 01 00 00 00 00 00 00 00 20 00 00 00 00 00 00 80 00 f1 53 65 11 00 00 00 \
+               01 00 00 00 01 00 03 00 01 00 00 ff ff ff 00 00 40 \
+               42 4b 14 00 02 00 00 00 00 00 00 00 20 00 00 00 00 00 00 80 00 f1 53 65 08 00 00 00 \
+               01 00 01 00 12 00 00 00";
+    let one: Vec<u8> = hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
+    one.repeat(3)
+}
+
+fn frames_seed() -> Vec<u8> {
+    use gearwatch_io::frames::{Encoding, Frame, Values, encode};
+    let mut out = Vec::new();
+    for sequence in 0..4 {
+        let values = Values::Counts { encoding: Encoding::I16, counts: vec![1, -1, -32768, 32767], scale: 0.5 };
+        let frame = Frame {
+            stream: 7,
+            sequence,
+            first_sample: 2 * sequence,
+            t0: 100_000_000,
+            sample_rate_hz: 2048.0,
+            channels: 2,
+            quality: 0,
+            values,
+        };
+        encode(&frame, &mut out);
+    }
+    out
+}
+
+/// A log as a killed service leaves it, and one that was closed.
+fn logs() -> Vec<Vec<u8>> {
+    let bench = fixture::Bench::new();
+    let config = bench.write(
+        "service.toml",
+        "format = \"gearwatch-service/1\"\nservice = { self_test = false }\n[[bench]]\nfile = \"bench.toml\"\n\
+         [[bench.source]]\nkind = \"test_signal\"\nspeed = \"max\"\nduration_secs = 3.0\n\
+         [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\nraw = { keep = \"all\" }\n",
+    );
+    assert_eq!(fixture::output(&["run", "--config", fixture::text(&config)]).status.code(), Some(0));
+    let files = std::fs::read_dir(bench.path("log")).unwrap().map(|entry| entry.unwrap().path());
+    let closed: Vec<Vec<u8>> =
+        files.filter(|p| p.extension().is_some_and(|e| e == "mcap")).map(|p| std::fs::read(p).unwrap()).collect();
+    let open = closed.iter().map(|bytes| bytes[..bytes.len() * 2 / 3].to_vec());
+    closed.iter().cloned().chain(open).collect()
+}
+
+fn targets() -> Vec<Target> {
+    let of = |end: &str| -> Vec<Vec<u8>> {
+        files::samples().into_iter().filter(|sample| sample.name.ends_with(end)).map(|sample| sample.bytes).collect()
+    };
+    let logs = logs();
+    let bench = fixture::BENCH.as_bytes().to_vec();
+    let service = gearwatch_daemon::config::DEFAULT.as_bytes().to_vec();
+    let home = fixture::Bench::new();
+    let baseline = std::fs::read(home.baseline()).unwrap();
+    vec![
+        Target { name: "mcap", seeds: logs.clone(), parse: |bytes| recording("a.mcap", bytes) },
+        Target { name: "log", seeds: logs, parse: |bytes| drop(gearwatch_daemon::log::salvage(bytes)) },
+        Target { name: "csv", seeds: of(".csv"), parse: |bytes| recording("a.csv", bytes) },
+        Target { name: "gzip", seeds: of(".gz"), parse: |bytes| recording("a.csv.gz", bytes) },
+        Target { name: "wav", seeds: of(".wav"), parse: |bytes| recording("a.wav", bytes) },
+        Target { name: "mat", seeds: of(".mat"), parse: |bytes| recording("a.mat", bytes) },
+        Target { name: "tdms", seeds: of(".tdms"), parse: |bytes| recording("a.tdms", bytes) },
+        Target { name: "uff", seeds: of(".uff"), parse: |bytes| recording("a.uff", bytes) },
+        Target {
+            name: "lanxi",
+            seeds: vec![lanxi_seed()],
+            parse: |bytes| {
+                let mut decoder = gearwatch_io::lanxi::Decoder::default();
+                in_pieces(bytes, |piece| decoder.push(piece, &mut |_| {}));
+            },
+        },
+        Target {
+            name: "frames",
+            seeds: vec![frames_seed()],
+            parse: |bytes| {
+                let mut decoder = gearwatch_io::frames::Decoder::default();
+                in_pieces(bytes, |piece| decoder.push(piece, &mut |_| {}));
+                let _ = gearwatch_io::frames::datagram(bytes);
+            },
+        },
+        Target {
+            name: "bench",
+            seeds: vec![bench],
+            parse: |bytes| drop(gearwatch_io::bench_file::parse(&text(bytes), Path::new("bench.toml"))),
+        },
+        Target {
+            name: "baseline",
+            seeds: vec![baseline],
+            parse: |bytes| drop(gearwatch_io::baseline_file::parse(&text(bytes), Path::new("baseline.json"))),
+        },
+        Target {
+            name: "service",
+            seeds: vec![service],
+            parse: |bytes| drop(gearwatch_daemon::config::Config::parse(&text(bytes), "service.toml", Path::new(""))),
+        },
+        Target {
+            name: "letter",
+            seeds: vec![br#"{"resent":false,"kind":"verdict","bench":"b","run":"r","seq":1,"rank_1x":"V"}"#.to_vec()],
+            parse: |bytes| {
+                if let Some(heard) = gearwatch_daemon::fleet::Heard::read(0, bytes) {
+                    gearwatch_daemon::fleet::Fleet::default().take(&heard);
+                }
+            },
+        },
+    ]
+}
+
+/// Most memory that this process has used (MiB).
+fn peak_mib() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|line| line.starts_with("VmHWM:")).unwrap_or_default();
+    line.split_whitespace().nth(1).and_then(|kib| kib.parse::<u64>().ok()).unwrap_or(0) / 1024
+}
+
+fn keep(target: &str, input: &[u8]) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("gearwatch-fuzz-{target}-{:08x}", input.len()));
+    std::fs::write(&path, input).unwrap();
+    path
+}
+
+fn run(target: &Target, seconds: f64) {
+    assert!(!target.seeds.is_empty(), "{}: no seed", target.name);
+    for seed in &target.seeds {
+        (target.parse)(seed);
+    }
+    let mut mutator = Mutator::new(target.name);
+    let begin = Instant::now();
+    let (mut inputs, mut slowest) = (0_u64, Duration::ZERO);
+    while begin.elapsed().as_secs_f64() < seconds {
+        let input = mutator.change(&target.seeds);
+        let start = Instant::now();
+        let result = catch_unwind(AssertUnwindSafe(|| (target.parse)(&input)));
+        let took = start.elapsed();
+        slowest = slowest.max(took);
+        inputs += 1;
+        if result.is_err() || took > SLOWEST {
+            panic!("{}: input {inputs} in {took:?}: {}", target.name, keep(target.name, &input).display());
+        }
+    }
+    println!("{}: {inputs} inputs, slowest {slowest:.1?}, peak so far {} MiB", target.name, peak_mib());
+}
+
+#[test]
+fn conform_changed_bytes_do_no_harm() {
+    let seconds = std::env::var("GEARWATCH_FUZZ_SECS").ok().and_then(|text| text.parse().ok()).unwrap_or(0.7);
+    for target in targets() {
+        run(&target, seconds);
+    }
+    assert!(peak_mib() < 1024, "{} MiB", peak_mib());
+}
