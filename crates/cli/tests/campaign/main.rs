@@ -1,6 +1,8 @@
 //! Campaigns against the real binary: killed, stopped, without space, without power. The normal run does a few rounds of each; `just campaign`
 //! does them all (`GEARWATCH_ROUNDS` sets how many), and `docs/reliability.md` holds the last figures.
 
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "tests tell figures, and what was skipped")]
+
 #[path = "../service/fixture.rs"]
 #[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
 mod fixture;

@@ -3,6 +3,8 @@
 //! The normal run spends a moment on each parser; `just campaign-fuzz` a minute (`GEARWATCH_FUZZ_SECS`). A find is written to the temporary folder,
 //! named in the message, and belongs into the tests of its parser.
 
+#![expect(clippy::print_stdout, reason = "tests tell figures")]
+
 #[path = "../../../io/tests/formats/files.rs"]
 #[expect(dead_code, reason = "shared with the tests of the formats, which use all of it")]
 mod files;

@@ -1,5 +1,7 @@
 //! The binary as a user meets it: ranks that do not depend on the way, exit codes, signals, bad input, help.
 
+#![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
+
 mod bad_input;
 mod exit_codes;
 mod fixture;
