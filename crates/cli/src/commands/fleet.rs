@@ -90,7 +90,7 @@ impl Run for Fleet {
     const NAME: &'static str = "fleet";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let secret = self.secret_file.as_ref().map(|file| first_line(file)).transpose()?;
+        let secret = self.secret_file.as_ref().map(first_line).transpose()?;
         let access = Access { user: self.user.clone(), secret, ca_file: self.ca_file.clone() };
         let from = self.since.map_or(From::Beginning, From::Ago);
         let notices = start(self.server.clone(), self.stream.clone(), access, from)?;
@@ -103,8 +103,9 @@ impl Run for Fleet {
     }
 }
 
-fn first_line(file: &PathBuf) -> anyhow::Result<String> {
-    let text = std::fs::read_to_string(file).with_context(|| format!("{}: cannot be read", file.display()))?;
+fn first_line(file: impl AsRef<std::path::Path>) -> anyhow::Result<String> {
+    let text = std::fs::read_to_string(file.as_ref())
+        .with_context(|| format!("{}: cannot be read", file.as_ref().display()))?;
     Ok(text.lines().next().unwrap_or_default().trim().to_owned())
 }
 
