@@ -54,6 +54,8 @@ pub struct Pair {
     pub speed_hz: f64,
     /// Brake torque (N m).
     pub torque_nm: f64,
+    /// ln of the speed in the recording over that in the reference: settings repeat to tenths of a per cent.
+    pub speed_gap: f64,
 }
 
 /// All changes between recordings and reference.
@@ -88,7 +90,7 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
             .min_by(|a, b| (a.1.0 + a.1.1).total_cmp(&(b.1.0 + b.1.1)));
         if let Some((j, _)) = best {
             let speed_hz = if rec.display_motor_hz.is_finite() { rec.display_motor_hz } else { rec.input_hz };
-            pairs.push(Pair { recording: i, reference: j, speed_hz, torque_nm: rec.brake_torque_nm });
+            pairs.push(Pair { recording: i, reference: j, speed_hz, torque_nm: rec.brake_torque_nm, speed_gap: (rec.input_hz / references[j].input_hz).ln() });
         }
     }
     let mut channels: Vec<String> = Vec::new();

@@ -1,5 +1,8 @@
 //! Findings that need no comparison of lines: the data themselves, tooth numbers, speeds, and lines that no gear makes.
 
+use gearwatch_core::train::Train;
+
+use crate::compare::Comparison;
 use crate::dsp::{Transforms, median};
 use crate::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
 use crate::features::RecordingFeatures;
@@ -157,6 +160,15 @@ pub fn comparable(findings: &[Finding]) -> bool {
     !findings.iter().any(|f| matches!(f.effect, "belt_slip" | "clipping" | "clock_offset"))
 }
 
+/// Channels that are scanned: those of the pairs, without any those of the first recording.
+fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<String> {
+    if comparison.pairs.is_empty() {
+        recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
+    } else {
+        comparison.channels.clone()
+    }
+}
+
 /// Lines and envelope orders outside the train's comb.
 #[derive(Default)]
 pub struct Strange {
@@ -208,12 +220,23 @@ impl Strange {
 
 /// Scans for strange lines.
 pub fn strange(
-    q: &Question<'_>,
+    recordings: &[RecordingFeatures],
+    references: &[RecordingFeatures],
+    comparison: &Comparison,
+    train: &Train,
     transforms: &mut Transforms,
-    twins: &[Twin<'_>],
-    channels: &[String],
-    steps: &mut Vec<String>,
 ) -> Strange {
+    let alone = comparison.pairs.is_empty();
+    let twins: Vec<Twin<'_>> = if alone {
+        recordings.iter().map(|r| Twin { recording: r, reference: None }).collect()
+    } else {
+        let pair = |p: &crate::compare::Pair| Twin {
+            recording: &recordings[p.recording],
+            reference: Some(&references[p.reference]),
+        };
+        comparison.pairs.iter().map(pair).collect()
+    };
+    let channels = &channels(recordings, comparison);
     let against_reference = twins.iter().any(|t| t.reference.is_some());
     let mut spectra = Vec::new();
     let mut add = |all: &[RecordingFeatures], sign: f64| {
@@ -231,20 +254,16 @@ pub fn strange(
             }
         }
     };
-    add(q.recordings, 1.0);
-    if !q.references.is_empty() {
-        add(q.references, -(q.recordings.len() as f64) / q.references.len() as f64);
+    add(recordings, 1.0);
+    if !references.is_empty() {
+        add(references, -(recordings.len() as f64) / references.len() as f64);
     }
-    let found = Strange {
-        fixed: scan::fixed_lines(twins, channels, q.train),
-        orders: scan::order_lines(twins, channels, q.train),
-        envelope: envelope::scan(&spectra, q.train, channels.len()),
+    Strange {
+        fixed: scan::fixed_lines(&twins, channels, train),
+        orders: scan::order_lines(&twins, channels, train),
+        envelope: envelope::scan(&spectra, train, channels.len()),
         against_reference,
-    };
-    if let Some(e) = &found.envelope {
-        steps.push(format!("envelope: order {:.3} stands out by {:.1} standard scores", e.order, e.score));
     }
-    found
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -259,11 +278,7 @@ pub fn add_strange(
     unexplained: &mut bool,
     steps: &mut Vec<String>,
 ) {
-    let channels: Vec<String> = if q.comparison.pairs.is_empty() {
-        q.recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
-    } else {
-        q.comparison.channels.clone()
-    };
+    let channels = channels(q.recordings, q.comparison);
     let speeds: Vec<f64> = q.recordings.iter().map(|r| r.input_hz).collect();
     let several = speeds.iter().any(|s| (s / speeds[0] - 1.0).abs() > 0.05);
     let threshold = if strange.against_reference { NEW_LINE } else { LONE_LINE };
@@ -318,9 +333,9 @@ pub fn add_strange(
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
     if let Some(e) = &strange.envelope
         && e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE }
-        && !named(findings)
-        && !*unexplained
+        && !findings.iter().any(|f| !matches!(f.effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip"))
     {
+        *unexplained = false;
         findings.push(bearing(q, e, &channels));
     } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
         steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));

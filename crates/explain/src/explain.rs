@@ -5,6 +5,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 
 use crate::compare;
+use crate::direct;
 use crate::dsp::Transforms;
 use crate::error::ExplainError;
 use crate::features::{self, RecordingFeatures, Steady, Unused};
@@ -99,6 +100,8 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     if !input.reference.is_empty() && comparison.pairs.is_empty() {
         steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
     }
+    progress("lines that no gear makes");
+    let strange = direct::strange(&all, &references, &comparison, &train, &mut transforms);
     let question = Question {
         bench: &bench,
         train: &train,
@@ -109,7 +112,7 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
         teeth: teeth.as_ref(),
         without: input.without,
     };
-    let explanation = name::answer(&question, &mut transforms, steps, progress);
+    let explanation = name::answer(&question, strange, steps, progress);
     let mut with_effects = input.bench.clone();
     for effect in &explanation.effects {
         if effect.effect == "wrong_tooth_count" {

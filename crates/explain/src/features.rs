@@ -55,6 +55,8 @@ pub struct ChannelFeatures {
     pub unit: String,
     /// In the order of [`RecordingFeatures::lines`]; `None` where the line lies outside the usable band.
     pub values: Vec<Option<LineValue>>,
+    /// All multiples of each shaft's speed, from 1, in the order of the train's shafts: what repeats with one revolution of it.
+    pub combs: Vec<Vec<LineValue>>,
     /// Background.
     pub floor: Vec<FloorBand>,
     /// Spectrum over shaft angle; bin `k` is order `k / revolutions`.
@@ -299,6 +301,11 @@ pub fn read(
                 name: (*name).to_owned(),
                 unit: (*unit).to_owned(),
                 values,
+                combs: train
+                    .shafts
+                    .iter()
+                    .map(|(_, order)| comb(&order_spectrum, &order_floor, order * revolutions, highest * revolutions))
+                    .collect(),
                 floor,
                 order_spectrum,
                 order_floor,
@@ -377,6 +384,25 @@ fn floor_of(spectrum: &[Complex64], taken: &[bool]) -> Vec<f64> {
             let k = i / step;
             let t = (i % step) as f64 / step as f64;
             knots[k] * (1.0 - t) + knots[(k + 1).min(knots.len() - 1)] * t
+        })
+        .collect()
+}
+
+/// Amplitudes at the multiples of a spacing (bins), each by itself.
+fn comb(spectrum: &[Complex64], floor: &[f64], spacing: f64, highest: f64) -> Vec<LineValue> {
+    let end = highest.min((spectrum.len() - 2 * MAIN_LOBE_BINS) as f64);
+    (1..)
+        .map(|n| f64::from(n) * spacing)
+        .take_while(|p| *p < end)
+        .map(|position| {
+            let bin = position.round() as usize;
+            let (mut sum, mut weight) = (Complex64::ZERO, 0.0);
+            for (k, value) in spectrum.iter().enumerate().take(bin + 2).skip(bin.saturating_sub(1)) {
+                let w = dsp::window_response(k as f64 - position);
+                sum += w.conj() * value;
+                weight += w.norm_sqr();
+            }
+            LineValue { amplitude: sum / weight, noise: floor[bin] * LINE_FIT_NOISE_GAIN }
         })
         .collect()
 }

@@ -23,6 +23,9 @@ pub struct Explanation {
     /// How much better the model is with the effects in it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
+    /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub p_null: Option<f64>,
     /// What to record next, and why.
     pub advice: Vec<String>,
     /// What was found on the way, in order: data, calibration, tests.

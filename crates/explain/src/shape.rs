@@ -324,7 +324,9 @@ pub fn rank(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
                 let (stage, harmonic) = match c.family? {
                     Family::Mesh { stage, harmonic } => (stage, Some(usize::from(harmonic))),
                     Family::Side { stage, .. } => (stage, None),
-                    Family::Shaft { .. } | Family::Motor { .. } => return None,
+                    // Orders of a shaft come from the teeth of its gears.
+                    Family::Shaft { shaft, .. } => (shaft.min(q.train.stages.len() - 1), None),
+                    Family::Motor { .. } => return None,
                 };
                 Some(Seen {
                     pair,
@@ -399,6 +401,15 @@ pub fn rank(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
     ranking(&candidates, &evidence)
 }
 
+/// How usual an effect is beside the others of this list.
+fn prior(effect: &str) -> f64 {
+    match effect {
+        "mesh_stiffness" | "tip_relief" | "profile_error" => 2.0,
+        "body_coupling" | "load_dependent_stiffness" => 0.5,
+        _ => 1.0,
+    }
+}
+
 type Draws = Vec<Vec<[Complex64; ERRORS]>>;
 
 /// Log likelihood of all lines: sidebands by the dynamics alone, mesh harmonics averaged over the unknown profile errors of each.
@@ -467,7 +478,7 @@ fn ranking(candidates: &[Candidate], evidence: &[Vec<f64>]) -> Vec<Ranked> {
         .into_iter()
         .map(|(effect, place, members)| {
             let tempered: Vec<f64> = members.iter().map(|&i| TEMPER * (logs[i] - largest)).collect();
-            let mean_log = log_mean_exp(&tempered);
+            let mean_log = log_mean_exp(&tempered) + prior(effect).ln();
             let weights: Vec<f64> = tempered.iter().map(|t| t.exp()).collect();
             let total: f64 = weights.iter().sum();
             let mut parameters = BTreeMap::new();

@@ -2,7 +2,7 @@
 
 use crate::dsp::median;
 use crate::lines::Family;
-use crate::locate::{self, Account, Cell, Place};
+use crate::locate::{self, Account, Cell, Mask, Place};
 use crate::name::{Finding, Question};
 use crate::{shape, sizes};
 
@@ -216,7 +216,7 @@ pub fn load_exponent(q: &Question<'_>, place: Place, against_reference: bool) ->
                 .lines
                 .iter()
                 .filter(|l| {
-                    l.pair == p && locate::covers(place, Some(l.family)) && !matches!(l.family, Family::Mesh { .. })
+                    l.pair == p && exponent_line(place, l.family)
                 })
                 .map(|l| (l.power - l.reference_power).max(0.0))
                 .sum();
@@ -228,8 +228,7 @@ pub fn load_exponent(q: &Question<'_>, place: Place, against_reference: bool) ->
             for c in &r.channels {
                 for (line, value) in r.lines.iter().zip(&c.values) {
                     if let Some(v) = value
-                        && locate::covers(place, Some(line.family))
-                        && !matches!(line.family, Family::Mesh { .. })
+                        && exponent_line(place, line.family)
                     {
                         power += (v.amplitude.norm_sqr() - v.noise).max(0.0);
                     }
@@ -250,16 +249,19 @@ pub fn load_exponent(q: &Question<'_>, place: Place, against_reference: bool) ->
     (!slopes.is_empty()).then(|| median(&mut slopes))
 }
 
+/// Lines whose power tells the law: of a ripple the order itself, since sidebands follow their carrier; else all but the mesh harmonics.
+fn exponent_line(place: Place, family: Family) -> bool {
+    let kind = match place {
+        Place::ShaftOrder(_, k) if k > 1 => matches!(family, Family::Shaft { .. }),
+        _ => !matches!(family, Family::Mesh { .. }),
+    };
+    kind && locate::covers(place, Some(family))
+}
+
 /// A name for a mask; `None` where nothing in the library fits it.
-pub fn name(
-    q: &Question<'_>,
-    account: &Account,
-    cells: &[Cell],
-    speeds: &[f64],
-    steps: &mut Vec<String>,
-) -> Option<Finding> {
+pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<String>) -> Option<Finding> {
     let stage = |i: usize| q.train.stages[i].name.clone();
-    let place = account.place;
+    let place = mask.place;
     let exponent = load_exponent(q, place, true).or_else(|| load_exponent(q, place, false));
     if let Some(p) = exponent {
         steps.push(format!("load law of {}: amplitude ∝ torque^{p:.2}", describe(q, place)));
@@ -271,8 +273,8 @@ pub fn name(
             // Which of the gears on the shaft: the stage whose sidebands moved more.
             let masks: Vec<Place> =
                 (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).map(|i| Place::FirstSide(i, j)).collect();
-            let (accounts, _) = locate::accounts(cells, &masks, speeds);
-            let Some(Place::FirstSide(i, _)) = accounts.first().map(|a| a.place) else { return None };
+            let ranked = locate::masks(cells, &masks, &vec![0.0; q.comparison.pairs.len()]);
+            let Some(Place::FirstSide(i, _)) = ranked.first().map(|a| a.place) else { return None };
             let mut f = Finding::new("eccentricity", gear_name(i, j), if masks.len() == 1 { 0.85 } else { 0.7 });
             for m in masks {
                 if let Place::FirstSide(k, _) = m
@@ -284,19 +286,22 @@ pub fn name(
             f
         }
         Place::ShaftOnce(j) => Finding::new("unbalance", q.train.shafts[j].0.clone(), 0.8),
-        Place::ShaftOrders(j) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
+        Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
+        Place::ShaftOrders(_) => from_shape(q, Place::Dynamics, cells, steps)?,
         Place::ShaftOrder(j, k) => ripple(q, j, k, exponent),
         Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.7).with("order", f64::from(k), 0.2),
         Place::LowSide(i, _) => from_shape(q, Place::Mesh(i), cells, steps)?,
-        Place::Gear(i, j) => gear(q, i, j, exponent),
+        Place::Gear(i, j) => gear(q, i, j, exponent, steps),
         Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => from_shape(q, place, cells, steps)?,
         Place::Gain(_) | Place::Path(_) | Place::Housing => return None,
     };
     finding.evidence.place = format!(
-        "{}: {:.0} nats, {:.0} % of the misfit of all lines",
+        "{}: {:.0} nats; {} lines change {:.1} times as much as repetition, the others {:.1} times",
         describe(q, place),
-        account.gain,
-        100.0 * account.share
+        mask.gain,
+        mask.cells,
+        mask.inside / locate::USUAL_SCALE,
+        mask.outside / locate::USUAL_SCALE
     );
     if let Some(p) = exponent {
         finding.evidence.law = format!("amplitude of the change ∝ torque^{p:.2}");
@@ -305,6 +310,14 @@ pub fn name(
         finding.parameters.insert(parameter.to_owned(), size);
     }
     Some(finding)
+}
+
+/// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its dynamics moves them either way.
+fn rises(cells: &[Cell], place: Place) -> bool {
+    let inside = || cells.iter().filter(|c| c.family.is_some() && locate::covers(place, c.family));
+    let clear = inside().filter(|c| c.change * c.change > 4.0 * c.variance);
+    let (up, all) = clear.fold((0, 0), |(u, n), c| (u + usize::from(c.change > 0.0), n + 1));
+    all > 0 && up * 5 >= all * 4
 }
 
 /// Mesh harmonics and dynamics: the simulator's own signatures decide.
@@ -331,7 +344,7 @@ fn from_shape(q: &Question<'_>, place: Place, cells: &[Cell], steps: &mut Vec<St
     let best = kept.first()?;
     let mut f = Finding::new(best.effect, best.place.clone(), (best.probability / sum.max(1e-12)).clamp(0.2, 0.85));
     f.parameters = best.parameters.clone();
-    for r in kept.iter().skip(1).take(3).filter(|r| r.probability > 0.25 * best.probability) {
+    for r in kept.iter().skip(1).take(5).filter(|r| r.probability > 0.03 * best.probability) {
         f.alternatives.push((r.effect, r.place.clone()));
     }
     f.evidence.shape = format!(
@@ -364,7 +377,9 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
 }
 
 /// A gear whose teeth differ from each other: many small differences (pitch) or one damaged tooth.
-fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>) -> Finding {
+fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: &mut Vec<String>) -> Finding {
+    let c = crate::comb::change(q, i, j);
+    steps.push(format!("gear change: {c:?}"));
     let name = format!("{}.{}", q.train.stages[i].name, if i == j { "pinion" } else { "wheel" });
     let pitch = exponent.is_some_and(|p| p < 0.5);
     if pitch {

@@ -4,7 +4,8 @@ use std::io::{IsTerminal, Write};
 
 use anyhow::Context;
 use clap::Args;
-use gearwatch_explain::prove::{self, Scored};
+use gearwatch_explain::prove::score::Scored;
+use gearwatch_explain::prove::{self, Kind};
 use gearwatch_explain::report::Status;
 
 use super::Run;
@@ -16,8 +17,8 @@ use crate::exit::Exit;
   gearwatch prove --cases 40 --seed 7
   gearwatch prove --cases 200 --seed 20261121 > prove.txt
 
-A quarter of the cases conceal nothing; one in eight conceals an effect that was taken out of the library for it. The
-simulator that makes the cases is configured otherwise than the one that explains them. The same seed gives the same table.")]
+A quarter of the cases conceal nothing; one in sixteen conceals an effect that was taken out of the library for it, one in sixteen
+physics that no library holds, one in sixteen two effects. The simulator that makes the cases is configured otherwise than the one that explains them. The same seed gives the same table.")]
 pub struct Prove {
     /// How many cases
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -56,44 +57,61 @@ impl Run for Prove {
     }
 }
 
-fn share(part: usize, whole: usize) -> String {
-    if whole == 0 { "-".into() } else { format!("{part}/{whole} = {:.0} %", 100.0 * part as f64 / whole as f64) }
+fn share(part: f64, whole: usize) -> String {
+    if whole == 0 { "-".into() } else { format!("{part} of {whole} = {:.0} %", 100.0 * part / whole as f64) }
+}
+
+fn count<'a>(of: &[&'a Scored], which: impl Fn(&'a Scored) -> bool) -> f64 {
+    of.iter().filter(|s| which(s)).count() as f64
 }
 
 fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::io::Result<()> {
-    let nulls: Vec<&Scored> = all.iter().filter(|s| s.truth.effect.is_none()).collect();
-    let outside: Vec<&Scored> = all.iter().filter(|s| s.truth.outside).collect();
-    let single: Vec<&Scored> = all.iter().filter(|s| s.truth.effect.is_some() && !s.truth.outside).collect();
-    writeln!(out, "{} cases, {skipped} without a steady state and left out", all.len())?;
+    let of = |kinds: &[Kind]| -> Vec<&Scored> { all.iter().filter(|s| kinds.contains(&s.truth.kind)).collect() };
+    let (nulls, removed, alien) = (of(&[Kind::Null]), of(&[Kind::Removed]), of(&[Kind::Alien]));
+    let concealed = of(&[Kind::Single, Kind::Double]);
+    writeln!(out, "{} cases; {skipped} numbers without a steady state or a visible effect are left out", all.len())?;
     for (what, with) in [("with a reference", true), ("without", false)] {
-        let of: Vec<&&Scored> = single.iter().filter(|s| s.truth.reference == with).collect();
+        let of: Vec<&Scored> = concealed.iter().copied().filter(|s| s.truth.reference == with).collect();
+        let effects = of.iter().map(|s| s.first.len()).sum();
         writeln!(
             out,
-            "effects, {what}: named first {}, within the named set {}, said nothing {}",
-            share(of.iter().filter(|s| s.first).count(), of.len()),
-            share(of.iter().filter(|s| s.in_set).count(), of.len()),
-            share(of.iter().filter(|s| s.status == Status::Consistent).count(), of.len())
+            "concealed effects, {what}: named first {}, within the named set {}; said nothing {}",
+            share(of.iter().flat_map(|s| &s.first).sum(), effects),
+            share(of.iter().flat_map(|s| &s.in_set).filter(|x| **x).count() as f64, effects),
+            share(count(&of, |s| s.status == Status::Consistent), of.len())
         )?;
     }
-    let named = |of: &[&Scored]| of.iter().filter(|s| !s.named.is_empty()).count();
-    writeln!(out, "nothing concealed: named something {}", share(named(&nulls), nulls.len()))?;
-    writeln!(
-        out,
-        "outside the library: named something {}, unexplained {}",
-        share(named(&outside), outside.len()),
-        share(outside.iter().filter(|s| s.status == Status::Unexplained).count(), outside.len())
-    )?;
-    let mut errors: Vec<f64> = single.iter().flat_map(|s| s.errors.iter().map(|e| e.1)).collect();
+    let named = |of: &[&Scored]| share(count(of, |s| !s.named.is_empty()), of.len());
+    let unexplained = |of: &[&Scored]| share(count(of, |s| s.status == Status::Unexplained), of.len());
+    writeln!(out, "nothing concealed: named something {}, unexplained {}", named(&nulls), unexplained(&nulls))?;
+    writeln!(out, "physics of no library: named something {}, unexplained {}", named(&alien), unexplained(&alien))?;
+    writeln!(out, "effect taken out of the library: named another {}, unexplained {}", named(&removed), unexplained(&removed))?;
+    let names: Vec<&(String, String, f64, bool)> = concealed.iter().flat_map(|s| &s.named).collect();
+    let right = names.iter().filter(|n| n.3).count();
+    let brier = names.iter().map(|n| (n.2 - f64::from(u8::from(n.3))).powi(2)).sum::<f64>() / names.len().max(1) as f64;
+    writeln!(out, "names given where something is concealed: right {}, Brier score {brier:.3}", share(right as f64, names.len()))?;
+    for (low, high) in [(0.0, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 1.01)] {
+        let bin: Vec<_> = all.iter().flat_map(|s| &s.named).filter(|n| n.2 >= low && n.2 < high).collect();
+        if !bin.is_empty() {
+            let stated = bin.iter().map(|n| n.2).sum::<f64>() / bin.len() as f64;
+            writeln!(
+                out,
+                "  probability {stated:.2} stated, right {}",
+                share(bin.iter().filter(|n| n.3).count() as f64, bin.len())
+            )?;
+        }
+    }
+    let mut errors: Vec<f64> = concealed.iter().flat_map(|s| s.errors.iter().map(|e| e.1)).collect();
     errors.sort_by(f64::total_cmp);
-    let covered = single.iter().flat_map(|s| &s.errors).filter(|e| e.2.abs() <= 2.0).count();
+    let covered = concealed.iter().flat_map(|s| &s.errors).filter(|e| e.2.abs() <= 2.0).count();
     writeln!(
         out,
         "parameters: median relative error {}, inside 2 sigma {}",
         errors.get(errors.len() / 2).map_or("-".into(), |e| format!("{e:.3}")),
-        share(covered, errors.len())
+        share(covered as f64, errors.len())
     )?;
     let mut gains: Vec<f64> =
-        single.iter().filter_map(|s| s.held_out).filter(|h| h.0 > 0.0).map(|h| 1.0 - h.1 / h.0).collect();
+        concealed.iter().filter_map(|s| s.held_out).filter(|h| h.0 > 0.0).map(|h| 1.0 - h.1 / h.0).collect();
     gains.sort_by(f64::total_cmp);
     writeln!(
         out,
@@ -101,31 +119,46 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
         gains.get(gains.len() / 2).map_or("-".into(), |g| format!("{:.0} %", 100.0 * g)),
         gains.len()
     )?;
-    let mut ids: Vec<&str> = single.iter().filter_map(|s| s.truth.effect.as_ref().map(|e| e.effect.as_str())).collect();
+    let mut p: Vec<f64> = nulls.iter().filter_map(|s| s.p_null).collect();
+    p.sort_by(f64::total_cmp);
+    let below = |level: f64| share(p.iter().filter(|p| **p <= level).count() as f64, p.len());
+    writeln!(
+        out,
+        "p of nothing, where nothing is concealed: below 0.05 {}, 0.1 {}, 0.25 {}, 0.5 {}, 0.75 {}",
+        below(0.05),
+        below(0.1),
+        below(0.25),
+        below(0.5),
+        below(0.75)
+    )?;
+    let mut ids: Vec<&str> = concealed.iter().flat_map(|s| &s.truth.effects).map(|e| e.effect.as_str()).collect();
     ids.sort_unstable();
     ids.dedup();
     writeln!(out, "by effect (named first, within the set):")?;
     for id in ids {
-        let of: Vec<&&Scored> =
-            single.iter().filter(|s| s.truth.effect.as_ref().is_some_and(|e| e.effect == id)).collect();
-        writeln!(
-            out,
-            "  {id:<26} {:>2} / {:>2} of {:>2}",
-            of.iter().filter(|s| s.first).count(),
-            of.iter().filter(|s| s.in_set).count(),
-            of.len()
-        )?;
+        let (mut first, mut set, mut n) = (0.0, 0usize, 0usize);
+        for s in &concealed {
+            for (i, _) in s.truth.effects.iter().enumerate().filter(|(_, e)| e.effect == id) {
+                first += s.first[i];
+                set += usize::from(s.in_set[i]);
+                n += 1;
+            }
+        }
+        writeln!(out, "  {id:<26} {first:>4} / {set:>2} of {n:>2}")?;
     }
     if list {
         for s in all {
-            let truth = s.truth.effect.as_ref().map_or("nothing".into(), |e| format!("{} at {}", e.effect, e.place));
+            let mut truth: Vec<String> =
+                s.truth.effects.iter().map(|e| format!("{} at {}", e.effect, e.place)).collect();
+            truth.extend(s.truth.alien.iter().map(|a| a.kind.to_owned()));
             let named: Vec<String> = s.named.iter().map(|n| format!("{} at {} ({:.2})", n.0, n.1, n.2)).collect();
             writeln!(
                 out,
-                "{:>4} {}{}{truth}: {} {}",
+                "{:>4} {:?}{} [{}]: {} {}",
                 s.index,
-                if s.first || (s.truth.effect.is_none() && s.named.is_empty()) { "right  " } else { "       " },
-                if s.truth.outside { "outside " } else { "" },
+                s.truth.kind,
+                if s.truth.reference { "" } else { ", no reference" },
+                truth.join(", "),
                 s.status.code(),
                 named.join(", ")
             )?;

@@ -1,0 +1,209 @@
+//! What changed within one revolution of a gear: recording minus reference, line by line and with phase.
+//!
+//! The train starts anywhere, so the lines `n` of a shaft's comb turn by `exp(2πi n ψ)` between a recording and its reference. `ψ` is where
+//! the phases of all lines agree best: mesh harmonics fix it to a tooth, the usual differences between teeth say which. The difference
+//! `Δ_n` that is left belongs to the change alone. A fault of one tooth gives neighbouring lines phases that advance evenly (the Fourier
+//! transform of a pulse), whatever the path does to their amplitudes; errors of all teeth give phases without order. How `|Δ_n|` follows
+//! the torque at one speed needs no model: the path is the same (PHYSICS 4: L04; stiffness lost goes with the load, geometry does not).
+
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+use crate::dsp::median;
+use crate::features::{ChannelFeatures, LineValue};
+use crate::locate::REPEAT_SIGMA;
+use crate::name::Question;
+
+/// Power over noise from which a line's phase is used.
+const CLEAR: f64 = 6.0;
+/// Least agreement of phases (0–1) at which recording and reference count as aligned.
+const ALIGNED: f64 = 0.25;
+
+/// The change of a shaft's comb at one operating point and channel.
+struct Difference {
+    pair: usize,
+    channel: usize,
+    /// `Δ_n` and its noise power, from `n` = 1; `None` at mesh harmonics and where there is nothing to see.
+    lines: Vec<Option<(Complex64, f64)>>,
+}
+
+/// What the change of a gear's comb is like.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GearChange {
+    /// Even advance of the phases of neighbouring lines, 0 (none) to 1 (one pulse a revolution), chance taken off.
+    pub coherence: f64,
+    /// Neighbouring lines that it rests on.
+    pub neighbours: usize,
+    /// Exponent of the change over the torque, with its standard error; needs two loads at one speed.
+    pub exponent: Option<(f64, f64)>,
+    /// Share of the change's power in the first two lines beside each mesh harmonic and in the first two orders.
+    pub near: f64,
+    /// Operating points that could be aligned.
+    pub aligned: usize,
+}
+
+/// Turn `ψ` (revolutions) of the shaft between two recordings, and the agreement of phases there.
+fn turn(a: &[&[LineValue]], b: &[&[LineValue]]) -> Option<(f64, f64)> {
+    let mut phases: Vec<(f64, Complex64)> = Vec::new();
+    for (x, y) in a.iter().zip(b) {
+        for (n, (p, q)) in x.iter().zip(y.iter()).enumerate() {
+            if p.ratio() > CLEAR && q.ratio() > CLEAR {
+                let product = p.amplitude * q.amplitude.conj();
+                phases.push(((n + 1) as f64, product / product.norm()));
+            }
+        }
+    }
+    let highest = phases.iter().map(|p| p.0).fold(0.0, f64::max);
+    if phases.len() < 12 {
+        return None;
+    }
+    let agreement = |psi: f64| {
+        phases.iter().map(|(n, u)| (u * Complex64::from_polar(1.0, -TAU * n * psi)).re).sum::<f64>()
+            / phases.len() as f64
+    };
+    let count = (4.0 * highest) as usize;
+    let coarse = (0..count)
+        .map(|k| k as f64 / count as f64)
+        .map(|psi| (psi, agreement(psi)))
+        .max_by(|x, y| x.1.total_cmp(&y.1))?;
+    let step = 0.05 / count as f64;
+    (-20..=20).map(|k| coarse.0 + f64::from(k) * step).map(|psi| (psi, agreement(psi))).max_by(|x, y| x.1.total_cmp(&y.1))
+}
+
+fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
+    let mut out = Vec::new();
+    let mut aligned = 0;
+    let mut teeth: Vec<usize> = Vec::new();
+    if let Some(s) = q.bench.stages.get(shaft) {
+        teeth.push(s.pinion.teeth as usize);
+    }
+    if let Some(s) = shaft.checked_sub(1).and_then(|i| q.bench.stages.get(i)) {
+        teeth.push(s.wheel.teeth as usize);
+    }
+    if q.comparison.pairs.is_empty() {
+        for (pair, r) in q.recordings.iter().enumerate() {
+            for (channel, c) in r.channels.iter().enumerate() {
+                let Some(comb) = c.combs.get(shaft) else { continue };
+                let lines = comb
+                    .iter()
+                    .enumerate()
+                    .map(|(k, p)| (!teeth.iter().any(|z| (k + 1) % z == 0)).then_some((p.amplitude, p.noise)))
+                    .collect();
+                out.push(Difference { pair, channel, lines });
+            }
+        }
+        return (out, q.recordings.len());
+    }
+    for (p, pair) in q.comparison.pairs.iter().enumerate() {
+        let (rec, reference) = (&q.recordings[pair.recording], &q.references[pair.reference]);
+        fn of<'a>(all: &'a [ChannelFeatures], name: &str, shaft: usize) -> &'a [LineValue] {
+            all.iter().find(|c| c.name == name).and_then(|c| c.combs.get(shaft)).map_or(&[], |c| c.as_slice())
+        }
+        let a: Vec<&[LineValue]> = q.comparison.channels.iter().map(|n| of(&rec.channels, n, shaft)).collect();
+        let b: Vec<&[LineValue]> = q.comparison.channels.iter().map(|n| of(&reference.channels, n, shaft)).collect();
+        let Some((psi, agreement)) = turn(&a, &b) else { continue };
+        if agreement < ALIGNED {
+            continue;
+        }
+        aligned += 1;
+        for (channel, (x, y)) in a.iter().zip(&b).enumerate() {
+            let lines = x
+                .iter()
+                .zip(y.iter())
+                .enumerate()
+                .map(|(k, (p, r))| {
+                    let n = k + 1;
+                    if teeth.iter().any(|z| n % z == 0) {
+                        return None;
+                    }
+                    let delta = p.amplitude * Complex64::from_polar(1.0, -TAU * n as f64 * psi) - r.amplitude;
+                    let noise = p.noise + r.noise + 2.0 * REPEAT_SIGMA.powi(2) * r.amplitude.norm_sqr();
+                    Some((delta, noise))
+                })
+                .collect();
+            out.push(Difference { pair: p, channel, lines });
+        }
+    }
+    (out, aligned)
+}
+
+/// Looks at the change of everything that repeats with a shaft; `stage` says about which mesh harmonics "near" is meant.
+pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
+    let (differences, aligned) = differences(q, shaft);
+    let clear = |l: &Option<(Complex64, f64)>| l.filter(|(d, n)| d.norm_sqr() > CLEAR * n);
+    let z = q.bench.stages.get(stage).map_or(1, |s| {
+        (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize
+    });
+    let (mut sum, mut weight, mut neighbours) = (0.0, 0.0, 0usize);
+    let (mut near, mut all) = (0.0, 0.0);
+    for d in &differences {
+        let (mut phasor, mut count) = (Complex64::ZERO, 0usize);
+        for w in d.lines.windows(2) {
+            if let (Some((a, _)), Some((b, _))) = (clear(&w[0]), clear(&w[1])) {
+                let product = b * a.conj();
+                phasor += product / product.norm();
+                count += 1;
+            }
+        }
+        if count >= 6 {
+            let m = count as f64;
+            // Random phases give |Σ|² = m; that share is taken off.
+            let square = ((phasor.norm_sqr() / m - 1.0) / (m - 1.0)).max(0.0);
+            sum += m * square.sqrt();
+            weight += m;
+            neighbours += count;
+        }
+        for (k, l) in d.lines.iter().enumerate() {
+            if let Some((a, noise)) = l {
+                let n = k + 1;
+                let power = (a.norm_sqr() - noise).max(0.0) / (noise + 1e-300);
+                let apart = (n % z).min(z - n % z);
+                all += power.min(1e4);
+                if apart <= 2 {
+                    near += power.min(1e4);
+                }
+            }
+        }
+    }
+    GearChange {
+        coherence: if weight > 0.0 { sum / weight } else { 0.0 },
+        neighbours,
+        exponent: exponent(q, &differences),
+        near: if all > 0.0 { near / all } else { 0.0 },
+        aligned,
+    }
+}
+
+/// Median over lines of `ln |Δ_high / Δ_low| / ln(T_high / T_low)` of pairs at one speed.
+fn exponent(q: &Question<'_>, differences: &[Difference]) -> Option<(f64, f64)> {
+    let mut values = Vec::new();
+    for a in differences {
+        for b in differences {
+            let point = |i: usize| match q.comparison.pairs.get(i) {
+                Some(p) => (p.speed_hz, p.torque_nm),
+                None => (q.recordings[i].input_hz, q.recordings[i].brake_torque_nm),
+            };
+            let ((speed, torque), (other_speed, other_torque)) = (point(a.pair), point(b.pair));
+            let ratio = other_torque / torque;
+            if a.channel != b.channel || (speed / other_speed - 1.0).abs() > 0.03 || ratio.is_nan() || ratio < 1.3 {
+                continue;
+            }
+            for (x, y) in a.lines.iter().zip(&b.lines) {
+                if let (Some((d, n)), Some((e, m))) = (x, y)
+                    && d.norm_sqr() + e.norm_sqr() > 3.0 * CLEAR * (n + m)
+                {
+                    let (low, high) = (d.norm_sqr().max(*n), e.norm_sqr().max(*m));
+                    values.push(0.5 * (high / low).ln() / ratio.ln());
+                }
+            }
+        }
+    }
+    if values.len() < 8 {
+        return None;
+    }
+    let middle = median(&mut values);
+    let mut spread: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
+    // Lines share the errors of alignment and setting: a quarter of them counts as independent.
+    let error = 1.4826 * median(&mut spread) * 1.25 / (values.len() as f64 / 4.0).sqrt();
+    Some((middle, error.max(0.03)))
+}
