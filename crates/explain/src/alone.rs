@@ -52,11 +52,6 @@ pub fn shaft_orders(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut V
         }
     }
     load_law(q, findings, steps);
-    for i in 0..q.train.stages.len() {
-        for j in [i, i + 1] {
-            steps.push(format!("alone gear {i} {j}: {:?}", crate::comb::change(q, i, j)));
-        }
-    }
     let Some((score, j, k)) = best else { return };
     let name = &q.train.shafts[j].0;
     steps.push(format!("strongest single shaft order: {k}x of {name}, {score:.1} standard scores above its row"));

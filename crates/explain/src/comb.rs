@@ -9,13 +9,13 @@
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-use crate::dsp::median;
-use crate::features::{ChannelFeatures, LineValue};
+use crate::dsp::{self, MAIN_LOBE_BINS, median};
+use crate::features::{ChannelFeatures, LineValue, RecordingFeatures};
 use crate::locate::REPEAT_SIGMA;
 use crate::name::Question;
 
 /// Power over noise from which a line's phase is used.
-const CLEAR: f64 = 6.0;
+const CLEAR: f64 = 5.0;
 /// Least agreement of phases (0–1) at which recording and reference count as aligned.
 const ALIGNED: f64 = 0.25;
 
@@ -67,7 +67,55 @@ fn turn(a: &[&[LineValue]], b: &[&[LineValue]]) -> Option<(f64, f64)> {
         .map(|psi| (psi, agreement(psi)))
         .max_by(|x, y| x.1.total_cmp(&y.1))?;
     let step = 0.05 / count as f64;
-    (-20..=20).map(|k| coarse.0 + f64::from(k) * step).map(|psi| (psi, agreement(psi))).max_by(|x, y| x.1.total_cmp(&y.1))
+    (-20..=20)
+        .map(|k| coarse.0 + f64::from(k) * step)
+        .map(|psi| (psi, agreement(psi)))
+        .max_by(|x, y| x.1.total_cmp(&y.1))
+}
+
+/// Recordings that are compared: each with its reference, or without any reference at all each high load with the lowest at its speed.
+fn twins<'a>(q: &'a Question<'a>) -> Vec<(usize, &'a RecordingFeatures, &'a RecordingFeatures)> {
+    if !q.comparison.pairs.is_empty() {
+        let pair = |(p, pair): (usize, &crate::compare::Pair)| {
+            (p, &q.recordings[pair.recording], &q.references[pair.reference])
+        };
+        return q.comparison.pairs.iter().enumerate().map(pair).collect();
+    }
+    let mut out = Vec::new();
+    for (p, high) in q.recordings.iter().enumerate() {
+        let low = q
+            .recordings
+            .iter()
+            .filter(|r| {
+                (r.input_hz / high.input_hz - 1.0).abs() < 0.03 && high.brake_torque_nm > 1.3 * r.brake_torque_nm
+            })
+            .min_by(|a, b| a.brake_torque_nm.total_cmp(&b.brake_torque_nm));
+        if let Some(low) = low {
+            out.push((p, high, low));
+        }
+    }
+    out
+}
+
+/// Share of a line's power above which what another line leaks into it spoils its phase.
+const LEAKED: f64 = 0.05;
+
+/// Whether lines of the other shafts reach into a line of a shaft's comb.
+fn crowded(q: &Question<'_>, recording: &RecordingFeatures, channel: &ChannelFeatures, shaft: usize, n: usize) -> bool {
+    let order = q.train.shafts[shaft].1 * n as f64;
+    let Some(own) = channel.combs[shaft].get(n - 1) else { return true };
+    q.train.shafts.iter().enumerate().filter(|(j, _)| *j != shaft).any(|(j, (_, o))| {
+        let k = (order / o).round();
+        let distance = (order - k * o).abs() * recording.revolutions;
+        // The line is read from the three bins about it.
+        let nearest = (distance - 1.0).max(0.0);
+        if k < 1.0 || nearest >= MAIN_LOBE_BINS as f64 {
+            return false;
+        }
+        let leak = dsp::window_response(nearest).norm_sqr() / dsp::window_response(0.0).norm_sqr();
+        let other = channel.combs[j].get(k as usize - 1).map_or(0.0, |l| l.amplitude.norm_sqr());
+        leak * other > LEAKED * own.amplitude.norm_sqr() + own.noise
+    })
 }
 
 fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
@@ -80,27 +128,13 @@ fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
     if let Some(s) = shaft.checked_sub(1).and_then(|i| q.bench.stages.get(i)) {
         teeth.push(s.wheel.teeth as usize);
     }
-    if q.comparison.pairs.is_empty() {
-        for (pair, r) in q.recordings.iter().enumerate() {
-            for (channel, c) in r.channels.iter().enumerate() {
-                let Some(comb) = c.combs.get(shaft) else { continue };
-                let lines = comb
-                    .iter()
-                    .enumerate()
-                    .map(|(k, p)| (!teeth.iter().any(|z| (k + 1) % z == 0)).then_some((p.amplitude, p.noise)))
-                    .collect();
-                out.push(Difference { pair, channel, lines });
-            }
-        }
-        return (out, q.recordings.len());
-    }
-    for (p, pair) in q.comparison.pairs.iter().enumerate() {
-        let (rec, reference) = (&q.recordings[pair.recording], &q.references[pair.reference]);
+    for (p, rec, reference) in twins(q) {
         fn of<'a>(all: &'a [ChannelFeatures], name: &str, shaft: usize) -> &'a [LineValue] {
             all.iter().find(|c| c.name == name).and_then(|c| c.combs.get(shaft)).map_or(&[], |c| c.as_slice())
         }
-        let a: Vec<&[LineValue]> = q.comparison.channels.iter().map(|n| of(&rec.channels, n, shaft)).collect();
-        let b: Vec<&[LineValue]> = q.comparison.channels.iter().map(|n| of(&reference.channels, n, shaft)).collect();
+        let names: Vec<&String> = rec.channels.iter().map(|c| &c.name).collect();
+        let a: Vec<&[LineValue]> = names.iter().map(|n| of(&rec.channels, n, shaft)).collect();
+        let b: Vec<&[LineValue]> = names.iter().map(|n| of(&reference.channels, n, shaft)).collect();
         let Some((psi, agreement)) = turn(&a, &b) else { continue };
         if agreement < ALIGNED {
             continue;
@@ -113,7 +147,10 @@ fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
                 .enumerate()
                 .map(|(k, (p, r))| {
                     let n = k + 1;
-                    if teeth.iter().any(|z| n % z == 0) {
+                    let spoilt = [rec, reference].iter().any(|r| {
+                        r.channels.iter().find(|c| c.name == *names[channel]).is_none_or(|c| crowded(q, r, c, shaft, n))
+                    });
+                    if spoilt || teeth.iter().any(|z| n % z == 0) {
                         return None;
                     }
                     let delta = p.amplitude * Complex64::from_polar(1.0, -TAU * n as f64 * psi) - r.amplitude;
@@ -131,9 +168,8 @@ fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
 pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
     let (differences, aligned) = differences(q, shaft);
     let clear = |l: &Option<(Complex64, f64)>| l.filter(|(d, n)| d.norm_sqr() > CLEAR * n);
-    let z = q.bench.stages.get(stage).map_or(1, |s| {
-        (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize
-    });
+    let z =
+        q.bench.stages.get(stage).map_or(1, |s| (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize);
     let (mut sum, mut weight, mut neighbours) = (0.0, 0.0, 0usize);
     let (mut near, mut all) = (0.0, 0.0);
     for d in &differences {

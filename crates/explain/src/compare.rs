@@ -90,7 +90,13 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
             .min_by(|a, b| (a.1.0 + a.1.1).total_cmp(&(b.1.0 + b.1.1)));
         if let Some((j, _)) = best {
             let speed_hz = if rec.display_motor_hz.is_finite() { rec.display_motor_hz } else { rec.input_hz };
-            pairs.push(Pair { recording: i, reference: j, speed_hz, torque_nm: rec.brake_torque_nm, speed_gap: (rec.input_hz / references[j].input_hz).ln() });
+            pairs.push(Pair {
+                recording: i,
+                reference: j,
+                speed_hz,
+                torque_nm: rec.brake_torque_nm,
+                speed_gap: (rec.input_hz / references[j].input_hz).ln(),
+            });
         }
     }
     let mut channels: Vec<String> = Vec::new();

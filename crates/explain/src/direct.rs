@@ -333,7 +333,9 @@ pub fn add_strange(
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
     if let Some(e) = &strange.envelope
         && e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE }
-        && !findings.iter().any(|f| !matches!(f.effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip"))
+        && !findings.iter().any(|f| {
+            !matches!(f.effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
+        })
     {
         *unexplained = false;
         findings.push(bearing(q, e, &channels));

@@ -96,9 +96,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         family: Some(l.family),
         frequency_hz: l.frequency_hz,
         change: l.log_ratio,
-        variance: l.variance
-            + REPEAT_SIGMA * REPEAT_SIGMA
-            + (SPEED_SLOPE * comparison.pairs[l.pair].speed_gap).powi(2),
+        variance: l.variance + REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * comparison.pairs[l.pair].speed_gap).powi(2),
     });
     let floors = comparison.floors.iter().map(|f| Cell {
         pair: f.pair,

@@ -74,7 +74,7 @@ impl Finding {
 }
 
 /// Gain (nats) above which a mask is believed.
-const BELIEVED: f64 = 10.0;
+const BELIEVED: f64 = 15.0;
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
 const SIMPLER: f64 = 0.97;
 const NEARLY: f64 = 2.0;
@@ -89,6 +89,8 @@ const BACKGROUND: f64 = 2.5;
 /// its misfit (root mean square, in standard deviations) is so plain that only the size is in doubt.
 const CARRIES_OVER: f64 = 1.02;
 const PLAIN: f64 = 3.0;
+/// A name this probable stands on more than amplitudes.
+const SURE: f64 = 0.86;
 
 /// Answers.
 pub fn answer(
@@ -117,6 +119,7 @@ pub fn answer(
             && f.held_out_after > CARRIES_OVER * f.held_out_before
             && f.held_out_before < PLAIN
             && findings.len() == before + 1
+            && findings[before].probability < SURE
             && subname::mask_of(q, &findings[before]).is_some_and(|m| !wide(m))
         {
             steps.push(format!(
@@ -132,10 +135,13 @@ pub fn answer(
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
         let bands = cells.iter().filter(|c| c.family.is_none());
-        let (sum, count) = bands.fold((0.0, 0usize), |(s, n), c| (s + (c.change * c.change / c.variance).min(30.0), n + 1));
+        let (sum, count) =
+            bands.fold((0.0, 0usize), |(s, n), c| (s + (c.change * c.change / c.variance).min(30.0), n + 1));
         let misfit = sum / count.max(1) as f64;
         if misfit > BACKGROUND {
-            steps.push(format!("the background changed ({misfit:.1} per band, below 2 on an unchanged bench) and the lines did not"));
+            steps.push(format!(
+                "the background changed ({misfit:.1} per band, below 2 on an unchanged bench) and the lines did not"
+            ));
             unexplained = true;
         }
     }
@@ -204,6 +210,12 @@ fn compare_with_reference(
     }
     let path_found = findings.iter().any(|f| subname::is_path(f.effect));
     let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
+    // One tooth that differs shows in phases before it shows in amplitudes.
+    for (stage, shaft, finding) in subname::local_faults(q, &remaining, &gaps, steps) {
+        findings.push(finding);
+        remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
+    }
+    let path_found = path_found || findings.iter().any(|f| f.effect == "tooth_breakage");
     for round in 0..2 {
         let masks = locate::masks(&remaining, &places, &gaps);
         let Some(best) = masks.first() else { break };

@@ -4,8 +4,8 @@
 //! no body coupling), every number of the sheet off by its tolerance, teeth of grade 5 (pitch, run-out, profile), a little unbalance and
 //! ripple, a housing of six modes that the sheet does not know, coloured noise, drifting speed, and settings that repeat to tenths of a
 //! per cent only. Gears sit on their shafts the same way in all recordings, the train starts anywhere. Signals are put together from the
-//! lines of the periodic steady state. What changes the machine is sized so that it changes its lines two to twelve times as much as
-//! repetition does; what changes the signal is drawn as it is.
+//! lines of the periodic steady state. What changes the machine is sized so that it changes one group of its lines four to forty times as
+//! much as repetition does; what changes the signal is drawn as it is.
 
 pub mod draw;
 pub mod machine;
@@ -74,7 +74,7 @@ pub struct Case {
 /// Tries for a bench whose teeth stay in contact at all settings: share of the usual tooth errors, factor on the loads.
 const TRIES: [(f64, f64); 3] = [(1.0, 1.0), (0.6, 1.6), (0.35, 2.5)];
 /// Visibility within which effects are sized, and how much a try changes the size.
-const VISIBLE: (f64, f64) = (2.2, 12.0);
+const VISIBLE: (f64, f64) = (4.0, 40.0);
 /// Least scatter of a line between two recordings of a bench (ln): what the settings alone do not give, noise and temperature do.
 const REPEAT: f64 = 0.04;
 const STRONGER: f64 = 1.7;
@@ -125,7 +125,12 @@ fn alien(d: &mut Draw, sensors: usize) -> Alien {
 }
 
 /// Root mean square change of each group of lines (ln), noise included; groups of at least four lines.
-fn changes(a: &[Vec<Complex64>], b: &[Vec<Complex64>], orders: &[Order], noise: &[f64]) -> Vec<((u8, usize, usize), f64)> {
+fn changes(
+    a: &[Vec<Complex64>],
+    b: &[Vec<Complex64>],
+    orders: &[Order],
+    noise: &[f64],
+) -> Vec<((u8, usize, usize), f64)> {
     let mut sums: std::collections::BTreeMap<(u8, usize, usize), (f64, usize)> = std::collections::BTreeMap::new();
     for (c, (x, y)) in a.iter().zip(b).enumerate() {
         // Power that noise gives a line of a Hann window over six seconds.
@@ -143,7 +148,11 @@ fn changes(a: &[Vec<Complex64>], b: &[Vec<Complex64>], orders: &[Order], noise: 
 }
 
 /// The effect at a size that can be seen and does not cry out, with its visibility; `None` where there is none.
-fn sized(mut e: EffectSpec, bench: &Bench, seen: &mut dyn FnMut(&EffectSpec) -> Option<f64>) -> Option<(EffectSpec, f64)> {
+fn sized(
+    mut e: EffectSpec,
+    bench: &Bench,
+    seen: &mut dyn FnMut(&EffectSpec) -> Option<f64>,
+) -> Option<(EffectSpec, f64)> {
     for _ in 0..SIZE_TRIES {
         let by = match seen(&e) {
             Some(v) if (VISIBLE.0..=VISIBLE.1).contains(&v) => return Some((e, v)),
@@ -250,7 +259,11 @@ fn attempt(seed: u64, index: u64, errors: f64, load: f64) -> Option<Case> {
     let speeds = [(motor * d.uniform(0.5, 0.65)).round(), motor];
     let loads = [(torque * d.uniform(0.35, 0.5)).round(), torque];
     let some_only = d.uniform(0.0, 1.0) < 0.25;
-    let mut run = |setup: &SimSetup, effects: &[EffectSpec], alien: Option<&Alien>, some: bool| -> Option<Vec<Recording>> {
+    let mut run = |setup: &SimSetup,
+                   effects: &[EffectSpec],
+                   alien: Option<&Alien>,
+                   some: bool|
+     -> Option<Vec<Recording>> {
         let session = Session {
             setup: setup.clone(),
             effects,
@@ -279,8 +292,11 @@ fn attempt(seed: u64, index: u64, errors: f64, load: f64) -> Option<Case> {
 /// Draws, answers and judges one case; `None` where the drawn bench has no steady state.
 pub fn prove(seed: u64, index: u64) -> Option<Scored> {
     let c = case(seed, index)?;
-    let removed: Vec<&str> =
-        if c.truth.kind == Kind::Removed { c.truth.effects.iter().map(|e| e.effect.as_str()).collect() } else { Vec::new() };
+    let removed: Vec<&str> = if c.truth.kind == Kind::Removed {
+        c.truth.effects.iter().map(|e| e.effect.as_str()).collect()
+    } else {
+        Vec::new()
+    };
     let answer = explain(
         &Input { bench: &c.bench, recordings: &c.recordings, reference: &c.reference, without: &removed },
         &mut |_| {},

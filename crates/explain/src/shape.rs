@@ -213,7 +213,7 @@ fn grid(q: &Question<'_>) -> Vec<Candidate> {
     };
     for (i, stage) in q.train.stages.iter().enumerate() {
         let (name, at) = (stage.name.as_str(), Some(i));
-        for depth in [6.0, 10.0, 16.0, 25.0, 40.0] {
+        for depth in [3.0, 6.0, 10.0, 16.0, 25.0, 40.0] {
             for length in [0.15, 0.22, 0.3, 0.4] {
                 simulated("tip_relief", name, at, &[("depth_um", depth), ("length_fraction", length)]);
             }
@@ -227,7 +227,7 @@ fn grid(q: &Question<'_>) -> Vec<Candidate> {
         for exponent in [0.05, 0.1, 0.2, 0.33] {
             simulated("load_dependent_stiffness", name, at, &[("exponent", exponent)]);
         }
-        for factor in [0.45, 0.6, 0.75, 0.85, 1.18, 1.35, 1.6] {
+        for factor in [0.45, 0.6, 0.75, 0.85, 0.93, 1.08, 1.18, 1.35, 1.6] {
             simulated("mesh_stiffness", name, at, &[("factor", factor)]);
         }
         for factor in [0.0, 0.3, 0.6, 1.3] {
@@ -238,10 +238,10 @@ fn grid(q: &Question<'_>) -> Vec<Candidate> {
         }
     }
     for (shaft, _) in &q.train.shafts {
-        for factor in [0.3, 0.45, 0.6, 0.75, 1.35, 1.8] {
+        for factor in [0.3, 0.45, 0.6, 0.75, 0.88, 1.15, 1.35, 1.8] {
             simulated("bearing_compliance", shaft, None, &[("factor", factor)]);
         }
-        for factor in [0.25, 0.4, 0.6, 1.6] {
+        for factor in [0.25, 0.4, 0.6, 0.8, 0.9, 1.2, 1.6] {
             simulated("shaft_torsion", shaft, None, &[("factor", factor)]);
         }
         for factor in [0.25, 0.5, 2.0, 4.0] {
@@ -406,6 +406,8 @@ fn prior(effect: &str) -> f64 {
     match effect {
         "mesh_stiffness" | "tip_relief" | "profile_error" => 2.0,
         "body_coupling" | "load_dependent_stiffness" => 0.5,
+        // Free in form, so that it follows anything; and across the line of action, where few sensors look.
+        "tooth_friction" => 0.3,
         _ => 1.0,
     }
 }

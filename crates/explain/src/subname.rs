@@ -1,5 +1,6 @@
 //! Names for masks: what the law over load and speed and the support leave of the library.
 
+use crate::comb::{self, GearChange};
 use crate::dsp::median;
 use crate::lines::Family;
 use crate::locate::{self, Account, Cell, Mask, Place};
@@ -215,9 +216,7 @@ pub fn load_exponent(q: &Question<'_>, place: Place, against_reference: bool) ->
                 .comparison
                 .lines
                 .iter()
-                .filter(|l| {
-                    l.pair == p && exponent_line(place, l.family)
-                })
+                .filter(|l| l.pair == p && exponent_line(place, l.family))
                 .map(|l| (l.power - l.reference_power).max(0.0))
                 .sum();
             points.push((pair.speed_hz, pair.torque_nm, power));
@@ -260,13 +259,12 @@ fn exponent_line(place: Place, family: Family) -> bool {
 
 /// A name for a mask; `None` where nothing in the library fits it.
 pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<String>) -> Option<Finding> {
-    let stage = |i: usize| q.train.stages[i].name.clone();
     let place = mask.place;
     let exponent = load_exponent(q, place, true).or_else(|| load_exponent(q, place, false));
     if let Some(p) = exponent {
         steps.push(format!("load law of {}: amplitude ∝ torque^{p:.2}", describe(q, place)));
     }
-    let gear_name = |i: usize, j: usize| format!("{}.{}", stage(i), if i == j { "pinion" } else { "wheel" });
+    let gear_name = |i: usize, j: usize| gear_name(q, i, j);
     let mut finding = match place {
         Place::FirstSide(i, j) => Finding::new("eccentricity", gear_name(i, j), 0.85),
         Place::ShaftOrder(j, 1) => {
@@ -376,19 +374,79 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
     f
 }
 
+/// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it needs: changes of all teeth and of
+/// the train's dynamics stay below 0.7.
+const ONE_TOOTH: f64 = 0.8;
+const NEIGHBOURS: usize = 12;
+/// Above this, one tooth is likelier than errors of all.
+const RATHER_ONE: f64 = 0.6;
+
+fn gear_name(q: &Question<'_>, i: usize, j: usize) -> String {
+    format!("{}.{}", q.train.stages[i].name, if i == j { "pinion" } else { "wheel" })
+}
+
+fn one_tooth(name: String, probability: f64, change: &GearChange) -> Finding {
+    let mut f = Finding::new("tooth_breakage", name.clone(), probability);
+    f.alternatives.extend([("root_crack", name.clone()), ("pitting", name)]);
+    f.evidence.support = format!(
+        "phases of {} neighbouring lines of this gear's comb advance evenly ({:.2} of 1): one tooth differs from before",
+        change.neighbours, change.coherence
+    );
+    if let Some((p, error)) = change.exponent {
+        f.evidence.law = format!("amplitude of the change ∝ torque^({p:.2} ± {error:.2})");
+    }
+    f
+}
+
+/// Gears of which one tooth changed: stage, shaft, finding.
+pub fn local_faults(
+    q: &Question<'_>,
+    cells: &[Cell],
+    gaps: &[f64],
+    steps: &mut Vec<String>,
+) -> Vec<(usize, usize, Finding)> {
+    let mut out = Vec::new();
+    for j in 0..q.train.shafts.len() {
+        let stages: Vec<usize> = (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).collect();
+        let Some(&first) = stages.first() else { continue };
+        let change = comb::change(q, first, j);
+        if change.coherence > ONE_TOOTH && change.neighbours >= NEIGHBOURS {
+            // Of two gears on a shaft, the one whose sidebands moved more.
+            let masks: Vec<Place> = stages.iter().map(|&i| Place::Gear(i, j)).collect();
+            let at = match locate::masks(cells, &masks, gaps).first().map(|m| m.place) {
+                Some(Place::Gear(i, _)) => i,
+                _ => first,
+            };
+            let mut f = one_tooth(gear_name(q, at, j), 0.9, &change);
+            f.alternatives.extend(stages.iter().filter(|i| **i != at).map(|&i| ("tooth_breakage", gear_name(q, i, j))));
+            f.evidence.place = format!("comb of shaft {}", q.train.shafts[j].0);
+            steps.push(format!("one tooth of {}: {}", f.place, f.evidence.support));
+            out.push((at, j, f));
+        }
+    }
+    out
+}
+
 /// A gear whose teeth differ from each other: many small differences (pitch) or one damaged tooth.
 fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: &mut Vec<String>) -> Finding {
-    let c = crate::comb::change(q, i, j);
-    steps.push(format!("gear change: {c:?}"));
-    let name = format!("{}.{}", q.train.stages[i].name, if i == j { "pinion" } else { "wheel" });
-    let pitch = exponent.is_some_and(|p| p < 0.5);
-    if pitch {
-        Finding::new("pitch_error", name, 0.75)
-    } else {
-        let mut f = Finding::new("tooth_breakage", name.clone(), 0.75);
-        f.alternatives.extend([("root_crack", name.clone()), ("pitting", name)]);
-        f
+    let change = comb::change(q, i, j);
+    steps.push(format!(
+        "comb of {}: phases advance evenly by {:.2} of 1 over {} neighbouring lines",
+        q.train.shafts[j].0, change.coherence, change.neighbours
+    ));
+    let name = gear_name(q, i, j);
+    if change.coherence > RATHER_ONE && change.neighbours >= NEIGHBOURS {
+        let mut f = one_tooth(name.clone(), 0.6, &change);
+        f.alternatives.push(("pitch_error", name));
+        return f;
     }
+    let mut f = Finding::new("pitch_error", name.clone(), 0.75);
+    f.evidence.support = "phases of neighbouring lines of the gear's comb have no order: all teeth differ".into();
+    if exponent.is_some_and(|p| p > 0.6) {
+        f.probability = 0.5;
+        f.alternatives.push(("tooth_breakage", name));
+    }
+    f
 }
 
 /// The mask that a finding stands for.

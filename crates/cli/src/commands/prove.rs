@@ -85,11 +85,20 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
     let unexplained = |of: &[&Scored]| share(count(of, |s| s.status == Status::Unexplained), of.len());
     writeln!(out, "nothing concealed: named something {}, unexplained {}", named(&nulls), unexplained(&nulls))?;
     writeln!(out, "physics of no library: named something {}, unexplained {}", named(&alien), unexplained(&alien))?;
-    writeln!(out, "effect taken out of the library: named another {}, unexplained {}", named(&removed), unexplained(&removed))?;
+    writeln!(
+        out,
+        "effect taken out of the library: named another {}, unexplained {}",
+        named(&removed),
+        unexplained(&removed)
+    )?;
     let names: Vec<&(String, String, f64, bool)> = concealed.iter().flat_map(|s| &s.named).collect();
     let right = names.iter().filter(|n| n.3).count();
     let brier = names.iter().map(|n| (n.2 - f64::from(u8::from(n.3))).powi(2)).sum::<f64>() / names.len().max(1) as f64;
-    writeln!(out, "names given where something is concealed: right {}, Brier score {brier:.3}", share(right as f64, names.len()))?;
+    writeln!(
+        out,
+        "names given where something is concealed: right {}, Brier score {brier:.3}",
+        share(right as f64, names.len())
+    )?;
     for (low, high) in [(0.0, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 1.01)] {
         let bin: Vec<_> = all.iter().flat_map(|s| &s.named).filter(|n| n.2 >= low && n.2 < high).collect();
         if !bin.is_empty() {

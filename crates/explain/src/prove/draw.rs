@@ -264,4 +264,3 @@ pub fn effect(d: &mut Draw, bench: &Bench, id: &str) -> Option<EffectSpec> {
         _ => return None,
     })
 }
-

@@ -119,4 +119,3 @@ fn factor(e: &EffectSpec, hz: f64) -> Complex64 {
         _ => one,
     }
 }
-

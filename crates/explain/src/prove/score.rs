@@ -44,8 +44,8 @@ pub fn is_right(truth: &EffectSpec, effect: &str, place: &str) -> bool {
     if is_ripple(&truth.effect) && is_ripple(effect) {
         return true;
     }
-    let same = truth.effect == effect
-        || CLASSES.iter().any(|c| c.contains(&truth.effect.as_str()) && c.contains(&effect));
+    let same =
+        truth.effect == effect || CLASSES.iter().any(|c| c.contains(&truth.effect.as_str()) && c.contains(&effect));
     same && truth.place == place
 }
 

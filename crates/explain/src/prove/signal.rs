@@ -159,9 +159,8 @@ pub fn record(
         // Lines far below the noise of a six-second spectrum are left out.
         for (o, a) in amplitudes.iter().filter(|a| a.1.norm() > FAINTEST * s.noise[c]) {
             // Set exactly at the start of every block, turned at the mean speed within: the speed wanders far more slowly.
-            let turns: [Complex64; BLOCK] = std::array::from_fn(|k| {
-                Complex64::from_polar(1.0, TAU * o * mean_hz * k as f64 / (RATE_HZ * clock))
-            });
+            let turns: [Complex64; BLOCK] =
+                std::array::from_fn(|k| Complex64::from_polar(1.0, TAU * o * mean_hz * k as f64 / (RATE_HZ * clock)));
             for (block, start) in x.chunks_mut(BLOCK).zip(angle.iter().step_by(BLOCK)) {
                 let z = *a * Complex64::from_polar(1.0, TAU * (o * start).fract());
                 for (out, turn) in block.iter_mut().zip(&turns) {
@@ -193,14 +192,19 @@ pub fn record(
         for n in 1..count {
             let (a, b) = (angle[n - 1] * order, angle[n] * order);
             if b.floor() > a.floor() {
-                let t = (n as f64 - 1.0 + (b.floor() - a) / (b - a))
-                    / (RATE_HZ * clock);
+                let t = (n as f64 - 1.0 + (b.floor() - a) / (b - a)) / (RATE_HZ * clock);
                 pulse_times.push(T0 + ((t + 2e-6 * d.normal()) * 1e9).round() as i64);
             }
         }
         recording.tachos.insert(
             tacho.shaft.as_str().into(),
-            TachoBlock { shaft: tacho.shaft.as_str().into(), t0: T0, pulses_per_rev: 1.0, pulse_times, quality: Quality::GOOD },
+            TachoBlock {
+                shaft: tacho.shaft.as_str().into(),
+                t0: T0,
+                pulses_per_rev: 1.0,
+                pulse_times,
+                quality: Quality::GOOD,
+            },
         );
     }
     recording.operating_points.push(OperatingPoint {
@@ -248,7 +252,9 @@ fn alter(effect: &EffectSpec, noise: f64, rms: f64, x: &mut [f64]) {
 /// Impacts at an order that slips a little, each ringing the housing.
 fn impacts(d: &mut Draw, e: &EffectSpec, s: &Session<'_>, channel: usize, angle: &[f64], train: &Train, x: &mut [f64]) {
     let order = e.parameters["order"] * train.shaft_order(&e.place).unwrap_or(1.0);
-    let size = 0.4 * e.parameters["amplitude"] * s.noise[channel];
+    // The housing carries a third of it to the bearings of other shafts.
+    let near = if s.sheet.sensors[channel].shaft == e.place { 1.0 } else { 0.35 };
+    let size = 0.4 * near * e.parameters["amplitude"] * s.noise[channel];
     let mut next = angle[0] + d.uniform(0.0, 1.0) / order;
     for n in 0..x.len() {
         if angle[n] < next {
@@ -267,7 +273,11 @@ impl Alien {
             "neighbour_machine" => {
                 let speed = self.rate * (1.0 + 1e-4 * d.normal());
                 for h in 1..=3 {
-                    for hz in [f64::from(h) * speed, (self.ratio * f64::from(h) - 1.0) * speed, self.ratio * f64::from(h) * speed] {
+                    for hz in [
+                        f64::from(h) * speed,
+                        (self.ratio * f64::from(h) - 1.0) * speed,
+                        self.ratio * f64::from(h) * speed,
+                    ] {
                         let a = Complex64::from_polar(size / f64::from(h), d.uniform(0.0, TAU)) * housing.at(hz);
                         let turn = TAU * hz / RATE_HZ;
                         for (n, v) in x.iter_mut().enumerate().filter(|_| hz < 0.4 * RATE_HZ) {
