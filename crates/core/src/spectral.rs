@@ -38,12 +38,17 @@
 //! the order bins of the band that are not on a known line, divided by `ln 2`, which makes it the mean for noise.
 
 pub mod angle;
+pub(crate) mod floor;
 pub mod harmonics;
 pub mod kaiser;
+pub(crate) mod kernels;
 pub mod lines;
 pub mod mesh_refine;
 pub mod mesh_speed;
 pub mod plan;
 pub mod pulses_fit;
 pub mod small;
+pub mod solution;
+pub mod tapered;
+pub mod windows;
 pub mod zoom;

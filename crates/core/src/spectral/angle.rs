@@ -57,6 +57,22 @@ impl AngleTrack {
         value + bend - self.offset
     }
 
+    /// Angle at points that are evenly spaced from −1/2, counted from `origin`.
+    pub fn fill(&self, out: &mut [f64], origin: f64) {
+        let step = 1.0 / out.len() as f64;
+        if let ([], &[c1, c2, c3]) = (&self.knots[..], &self.polynomial[..]) {
+            // What mesh lines give, without a loop over terms.
+            for (i, angle) in out.iter_mut().enumerate() {
+                let tau = i as u32 as f64 * step - 0.5;
+                *angle = ((c3 * tau + c2) * tau + c1) * tau - origin;
+            }
+        } else {
+            for (i, angle) in out.iter_mut().enumerate() {
+                *angle = self.at(i as f64 * step - 0.5) - origin;
+            }
+        }
+    }
+
     /// Revolutions from end to end.
     pub fn revolutions(&self) -> f64 {
         self.at(0.5) - self.at(-0.5)

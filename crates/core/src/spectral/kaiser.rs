@@ -74,65 +74,19 @@ impl KaiserWindow {
         }
     }
 
+    /// `β`.
+    pub fn beta(&self) -> f64 {
+        beta(self.half_width)
+    }
+
     /// Transform of the window at `bins` off its centre, relative to the peak (real: the window is even about its centre).
     pub fn transform(&self, bins: f64) -> f64 {
         transform(beta(self.half_width), bins)
     }
-
-    /// Transform of the squared window, relative to its peak: what correlates the noise of two lines. By the trapezoidal
-    /// rule over 256 points, which is exact for a band-limited product.
-    pub fn transform_squared(&self, bins: f64) -> f64 {
-        const POINTS: usize = 256;
-        let beta = beta(self.half_width);
-        let (mut sum, mut total) = (0.0, 0.0);
-        for i in 0..POINTS {
-            let tau = (i as f64 + 0.5) / POINTS as f64 - 0.5;
-            let w2 = value(beta, tau).powi(2);
-            sum += w2 * (2.0 * PI * bins * tau).cos();
-            total += w2;
-        }
-        sum / total
-    }
 }
 
-/// The two windows of the estimator: an efficient one, nearly without weighting, which resolves best and lets least noise in, and a guard
-/// with low side lobes, which unknown lines cannot get past.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WindowPair {
-    /// What the samples are weighted with before the transform.
-    pub efficient: KaiserWindow,
-    /// What the decimated signal is weighted with in its place where unknown lines are to be kept out.
-    pub guard: KaiserWindow,
-    /// Variance of the difference between the two amplitudes of a line in white noise, by that of the efficient one.
-    pub difference: f64,
-    /// Noise power that the guard lets in, by that of the efficient window.
-    pub guard_noise: f64,
-}
-
-/// Half width of the efficient window's main lobe: equivalent noise bandwidth 1.09 bins, where no weighting has 1.
-pub const EFFICIENT: f64 = 1.4;
-
-impl WindowPair {
-    /// For windows of `n` samples in which lines are `separation_bins` apart at least.
-    pub fn new(n: usize, separation_bins: f64) -> Self {
-        let efficient = KaiserWindow::new(n, EFFICIENT);
-        let guard = KaiserWindow::new(n, half_width(separation_bins));
-        let own = efficient.sum_squares / efficient.sum.powi(2);
-        let guards = guard.sum_squares / guard.sum.powi(2);
-        let products = efficient.coefficients.iter().zip(&guard.coefficients).map(|(a, b)| a * b);
-        let both = products.sum::<f64>() / (efficient.sum * guard.sum);
-        Self { difference: (own + guards - 2.0 * both) / own, guard_noise: guards / own, efficient, guard }
-    }
-
-    /// What turns the efficient window into the guard, at `m` points of the decimated signal.
-    pub fn ratio(&self, m: usize) -> Vec<f64> {
-        let (a, b) = (beta(self.efficient.half_width), beta(self.guard.half_width));
-        let tau = |i: usize| i as f64 / m as f64 - 0.5;
-        (0..m).map(|i| value(b, tau(i)) / value(a, tau(i))).collect()
-    }
-}
-
-fn transform(beta: f64, bins: f64) -> f64 {
+/// Transform of the window of shape `beta` at `bins` off its centre, relative to the peak.
+pub fn transform(beta: f64, bins: f64) -> f64 {
     let shape = |square: f64| {
         if square.abs() < 1e-12 {
             1.0

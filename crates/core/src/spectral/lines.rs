@@ -2,20 +2,17 @@
 //!
 //! Around each mesh harmonic lie its own sidebands and, by chance, lines of other stages. Lines nearer to each other than
 //! [`MERGE_BINS`] are one unknown: no weighting of one window separates them. Lines within the main lobe of each other are
-//! *coupled*: their sums `y_i = a(o_i)` mix by the window's transform `G`, `y = G a`, and are separated by solving that system, which is the
-//! weighted least-squares fit of all of them. With the noise correlated by the transform `C` of the squared window, the
-//! covariance of the solution is `G⁻¹ C G⁻¹` times the variance of a line that stands alone.
+//! *coupled*; [`solution`](super::solution) separates them.
 
 use crate::analysis::SIDEBANDS;
-use crate::spectral::kaiser::{KaiserWindow, WindowPair};
 use crate::train::Train;
 use crate::verdict::HARMONICS;
 
 /// Lines closer than this cannot be separated (bins): 0.9 of the resolution of the whole window without weighting.
 pub const MERGE_BINS: f64 = 0.9;
 
-/// Steps of the transform tables per bin: linear interpolation is then good to 1e-5 (h²/8 times a curvature of 4 at most).
-const TABLE_STEPS: f64 = 256.0;
+/// Most lines that are separated from one another; lines of other stages beyond them are left to their luck.
+pub const MAX_GROUP: usize = 32;
 
 /// A slot of a harmonic's result that an unknown fills.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +38,17 @@ pub struct Unknown {
     pub shared: bool,
 }
 
+/// The unknowns that one table serves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// Position of the table.
+    pub table: usize,
+    /// The unknown above the carrier.
+    pub above: Option<usize>,
+    /// The one as far below.
+    pub below: Option<usize>,
+}
+
 /// A mesh harmonic with its surroundings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
@@ -52,8 +60,10 @@ pub struct Band {
     pub order: f64,
     /// The carrier first.
     pub unknowns: Vec<Unknown>,
-    /// All unknowns, for the fit with the efficient window.
-    pub all: Vec<usize>,
+    /// How many of them are reported: those of this harmonic, which come first.
+    pub own: usize,
+    /// The unknowns besides the carrier by their tables.
+    pub pairs: Vec<Pair>,
     /// The carrier and the unknowns that lie within the guard window's main lobe of it or, one by one, of each other.
     pub beside_carrier: Vec<usize>,
     /// Offsets of all known lines, for keeping them out of the floor.
@@ -78,43 +88,6 @@ pub struct LinePlan {
     pub tables: Vec<Table>,
     /// Largest offset of a line that is reported.
     pub widest_offset: f64,
-    efficient: Transforms,
-    guard: Transforms,
-}
-
-/// Tables of a window's transform and of that of its square.
-#[derive(Clone, Debug, PartialEq)]
-struct Transforms {
-    plain: Vec<f64>,
-    squared: Vec<f64>,
-}
-
-impl Transforms {
-    fn new(window: &KaiserWindow, reach_bins: f64) -> Self {
-        let table = |bins: f64, f: &dyn Fn(f64) -> f64| {
-            (0..=(bins * TABLE_STEPS) as usize).map(|i| f(i as f64 / TABLE_STEPS)).collect()
-        };
-        // Noise far apart is as good as uncorrelated; what the lines themselves leak is not nothing.
-        Self {
-            plain: table(reach_bins, &|x| window.transform(x)),
-            squared: table(reach_bins.min(CORRELATED_BINS), &|x| window.transform_squared(x)),
-        }
-    }
-}
-
-/// Beyond this the noise of two lines is taken as uncorrelated (bins).
-const CORRELATED_BINS: f64 = 6.0;
-
-/// Most lines that are separated from one another; lines of other stages beyond them are left to their luck.
-pub const MAX_GROUP: usize = 32;
-
-/// How the sums of a coupled group mix, and how their noise is correlated.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Coupling {
-    /// Transform of the window at the differences.
-    pub g: [[f64; MAX_GROUP]; MAX_GROUP],
-    /// Transform of the squared window at the differences.
-    pub c: [[f64; MAX_GROUP]; MAX_GROUP],
 }
 
 /// A line of the train: order, the stage that makes it, and which of its lines it is.
@@ -147,10 +120,10 @@ fn known_lines(train: &Train) -> Vec<KnownLine> {
 }
 
 impl LinePlan {
-    /// The lines of a train; `revolutions` of the input shaft in a window at nominal speed turn orders into bins.
-    pub fn new(train: &Train, windows: &WindowPair, revolutions: f64) -> Self {
+    /// The lines of a train; `half_width` is that of the guard's main lobe (bins), and `revolutions` of the input shaft in a window at nominal speed turn
+    /// orders into bins.
+    pub fn new(train: &Train, half_width: f64, revolutions: f64) -> Self {
         let known = known_lines(train);
-        let half_width = windows.guard.half_width;
         let mut tables = Vec::new();
         let mut widest_offset: f64 = 0.0;
         let mut bands = Vec::new();
@@ -158,48 +131,20 @@ impl LinePlan {
             widest_offset = widest_offset.max(SIDEBANDS as f64 * stage.pinion_order.max(stage.wheel_order));
             for harmonic in 0..HARMONICS {
                 let order = stage.mesh_order * (harmonic + 1) as f64;
-                let unknowns = unknowns(&known, s, harmonic, order, half_width, revolutions, &mut tables);
+                let (unknowns, own) = unknowns(&known, s, harmonic, order, half_width, revolutions, &mut tables);
                 bands.push(Band {
                     stage: s,
                     harmonic,
                     order,
-                    all: (0..unknowns.len()).collect(),
+                    own,
+                    pairs: pairs(&unknowns),
                     beside_carrier: beside_carrier(&unknowns, half_width, revolutions),
                     unknowns,
                     known_offsets: known.iter().map(|l| l.order - order).collect(),
                 });
             }
         }
-        // From the lowest sideband to the highest, and other stages' lines beyond them, at a speed above nominal.
-        let widest = 2.4 * (widest_offset * revolutions + reach(half_width));
-        Self {
-            bands,
-            tables,
-            widest_offset,
-            efficient: Transforms::new(&windows.efficient, widest),
-            guard: Transforms::new(&windows.guard, 1.5 * reach(half_width)),
-        }
-    }
-
-    /// How the sums with the efficient window mix at a speed of `revolutions` per window.
-    pub fn coupling(&self, band: &Band, group: &[usize], revolutions: f64, out: &mut Coupling) {
-        couple(&self.efficient, band, group, revolutions, out);
-    }
-
-    /// The same for the guard window.
-    pub fn guard_coupling(&self, band: &Band, group: &[usize], revolutions: f64, out: &mut Coupling) {
-        couple(&self.guard, band, group, revolutions, out);
-    }
-}
-
-fn couple(tables: &Transforms, band: &Band, group: &[usize], revolutions: f64, out: &mut Coupling) {
-    for (i, &a) in group.iter().enumerate() {
-        for (j, &b) in group[..=i].iter().enumerate() {
-            let bins = (band.unknowns[a].offset - band.unknowns[b].offset).abs() * revolutions;
-            let (g, c) = (interpolate(&tables.plain, bins), interpolate(&tables.squared, bins));
-            (out.g[i][j], out.g[j][i]) = (g, g);
-            (out.c[i][j], out.c[j][i]) = (c, c);
-        }
+        Self { bands, tables, widest_offset }
     }
 }
 
@@ -208,17 +153,21 @@ fn reach(half_width: f64) -> f64 {
     half_width + 0.5
 }
 
-/// Zero beyond the table: there are only side lobes.
-fn interpolate(table: &[f64], bins: f64) -> f64 {
-    let x = bins * TABLE_STEPS;
-    let i = x as usize;
-    match (table.get(i), table.get(i + 1)) {
-        (Some(a), Some(b)) => a + (b - a) * (x - i as f64),
-        _ => 0.0,
+fn pairs(unknowns: &[Unknown]) -> Vec<Pair> {
+    let mut out: Vec<Pair> = Vec::new();
+    for (i, unknown) in unknowns.iter().enumerate() {
+        let Some(table) = unknown.table else { continue };
+        let at = out.iter().position(|p| p.table == table).unwrap_or_else(|| {
+            out.push(Pair { table, above: None, below: None });
+            out.len() - 1
+        });
+        let side = if unknown.offset > 0.0 { &mut out[at].above } else { &mut out[at].below };
+        *side = Some(i);
     }
+    out
 }
 
-/// The unknowns of a band: its own lines first, then lines of other stages that would mix with them.
+/// The unknowns of a band: its own lines first, then lines of other stages that would mix with them; and how many are its own.
 fn unknowns(
     known: &[KnownLine],
     stage: usize,
@@ -227,7 +176,7 @@ fn unknowns(
     half_width: f64,
     revolutions: f64,
     tables: &mut Vec<Table>,
-) -> Vec<Unknown> {
+) -> (Vec<Unknown>, usize) {
     let mut out: Vec<Unknown> = Vec::new();
     let merge = MERGE_BINS / revolutions;
     for line in known.iter().filter(|l| l.stage == stage && l.harmonic == harmonic) {
@@ -265,7 +214,7 @@ fn unknowns(
             }),
         }
     }
-    out
+    (out, own)
 }
 
 /// The table for `|offset|`, made if there is none yet. Second and third sidebands are products of lower ones.

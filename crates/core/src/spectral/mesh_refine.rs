@@ -121,7 +121,7 @@ impl MeshSearch {
     /// Refines the angle on the lines of the last search, from a speed within a fraction of a bin at the highest line.
     pub fn refine(&self, state: &mut MeshSearchState, spectrum: WindowSpectrum<'_>, start: f64) -> MeshSpeed {
         // The search saw the noise through the efficient window; from here on the guard is in its place.
-        let noise = spectrum.windows.guard.sum_squares / spectrum.windows.efficient.sum_squares;
+        let noise = spectrum.windows.guard_samples().sum_squares / spectrum.windows.weighting.sum_squares;
         for (used, band) in state.used.iter_mut().zip(state.bands.chunks_exact_mut(NARROW.0)) {
             used.floor *= noise;
             used.centre = (used.line.mesh_order * start).round() as i64 * used.line.harmonic as i64;

@@ -11,9 +11,10 @@
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 
-use crate::spectral::harmonics::{WindowSpectrum, median};
-use crate::spectral::kaiser::WindowPair;
+use crate::spectral::floor::median;
+use crate::spectral::harmonics::WindowSpectrum;
 use crate::spectral::mesh_refine::{Basis, DEGREE, NARROW, Rotator, terms};
+use crate::spectral::windows::Windows;
 use crate::spectral::zoom::Zoom;
 use crate::verdict::HARMONICS;
 
@@ -143,7 +144,7 @@ pub(crate) struct UsedLine {
 impl MeshSearch {
     /// For the mesh harmonics of stages with these mesh orders; equal orders count once. `separation_bins` is how far from them
     /// their nearest sidebands are.
-    pub fn new(mesh_orders: &[f64], windows: &WindowPair, separation_bins: f64, planner: &mut FftPlanner<f64>) -> Self {
+    pub fn new(mesh_orders: &[f64], windows: &Windows, separation_bins: f64, planner: &mut FftPlanner<f64>) -> Self {
         let harmonics = |(stage, &mesh_order): (usize, &f64)| {
             (1..=HARMONICS).map(move |harmonic| MeshLine {
                 order: mesh_order * harmonic as f64,
@@ -159,9 +160,9 @@ impl MeshSearch {
             lines,
             stages: mesh_orders.len(),
             zoom: Zoom::new(planner, NARROW.0, NARROW.1),
-            ratio: windows.ratio(NARROW.0),
-            basis: Basis::new(&windows.guard),
-            terms: terms(separation_bins, &windows.guard),
+            ratio: windows.weighting_to_guard(NARROW.0),
+            basis: Basis::new(windows.guard_samples()),
+            terms: terms(separation_bins, windows.guard_samples()),
         }
     }
 
@@ -227,7 +228,7 @@ impl MeshSearch {
         for line in &self.lines {
             let from = line.order * lowest - SEARCH_MARGIN;
             let to = line.order * highest + SEARCH_MARGIN;
-            if from < spectrum.windows.guard.half_width || to > spectrum.highest_bin {
+            if from < spectrum.windows.guard_half_width() || to > spectrum.highest_bin {
                 continue;
             }
             let (first_bin, last_bin) = (from.floor() as usize, (to.ceil() as usize).min(spectrum.bins.len() - 1));

@@ -8,9 +8,9 @@ use rustfft::FftPlanner;
 
 use crate::analysis::StageAnalysis;
 use crate::spectral::harmonics::{Harmonics, HarmonicsState, KnownAngle, WindowSpectrum};
-use crate::spectral::kaiser::WindowPair;
 use crate::spectral::mesh_refine::DEGREE;
 use crate::spectral::mesh_speed::{Candidate, MeshSearch, MeshSearchState, MeshSpeed};
+use crate::spectral::windows::Windows;
 use crate::speed::SpeedConfig;
 use crate::train::Train;
 
@@ -24,7 +24,7 @@ const RAMP_PASSES: usize = 3;
 pub struct RatePlan {
     samples: usize,
     sample_rate_hz: f64,
-    windows: WindowPair,
+    windows: Windows,
     transform: Arc<dyn RealToComplex<f64>>,
     search: MeshSearch,
     harmonics: Harmonics,
@@ -46,7 +46,7 @@ impl RatePlan {
     /// The plan for windows of `samples` at `sample_rate_hz`.
     pub fn new(train: &Train, speed: &SpeedConfig, samples: usize, sample_rate_hz: f64) -> Self {
         let revolutions = train.nominal_input_hz * samples as f64 / sample_rate_hz;
-        let windows = WindowPair::new(samples, NEAREST_ORDER * revolutions);
+        let windows = Windows::new(samples, NEAREST_ORDER * revolutions);
         let mut planner = FftPlanner::new();
         let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
         let search = MeshSearch::new(&mesh_orders, &windows, NEAREST_ORDER * revolutions, &mut planner);
@@ -82,7 +82,7 @@ impl RatePlan {
 
     /// Transforms the weighted samples of a window.
     pub fn transform(&self, samples: &[f64], state: &mut RateState) {
-        for (y, (x, w)) in state.weighted.iter_mut().zip(samples.iter().zip(&self.windows.efficient.coefficients)) {
+        for (y, (x, w)) in state.weighted.iter_mut().zip(samples.iter().zip(&self.windows.weighting.coefficients)) {
             *y = x * w;
         }
         // The lengths are those of the plan by construction, the only thing that can be wrong.
@@ -107,7 +107,8 @@ impl RatePlan {
             WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, windows: &self.windows };
         let candidate = self.search.search(&mut state.search, spectrum, lowest, highest)?;
         let mut found = self.search.refine(&mut state.search, spectrum, candidate.n1);
-        found.trust.rival = self.search.rival(&state.search, self.windows.guard.half_width, lowest, found.revolutions);
+        found.trust.rival =
+            self.search.rival(&state.search, self.windows.guard_half_width(), lowest, found.revolutions);
         if !found.is_clear() && self.speed.max_ramp_percent > 0.0 {
             let ramping = self.ramping_speed(state, samples, lowest, highest, highest_bin);
             found = ramping.filter(|r| r.merit() > found.merit()).unwrap_or(found);
@@ -142,7 +143,7 @@ impl RatePlan {
         for i in -count..=count {
             let tried = f64::from(i) * step;
             self.warped_search(state, samples, tried, lowest, highest, highest_bin)?;
-            rival = rival.max(self.search.rival(&state.search, self.windows.guard.half_width, lowest, best.n1));
+            rival = rival.max(self.search.rival(&state.search, self.windows.guard_half_width(), lowest, best.n1));
         }
         let mut found = None;
         for _ in 0..RAMP_PASSES {
@@ -169,7 +170,7 @@ impl RatePlan {
         highest_bin: f64,
     ) -> Option<Candidate> {
         let n = samples.len() as f64;
-        for (i, (y, w)) in state.weighted.iter_mut().zip(&self.windows.efficient.coefficients).enumerate() {
+        for (i, (y, w)) in state.weighted.iter_mut().zip(&self.windows.weighting.coefficients).enumerate() {
             let u = i as f64 / n - 0.5;
             // τ + (ramp/2) (τ² - 1/4) = u solved for τ, in the form that holds for ramp = 0 too.
             let c = u + 0.125 * ramp;
@@ -187,7 +188,7 @@ impl RatePlan {
 
     /// The first harmonic of some stage lies in the usable band at a speed in revolutions per window.
     pub fn some_harmonic_in_band(&self, revolutions: f64, highest_bin: f64) -> bool {
-        self.lowest_mesh_order * revolutions + self.windows.guard.half_width < highest_bin
+        self.lowest_mesh_order * revolutions + self.windows.guard_half_width() < highest_bin
     }
 
     /// The lines of the window that was transformed last; one entry of `out` a stage.

@@ -104,7 +104,7 @@ impl PulseFitState {
         let stride = if whole && times.len() / turn >= 2 * FEWEST { turn * thin.div_ceil(turn) } else { thin };
         self.intervals.clear();
         self.intervals.extend(times.windows(2).take(MAX_KNOTS).map(|w| w[1] - w[0]));
-        let usual = super::harmonics::median(&mut self.intervals);
+        let usual = super::floor::median(&mut self.intervals);
         self.taus.clear();
         self.angles.clear();
         let (mut steps, mut bad) = (0.0, 0usize);
