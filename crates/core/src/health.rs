@@ -1,11 +1,15 @@
 //! What the samples of a window say of the instrument.
 
 use crate::block::Quality;
+use crate::spectral::kernels::kernels;
 use crate::verdict::InstrumentState;
 use crate::window::Window;
 
 /// Share of a window that one and the same value may fill in a row.
 const STUCK_SHARE: usize = 8;
+
+/// Samples of which the extremes are found at a time.
+const CHUNK: usize = 512;
 
 /// Samples at the extreme value from which clipping is looked at.
 const PILE: usize = 5;
@@ -20,7 +24,7 @@ pub fn instrument_state(window: &Window) -> InstrumentState {
     let has = |bits| window.quality.contains(bits);
     if has(Quality::SENSOR_FAULT) || has(Quality::INVALID) {
         InstrumentState::SensorFault
-    } else if range.longest_run >= window.samples.len() / STUCK_SHARE {
+    } else if longest_run(&window.samples) >= window.samples.len() / STUCK_SHARE {
         InstrumentState::FlatLine
     } else if has(Quality::OVERLOAD) || range.is_clipped(&window.samples) {
         InstrumentState::Overload
@@ -33,51 +37,75 @@ pub fn instrument_state(window: &Window) -> InstrumentState {
     }
 }
 
+/// The smallest and the largest value, and how many samples have them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Range {
     lowest: f64,
     highest: f64,
-    longest_run: usize,
+    at_lowest: usize,
+    at_highest: usize,
 }
 
 impl Range {
     /// `None` where a value is not finite, or there is none.
     fn of(samples: &[f64]) -> Option<Self> {
-        // One pass without a branch per value: 0 · x is not zero for what is not finite.
-        let (mut lowest, mut highest, mut poison) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
-        for &x in samples {
-            lowest = x.min(lowest);
-            highest = x.max(highest);
-            poison += 0.0 * x;
+        let mut range = Self { lowest: f64::INFINITY, highest: f64::NEG_INFINITY, at_lowest: 0, at_highest: 0 };
+        for chunk in samples.chunks(CHUNK) {
+            let (lowest, highest) = extremes(chunk)?;
+            // Only the few chunks that reach as far as those before are counted through.
+            if lowest < range.lowest {
+                (range.lowest, range.at_lowest) = (lowest, 0);
+            }
+            if lowest == range.lowest {
+                range.at_lowest += count(chunk, lowest);
+            }
+            if highest > range.highest {
+                (range.highest, range.at_highest) = (highest, 0);
+            }
+            if highest == range.highest {
+                range.at_highest += count(chunk, highest);
+            }
         }
-        if poison != 0.0 || samples.is_empty() {
-            return None;
-        }
-        Some(Self { lowest, highest, longest_run: longest_run(samples) })
+        (!samples.is_empty()).then_some(range)
     }
 
     /// Samples pile up at the largest or the smallest value.
     fn is_clipped(&self, samples: &[f64]) -> bool {
         let band = 0.01 * (self.highest - self.lowest);
-        let (mut top, mut bottom, mut near_top, mut near_bottom) = (0usize, 0usize, 0usize, 0usize);
-        for &x in samples {
-            top += usize::from(x == self.highest);
-            bottom += usize::from(x == self.lowest);
-            near_top += usize::from(x >= self.highest - band);
-            near_bottom += usize::from(x <= self.lowest + band);
-        }
-        self.piles_up(samples, top, near_top - top, self.highest)
-            || self.piles_up(samples, bottom, near_bottom - bottom, self.lowest)
+        piles_up(samples, self.at_highest, self.highest, band) || piles_up(samples, self.at_lowest, self.lowest, band)
     }
+}
 
-    fn piles_up(&self, samples: &[f64], pile: usize, beside: usize, extreme: f64) -> bool {
-        if pile < PILE || pile <= PILE_RATIO * beside {
-            return false;
+fn count(samples: &[f64], value: f64) -> usize {
+    samples.iter().filter(|x| **x == value).count()
+}
+
+fn piles_up(samples: &[f64], pile: usize, extreme: f64, band: f64) -> bool {
+    let beside = |reach: f64| samples.iter().filter(|x| **x != extreme && (**x - extreme).abs() <= reach).count();
+    if pile < PILE || pile <= PILE_RATIO * beside(band) {
+        return false;
+    }
+    // Coarse counts: the level next to the extreme may lie farther than 1 % of the range.
+    let next = samples.iter().filter(|x| **x != extreme).map(|x| (x - extreme).abs()).fold(f64::INFINITY, f64::min);
+    pile > PILE_RATIO * beside(1.5 * next)
+}
+
+kernels! {
+    /// Smallest and largest value; `None` where one is not finite.
+    pub(crate) fn extremes<'a>(samples: &'a [f64]) -> Option<(f64, f64)> {
+        let (mut low, mut high, mut poison) = ([f64::INFINITY; 16], [f64::NEG_INFINITY; 16], [0.0; 16]);
+        let (chunks, rest) = samples.as_chunks::<16>();
+        for x in chunks {
+            for l in 0..16 {
+                low[l] = if x[l] < low[l] { x[l] } else { low[l] };
+                high[l] = if x[l] > high[l] { x[l] } else { high[l] };
+                // 0 · x is not zero for what is not finite.
+                poison[l] += 0.0 * x[l];
+            }
         }
-        // Coarse counts: the level next to the extreme may lie farther than 1 % of the range.
-        let next = samples.iter().filter(|x| **x != extreme).map(|x| (x - extreme).abs()).fold(f64::INFINITY, f64::min);
-        let level = samples.iter().filter(|x| **x != extreme && (**x - extreme).abs() <= 1.5 * next).count();
-        pile > PILE_RATIO * level
+        let all = || low.iter().chain(&high).chain(rest).copied().filter(|x| x.is_finite());
+        let bad = poison.iter().sum::<f64>() != 0.0 || rest.iter().any(|x| !x.is_finite());
+        (!bad).then(|| (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)))
     }
 }
 

@@ -73,7 +73,7 @@ struct Work {
     scratch: Vec<Complex64>,
     sums: Vec<Complex64>,
     guard_sums: Vec<Complex64>,
-    floor: Vec<f64>,
+    floor: Vec<u64>,
 }
 
 /// What the bands of a window have in common.

@@ -3,27 +3,26 @@
 //! Sums run over a fixed number of lanes and nothing is fused, so that the result does not depend on which of the two is taken.
 
 use num_complex::Complex64;
-use pulp::{Arch, Simd, WithSimd};
 
 /// Partial sums that are kept side by side.
 const LANES: usize = 8;
 
 /// Defines functions whose bodies are compiled for each vector unit and chosen at run time. What a body calls must be `inline(always)`.
 macro_rules! kernels {
-    ($($(#[$meta:meta])* pub(crate) fn $name:ident<$life:lifetime>($($arg:ident: $kind:ty),* $(,)?) -> $out:ty $body:block)*) => {$(
+    ($($(#[$meta:meta])* $vis:vis fn $name:ident<$life:lifetime>($($arg:ident: $kind:ty),* $(,)?) -> $out:ty $body:block)*) => {$(
         $(#[$meta])*
         #[allow(clippy::too_many_arguments)]
-        pub(crate) fn $name<$life>($($arg: $kind),*) -> $out {
+        $vis fn $name<$life>($($arg: $kind),*) -> $out {
             struct Kernel<$life> { $($arg: $kind),* }
-            impl<$life> WithSimd for Kernel<$life> {
+            impl<$life> pulp::WithSimd for Kernel<$life> {
                 type Output = $out;
                 #[inline(always)]
-                fn with_simd<S: Simd>(self, _: S) -> $out {
+                fn with_simd<S: pulp::Simd>(self, _: S) -> $out {
                     let Self { $($arg),* } = self;
                     $body
                 }
             }
-            Arch::new().dispatch(Kernel { $($arg),* })
+            pulp::Arch::new().dispatch(Kernel { $($arg),* })
         }
     )*};
 }
@@ -90,18 +89,30 @@ pub(crate) fn total(lanes: [f64; LANES]) -> f64 {
     ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }
 
-/// `Σ a b` over fixed lanes; what does not fill them is added at the end.
+/// `Σ a b` over fixed lanes.
 #[inline(always)]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    const { assert!(N.is_multiple_of(LANES)) };
     let mut lanes = [0.0; LANES];
-    let (a, a_rest) = a.as_chunks::<LANES>();
-    let (b, b_rest) = b.as_chunks::<LANES>();
-    for (a, b) in a.iter().zip(b) {
+    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
         for l in 0..LANES {
             lanes[l] += a[l] * b[l];
         }
     }
-    total(lanes) + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f64>()
+    total(lanes)
+}
+
+/// `Σ a` over fixed lanes.
+#[inline(always)]
+pub(crate) fn sum_of<const N: usize>(a: &[f64; N]) -> f64 {
+    const { assert!(N.is_multiple_of(LANES)) };
+    let mut lanes = [0.0; LANES];
+    for a in a.as_chunks::<LANES>().0 {
+        for l in 0..LANES {
+            lanes[l] += a[l];
+        }
+    }
+    total(lanes)
 }
 
 kernels! {
@@ -171,6 +182,13 @@ kernels! {
         }
         let [rr, ii, ri, ir] = lanes.map(|l| total(l));
         (Complex64::new(rr - ii, ri + ir), Complex64::new(rr + ii, ir - ri))
+    }
+
+    /// Powers of the bins of a spectrum.
+    pub(crate) fn powers<'a>(bins: &'a [Complex64], out: &'a mut [f64]) -> () {
+        for (o, y) in out.iter_mut().zip(bins) {
+            *o = y.re * y.re + y.im * y.im;
+        }
     }
 
     /// `Σ z`.

@@ -11,17 +11,21 @@
 //! Sidebands near a line pull at its phase through the transforms of `w τ`, `w τ²`, `w τ³`, the wider the higher the power. The bend is
 //! fitted only where they are `BEND_SEPARATION` main lobes away.
 
-use num_complex::Complex64;
-
 use crate::spectral::harmonics::WindowSpectrum;
 use crate::spectral::kaiser::KaiserWindow;
-use crate::spectral::mesh_speed::{CAP, MeshSearch, MeshSearchState, MeshSpeed, STANDS_OUT, Trust, UsedLine, quick_ln};
+use crate::spectral::kernels::{dot, kernels, sum_of, turned_back};
+use crate::spectral::mesh_speed::{
+    CAP, MeshLine, MeshSearch, MeshSearchState, MeshSpeed, STANDS_OUT, Trust, UsedLine, quick_ln,
+};
 
 /// Terms of the angle polynomial.
 pub const DEGREE: usize = 3;
 
 /// Bins of the narrow band around a line in which it is refined, and how many on each side are kept whole.
 pub(crate) const NARROW: (usize, usize) = (64, 16);
+
+/// A number for each point of a narrow band.
+type Points = [f64; NARROW.0];
 
 /// Nearest sideband, by the half width of the guard's main lobe, from which the bend is fitted.
 const BEND_SEPARATION: f64 = 1.5;
@@ -43,15 +47,15 @@ pub(crate) fn terms(separation_bins: f64, guard: &KaiserWindow) -> usize {
 
 /// Polynomials that are orthogonal under the guard window, at the points of a narrow band: `τ`, `τ² - m`, `τ³ - c τ`.
 pub(crate) struct Basis {
-    values: [[f64; NARROW.0]; DEGREE],
+    values: [Points; DEGREE],
     /// `Σ w b² / Σ w`.
     norms: [f64; DEGREE],
     /// `Σ w² b² / Σ w²`.
     squared_norms: [f64; DEGREE],
     /// `c`.
     cubic: f64,
-    /// `e^{-j 2π k τ}` for k = −2…2.
-    shifts: [[Complex64; NARROW.0]; 2 * COMPACT_BINS as usize + 1],
+    /// `e^{-j 2π k τ}` for k = 1, 2: real and imaginary parts.
+    shifts: [[Points; 2]; COMPACT_BINS as usize],
     /// Power of a pure tone in these bins, by that at its peak.
     tone: f64,
 }
@@ -75,15 +79,18 @@ impl Basis {
             squared_norms: functions.map(|f| mean(2, &|t| f(t).powi(2))),
             cubic,
             shifts: std::array::from_fn(|k| {
-                std::array::from_fn(|m| turn((k as f64 - f64::from(COMPACT_BINS)) * tau(m)))
+                let turned = |m: usize| turned_back((k + 1) as f64 * tau(m));
+                [std::array::from_fn(|m| turned(m).0), std::array::from_fn(|m| turned(m).1)]
             }),
             tone: (-COMPACT_BINS..=COMPACT_BINS).map(|k| window.transform(f64::from(k)).powi(2)).sum(),
         }
     }
 
     /// Angle at each point.
-    fn angle(&self, p: &[f64; DEGREE]) -> [f64; NARROW.0] {
-        std::array::from_fn(|m| self.values.iter().zip(p).map(|(b, p)| b[m] * p).sum())
+    #[inline(always)]
+    fn angle(&self, p: &[f64; DEGREE]) -> Points {
+        let [a, b, c] = &self.values;
+        std::array::from_fn(|m| a[m] * p[0] + b[m] * p[1] + c[m] * p[2])
     }
 
     /// Coefficients of the powers of `τ`.
@@ -92,29 +99,108 @@ impl Basis {
     }
 }
 
-/// What takes the phase of a stage's lines out: that of the first harmonic and its power so far.
+/// What takes the phase of a stage's lines out: that of the first harmonic and its power so far, real and imaginary parts.
 #[derive(Clone)]
 pub(crate) struct Rotator {
-    first: [Complex64; NARROW.0],
-    power: [Complex64; NARROW.0],
+    first: [Points; 2],
+    power: [Points; 2],
     harmonic: usize,
 }
 
 impl Default for Rotator {
     fn default() -> Self {
-        Self { first: [Complex64::ONE; NARROW.0], power: [Complex64::ONE; NARROW.0], harmonic: 0 }
+        Self { first: [[0.0; NARROW.0]; 2], power: [[0.0; NARROW.0]; 2], harmonic: 0 }
     }
 }
 
-/// `e^{-j 2π turns}`.
-fn turn(turns: f64) -> Complex64 {
-    let (sin, cos) = (-std::f64::consts::TAU * (turns - turns.round())).sin_cos();
-    Complex64::new(cos, sin)
+impl Rotator {
+    /// Turns on to the harmonic of a line, from the first if need be.
+    #[inline(always)]
+    fn turn_to(&mut self, line: MeshLine, start: f64, angle: &Points) {
+        if self.harmonic == 0 {
+            let centre = (line.mesh_order * start).round();
+            for m in 0..NARROW.0 {
+                let tau = m as u32 as f64 / NARROW.0 as f64 - 0.5;
+                (self.first[0][m], self.first[1][m]) = turned_back(line.mesh_order * angle[m] - centre * tau);
+            }
+            self.power = self.first;
+            self.harmonic = 1;
+        }
+        while self.harmonic < line.harmonic {
+            for m in 0..NARROW.0 {
+                let (re, im) = (self.power[0][m], self.power[1][m]);
+                self.power[0][m] = re * self.first[0][m] - im * self.first[1][m];
+                self.power[1][m] = re * self.first[1][m] + im * self.first[0][m];
+            }
+            self.harmonic += 1;
+        }
+    }
+
+    /// The points of a band after the phase has been taken out.
+    #[inline(always)]
+    fn take_out(&self, re: &Points, im: &Points) -> [Points; 2] {
+        let [c, s] = &self.power;
+        [std::array::from_fn(|m| re[m] * c[m] - im[m] * s[m]), std::array::from_fn(|m| re[m] * s[m] + im[m] * c[m])]
+    }
 }
 
 /// Power of a sum over the points of a narrow band, as the spectrum's bins have it.
-fn power(sum: Complex64) -> f64 {
-    sum.norm_sqr() / (NARROW.0 as f64).powi(2)
+#[inline(always)]
+fn power(re: f64, im: f64) -> f64 {
+    (re * re + im * im) / (NARROW.0 as f64).powi(2)
+}
+
+kernels! {
+    /// A Gauss-Newton step: the slopes of the phase that is left on each line over the basis, averaged with weights
+    /// order² power / floor.
+    fn step<'a>(basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> [f64; DEGREE] {
+        let angle = basis.angle(p);
+        let (mut slopes, mut total) = ([0.0; DEGREE], 0.0);
+        for rotator in &mut state.rotators {
+            rotator.harmonic = 0;
+        }
+        let bands = state.bands.re.as_chunks().0.iter().zip(state.bands.im.as_chunks().0);
+        for (used, (re, im)) in state.used.iter().zip(bands) {
+            let rotator = &mut state.rotators[used.line.stage];
+            rotator.turn_to(used.line, start, &angle);
+            let [re, im] = rotator.take_out(re, im);
+            let (sum_re, sum_im) = (sum_of(&re), sum_of(&im));
+            let square = sum_re * sum_re + sum_im * sum_im;
+            let ratio = power(sum_re, sum_im) / used.floor;
+            let k = std::f64::consts::TAU * used.line.order;
+            let weight = k * ratio / (1.0 + ratio / CAP) / square.max(f64::MIN_POSITIVE);
+            // Im(y* Σ v b) needs only the component of v across y.
+            let across: Points = std::array::from_fn(|m| sum_re * im[m] - sum_im * re[m]);
+            for (slope, values) in slopes.iter_mut().zip(&basis.values) {
+                *slope += weight * dot(&across, values);
+            }
+            total += weight * k * square;
+        }
+        if total > 0.0 { std::array::from_fn(|i| slopes[i] / (total * basis.norms[i])) } else { [0.0; DEGREE] }
+    }
+
+    /// Power and compactness of each line at an angle.
+    fn look<'a>(basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> () {
+        let angle = basis.angle(p);
+        for rotator in &mut state.rotators {
+            rotator.harmonic = 0;
+        }
+        let bands = state.bands.re.as_chunks().0.iter().zip(state.bands.im.as_chunks().0);
+        for (used, (re, im)) in state.used.iter_mut().zip(bands) {
+            let rotator = &mut state.rotators[used.line.stage];
+            rotator.turn_to(used.line, start, &angle);
+            let [re, im] = rotator.take_out(re, im);
+            let at = power(sum_of(&re), sum_of(&im));
+            let mut around = at;
+            for [c, s] in &basis.shifts {
+                let (rr, ii, ri, ir) = (dot(&re, c), dot(&im, s), dot(&re, s), dot(&im, c));
+                around += power(rr - ii, ri + ir) + power(rr + ii, ir - ri);
+            }
+            let noise = used.floor * f64::from(2 * COMPACT_BINS + 1);
+            used.ratio = at / used.floor;
+            used.compactness = (at * basis.tone / (around - noise).max(0.2 * around)).min(1.0);
+        }
+    }
 }
 
 impl MeshSearch {
@@ -122,12 +208,13 @@ impl MeshSearch {
     pub fn refine(&self, state: &mut MeshSearchState, spectrum: WindowSpectrum<'_>, start: f64) -> MeshSpeed {
         // The search saw the noise through the efficient window; from here on the guard is in its place.
         let noise = spectrum.windows.guard_samples().sum_squares / spectrum.windows.weighting.sum_squares;
-        for (used, band) in state.used.iter_mut().zip(state.bands.chunks_exact_mut(NARROW.0)) {
+        let bands = state.bands.re.chunks_exact_mut(NARROW.0).zip(state.bands.im.chunks_exact_mut(NARROW.0));
+        for (used, (re, im)) in state.used.iter_mut().zip(bands) {
             used.floor *= noise;
             used.centre = (used.line.mesh_order * start).round() as i64 * used.line.harmonic as i64;
-            self.zoom.extract(spectrum.bins, spectrum.samples, used.centre, band, &mut state.scratch);
-            for (z, r) in band.iter_mut().zip(&self.ratio) {
-                *z *= r;
+            self.zoom.extract(spectrum.bins, spectrum.samples, used.centre, &mut state.points, &mut state.scratch);
+            for (m, (z, r)) in state.points.iter().zip(&self.ratio).enumerate() {
+                (re[m], im[m]) = (z.re * r, z.im * r);
             }
         }
         let top = state.used.last().map_or(1.0, |u| u.line.order);
@@ -135,7 +222,7 @@ impl MeshSearch {
         p[0] = start;
         let mut converged = false;
         for round in 0..ROUNDS {
-            let step = self.step(state, start, &p);
+            let step = step(&self.basis, state, start, &p);
             let mut largest: f64 = 0.0;
             // Half a bin at the highest line, and what is like it for ramp and bend; farther than that the slope says nothing.
             for (i, (d, reach)) in step.into_iter().zip([0.5, 1.0, 2.0]).enumerate() {
@@ -152,7 +239,7 @@ impl MeshSearch {
                 break;
             }
         }
-        self.look(state, start, &p);
+        look(&self.basis, state, start, &p);
         let variances = self.variances(&state.used);
         let mut trust = trust(&state.used);
         if !converged {
@@ -166,71 +253,6 @@ impl MeshSearch {
             angle_variance: variances.iter().zip(&self.basis.norms).take(self.terms).map(|(v, n)| v * n).sum(),
             trust,
         }
-    }
-
-    /// Calls `visit` for each line with its points after the phase of an angle has been taken out.
-    fn visit(
-        &self,
-        state: &mut MeshSearchState,
-        start: f64,
-        p: &[f64; DEGREE],
-        mut visit: impl FnMut(&mut UsedLine, &[Complex64; NARROW.0]),
-    ) {
-        let angle = self.basis.angle(p);
-        for rotator in &mut state.rotators {
-            rotator.harmonic = 0;
-        }
-        for (used, band) in state.used.iter_mut().zip(state.bands.chunks_exact(NARROW.0)) {
-            let line = used.line;
-            let rotator = &mut state.rotators[line.stage];
-            if rotator.harmonic == 0 {
-                let centre = (line.mesh_order * start).round();
-                for (m, (first, angle)) in rotator.first.iter_mut().zip(&angle).enumerate() {
-                    *first = turn(line.mesh_order * angle - centre * (m as f64 / NARROW.0 as f64 - 0.5));
-                }
-                rotator.power = [Complex64::ONE; NARROW.0];
-            }
-            while rotator.harmonic < line.harmonic {
-                for (power, first) in rotator.power.iter_mut().zip(&rotator.first) {
-                    *power *= first;
-                }
-                rotator.harmonic += 1;
-            }
-            let points: [Complex64; NARROW.0] = std::array::from_fn(|m| band[m] * rotator.power[m]);
-            visit(used, &points);
-        }
-    }
-
-    /// A Gauss-Newton step: the slopes of the phase that is left on each line over the basis, averaged with weights
-    /// order² power / floor.
-    fn step(&self, state: &mut MeshSearchState, start: f64, p: &[f64; DEGREE]) -> [f64; DEGREE] {
-        let (mut slopes, mut total) = ([0.0; DEGREE], 0.0);
-        self.visit(state, start, p, |used, points| {
-            let sum: Complex64 = points.iter().sum();
-            let square = sum.norm_sqr();
-            let ratio = power(sum) / used.floor;
-            let k = std::f64::consts::TAU * used.line.order;
-            let weight = k * ratio / (1.0 + ratio / CAP) / square.max(f64::MIN_POSITIVE);
-            // Im(y* Σ v b) needs only the component of v across y.
-            let across = points.map(|v| sum.re * v.im - sum.im * v.re);
-            for (slope, basis) in slopes.iter_mut().zip(&self.basis.values) {
-                *slope += weight * across.iter().zip(basis).map(|(v, b)| v * b).sum::<f64>();
-            }
-            total += weight * k * square;
-        });
-        if total > 0.0 { std::array::from_fn(|i| slopes[i] / (total * self.basis.norms[i])) } else { [0.0; DEGREE] }
-    }
-
-    /// Power and compactness of each line at an angle.
-    fn look(&self, state: &mut MeshSearchState, start: f64, p: &[f64; DEGREE]) {
-        self.visit(state, start, p, |used, points| {
-            let at = power(points.iter().sum());
-            used.ratio = at / used.floor;
-            let beside = |shift: &[Complex64; NARROW.0]| power(points.iter().zip(shift).map(|(v, s)| v * s).sum());
-            let around: f64 = self.basis.shifts.iter().map(beside).sum();
-            let noise = used.floor * f64::from(2 * COMPACT_BINS + 1);
-            used.compactness = (at * self.basis.tone / (around - noise).max(0.2 * around)).min(1.0);
-        });
     }
 
     /// Variances of the coefficients of the basis. The maximiser is a weighted fit of the phases: with `b` the basis function, weights

@@ -11,8 +11,9 @@
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 
-use crate::spectral::floor::median;
+use crate::spectral::floor::median_power;
 use crate::spectral::harmonics::WindowSpectrum;
+use crate::spectral::kernels::{Phasors, kernels, powers};
 use crate::spectral::mesh_refine::{Basis, DEGREE, NARROW, Rotator, terms};
 use crate::spectral::windows::Windows;
 use crate::spectral::zoom::Zoom;
@@ -120,8 +121,9 @@ pub struct MeshSearch {
 pub struct MeshSearchState {
     logs: Vec<f64>,
     evidence: Vec<f64>,
-    sorting: Vec<f64>,
-    pub(crate) bands: Vec<Complex64>,
+    sorting: Vec<u64>,
+    pub(crate) bands: Phasors,
+    pub(crate) points: Vec<Complex64>,
     pub(crate) scratch: Vec<Complex64>,
     pub(crate) used: Vec<UsedLine>,
     pub(crate) rotators: Vec<Rotator>,
@@ -172,7 +174,8 @@ impl MeshSearch {
             logs: Vec::new(),
             evidence: Vec::new(),
             sorting: Vec::new(),
-            bands: vec![Complex64::ZERO; self.lines.len() * NARROW.0],
+            bands: Phasors::zeros(self.lines.len() * NARROW.0),
+            points: vec![Complex64::ZERO; NARROW.0],
             scratch: vec![Complex64::ZERO; self.zoom.scratch_len()],
             used: Vec::with_capacity(self.lines.len()),
             rotators: vec![Rotator::default(); self.stages],
@@ -197,13 +200,16 @@ impl MeshSearch {
         state.evidence.resize(steps, 0.0);
         for used in &state.used {
             let logs = &state.logs[used.first_log..used.first_log + used.logs];
-            for (i, evidence) in state.evidence.iter_mut().enumerate() {
-                let bin = (used.line.order * (lowest + i as f64 * step)).round() as usize;
-                *evidence += logs[(bin - used.first_bin).min(logs.len() - 1)];
+            let first = used.line.order * lowest - used.first_bin as f64;
+            add_along(&mut state.evidence, logs, first, used.line.order * step);
+        }
+        let mut best = Candidate { n1: f64::NAN, evidence: f64::NEG_INFINITY };
+        for (i, &evidence) in state.evidence.iter().enumerate() {
+            if evidence > best.evidence {
+                best = Candidate { n1: lowest + i as f64 * step, evidence };
             }
         }
-        let best = (0..steps).max_by(|&a, &b| state.evidence[a].total_cmp(&state.evidence[b]))?;
-        Some(Candidate { n1: lowest + best as f64 * step, evidence: state.evidence[best] })
+        best.n1.is_finite().then_some(best)
     }
 
     /// Order of the highest line in the usable band at a speed in revolutions per window.
@@ -233,20 +239,18 @@ impl MeshSearch {
             }
             let (first_bin, last_bin) = (from.floor() as usize, (to.ceil() as usize).min(spectrum.bins.len() - 1));
             let first_log = state.logs.len();
-            let powers = spectrum.bins[first_bin..=last_bin].iter().map(|y| y.norm_sqr());
-            state.logs.extend(powers);
+            state.logs.resize(first_log + last_bin + 1 - first_bin, 0.0);
+            powers(&spectrum.bins[first_bin..=last_bin], &mut state.logs[first_log..]);
             state.sorting.clear();
-            state.sorting.extend_from_slice(&state.logs[first_log..]);
-            let strongest = state.sorting.iter().copied().fold(0.0, f64::max);
+            state.sorting.extend(state.logs[first_log..].iter().map(|p| p.to_bits()));
+            let strongest = state.logs[first_log..].iter().copied().fold(0.0, f64::max);
             // Without noise rounding would be the floor.
-            let floor = (median(&mut state.sorting) / std::f64::consts::LN_2).max(1e-8 * strongest);
+            let floor = (median_power(&mut state.sorting) / std::f64::consts::LN_2).max(1e-8 * strongest);
             if floor.is_nan() || floor <= 0.0 {
                 state.logs.truncate(first_log);
                 continue;
             }
-            for power in &mut state.logs[first_log..] {
-                *power = quick_ln(1.0 + *power / floor);
-            }
+            evidence_of_powers(&mut state.logs[first_log..], 1.0 / floor);
             state.used.push(UsedLine {
                 line: *line,
                 first_bin,
@@ -261,10 +265,29 @@ impl MeshSearch {
     }
 }
 
-/// Natural logarithm to 1 %: exponent and linear mantissa. Evidence needs no more.
+/// Natural logarithm to 0.06: exponent and linear mantissa, which the bits of a number are side by side. Evidence needs no more.
+#[inline(always)]
 pub(crate) fn quick_ln(x: f64) -> f64 {
-    const MANTISSA: u64 = (1 << 52) - 1;
-    let bits = x.to_bits();
-    let exponent = (bits >> 52) as f64 - 1023.0;
-    (exponent + (bits & MANTISSA) as f64 / (1u64 << 52) as f64) * std::f64::consts::LN_2
+    const UNIT: f64 = 1.0 / (1_u64 << 52) as f64;
+    (x.to_bits() as f64 * UNIT - 1023.0) * std::f64::consts::LN_2
+}
+
+kernels! {
+    /// `ln(1 + P/floor)` in place of each power.
+    fn evidence_of_powers<'a>(powers: &'a mut [f64], by_floor: f64) -> () {
+        for power in powers {
+            *power = quick_ln(1.0 + *power * by_floor);
+        }
+    }
+
+    /// Adds `from[round(first + i slope)]` to each sum, the positions being counted in 2^-32.
+    fn add_along<'a>(sums: &'a mut [f64], from: &'a [f64], first: f64, slope: f64) -> () {
+        let fixed = |x: f64| (x * 4_294_967_296.0) as u64;
+        let (mut position, slope) = (fixed(first + 0.5), fixed(slope));
+        let last = from.len() - 1;
+        for sum in sums {
+            *sum += from[((position >> 32) as usize).min(last)];
+            position = position.wrapping_add(slope);
+        }
+    }
 }

@@ -8,6 +8,7 @@ use rustfft::FftPlanner;
 
 use crate::analysis::StageAnalysis;
 use crate::spectral::harmonics::{Harmonics, HarmonicsState, KnownAngle, WindowSpectrum};
+use crate::spectral::kernels::weigh;
 use crate::spectral::mesh_refine::DEGREE;
 use crate::spectral::mesh_speed::{Candidate, MeshSearch, MeshSearchState, MeshSpeed};
 use crate::spectral::windows::Windows;
@@ -82,9 +83,7 @@ impl RatePlan {
 
     /// Transforms the weighted samples of a window.
     pub fn transform(&self, samples: &[f64], state: &mut RateState) {
-        for (y, (x, w)) in state.weighted.iter_mut().zip(samples.iter().zip(&self.windows.weighting.coefficients)) {
-            *y = x * w;
-        }
+        weigh(samples, &self.windows.weighting.coefficients, &mut state.weighted);
         // The lengths are those of the plan by construction, the only thing that can be wrong.
         let done = self.transform.process_with_scratch(&mut state.weighted, &mut state.spectrum, &mut state.scratch);
         if done.is_err() {
