@@ -1,7 +1,8 @@
 //! What the samples of a window say of the instrument.
 
+use pulp::{Arch, Simd, WithSimd};
+
 use crate::block::Quality;
-use crate::spectral::kernels::kernels;
 use crate::verdict::InstrumentState;
 use crate::window::Window;
 
@@ -90,22 +91,41 @@ fn piles_up(samples: &[f64], pile: usize, extreme: f64, band: f64) -> bool {
     pile > PILE_RATIO * beside(1.5 * next)
 }
 
-kernels! {
-    /// Smallest and largest value; `None` where one is not finite.
-    pub(crate) fn extremes<'a>(samples: &'a [f64]) -> Option<(f64, f64)> {
-        let (mut low, mut high, mut poison) = ([f64::INFINITY; 16], [f64::NEG_INFINITY; 16], [0.0; 16]);
-        let (chunks, rest) = samples.as_chunks::<16>();
-        for x in chunks {
-            for l in 0..16 {
-                low[l] = if x[l] < low[l] { x[l] } else { low[l] };
-                high[l] = if x[l] > high[l] { x[l] } else { high[l] };
+/// Smallest and largest value; `None` where one is not finite.
+fn extremes(samples: &[f64]) -> Option<(f64, f64)> {
+    Arch::new().dispatch(Extremes(samples))
+}
+
+struct Extremes<'a>(&'a [f64]);
+
+impl WithSimd for Extremes<'_> {
+    type Output = Option<(f64, f64)>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Option<(f64, f64)> {
+        let (body, rest) = S::as_simd_f64s(self.0);
+        let (quads, odd) = body.as_chunks::<4>();
+        let zero = simd.splat_f64s(0.0);
+        let mut low = [simd.splat_f64s(f64::INFINITY); 4];
+        let mut high = [simd.splat_f64s(f64::NEG_INFINITY); 4];
+        let mut poison = [zero; 4];
+        for quad in quads {
+            for l in 0..4 {
+                low[l] = simd.min_f64s(low[l], quad[l]);
+                high[l] = simd.max_f64s(high[l], quad[l]);
                 // 0 · x is not zero for what is not finite.
-                poison[l] += 0.0 * x[l];
+                poison[l] = simd.mul_add_e_f64s(quad[l], zero, poison[l]);
             }
         }
-        let all = || low.iter().chain(&high).chain(rest).copied().filter(|x| x.is_finite());
-        let bad = poison.iter().sum::<f64>() != 0.0 || rest.iter().any(|x| !x.is_finite());
-        (!bad).then(|| (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)))
+        for x in odd {
+            low[0] = simd.min_f64s(low[0], *x);
+            high[0] = simd.max_f64s(high[0], *x);
+            poison[0] = simd.mul_add_e_f64s(*x, zero, poison[0]);
+        }
+        let bad = poison.iter().any(|p| simd.reduce_sum_f64s(*p) != 0.0) || rest.iter().any(|x| !x.is_finite());
+        let lowest = low.iter().map(|l| simd.reduce_min_f64s(*l)).chain(rest.iter().copied());
+        let highest = high.iter().map(|h| simd.reduce_max_f64s(*h)).chain(rest.iter().copied());
+        (!bad).then(|| (lowest.fold(f64::INFINITY, f64::min), highest.fold(f64::NEG_INFINITY, f64::max)))
     }
 }
 

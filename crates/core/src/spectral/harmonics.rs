@@ -7,7 +7,7 @@ use crate::analysis::{Line, Sidebands, StageAnalysis};
 use crate::estimate::Estimate;
 use crate::spectral::angle::AngleTrack;
 use crate::spectral::floor::floor_power;
-use crate::spectral::kernels::{Phasors, advance, multiply, rotation, sum, sums_of_pair, take_out};
+use crate::spectral::kernels::{Phasors, ROW, advance, combine, multiply, rotation, sum, sums_of_pair, take_out};
 use crate::spectral::lines::{Band, LinePlan, Slot, Unknown};
 use crate::spectral::solution::{BandSolution, Solutions};
 use crate::spectral::windows::{Shape, Windows};
@@ -71,8 +71,10 @@ struct Work {
     efficient: Phasors,
     guard: Phasors,
     scratch: Vec<Complex64>,
-    sums: Vec<Complex64>,
+    /// By band, filled up with zeros.
+    sums: Vec<Phasors>,
     guard_sums: Vec<Complex64>,
+    lines: Phasors,
     floor: Vec<u64>,
 }
 
@@ -89,12 +91,12 @@ struct Common<'a> {
     start: f64,
 }
 
-/// Sizes with prime factors 2 and 3 only, even, at least `least`.
+/// Sizes with prime factors 2 and 3 only, of whole vectors, at least `least`.
 fn fast_size(least: usize) -> usize {
     let mut best = least.next_power_of_two();
     let mut three = 3;
     while three < best {
-        let size = three * (least.div_ceil(three)).next_power_of_two().max(2);
+        let size = three * least.div_ceil(three).next_power_of_two().max(ROW);
         best = best.min(size);
         three *= 3;
     }
@@ -145,7 +147,8 @@ impl Harmonics {
                 efficient: Phasors::zeros(largest),
                 guard: Phasors::zeros(largest),
                 scratch: vec![zero; self.zooms.iter().map(|z| z.zoom.scratch_len()).max().unwrap_or(0)],
-                sums: vec![zero; unknowns],
+                sums: self.lines.bands.iter().map(|b| Phasors::zeros(b.unknowns.len().next_multiple_of(ROW))).collect(),
+                lines: Phasors::zeros(unknowns),
                 guard_sums: vec![zero; unknowns],
                 floor: Vec::with_capacity(largest),
             },
@@ -189,7 +192,7 @@ impl Harmonics {
             let Some(Phasors { re, im }) = rest.first_mut() else { continue };
             let (re, im) = (&mut re[..m], &mut im[..m]);
             match table.product {
-                Some((a, b)) => multiply(&earlier[a].re, &earlier[a].im, &earlier[b].re, &earlier[b].im, re, im),
+                Some((a, b)) => multiply(&earlier[a], &earlier[b], re, im),
                 None => rotation(&work.theta[..m], table.order, 0.0, re, im),
             }
         }
@@ -207,12 +210,12 @@ impl Harmonics {
             for h in 0..HARMONICS {
                 if h > 0 {
                     let Work { carrier, power, .. } = work;
-                    advance(&mut power.re[..m], &mut power.im[..m], &carrier.re, &carrier.im);
+                    advance(&mut power.re[..m], &mut power.im[..m], carrier);
                 }
                 let at = s * HARMONICS + h;
                 let (Some(band), Some(solution)) = (self.lines.bands.get(at), cell.bands.get(at)) else { continue };
                 let centre = first_centre as i64 * (h as i64 + 1);
-                process_band(work, common, band, solution, centre, stage);
+                process_band(work, common, (at, band), solution, centre, stage);
             }
         }
     }
@@ -235,7 +238,7 @@ fn weigh_angle(theta: &[f64], span: f64, unweighting: &[f64], windows: &Windows,
 fn process_band(
     work: &mut Work,
     common: Common<'_>,
-    band: &Band,
+    (at, band): (usize, &Band),
     solution: &BandSolution,
     centre: i64,
     stage: &mut StageAnalysis,
@@ -265,13 +268,15 @@ fn process_band(
     let (scale, guard_scale) = (scale / windows.efficient.area, scale / windows.guard.area);
 
     let (re, im) = (&work.efficient.re[..m], &work.efficient.im[..m]);
-    work.sums[0] = sum(re, im);
+    let sums = &mut work.sums[at];
+    let mut put = |i: usize, sum: Complex64| (sums.re[i], sums.im[i]) = (sum.re, sum.im);
+    put(0, sum(re, im));
     for pair in &band.pairs {
         let table = &work.tables[pair.table];
         let (plain, mirrored) = sums_of_pair(re, im, &table.re[..m], &table.im[..m]);
         for (unknown, sum) in [(pair.above, plain), (pair.below, mirrored)] {
             if let Some(i) = unknown {
-                work.sums[i] = sum;
+                put(i, sum);
             }
         }
     }
@@ -287,17 +292,17 @@ fn process_band(
             }
         };
     }
-    let combine = |row: &[f64], sums: &[Complex64]| row.iter().zip(sums).map(|(r, s)| s * r).sum::<Complex64>();
-    let guard_carrier = combine(&solution.guard_row, &work.guard_sums) * guard_scale;
+    combine(&solution.rows, &work.sums[at], &mut work.lines.re[..band.own], &mut work.lines.im);
+    let amplitude = |i: usize| Complex64::new(work.lines.re[i], work.lines.im[i]) * scale;
+    let parts = solution.guard_row.iter().zip(&work.guard_sums).map(|(r, s)| s * r);
+    let guard_carrier = parts.sum::<Complex64>() * guard_scale;
     zoom.spectrum(points, &mut work.scratch);
     let reach = (zoom.flat() as f64 - band.order * excursion).max(half_width) as usize;
     let guard_floor = floor_power(points, &solution.crowding, reach, &mut work.floor) * guard_scale * guard_scale;
     let floor = guard_floor / windows.guard_noise;
-    let unknowns = band.unknowns.len();
-    let carrier = combine(solution.row(0, unknowns), &work.sums) * scale;
     // Where the two windows differ by more than noise explains, an unknown line leaks into the efficient one (the test of J. A.
     // Hausman, "Specification tests in econometrics", Econometrica 46 (1978) 1251).
-    let difference = (guard_carrier - carrier).norm_sqr();
+    let difference = (guard_carrier - amplitude(0)).norm_sqr();
     let more = windows.guard_noise * solution.guard_variance - solution.variance[0];
     let carrier_guarded = difference > HAUSMAN * floor * more.max(windows.difference);
     for (i, unknown) in band.unknowns[..band.own].iter().enumerate() {
@@ -308,8 +313,7 @@ fn process_band(
         let line = if i == 0 && carrier_guarded {
             line(guard_carrier, guard_floor * solution.guard_variance, order, start, angle)
         } else {
-            let amplitude = combine(solution.row(i, unknowns), &work.sums) * scale;
-            line(amplitude, floor * solution.variance[i], order, start, angle)
+            line(amplitude(i), floor * solution.variance[i], order, start, angle)
         };
         report(line, unknown, band.harmonic, stage);
     }
@@ -340,7 +344,7 @@ fn line(sum: Complex64, noise_power: f64, order: f64, theta_start: f64, angle: K
     if !noise_power.is_finite() {
         return Line::UNKNOWN;
     }
-    let amplitude = sum.norm();
+    let amplitude = sum.norm_sqr().sqrt();
     let radians = std::f64::consts::TAU * order;
     let phase_variance = radians * radians * angle.variance;
     let sigma = (0.5 * noise_power + (0.5 * amplitude * phase_variance).powi(2)).sqrt();

@@ -1,15 +1,13 @@
 //! Loops over arrays, each compiled for the vector unit that the processor has (AVX2 where there is one) and for the plain one.
 //!
-//! Sums run over a fixed number of lanes and nothing is fused, so that the result does not depend on which of the two is taken.
+//! `mul_add` does not round in between; x86 processors before 2013 have no such instruction, and the loops are right but slow there.
 
 use num_complex::Complex64;
-
-/// Partial sums that are kept side by side.
-const LANES: usize = 8;
+use pulp::Simd;
 
 /// Defines functions whose bodies are compiled for each vector unit and chosen at run time. What a body calls must be `inline(always)`.
 macro_rules! kernels {
-    ($($(#[$meta:meta])* $vis:vis fn $name:ident<$life:lifetime>($($arg:ident: $kind:ty),* $(,)?) -> $out:ty $body:block)*) => {$(
+    ($($(#[$meta:meta])* $vis:vis fn $name:ident<$life:lifetime>($simd:ident; $($arg:ident: $kind:ty),* $(,)?) -> $out:ty $body:block)*) => {$(
         $(#[$meta])*
         #[allow(clippy::too_many_arguments)]
         $vis fn $name<$life>($($arg: $kind),*) -> $out {
@@ -17,7 +15,7 @@ macro_rules! kernels {
             impl<$life> pulp::WithSimd for Kernel<$life> {
                 type Output = $out;
                 #[inline(always)]
-                fn with_simd<S: pulp::Simd>(self, _: S) -> $out {
+                fn with_simd<S: pulp::Simd>(self, $simd: S) -> $out {
                     let Self { $($arg),* } = self;
                     $body
                 }
@@ -41,6 +39,9 @@ impl Phasors {
         Self { re: vec![0.0; n], im: vec![0.0; n] }
     }
 }
+
+/// Decimated signals and rows of matrices have a multiple of this many points: whole vectors of any processor.
+pub(crate) const ROW: usize = 8;
 
 /// Coefficient `±π^k / k!` of a sine or cosine series.
 const fn coefficient(k: u32) -> f64 {
@@ -76,82 +77,123 @@ pub(crate) fn turned_back(turns: f64) -> (f64, f64) {
     let mut i = 10;
     while i > 0 {
         i -= 1;
-        cos = cos * y + COSINE[i];
-        sin = sin * y + SINE[i];
+        cos = cos.mul_add(y, COSINE[i]);
+        sin = sin.mul_add(y, SINE[i]);
     }
     sin *= r;
     (1.0 - 2.0 * sin * sin, -2.0 * sin * cos)
 }
 
-/// Sum over fixed lanes.
-#[inline(always)]
-pub(crate) fn total(lanes: [f64; LANES]) -> f64 {
-    ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
+/// Running sums of products, a vector each.
+pub(crate) struct Sums<S: Simd, const N: usize> {
+    simd: S,
+    sums: [S::f64s; N],
 }
 
-/// `Σ a b` over fixed lanes.
-#[inline(always)]
-pub(crate) fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
-    const { assert!(N.is_multiple_of(LANES)) };
-    let mut lanes = [0.0; LANES];
-    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
-        for l in 0..LANES {
-            lanes[l] += a[l] * b[l];
-        }
+impl<S: Simd, const N: usize> Sums<S, N> {
+    #[inline(always)]
+    pub(crate) fn new(simd: S) -> Self {
+        Self { simd, sums: [simd.splat_f64s(0.0); N] }
     }
-    total(lanes)
+
+    /// Adds `a b` to sum `i`.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, i: usize, a: S::f64s, b: S::f64s) {
+        self.sums[i] = self.simd.mul_add_e_f64s(a, b, self.sums[i]);
+    }
+
+    #[inline(always)]
+    pub(crate) fn total(self) -> [f64; N] {
+        let mut out = [0.0; N];
+        for i in 0..N {
+            out[i] = self.simd.reduce_sum_f64s(self.sums[i]);
+        }
+        out
+    }
 }
 
-/// `Σ a` over fixed lanes.
-#[inline(always)]
-pub(crate) fn sum_of<const N: usize>(a: &[f64; N]) -> f64 {
-    const { assert!(N.is_multiple_of(LANES)) };
-    let mut lanes = [0.0; LANES];
-    for a in a.as_chunks::<LANES>().0 {
-        for l in 0..LANES {
-            lanes[l] += a[l];
-        }
+impl<S: Simd> Sums<S, 4> {
+    /// The four products of two complex numbers: real by real, imaginary by imaginary, and across.
+    #[inline(always)]
+    fn add_pair(&mut self, z: [S::f64s; 2], c: [S::f64s; 2]) {
+        self.add(0, z[0], c[0]);
+        self.add(1, z[1], c[1]);
+        self.add(2, z[0], c[1]);
+        self.add(3, z[1], c[0]);
     }
-    total(lanes)
+}
+
+/// An array as vectors; its length is a multiple of theirs.
+#[inline(always)]
+pub(crate) fn vectors<S: Simd>(_: S, values: &[f64]) -> &[S::f64s] {
+    let (vectors, rest) = S::as_simd_f64s(values);
+    debug_assert!(rest.is_empty());
+    vectors
+}
+
+/// `Σ z c` and `Σ z c*`.
+#[inline(always)]
+pub(crate) fn pair_of<S: Simd>(simd: S, z: [&[f64]; 2], c: [&[f64]; 2]) -> (Complex64, Complex64) {
+    let (z_re, z_im) = (vectors(simd, z[0]), vectors(simd, z[1]));
+    let (c_re, c_im) = (vectors(simd, c[0]), vectors(simd, c[1]));
+    let n = z_re.len();
+    let (z_im, c_re, c_im) = (&z_im[..n], &c_re[..n], &c_im[..n]);
+    // Two sets, so that one addition need not wait for the other. No closures: they would be compiled without the vector unit.
+    let (mut even, mut odd) = (Sums::<S, 4>::new(simd), Sums::<S, 4>::new(simd));
+    let mut i = 0;
+    while i + 1 < n {
+        even.add_pair([z_re[i], z_im[i]], [c_re[i], c_im[i]]);
+        odd.add_pair([z_re[i + 1], z_im[i + 1]], [c_re[i + 1], c_im[i + 1]]);
+        i += 2;
+    }
+    if i < n {
+        even.add_pair([z_re[i], z_im[i]], [c_re[i], c_im[i]]);
+    }
+    let (even, odd) = (even.total(), odd.total());
+    let [rr, ii, ri, ir] = [even[0] + odd[0], even[1] + odd[1], even[2] + odd[2], even[3] + odd[3]];
+    (Complex64::new(rr - ii, ri + ir), Complex64::new(rr + ii, ir - ri))
 }
 
 kernels! {
     /// `out = x w`.
-    pub(crate) fn weigh<'a>(x: &'a [f64], w: &'a [f64], out: &'a mut [f64]) -> () {
+    pub(crate) fn weigh<'a>(_simd; x: &'a [f64], w: &'a [f64], out: &'a mut [f64]) -> () {
         for ((o, x), w) in out.iter_mut().zip(x).zip(w) {
             *o = x * w;
         }
     }
 
     /// `e^{-j 2π (order θ - centre τ)}` at points that are evenly spaced in `τ` from −1/2.
-    pub(crate) fn rotation<'a>(theta: &'a [f64], order: f64, centre: f64, re: &'a mut [f64], im: &'a mut [f64]) -> () {
-        let step = centre / theta.len() as f64;
-        for (i, ((t, re), im)) in theta.iter().zip(re).zip(im).enumerate() {
-            (*re, *im) = turned_back(order * t - (step * i as u32 as f64 - 0.5 * centre));
+    pub(crate) fn rotation<'a>(_simd; theta: &'a [f64], order: f64, centre: f64, re: &'a mut [f64], im: &'a mut [f64]) -> () {
+        let n = theta.len();
+        let (re, im) = (&mut re[..n], &mut im[..n]);
+        let (step, half) = (centre / n as f64, 0.5 * centre);
+        for i in 0..n {
+            (re[i], im[i]) = turned_back(order.mul_add(theta[i], half) - step * i as u32 as f64);
         }
     }
 
     /// Element by element, `out = a b`.
-    pub(crate) fn multiply<'a>(
-        a_re: &'a [f64], a_im: &'a [f64], b_re: &'a [f64], b_im: &'a [f64], re: &'a mut [f64], im: &'a mut [f64]
-    ) -> () {
-        let b = b_re.iter().zip(b_im);
-        for (((re, im), (a_re, a_im)), (b_re, b_im)) in re.iter_mut().zip(im).zip(a_re.iter().zip(a_im)).zip(b) {
-            *re = a_re * b_re - a_im * b_im;
-            *im = a_re * b_im + a_im * b_re;
+    pub(crate) fn multiply<'a>(_simd; a: &'a Phasors, b: &'a Phasors, re: &'a mut [f64], im: &'a mut [f64]) -> () {
+        let n = re.len();
+        let (im, a_re, a_im, b_re, b_im) = (&mut im[..n], &a.re[..n], &a.im[..n], &b.re[..n], &b.im[..n]);
+        for i in 0..n {
+            re[i] = a_re[i] * b_re[i] - a_im[i] * b_im[i];
+            im[i] = a_re[i] * b_im[i] + a_im[i] * b_re[i];
         }
     }
 
     /// Element by element, `a = a b`.
-    pub(crate) fn advance<'a>(re: &'a mut [f64], im: &'a mut [f64], b_re: &'a [f64], b_im: &'a [f64]) -> () {
-        for ((re, im), (b_re, b_im)) in re.iter_mut().zip(im).zip(b_re.iter().zip(b_im)) {
-            (*re, *im) = (*re * b_re - *im * b_im, *re * b_im + *im * b_re);
+    pub(crate) fn advance<'a>(_simd; re: &'a mut [f64], im: &'a mut [f64], b: &'a Phasors) -> () {
+        let n = re.len();
+        let (im, b_re, b_im) = (&mut im[..n], &b.re[..n], &b.im[..n]);
+        for i in 0..n {
+            (re[i], im[i]) = (re[i] * b_re[i] - im[i] * b_im[i], re[i] * b_im[i] + im[i] * b_re[i]);
         }
     }
 
     /// Takes a carrier out of the points of a band and weighs what is left with two windows; the second also goes back into the points.
     pub(crate) fn take_out<'a>(
-        points: &'a mut [Complex64], p_re: &'a [f64], p_im: &'a [f64], weights: [&'a [f64]; 2], efficient: &'a mut Phasors,
+        _simd; points: &'a mut [Complex64], p_re: &'a [f64], p_im: &'a [f64], weights: [&'a [f64]; 2], efficient: &'a mut Phasors,
         guard: &'a mut Phasors,
     ) -> () {
         let n = points.len();
@@ -168,39 +210,43 @@ kernels! {
     }
 
     /// `Σ z c` and `Σ z c*`, sharing the products.
-    pub(crate) fn sums_of_pair<'a>(z_re: &'a [f64], z_im: &'a [f64], c_re: &'a [f64], c_im: &'a [f64]) -> (Complex64, Complex64) {
-        let mut lanes = [[0.0; LANES]; 4];
-        let (z_re, z_im) = (z_re.as_chunks::<LANES>().0, z_im.as_chunks::<LANES>().0);
-        let (c_re, c_im) = (c_re.as_chunks::<LANES>().0, c_im.as_chunks::<LANES>().0);
-        for ((a, b), (c, s)) in z_re.iter().zip(z_im).zip(c_re.iter().zip(c_im)) {
-            for l in 0..LANES {
-                lanes[0][l] += a[l] * c[l];
-                lanes[1][l] += b[l] * s[l];
-                lanes[2][l] += a[l] * s[l];
-                lanes[3][l] += b[l] * c[l];
-            }
-        }
-        let [rr, ii, ri, ir] = lanes.map(|l| total(l));
-        (Complex64::new(rr - ii, ri + ir), Complex64::new(rr + ii, ir - ri))
+    pub(crate) fn sums_of_pair<'a>(
+        simd; z_re: &'a [f64], z_im: &'a [f64], c_re: &'a [f64], c_im: &'a [f64]
+    ) -> (Complex64, Complex64) {
+        pair_of(simd, [z_re, z_im], [c_re, c_im])
     }
 
     /// Powers of the bins of a spectrum.
-    pub(crate) fn powers<'a>(bins: &'a [Complex64], out: &'a mut [f64]) -> () {
+    pub(crate) fn powers<'a>(_simd; bins: &'a [Complex64], out: &'a mut [f64]) -> () {
         for (o, y) in out.iter_mut().zip(bins) {
             *o = y.re * y.re + y.im * y.im;
         }
     }
 
-    /// `Σ z`.
-    pub(crate) fn sum<'a>(re: &'a [f64], im: &'a [f64]) -> Complex64 {
-        let mut lanes = [[0.0; LANES]; 2];
-        for (a, b) in re.as_chunks::<LANES>().0.iter().zip(im.as_chunks::<LANES>().0) {
-            for l in 0..LANES {
-                lanes[0][l] += a[l];
-                lanes[1][l] += b[l];
+    /// A real matrix, row by row, times complex sums. The rows are as long as the sums, a multiple of [`ROW`].
+    pub(crate) fn combine<'a>(simd; rows: &'a [f64], sums: &'a Phasors, re: &'a mut [f64], im: &'a mut [f64]) -> () {
+        let rows = rows.chunks_exact(sums.re.len());
+        let (s_re, s_im) = (vectors(simd, &sums.re), vectors(simd, &sums.im));
+        for ((row, re), im) in rows.zip(re).zip(im) {
+            let mut sums = Sums::<S, 2>::new(simd);
+            for ((r, a), b) in vectors(simd, row).iter().zip(s_re).zip(s_im) {
+                sums.add(0, *r, *a);
+                sums.add(1, *r, *b);
             }
+            [*re, *im] = sums.total();
         }
-        Complex64::new(total(lanes[0]), total(lanes[1]))
+    }
+
+    /// `Σ z`.
+    pub(crate) fn sum<'a>(simd; re: &'a [f64], im: &'a [f64]) -> Complex64 {
+        let one = simd.splat_f64s(1.0);
+        let mut sums = Sums::<S, 2>::new(simd);
+        for (a, b) in vectors(simd, re).iter().zip(vectors(simd, im)) {
+            sums.add(0, *a, one);
+            sums.add(1, *b, one);
+        }
+        let [re, im] = sums.total();
+        Complex64::new(re, im)
     }
 }
 

@@ -11,9 +11,11 @@
 //! Sidebands near a line pull at its phase through the transforms of `w τ`, `w τ²`, `w τ³`, the wider the higher the power. The bend is
 //! fitted only where they are `BEND_SEPARATION` main lobes away.
 
+use pulp::Simd;
+
 use crate::spectral::harmonics::WindowSpectrum;
 use crate::spectral::kaiser::KaiserWindow;
-use crate::spectral::kernels::{dot, kernels, sum_of, turned_back};
+use crate::spectral::kernels::{Sums, kernels, pair_of, turned_back, vectors};
 use crate::spectral::mesh_speed::{
     CAP, MeshLine, MeshSearch, MeshSearchState, MeshSpeed, STANDS_OUT, Trust, UsedLine, quick_ln,
 };
@@ -150,10 +152,22 @@ fn power(re: f64, im: f64) -> f64 {
     (re * re + im * im) / (NARROW.0 as f64).powi(2)
 }
 
+/// `Σ z`.
+#[inline(always)]
+fn totals<S: Simd>(simd: S, re: &Points, im: &Points) -> [f64; 2] {
+    let one = simd.splat_f64s(1.0);
+    let mut sums = Sums::<S, 2>::new(simd);
+    for (a, b) in vectors(simd, re).iter().zip(vectors(simd, im)) {
+        sums.add(0, *a, one);
+        sums.add(1, *b, one);
+    }
+    sums.total()
+}
+
 kernels! {
     /// A Gauss-Newton step: the slopes of the phase that is left on each line over the basis, averaged with weights
     /// order² power / floor.
-    fn step<'a>(basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> [f64; DEGREE] {
+    fn step<'a>(simd; basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> [f64; DEGREE] {
         let angle = basis.angle(p);
         let (mut slopes, mut total) = ([0.0; DEGREE], 0.0);
         for rotator in &mut state.rotators {
@@ -164,15 +178,21 @@ kernels! {
             let rotator = &mut state.rotators[used.line.stage];
             rotator.turn_to(used.line, start, &angle);
             let [re, im] = rotator.take_out(re, im);
-            let (sum_re, sum_im) = (sum_of(&re), sum_of(&im));
+            let [sum_re, sum_im] = totals(simd, &re, &im);
             let square = sum_re * sum_re + sum_im * sum_im;
             let ratio = power(sum_re, sum_im) / used.floor;
             let k = std::f64::consts::TAU * used.line.order;
             let weight = k * ratio / (1.0 + ratio / CAP) / square.max(f64::MIN_POSITIVE);
             // Im(y* Σ v b) needs only the component of v across y.
             let across: Points = std::array::from_fn(|m| sum_re * im[m] - sum_im * re[m]);
-            for (slope, values) in slopes.iter_mut().zip(&basis.values) {
-                *slope += weight * dot(&across, values);
+            let mut sums = Sums::<S, DEGREE>::new(simd);
+            for (i, values) in basis.values.iter().enumerate() {
+                for (v, b) in vectors(simd, &across).iter().zip(vectors(simd, values)) {
+                    sums.add(i, *v, *b);
+                }
+            }
+            for (slope, sum) in slopes.iter_mut().zip(sums.total()) {
+                *slope += weight * sum;
             }
             total += weight * k * square;
         }
@@ -180,7 +200,7 @@ kernels! {
     }
 
     /// Power and compactness of each line at an angle.
-    fn look<'a>(basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> () {
+    fn look<'a>(simd; basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> () {
         let angle = basis.angle(p);
         for rotator in &mut state.rotators {
             rotator.harmonic = 0;
@@ -190,11 +210,12 @@ kernels! {
             let rotator = &mut state.rotators[used.line.stage];
             rotator.turn_to(used.line, start, &angle);
             let [re, im] = rotator.take_out(re, im);
-            let at = power(sum_of(&re), sum_of(&im));
+            let [sum_re, sum_im] = totals(simd, &re, &im);
+            let at = power(sum_re, sum_im);
             let mut around = at;
             for [c, s] in &basis.shifts {
-                let (rr, ii, ri, ir) = (dot(&re, c), dot(&im, s), dot(&re, s), dot(&im, c));
-                around += power(rr - ii, ri + ir) + power(rr + ii, ir - ri);
+                let (above, below) = pair_of(simd, [&re, &im], [c, s]);
+                around += power(above.re, above.im) + power(below.re, below.im);
             }
             let noise = used.floor * f64::from(2 * COMPACT_BINS + 1);
             used.ratio = at / used.floor;

@@ -274,14 +274,14 @@ pub(crate) fn quick_ln(x: f64) -> f64 {
 
 kernels! {
     /// `ln(1 + P/floor)` in place of each power.
-    fn evidence_of_powers<'a>(powers: &'a mut [f64], by_floor: f64) -> () {
+    fn evidence_of_powers<'a>(_simd; powers: &'a mut [f64], by_floor: f64) -> () {
         for power in powers {
             *power = quick_ln(1.0 + *power * by_floor);
         }
     }
 
     /// Adds `from[round(first + i slope)]` to each sum, the positions being counted in 2^-32.
-    fn add_along<'a>(sums: &'a mut [f64], from: &'a [f64], first: f64, slope: f64) -> () {
+    fn add_along<'a>(_simd; sums: &'a mut [f64], from: &'a [f64], first: f64, slope: f64) -> () {
         let fixed = |x: f64| (x * 4_294_967_296.0) as u64;
         let (mut position, slope) = (fixed(first + 0.5), fixed(slope));
         let last = from.len() - 1;

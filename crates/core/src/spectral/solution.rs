@@ -8,6 +8,7 @@
 //! span a value from a fixed grid of revolutions just below what the samples hold: `G⁻¹` is worked out once for a step of the grid and serves all windows
 //! of like speed, in ramps too. A [`Cell`] is a pure function of its number, so that what a worker saw before does not show in any result.
 
+use crate::spectral::kernels::ROW;
 use crate::spectral::lines::{Band, LinePlan, MAX_GROUP};
 use crate::spectral::small::{cholesky, solve};
 use crate::spectral::windows::{LineWindow, Shape, Windows};
@@ -27,8 +28,8 @@ const CLOSER: f64 = 1.5;
 /// One band at one span.
 #[derive(Clone, Debug, Default)]
 pub struct BandSolution {
-    /// Rows of `G⁻¹` for the lines that are reported.
-    rows: Vec<f64>,
+    /// Rows of `G⁻¹` for the lines that are reported, each filled up with zeros to a multiple of [`ROW`].
+    pub rows: Vec<f64>,
     /// Variance of each, by that of a line that stands alone.
     pub variance: Vec<f64>,
     /// The carrier's row for the guard window, over the lines beside the carrier.
@@ -39,11 +40,9 @@ pub struct BandSolution {
     pub crowding: Vec<u8>,
 }
 
-impl BandSolution {
-    /// What combines the sums of all unknowns into unknown `i`.
-    pub fn row(&self, i: usize, unknowns: usize) -> &[f64] {
-        &self.rows[i * unknowns..(i + 1) * unknowns]
-    }
+/// Length of a row with what fills it up.
+fn stride(band: &Band) -> usize {
+    band.unknowns.len().next_multiple_of(ROW)
 }
 
 /// All bands at one span.
@@ -74,7 +73,7 @@ impl Solutions {
     /// Room for the cells; bands reach `half_band` bins to either side at most.
     pub fn new(lines: &LinePlan, half_band: usize) -> Self {
         let band = |band: &Band| BandSolution {
-            rows: vec![0.0; band.own * band.unknowns.len()],
+            rows: vec![0.0; band.own * stride(band)],
             variance: vec![f64::NAN; band.own],
             guard_row: vec![0.0; band.beside_carrier.len()],
             guard_variance: f64::NAN,
@@ -106,20 +105,13 @@ impl BandSolution {
         let count = band.unknowns.len();
         let offset = |i: usize| band.unknowns[i].offset * span;
         coupling.fill(&windows.efficient, count, &offset);
-        for i in 0..band.own {
-            let row = &mut self.rows[i * count..(i + 1) * count];
-            self.variance[i] = 0.0;
-            row.fill(0.0);
-            row[i] = 1.0;
-        }
-        match cholesky(&coupling.g, count, LEAST_PIVOT) {
-            None => self.variance.fill(f64::NAN),
-            Some(lower) => {
-                for i in 0..band.own {
-                    let row = &mut self.rows[i * count..(i + 1) * count];
-                    solve(&lower, row);
-                    self.variance[i] = coupling.variance(row);
-                }
+        self.rows.fill(0.0);
+        self.variance.fill(f64::NAN);
+        if let Some(lower) = cholesky(&coupling.g, count, LEAST_PIVOT) {
+            for (i, row) in self.rows.chunks_exact_mut(stride(band)).enumerate() {
+                row[i] = 1.0;
+                solve(&lower, &mut row[..count]);
+                self.variance[i] = coupling.variance(&row[..count]);
             }
         }
         coupling.fill(&windows.guard, band.beside_carrier.len(), &|i| offset(band.beside_carrier[i]));
