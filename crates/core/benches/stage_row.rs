@@ -1,15 +1,25 @@
 //! The whole stage row beside the bare real transforms of the same windows: `cargo bench -p gearwatch-core`.
 //!
 //! Two stages, 16 384-sample windows, one channel, one core. Items are new samples: at 90 % overlap each is looked at ten times.
-//! `row_*` is packets to verdicts; `transform_*` is `realfft` in f64 on the same windows and nothing else.
+//! `row_*` is packets to verdicts; `transform_*` is `realfft` in f64 on the same windows and nothing else. Before them the share of each stage is
+//! printed, in bare transforms of a window: the fastest of many rounds for each.
+
+#![allow(clippy::print_stdout, reason = "the shares are what the benchmark is run for")]
 
 use std::hint::black_box;
+use std::time::Instant;
 
 use divan::counter::ItemsCount;
-use gearwatch_core::analysis::WindowAnalysis;
+use gearwatch_core::analysis::{StageAnalysis, WindowAnalysis};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::block::{Block, Packet, Quality, Samples, TachoBlock};
+use gearwatch_core::health::instrument_state;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
+use gearwatch_core::spectral::angle::AngleTrack;
+use gearwatch_core::spectral::harmonics::KnownAngle;
+use gearwatch_core::spectral::plan::RatePlan;
+use gearwatch_core::verdict::InstrumentState;
+use gearwatch_core::window::Window;
 use realfft::RealFftPlanner;
 
 const RATE_HZ: f64 = 16_384.0;
@@ -17,8 +27,106 @@ const WINDOW: usize = 16_384;
 const SECONDS: usize = 8;
 const MESH_ORDERS: [f64; 2] = [29.0, 10.44];
 
+/// Rounds of which the fastest counts, for the shares.
+const ROUNDS: usize = 60;
+
 fn main() {
+    let measuring = std::env::args().any(|a| a == "--bench") && std::env::args().len() == 2;
+    if measuring {
+        print_shares();
+    }
     divan::main();
+}
+
+/// The windows of the signal at 50 % overlap.
+fn windows(pipeline: &Pipeline) -> Vec<Window> {
+    let (mut assembler, mut out) = (pipeline.assembler(), Vec::new());
+    for packet in packets(false) {
+        assembler.push(&packet, &mut |w| out.push(w));
+    }
+    out
+}
+
+/// Fastest of many rounds over all windows (s a window).
+fn fastest(count: usize, mut round: impl FnMut()) -> f64 {
+    let once = |round: &mut dyn FnMut()| {
+        let start = Instant::now();
+        round();
+        start.elapsed().as_secs_f64()
+    };
+    (0..ROUNDS).map(|_| once(&mut round)).fold(f64::INFINITY, f64::min) / count as f64
+}
+
+fn print_shares() {
+    let config = PipelineConfig::default();
+    let pipeline = Pipeline::new(&bench(false), &config, None).expect("a pipeline");
+    let windows = windows(&pipeline);
+    let count = windows.len();
+    let packets = packets(false);
+    let train = pipeline.train();
+    let plan = RatePlan::new(train, &config.speed, WINDOW, RATE_HZ);
+    let mut state = plan.state();
+    let (start, highest_bin) = (train.nominal_input_hz * WINDOW as f64 / RATE_HZ, config.usable_band * WINDOW as f64);
+
+    let real = RealFftPlanner::<f64>::new().plan_fft_forward(WINDOW);
+    let (mut output, mut scratch) = (real.make_output_vec(), real.make_scratch_vec());
+    let mut input = real.make_input_vec();
+    let bare = fastest(count, || {
+        for window in &windows {
+            input.copy_from_slice(&window.samples);
+            real.process_with_scratch(&mut input, &mut output, &mut scratch).expect("lengths fit");
+            black_box(&output);
+        }
+    });
+    let mut shares: Vec<(&str, f64)> = Vec::new();
+    let assemble = fastest(count, || {
+        let mut assembler = pipeline.assembler();
+        let mut ready = None;
+        for packet in &packets {
+            assembler.push(packet, &mut |w| ready = Some(w));
+            if let Some(window) = ready.take() {
+                assembler.recycle(black_box(window));
+            }
+        }
+    });
+    shares.push(("assemble", assemble));
+    shares.push((
+        "health",
+        fastest(count, || windows.iter().for_each(|w| assert_ne!(instrument_state(w), InstrumentState::NotFinite))),
+    ));
+    shares.push((
+        "weigh and transform",
+        fastest(count, || windows.iter().for_each(|w| plan.transform(&w.samples, &mut state))),
+    ));
+    let speed = fastest(count, || {
+        for window in &windows {
+            black_box(plan.mesh_speed(&mut state, &window.samples, start, highest_bin));
+        }
+    });
+    shares.push(("speed from mesh lines", speed));
+    let mut track = AngleTrack::default();
+    let mesh = plan.mesh_speed(&mut state, &windows[0].samples, start, highest_bin).expect("a speed");
+    track.set_polynomial(&mesh.coefficients);
+    let mut stages = vec![StageAnalysis::UNKNOWN; train.stages.len()];
+    let lines = fastest(count, || {
+        for _ in &windows {
+            let angle = KnownAngle { track: &track, variance: mesh.angle_variance };
+            plan.lines(&mut state, train, angle, highest_bin, &mut stages);
+            black_box(&stages);
+        }
+    });
+    shares.push(("lines", lines));
+    let mut worker = pipeline.worker();
+    let mut analysis = WindowAnalysis::empty();
+    pipeline.analyse(&mut worker, &windows[0], &mut analysis);
+    let mut verdicts = Vec::new();
+    shares.push(("judge", fastest(count, || windows.iter().for_each(|_| pipeline.judge(&analysis, &mut verdicts)))));
+    println!("stage                      µs a window   bare transforms");
+    for (name, seconds) in
+        shares.iter().copied().chain([("sum", shares.iter().map(|s| s.1).sum()), ("bare transform", bare)])
+    {
+        println!("{name:26} {:11.1} {:17.2}", 1e6 * seconds, seconds / bare);
+    }
 }
 
 fn bench(tacho: bool) -> Bench {
