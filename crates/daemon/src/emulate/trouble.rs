@@ -45,13 +45,13 @@ impl TroubleConfig {
         Self {
             seed,
             drop_every_secs: sometimes(20.0),
-            flip_every_secs: sometimes(10.0),
+            flip_every_secs: sometimes(4.0),
             delay_every_secs: sometimes(4.0),
             stall_every_secs: sometimes(40.0),
             stall_secs: 0.2,
             overrun_every_secs: sometimes(20.0),
             clip_every_secs: sometimes(20.0),
-            mute_after_secs: sometimes(80.0),
+            mute_after_secs: sometimes(20.0),
             split: random.random_bool(0.5),
             refuse: random.random_range(0..3),
         }

@@ -137,6 +137,10 @@ pub(super) fn feed(
             .unwrap_or_else(|_| End::Failed("its code panicked".to_owned()));
         match end {
             End::Ended | End::Stopped => return monitor.set(SourceState::Ended),
+            // What a stop interrupts is no failure.
+            End::Failed(_) if entry.config.is_live() && context.stop.is_given() => {
+                return monitor.set(SourceState::Ended);
+            }
             End::Failed(error) if entry.config.is_live() => {
                 let wait = backoff.next_wait(began);
                 tracing::warn!(source = entry.name, bench = context.bench.name, "{error}; next try in {wait:.1?}");

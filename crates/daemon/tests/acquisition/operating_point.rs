@@ -7,8 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use super::several::{Running, bench_file};
-use super::support::wait_until;
+use super::support::{Running, bench_file, wait_until};
 
 /// Answers functions 3 and 4 with these registers, until dropped.
 struct Registers {

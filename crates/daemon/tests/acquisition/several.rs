@@ -1,69 +1,10 @@
 //! Several benches and sources in one service: what dies takes nothing else with it.
 
-use std::io::Read;
-use std::os::unix::net::UnixStream;
-use std::path::Path;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::config::Config;
 use gearwatch_daemon::emulate::InstrumentConfig;
-use gearwatch_daemon::service::{Service, Summary};
-use gearwatch_daemon::snapshot::{BenchSnapshot, Snapshot};
-use gearwatch_daemon::stop::Stop;
 
-use super::support::{instrument, runtime, wait_until};
-
-/// One stage that meshes at 100 Hz, sampled so slowly that everything is quick.
-pub fn bench_file(folder: &Path, file: &str, name: &str) {
-    let text = format!(
-        "format = \"gearwatch-bench/1\"\nname = {name:?}\nmotor = {{ speed_hz = 5.0 }}\n\
-         shaft = [{{ name = \"input\" }}, {{ name = \"output\" }}]\n\
-         stage = [{{ name = \"stage1\", pinion = {{ teeth = 20 }}, wheel = {{ teeth = 40 }} }}]\n\
-         brake = {{ torque_nm = 10.0 }}\nsensor = [{{ name = \"acc_1\", shaft = \"input\" }}]\n\
-         tacho = {{ shaft = \"input\" }}\nacquisition = {{ sample_rate_hz = 2048.0 }}\n"
-    );
-    std::fs::write(folder.join(file), text).unwrap();
-}
-
-/// A service on a thread, asked by its status socket.
-pub struct Running {
-    folder: tempfile::TempDir,
-    stop: Stop,
-    thread: JoinHandle<Summary>,
-}
-
-impl Running {
-    pub fn start(folder: tempfile::TempDir, text: &str) -> Self {
-        let config = Config::parse(text, "test", folder.path()).unwrap();
-        let stop = Stop::default();
-        let told = stop.clone();
-        let thread = std::thread::spawn(move || Service::build(config, &told).unwrap().run(&told).unwrap());
-        let out = Self { folder, stop, thread };
-        wait_until("the service answers", || out.ask().is_some_and(|snapshot| !snapshot.benches.is_empty()));
-        out
-    }
-
-    fn ask(&self) -> Option<Snapshot> {
-        let mut socket = UnixStream::connect(self.folder.path().join("s.sock")).ok()?;
-        let mut text = String::new();
-        socket.read_to_string(&mut text).ok()?;
-        serde_json::from_str(&text).ok()
-    }
-
-    pub fn status(&self) -> Snapshot {
-        self.ask().expect("the service answers")
-    }
-
-    pub fn bench(&self, name: &str) -> BenchSnapshot {
-        self.status().benches.into_iter().find(|bench| bench.name == name).unwrap()
-    }
-
-    pub fn stop(self) -> Summary {
-        self.stop.now();
-        self.thread.join().unwrap()
-    }
-}
+use super::support::{Running, bench_file, instrument, runtime, wait_until};
 
 /// Two benches, one fed by an instrument whose plug is pulled: it is NOT OK within two deadlines, comes back when the instrument does, and
 /// the other bench misses no window and no sample.

@@ -1,13 +1,18 @@
 //! A ramp to be played, sources by their configuration, and a judge of what came.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::io::Read;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use gearwatch_core::block::{Block, Packet, Quality, Samples};
 use gearwatch_daemon::config::Config;
 use gearwatch_daemon::emulate::{Instrument, InstrumentConfig, Open};
+use gearwatch_daemon::service::{Service, Summary};
+use gearwatch_daemon::snapshot::{BenchSnapshot, Snapshot};
 use gearwatch_daemon::source::{Feed, Pull, SourceConfig, SourceContext, SourceError, Speed};
 use gearwatch_daemon::stop::Stop;
 
@@ -164,5 +169,56 @@ pub fn wait_until(what: &str, mut so: impl FnMut() -> bool) {
     while !so() {
         assert!(began.elapsed() < Duration::from_secs(10), "{what}: not after ten seconds");
         std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// One stage that meshes at 100 Hz, sampled so slowly that everything is quick.
+pub fn bench_file(folder: &Path, file: &str, name: &str) {
+    let text = format!(
+        "format = \"gearwatch-bench/1\"\nname = {name:?}\nmotor = {{ speed_hz = 5.0 }}\n\
+         shaft = [{{ name = \"input\" }}, {{ name = \"output\" }}]\n\
+         stage = [{{ name = \"stage1\", pinion = {{ teeth = 20 }}, wheel = {{ teeth = 40 }} }}]\n\
+         brake = {{ torque_nm = 10.0 }}\nsensor = [{{ name = \"acc_1\", shaft = \"input\" }}]\n\
+         tacho = {{ shaft = \"input\" }}\nacquisition = {{ sample_rate_hz = 2048.0 }}\n"
+    );
+    std::fs::write(folder.join(file), text).unwrap();
+}
+
+/// A service on a thread, asked by its status socket.
+pub struct Running {
+    folder: tempfile::TempDir,
+    stop: Stop,
+    thread: JoinHandle<Summary>,
+}
+
+impl Running {
+    pub fn start(folder: tempfile::TempDir, text: &str) -> Self {
+        let config = Config::parse(text, "test", folder.path()).unwrap();
+        let stop = Stop::default();
+        let told = stop.clone();
+        let thread = std::thread::spawn(move || Service::build(config, &told).unwrap().run(&told).unwrap());
+        let out = Self { folder, stop, thread };
+        wait_until("the service answers", || out.ask().is_some_and(|snapshot| !snapshot.benches.is_empty()));
+        out
+    }
+
+    fn ask(&self) -> Option<Snapshot> {
+        let mut socket = UnixStream::connect(self.folder.path().join("s.sock")).ok()?;
+        let mut text = String::new();
+        socket.read_to_string(&mut text).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+
+    pub fn status(&self) -> Snapshot {
+        self.ask().expect("the service answers")
+    }
+
+    pub fn bench(&self, name: &str) -> BenchSnapshot {
+        self.status().benches.into_iter().find(|bench| bench.name == name).unwrap()
+    }
+
+    pub fn stop(self) -> Summary {
+        self.stop.now();
+        self.thread.join().unwrap()
     }
 }

@@ -20,6 +20,8 @@ use crate::source::{now_unix_ns, time_of};
 const LONGEST_RUN: usize = 8192;
 /// Bytes that the instrument keeps for a slow client; what comes then is lost, and told as overrun.
 const MEMORY: usize = 1 << 20;
+/// Bytes of a header and of what precedes the first sample.
+const HEADER_AND_NUMBERS: usize = 36;
 /// Nominal range to full scale: 1.5 dB.
 const HEADROOM_DB: f64 = 1.5;
 /// Largest and smallest 24-bit count.
@@ -271,7 +273,9 @@ impl Player {
         let mut bytes = Vec::new();
         encode(&Message { time, body }, &mut bytes);
         if std::mem::take(&mut self.flip) {
-            let (at, bit) = (self.plan.below(bytes.len()), self.plan.below(8));
+            // Every second one where it hurts: in the header and the first numbers of the payload.
+            let end = if self.plan.below(2) == 0 { bytes.len() } else { bytes.len().min(HEADER_AND_NUMBERS) };
+            let (at, bit) = (self.plan.below(end), self.plan.below(8));
             bytes[at] ^= 1 << bit;
             count(&self.shared.stats.flips);
         }
