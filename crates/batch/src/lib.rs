@@ -12,4 +12,5 @@ pub mod part;
 pub mod rows;
 pub mod run;
 pub mod shard;
+pub mod sweep;
 pub mod worklist;

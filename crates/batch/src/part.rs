@@ -7,10 +7,10 @@
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, RecordBatch};
+use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
 use parquet::basic::{Compression, ZstdLevel};
@@ -210,6 +210,10 @@ pub struct PieceWriter {
 
 impl PieceWriter {
     fn new(folder: &Path, target: PathBuf, settings: &str) -> Result<Self, PartError> {
+        Self::with_schema(folder, target, settings, schema())
+    }
+
+    fn with_schema(folder: &Path, target: PathBuf, settings: &str, schema: SchemaRef) -> Result<Self, PartError> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".unfinished-");
         // Temporary files are private by default; parts are for others to read, as far as the umask allows.
@@ -223,8 +227,7 @@ impl PieceWriter {
             .set_created_by(concat!("gearwatch ", env!("CARGO_PKG_VERSION")).to_owned())
             .set_key_value_metadata(Some(vec![KeyValue::new(SETTINGS_KEY.to_owned(), settings.to_owned())]))
             .build();
-        let writer =
-            ArrowWriter::try_new(temporary, Arc::clone(&schema()), Some(properties)).map_err(parquet_at(&target))?;
+        let writer = ArrowWriter::try_new(temporary, schema, Some(properties)).map_err(parquet_at(&target))?;
         Ok(Self { writer, target })
     }
 
@@ -251,6 +254,17 @@ impl PieceWriter {
         file.persist(&self.target).map_err(|e| PartError::Io { path: self.target.clone(), source: e.error })?;
         Ok(())
     }
+}
+
+/// Writes one table to a file that appears whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_whole(path: &Path, batch: &RecordBatch) -> Result<(), PartError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut writer = PieceWriter::with_schema(folder, path.to_owned(), "", batch.schema())?;
+    writer.write_batch(batch)?;
+    writer.finish()
 }
 
 /// Lower-case hexadecimal.

@@ -29,6 +29,7 @@ mod run;
 mod signatures;
 mod simulate;
 mod status;
+mod sweep;
 mod top;
 
 /// All commands, in the order of `gearwatch --help`.
@@ -47,6 +48,7 @@ const COMMANDS: &[Kind] = &[
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     kind::<batch::Batch>(),
+    kind::<sweep::Sweep>(),
     kind::<explain::Explain>(),
     kind::<prove::Prove>(),
     kind::<recover::Recover>(),

@@ -69,7 +69,7 @@ impl BaselineConfig {
     }
 
     /// Two speeds (Hz) are one operating point.
-    pub(crate) fn speed_matches(&self, a: f64, b: f64) -> bool {
+    pub fn speed_matches(&self, a: f64, b: f64) -> bool {
         (a - b).abs() <= self.speed_tolerance_percent / 100.0 * a.abs().max(b.abs())
     }
 
@@ -79,7 +79,7 @@ impl BaselineConfig {
     }
 
     /// Two torques are one operating point; an unknown one matches only an unknown one.
-    pub(crate) fn torque_matches(&self, a: Option<f64>, b: Option<f64>) -> bool {
+    pub fn torque_matches(&self, a: Option<f64>, b: Option<f64>) -> bool {
         match (a, b) {
             (Some(a), Some(b)) => (a - b).abs() <= self.torque_reach(a.abs().max(b.abs())),
             (None, None) => true,

@@ -13,6 +13,8 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(120, 120, 120),
 ];
 const SIZE: (u32, u32) = (900, 320);
+/// Share of the height that a legend of some five entries takes.
+const LEGEND_SHARE: f64 = 0.4;
 const FONT: (&str, u32) = ("sans-serif", 13);
 /// Points drawn per series: two per pixel show everything that can be seen.
 const MOST_POINTS: usize = 2 * SIZE.0 as usize;
@@ -219,7 +221,11 @@ fn draw_lines(lines: &Lines, root: &Area<'_>) -> Result<(), ChartError> {
         let mut chart = builder.build_cartesian_2d(x_low..x_high, (bounds.0..bounds.1).log_scale()).map_err(failed)?;
         finish_lines!(chart, lines, bounds, |y: f64| y > 0.0);
     } else {
-        let bounds = range(all().map(|p| p.1), 0.06).ok_or_else(nothing)?;
+        let mut bounds = range(all().map(|p| p.1), 0.06).ok_or_else(nothing)?;
+        if lines.series.len() > 1 {
+            // Room for the legend, so that it hides no curve.
+            bounds.1 += LEGEND_SHARE * (bounds.1 - bounds.0);
+        }
         let mut chart = builder.build_cartesian_2d(x_low..x_high, bounds.0..bounds.1).map_err(failed)?;
         finish_lines!(chart, lines, bounds, |_: f64| true);
     }

@@ -19,7 +19,7 @@ use crate::exit::Exit;
 mod plot;
 
 /// 2026-01-01T00:00:00Z: the same seed gives the same bytes, so the recording cannot carry today's date.
-const START_NS: i64 = 1_767_225_600_000_000_000;
+pub(super) const START_NS: i64 = 1_767_225_600_000_000_000;
 /// Without an end a scenario is cut here (s).
 const DEFAULT_DURATION_S: f64 = 10.0;
 
@@ -125,7 +125,7 @@ impl Simulate {
 }
 
 /// A bench file, or a bench that comes with the program where there is no such file.
-fn read_bench(path: &Path) -> anyhow::Result<Bench> {
+pub(super) fn read_bench(path: &Path) -> anyhow::Result<Bench> {
     if !path.exists() {
         if let Some(bench) = path.to_str().and_then(gearwatch_sim::shipped::bench) {
             return Ok(bench);
@@ -137,7 +137,7 @@ fn read_bench(path: &Path) -> anyhow::Result<Bench> {
 }
 
 /// `id@place:parameter=value,parameter=value`.
-fn parse_effect(text: &str) -> anyhow::Result<EffectSpec> {
+pub(super) fn parse_effect(text: &str) -> anyhow::Result<EffectSpec> {
     let form = "expected ID@PLACE or ID@PLACE:PARAMETER=VALUE,PARAMETER=VALUE";
     let (effect, rest) = text.split_once('@').with_context(|| format!("--effect {text:?}: {form}"))?;
     let (place, parameters) = rest.split_once(':').unwrap_or((rest, ""));
