@@ -50,7 +50,7 @@ const fn coefficient(k: u32) -> f64 {
         i += 1;
         value *= std::f64::consts::PI / i as f64;
     }
-    if k / 2 % 2 == 0 { value } else { -value }
+    if (k / 2).is_multiple_of(2) { value } else { -value }
 }
 
 const fn series(first: u32) -> [f64; 11] {
@@ -105,8 +105,8 @@ impl<S: Simd, const N: usize> Sums<S, N> {
     #[inline(always)]
     pub(crate) fn total(self) -> [f64; N] {
         let mut out = [0.0; N];
-        for i in 0..N {
-            out[i] = self.simd.reduce_sum_f64s(self.sums[i]);
+        for (out, sum) in out.iter_mut().zip(self.sums) {
+            *out = self.simd.reduce_sum_f64s(sum);
         }
         out
     }

@@ -121,9 +121,9 @@ impl Rotator {
     fn turn_to(&mut self, line: MeshLine, start: f64, angle: &Points) {
         if self.harmonic == 0 {
             let centre = (line.mesh_order * start).round();
-            for m in 0..NARROW.0 {
+            for (m, angle) in angle.iter().enumerate() {
                 let tau = m as u32 as f64 / NARROW.0 as f64 - 0.5;
-                (self.first[0][m], self.first[1][m]) = turned_back(line.mesh_order * angle[m] - centre * tau);
+                (self.first[0][m], self.first[1][m]) = turned_back(line.mesh_order * angle - centre * tau);
             }
             self.power = self.first;
             self.harmonic = 1;
