@@ -180,6 +180,12 @@ impl Health {
         }
     }
 
+    /// Data came back after a silence: what was said before it does not hold any more, and every `ok` must be earned again. Alarms stay.
+    pub fn begin_anew(&mut self) {
+        self.newest.clear();
+        self.instruments.clear();
+    }
+
     /// Somebody has seen it; `false` where there is no such alarm. One that holds no longer is over then.
     pub fn acknowledge(&mut self, id: &str) -> bool {
         for place in self.places.values_mut() {
@@ -359,5 +365,9 @@ mod tests {
             codes.push(health.instruments().next().unwrap().1.code());
         }
         assert_eq!(codes, ["not_ok_yet", "not_ok_yet", "ok", "overload", "overload", "overload", "ok"]);
+        health.begin_anew();
+        assert_eq!((health.newest().count(), health.instruments().count()), (0, 0));
+        health.take(&verdict(7, MachineState::Unknown, InstrumentState::Ok));
+        assert_eq!(health.instruments().next().unwrap().1.code(), "not_ok_yet");
     }
 }

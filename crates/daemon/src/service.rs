@@ -190,6 +190,8 @@ struct RunningBench {
     sources: Vec<Arc<SourceMonitor>>,
     live_threads: Vec<JoinHandle<()>>,
     health: Arc<Mutex<Health>>,
+    /// A source was missing when the state was published last.
+    silent: AtomicBool,
 }
 
 /// A sink that runs.
@@ -501,11 +503,14 @@ impl RunningBench {
     fn snapshot(&self) -> BenchSnapshot {
         let counters = self.lane.counters();
         let samples = counters.samples();
-        let health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
-        let channels: Vec<_> =
-            health.instruments().map(|(channel, state)| (channel.to_owned(), state.code().to_owned())).collect();
         let sources: Vec<_> = self.sources.iter().map(|source| source.snapshot()).collect();
         let silent = sources.iter().any(|s| matches!(s.state.as_str(), "silent" | "waiting" | "failed"));
+        let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.silent.swap(silent, Ordering::Relaxed) && !silent {
+            health.begin_anew();
+        }
+        let channels: Vec<_> =
+            health.instruments().map(|(channel, state)| (channel.to_owned(), state.code().to_owned())).collect();
         // No data is no good news.
         let instrument = match channels.iter().find(|(_, code)| code != "ok") {
             _ if silent => "silent",
@@ -657,5 +662,14 @@ fn start_bench(
         live_threads.extend(live.then_some(thread));
     }
     let motor_order = Train::new(&watched.bench).motor_order;
-    Ok(RunningBench { name: watched.name, motor_order, packets, lane, sources, live_threads, health })
+    Ok(RunningBench {
+        name: watched.name,
+        motor_order,
+        packets,
+        lane,
+        sources,
+        live_threads,
+        health,
+        silent: AtomicBool::new(false),
+    })
 }

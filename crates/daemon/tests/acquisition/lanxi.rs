@@ -157,7 +157,7 @@ fn conform_what_the_instrument_cannot_do_is_said() {
     for (keys, why) in [
         ("channels = [{ input = 9, sensor = \"a\" }]\nsample_rate_hz = 16384.0", "it has no input 9; it has 2"),
         ("channels = [{ input = 1, sensor = \"a\" }]\nsample_rate_hz = 51200.0", "cannot sample at 51200"),
-        ("channels = [{ input = 1, sensor = \"a\" }]\nsample_rate_hz = 8192.0", "400 the material has 16384"),
+        ("channels = [{ input = 1, sensor = \"a\" }]\nsample_rate_hz = 8192.0", "400 (the material has 16384"),
     ] {
         let source = source(&format!("kind = \"lanxi\"\naddress = \"{}\"\n{keys}", instrument.address()));
         let error = source.open().err().unwrap().to_string();

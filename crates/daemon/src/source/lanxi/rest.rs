@@ -34,9 +34,9 @@ pub(super) enum CallError {
 impl std::fmt::Display for CallError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Status(403, text) => write!(f, "403, it is in the wrong state for this {text}"),
-            Self::Status(code @ 500.., text) => write!(f, "{code}, a fault of the instrument; restart it {text}"),
-            Self::Status(code, text) => write!(f, "{code} {text}"),
+            Self::Status(403, text) => write!(f, "403, the wrong state for this ({text})"),
+            Self::Status(code @ 500.., text) => write!(f, "{code}, a fault of the instrument, restart it ({text})"),
+            Self::Status(code, text) => write!(f, "{code} ({text})"),
             Self::Away(what) => write!(f, "no answer: {what}"),
             Self::Answer(what) => write!(f, "{what}"),
             Self::Stopping => write!(f, "the service stops"),
