@@ -218,10 +218,12 @@ impl MeshSearch {
         orders.max_by(f64::total_cmp)
     }
 
-    /// Most evidence of the last search for a speed elsewhere: outside the main lobe of the lowest line.
-    pub fn rival(&self, state: &MeshSearchState, half_width: f64, lowest: f64, n1: f64) -> f64 {
+    /// Most evidence of the last search for a speed elsewhere: so far off that the first harmonic of the stage with the highest mesh is out of the main lobe
+    /// of the weighting, `lobe` bins to either side. Nearer speeds share its evidence; farther ones must do with other lines. (A zone as wide as the guard's
+    /// lobe hid combs that fit sidebands, which lie some hundredths of a revolution per window away.)
+    pub fn rival(&self, state: &MeshSearchState, lobe: f64, lowest: f64, n1: f64) -> f64 {
         let (Some(first), Some(last)) = (state.used.first(), state.used.last()) else { return 0.0 };
-        let apart = 2.0 * half_width / first.line.order.max(last.line.order / 5.0);
+        let apart = lobe / first.line.order.max(last.line.order / HARMONICS as f64);
         let step = 0.5 / last.line.order;
         let elsewhere = |i: &usize| (lowest + *i as f64 * step - n1).abs() > apart;
         (0..state.evidence.len()).filter(elsewhere).map(|i| state.evidence[i]).fold(0.0, f64::max)

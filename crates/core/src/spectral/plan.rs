@@ -107,7 +107,7 @@ impl RatePlan {
         let candidate = self.search.search(&mut state.search, spectrum, lowest, highest)?;
         let mut found = self.search.refine(&mut state.search, spectrum, candidate.n1);
         found.trust.rival =
-            self.search.rival(&state.search, self.windows.guard_half_width(), lowest, found.revolutions);
+            self.search.rival(&state.search, self.windows.weighting.half_width, lowest, found.revolutions);
         if !found.is_clear() && self.speed.max_ramp_percent > 0.0 {
             let ramping = self.ramping_speed(state, samples, lowest, highest, highest_bin);
             found = ramping.filter(|r| r.merit() > found.merit()).unwrap_or(found);
@@ -142,7 +142,7 @@ impl RatePlan {
         for i in -count..=count {
             let tried = f64::from(i) * step;
             self.warped_search(state, samples, tried, lowest, highest, highest_bin)?;
-            rival = rival.max(self.search.rival(&state.search, self.windows.guard_half_width(), lowest, best.n1));
+            rival = rival.max(self.search.rival(&state.search, self.windows.weighting.half_width, lowest, best.n1));
         }
         let mut found = None;
         for _ in 0..RAMP_PASSES {
