@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum WorkListError {
     /// A file or folder cannot be read.
-    #[error("{path}: cannot be read: {source}")]
+    #[error("{path}: cannot be read: {cause}")]
     Read {
         /// Which.
         path: PathBuf,
         /// What the system said.
-        source: io::Error,
+        cause: io::Error,
     },
     /// Lines of a manifest name files that are not there.
     #[error("{manifest}: {} of {total} recordings are not there; the first are {}", missing.len(), first_few(missing))]
@@ -58,7 +58,7 @@ fn first_few(missing: &[(usize, PathBuf)]) -> String {
 /// When the manifest cannot be read, names files that are not there, or names one twice.
 pub fn from_manifest(manifest: &Path) -> Result<Vec<PathBuf>, WorkListError> {
     let text =
-        fs::read_to_string(manifest).map_err(|source| WorkListError::Read { path: manifest.to_owned(), source })?;
+        fs::read_to_string(manifest).map_err(|cause| WorkListError::Read { path: manifest.to_owned(), cause })?;
     let folder = manifest.parent().unwrap_or(Path::new(""));
     let mut found: Vec<(PathBuf, usize)> = Vec::new();
     let mut missing = Vec::new();
@@ -81,7 +81,7 @@ pub fn from_manifest(manifest: &Path) -> Result<Vec<PathBuf>, WorkListError> {
     // Two spellings of one file are the same recording.
     let mut seen = std::collections::BTreeMap::new();
     for (path, line) in &found {
-        let whole = fs::canonicalize(path).map_err(|source| WorkListError::Read { path: path.clone(), source })?;
+        let whole = fs::canonicalize(path).map_err(|cause| WorkListError::Read { path: path.clone(), cause })?;
         if let Some(first) = seen.insert(whole, *line) {
             let (manifest, path) = (manifest.to_owned(), path.clone());
             return Err(WorkListError::Twice { manifest, path, first, again: *line });
@@ -106,7 +106,7 @@ pub fn from_folders(places: &[PathBuf], endings: &[&str]) -> Result<Vec<PathBuf>
                 return Err(WorkListError::Empty(place.clone(), endings.join(", ")));
             }
         } else {
-            fs::metadata(place).map_err(|source| WorkListError::Read { path: place.clone(), source })?;
+            fs::metadata(place).map_err(|cause| WorkListError::Read { path: place.clone(), cause })?;
             found.insert(place.clone());
         }
     }
@@ -114,7 +114,7 @@ pub fn from_folders(places: &[PathBuf], endings: &[&str]) -> Result<Vec<PathBuf>
 }
 
 fn walk(folder: &Path, endings: &[&str], found: &mut BTreeSet<PathBuf>) -> Result<(), WorkListError> {
-    let read = |source| WorkListError::Read { path: folder.to_owned(), source };
+    let read = |cause| WorkListError::Read { path: folder.to_owned(), cause };
     for entry in fs::read_dir(folder).map_err(read)? {
         let entry = entry.map_err(read)?;
         let path = entry.path();

@@ -24,20 +24,20 @@ const WINDOW_TOLERANCE: f64 = 1e-3;
 #[derive(Debug, thiserror::Error)]
 pub enum BaselineFileError {
     /// The file cannot be read.
-    #[error("{path}: cannot be read: {source}")]
+    #[error("{path}: cannot be read: {cause}")]
     Read {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The file cannot be written.
-    #[error("{path}: cannot be written: {source}")]
+    #[error("{path}: cannot be written: {cause}")]
     Write {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// Larger than any baseline.
     #[error("{path}: is larger than {} MB, which no baseline is", LARGEST_BYTES >> 20)]
@@ -163,7 +163,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Baseline, BaselineFileError> {
 /// # Errors
 /// When it cannot be read, or as [`parse`].
 pub fn read(path: &Path) -> Result<Baseline, BaselineFileError> {
-    let read_error = |source| BaselineFileError::Read { path: path.to_owned(), source };
+    let read_error = |cause| BaselineFileError::Read { path: path.to_owned(), cause };
     let file = std::fs::File::open(path).map_err(read_error)?;
     let mut text = String::new();
     // One byte more than allowed tells a file that is too large from one that just fits.
@@ -216,7 +216,7 @@ pub fn check_use(baseline: &Baseline, path: &Path, bench: &Bench, window_s: f64)
 /// When it cannot be written.
 pub fn write(baseline: &Baseline, path: &Path) -> Result<(), BaselineFileError> {
     let text = to_text(baseline, path)?;
-    let write_error = |source| BaselineFileError::Write { path: path.to_owned(), source };
+    let write_error = |cause| BaselineFileError::Write { path: path.to_owned(), cause };
     let mut beside = path.as_os_str().to_owned();
     beside.push(".part");
     let beside = PathBuf::from(beside);

@@ -8,12 +8,12 @@ use gearwatch_core::bench::Bench;
 #[derive(Debug, thiserror::Error)]
 pub enum BenchFileError {
     /// The file cannot be read.
-    #[error("{path}: cannot be read: {source}")]
+    #[error("{path}: cannot be read: {cause}")]
     Read {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The text is not TOML, or has an unknown, missing or mistyped key.
     #[error("{path}: {message}")]
@@ -38,8 +38,7 @@ pub enum BenchFileError {
 /// # Errors
 /// When it cannot be read, is not in the format, or its values cannot be right.
 pub fn read(path: &Path) -> Result<Bench, BenchFileError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|source| BenchFileError::Read { path: path.to_owned(), source })?;
+    let text = std::fs::read_to_string(path).map_err(|cause| BenchFileError::Read { path: path.to_owned(), cause })?;
     parse(&text, path)
 }
 

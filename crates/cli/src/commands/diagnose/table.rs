@@ -139,8 +139,8 @@ pub(super) fn nearest(verdict: &Verdict) -> String {
     match verdict.state_fit {
         StateFit::NotCompared => String::new(),
         StateFit::None => "; no known fault state fits".to_owned(),
-        StateFit::One => format!("; state {}", named.first().map_or("", String::as_str)),
-        StateFit::Several => format!("; states that fit about equally: {}", named.join(", ")),
+        StateFit::One => format!("; of the known states it resembles {}", named.first().map_or("", String::as_str)),
+        StateFit::Several => format!("; of the known states it resembles about equally {}", named.join(", ")),
     }
 }
 
