@@ -1,19 +1,22 @@
 //! Numbers samples by their time stamps, through gaps and new connections: what is missing becomes a jump of the index.
 
+use std::time::Instant;
+
 use gearwatch_core::block::{Quality, UnixNanos};
 
 use super::framing::time_of;
 
-/// Stamps that lie farther apart from what follows than this are no gap but another clock (s): a day.
-const LONGEST_GAP_SECS: f64 = 86_400.0;
+/// No more can be missing than time has gone by, but for what was buffered under way (s). Stamps that say more are those of another clock,
+/// or damaged.
+const SLACK_SECS: f64 = 10.0;
 
 /// Numbers the samples of one channel. Lives as long as the service, not as one connection.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Numbering {
     /// Index of the next sample.
     next: u64,
-    /// Its time, where there was a sample before.
-    expected: Option<UnixNanos>,
+    /// Its time, and when the sample before it came, where there was one.
+    expected: Option<(UnixNanos, Instant)>,
     /// Something was lost since the last sample.
     broken: bool,
 }
@@ -25,15 +28,16 @@ impl Numbering {
     }
 
     /// Index of the first of these samples, and [`Quality::GAP_BEFORE`] where they do not follow on those before. Stamps that are half a
-    /// sample off do not follow; those that run backwards or jump by more than a day tell a gap, but not how long it is.
+    /// sample off do not follow; those that run backwards, or jump by more than time has gone by, tell a gap, but not how long it is.
     pub(crate) fn place(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (u64, Quality) {
         let mut quality = Quality::GOOD;
-        if let Some(expected) = self.expected {
+        if let Some((expected, came)) = self.expected {
+            let longest_secs = came.elapsed().as_secs_f64() + SLACK_SECS;
             let late_secs = (i128::from(t0) - i128::from(expected)) as f64 * 1e-9;
             if self.broken || (late_secs * rate_hz).abs() > 0.5 {
                 quality = Quality::GAP_BEFORE;
             }
-            if quality != Quality::GOOD && (0.0..=LONGEST_GAP_SECS).contains(&late_secs) {
+            if quality != Quality::GOOD && (0.0..=longest_secs).contains(&late_secs) {
                 // Clamped before the cast.
                 self.next = self.next.saturating_add((late_secs * rate_hz).round() as u64);
             }
@@ -56,7 +60,7 @@ impl Numbering {
         self.broken = false;
         let first = self.next;
         self.next = first.saturating_add(samples as u64);
-        self.expected = Some(time_of(t0, samples as u64, rate_hz));
+        self.expected = Some((time_of(t0, samples as u64, rate_hz), Instant::now()));
         first
     }
 }
@@ -87,8 +91,8 @@ mod tests {
         numbering.break_here();
         assert_eq!(numbering.place(100 * MS, 10, RATE_HZ), (100, Quality::GAP_BEFORE));
         assert_eq!(numbering.place(110 * MS, 10, RATE_HZ), (110, Quality::GOOD));
-        // The same block again, and a clock two days ahead.
+        // The same block again, and a clock that jumps by a minute, in which it was never silent.
         assert_eq!(numbering.place(110 * MS, 10, RATE_HZ), (120, Quality::GAP_BEFORE));
-        assert_eq!(numbering.place(2 * 86_400_000 * MS, 10, RATE_HZ), (130, Quality::GAP_BEFORE));
+        assert_eq!(numbering.place(60_120 * MS, 10, RATE_HZ), (130, Quality::GAP_BEFORE));
     }
 }

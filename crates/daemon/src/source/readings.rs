@@ -41,7 +41,10 @@ impl Linear {
 
 /// What is known of a bench's operating point. Clones are the same.
 #[derive(Clone, Debug, Default)]
-pub struct Readings(Arc<Mutex<[Option<(f64, Instant)>; 3]>>);
+pub struct Readings(Arc<Mutex<[Option<Reading>; 3]>>);
+
+/// A value, and until when it holds.
+type Reading = (f64, Instant);
 
 impl Readings {
     /// A value that holds for so long; a `NaN` is unknown at once.

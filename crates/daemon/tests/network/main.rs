@@ -1,6 +1,7 @@
 //! Campaigns against an emulated instrument on a bad network. A few seeds here; `just campaign-network` runs them all.
 //!
 //! The tests of this program run one after the other, since one of them counts descriptors.
+#![allow(clippy::print_stdout, reason = "campaigns tell their figures")]
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};

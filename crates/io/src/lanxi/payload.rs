@@ -47,6 +47,9 @@ pub(super) struct Walk<'a> {
     pub(super) length: usize,
 }
 
+/// Takes signal number, type and value.
+type EachDescriptor<'a> = dyn FnMut(u16, u16, &[u8]) -> Result<(), Damage> + 'a;
+
 const TOO_SHORT: Damage = Damage::Payload("it ends inside an entry");
 const SIGNAL_NUMBER: Damage = Damage::Payload("a signal number is out of range");
 
@@ -136,7 +139,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    fn descriptors(&self, each: &mut dyn FnMut(u16, u16, &[u8]) -> Result<(), Damage>) -> Result<(), Damage> {
+    fn descriptors(&self, each: &mut EachDescriptor<'_>) -> Result<(), Damage> {
         let mut at = 0;
         while at < self.length {
             if at + DESCRIPTOR_HEAD > self.length {
@@ -165,13 +168,8 @@ impl Walk<'_> {
 }
 
 /// Signals that a message has named: each at most once.
+#[derive(Default)]
 struct Seen([u64; 16]);
-
-impl Default for Seen {
-    fn default() -> Self {
-        Self([0; 16])
-    }
-}
 
 impl Seen {
     fn take(&mut self, id: u16) -> Result<(), Damage> {

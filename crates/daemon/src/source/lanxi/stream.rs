@@ -189,8 +189,8 @@ impl Reader {
             Value::Offset(offset) => return Err(format!("signal {number} has offset {offset}")),
             Value::Period(period) => {
                 let found = period.rate_hz().unwrap_or(f64::NAN);
-                // A NaN is not close to anything.
-                if !((found / rate_hz - 1.0).abs() <= RATE_TOLERANCE) {
+                let off = (found / rate_hz - 1.0).abs();
+                if off.is_nan() || off > RATE_TOLERANCE {
                     return Err(format!("signal {number} has {found} samples per second; {rate_hz} were asked for"));
                 }
                 signal.meaning.period = Some(period);
