@@ -19,8 +19,8 @@ bench:
 spectraquest:
     cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture
 
-# All campaigns of the service: kills, stops, full disk, power cuts, overload, soak, brokers, fuzzing (docs/reliability.md)
-campaign: campaign-kills campaign-network campaign-soak campaign-overload campaign-time campaign-fuzz
+# All campaigns of the service (docs/reliability.md)
+campaign: campaign-kills campaign-failures campaign-network campaign-soak campaign-overload campaign-fleet campaign-fuzz
 
 # 300 kill -9, 100 stops, a full disk and 100 power cuts (the last two need root) against the release build
 campaign-kills:
@@ -30,3 +30,23 @@ campaign-kills:
 # 200 seeds of network trouble, 1000 reconnects and a bad network beside a good one, against an emulated instrument
 campaign-network:
     cargo test -p gearwatch-daemon --test network -- --nocapture --include-ignored
+
+# Every task killed once, sensor faults, 100 000 clean windows, clocks
+campaign-failures:
+    GEARWATCH_ROUNDS=1 cargo test -p gearwatch --test campaign -- --nocapture failures sensor_faults time
+
+# A day in five minutes: memory, descriptors, threads, windows
+campaign-soak:
+    cargo test --release -p gearwatch --test campaign -- --ignored --nocapture soak
+
+# One to ten times real time; latency from the last sample to the line, alone and with stopped ends
+campaign-overload:
+    cargo test --release -p gearwatch --test campaign -- --ignored --nocapture --test-threads=1 overload
+
+# Twenty benches, the server killed, a cable out for a minute; brokers
+campaign-fleet:
+    GEARWATCH_ROUNDS=1 cargo test --release -p gearwatch --test brokers -- --nocapture
+
+# A minute of changed bytes for each parser
+campaign-fuzz:
+    GEARWATCH_FUZZ_SECS=60 cargo test --release -p gearwatch --test fuzz -- --nocapture

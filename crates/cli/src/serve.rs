@@ -15,7 +15,7 @@ use crate::{signals, talk};
 /// # Errors
 /// When it cannot be built or started.
 pub fn serve(config: Config, ends_with_sinks: bool, reread: Option<PathBuf>) -> anyhow::Result<Exit> {
-    talk::start();
+    let _talk = talk::start();
     let stop = Stop::default();
     let reload = Reload::default();
     signals::listen(&stop, &reload)?;

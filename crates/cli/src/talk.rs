@@ -1,16 +1,51 @@
 //! Talk on stderr: log lines for people and for the journal, colours only where somebody can see them.
+//!
+//! A thread of its own writes it. Whoever speaks never waits for whoever reads: lines that find no room are left out, and counted.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
 
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt::MakeWriter;
+
+/// Lines that may wait for stderr.
+const WAITING: usize = 4096;
+/// The last lines get so long to be written at the end.
+const FAREWELL: Duration = Duration::from_millis(300);
+
+/// Writes what waits when it goes.
+pub struct Talk {
+    left: Arc<AtomicU64>,
+}
+
+impl Drop for Talk {
+    fn drop(&mut self) {
+        let end = Instant::now() + FAREWELL;
+        while self.left.load(Ordering::Acquire) > 0 && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
 
 /// Sends log lines to stderr. `GEARWATCH_LOG` sets what is told (such as `debug` or `gearwatch_daemon=trace`); `info` where it is not set.
-pub fn start() {
-    let filter = EnvFilter::try_from_env("GEARWATCH_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
+pub fn start() -> Talk {
+    let asked = std::env::var("GEARWATCH_LOG").unwrap_or_default();
+    let filter =
+        EnvFilter::try_new(if asked.is_empty() { "info" } else { &asked }).unwrap_or_else(|_| EnvFilter::new("info"));
+    // What the client of a broker says of each try, the sink says in better words.
+    let filter = match "async_nats=off".parse() {
+        Ok(quiet) if !asked.contains("async_nats") => filter.add_directive(quiet),
+        _ => filter,
+    };
     let to_terminal = std::io::stderr().is_terminal();
+    let pen = Pen::start();
+    let talk = Talk { left: pen.left.clone() };
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(pen)
         .with_target(false)
         .with_ansi(to_terminal && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()));
     // The journal has a clock of its own.
@@ -18,5 +53,62 @@ pub fn start() {
         let _ = lines.without_time().try_init();
     } else {
         let _ = lines.try_init();
+    }
+    talk
+}
+
+/// Hands lines to the thread that writes.
+#[derive(Clone)]
+struct Pen {
+    lines: SyncSender<Vec<u8>>,
+    left: Arc<AtomicU64>,
+    dropped: Arc<AtomicU64>,
+}
+
+impl Pen {
+    fn start() -> Self {
+        let (lines, waiting) = sync_channel(WAITING);
+        let pen = Self { lines, left: Arc::default(), dropped: Arc::default() };
+        let (left, dropped) = (pen.left.clone(), pen.dropped.clone());
+        // Without a thread nothing is told; the service itself does not need it.
+        let _ = std::thread::Builder::new().name("gw-talk".to_owned()).spawn(move || write(&waiting, &left, &dropped));
+        pen
+    }
+}
+
+fn write(waiting: &Receiver<Vec<u8>>, left: &AtomicU64, dropped: &AtomicU64) {
+    while let Ok(line) = waiting.recv() {
+        let missing = dropped.swap(0, Ordering::Relaxed);
+        let mut out = std::io::stderr();
+        if missing > 0 {
+            let _ = writeln!(out, "{missing} lines were left out here: stderr was too slow");
+        }
+        // A stderr that is gone is nobody's loss but its reader's.
+        let _ = out.write_all(&line);
+        left.fetch_sub(1, Ordering::Release);
+    }
+}
+
+/// One line on its way; tracing writes each with one call.
+impl Write for Pen {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        self.left.fetch_add(1, Ordering::Acquire);
+        if self.lines.try_send(line.to_vec()).is_err() {
+            self.left.fetch_sub(1, Ordering::Release);
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl MakeWriter<'_> for Pen {
+    type Writer = Self;
+
+    fn make_writer(&self) -> Self {
+        self.clone()
     }
 }

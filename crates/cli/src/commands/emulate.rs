@@ -201,7 +201,7 @@ impl Run for Emulate {
     const NAME: &'static str = "emulate";
 
     fn run(self) -> anyhow::Result<Exit> {
-        talk::start();
+        let _talk = talk::start();
         let stop = Stop::default();
         signals::listen(&stop, &Reload::default())?;
         match self.what {

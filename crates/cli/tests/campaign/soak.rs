@@ -4,11 +4,12 @@
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use crate::fixture::Bench;
+use crate::fixture::{Bench, gearwatch};
 use crate::log_content::content;
-use crate::service::{configure, ended_within, files, said, signal, start, status, wait_for};
+use crate::service::{configure, ended_within, files, signal, status, wait_for};
 
 /// What `/proc` says of a process.
 #[derive(Clone, Copy, Debug)]
@@ -83,7 +84,12 @@ fn conform_a_day_in_minutes_leaks_nothing() {
     let text =
         std::fs::read_to_string(&config).unwrap().replace("workers = 2", &format!("workers = 2, page = \"{page}\""));
     std::fs::write(&config, text).unwrap();
-    let mut child = start(&config);
+    let talk = bench.path("talk");
+    let mut child = gearwatch(&["run", "--config", crate::fixture::text(&config)])
+        .stdout(Stdio::null())
+        .stderr(std::fs::File::create(&talk).unwrap())
+        .spawn()
+        .unwrap();
     wait_for(Duration::from_secs(20), || status(&bench)).expect("the service runs");
     let begin = Instant::now();
     let (mut samples, mut reloads, mut clients) = (Vec::new(), 0, 0);
@@ -106,7 +112,7 @@ fn conform_a_day_in_minutes_leaks_nothing() {
         ended_within(&mut child, Duration::from_secs(5)).and_then(|s| s.code()),
         Some(0),
         "{}",
-        said(&mut child)
+        std::fs::read_to_string(&talk).unwrap()
     );
 
     let health = gearwatch_daemon::log::doctor(&folder).unwrap();

@@ -130,3 +130,30 @@ fn conform_a_failed_source_is_told_in_the_exit_code() {
     assert_eq!(output.status.code(), Some(3));
     assert!(super::fixture::stderr(&output).contains("not-there.mcap"));
 }
+
+/// Nobody reads what the service says on stderr: ranks go on all the same, and it still ends in order.
+#[test]
+fn regress_a_full_stderr_does_not_hold_up_ranks() {
+    let bench = Bench::new();
+    let config = endless(&bench, "50.0");
+    let mut child = gearwatch(&["run", "--config", text(&config)])
+        .env("GEARWATCH_LOG", "trace")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It runs, and has read its configuration, when the first line comes.
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    lines.next().unwrap().unwrap();
+    // Each bad configuration is told: more talk than a pipe of 64 KiB holds.
+    let long = "x".repeat(30_000);
+    std::fs::write(&config, format!("format = \"{long}\"")).unwrap();
+    for _ in 0..8 {
+        signal(&child, "HUP");
+        for _ in 0..40 {
+            lines.next().unwrap().unwrap();
+        }
+    }
+    signal(&child, "TERM");
+    assert_eq!(ended_within(&mut child, Duration::from_secs(3)), Some(0));
+}
