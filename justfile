@@ -50,3 +50,7 @@ campaign-fleet:
 # A minute of changed bytes for each parser
 campaign-fuzz:
     GEARWATCH_FUZZ_SECS=60 cargo test --release -p gearwatch --test fuzz -- --nocapture
+
+# Concealed cases drawn by seed, explained and judged
+prove cases="200" seed="20261":
+    cargo run --release -p gearwatch -- prove --cases {{cases}} --seed {{seed}} --list

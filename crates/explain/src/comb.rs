@@ -16,6 +16,8 @@ use crate::name::Question;
 
 /// Power over noise from which a line's phase is used.
 const CLEAR: f64 = 5.0;
+/// Lines on each side of a mesh harmonic that count as beside it.
+const BESIDE: usize = 5;
 /// Least agreement of phases (0–1) at which recording and reference count as aligned.
 const ALIGNED: f64 = 0.25;
 
@@ -36,8 +38,10 @@ pub struct GearChange {
     pub neighbours: usize,
     /// Exponent of the change over the torque, with its standard error; needs two loads at one speed.
     pub exponent: Option<(f64, f64)>,
-    /// Share of the change's power in the first two lines beside each mesh harmonic and in the first two orders.
+    /// How many times more often than by chance clear lines lie beside the mesh harmonics of the stage.
     pub near: f64,
+    /// ln of the change's mean power in the first lines beside the mesh harmonics over that in the third to fifth.
+    pub first: f64,
     /// Operating points that could be aligned.
     pub aligned: usize,
 }
@@ -172,6 +176,7 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
         q.bench.stages.get(stage).map_or(1, |s| (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize);
     let (mut sum, mut weight, mut neighbours) = (0.0, 0.0, 0usize);
     let (mut near, mut all) = (0.0, 0.0);
+    let mut firsts = Vec::new();
     for d in &differences {
         let (mut phasor, mut count) = (Complex64::ZERO, 0usize);
         for w in d.lines.windows(2) {
@@ -189,15 +194,22 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
             weight += m;
             neighbours += count;
         }
-        for (k, l) in d.lines.iter().enumerate() {
-            if let Some((a, noise)) = l {
-                let n = k + 1;
-                let power = (a.norm_sqr() - noise).max(0.0) / (noise + 1e-300);
-                let apart = (n % z).min(z - n % z);
-                all += power.min(1e4);
-                if apart <= 2 {
-                    near += power.min(1e4);
-                }
+        let power_at = |which: std::ops::RangeInclusive<usize>| {
+            let at = |k: usize| (k + 1) % z;
+            let inside = |k: usize| which.contains(&at(k).min(z - at(k)));
+            let powers = d.lines.iter().enumerate().filter(|(k, _)| inside(*k)).filter_map(|(_, l)| *l);
+            let (sum, count) = powers.fold((0.0, 0usize), |(s, n), (a, noise)| (s + a.norm_sqr().max(noise), n + 1));
+            (count > 0).then(|| (sum / count as f64).ln())
+        };
+        if let (Some(a), Some(b)) = (power_at(1..=1), power_at(3..=5)) {
+            firsts.push(a - b);
+        }
+        for (k, l) in d.lines.iter().enumerate().filter(|(_, l)| clear(l).is_some()) {
+            let n = k + 1;
+            let power = l.map_or(0.0, |(a, noise)| (a.norm_sqr() / noise).ln());
+            all += power;
+            if (n % z).min(z - n % z) <= BESIDE {
+                near += power;
             }
         }
     }
@@ -205,7 +217,8 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
         coherence: if weight > 0.0 { sum / weight } else { 0.0 },
         neighbours,
         exponent: exponent(q, &differences),
-        near: if all > 0.0 { near / all } else { 0.0 },
+        near: if all > 0.0 { near / all * z as f64 / (2 * BESIDE + 1) as f64 } else { 0.0 },
+        first: if firsts.is_empty() { 0.0 } else { median(&mut firsts) },
         aligned,
     }
 }

@@ -94,9 +94,12 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
             out.push(f);
         }
     }
-    let slip = &q.ratios.slip[..n];
+    // What the sample clock is off must not pass for slip.
+    let known = |c: f64| if c.is_finite() && c.abs() * 1e6 > CLOCK_PPM { c } else { 0.0 };
+    let corrected: Vec<f64> = q.ratios.slip.iter().zip(&q.ratios.clock).map(|(s, c)| s + known(*c)).collect();
+    let slip = &corrected[..n];
     let Some((mean, count)) = mean_finite(slip.iter().copied()) else { return };
-    let reference = mean_finite(q.ratios.slip[n..].iter().copied());
+    let reference = mean_finite(corrected[n..].iter().copied());
     let base = reference.map_or(if q.bench.belt.is_some() { CREEP } else { 0.0 }, |r| r.0);
     let base_variance = reference.map_or(2e-4f64.powi(2), |r| DISPLAY_SIGMA.powi(2) / r.1 as f64);
     let sigma = (DISPLAY_SIGMA.powi(2) / count as f64 + base_variance).sqrt();
@@ -297,7 +300,12 @@ pub fn add_strange(
             && others == 0
             && several
             && (mains(l.position).is_some()
-                || (strange.against_reference && l.excess > 3.5 && !gear_changed && l.off_comb > 3.0))
+                || (strange.against_reference
+                    && findings.is_empty()
+                    && l.by_channel.len() > 1
+                    && l.excess > 3.5
+                    && !gear_changed
+                    && l.off_comb > 3.0))
     });
     if let Some(l) = pickup {
         let on_mains = mains(l.position).is_some();

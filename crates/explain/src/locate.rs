@@ -383,9 +383,13 @@ struct Together {
     price: f64,
 }
 
-/// Change that lines of one order share by chance (ln): at equal speed, and per change of speed (1/2ζ of a lightly damped torsion).
+/// Change that lines of one order share by chance (ln): at equal speed, per change of speed away from torsional resonances, and (1/2ζ at
+/// 0.5 %) on the flank of one.
 const SHARED_CHANGE: f64 = 0.04;
-const SHARED_SLOPE: f64 = 40.0;
+const SHARED_SLOPE: f64 = 15.0;
+const RESONANT_SLOPE: f64 = 100.0;
+/// Price of the assumption that a pair sits on such a flank (nats): one speed in ten does.
+const RESONANT_PRICE: f64 = 2.3;
 
 fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together> {
     if !matches!(place, Place::FirstSide(..) | Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_)) {
@@ -396,11 +400,43 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
         let inside: Vec<&&Cell> = lines.iter().filter(|c| c.pair == pair && covers(place, c.family)).collect();
         let mut changes: Vec<f64> = inside.iter().map(|c| c.change).collect();
         let shared = if changes.is_empty() { 0.0 } else { crate::dsp::median(&mut changes) };
-        out.price += 0.5 * shared * shared / (SHARED_CHANGE.powi(2) + (SHARED_SLOPE * gap).powi(2));
+        let usual = SHARED_CHANGE.hypot(SHARED_SLOPE * gap);
+        let resonant = SHARED_CHANGE.hypot(RESONANT_SLOPE * gap);
+        let price = |sigma: f64| 0.5 * (shared / sigma).powi(2);
+        out.price += price(usual).min(price(resonant) + (resonant / usual).ln() + RESONANT_PRICE);
         for c in inside {
             let t = densities((c.change - shared).powi(2) / c.variance);
             out.likelihood.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
         }
     }
     Some(out)
+}
+
+/// Gain (nats) of a decoy of equal flexibility, as many lines spread evenly over the rest, and the ceiling: every line with a scale of its own.
+pub fn controls(cells: &[Cell], mask: &Mask) -> (f64, f64) {
+    let nearest = |s: f64| ((s / FIRST_SCALE).ln() / SCALE_RATIO.ln()).round().clamp(0.0, (SCALES - 1) as f64) as usize;
+    let usual = nearest(mask.outside);
+    let table = |c: &Cell| densities(c.change * c.change / c.variance);
+    let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
+    let ceiling: f64 = lines
+        .iter()
+        .map(|c| {
+            let t = table(c);
+            t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t[usual]
+        })
+        .sum();
+    let rest: Vec<&&Cell> = lines.iter().filter(|c| !covers(mask.place, c.family)).collect();
+    let step = (rest.len() / mask.cells.max(1)).max(1);
+    let mut sums = [0.0; SCALES];
+    for c in rest.iter().step_by(step).take(mask.cells) {
+        sums.iter_mut().zip(table(c)).for_each(|(a, v)| *a += v);
+    }
+    let decoy = sums[usual..].iter().copied().fold(f64::NEG_INFINITY, f64::max) - sums[usual];
+    (INDEPENDENT * decoy - 0.5 * (1.0 + mask.cells as f64).ln(), INDEPENDENT * ceiling)
+}
+
+/// Gain (nats) of the best mask that shares no line with another.
+pub fn best_elsewhere(cells: &[Cell], places: &[Place], gaps: &[f64], taken: Place) -> f64 {
+    let rest: Vec<Cell> = cells.iter().filter(|c| !(c.family.is_some() && covers(taken, c.family))).copied().collect();
+    masks(&rest, places, gaps).first().map_or(0.0, |m| m.gain)
 }

@@ -75,6 +75,13 @@ impl Finding {
 
 /// Gain (nats) above which a mask is believed.
 const BELIEVED: f64 = 15.0;
+/// The same of a mask that no single order makes.
+const BELIEVED_WIDE: f64 = 9.0;
+/// Gains of the best mask on 35 unchanged benches of `gearwatch prove` (seeds 501 and 777), the yardstick of [`p_null`].
+const NULL_GAINS: [f64; 35] = [
+    -0.44, -0.35, -0.33, -0.31, -0.25, -0.15, -0.13, -0.11, -0.10, -0.07, -0.06, 0.06, 0.12, 0.13, 0.23, 0.48, 0.91,
+    1.10, 1.20, 2.17, 2.56, 3.00, 3.01, 3.07, 3.16, 3.33, 3.38, 3.60, 3.60, 5.63, 7.69, 10.75, 12.50, 14.79, 35.87,
+];
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
 const SIMPLER: f64 = 0.97;
 const NEARLY: f64 = 2.0;
@@ -102,6 +109,7 @@ pub fn answer(
     let mut findings = direct::findings(q, &mut steps);
     let mut unexplained = false;
     let mut fit = None;
+    let mut p = None;
     let cells = locate::cells(q.comparison);
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
     if let Some(e) = &strange.envelope {
@@ -110,7 +118,9 @@ pub fn answer(
     if !q.comparison.pairs.is_empty() && direct::comparable(&findings) {
         progress("what changed against the reference");
         let before = findings.len();
-        compare_with_reference(q, &cells, &speeds, &strange, &mut findings, &mut unexplained, &mut steps);
+        let gain = compare_with_reference(q, &cells, &speeds, &strange, &mut findings, &mut unexplained, &mut steps);
+        // A path or one tooth is found before any mask is asked.
+        p = if findings.len() > before { Some(p_null(f64::INFINITY)) } else { gain.map(p_null) };
         if findings.len() > before || unexplained {
             fit = held_out(q, &cells, &speeds, &findings);
         }
@@ -161,7 +171,7 @@ pub fn answer(
     let known = findings.len();
     findings.retain(|f| !q.without.contains(&f.effect));
     unexplained |= findings.len() < known;
-    publish(q, findings, unexplained, &cells, fit, steps)
+    Explanation { p_null: p, ..publish(q, findings, unexplained, &cells, fit, steps) }
 }
 
 /// Masks of lines that every machine has.
@@ -191,7 +201,7 @@ fn compare_with_reference(
     findings: &mut Vec<Finding>,
     unexplained: &mut bool,
     steps: &mut Vec<String>,
-) {
+) -> Option<f64> {
     let places = locate::places(q.train.stages.len(), q.comparison.channels.len(), q.bench.belt.is_some());
     let lines = cells.iter().filter(|c| c.family.is_some()).count();
     let ways: Vec<Place> =
@@ -211,10 +221,11 @@ fn compare_with_reference(
     let path_found = findings.iter().any(|f| subname::is_path(f.effect));
     let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
     // One tooth that differs shows in phases before it shows in amplitudes.
-    for (stage, shaft, finding) in subname::local_faults(q, &remaining, &gaps, steps) {
+    for (stage, shaft, finding) in subname::local_faults(q, steps) {
         findings.push(finding);
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }
+    let mut gain = None;
     let path_found = path_found || findings.iter().any(|f| f.effect == "tooth_breakage");
     for round in 0..2 {
         let masks = locate::masks(&remaining, &places, &gaps);
@@ -237,8 +248,12 @@ fn compare_with_reference(
                 m.outside
             ));
         }
+        if round == 0 {
+            gain = Some(best.gain);
+        }
         let later = round > 0 || path_found;
-        let enough = chosen.gain > if later { SECOND_GAIN } else { BELIEVED }
+        let believed = if wide(chosen.place) { BELIEVED_WIDE } else { BELIEVED };
+        let enough = chosen.gain > if later { SECOND_GAIN } else { believed }
             && (!later || (!wide(chosen.place) && chosen.inside > CONCENTRATED * chosen.outside));
         if !enough {
             break;
@@ -252,12 +267,28 @@ fn compare_with_reference(
             *unexplained = true;
             break;
         };
+        let again = findings.iter().any(|f| f.effect == finding.effect && f.place == finding.place);
+        if again {
+            break;
+        }
+        let (decoy, ceiling) = locate::controls(&remaining, &chosen);
+        steps.push(format!(
+            "controls: as many lines spread over the rest gain {decoy:.0} nats, the best mask without a line in common {:.0}, every line free {ceiling:.0}",
+            locate::best_elsewhere(&remaining, &places, &gaps, chosen.place)
+        ));
         findings.push(finding);
         remaining.retain(|c| !(locate::covers(chosen.place, c.family) && c.family.is_some()));
         if !remaining.iter().any(|c| c.family.is_some()) {
             break;
         }
     }
+    gain
+}
+
+/// Probability that an unchanged bench gains as much, by rank among those of [`NULL_GAINS`].
+fn p_null(gain: f64) -> f64 {
+    let above = NULL_GAINS.iter().filter(|g| **g >= gain).count();
+    (1 + above) as f64 / (1 + NULL_GAINS.len()) as f64
 }
 
 /// Leave-one-out figures of the comparison: each pair's line changes predicted from the other pairs by the law of what was named.

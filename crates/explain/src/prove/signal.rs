@@ -256,8 +256,8 @@ fn impacts(d: &mut Draw, e: &EffectSpec, s: &Session<'_>, channel: usize, angle:
     let near = if s.sheet.sensors[channel].shaft == e.place { 1.0 } else { 0.35 };
     let size = 0.4 * near * e.parameters["amplitude"] * s.noise[channel];
     let mut next = angle[0] + d.uniform(0.0, 1.0) / order;
-    for n in 0..x.len() {
-        if angle[n] < next {
+    for (n, a) in angle.iter().enumerate().take(x.len()) {
+        if *a < next {
             continue;
         }
         next += (1.0 + 0.01 * d.normal()) / order;
