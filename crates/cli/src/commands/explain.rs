@@ -13,11 +13,14 @@ use gearwatch_io::open::{OpenOptions, read_recording};
 use super::Run;
 use crate::exit::Exit;
 
+mod report;
+
 /// Say where the simulation of a bench and its recordings differ, and which physics was left out
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch explain bench.toml recordings/
   gearwatch explain bench.toml recordings/ --reference before/ --out answer/
+  gearwatch explain bench.toml recordings/ --reference before/ --out answer/ --report answer/report.html
   gearwatch explain bench.toml 20hz-40nm.mcap 30hz-40nm.mcap 30hz-80nm.mcap
 
 Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json and a
@@ -34,6 +37,9 @@ pub struct Explain {
     /// Folder for explanation.json and bench.toml
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Also write a report: one HTML file with pictures, for a browser
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
 }
 
 impl Run for Explain {
@@ -67,6 +73,13 @@ impl Run for Explain {
             summary(&mut std::io::stderr().lock(), &answer.explanation).context("stderr")?;
             std::io::stdout().lock().write_all(json.as_bytes()).context("stdout")?;
         }
+        if let Some(path) = &self.report {
+            let mut files = vec![("bench".to_owned(), self.bench.clone())];
+            for (what, paths) in [("recording", &self.recordings), ("reference", &self.reference)] {
+                files.extend(files_of(paths)?.into_iter().map(|file| (what.to_owned(), file)));
+            }
+            write(path, &report::page(&bench.name, &answer.explanation, &files)?)?;
+        }
         Ok(match answer.explanation.status {
             Status::Consistent => Exit::Ok,
             Status::Explained | Status::Ambiguous | Status::Unexplained => Exit::Warning,
@@ -78,8 +91,13 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("{} cannot be written", path.display()))
 }
 
-/// All recordings behind paths; folders are taken in the order of their file names.
 fn load(paths: &[PathBuf]) -> anyhow::Result<Vec<Recording>> {
+    let files = files_of(paths)?;
+    files.iter().map(|file| read_recording(file, &OpenOptions::default()).map_err(anyhow::Error::from)).collect()
+}
+
+/// All files of recordings behind paths; folders are taken in the order of their file names.
+fn files_of(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
         if !path.is_dir() {
@@ -101,7 +119,7 @@ fn load(paths: &[PathBuf]) -> anyhow::Result<Vec<Recording>> {
         inside.sort();
         files.extend(inside);
     }
-    files.iter().map(|file| read_recording(file, &OpenOptions::default()).map_err(anyhow::Error::from)).collect()
+    Ok(files)
 }
 
 /// What, where, how sure, how much better, what to record next.

@@ -1,0 +1,165 @@
+//! An explanation to be handed on: one HTML file.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use gearwatch_explain::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
+use gearwatch_report::{Bars, Cell, Chart, Lines, Part, Report, Section, Series, Table, Tone};
+
+/// Lines of the mismatch table; the picture has all.
+const MOST_LINES: usize = 40;
+
+/// The page. `files` are named with their SHA-256.
+pub(super) fn page(bench: &str, e: &Explanation, files: &[(String, PathBuf)]) -> anyhow::Result<String> {
+    let mut sections = vec![effects(e)];
+    sections.extend(e.fit.as_ref().map(fit));
+    sections.push(mismatch(&e.mismatch));
+    sections.push(Section { heading: "How it was found".into(), parts: vec![Part::List(e.steps.clone())] });
+    let advice =
+        if e.advice.is_empty() { Part::Text("Nothing more is needed.".into()) } else { Part::List(e.advice.clone()) };
+    sections.push(Section { heading: "What to record next".into(), parts: vec![advice] });
+    let mut provenance = vec![("gearwatch".to_owned(), env!("CARGO_PKG_VERSION").to_owned())];
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    provenance.push(("command".into(), format!("gearwatch {}", arguments.join(" "))));
+    for (what, path) in files {
+        let identity = gearwatch_batch::part::identify(what, path)?;
+        provenance.push((what.clone(), format!("{}, SHA-256 {}", path.display(), identity.sha256)));
+    }
+    let tone = match e.status {
+        Status::Consistent => Tone::Good,
+        Status::Explained | Status::Ambiguous => Tone::Warning,
+        Status::Unexplained => Tone::Unknown,
+    };
+    let title = format!("{bench}: what the model leaves out");
+    Ok(gearwatch_report::render(&Report { title, verdict: sentence(e), tone, sections, provenance }))
+}
+
+fn sentence(e: &Explanation) -> String {
+    let named: Vec<String> = e
+        .effects
+        .iter()
+        .map(|effect| {
+            format!("{} at {} ({:.0} %)", effect.effect.replace('_', " "), effect.place, 100.0 * effect.probability)
+        })
+        .collect();
+    let better = e.fit.as_ref().map_or_else(String::new, |fit| {
+        format!(
+            " On recordings that were not fitted the misfit goes from {:.2} to {:.2}; repetition alone gives {:.2}.",
+            fit.held_out_before, fit.held_out_after, fit.noise_floor
+        )
+    });
+    match e.status {
+        Status::Consistent => {
+            "Nothing is missing: recordings and model agree within noise, repetition and the usual tolerances.".into()
+        }
+        Status::Explained => format!("Left out: {}.{better}", named.join("; ")),
+        Status::Ambiguous => {
+            format!("One of several, which these recordings cannot tell apart: {}.{better}", named.join("; "))
+        }
+        Status::Unexplained => "There is a mismatch, and nothing in the library accounts for it.".into(),
+    }
+}
+
+fn effects(e: &Explanation) -> Section {
+    let mut parts: Vec<Part> = e.effects.iter().flat_map(effect).collect();
+    if parts.is_empty() {
+        parts.push(Part::Text("No effect is named.".into()));
+    }
+    if let Some(p) = e.p_null {
+        parts.push(Part::Text(format!(
+            "An unchanged bench misfits its reference as much as this with probability {p:.3}."
+        )));
+    }
+    Section { heading: "Hypotheses and their evidence".into(), parts }
+}
+
+fn effect(effect: &NamedEffect) -> Vec<Part> {
+    let mut lines = Vec::new();
+    let evidence = &effect.evidence;
+    for (kind, text) in
+        [("where", &evidence.place), ("law", &evidence.law), ("support", &evidence.support), ("shape", &evidence.shape)]
+    {
+        if !text.is_empty() {
+            lines.push(format!("{kind}: {text}"));
+        }
+    }
+    lines.extend(
+        effect
+            .indistinguishable_from
+            .iter()
+            .map(|other| format!("not told apart from {} at {}", other.effect, other.place)),
+    );
+    let rows = effect.parameters.iter().map(|(name, p)| {
+        vec![Cell::from(name.as_str()), format!("{:.4}", p.value()).into(), format!("{:.4}", p.sigma()).into()]
+    });
+    vec![
+        Part::Table(Table {
+            caption: format!("{} at {}, probability {:.0} %", effect.effect, effect.place, 100.0 * effect.probability),
+            head: ["parameter", "estimate", "one standard deviation"].map(str::to_owned).to_vec(),
+            rows: rows.collect(),
+        }),
+        Part::List(lines),
+    ]
+}
+
+fn fit(fit: &Fit) -> Section {
+    let no_sigma = |value: f64| (value, f64::NAN);
+    let chart = Chart::Bars(Bars {
+        caption: format!("{}. Held out: {}", fit.metric, fit.held_out.join(", ")),
+        y_label: "misfit".into(),
+        groups: vec!["fitted".into(), "held out".into()],
+        series: vec![
+            ("before".into(), vec![no_sigma(fit.train_before), no_sigma(fit.held_out_before)]),
+            ("after".into(), vec![no_sigma(fit.train_after), no_sigma(fit.held_out_after)]),
+            ("repetition alone".into(), vec![no_sigma(fit.noise_floor), no_sigma(fit.noise_floor)]),
+        ],
+        limits: Vec::new(),
+    });
+    Section { heading: "Before and after".into(), parts: vec![Part::Chart(chart)] }
+}
+
+fn mismatch(all: &[Mismatch]) -> Section {
+    if all.is_empty() {
+        let text = "No line differs beyond noise and calibration.";
+        return Section { heading: "Where they differ".into(), parts: vec![Part::Text(text.into())] };
+    }
+    // A stem a line: up to its height and back.
+    let mut stems: BTreeMap<&str, Vec<&Mismatch>> = BTreeMap::new();
+    for line in all {
+        stems.entry(&line.channel).or_default().push(line);
+    }
+    let series = stems.into_iter().map(|(channel, mut lines)| {
+        lines.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+        let points = lines.iter().flat_map(|m| [(m.frequency_hz, 0.0), (m.frequency_hz, m.z), (m.frequency_hz, 0.0)]);
+        Series { name: channel.to_owned(), points: points.collect() }
+    });
+    let chart = Chart::Lines(Lines {
+        caption: "Measured minus modelled, in standard deviations, all recordings".into(),
+        x_label: "frequency (Hz)".into(),
+        y_label: "difference / sigma".into(),
+        log_y: false,
+        series: series.collect(),
+        marks: Vec::new(),
+    });
+    let rows = all.iter().take(MOST_LINES).map(|m| {
+        vec![
+            Cell::from(m.recording.as_str()),
+            m.channel.as_str().into(),
+            m.what.as_str().into(),
+            format!("{:.2}", m.order).into(),
+            format!("{:.1}", m.frequency_hz).into(),
+            format!("{:.4}", m.measured).into(),
+            format!("{:.4} ± {:.4}", m.modelled, m.sigma).into(),
+            Cell::toned(format!("{:+.1}", m.z), if m.z.abs() >= 5.0 { Tone::Bad } else { Tone::Warning }),
+            format!("{:.1}", 100.0 * m.share).into(),
+        ]
+    });
+    let head =
+        ["recording", "channel", "line", "order", "Hz", "measured", "modelled", "difference / sigma", "share (%)"];
+    let table = Table {
+        caption: format!("The {} largest of {} lines", MOST_LINES.min(all.len()), all.len()),
+        head: head.map(str::to_owned).to_vec(),
+        rows: rows.collect(),
+    };
+    Section { heading: "Where they differ".into(), parts: vec![Part::Chart(chart), Part::Table(table)] }
+}
