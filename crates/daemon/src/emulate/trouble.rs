@@ -24,14 +24,14 @@ pub struct TroubleConfig {
     pub drop_every_secs: Option<f64>,
     /// One bit of a message is flipped.
     pub flip_every_secs: Option<f64>,
-    /// A message is late by up to [`LONGEST_DELAY_SECS`].
+    /// A message is late by up to 0.05 s of wall time.
     pub delay_every_secs: Option<f64>,
     /// From then on nothing is sent on this connection.
     pub mute_after_secs: Option<f64>,
 }
 
 /// The longest delay (s of wall time).
-pub const LONGEST_DELAY_SECS: f64 = 0.05;
+const LONGEST_DELAY_SECS: f64 = 0.05;
 /// An overload lasts so long (s of signal).
 const CLIP_SECS: f64 = 1.0;
 /// An overrun is at most so long (s of signal).

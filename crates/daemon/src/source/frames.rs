@@ -114,12 +114,15 @@ impl Reader {
             return Err(format!("a frame has {} samples per second; those before had {rate_hz}", frame.sample_rate_hz));
         }
         let samples = frame.values.len() / self.sensors.len();
-        let (first, gap) = match place.order(&frame) {
-            Order::Follows => place.numbering.follow(frame.t0, samples, rate_hz),
-            Order::After(missing) => place.numbering.skip(missing, frame.t0, samples, rate_hz),
+        let (t0, (first, gap)) = match place.order(&frame) {
+            Order::Follows => {
+                let (t0, first) = place.numbering.follow(frame.t0, samples, rate_hz);
+                (t0, (first, Quality::GOOD))
+            }
+            Order::After(missing) => (frame.t0, place.numbering.skip(missing, frame.t0, samples, rate_hz)),
             Order::Other => {
                 place.numbering.break_here();
-                place.numbering.place(frame.t0, samples, rate_hz)
+                (frame.t0, place.numbering.place(frame.t0, samples, rate_hz))
             }
             Order::Late => {
                 self.late += 1;
@@ -134,7 +137,7 @@ impl Reader {
         for (channel, sensor) in self.sensors.iter().enumerate() {
             out.push_back(Packet::Vibration(Block {
                 sensor: sensor.clone(),
-                t0: frame.t0,
+                t0,
                 sample_rate_hz: rate_hz,
                 first_sample_index: first,
                 unit: self.unit.clone(),

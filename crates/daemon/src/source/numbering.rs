@@ -9,6 +9,10 @@ use super::framing::time_of;
 /// No more can be missing than time has gone by, but for what was buffered under way (s). Stamps that say more are those of another clock,
 /// or damaged.
 const SLACK_SECS: f64 = 10.0;
+/// Share of a stamp's deviation that is followed at once.
+const FOLLOWED: f64 = 1e-3;
+/// A stamp that is off by more is no jitter (s).
+const STEP_SECS: f64 = 0.25;
 
 /// Numbers the samples of one channel. Lives as long as the service, not as one connection.
 #[derive(Clone, Debug, Default)]
@@ -45,9 +49,16 @@ impl Numbering {
         (self.advance(t0, samples, rate_hz), quality)
     }
 
-    /// Samples that follow for certain, as their sender numbers them; their time may drift.
-    pub(crate) fn follow(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (u64, Quality) {
-        (self.advance(t0, samples, rate_hz), Quality::GOOD)
+    /// Samples that follow for certain, as their sender numbers them: their time, and the index of the first. A sender's stamps jitter by
+    /// what its threads wait; they are followed slowly, so that jitter is averaged out and drift is not. A step of the clock is taken as it is.
+    pub(crate) fn follow(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (UnixNanos, u64) {
+        let t0 = match self.expected {
+            Some((expected, _)) if (t0.saturating_sub(expected) as f64 * 1e-9).abs() < STEP_SECS => {
+                expected + (FOLLOWED * (t0 - expected) as f64) as i64
+            }
+            _ => t0,
+        };
+        (t0, self.advance(t0, samples, rate_hz))
     }
 
     /// Samples after so many missing ones, as their sender numbers them.
@@ -82,6 +93,22 @@ mod tests {
         // 0.4 of a sample is jitter, 0.6 is not; less than a sample is missing.
         assert_eq!(numbering.place(200 * MS + 400_000, 20, RATE_HZ), (200, Quality::GOOD));
         assert_eq!(numbering.place(221 * MS, 20, RATE_HZ), (221, Quality::GAP_BEFORE));
+    }
+
+    /// Stamps that jitter by 20 ms make times that move by 20 µs at most; a clock that steps by a second is believed.
+    #[test]
+    fn analytic_jitter_is_averaged_out_and_steps_are_not() {
+        let mut numbering = Numbering::default();
+        assert_eq!(numbering.follow(0, 100, RATE_HZ), (0, 0));
+        let mut expected = 100 * MS;
+        for i in 1..100 {
+            let jitter = if i % 2 == 0 { 20 * MS } else { -20 * MS };
+            let (t0, first) = numbering.follow(i * 100 * MS + jitter, 100, RATE_HZ);
+            assert!((t0 - expected).abs() <= 21_000, "{}", t0 - expected);
+            assert_eq!(first, 100 * i.cast_unsigned());
+            expected = t0 + 100 * MS;
+        }
+        assert_eq!(numbering.follow(11_000 * MS, 100, RATE_HZ), (11_000 * MS, 10_000));
     }
 
     #[test]

@@ -36,7 +36,8 @@ fn conform_every_sample_arrives_and_the_end_is_in_order() {
     }
     assert_eq!((judge.gaps, judge.desynchronised, judge.wrong_alone), (0, 0, 0));
     source.context.stop.now();
-    assert!(matches!(pull(), Ok(None)), "it ends when told");
+    // What was decoded already still comes.
+    while pull().expect("it ends without an error when told").is_some() {}
     drop(pull);
     let stats = instrument.stats();
     assert_eq!(stats.closed_in_order.load(Ordering::Relaxed), 1);

@@ -53,24 +53,27 @@ fn run(seed: u64) -> Outcome {
         let elapsed = began.elapsed().as_secs();
         elapsed < 2 || samples < 100_000 && elapsed < 60
     };
+    let mut longest_silence_secs = 0.0_f64;
     while goes_on(out.judge.samples) {
         let mut heard = Instant::now();
         let end = source.open().and_then(|mut pull| {
             heard = Instant::now();
             while goes_on(out.judge.samples) {
-                let Some(packet) = pull()? else { break };
+                let packet = pull().inspect_err(|error| {
+                    // Looked at here, before the connection is taken down.
+                    if error.to_string().contains("no samples") {
+                        longest_silence_secs = longest_silence_secs.max(heard.elapsed().as_secs_f64());
+                    }
+                })?;
+                let Some(packet) = packet else { break };
                 heard = Instant::now();
                 out.judge.take(&packet);
             }
             Ok(())
         });
-        if let Err(error) = end {
-            out.errors += 1;
-            if error.to_string().contains("no samples") {
-                out.longest_silence_secs = out.longest_silence_secs.max(heard.elapsed().as_secs_f64());
-            }
-        }
+        out.errors += usize::from(end.is_err());
     }
+    out.longest_silence_secs = longest_silence_secs;
     out.connections = instrument.stats().measurements.load(Ordering::Relaxed);
     out.flips = instrument.stats().flips.load(Ordering::Relaxed);
     out

@@ -20,8 +20,6 @@ use crate::stop::Stop;
 const WAITING: usize = 256;
 /// How often a thread that gets nothing looks whether it should stop.
 const POLL: Duration = Duration::from_millis(50);
-/// Share of a buffer's clock error that is followed at once: jitter is averaged out, drift is not.
-const FOLLOWED: f64 = 1e-3;
 
 /// What outlives an unplugged cable.
 #[derive(Debug, Default)]
@@ -102,7 +100,7 @@ pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, 
         inputs,
         rate_hz: config.sample_rate_hz,
         memory: config.memory.clone(),
-        next_ns: None,
+        opened: true,
         heard: Instant::now(),
         deadline: context.data_deadline,
         stop: context.stop.clone(),
@@ -196,8 +194,8 @@ struct Capture {
     inputs: usize,
     rate_hz: f64,
     memory: Arc<Mutex<Memory>>,
-    /// Time at which the next buffer should begin.
-    next_ns: Option<f64>,
+    /// The next buffer is the first one.
+    opened: bool,
     heard: Instant,
     deadline: Duration,
     stop: Stop,
@@ -236,24 +234,21 @@ impl Capture {
         }
         self.heard = Instant::now();
         let length_ns = samples as f64 / self.rate_hz * 1e9;
-        let seen_ns = buffer.end_ns as f64 - length_ns;
+        let seen_ns = buffer.end_ns - length_ns as i64;
         let lost = self.shared.lost.swap(false, Ordering::AcqRel);
-        // The card's clock is followed slowly, so that stamps do not jitter; after a loss, and at the start, it is read anew.
-        let t0 = match self.next_ns {
-            Some(next) if !lost => next + FOLLOWED * (seen_ns - next),
-            _ => seen_ns,
-        };
-        let opened = self.next_ns.replace(t0 + length_ns).is_none();
-        let t0 = t0 as i64;
-        let (first_sample_index, gap) = {
+        let opened = std::mem::replace(&mut self.opened, false);
+        let (t0, first_sample_index, gap) = {
             let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
+            if lost {
+                memory.numbering.break_here();
+            }
+            // After a loss, and at the start, the clock says how much is missing.
             if lost || opened {
-                if lost {
-                    memory.numbering.break_here();
-                }
-                memory.numbering.place(t0, samples, self.rate_hz)
+                let (first, gap) = memory.numbering.place(seen_ns, samples, self.rate_hz);
+                (seen_ns, first, gap)
             } else {
-                memory.numbering.follow(t0, samples, self.rate_hz)
+                let (t0, first) = memory.numbering.follow(seen_ns, samples, self.rate_hz);
+                (t0, first, Quality::GOOD)
             }
         };
         for channel in &self.channels {
