@@ -14,7 +14,7 @@ use crate::lines::Family;
 use crate::locate::{self, Cell, Place};
 use crate::ratio::Ratios;
 use crate::report::{Candidate, Evidence, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
-use crate::subname;
+use crate::{gear, held_out, masks, path, subname};
 
 /// Everything that was measured.
 pub struct Question<'a> {
@@ -122,7 +122,7 @@ pub fn answer(
         // A path or one tooth is found before any mask is asked.
         p = if findings.len() > before { Some(p_null(f64::INFINITY)) } else { gain.map(p_null) };
         if findings.len() > before || unexplained {
-            fit = held_out(q, &cells, &speeds, &findings);
+            fit = held_out::held_out(q, &cells, &speeds, &findings);
         }
         // A name whose law does not carry over to the recording that was held out is none.
         if let Some(f) = &fit
@@ -214,31 +214,31 @@ fn compare_with_reference(
     ));
     // A changed sensor path shows in the background too, by the same function of frequency at every speed.
     let mut remaining: Vec<Cell> = cells.to_vec();
-    if let Some(found) = subname::path(q, cells, speeds, &first, steps) {
+    if let Some(found) = path::path(q, cells, speeds, &first, steps) {
         remaining = locate::without_path(&remaining, found.0, speeds);
         findings.push(found.1);
     }
     let path_found = findings.iter().any(|f| subname::is_path(f.effect));
     let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
     // One tooth that differs shows in phases before it shows in amplitudes.
-    for (stage, shaft, finding) in subname::local_faults(q, steps) {
+    for (stage, shaft, finding) in gear::local_faults(q, steps) {
         findings.push(finding);
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }
     let mut gain = None;
     let path_found = path_found || findings.iter().any(|f| f.effect == "tooth_breakage");
     for round in 0..2 {
-        let masks = locate::masks(&remaining, &places, &gaps);
-        let Some(best) = masks.first() else { break };
+        let ranked = masks::masks(&remaining, &places, &gaps);
+        let Some(best) = ranked.first() else { break };
         // Among masks that gain nearly as much, the simplest.
         let near = (SIMPLER * best.gain).min(best.gain - NEARLY);
-        let chosen = masks
+        let chosen = ranked
             .iter()
             .filter(|m| m.gain >= near)
             .min_by(|a, b| simplicity(a.place).cmp(&simplicity(b.place)).then(b.gain.total_cmp(&a.gain)))
             .copied()
             .unwrap_or(*best);
-        for m in masks.iter().take(3) {
+        for m in ranked.iter().take(3) {
             steps.push(format!(
                 "mask: {} gains {:.0} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
                 subname::describe(q, m.place),
@@ -271,10 +271,10 @@ fn compare_with_reference(
         if again {
             break;
         }
-        let (decoy, ceiling) = locate::controls(&remaining, &chosen);
+        let (decoy, ceiling) = masks::controls(&remaining, &chosen);
         steps.push(format!(
             "controls: as many lines spread over the rest gain {decoy:.0} nats, the best mask without a line in common {:.0}, every line free {ceiling:.0}",
-            locate::best_elsewhere(&remaining, &places, &gaps, chosen.place)
+            masks::best_elsewhere(&remaining, &places, &gaps, chosen.place)
         ));
         findings.push(finding);
         remaining.retain(|c| !(locate::covers(chosen.place, c.family) && c.family.is_some()));
@@ -289,50 +289,6 @@ fn compare_with_reference(
 fn p_null(gain: f64) -> f64 {
     let above = NULL_GAINS.iter().filter(|g| **g >= gain).count();
     (1 + above) as f64 / (1 + NULL_GAINS.len()) as f64
-}
-
-/// Leave-one-out figures of the comparison: each pair's line changes predicted from the other pairs by the law of what was named.
-fn held_out(q: &Question<'_>, cells: &[Cell], speeds: &[f64], findings: &[Finding]) -> Option<Fit> {
-    if speeds.len() < 2 {
-        return None;
-    }
-    let held = speeds.len() - 1;
-    let path = findings.iter().any(|f| subname::is_path(f.effect));
-    let machine = findings.iter().any(|f| !subname::is_path(f.effect));
-    let masks: Vec<Place> = findings.iter().filter_map(|f| subname::mask_of(q, f)).collect();
-    let mut sums = [0.0f64; 4];
-    let mut counts = [0usize; 2];
-    for cell in cells.iter().filter(|c| c.family.is_some()) {
-        let side = usize::from(cell.pair == held);
-        let others: Vec<Cell> = cells.iter().filter(|c| c.pair != held && c.pair != cell.pair).copied().collect();
-        let same: Vec<&Cell> = others.iter().filter(|c| c.channel == cell.channel && c.family == cell.family).collect();
-        let mut predicted = 0.0;
-        if machine && masks.iter().any(|m| locate::covers(*m, cell.family)) && !same.is_empty() {
-            // Shrunk by how far the other pairs agree.
-            let mean = same.iter().map(|c| c.change).sum::<f64>() / same.len() as f64;
-            let square = same.iter().map(|c| c.change * c.change).sum::<f64>() / same.len() as f64;
-            let noise = same.iter().map(|c| c.variance).sum::<f64>() / same.len() as f64;
-            predicted = mean * (mean * mean / square.max(1e-12)) * (square / (square + noise));
-        } else if path && let Some((p, v)) = locate::path_prediction(cell, &others, speeds) {
-            predicted = p * p * p / (p * p + v).max(1e-12);
-            predicted = if predicted.is_finite() { predicted } else { 0.0 };
-        }
-        sums[side] += (cell.change * cell.change / cell.variance).min(100.0);
-        sums[2 + side] += ((cell.change - predicted).powi(2) / cell.variance).min(100.0);
-        counts[side] += 1;
-    }
-    let rms = |sum: f64, n: usize| (sum / n.max(1) as f64).sqrt();
-    Some(Fit {
-        metric: "root mean square of ln(amplitude in recording / in model) over its standard deviation, all lines; the model before is \
-                 the reference, after it is the reference changed as the other recordings tell; 1 or less is repetition"
-            .into(),
-        train_before: rms(sums[0], counts[0]),
-        train_after: rms(sums[2], counts[0]),
-        held_out_before: rms(sums[1], counts[1]),
-        held_out_after: rms(sums[3], counts[1]),
-        noise_floor: 1.0,
-        held_out: vec![q.recordings[q.comparison.pairs[held].recording].name.clone()],
-    })
 }
 
 fn publish(

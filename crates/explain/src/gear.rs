@@ -1,0 +1,85 @@
+//! Names for what changed within one revolution of a gear: one damaged tooth, run-out, errors of all teeth.
+
+use crate::comb::{self, GearChange};
+use crate::name::{Finding, Question};
+
+/// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it needs: changes of all teeth and of
+/// the train's dynamics stay below 0.7.
+const ONE_TOOTH: f64 = 0.9;
+const NEIGHBOURS: usize = 12;
+/// Above this, one tooth is likelier than errors of all.
+const RATHER_ONE: f64 = 0.6;
+
+/// Power of the first sidebands over the third to fifth (nats) above which the change happens once a revolution: errors of all teeth stay below 2,
+/// an eccentric gear comes to 5.
+const ONCE: f64 = 3.5;
+
+/// Place of a gear: stage and shaft.
+pub fn gear_name(q: &Question<'_>, i: usize, j: usize) -> String {
+    format!("{}.{}", q.train.stages[i].name, if i == j { "pinion" } else { "wheel" })
+}
+
+fn one_tooth(name: String, probability: f64, change: &GearChange) -> Finding {
+    let mut f = Finding::new("tooth_breakage", name.clone(), probability);
+    f.alternatives.extend([("root_crack", name.clone()), ("pitting", name)]);
+    f.evidence.support = format!(
+        "phases of {} neighbouring lines of this gear's comb advance evenly ({:.2} of 1): one tooth differs from before",
+        change.neighbours, change.coherence
+    );
+    if let Some((p, error)) = change.exponent {
+        f.evidence.law = format!("amplitude of the change ∝ torque^({p:.2} ± {error:.2})");
+    }
+    f
+}
+
+/// Gears of which one tooth changed: stage, shaft, finding.
+pub fn local_faults(q: &Question<'_>, steps: &mut Vec<String>) -> Vec<(usize, usize, Finding)> {
+    let mut out = Vec::new();
+    for j in 0..q.train.shafts.len() {
+        let stages: Vec<usize> = (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).collect();
+        let Some(&first) = stages.first() else { continue };
+        let change = comb::change(q, first, j);
+        if change.coherence > ONE_TOOTH && change.neighbours >= NEIGHBOURS {
+            // Of two gears on a shaft, the one about whose mesh harmonics the change gathers.
+            let near = |i: &usize| comb::change(q, *i, j).near;
+            let at = stages.iter().copied().max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(first);
+            let mut f = one_tooth(gear_name(q, at, j), if stages.len() == 1 { 0.9 } else { 0.55 }, &change);
+            f.alternatives.extend(stages.iter().filter(|i| **i != at).map(|&i| ("tooth_breakage", gear_name(q, i, j))));
+            f.evidence.place = format!("comb of shaft {}", q.train.shafts[j].0);
+            steps.push(format!("one tooth of {}: {}", f.place, f.evidence.support));
+            out.push((at, j, f));
+        }
+    }
+    out
+}
+
+/// A gear whose teeth differ from each other: many small differences (pitch) or one damaged tooth.
+pub fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: &mut Vec<String>) -> Finding {
+    let change = comb::change(q, i, j);
+    steps.push(format!(
+        "comb of {}: phases advance evenly by {:.2} of 1 over {} neighbouring lines; first sidebands {:.1} nats above the third to fifth",
+        q.train.shafts[j].0, change.coherence, change.neighbours, change.first
+    ));
+    let name = gear_name(q, i, j);
+    if change.coherence > RATHER_ONE && change.neighbours >= NEIGHBOURS {
+        let mut f = one_tooth(name.clone(), 0.6, &change);
+        f.alternatives.push(("pitch_error", name));
+        return f;
+    }
+    if change.first > ONCE {
+        let mut f = Finding::new("eccentricity", name.clone(), 0.75);
+        f.alternatives.push(("pitch_error", name));
+        f.evidence.support = format!(
+            "first sidebands carry e^{:.1} times the power of the third to fifth: once a revolution",
+            change.first
+        );
+        return f;
+    }
+    let mut f = Finding::new("pitch_error", name.clone(), 0.75);
+    f.evidence.support = "phases of neighbouring lines of the gear's comb have no order: all teeth differ".into();
+    if exponent.is_some_and(|p| p > 0.6) {
+        f.probability = 0.5;
+        f.alternatives.push(("tooth_breakage", name));
+    }
+    f
+}

@@ -1,0 +1,156 @@
+//! Masks of machine lines, judged by the scale of the changes inside and outside.
+
+use crate::locate::{Cell, Place, covers};
+
+/// What a mask of machine lines says.
+#[derive(Clone, Copy, Debug)]
+pub struct Mask {
+    /// The mask.
+    pub place: Place,
+    /// Gain in log likelihood over an unchanged bench (nats).
+    pub gain: f64,
+    /// Scale of the changes inside, in standard deviations of repetition.
+    pub inside: f64,
+    /// The same outside.
+    pub outside: f64,
+    /// Lines inside.
+    pub cells: usize,
+}
+
+/// Degrees of freedom of the t distribution of changes: lines at resonances and near cancellation change far more than others.
+const TAIL: f64 = 4.0;
+/// Grid of scales: first, ratio, number.
+const FIRST_SCALE: f64 = 0.2;
+const SCALE_RATIO: f64 = 1.15;
+const SCALES: usize = 36;
+/// Scale of an unchanged bench, median and spread (ln); none lies above the largest.
+pub const USUAL_SCALE: f64 = 0.5;
+const USUAL_SPREAD: f64 = 0.3;
+const LARGEST_USUAL: f64 = 0.85;
+/// Lines of one order in several channels and recordings share their errors: this share of them counts.
+const INDEPENDENT: f64 = 0.4;
+
+fn scale(k: usize) -> f64 {
+    FIRST_SCALE * SCALE_RATIO.powi(k as i32)
+}
+
+/// Log density of a change at each scale.
+fn densities(z2: f64) -> [f64; SCALES] {
+    std::array::from_fn(|k| {
+        let s = scale(k);
+        -s.ln() - 0.5 * (TAIL + 1.0) * (z2 / (TAIL * s * s)).ln_1p()
+    })
+}
+
+/// Masks of the machine, best first: inside, changes have one scale, outside the usual one. The wider a mask, the more its quiet lines
+/// speak against it; the narrower, the more the changes that it leaves.
+///
+/// Lines that one order of a shaft modulates share what the settings do to it: near a torsional resonance a part in a thousand of speed
+/// is a tenth of the amplitude. An unchanged bench may change them together by that much (`gaps`: ln of the speed ratio of each pair).
+pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
+    let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
+    let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c.change * c.change / c.variance)).collect();
+    let mut all = [0.0; SCALES];
+    for t in &tables {
+        all.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+    }
+    let usual: Vec<usize> = (0..SCALES).take_while(|&k| scale(k) <= LARGEST_USUAL).collect();
+    let prior = |k: usize| -0.5 * ((scale(k) / USUAL_SCALE).ln() / USUAL_SPREAD).powi(2);
+    let null = usual.iter().map(|&k| all[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max);
+    let mut out: Vec<Mask> = places
+        .iter()
+        .filter(|p| !matches!(p, Place::Gain(_) | Place::Path(_) | Place::Housing))
+        .filter_map(|&place| {
+            let mut inside = [0.0; SCALES];
+            let mut count = 0;
+            for (c, t) in lines.iter().zip(&tables) {
+                if covers(place, c.family) {
+                    inside.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+                    count += 1;
+                }
+            }
+            let together = common_change(&lines, place, gaps);
+            let mut best: Option<(f64, usize, usize)> = None;
+            for &k0 in &usual {
+                for k1 in k0 + 1..SCALES {
+                    let log = all[k0] - inside[k0] + prior(k0) + inside[k1];
+                    if best.is_none_or(|b| log > b.0) {
+                        best = Some((log, k0, k1));
+                    }
+                }
+            }
+            let (log, k0, k1) = best.filter(|_| count > 0)?;
+            // One free scale, known to within its own sampling error.
+            let price = 0.5 * (1.0 + count as f64).ln();
+            // What an unchanged bench makes of the same lines when they may change together.
+            let relief = together.map_or(0.0, |t| (t.likelihood[k0] - t.price - inside[k0]).max(0.0));
+            Some(Mask { place, gain: log - null - price - relief, inside: scale(k1), outside: scale(k0), cells: count })
+        })
+        .collect();
+    out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    out
+}
+
+/// Lines of a mask when what they have in common in each pair is taken off: log likelihood by scale, and the price of it.
+struct Together {
+    likelihood: [f64; SCALES],
+    price: f64,
+}
+
+/// Change that lines of one order share by chance (ln): at equal speed, per change of speed away from torsional resonances, and (1/2ζ at
+/// 0.5 %) on the flank of one.
+const SHARED_CHANGE: f64 = 0.04;
+const SHARED_SLOPE: f64 = 15.0;
+const RESONANT_SLOPE: f64 = 100.0;
+/// Price of the assumption that a pair sits on such a flank (nats): one speed in ten does.
+const RESONANT_PRICE: f64 = 2.3;
+
+fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together> {
+    if !matches!(place, Place::FirstSide(..) | Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_)) {
+        return None;
+    }
+    let mut out = Together { likelihood: [0.0; SCALES], price: 0.0 };
+    for (pair, gap) in gaps.iter().enumerate() {
+        let inside: Vec<&&Cell> = lines.iter().filter(|c| c.pair == pair && covers(place, c.family)).collect();
+        let mut changes: Vec<f64> = inside.iter().map(|c| c.change).collect();
+        let shared = if changes.is_empty() { 0.0 } else { crate::dsp::median(&mut changes) };
+        let usual = SHARED_CHANGE.hypot(SHARED_SLOPE * gap);
+        let resonant = SHARED_CHANGE.hypot(RESONANT_SLOPE * gap);
+        let price = |sigma: f64| 0.5 * (shared / sigma).powi(2);
+        out.price += price(usual).min(price(resonant) + (resonant / usual).ln() + RESONANT_PRICE);
+        for c in inside {
+            let t = densities((c.change - shared).powi(2) / c.variance);
+            out.likelihood.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+        }
+    }
+    Some(out)
+}
+
+/// Gain (nats) of a decoy of equal flexibility, as many lines spread evenly over the rest, and the ceiling: every line with a scale of its own.
+pub fn controls(cells: &[Cell], mask: &Mask) -> (f64, f64) {
+    let nearest = |s: f64| ((s / FIRST_SCALE).ln() / SCALE_RATIO.ln()).round().clamp(0.0, (SCALES - 1) as f64) as usize;
+    let usual = nearest(mask.outside);
+    let table = |c: &Cell| densities(c.change * c.change / c.variance);
+    let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
+    let ceiling: f64 = lines
+        .iter()
+        .map(|c| {
+            let t = table(c);
+            t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t[usual]
+        })
+        .sum();
+    let rest: Vec<&&Cell> = lines.iter().filter(|c| !covers(mask.place, c.family)).collect();
+    let step = (rest.len() / mask.cells.max(1)).max(1);
+    let mut sums = [0.0; SCALES];
+    for c in rest.iter().step_by(step).take(mask.cells) {
+        sums.iter_mut().zip(table(c)).for_each(|(a, v)| *a += v);
+    }
+    let decoy = sums[usual..].iter().copied().fold(f64::NEG_INFINITY, f64::max) - sums[usual];
+    (INDEPENDENT * decoy - 0.5 * (1.0 + mask.cells as f64).ln(), INDEPENDENT * ceiling)
+}
+
+/// Gain (nats) of the best mask that shares no line with another.
+pub fn best_elsewhere(cells: &[Cell], places: &[Place], gaps: &[f64], taken: Place) -> f64 {
+    let rest: Vec<Cell> = cells.iter().filter(|c| !(c.family.is_some() && covers(taken, c.family))).copied().collect();
+    masks(&rest, places, gaps).first().map_or(0.0, |m| m.gain)
+}
