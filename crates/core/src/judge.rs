@@ -10,7 +10,7 @@ use crate::baseline::{Baseline, Place, ScatterPrior, Surface};
 use crate::deviation::{Deviation, Observed};
 use crate::estimate::Estimate;
 use crate::rank::RankConfig;
-use crate::signature::SignatureTable;
+use crate::signature::{SignatureTable, Signatures};
 use crate::state::{Path, StateConfig};
 use crate::verdict::{
     HARMONICS, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, Reason, StateFit, Verdict,
@@ -48,7 +48,7 @@ pub struct Judge {
     config: JudgeConfig,
     stages: Vec<String>,
     normal: Option<Surface>,
-    signatures: SignatureTable,
+    signatures: Signatures,
 }
 
 /// What was measured of a line and of the floor beside it.
@@ -72,11 +72,16 @@ impl Judge {
         if let Some(baseline) = baseline.filter(|b| b.stages != stages) {
             return Err(JudgeError::Stages { baseline: baseline.stages.clone(), bench: stages });
         }
-        Ok(Self { config, stages, normal, signatures })
+        Ok(Self { config, stages, normal, signatures: Signatures::Everywhere(signatures) })
+    }
+
+    /// Compares with other states from now on.
+    pub fn set_signatures(&mut self, signatures: Signatures) {
+        self.signatures = signatures;
     }
 
     /// The states that verdicts are matched with.
-    pub fn signatures(&self) -> &SignatureTable {
+    pub fn signatures(&self) -> &Signatures {
         &self.signatures
     }
 
@@ -199,7 +204,10 @@ impl Judge {
         }
         if verdict.machine != MachineState::PathChanged {
             let percents: [Estimate; HARMONICS] = std::array::from_fn(|h| verdict.harmonics[h].deviation_percent);
-            verdict.state_fit = self.signatures.compare(&self.config.rank, &percents, &mut verdict.states);
+            let table = self.signatures.of(verdict);
+            verdict.state_fit = table.map_or(StateFit::NotCompared, |table| {
+                table.compare(&self.config.rank, &percents, &mut verdict.states)
+            });
         }
     }
 }

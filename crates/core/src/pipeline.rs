@@ -18,7 +18,7 @@ use crate::estimate::Estimate;
 use crate::health::instrument_state;
 use crate::judge::{Judge, JudgeConfig, JudgeError};
 use crate::rank::RankConfig;
-use crate::signature::SignatureTable;
+use crate::signature::{SignatureTable, Signatures};
 use crate::spectral::angle::AngleTrack;
 use crate::spectral::harmonics::KnownAngle;
 use crate::spectral::plan::{RatePlan, RateState};
@@ -123,6 +123,13 @@ impl Pipeline {
         let judging = JudgeConfig { rank: config.rank, state: config.state };
         let judge = Judge::new(judging, stages, baseline.as_ref(), SignatureTable::paper())?;
         Ok(Self { bench: bench.clone(), train: Train::new(bench), config: config.clone(), judge })
+    }
+
+    /// Compares with these states in place of the paper's.
+    #[must_use]
+    pub fn with_signatures(mut self, signatures: Signatures) -> Self {
+        self.judge.set_signatures(signatures);
+        self
     }
 
     /// The bench that the plan was made for.

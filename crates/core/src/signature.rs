@@ -6,7 +6,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::estimate::Estimate;
 use crate::rank::RankConfig;
-use crate::verdict::{HARMONICS, NEAREST_STATES, NearState, Rank, StateFit};
+use crate::verdict::{HARMONICS, NEAREST_STATES, NearState, Rank, StateFit, Verdict};
 
 /// What a state does to one harmonic.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +33,58 @@ pub struct Signature {
 pub struct SignatureTable {
     /// All equally probable beforehand.
     pub signatures: Vec<Signature>,
+}
+
+/// States at one stage, channel and operating point of a bench.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SignaturesAt {
+    /// Name of the stage.
+    pub stage: String,
+    /// Name of the channel.
+    pub channel: String,
+    /// Speed of the first shaft (Hz).
+    pub input_speed_hz: f64,
+    /// Torque at the brake (N m).
+    pub brake_torque_nm: f64,
+    /// The states.
+    pub table: SignatureTable,
+}
+
+/// The states that a pipeline compares with: one table for everything, or tables of this bench by stage, channel and operating point.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Signatures {
+    /// The same states whatever the stage, channel and operating point.
+    Everywhere(SignatureTable),
+    /// Those of the bench; where none is near nothing is compared.
+    OfBench(Vec<SignaturesAt>),
+}
+
+/// Largest relative distance in speed at which a bench's states hold: a mode with 2 % of damping is 4 % wide.
+const SPEED_REACH: f64 = 0.02;
+/// Largest relative distance in torque.
+const TORQUE_REACH: f64 = 0.1;
+
+impl Signatures {
+    /// The table that a verdict was compared with.
+    pub fn of(&self, verdict: &Verdict) -> Option<&SignatureTable> {
+        self.at(&verdict.stage, &verdict.channel, verdict.input_speed_hz.value, verdict.brake_torque_nm)
+    }
+
+    /// The table for a stage and channel at an operating point; an unknown torque (`NaN`) fits any.
+    pub fn at(&self, stage: &str, channel: &str, input_speed_hz: f64, brake_torque_nm: f64) -> Option<&SignatureTable> {
+        let tables = match self {
+            Self::Everywhere(table) => return Some(table),
+            Self::OfBench(tables) => tables,
+        };
+        let distance = |at: &SignaturesAt| {
+            let speed = (input_speed_hz / at.input_speed_hz - 1.0).abs() / SPEED_REACH;
+            let torque = (brake_torque_nm / at.brake_torque_nm - 1.0).abs() / TORQUE_REACH;
+            speed.max(if torque.is_nan() { 0.0 } else { torque })
+        };
+        let here = tables.iter().filter(|at| at.stage == stage && at.channel == channel);
+        let near = here.map(|at| (distance(at), at)).filter(|(distance, _)| *distance <= 1.0);
+        near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| &at.table)
+    }
 }
 
 /// Share of the probability that the states named together must hold.
@@ -193,6 +245,29 @@ mod tests {
         assert_eq!(fit, StateFit::None, "{nearest:?}");
         assert!(nearest[0].probability.is_finite() && nearest[0].goodness < 1e-9);
         assert_eq!(compare(&[Estimate::UNKNOWN; HARMONICS]), (StateFit::NotCompared, vec![]));
+    }
+
+    /// The nearest operating point serves, within 2 % of speed and 10 % of torque; other stages and channels have none.
+    #[test]
+    fn conform_signatures_of_a_bench_hold_where_they_were_made() {
+        let at = |speed, torque| SignaturesAt {
+            stage: "s".into(),
+            channel: "a".into(),
+            input_speed_hz: speed,
+            brake_torque_nm: torque,
+            table: SignatureTable { signatures: SignatureTable::paper().signatures[..torque as usize].to_vec() },
+        };
+        let of_bench = Signatures::OfBench(vec![at(10.0, 5.0), at(10.0, 5.4), at(20.0, 9.0)]);
+        let found = |stage, channel, speed, torque: f64| {
+            of_bench.at(stage, channel, speed, torque).map(|table| table.signatures.len())
+        };
+        assert_eq!(found("s", "a", 10.1, 5.0), Some(5));
+        assert_eq!(found("s", "a", 19.9, f64::NAN), Some(9));
+        assert_eq!(found("s", "a", 20.5, 9.0), None);
+        assert_eq!(found("s", "a", 10.0, 6.5), None);
+        assert_eq!(found("t", "a", 10.0, 5.0), None);
+        assert_eq!(found("s", "b", 10.0, 5.0), None);
+        assert!(Signatures::Everywhere(SignatureTable::paper()).at("t", "b", f64::NAN, f64::NAN).is_some());
     }
 
     /// Two signed signatures d' sigmas apart, measured midway: equally likely. Measured on the first: the ratio is

@@ -37,6 +37,9 @@ pub enum BenchError {
     /// The baseline file.
     #[error(transparent)]
     Baseline(#[from] gearwatch_io::baseline_file::BaselineFileError),
+    /// The signature file.
+    #[error(transparent)]
+    Signatures(#[from] gearwatch_io::signature_file::SignatureFileError),
     /// Bench, pipeline and baseline do not fit.
     #[error("bench {bench:?}: {source}")]
     Pipeline {
@@ -75,9 +78,17 @@ impl WatchedBench {
         let file: Option<PathBuf> = config.file.as_ref().map(|path| folder.join(path));
         let bench = Arc::new(read_bench(file.as_deref())?);
         let window_s = config.pipeline.window.length_s;
-        let plan = |baseline| {
-            Pipeline::new(&bench, &config.pipeline, baseline)
-                .map_err(|source| BenchError::Pipeline { bench: bench.name.clone(), source })
+        let signatures = match &config.signatures {
+            Some(path) => Some(gearwatch_io::signature_file::read_for(&folder.join(path), &bench)?),
+            None => None,
+        };
+        let plan = |baseline| -> Result<Pipeline, BenchError> {
+            let pipeline = Pipeline::new(&bench, &config.pipeline, baseline)
+                .map_err(|source| BenchError::Pipeline { bench: bench.name.clone(), source })?;
+            Ok(match &signatures {
+                Some(signatures) => pipeline.with_signatures(signatures.clone()),
+                None => pipeline,
+            })
         };
         let mut baseline = match &config.baseline {
             Some(path) => Some(gearwatch_io::baseline_file::read_for(&folder.join(path), &bench, window_s)?),

@@ -28,7 +28,7 @@ pub const FORMAT: &str = "gearwatch-service/1";
 pub const DEFAULT: &str = include_str!("config/default.toml");
 
 /// The bench of [`DEFAULT`].
-pub const DEMO_BENCH: &str = include_str!("config/demo-bench.toml");
+pub const DEMO_BENCH: &str = gearwatch_sim::shipped::DEMO_BENCH;
 
 /// Why a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -91,6 +91,9 @@ struct BenchKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<schema::SourceKeys>")]
     learn_from: Option<Spanned<Table>>,
+    /// Fault states of this bench, from `gearwatch signatures --out`; the paper's table where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    signatures: Option<PathBuf>,
     /// The row of stages from samples to ranks: window, speed, usable band, rank steps, how sure a state must be.
     #[serde(default)]
     #[schemars(with = "serde_json::Value")]
@@ -187,6 +190,8 @@ pub struct BenchConfig {
     pub baseline: Option<PathBuf>,
     /// Learns the baseline at start.
     pub learn_from: Option<SourceEntry>,
+    /// Fault states of this bench.
+    pub signatures: Option<PathBuf>,
     /// The row of stages from samples to ranks.
     pub pipeline: PipelineConfig,
     /// When alarms come and go.
@@ -268,8 +273,8 @@ impl Config {
                 Some(table) => Some(source_entry(table.get_ref()).map_err(|e| at("learn_from", table, e))?),
                 None => None,
             };
-            let BenchKeys { file, baseline, pipeline, alarm, .. } = keys;
-            benches.push(BenchConfig { file, baseline, learn_from, pipeline, alarm, sources });
+            let BenchKeys { file, baseline, signatures, pipeline, alarm, .. } = keys;
+            benches.push(BenchConfig { file, baseline, learn_from, signatures, pipeline, alarm, sources });
         }
         let mut sinks = Vec::new();
         for table in &file.sinks {
@@ -296,6 +301,7 @@ impl Config {
         recording: &Path,
         bench: &Path,
         baseline: Option<&Path>,
+        signatures: Option<&Path>,
         speed: Speed,
         workers: usize,
     ) -> Result<Self, ConfigError> {
@@ -314,6 +320,7 @@ impl Config {
                 file: Some(bench.to_owned()),
                 baseline: baseline.map(Path::to_owned),
                 learn_from: None,
+                signatures: signatures.map(Path::to_owned),
                 pipeline: PipelineConfig::default(),
                 alarm: AlarmConfig::default(),
                 sources: vec![source_entry(&source).map_err(syntax)?],
@@ -379,6 +386,7 @@ impl Config {
                 .map(|bench| BenchKeys {
                     file: bench.file.clone(),
                     baseline: bench.baseline.clone(),
+                    signatures: bench.signatures.clone(),
                     learn_from: bench.learn_from.as_ref().map(|entry| spanned(&entry.keys)),
                     pipeline: bench.pipeline.clone(),
                     alarm: bench.alarm.clone(),

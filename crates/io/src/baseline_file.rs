@@ -8,11 +8,8 @@ use std::path::{Path, PathBuf};
 
 use gearwatch_core::baseline::{Baseline, FORMAT};
 use gearwatch_core::bench::Bench;
-use serde_json::Value;
-use sha2::{Digest, Sha256};
 
-/// Key of the checksum.
-const CHECKSUM: &str = "checksum_sha256";
+use crate::sealed::{self, Broken, sha256_of};
 
 /// A baseline of a thousand runs of eight channels takes some 20 MB.
 const LARGEST_BYTES: u64 = 256 << 20;
@@ -113,23 +110,14 @@ pub fn bench_sha256(bench: &Bench) -> String {
     sha256_of(&serde_json::to_string(bench).unwrap_or_default())
 }
 
-fn sha256_of(text: &str) -> String {
-    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// Text of a baseline file.
 ///
 /// # Errors
 /// When a value has no JSON form (NaN, infinite).
 pub fn to_text(baseline: &Baseline, path: &Path) -> Result<String, BaselineFileError> {
     let syntax = |message: String| BaselineFileError::Syntax { path: path.to_owned(), message };
-    let mut value = serde_json::to_value(baseline).map_err(|e| syntax(e.to_string()))?;
-    let checksum = sha256_of(&value.to_string());
-    let object = value.as_object_mut().ok_or_else(|| syntax("it is no JSON object".to_owned()))?;
-    object.insert(CHECKSUM.to_owned(), Value::String(checksum));
-    let mut text = serde_json::to_string_pretty(&value).map_err(|e| syntax(e.to_string()))?;
-    text.push('\n');
-    Ok(text)
+    let value = serde_json::to_value(baseline).map_err(|e| syntax(e.to_string()))?;
+    sealed::seal(value).ok_or_else(|| syntax("it is no JSON object".to_owned()))
 }
 
 /// Parses the text of a baseline file; `path` is named in errors.
@@ -138,21 +126,10 @@ pub fn to_text(baseline: &Baseline, path: &Path) -> Result<String, BaselineFileE
 /// When it is no baseline, the checksum is wrong, or the values contradict each other.
 pub fn parse(text: &str, path: &Path) -> Result<Baseline, BaselineFileError> {
     let syntax = |message: String| BaselineFileError::Syntax { path: path.to_owned(), message };
-    let mut value: Value = serde_json::from_str(text).map_err(|e| syntax(e.to_string()))?;
-    let object = value.as_object_mut().ok_or_else(|| syntax("expected a JSON object".to_owned()))?;
-    match object.get("format").and_then(Value::as_str) {
-        Some(FORMAT) => {}
-        Some(other) => return Err(syntax(format!("format is {other:?}"))),
-        None => return Err(syntax("the key \"format\" is missing".to_owned())),
-    }
-    let found = match object.shift_remove(CHECKSUM) {
-        Some(Value::String(found)) => found,
-        _ => return Err(syntax(format!("the key {CHECKSUM:?} is missing"))),
-    };
-    let computed = sha256_of(&value.to_string());
-    if found != computed {
-        return Err(BaselineFileError::Checksum { path: path.to_owned(), found, computed });
-    }
+    let value = sealed::unseal(text, FORMAT).map_err(|broken| match broken {
+        Broken::Syntax(message) => syntax(message),
+        Broken::Checksum { found, computed } => BaselineFileError::Checksum { path: path.to_owned(), found, computed },
+    })?;
     let baseline: Baseline = serde_json::from_value(value).map_err(|e| syntax(e.to_string()))?;
     let problems = baseline.problems();
     if problems.is_empty() { Ok(baseline) } else { Err(BaselineFileError::Values { path: path.to_owned(), problems }) }

@@ -12,6 +12,8 @@ pub mod mcap;
 pub mod open;
 pub mod options;
 pub mod problem;
+mod sealed;
+pub mod signature_file;
 pub mod summary;
 pub mod tdms;
 mod timing;

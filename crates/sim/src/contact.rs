@@ -77,7 +77,7 @@ impl StageContact {
     }
 
     /// The pairs near contact of the driving flanks at a mesh phase.
-    #[inline]
+    #[inline(always)]
     pub fn pairs(&self, phase: f64, out: &mut Pairs) {
         self.mesh.pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
     }

@@ -6,8 +6,9 @@
 //! beginning, middle and end of the step (collocation at the Lobatto points: order 4). `r` at middle and end depends on the approaches there, which
 //! the same formula gives: a small nonlinear system in the approaches, solved exactly because the tooth force is piecewise linear.
 //!
-//! **Events.** Where the set of touching tooth pairs changes within a step, the step is cut at the event (located to 1e-11 s) and goes on
-//! from there; a step needs no history. Where a stage loses contact altogether, the train is stepped by Runge–Kutta with located events until
+//! **Events.** Where the set of touching tooth pairs changes within a step, the change of force sets in at the event and is integrated exactly
+//! from there (`etd/kink.rs`). Rarer steps, as with several changes in half a step or with friction, are cut at the events (`etd/cut.rs`, located to
+//! 1e-11 s); a step needs no history. Where a stage loses contact altogether, the train is stepped by Runge–Kutta with located events until
 //! it closes again: in free flight the mesh's own stiffness and damping, part of the exact linear step, are absent.
 //!
 //! **Lanes.** `Etd<8>` steps eight parameter sets side by side; see `etd/bank.rs` for why the results equal those of `Etd<1>` bit for bit.
@@ -17,20 +18,21 @@ use std::sync::Arc;
 use pulp::{Arch, WithSimd};
 
 use crate::model::{ModelError, TrainModel};
+use crate::path::Channel;
 use crate::rk4::{Diverged, LARGEST_APPROACH_M, Scratch};
 
 mod bank;
+mod cut;
+mod kink;
+mod late;
 mod nodes;
 mod plan;
 
-use bank::{Bank, GROUP, product};
-use nodes::{MOST_STAGES, Node, evaluate, solve};
+use bank::{Bank, Block, GROUP, Reading, product};
+use cut::Open;
+use nodes::{MOST_STAGES, Node, Solver, evaluate};
 use plan::{LONGEST, NODES, Plan, Split, Weights};
 
-/// Closest that an event is located (s).
-const EVENT_TOLERANCE_S: f64 = 1e-11;
-/// Most events that cut one step; grazing contact beyond that is stepped over.
-const MOST_EVENTS: usize = 10;
 /// `|λ| h` of the Runge–Kutta steps in free flight.
 const FREE_FLIGHT: f64 = 0.5;
 
@@ -39,6 +41,8 @@ const FREE_FLIGHT: f64 = 0.5;
 pub struct Effort {
     /// Full steps.
     pub steps: u64,
+    /// Those in which touching pairs changed.
+    pub kinked: u64,
     /// Steps that events cut.
     pub cut: u64,
     /// Steps in which a stage was out of contact.
@@ -53,14 +57,20 @@ pub struct Etd<const L: usize> {
     arch: Arch,
     step_s: f64,
     steps: u64,
-    free: [Vec<[f64; L]>; 2],
-    remainder: Vec<[[f64; L]; NODES]>,
+    outputs: Vec<Block<L>>,
+    /// `[input × node][lane]`
+    remainder: Vec<[f64; L]>,
+    /// Response of the sensors at middle and end to the remainder: `[half][sensor][input × node][lane]`.
+    sensor_coupling: [Vec<Vec<[f64; L]>>; 2],
     readings: [Vec<[f64; L]>; 2],
 }
 
 /// What one run needs beyond the bank.
 struct Lane {
     start: Node,
+    solver: Solver,
+    kinks: kink::Kinks,
+    /// The state, where it is not in the bank.
     z: Split,
     ahead: [Split; 2],
     weights: Weights,
@@ -68,10 +78,31 @@ struct Lane {
     held_values: Vec<f64>,
     /// `Σ b v` of the held forces.
     forcing: Split,
-    /// Input–weight products of full steps are in the bank; partial ones are made on the way.
     scratch: Scratch,
     state: Vec<f64>,
     effort: Effort,
+}
+
+/// How a step of a lane went.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Step {
+    Smooth,
+    /// The lane's kinks are to be added.
+    Kinked,
+    /// To be done anew, in parts or in flight.
+    Broken,
+}
+
+/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise.
+fn readings(plan: &Plan) -> Vec<Reading<'_>> {
+    let (approaches, angles) = plan.outputs.split_at(plan.stiffness.len());
+    let both = |rows: &'_ [Split]| -> Vec<(usize, usize)> {
+        (0..2).flat_map(|half| (0..rows.len()).map(move |row| (row, half))).collect()
+    };
+    [approaches, angles, &plan.sensors]
+        .into_iter()
+        .flat_map(|rows| both(rows).into_iter().map(move |(row, half)| Reading { row: &rows[row], half }))
+        .collect()
 }
 
 impl<const L: usize> Etd<L> {
@@ -106,11 +137,9 @@ impl<const L: usize> Etd<L> {
         if parts > 1.0 {
             plans = make(step_s)?;
         }
-        let middle_sensors: Vec<_> = plans.iter().map(middle_sensor_coupling).collect();
         let to_array = || ModelError::Bench("internal count of runs".into());
         let plans: [Plan; L] = plans.try_into().map_err(|_| to_array())?;
-        let middle_sensors: [_; L] = middle_sensors.try_into().map_err(|_| to_array())?;
-        let mut bank = Bank::new(&plans, &middle_sensors);
+        let mut bank = Bank::new(&plans, readings);
         let lanes = std::array::from_fn(|l| {
             let plan = &plans[l];
             let mut z = Split::zeros(plan.len);
@@ -121,6 +150,8 @@ impl<const L: usize> Etd<L> {
             let start = node_of_state(plan, &states[l], 0.0);
             Lane {
                 start,
+                solver: Solver::default(),
+                kinks: kink::Kinks::default(),
                 z,
                 ahead: [Split::zeros(plan.len), Split::zeros(plan.len)],
                 weights: plan.full.clone(),
@@ -133,17 +164,25 @@ impl<const L: usize> Etd<L> {
             }
         });
         let sensors = plans[0].sensors.len();
-        let outputs = plans[0].outputs.len();
-        let inputs = plans[0].inputs.len();
+        let mut sensor_coupling = [vec![Vec::new(); sensors], vec![Vec::new(); sensors]];
+        for (l, plan) in plans.iter().enumerate() {
+            for (half, all) in sensor_coupling.iter_mut().enumerate() {
+                for (row, coupling) in all.iter_mut().zip(sensor_coupling_of(plan, half)) {
+                    row.resize(coupling.len(), [0.0; L]);
+                    row.iter_mut().zip(coupling).for_each(|(all, c)| all[l] = c);
+                }
+            }
+        }
         Ok(Self {
             lanes,
-            bank,
             arch: Arch::new(),
             step_s,
             steps: 0,
-            free: [vec![[0.0; L]; outputs], vec![[0.0; L]; outputs]],
-            remainder: vec![[[0.0; L]; NODES]; inputs],
+            outputs: vec![[[0.0; L]; GROUP]; readings(&plans[0]).len().div_ceil(GROUP)],
+            remainder: vec![[0.0; L]; plans[0].inputs.len() * NODES],
+            sensor_coupling,
             readings: [vec![[0.0; L]; sensors], vec![[0.0; L]; sensors]],
+            bank,
             plans,
         })
     }
@@ -209,41 +248,16 @@ impl<const L: usize> Etd<L> {
         for l in 0..L {
             self.hold(l, t + 0.5 * self.step_s);
         }
-        self.arch.dispatch(Predict { bank: &mut self.bank, free: &mut self.free });
-        let mut broken = [false; L];
-        let mut ends = [Node::default(); L];
-        for l in 0..L {
-            let plan = &self.plans[l];
-            let lane = &self.lanes[l];
-            let mut free = [[0.0; 2 * MOST_STAGES]; 2];
-            for half in 0..2 {
-                for (free, all) in free[half].iter_mut().zip(&self.free[half]) {
-                    *free = all[l];
+        let went = self.arch.dispatch(Smooth { etd: self, t, end });
+        for (l, went) in went.into_iter().enumerate() {
+            match went {
+                Step::Smooth => self.lanes[l].effort.steps += 1,
+                Step::Kinked => {
+                    self.lanes[l].effort.steps += 1;
+                    self.lanes[l].effort.kinked += 1;
+                    self.add_kinks(l);
                 }
-            }
-            let references = [plan.model.rotation.at(t + 0.5 * self.step_s).0, plan.model.rotation.at(end).0];
-            let solved = solve(plan, &plan.full, &lane.start, &free, references);
-            let stages = plan.stiffness.len();
-            let same = |node: &Node| node.touching[..stages] == lane.start.touching[..stages];
-            broken[l] = solved.unsettled || lane.start.is_open(stages) || !same(&solved.middle) || !same(&solved.end);
-            for (input, all) in self.remainder.iter_mut().enumerate() {
-                all[0][l] = lane.start.remainder[input];
-                all[1][l] = solved.middle.remainder[input];
-                all[2][l] = solved.end.remainder[input];
-            }
-            ends[l] = solved.end;
-            if broken[l] {
-                // The state before the step, for the slow way.
-                self.bank.z.get(l, &mut self.lanes[l].z);
-            }
-        }
-        self.arch.dispatch(Correct { bank: &mut self.bank, remainder: &self.remainder, readings: &mut self.readings });
-        for l in 0..L {
-            if broken[l] {
-                self.step_with_events(l, t)?;
-            } else {
-                self.lanes[l].start = ends[l];
-                self.lanes[l].effort.steps += 1;
+                Step::Broken => self.step_with_events(l, t)?,
             }
             let stages = self.plans[l].stiffness.len();
             if self.lanes[l].start.approach[..stages].iter().any(|a| a.is_nan() || a.abs() > LARGEST_APPROACH_M) {
@@ -254,9 +268,94 @@ impl<const L: usize> Etd<L> {
         Ok(())
     }
 
+    /// Steps all runs as if no step were cut; the state of those that are is kept in their lanes.
+    #[inline(always)]
+    fn smooth(&mut self, t: f64, end: f64) -> [Step; L] {
+        self.bank.predict(&mut self.outputs);
+        let mut went = [Step::Smooth; L];
+        for (l, went) in went.iter_mut().enumerate() {
+            let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
+            let stages = plan.stiffness.len();
+            let mut free = [[0.0; 2 * MOST_STAGES]; 2];
+            for (half, free) in free.iter_mut().enumerate() {
+                for stage in 0..stages {
+                    let (approach, angle) = (half * stages + stage, (2 + half) * stages + stage);
+                    free[stage] = self.outputs[approach / GROUP][approach % GROUP][l];
+                    free[stages + stage] = self.outputs[angle / GROUP][angle % GROUP][l];
+                }
+            }
+            let references = [plan.model.rotation.angle(t + 0.5 * self.step_s), plan.model.rotation.angle(end)];
+            let settled = lane.solver.solve(plan, &plan.full, &lane.start, &free, references);
+            let [middle, last] = &lane.solver.nodes;
+            let same = middle.touches_like(&lane.start, stages) && last.touches_like(&lane.start, stages);
+            if !settled || lane.start.is_open(stages) || (!same && plan.inputs.len() > stages) {
+                *went = Step::Broken;
+            } else if !same {
+                let kinked = lane.solver.solve_kinked(plan, &plan.full, &lane.start, &mut lane.kinks);
+                *went = if kinked { Step::Kinked } else { Step::Broken };
+            }
+            if *went == Step::Broken {
+                self.bank.z.get(l, &mut lane.z);
+            }
+            for (input, values) in self.remainder.chunks_exact_mut(NODES).enumerate() {
+                values[0][l] = lane.start.remainder[input];
+                values[1][l] = lane.solver.nodes[0].remainder[input];
+                values[2][l] = lane.solver.nodes[1].remainder[input];
+            }
+            match went {
+                Step::Smooth => lane.start = lane.solver.nodes[1],
+                Step::Kinked => lane.start = lane.solver.finish(&lane.kinks),
+                Step::Broken => {}
+            }
+        }
+        let first = 4 * self.plans[0].stiffness.len();
+        let sensors = self.readings[0].len();
+        for half in 0..2 {
+            for s in 0..sensors {
+                let o = first + half * sensors + s;
+                let mut reading = self.outputs[o / GROUP][o % GROUP];
+                for (c, r) in self.sensor_coupling[half][s].iter().zip(&self.remainder) {
+                    for l in 0..L {
+                        reading[l] += c[l] * r[l];
+                    }
+                }
+                self.readings[half][s] = reading;
+            }
+        }
+        self.bank.advance(&self.remainder);
+        went
+    }
+
+    /// Adds the forces that set in during the step.
+    fn add_kinks(&mut self, l: usize) {
+        let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
+        let (stages, sensors) = (plan.stiffness.len(), plan.sensors.len());
+        self.bank.z.get(l, &mut lane.z);
+        let mut terms = vec![[0.0; 3]; sensors];
+        for kink in lane.kinks.as_slice() {
+            let c = kink.about_onset();
+            plan.late.modal(plan, kink.stage, 1.0 - kink.at, c, &mut lane.ahead[1]);
+            for m in 0..plan.len {
+                lane.z.re[m] += lane.ahead[1].re[m];
+                lane.z.im[m] += lane.ahead[1].im[m];
+            }
+            for half in 0..2 {
+                plan.late.responses(kink.stage, 0.5 * (half + 1) as f64 - kink.at, stages, &mut terms);
+                for (reading, terms) in self.readings[half].iter_mut().zip(&terms) {
+                    reading[l] += c[0] * terms[0] + c[1] * terms[1] + c[2] * terms[2];
+                }
+            }
+        }
+        self.bank.z.set(l, &lane.z);
+    }
+
     /// Brings the held forces of a run up to date.
+    #[inline]
     fn hold(&mut self, l: usize, t: f64) {
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
+        if plan.held_for_ever && !lane.external_values.is_empty() {
+            return;
+        }
         plan.model.external_values(t, &mut lane.external_values);
         if lane.external_values == lane.held_values {
             return;
@@ -270,9 +369,7 @@ impl<const L: usize> Etd<L> {
                 lane.forcing.im[m] += vector.im[m] * value;
             }
         }
-        for half in 0..2 {
-            self.bank.held[half].set(l, &product(&plan.full.held[half], &lane.forcing));
-        }
+        self.bank.hold(l, plan, &readings(plan), &lane.forcing);
     }
 
     /// A step of one run that events cut, or in which a stage is out of contact. The state before is in the lane.
@@ -327,159 +424,28 @@ impl<const L: usize> Etd<L> {
     }
 }
 
-/// A stage came out of contact on the way.
-struct Open;
-
-impl Lane {
-    /// A step in parts that end on the events; `self.z` holds the state before and after.
-    fn cut_step<const L: usize>(
-        &mut self,
-        plan: &Plan,
-        t: f64,
-        step_s: f64,
-        readings: &mut [Vec<[f64; L]>; 2],
-        l: usize,
-    ) -> Result<(), Open> {
-        let stages = plan.stiffness.len();
-        let (original, first) = (self.z.clone(), self.start);
-        let mut done = 0.0;
-        let mut cuts = 0;
-        while step_s - done > EVENT_TOLERANCE_S {
-            if self.start.is_open(stages) {
-                (self.z, self.start) = (original, first);
-                return Err(Open);
-            }
-            let mut length = step_s - done;
-            let mut solved = self.try_part(plan, t + done, length);
-            let mut after = None;
-            let before = self.start.touching;
-            let changed = |node: &Node| node.touching[..stages] != before[..stages];
-            if cuts < MOST_EVENTS && (changed(&solved.0) || changed(&solved.1)) {
-                let (low, high) = self.locate(plan, t + done, length, &solved, changed(&solved.0));
-                cuts += 1;
-                if length - high > EVENT_TOLERANCE_S {
-                    length = low.max(EVENT_TOLERANCE_S);
-                    solved = self.try_part(plan, t + done, length);
-                    after = Some(high);
+impl Etd<1> {
+    /// Steps one sample of a record of `rate_hz` and pushes its two readings, at half and full time, into the sensors' channels.
+    ///
+    /// # Errors
+    /// As [`Etd::step`].
+    pub fn step_sample(&mut self, rate_hz: f64, channels: &mut [Channel]) -> Result<(), Diverged> {
+        let steps = (1.0 / (rate_hz * self.step_s)).round() as u32;
+        for step in 1..=steps {
+            self.step()?;
+            let [middle, end] = &self.readings;
+            for (channel, ([middle], [end])) in channels.iter_mut().zip(middle.iter().zip(end)) {
+                if 2 * step == steps + 1 {
+                    channel.push(*middle);
+                } else if 2 * step == steps {
+                    channel.push(*end);
+                }
+                if step == steps {
+                    channel.push(*end);
                 }
             }
-            if done < 0.5 * step_s && done + length >= 0.5 * step_s {
-                self.read_middle(plan, (0.5 * step_s - done) / length, length, &solved, readings, l);
-            }
-            self.advance(plan, &solved);
-            done += length;
-            self.start = solved.1;
-            if after.is_some() {
-                // Just behind the event.
-                done += EVENT_TOLERANCE_S;
-                let reference = plan.model.rotation.at(t + done).0;
-                self.start = evaluate(plan, reference, &solved.1.approach, &solved.1.pinion_rad);
-            }
-        }
-        if self.start.is_open(stages) {
-            (self.z, self.start) = (original, first);
-            return Err(Open);
         }
         Ok(())
-    }
-
-    /// Solves a part of a step; weights and modal predictions stay in the lane for [`Self::advance`].
-    fn try_part(&mut self, plan: &Plan, t: f64, length: f64) -> (Node, Node) {
-        plan.weigh(length / plan.step_s, &mut self.weights);
-        let mut free = [[0.0; 2 * MOST_STAGES]; 2];
-        for half in 0..2 {
-            let (decay, held) = (&self.weights.decay[half], &self.weights.held[half]);
-            let ahead = &mut self.ahead[half];
-            for m in 0..plan.len {
-                ahead.re[m] = decay.re[m] * self.z.re[m] - decay.im[m] * self.z.im[m] + held.re[m] * self.forcing.re[m]
-                    - held.im[m] * self.forcing.im[m];
-                ahead.im[m] = decay.re[m] * self.z.im[m]
-                    + decay.im[m] * self.z.re[m]
-                    + held.re[m] * self.forcing.im[m]
-                    + held.im[m] * self.forcing.re[m];
-            }
-            for (free, output) in free[half].iter_mut().zip(&plan.outputs) {
-                *free = output.real_dot(ahead);
-            }
-        }
-        let references = [plan.model.rotation.at(t + 0.5 * length).0, plan.model.rotation.at(t + length).0];
-        let solved = solve(plan, &self.weights, &self.start, &free, references);
-        (solved.middle, solved.end)
-    }
-
-    /// Takes over the part that was last tried.
-    fn advance(&mut self, plan: &Plan, solved: &(Node, Node)) {
-        let end = &mut self.ahead[1];
-        for (input, vector) in plan.inputs.iter().enumerate() {
-            let values = [self.start.remainder[input], solved.0.remainder[input], solved.1.remainder[input]];
-            for (weight, value) in self.weights.node.iter().zip(values) {
-                for m in 0..plan.len {
-                    let (w_re, w_im) = (weight.re[m] * value, weight.im[m] * value);
-                    end.re[m] += w_re * vector.re[m] - w_im * vector.im[m];
-                    end.im[m] += w_re * vector.im[m] + w_im * vector.re[m];
-                }
-            }
-        }
-        std::mem::swap(&mut self.z, &mut self.ahead[1]);
-    }
-
-    /// The last time before and the first time after the set of touching pairs changes, from the start of the part (s).
-    fn locate(&self, plan: &Plan, t: f64, length: f64, solved: &(Node, Node), early: bool) -> (f64, f64) {
-        let stages = plan.stiffness.len();
-        let (mut low, mut high) = if early { (0.0, 0.5 * length) } else { (0.5 * length, length) };
-        while high - low > EVENT_TOLERANCE_S {
-            let s = 0.5 * (low + high);
-            let x = s / length;
-            let weights = [(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)];
-            let mut approach = [0.0; MOST_STAGES];
-            let mut angle = [0.0; MOST_STAGES];
-            for (node, weight) in [&self.start, &solved.0, &solved.1].into_iter().zip(weights) {
-                for stage in 0..stages {
-                    approach[stage] += weight * node.approach[stage];
-                    angle[stage] += weight * node.pinion_rad[stage];
-                }
-            }
-            let node = evaluate(plan, plan.model.rotation.at(t + s).0, &approach, &angle);
-            if node.touching[..stages] == self.start.touching[..stages] {
-                low = s;
-            } else {
-                high = s;
-            }
-        }
-        (low, high)
-    }
-
-    /// Sensor readings at a place (0–1) within the part that was last tried, by the state at that place.
-    fn read_middle<const L: usize>(
-        &self,
-        plan: &Plan,
-        place: f64,
-        length: f64,
-        solved: &(Node, Node),
-        readings: &mut [Vec<[f64; L]>; 2],
-        l: usize,
-    ) {
-        let mut weights = self.weights.clone();
-        plan.weigh(place * length / plan.step_s, &mut weights);
-        // Remainder at the nodes of the shorter step, on the quadratic of the longer one.
-        let value = |input: usize, x: f64| {
-            let r = [self.start.remainder[input], solved.0.remainder[input], solved.1.remainder[input]];
-            r[0] * (1.0 - x) * (1.0 - 2.0 * x) + r[1] * 4.0 * x * (1.0 - x) + r[2] * x * (2.0 * x - 1.0)
-        };
-        let (decay, held) = (&weights.decay[1], &weights.held[1]);
-        let mut z = Split::zeros(plan.len);
-        for m in 0..plan.len {
-            let mut sum = decay.at(m) * self.z.at(m) + held.at(m) * self.forcing.at(m);
-            for (input, vector) in plan.inputs.iter().enumerate() {
-                for (node, x) in [(0, 0.0), (1, 0.5 * place), (2, place)] {
-                    sum += weights.node[node].at(m) * vector.at(m) * value(input, x);
-                }
-            }
-            (z.re[m], z.im[m]) = (sum.re, sum.im);
-        }
-        for (s, sensor) in plan.sensors.iter().enumerate() {
-            readings[0][s][l] = sensor.real_dot(&z);
-        }
     }
 }
 
@@ -490,56 +456,33 @@ fn node_of_state(plan: &Plan, state: &[f64], t: f64) -> Node {
     evaluate(plan, plan.model.rotation.at(t).0, &approach, &angle)
 }
 
-/// Response of the sensors in the middle of a full step to each input at each node.
-fn middle_sensor_coupling(plan: &Plan) -> Vec<Vec<[f64; NODES]>> {
+/// Response of the sensors in the middle (0) or at the end (1) of a full step to each input at each node.
+fn sensor_coupling_of(plan: &Plan, half: usize) -> Vec<Vec<f64>> {
     // The state at the middle comes from the quadratic over the whole step: its own weights, read through the sensors.
-    let mut half = plan.full.clone();
-    plan.weigh(0.5, &mut half);
-    // Lagrange polynomials of the long step at the nodes 0, ¼, ½ of its first half.
+    let mut weights = plan.full.clone();
+    // Lagrange polynomials of the long step at the nodes of the part up to the reading.
     let at = |x: f64| [(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)];
-    let places = [at(0.0), at(0.25), at(0.5)];
-    plan.sensors
-        .iter()
-        .map(|sensor| {
-            plan.inputs
-                .iter()
-                .map(|input| {
-                    std::array::from_fn(|node| {
-                        (0..NODES)
-                            .map(|short| places[short][node] * sensor.real_dot(&product(&half.node[short], input)))
-                            .sum()
-                    })
-                })
-                .collect()
-        })
-        .collect()
+    let part = if half == 0 { 0.5 } else { 1.0 };
+    plan.weigh(part, &mut weights);
+    let places = [at(0.0), at(0.5 * part), at(part)];
+    let of_input = |sensor: &Split, input: &Split| -> [f64; NODES] {
+        let direct: [f64; NODES] = std::array::from_fn(|short| sensor.real_dot(&product(&weights.node[short], input)));
+        std::array::from_fn(|node| (0..NODES).map(|short| places[short][node] * direct[short]).sum())
+    };
+    plan.sensors.iter().map(|sensor| plan.inputs.iter().flat_map(|input| of_input(sensor, input)).collect()).collect()
 }
 
-struct Predict<'a, const L: usize> {
-    bank: &'a mut Bank<L>,
-    free: &'a mut [Vec<[f64; L]>; 2],
+struct Smooth<'a, const L: usize> {
+    etd: &'a mut Etd<L>,
+    t: f64,
+    end: f64,
 }
 
-impl<const L: usize> WithSimd for Predict<'_, L> {
-    type Output = ();
+impl<const L: usize> WithSimd for Smooth<'_, L> {
+    type Output = [Step; L];
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        self.bank.predict(self.free);
-    }
-}
-
-struct Correct<'a, const L: usize> {
-    bank: &'a mut Bank<L>,
-    remainder: &'a [[[f64; L]; NODES]],
-    readings: &'a mut [Vec<[f64; L]>; 2],
-}
-
-impl<const L: usize> WithSimd for Correct<'_, L> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        self.bank.correct(self.remainder, self.readings);
+    fn with_simd<S: pulp::Simd>(self, _simd: S) -> [Step; L] {
+        self.etd.smooth(self.t, self.end)
     }
 }

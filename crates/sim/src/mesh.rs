@@ -19,7 +19,7 @@ use std::f64::consts::TAU;
 use gearwatch_core::bench::Bench;
 
 pub use self::pairs::{MAX_PAIRS, MeshForce, Pair, Pairs};
-use self::tables::{GearTables, Side};
+use self::tables::{GapShape, GearTables, Side};
 use crate::faults::ToothModifications;
 use crate::geometry::{GearGeometry, PairGeometry};
 use crate::hertz::{Hertz, Material};
@@ -89,6 +89,8 @@ pub struct LoadPoint {
     hertz_shared: f64,
     /// Half width (mesh cycles) over which a pair goes from sharing to carrying alone; 0 jumps.
     blend: f64,
+    /// `½ / blend`.
+    half_per_blend: f64,
     /// Factor on every pair's compliance.
     factor: f64,
     /// Approach (m) that misaligned flanks take up before they carry.
@@ -119,6 +121,9 @@ pub struct MeshModel {
     coupling: f64,
     backlash_m: f64,
     reference_stiffness_n_per_m: f64,
+    /// Cosine and sine amplitude of the profile error by harmonic (m).
+    profile_error: Vec<[f64; 2]>,
+    shifts: ShiftFactors,
     warnings: Vec<String>,
 }
 
@@ -168,12 +173,6 @@ impl MeshModel {
     ) -> Result<Self, String> {
         check(&material, options, teeth, backlash_m)?;
         let geometry = PairGeometry::new(pinion, wheel, teeth.pair.centre_shift_m)?;
-        let mut warnings = Vec::new();
-        // Wear is shared by the two flanks that slide on each other.
-        let wear = 0.5 * teeth.pair.wear_m;
-        let mut tables = |side, gear| GearTables::new(side, &geometry, &material, options, gear, wear, &mut warnings);
-        let pinion = tables(Side::Pinion, &teeth.pinion)?;
-        let wheel = tables(Side::Wheel, &teeth.wheel)?;
         // Two points of the exact gap; between them the cubic is within 1 %.
         let corner = [false, true].map(|exit| {
             let (near, far) = (0.5 * CORNER_REACH, CORNER_REACH);
@@ -181,9 +180,17 @@ impl MeshModel {
             let slope = (at(far) - at(near)) / (far - near);
             [at(near) - slope * near, slope]
         });
+        let mut warnings = Vec::new();
+        // Wear is shared by the two flanks that slide on each other.
+        let wear_m = 0.5 * teeth.pair.wear_m;
+        // The wheel's tip makes the entry, the pinion's tip the exit.
+        let mut tables = |side, gear, corner| {
+            GearTables::new(side, &geometry, &material, options, gear, GapShape { wear_m, corner }, &mut warnings)
+        };
+        let pinion = tables(Side::Pinion, &teeth.pinion, corner[1])?;
+        let wheel = tables(Side::Wheel, &teeth.wheel, corner[0])?;
         let coupling = options.body_coupling.unwrap_or(0.0) * teeth.pair.coupling_factor;
         let mut model = Self {
-            geometry,
             material,
             options: *options,
             modifications: teeth.clone(),
@@ -193,6 +200,14 @@ impl MeshModel {
             coupling,
             backlash_m,
             reference_stiffness_n_per_m: 0.0,
+            profile_error: teeth
+                .pair
+                .profile_error
+                .iter()
+                .map(|(a, phase)| [a * phase.cos(), a * phase.sin()])
+                .collect(),
+            shifts: ShiftFactors::new(&geometry),
+            geometry,
             warnings,
         };
         // The stiffness of a lone pair at the pitch point is scale enough for the load point's own lengths.
@@ -292,7 +307,15 @@ impl MeshModel {
         }
         let blend =
             if self.options.corner_contact { (approach / self.corner[0][0]).sqrt().clamp(1e-3, 0.1) } else { 0.0 };
-        LoadPoint { load_n, hertz_alone: hertz(1.0), hertz_shared: hertz(0.5), blend, factor, offset_m }
+        LoadPoint {
+            load_n,
+            hertz_alone: hertz(1.0),
+            hertz_shared: hertz(0.5),
+            blend,
+            half_per_blend: 0.5 / blend,
+            factor,
+            offset_m,
+        }
     }
 
     /// Pairs in contact or near it at mesh phase `phase` under a mesh force of about `load_n` (N).
@@ -301,15 +324,18 @@ impl MeshModel {
     }
 
     /// As [`Self::pairs`], for a prepared load and displaced axes.
+    #[inline(always)]
     pub fn pairs_at(&self, state: &MeshState, load: &LoadPoint, out: &mut Pairs) {
         self.collect(state, load, self.reach(), out);
     }
 
     /// How far outside their path pairs are looked for (mesh cycles).
+    #[inline(always)]
     fn reach(&self) -> f64 {
         if self.options.corner_contact { CORNER_REACH } else { 0.0 }
     }
 
+    #[inline(always)]
     fn collect(&self, state: &MeshState, load: &LoadPoint, reach: f64, out: &mut Pairs) {
         let pitch = self.geometry.base_pitch_m;
         let shift = self.shift(state);
@@ -320,20 +346,21 @@ impl MeshModel {
         let mut index = (at + reach).floor();
         while at - index <= self.geometry.contact_ratio + reach {
             let s = at - index;
-            let n = index as i64;
+            let n = index;
             let pinion_tooth = tooth(n, self.geometry.pinion.teeth);
             let wheel_tooth = tooth(n, self.geometry.wheel.teeth);
             index -= 1.0;
             let (pinion, pinion_error) = self.pinion.drive(pinion_tooth);
             let (wheel, wheel_error) = self.wheel.drive(wheel_tooth);
-            let Some(mut pair) = self.pair(s, s - shift.wheel, pinion, wheel, reach, load) else { continue };
-            pair.index = n;
+            let Some(pair) = out.next() else { break };
+            pair.index = n as i64;
             pair.pinion_tooth = pinion_tooth;
             pair.wheel_tooth = wheel_tooth;
-            pair.gap_m += common + pinion_error + wheel_error;
             pair.pinion_roll_m = self.geometry.entry_roll_m + s * pitch;
             pair.wheel_roll_m = self.geometry.tangent_length_m - pair.pinion_roll_m;
-            out.push(pair);
+            let deviation = common + pinion_error + wheel_error;
+            let touches = self.pair(s, s - shift.wheel, [pinion, wheel], deviation, (load, reach), pair);
+            out.keep(touches);
         }
     }
 
@@ -349,73 +376,76 @@ impl MeshModel {
         let mut index = (at + reach).floor();
         while at - index <= self.geometry.contact_ratio + reach {
             let s = at - index;
-            let n = -(index as i64);
+            let n = -index;
             index -= 1.0;
             let pinion_tooth = tooth(n, self.geometry.pinion.teeth);
-            let wheel_tooth = tooth(n + 1, self.geometry.wheel.teeth);
+            let wheel_tooth = tooth(n + 1.0, self.geometry.wheel.teeth);
             let (pinion, wheel) = (self.pinion.back(pinion_tooth), self.wheel.back(wheel_tooth));
-            let Some(mut pair) = self.pair(s, s, pinion, wheel, reach, load) else { continue };
-            pair.index = n;
+            let Some(pair) = out.next() else { break };
+            pair.index = n as i64;
             pair.pinion_tooth = pinion_tooth;
             pair.wheel_tooth = wheel_tooth;
             pair.pinion_roll_m = self.geometry.entry_roll_m + s * self.geometry.base_pitch_m;
             pair.wheel_roll_m = self.geometry.tangent_length_m - pair.pinion_roll_m;
-            out.push(pair);
+            let touches = self.pair(s, s, [pinion, wheel], 0.0, (load, reach), pair);
+            out.keep(touches);
         }
     }
 
-    /// Compliance and gap of the pair at pinion position s₁ and wheel position s₂; `None` where it cannot touch.
-    #[inline]
+    /// Compliance and gap, `deviation_m` included, of the pair at pinion position s₁ and wheel position s₂; false where it cannot touch.
+    #[inline(always)]
     fn pair(
         &self,
         s1: f64,
         s2: f64,
-        pinion: &tables::ToothTable,
-        wheel: &tables::ToothTable,
-        reach: f64,
-        load: &LoadPoint,
-    ) -> Option<Pair> {
-        // The wheel's tip makes the entry, the pinion's tip the exit.
-        let (early, late) = ((wheel.first - s2).max(0.0), (s1 - pinion.last).max(0.0));
-        if early > reach || late > reach || s2 > wheel.last + reach || s1 < pinion.first - reach {
-            return None;
-        }
-        if pinion.is_gone() || wheel.is_gone() {
-            return None;
-        }
+        [pinion, wheel]: [&tables::ToothTable; 2],
+        deviation_m: f64,
+        (load, reach): (&LoadPoint, f64),
+        out: &mut Pair,
+    ) -> bool {
         let (a, b) = (pinion.at(s1), wheel.at(s2));
-        let corner = |[c0, c1]: [f64; 2], lead: f64| lead * lead * (c0 + c1 * lead);
-        let gap_m = a.gap + b.gap + corner(self.corner[0], early) + corner(self.corner[1], late);
         let alone = {
             // Inside the single zone a pair carries all of the load.
             let inside = (s1 - (self.geometry.contact_ratio - 1.0)).min(1.0 - s1);
-            if load.blend > 0.0 { (0.5 + 0.5 * inside / load.blend).clamp(0.0, 1.0) } else { f64::from(inside >= 0.0) }
+            if load.blend > 0.0 {
+                (0.5 + inside * load.half_per_blend).clamp(0.0, 1.0)
+            } else {
+                f64::from(u8::from(inside >= 0.0))
+            }
         };
         let mut hertz = load.hertz_shared + alone * (load.hertz_alone - load.hertz_shared);
         let lost = a.lost + b.lost;
         if lost > 0.0 {
-            let length = (1.0 - lost).max(0.001);
-            hertz *= match self.options.hertz {
-                Hertz::Linear => 1.0 / length,
-                Hertz::LoadDependent => length.powf(-self.options.hertz.length_exponent()),
-            };
+            hertz *= self.shortened(lost);
         }
-        Some(Pair {
-            compliance_m_per_n: (a.compliance + b.compliance + hertz) * load.factor,
-            foundation_m_per_n: (a.foundation + b.foundation) * load.factor,
-            gap_m,
-            ..Pair::default()
-        })
+        out.compliance_m_per_n = (a.compliance + b.compliance + hertz) * load.factor;
+        out.foundation_m_per_n = (a.foundation + b.foundation) * load.factor;
+        out.gap_m = a.gap + b.gap + deviation_m;
+        pinion.can_touch(s1, reach) & wheel.can_touch(s2, reach)
+    }
+
+    /// Factor on the contact compliance where a part of the contact line is missing.
+    #[cold]
+    fn shortened(&self, lost: f64) -> f64 {
+        let length = (1.0 - lost).clamp(0.001, 1.0);
+        match self.options.hertz {
+            Hertz::Linear => 1.0 / length,
+            Hertz::LoadDependent => length.powf(-self.options.hertz.length_exponent()),
+        }
     }
 
     /// Deviation (m) that all pairs have in common at a phase: profile error by mesh harmonic, waves by revolution.
+    #[inline(always)]
     fn common_gap_m(&self, phase: f64) -> f64 {
         let mut gap = 0.0;
-        if !self.modifications.pair.profile_error.is_empty() {
+        if !self.profile_error.is_empty() {
             let since_pitch = phase - self.geometry.pitch_phase();
-            let base = TAU * (since_pitch - since_pitch.floor());
-            for (h, &(amplitude, angle)) in self.modifications.pair.profile_error.iter().enumerate() {
-                gap += amplitude * ((h + 1) as f64 * base + angle).cos();
+            // cos(h β + φ) by powers of e^{iβ}: one sine and cosine serve all harmonics.
+            let (sin, cos) = (TAU * (since_pitch - since_pitch.floor())).sin_cos();
+            let (mut re, mut im) = (cos, sin);
+            for &[in_phase, quadrature] in &self.profile_error {
+                gap += in_phase * re - quadrature * im;
+                (re, im) = (re * cos - im * sin, re * sin + im * cos);
             }
         }
         for (gear, z) in [
@@ -432,7 +462,7 @@ impl MeshModel {
     }
 
     /// What displaced axes do to the contact.
-    #[inline]
+    #[inline(always)]
     fn shift(&self, state: &MeshState) -> Shift {
         let [mut x, mut y] = state.displacement_m;
         let (pinion, wheel) = (&self.modifications.pinion, &self.modifications.wheel);
@@ -451,16 +481,8 @@ impl MeshModel {
         if x == 0.0 && y == 0.0 {
             return Shift::default();
         }
-        let (sin, cos) = self.geometry.operating_angle_rad.sin_cos();
-        let a = self.geometry.centre_distance_m;
-        // Rotation of the line of action: the line of centres turns by −y/a, the pressure angle grows by −x cos α/(a sin α).
-        let turn = -y / a + x * cos / (a * sin);
-        Shift {
-            pinion: -self.geometry.pinion.base_radius_m * turn / self.geometry.base_pitch_m,
-            // T = sqrt(a² − (r_b1 + r_b2)²) grows by Δa / sin α.
-            wheel: -x / sin / self.geometry.base_pitch_m,
-            gap_m: -(own_x * sin + own_y * cos),
-        }
+        let f = &self.shifts;
+        Shift { pinion: f.pinion_x * x + f.pinion_y * y, wheel: f.wheel_x * x, gap_m: -(own_x * f.sin + own_y * f.cos) }
     }
 
     /// Smallest phase beyond `phase` at which a pair nominally enters or leaves (a broken tooth has its own places). With
@@ -469,8 +491,8 @@ impl MeshModel {
         let mut next = f64::INFINITY;
         let newest = phase.floor() as i64 + 1;
         for n in newest - 4..=newest {
-            let (pinion, _) = self.pinion.drive(tooth(n, self.geometry.pinion.teeth));
-            let (wheel, _) = self.wheel.drive(tooth(n, self.geometry.wheel.teeth));
+            let (pinion, _) = self.pinion.drive(tooth(n as f64, self.geometry.pinion.teeth));
+            let (wheel, _) = self.wheel.drive(tooth(n as f64, self.geometry.wheel.teeth));
             for (place, on_wheel) in [(wheel.first, true), (pinion.last, false)] {
                 if pinion.is_gone() || wheel.is_gone() {
                     continue;
@@ -517,6 +539,34 @@ impl std::fmt::Debug for MeshModel {
     }
 }
 
+/// [`Shift`] per metre of displacement.
+#[derive(Clone, Copy, Debug)]
+struct ShiftFactors {
+    pinion_x: f64,
+    pinion_y: f64,
+    wheel_x: f64,
+    /// Of the operating pressure angle.
+    sin: f64,
+    cos: f64,
+}
+
+impl ShiftFactors {
+    fn new(geometry: &PairGeometry) -> Self {
+        let (sin, cos) = geometry.operating_angle_rad.sin_cos();
+        let a = geometry.centre_distance_m;
+        // Rotation of the line of action: the line of centres turns by −y/a, the pressure angle grows by −x cos α/(a sin α).
+        let per_turn = -geometry.pinion.base_radius_m / geometry.base_pitch_m;
+        Self {
+            pinion_x: per_turn * cos / (a * sin),
+            pinion_y: -per_turn / a,
+            // T = sqrt(a² − (r_b1 + r_b2)²) grows by Δa / sin α.
+            wheel_x: -1.0 / sin / geometry.base_pitch_m,
+            sin,
+            cos,
+        }
+    }
+}
+
 /// What displaced axes do to the contact: advance of the pinion's position and lag of the wheel's against it (mesh
 /// cycles), and the gap (m) that the gears' own eccentricity opens.
 #[derive(Clone, Copy, Debug, Default)]
@@ -526,10 +576,13 @@ struct Shift {
     gap_m: f64,
 }
 
-/// Tooth number of pair n.
-#[inline]
-fn tooth(n: i64, teeth: u32) -> u32 {
-    n.rem_euclid(i64::from(teeth)) as u32
+/// Tooth number of pair n, a whole number of any size below 2⁵⁰: n mod z without an integer division.
+#[inline(always)]
+fn tooth(n: f64, teeth: u32) -> u32 {
+    let z = f64::from(teeth);
+    // Half a tooth up, so that rounding of the quotient cannot reach the next turn.
+    let turns = ((n + 0.5) / z).floor();
+    (n - turns * z) as i32 as u32
 }
 
 fn check(

@@ -265,7 +265,7 @@ impl TrainModel {
     }
 
     /// Mesh phase of a stage (cycles) at a first-shaft angle (rad) and a deviation of its pinion (rad).
-    #[inline]
+    #[inline(always)]
     pub fn phase(&self, stage: usize, reference_rad: f64, pinion_rad: f64) -> f64 {
         self.initial_phases[stage]
             + self.cycles_per_rad[stage] * reference_rad
@@ -275,6 +275,16 @@ impl TrainModel {
     /// Generalised-force vectors of all outside forces.
     pub fn external_vectors(&self) -> impl Iterator<Item = &DVector<f64>> {
         self.externals.iter().map(|external| &external.vector)
+    }
+
+    /// No outside force ever changes.
+    pub fn externals_are_constant(&self) -> bool {
+        let held =
+            |e: &External| matches!(e.kind, ExternalKind::Motor | ExternalKind::Brake | ExternalKind::Acceleration);
+        self.rotation.is_uniform()
+            && self.torque_nm.is_constant()
+            && self.ripples.is_empty()
+            && self.externals.iter().all(held)
     }
 
     /// Values of all outside forces at a time, in the order of [`Self::external_vectors`].

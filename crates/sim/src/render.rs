@@ -44,7 +44,6 @@ pub fn steady(
         })
         .collect();
     let mut etd = Etd::new([model.clone()], 1.0 / rate)?;
-    let steps = (1.0 / (rate * etd.step_s())).round() as u32;
     let lead = (settle_s * rate).round() as usize;
     let count = (duration_s * rate).round() as usize;
     let mut out = Rendered {
@@ -53,20 +52,7 @@ pub fn steady(
         samples: vec![Vec::with_capacity(count); channels.len()],
     };
     for n in 0..lead + count {
-        for step in 1..=steps {
-            etd.step()?;
-            let [middle, end] = etd.readings();
-            for (channel, (middle, end)) in channels.iter_mut().zip(middle.iter().zip(end)) {
-                if 2 * step == steps + 1 {
-                    channel.push(middle[0]);
-                } else if 2 * step == steps {
-                    channel.push(end[0]);
-                }
-                if step == steps {
-                    channel.push(end[0]);
-                }
-            }
-        }
+        etd.step_sample(rate, &mut channels)?;
         // The filter hands out what went in this much earlier.
         let time = (n + 1) as f64 / rate - f64::from(Channel::DELAY_SAMPLES) / rate;
         let angle = model.rotation.at(time).0;

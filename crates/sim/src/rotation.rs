@@ -55,10 +55,16 @@ impl Profile {
     }
 
     /// Integral from the first point's time (s).
+    #[inline(always)]
     pub fn integral(&self, t: f64) -> f64 {
         let (i, slope) = self.segment(t);
         let since = t - self.points[i].0;
         self.integrals[i] + since * (self.points[i].1 + 0.5 * slope * since)
+    }
+
+    /// The same at any time.
+    pub fn is_constant(&self) -> bool {
+        self.points.len() == 1
     }
 
     /// Smallest and largest value.
@@ -67,7 +73,11 @@ impl Profile {
         (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max))
     }
 
+    #[inline(always)]
     fn segment(&self, t: f64) -> (usize, f64) {
+        if self.points.len() == 1 {
+            return (0, 0.0);
+        }
         let i = self.points.partition_point(|&(time, _)| time <= t);
         match i {
             0 => (0, 0.0),
@@ -112,6 +122,18 @@ impl Rotation {
     /// Mean speed of the motor, fluctuations left out (Hz).
     pub fn motor_hz(&self, t: f64) -> f64 {
         self.motor_hz.at(t)
+    }
+
+    /// The speed never changes.
+    pub fn is_uniform(&self) -> bool {
+        self.motor_hz.is_constant() && self.fluctuations.is_empty()
+    }
+
+    /// Angle of the first shaft at a time (rad).
+    #[inline(always)]
+    pub fn angle(&self, t: f64) -> f64 {
+        let mean = self.rad_per_rev * self.motor_hz.integral(t);
+        if self.fluctuations.is_empty() { mean } else { self.at(t).0 }
     }
 
     /// Angle (rad), speed (rad/s) and acceleration (rad/s²) of the first shaft at a time (s).

@@ -1,9 +1,6 @@
-//! Benches and scenarios that come with the program.
+//! Benches that come with the program.
 
-use gearwatch_core::bench::{Bench, EffectSpec};
-
-use crate::scenario::Scenario;
-use crate::source::{SimConfig, SimError, Simulator};
+use gearwatch_core::bench::Bench;
 
 /// A bench that comes with the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +32,8 @@ pub const BENCHES: &[Shipped] = &[
     },
 ];
 
-/// What the demonstration does: healthy at first, then the flanks of the first stage wear.
-const DEMO: &str = include_str!("shipped/demo-scenario.toml");
+/// The bench of the demonstration, as a bench file.
+pub const DEMO_BENCH: &str = include_str!("shipped/paper-rig.toml");
 
 /// The shipped bench with a name.
 pub fn bench(name: &str) -> Option<Bench> {
@@ -45,36 +42,13 @@ pub fn bench(name: &str) -> Option<Bench> {
     toml::from_str(shipped.text).ok()
 }
 
-/// The demonstration: the bench `spectraquest-like`, healthy for two minutes; then a fault sets in and grows for two more.
-///
-/// # Errors
-/// As [`Simulator::new`]; the shipped files themselves are tested.
-pub fn demo_config(seed: u64) -> Result<SimConfig, SimError> {
-    let broken = |what: &str| SimError::Scenario(vec![format!("the shipped {what} cannot be read")]);
-    Ok(SimConfig {
-        bench: bench("spectraquest-like").ok_or_else(|| broken("bench"))?,
-        effects: Vec::<EffectSpec>::new(),
-        scenario: toml::from_str::<Scenario>(DEMO).map_err(|_| broken("scenario"))?,
-        seed,
-        t0: 0,
-    })
-}
-
-/// The demonstration as a source.
-///
-/// # Errors
-/// As [`demo_config`].
-pub fn demo_source(seed: u64) -> Result<Simulator, SimError> {
-    Simulator::new(demo_config(seed)?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::setup::SimSetup;
 
     #[test]
-    fn conform_shipped_benches_and_demo_are_usable() {
+    fn conform_shipped_benches_are_usable() {
         for shipped in BENCHES {
             let bench: Bench = toml::from_str(shipped.text).unwrap();
             assert_eq!(bench.name, shipped.name);
@@ -84,9 +58,6 @@ mod tests {
                 crate::effects::apply(spec, &mut setup).unwrap();
             }
         }
-        let demo = demo_config(1).unwrap();
-        assert_eq!(demo.scenario.problems(&demo.bench), Vec::<String>::new());
-        assert!(!demo.scenario.events.is_empty());
     }
 
     /// 34 teeth behind 1:3.56 at 30 Hz: the paper's 286 Hz. 1790 lb in are 202 N m.

@@ -204,21 +204,7 @@ impl Simulator {
     fn advance(&mut self) -> Result<(), SimError> {
         match &mut self.stepper {
             Stepper::Exponential(etd) => {
-                let steps = (1.0 / (self.rate_hz * etd.step_s())).round() as u32;
-                for step in 1..=steps {
-                    etd.step()?;
-                    let [middle, end] = etd.readings();
-                    for (channel, (middle, end)) in self.channels.iter_mut().zip(middle.iter().zip(end)) {
-                        if 2 * step == steps + 1 {
-                            channel.push(middle[0]);
-                        } else if 2 * step == steps {
-                            channel.push(end[0]);
-                        }
-                        if step == steps {
-                            channel.push(end[0]);
-                        }
-                    }
-                }
+                etd.step_sample(self.rate_hz, &mut self.channels)?;
             }
             Stepper::RungeKutta { state, parts, scratch } => {
                 let t = self.sample as f64 / self.rate_hz;

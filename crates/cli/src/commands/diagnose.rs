@@ -48,6 +48,9 @@ pub struct Diagnose {
     /// Baseline file; without one every rank is `unknown`
     #[arg(short = 'n', long, value_name = "FILE")]
     baseline: Option<PathBuf>,
+    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place of the paper's table
+    #[arg(long, value_name = "FILE")]
+    signatures: Option<PathBuf>,
     /// Form of the result
     #[arg(short, long, value_enum, default_value_t)]
     format: Format,
@@ -111,7 +114,11 @@ impl Run for Diagnose {
         };
         let expected = expected_channels(&bench, baseline.as_ref());
         let tolerances = baseline.as_ref().map_or_else(BaselineConfig::default, |baseline| baseline.config);
-        let pipeline = Arc::new(Pipeline::new(&bench, &config, baseline)?);
+        let mut pipeline = Pipeline::new(&bench, &config, baseline)?;
+        if let Some(path) = &self.signatures {
+            pipeline = pipeline.with_signatures(gearwatch_io::signature_file::read_for(path, &bench)?);
+        }
+        let pipeline = Arc::new(pipeline);
         let mut all = Vec::new();
         let mut failed = None;
         for path in &self.input.files {

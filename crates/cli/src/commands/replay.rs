@@ -27,6 +27,9 @@ pub struct Replay {
     /// Baseline file; without one every rank is `unknown`
     #[arg(short = 'n', long, value_name = "FILE")]
     baseline: Option<PathBuf>,
+    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place of the paper's table
+    #[arg(long, value_name = "FILE")]
+    signatures: Option<PathBuf>,
     /// Seconds of recording per second, or `max`
     #[arg(short, long, default_value = "max")]
     speed: Speed,
@@ -39,7 +42,14 @@ impl Run for Replay {
     const NAME: &'static str = "replay";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let config = Config::of_recording(&self.file, &self.bench, self.baseline.as_deref(), self.speed, self.workers)?;
+        let config = Config::of_recording(
+            &self.file,
+            &self.bench,
+            self.baseline.as_deref(),
+            self.signatures.as_deref(),
+            self.speed,
+            self.workers,
+        )?;
         serve(config, true, None)
     }
 }

@@ -9,14 +9,11 @@ use clap::{Args, ValueEnum};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::signature::{Expected, SignatureTable};
+use gearwatch_io::signature_file::{Lines, Point, SignatureFile, State};
 use gearwatch_sim::signatures::{self, Conditions, Signatures};
-use serde_json::{Value, json};
 
 use super::Run;
 use crate::exit::Exit;
-
-/// Format of the file that `--out` writes.
-const FORMAT: &str = "gearwatch-signatures/1";
 
 /// Simulate the rank paper's fault states on a bench: amplitudes, deviations and ranks of 1x to 5x
 #[derive(Args)]
@@ -28,7 +25,7 @@ const FORMAT: &str = "gearwatch-signatures/1";
 The faults sit on one tooth: broken by 1/5 … 5/5 of its width, pits of 4, 5, 6, 7 mm one after the other, and both.
 docs/physics-mesh.md says how they are modelled.")]
 pub struct SignaturesCommand {
-    /// Bench file
+    /// Bench file, or the name of a bench that comes with the program
     bench: PathBuf,
     /// Stage with the fault; the first where left out
     #[arg(long, value_name = "NAME")]
@@ -42,7 +39,7 @@ pub struct SignaturesCommand {
     /// Brake torque in N m, may be repeated; the bench's own where left out
     #[arg(long = "torque", value_name = "NM")]
     torques: Vec<f64>,
-    /// Also write the signatures with their sigma to this JSON file
+    /// Also write the signatures with their sigma to this JSON file, which diagnose, replay and run match verdicts with
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -60,7 +57,7 @@ impl Run for SignaturesCommand {
     const NAME: &'static str = "signatures";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let bench = gearwatch_io::bench_file::read(&self.bench)?;
+        let bench = super::simulate::read_bench(&self.bench)?;
         let stage = match &self.stage {
             None => 0,
             Some(name) => {
@@ -85,14 +82,12 @@ impl Run for SignaturesCommand {
                 let conditions = Conditions { stage, wheel: self.gear == WhichGear::Wheel, motor_hz, torque_nm };
                 let found = signatures::simulate(&bench, conditions)?;
                 describe(&mut text, &bench, &found)?;
-                points.push(value(&bench, &found));
+                points.push(point(&bench, &found));
             }
         }
         std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
         if let Some(path) = &self.out {
-            let file = json!({ "format": FORMAT, "bench": bench.name, "points": points });
-            std::fs::write(path, format!("{}\n", serde_json::to_string_pretty(&file)?))
-                .with_context(|| format!("{}: cannot be written", path.display()))?;
+            SignatureFile::new(&bench, points).write(path)?;
         }
         Ok(Exit::Ok)
     }
@@ -161,35 +156,23 @@ fn compare(out: &mut String, found: &Signatures, sensor: usize, ranks: &RankConf
     )
 }
 
-fn value(bench: &Bench, found: &Signatures) -> Value {
+fn point(bench: &Bench, found: &Signatures) -> Point {
     let Conditions { stage, wheel, motor_hz, torque_nm } = found.conditions;
-    let states: Vec<Value> = found
-        .states
-        .iter()
-        .map(|state| {
-            let sensors: serde_json::Map<String, Value> = bench
-                .sensors
-                .iter()
-                .enumerate()
-                .map(|(s, sensor)| {
-                    let deviations = state.deviations_percent[s];
-                    let entry = json!({
-                        "amplitude_m_s2": state.amplitudes[s],
-                        "deviation_percent": deviations,
-                        "sigma_percent": deviations.map(signatures::sigma_percent),
-                    });
-                    (sensor.name.clone(), entry)
-                })
-                .collect();
-            json!({ "state": state.state.name, "stepped": state.stepped, "sensors": sensors })
-        })
-        .collect();
-    json!({
-        "stage": bench.stages[stage].name,
-        "gear": if wheel { "wheel" } else { "pinion" },
-        "motor_speed_hz": motor_hz,
-        "brake_torque_nm": torque_nm,
-        "pit_scale": found.pit_scale,
-        "states": states,
-    })
+    let states = found.states.iter().map(|state| {
+        let lines = |s: usize| Lines {
+            amplitude_m_s2: state.amplitudes[s],
+            deviation_percent: state.deviations_percent[s],
+            sigma_percent: state.deviations_percent[s].map(signatures::sigma_percent),
+        };
+        let sensors = bench.sensors.iter().enumerate().map(|(s, sensor)| (sensor.name.clone(), lines(s)));
+        State { state: state.state.name.to_owned(), stepped: state.stepped, sensors: sensors.collect() }
+    });
+    Point {
+        stage: bench.stages[stage].name.clone(),
+        gear: if wheel { "wheel" } else { "pinion" }.to_owned(),
+        motor_speed_hz: motor_hz,
+        brake_torque_nm: torque_nm,
+        pit_scale: found.pit_scale,
+        states: states.collect(),
+    }
 }

@@ -70,6 +70,11 @@ impl Run for Simulate {
         if self.output.is_none() && self.plot.is_none() {
             bail!("nothing to write: give -o FILE.mcap, --plot FILE.svg, or both");
         }
+        // Names that cannot be right are refused before minutes of computing, not after.
+        let form = self.plot.as_deref().map(plot::form).transpose()?;
+        if let Some(path) = self.output.as_ref().filter(|path| path.extension().is_none_or(|end| end != "mcap")) {
+            bail!("{}: the recording is written as MCAP; the name must end in .mcap", path.display());
+        }
         let config = self.config()?;
         let mut simulator = Simulator::new(config.clone()).with_context(|| self.bench.display().to_string())?;
         let mut err = std::io::stderr().lock();
@@ -92,8 +97,8 @@ impl Run for Simulate {
                 }
             }
         }
-        if let Some(path) = &self.plot {
-            let text = plot::picture(path, &recording, &config, simulator.model())?;
+        if let Some((path, form)) = self.plot.as_ref().zip(form) {
+            let text = plot::picture(form, &recording, &config, simulator.model())?;
             std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
         }
         Ok(Exit::Ok)

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use gearwatch_core::signature::{Expected, SignatureTable};
+use gearwatch_core::signature::{Expected, Signatures};
 use gearwatch_core::verdict::{Reason, Verdict};
 
 use crate::engine::Told;
@@ -25,7 +25,7 @@ pub(super) struct Teller {
     health: Arc<Mutex<Health>>,
     hub: Arc<Hub>,
     viewer: Viewer,
-    signatures: SignatureTable,
+    signatures: Signatures,
     /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
     told: BTreeSet<(String, &'static str)>,
 }
@@ -38,7 +38,7 @@ impl Teller {
         health: Arc<Mutex<Health>>,
         hub: Arc<Hub>,
         viewer: Viewer,
-        signatures: SignatureTable,
+        signatures: Signatures,
     ) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
         Self { bench, label, fanout, health, hub, viewer, signatures, told: BTreeSet::new() }
@@ -112,8 +112,9 @@ impl Teller {
             let how = if alarm.active { "alarm" } else { "alarm over" };
             tracing::warn!(bench = &*self.bench, alarm = alarm.id, severity, window = verdict.window, "{how}");
         }
+        let table = self.signatures.of(verdict);
         let states = verdict.states.iter().map(|state| {
-            let pattern = self.signatures.signatures.iter().find(|s| s.name == state.name);
+            let pattern = table.into_iter().flat_map(|table| &table.signatures).find(|s| s.name == state.name);
             serde_json::json!({
                 "name": &*state.name,
                 "probability": state.probability,

@@ -6,7 +6,7 @@ use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, S
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::gear::GearAt;
+use super::gear::{GearAt, nominal_mesh_force_n};
 use crate::setup::SimSetup;
 
 /// Cumulative pitch error of a gear.
@@ -18,7 +18,7 @@ impl Effect for PitchError {
     }
 
     fn help(&self) -> &'static str {
-        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution and that the load does not change."
+        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution and that the load does not change while neighbouring teeth differ by less than they deflect."
     }
 
     fn places(&self) -> &'static [PlaceKind] {
@@ -46,7 +46,11 @@ impl Effect for PitchError {
         Signature {
             lines: gear.once_per_revolution(bench, 4),
             change: Change::Rises,
-            load: Law::Independent,
+            load: if self.largest_step_m(gear, values, bench) < deflection_m(gear, bench) {
+                Law::Independent
+            } else {
+                Law::Mixed
+            },
             speed: SpeedLaw::Resonances,
         }
     }
@@ -54,6 +58,26 @@ impl Effect for PitchError {
     fn confused_with(&self) -> &'static [&'static str] {
         &["eccentricity", "tooth_breakage", "root_crack"]
     }
+}
+
+impl PitchError {
+    /// Largest difference between neighbouring teeth (m).
+    fn largest_step_m(&self, gear: GearAt, values: &Values, bench: &Bench) -> f64 {
+        let errors = pattern(gear.teeth(bench), values.get("pattern") as u64, 1e-6 * values.get("total_um"));
+        let next = errors.iter().cycle().skip(1);
+        errors.iter().zip(next).fold(0.0_f64, |w, (a, b)| w.max((a - b).abs()))
+    }
+}
+
+/// Single stiffness of a pair of steel teeth per width (N/m²): 14 N/(mm µm), ISO 6336-1.
+const STIFFNESS_PER_WIDTH: f64 = 14e9;
+
+/// Deflection of one pair under the whole nominal load (m). A tooth that lags by more carries nothing where two pairs should share; then the load
+/// decides how many teeth touch, and no law of load holds.
+fn deflection_m(gear: GearAt, bench: &Bench) -> f64 {
+    let width_m = 1e-3 * bench.stages[gear.stage].face_width_mm;
+    let stiffness = STIFFNESS_PER_WIDTH * bench.gear_material.youngs_modulus_pa / 206e9;
+    nominal_mesh_force_n(bench, gear.stage) / (stiffness * width_m)
 }
 
 /// A cumulative pitch error by tooth (m): independent steps from tooth to tooth that close over the revolution, scaled to the

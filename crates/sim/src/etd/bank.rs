@@ -1,23 +1,31 @@
 //! Modal arithmetic of `L` parameter sets side by side.
 //!
-//! All loops run over modes in groups of [`GROUP`] with one accumulator per place in the group, whatever `L` is. So a single run
-//! vectorises over modes, lanes vectorise over runs, and both add in the same order: their results are equal bit for bit.
+//! Every sum runs in an order that does not depend on `L`: outputs are summed over even and odd modes apart, states over the inputs one
+//! by one. A single run vectorises over outputs and over modes, lanes vectorise over runs; their results are equal bit for bit, whatever the width.
 
 use super::plan::{NODES, Plan, Split};
 
-/// Modes that are added in parallel.
+/// Modes, and outputs, that are worked on together.
 pub(super) const GROUP: usize = 8;
 
-/// A modal quantity of `L` runs.
+/// A value per place in a group and run.
+pub(super) type Block<const L: usize> = [[f64; L]; GROUP];
+
+fn zeros<const L: usize>() -> Block<L> {
+    [[0.0; L]; GROUP]
+}
+
+/// Modal values of `L` runs, in groups of modes.
 #[derive(Clone, Debug)]
 pub(super) struct Lanes<const L: usize> {
-    re: Vec<[f64; L]>,
-    im: Vec<[f64; L]>,
+    re: Vec<Block<L>>,
+    im: Vec<Block<L>>,
 }
 
 impl<const L: usize> Lanes<L> {
-    pub(super) fn zeros(len: usize) -> Self {
-        Self { re: vec![[0.0; L]; len], im: vec![[0.0; L]; len] }
+    fn zeros(len: usize) -> Self {
+        let groups = len / GROUP;
+        Self { re: vec![zeros(); groups], im: vec![zeros(); groups] }
     }
 
     fn gather<'a>(len: usize, splits: impl Iterator<Item = &'a Split>) -> Self {
@@ -31,155 +39,186 @@ impl<const L: usize> Lanes<L> {
     /// Writes one lane; modes beyond the split's stay zero.
     pub(super) fn set(&mut self, lane: usize, split: &Split) {
         for (m, (&re, &im)) in split.re.iter().zip(&split.im).enumerate() {
-            self.re[m][lane] = re;
-            self.im[m][lane] = im;
+            self.re[m / GROUP][m % GROUP][lane] = re;
+            self.im[m / GROUP][m % GROUP][lane] = im;
         }
     }
 
     /// Reads one lane.
     pub(super) fn get(&self, lane: usize, out: &mut Split) {
         for (m, (re, im)) in out.re.iter_mut().zip(&mut out.im).enumerate() {
-            *re = self.re[m][lane];
-            *im = self.im[m][lane];
+            *re = self.re[m / GROUP][m % GROUP][lane];
+            *im = self.im[m / GROUP][m % GROUP][lane];
         }
     }
+}
 
-    /// `Σ Re(self z)` over the modes, lane by lane.
-    #[inline(always)]
-    fn real_dot(&self, z: &Self) -> [f64; L] {
-        let mut sums = [[0.0; L]; GROUP];
-        for (((re, im), zre), zim) in (self.re.chunks_exact(GROUP).zip(self.im.chunks_exact(GROUP)))
-            .zip(z.re.chunks_exact(GROUP))
-            .zip(z.im.chunks_exact(GROUP))
-        {
-            for g in 0..GROUP {
-                for l in 0..L {
-                    sums[g][l] += re[g][l] * zre[g][l] - im[g][l] * zim[g][l];
-                }
-            }
-        }
-        let mut out = [0.0; L];
-        for (l, out) in out.iter_mut().enumerate() {
-            let s = |g: usize| sums[g][l];
-            *out = ((s(0) + s(4)) + (s(2) + s(6))) + ((s(1) + s(5)) + (s(3) + s(7)));
-        }
-        out
-    }
+/// Rows of a group of outputs, by mode.
+#[derive(Clone, Debug)]
+struct Rows<const L: usize> {
+    re: Vec<Block<L>>,
+    im: Vec<Block<L>>,
+    /// What the held forces add.
+    held: Block<L>,
+}
 
-    /// `self = decay ∘ z + held`.
-    #[inline(always)]
-    fn decay(&mut self, decay: &Self, z: &Self, held: &Self) {
-        let len = self.re.len();
-        let (out_re, out_im) = (&mut self.re[..len], &mut self.im[..len]);
-        let (d_re, d_im) = (&decay.re[..len], &decay.im[..len]);
-        let (z_re, z_im) = (&z.re[..len], &z.im[..len]);
-        let (h_re, h_im) = (&held.re[..len], &held.im[..len]);
-        for m in 0..len {
-            for l in 0..L {
-                out_re[m][l] = d_re[m][l] * z_re[m][l] - d_im[m][l] * z_im[m][l] + h_re[m][l];
-                out_im[m][l] = d_re[m][l] * z_im[m][l] + d_im[m][l] * z_re[m][l] + h_im[m][l];
-            }
-        }
-    }
-
-    /// `self += w · value`, a value per lane.
-    #[inline(always)]
-    fn add(&mut self, w: &Self, value: [f64; L]) {
-        let len = self.re.len();
-        let (w_re, w_im) = (&w.re[..len], &w.im[..len]);
-        for (m, (re, im)) in self.re[..len].iter_mut().zip(&mut self.im[..len]).enumerate() {
-            for l in 0..L {
-                re[l] += w_re[m][l] * value[l];
-                im[l] += w_im[m][l] * value[l];
-            }
-        }
-    }
+/// One output of a step: a row that is read at its middle or at its end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading<'a> {
+    pub(super) row: &'a Split,
+    pub(super) half: usize,
 }
 
 /// Full-step weights and states of `L` runs.
 #[derive(Clone, Debug)]
 pub(super) struct Bank<const L: usize> {
-    decay: [Lanes<L>; 2],
-    /// `w_node ∘ b_input`, by input and node.
-    node: Vec<[Lanes<L>; NODES]>,
-    outputs: Vec<Lanes<L>>,
-    sensors: Vec<Lanes<L>>,
-    /// Responses to the held forces as they are now, at the middle and at the end.
-    pub(super) held: [Lanes<L>; 2],
+    /// `e^{λh}` and the response to the held forces.
+    decay: Lanes<L>,
+    held: Lanes<L>,
+    /// `w_node ∘ b_input` by group of modes, then by input and node.
+    node_re: Vec<Block<L>>,
+    node_im: Vec<Block<L>>,
     /// State at the start of the step.
     pub(super) z: Lanes<L>,
-    /// State at the middle and at the end, first without and then with the remainder.
-    pub(super) ahead: [Lanes<L>; 2],
-    /// Response of the sensors at the middle to each input at each node.
-    sensor_coupling: Vec<Vec<[[f64; L]; NODES]>>,
+    /// `row ∘ e^{λx}` for every output of a step.
+    rows: Vec<Rows<L>>,
 }
 
 impl<const L: usize> Bank<L> {
-    pub(super) fn new(plans: &[Plan; L], middle_sensors: &[Vec<Vec<[f64; NODES]>>; L]) -> Self {
+    /// `readings` lists the outputs of a plan in the order in which [`Self::predict`] gives them.
+    pub(super) fn new(plans: &[Plan; L], readings: impl for<'a> Fn(&'a Plan) -> Vec<Reading<'a>>) -> Self {
         let len = plans.iter().map(|plan| plan.len).max().unwrap_or(0);
-        let inputs = plans[0].inputs.len();
         let gather = |pick: &dyn Fn(&Plan) -> &Split| Lanes::gather(len, plans.iter().map(pick));
-        let node = (0..inputs)
-            .map(|input| {
-                std::array::from_fn(|node| {
-                    let products: Vec<Split> =
-                        plans.iter().map(|plan| product(&plan.full.node[node], &plan.inputs[input])).collect();
-                    Lanes::gather(len, products.iter())
-                })
-            })
-            .collect();
-        let sensors = plans[0].sensors.len();
-        Self {
-            decay: [gather(&|p| &p.full.decay[0]), gather(&|p| &p.full.decay[1])],
-            node,
-            outputs: (0..plans[0].outputs.len()).map(|o| gather(&|p| &p.outputs[o])).collect(),
-            sensors: (0..sensors).map(|s| gather(&|p| &p.sensors[s])).collect(),
-            held: [Lanes::zeros(len), Lanes::zeros(len)],
-            z: Lanes::zeros(len),
-            ahead: [Lanes::zeros(len), Lanes::zeros(len)],
-            sensor_coupling: (0..sensors)
-                .map(|s| {
-                    (0..inputs)
-                        .map(|i| std::array::from_fn(|n| std::array::from_fn(|l| middle_sensors[l][s][i][n])))
-                        .collect()
-                })
-                .collect(),
-        }
-    }
-
-    /// Steps the linear part and reads the outputs: `free[half][output][lane]`.
-    #[inline(always)]
-    pub(super) fn predict(&mut self, free: &mut [Vec<[f64; L]>; 2]) {
-        for half in 0..2 {
-            self.ahead[half].decay(&self.decay[half], &self.z, &self.held[half]);
-            for (free, output) in free[half].iter_mut().zip(&self.outputs) {
-                *free = output.real_dot(&self.ahead[half]);
-            }
-        }
-    }
-
-    /// Adds the remainder (`[input][node][lane]`) to the state at the end, and reads the sensors at middle and end.
-    #[inline(always)]
-    pub(super) fn correct(&mut self, remainder: &[[[f64; L]; NODES]], readings: &mut [Vec<[f64; L]>; 2]) {
-        for (weights, values) in self.node.iter().zip(remainder) {
-            for (weight, &value) in weights.iter().zip(values) {
-                self.ahead[1].add(weight, value);
-            }
-        }
-        for (s, sensor) in self.sensors.iter().enumerate() {
-            let mut middle = sensor.real_dot(&self.ahead[0]);
-            for (coupling, values) in self.sensor_coupling[s].iter().zip(remainder) {
-                for (c, v) in coupling.iter().zip(values) {
-                    for l in 0..L {
-                        middle[l] += c[l] * v[l];
+        let groups = len / GROUP;
+        let terms = plans[0].inputs.len() * NODES;
+        let mut node_re = vec![zeros(); groups * terms];
+        let mut node_im = node_re.clone();
+        let mut rows: Vec<Rows<L>> = Vec::new();
+        for (l, plan) in plans.iter().enumerate() {
+            for (input, vector) in plan.inputs.iter().enumerate() {
+                for node in 0..NODES {
+                    let product = product(&plan.full.node[node], vector);
+                    for m in 0..plan.len {
+                        let at = m / GROUP * terms + input * NODES + node;
+                        node_re[at][m % GROUP][l] = product.re[m];
+                        node_im[at][m % GROUP][l] = product.im[m];
                     }
                 }
             }
-            readings[0][s] = middle;
-            readings[1][s] = sensor.real_dot(&self.ahead[1]);
+            let readings = readings(plan);
+            rows.resize_with(readings.len().div_ceil(GROUP), || Rows {
+                re: vec![zeros(); len],
+                im: vec![zeros(); len],
+                held: zeros(),
+            });
+            for (o, reading) in readings.iter().enumerate() {
+                let row = product(reading.row, &plan.full.decay[reading.half]);
+                for m in 0..plan.len {
+                    rows[o / GROUP].re[m][o % GROUP][l] = row.re[m];
+                    rows[o / GROUP].im[m][o % GROUP][l] = -row.im[m];
+                }
+            }
         }
-        std::mem::swap(&mut self.z, &mut self.ahead[1]);
+        Self {
+            decay: gather(&|p| &p.full.decay[1]),
+            held: Lanes::zeros(len),
+            node_re,
+            node_im,
+            z: Lanes::zeros(len),
+            rows,
+        }
     }
+
+    /// Takes over the held forces of a run, given as their modal sum.
+    pub(super) fn hold(&mut self, lane: usize, plan: &Plan, readings: &[Reading<'_>], forcing: &Split) {
+        let responses = [product(&plan.full.held[0], forcing), product(&plan.full.held[1], forcing)];
+        self.held.set(lane, &responses[1]);
+        for (o, reading) in readings.iter().enumerate() {
+            self.rows[o / GROUP].held[o % GROUP][lane] = reading.row.real_dot(&responses[reading.half]);
+        }
+    }
+
+    /// Outputs of the step that state and held forces alone would give.
+    #[inline(always)]
+    pub(super) fn predict(&self, out: &mut [Block<L>]) {
+        for (rows, out) in self.rows.iter().zip(out) {
+            let (re, im) = (&rows.re, &rows.im);
+            let (z_re, z_im) = (self.z.re.as_flattened(), self.z.im.as_flattened());
+            // A single run keeps all outputs of the group in registers, lanes one output at a time; each sum's order is the same.
+            if L == 1 {
+                let held = rows.held.as_flattened();
+                let sums = four_sums(
+                    re.iter().map(|row| row.as_flattened()).zip(z_re.iter().map(|z| [z[0]; GROUP])),
+                    im.iter().map(|row| row.as_flattened()).zip(z_im.iter().map(|z| [z[0]; GROUP])),
+                );
+                for o in 0..GROUP {
+                    out[o] = [held[o] + sums[o]; L];
+                }
+            } else {
+                for o in 0..GROUP {
+                    let sums = four_sums(
+                        re.iter().map(|row| &row[o][..]).zip(z_re.iter().copied()),
+                        im.iter().map(|row| &row[o][..]).zip(z_im.iter().copied()),
+                    );
+                    for l in 0..L {
+                        out[o][l] = rows.held[o][l] + sums[l];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Takes the state to the end of the step under the remainder, `[input × node][lane]`.
+    #[inline(always)]
+    pub(super) fn advance(&mut self, remainder: &[[f64; L]]) {
+        let terms = remainder.len();
+        for g in 0..self.z.re.len() {
+            let (node_re, node_im) = (&self.node_re[g * terms..][..terms], &self.node_im[g * terms..][..terms]);
+            let (mut re, mut im) = (self.held.re[g], self.held.im[g]);
+            let (d_re, d_im) = (&self.decay.re[g], &self.decay.im[g]);
+            let (z_re, z_im) = (&mut self.z.re[g], &mut self.z.im[g]);
+            for m in 0..GROUP {
+                for l in 0..L {
+                    re[m][l] += d_re[m][l] * z_re[m][l] - d_im[m][l] * z_im[m][l];
+                    im[m][l] += d_re[m][l] * z_im[m][l] + d_im[m][l] * z_re[m][l];
+                }
+            }
+            for (value, (w_re, w_im)) in remainder.iter().zip(node_re.iter().zip(node_im)) {
+                for m in 0..GROUP {
+                    for l in 0..L {
+                        re[m][l] += w_re[m][l] * value[l];
+                        im[m][l] += w_im[m][l] * value[l];
+                    }
+                }
+            }
+            (*z_re, *z_im) = (re, im);
+        }
+    }
+}
+
+/// `Σ a ∘ b` of two series, each by even and odd terms apart, for `N` places at once.
+#[inline(always)]
+fn four_sums<'a, const N: usize>(
+    re: impl Iterator<Item = (&'a [f64], [f64; N])>,
+    im: impl Iterator<Item = (&'a [f64], [f64; N])>,
+) -> [f64; N] {
+    let (mut re_even, mut re_odd, mut im_even, mut im_odd) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
+    let add = |sum: &mut [f64; N], (a, b): (&[f64], [f64; N])| {
+        if let Some(a) = a.first_chunk::<N>() {
+            for i in 0..N {
+                sum[i] += a[i] * b[i];
+            }
+        }
+    };
+    let mut terms = re.zip(im);
+    // The number of modes is padded to an even one.
+    while let (Some((re0, im0)), Some((re1, im1))) = (terms.next(), terms.next()) {
+        add(&mut re_even, re0);
+        add(&mut im_even, im0);
+        add(&mut re_odd, re1);
+        add(&mut im_odd, im1);
+    }
+    std::array::from_fn(|i| (re_even[i] + re_odd[i]) + (im_even[i] + im_odd[i]))
 }
 
 pub(super) fn product(a: &Split, b: &Split) -> Split {

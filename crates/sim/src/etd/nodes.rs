@@ -3,21 +3,24 @@
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
 use crate::contact::Contact;
-use crate::mesh::Pairs;
+use crate::mesh::{MAX_PAIRS, MeshForce, Pairs};
 
 use super::plan::{Plan, Weights};
 
 /// Most stages of a train.
 pub(super) const MOST_STAGES: usize = 6;
 const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
-/// Newton steps; the force is piecewise linear, so two or three are the rule.
+/// Newton steps; the force is piecewise linear, so one is the rule.
 const MOST_ITERATIONS: usize = 12;
+/// Largest move, as a part of the largest approach, at which friction counts as settled.
+const SETTLED: f64 = 1e-7;
 
-/// Approach, phase angle, contact and remainder of all stages at one instant.
+/// Approach, phase, contact and remainder of all stages at one instant.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Node {
     pub(super) approach: [f64; MOST_STAGES],
     pub(super) pinion_rad: [f64; MOST_STAGES],
+    pub(super) phase: [f64; MOST_STAGES],
     pub(super) touching: [u32; MOST_STAGES],
     pub(super) remainder: [f64; 4 * MOST_STAGES],
 }
@@ -27,15 +30,23 @@ impl Node {
     pub(super) fn is_open(&self, stages: usize) -> bool {
         self.touching[..stages].contains(&0)
     }
+
+    /// The same pairs touch in all stages.
+    #[inline(always)]
+    pub(super) fn touches_like(&self, other: &Self, stages: usize) -> bool {
+        (0..stages).all(|stage| self.touching[stage] == other.touching[stage])
+    }
 }
 
-/// The two nodes of a step that are solved for.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Solved {
-    pub(super) middle: Node,
-    pub(super) end: Node,
-    /// No set of touching pairs could be settled: a step across a graze.
-    pub(super) unsettled: bool,
+/// The two nodes of a step that are solved for, and the tooth pairs there.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Solver {
+    /// Middle and end.
+    pub(super) nodes: [Node; 2],
+    pub(super) pairs: [[Pairs; MOST_STAGES]; 2],
+    /// Approaches that the state, the held forces and the remainder at the start alone would give.
+    pub(super) base: [[f64; MOST_STAGES]; 2],
+    laws: [[MeshForce; MOST_STAGES]; 2],
 }
 
 /// Contact and remainder of all stages where approach and angle are known.
@@ -47,11 +58,13 @@ pub(super) fn evaluate(plan: &Plan, reference_rad: f64, approach: &[f64], pinion
         let contact = plan.model.contacts[stage].at(phase, approach[stage], 0.0, &mut pairs);
         node.approach[stage] = approach[stage];
         node.pinion_rad[stage] = pinion_rad[stage];
+        node.phase[stage] = phase;
         store(plan, &mut node, stage, &contact);
     }
     node
 }
 
+#[inline(always)]
 fn store(plan: &Plan, node: &mut Node, stage: usize, contact: &Contact) {
     let stages = plan.stiffness.len();
     node.touching[stage] = contact.touching;
@@ -63,83 +76,149 @@ fn store(plan: &Plan, node: &mut Node, stage: usize, contact: &Contact) {
     }
 }
 
-/// Solves for middle and end of a step.
-///
-/// `free` holds the outputs that the state and the held forces alone would give at the middle and at the end, `start` the node
-/// where the step begins, `references` the first shaft's angle at middle and end (rad).
-pub(super) fn solve(
-    plan: &Plan,
-    weights: &Weights,
-    start: &Node,
-    free: &[[f64; 2 * MOST_STAGES]; 2],
-    references: [f64; 2],
-) -> Solved {
-    let stages = plan.stiffness.len();
-    let inputs = plan.inputs.len();
-    let mut pairs = [Pairs::default(); MOST_UNKNOWNS];
-    let mut base = [[0.0; MOST_STAGES]; 2];
-    let mut nodes = [Node::default(), Node::default()];
-    let mut phases = [[0.0; MOST_STAGES]; 2];
-    for half in 0..2 {
-        for stage in 0..stages {
-            let coupling = &weights.coupling[half];
-            let (mut fixed, mut guess, mut angle) = (free[half][stage], 0.0, free[half][stages + stage]);
-            for input in 0..inputs {
-                let r = start.remainder[input];
-                let c = &coupling[stage][input];
-                fixed += c[0] * r;
-                guess += (c[1] + c[2]) * r;
-                let c = &coupling[stages + stage][input];
-                angle += (c[0] + c[1] + c[2]) * r;
-            }
-            base[half][stage] = fixed;
-            nodes[half].approach[stage] = fixed + guess;
-            nodes[half].pinion_rad[stage] = angle;
-            let phase = plan.model.phase(stage, references[half], angle);
-            phases[half][stage] = phase;
-            plan.model.contacts[stage].pairs(phase, &mut pairs[half * MOST_STAGES + stage]);
-        }
+/// One bit per pair of a set, by the pair's number modulo 16, as in [`Contact::touching`].
+#[inline(always)]
+pub(super) fn touching(pairs: &Pairs, set: u8) -> u32 {
+    let mut out = 0;
+    for (i, pair) in pairs.as_slice().iter().enumerate() {
+        out |= u32::from(set >> i & 1) << (pair.index & 15);
     }
-    let mut settled = false;
-    for iteration in 0..MOST_ITERATIONS {
-        let mut tangent = [[0.0; MOST_STAGES]; 2];
-        let before = [nodes[0].touching, nodes[1].touching];
-        for half in 0..2 {
-            for stage in 0..stages {
-                let contact = plan.model.contacts[stage].among(
-                    &pairs[half * MOST_STAGES + stage],
-                    phases[half][stage],
-                    nodes[half].approach[stage],
-                );
-                tangent[half][stage] = contact.stiffness_n_per_m - plan.stiffness[stage];
-                store(plan, &mut nodes[half], stage, &contact);
-            }
-        }
-        let moved = newton(plan, weights, &base, &tangent, &mut nodes);
-        let same = iteration > 0 && before == [nodes[0].touching, nodes[1].touching];
-        // Within one set of pairs the force is linear, so the second look at the same set is exact but for friction.
-        if same && moved < 1e-7 {
-            settled = true;
-            break;
-        }
-    }
-    let [middle, end] = nodes;
-    Solved { middle, end, unsettled: !settled }
+    out
 }
 
-/// One Newton step of `δ − base − Σ D r(δ) = 0`; updates approaches and remainders, returns the largest move over the largest approach.
-fn newton(
+/// The force law is still that of `law` after a move of the approach to `approach_m`, `step` on from where it was taken.
+#[inline(always)]
+fn still(pairs: &Pairs, law: &MeshForce, approach_m: f64, step: f64) -> bool {
+    if pairs.met(approach_m) != law.set {
+        // A pair that its neighbours' foundation lifts off, as a rule.
+        return pairs.force(approach_m).set == law.set;
+    }
+    (0..MAX_PAIRS).all(|i| law.pair_forces_n[i] + law.pair_stiffnesses_n_per_m[i] * step >= 0.0)
+}
+
+impl Solver {
+    /// Solves for middle and end of a step. False where no set of touching pairs could be settled: a step across a graze.
+    ///
+    /// `free` holds the outputs that the state and the held forces alone would give at the middle and at the end, `start` the node
+    /// where the step begins, `references` the first shaft's angle at middle and end (rad).
+    #[inline(always)]
+    pub(super) fn solve(
+        &mut self,
+        plan: &Plan,
+        weights: &Weights,
+        start: &Node,
+        free: &[[f64; 2 * MOST_STAGES]; 2],
+        references: [f64; 2],
+    ) -> bool {
+        // Counts that the compiler knows: the usual trains are unrolled.
+        match plan.stiffness.len() {
+            1 => self.solve_stages::<1, 2>(plan, weights, start, free, references),
+            2 => self.solve_stages::<2, 4>(plan, weights, start, free, references),
+            _ => self.solve_stages::<MOST_STAGES, MOST_UNKNOWNS>(plan, weights, start, free, references),
+        }
+    }
+
+    /// [`Self::solve`] for `N` stages, or up to `N` where that is the most there can be; `M` is `2 N`.
+    #[inline(always)]
+    fn solve_stages<const N: usize, const M: usize>(
+        &mut self,
+        plan: &Plan,
+        weights: &Weights,
+        start: &Node,
+        free: &[[f64; 2 * MOST_STAGES]; 2],
+        references: [f64; 2],
+    ) -> bool {
+        let stages = if N == MOST_STAGES { plan.stiffness.len() } else { N };
+        self.predict(plan, weights, start, free, references, stages);
+        let rubs = plan.inputs.len() > stages;
+        for iteration in 0..MOST_ITERATIONS {
+            let mut tangent = [[0.0; MOST_STAGES]; 2];
+            let before = [self.nodes[0].touching, self.nodes[1].touching];
+            for half in 0..2 {
+                for stage in 0..stages {
+                    let (node, pairs) = (&mut self.nodes[half], &self.pairs[half][stage]);
+                    let law = pairs.force(node.approach[stage]);
+                    tangent[half][stage] = law.stiffness_n_per_m - plan.stiffness[stage];
+                    if rubs {
+                        let contact = plan.model.contacts[stage].among(pairs, node.phase[stage], node.approach[stage]);
+                        store(plan, node, stage, &contact);
+                    } else {
+                        node.touching[stage] = touching(pairs, law.set);
+                        node.remainder[stage] = law.force_n - plan.stiffness[stage] * node.approach[stage];
+                    }
+                    self.laws[half][stage] = law;
+                }
+            }
+            let (steps, moved) = newton::<M>(plan, weights, &self.base, &tangent, &mut self.nodes, stages);
+            if rubs {
+                // Friction follows the forces, so it needs a second look at the same pairs.
+                if iteration > 0 && before == [self.nodes[0].touching, self.nodes[1].touching] && moved < SETTLED {
+                    return true;
+                }
+                continue;
+            }
+            // Within one set of pairs the force is linear: where the set stays the step was exact.
+            let mut settled = true;
+            for half in 0..2 {
+                for stage in 0..stages {
+                    let approach = self.nodes[half].approach[stage];
+                    settled &= still(&self.pairs[half][stage], &self.laws[half][stage], approach, steps[half][stage]);
+                }
+            }
+            if settled {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Approaches, phases and pairs at middle and end as the remainder at the start lets expect them.
+    #[inline(always)]
+    fn predict(
+        &mut self,
+        plan: &Plan,
+        weights: &Weights,
+        start: &Node,
+        free: &[[f64; 2 * MOST_STAGES]; 2],
+        references: [f64; 2],
+        stages: usize,
+    ) {
+        for half in 0..2 {
+            let coupling = &weights.coupling[half];
+            for stage in 0..stages {
+                let (mut fixed, mut guess, mut angle) = (free[half][stage], 0.0, free[half][stages + stage]);
+                for (c, r) in coupling[stage].iter().zip(&start.remainder) {
+                    fixed += c[0] * r;
+                    guess += (c[1] + c[2]) * r;
+                }
+                for (c, r) in coupling[stages + stage].iter().zip(&start.remainder) {
+                    angle += (c[0] + c[1] + c[2]) * r;
+                }
+                self.base[half][stage] = fixed;
+                let node = &mut self.nodes[half];
+                node.approach[stage] = fixed + guess;
+                node.pinion_rad[stage] = angle;
+                node.phase[stage] = plan.model.phase(stage, references[half], angle);
+                plan.model.contacts[stage].pairs(node.phase[stage], &mut self.pairs[half][stage]);
+            }
+        }
+    }
+}
+
+/// One Newton step of `δ − base − Σ D r(δ) = 0`; updates approaches and mesh remainders. Returns the moves, and the largest over the largest
+/// approach. `M` is twice the number of stages or more.
+#[inline(always)]
+fn newton<const M: usize>(
     plan: &Plan,
     weights: &Weights,
     base: &[[f64; MOST_STAGES]; 2],
     tangent: &[[f64; MOST_STAGES]; 2],
     nodes: &mut [Node; 2],
-) -> f64 {
-    let stages = plan.stiffness.len();
+    stages: usize,
+) -> ([[f64; MOST_STAGES]; 2], f64) {
     let inputs = plan.inputs.len();
-    let n = 2 * stages;
-    let mut matrix = [[0.0; MOST_UNKNOWNS]; MOST_UNKNOWNS];
-    let mut right = [0.0; MOST_UNKNOWNS];
+    let mut matrix = [[0.0; M]; M];
+    let mut right = [0.0; M];
     for half in 0..2 {
         for stage in 0..stages {
             let row = half * stages + stage;
@@ -156,12 +235,33 @@ fn newton(
             matrix[row][row] += 1.0;
         }
     }
-    // The matrix is the identity plus terms of the order (ωh)²/6 times the stiffness fluctuation: no pivoting needed.
+    solve_linear(&mut matrix, &mut right, 2 * stages);
+    let (mut moved, mut largest) = (0.0_f64, 1e-9_f64);
+    let mut steps = [[0.0; MOST_STAGES]; 2];
+    for half in 0..2 {
+        for stage in 0..stages {
+            let step = right[half * stages + stage];
+            moved = moved.max(step.abs());
+            largest = largest.max(nodes[half].approach[stage].abs());
+            nodes[half].approach[stage] += step;
+            nodes[half].remainder[stage] += tangent[half][stage] * step;
+            steps[half][stage] = step;
+        }
+    }
+    (steps, moved / largest)
+}
+
+/// Solves the `n` first equations in place. The matrix is the identity plus terms of the order (ωh)²/6 times the stiffness fluctuation: no
+/// pivoting needed.
+#[inline(always)]
+pub(super) fn solve_linear<const M: usize>(matrix: &mut [[f64; M]; M], right: &mut [f64; M], n: usize) {
     for p in 0..n {
+        let pivot = 1.0 / matrix[p][p];
+        let above = matrix[p];
         for r in p + 1..n {
-            let factor = matrix[r][p] / matrix[p][p];
-            for c in p..n {
-                matrix[r][c] -= factor * matrix[p][c];
+            let factor = matrix[r][p] * pivot;
+            for c in p + 1..n {
+                matrix[r][c] -= factor * above[c];
             }
             right[r] -= factor * right[p];
         }
@@ -172,15 +272,4 @@ fn newton(
         }
         right[p] /= matrix[p][p];
     }
-    let (mut moved, mut largest) = (0.0_f64, 1e-9_f64);
-    for half in 0..2 {
-        for stage in 0..stages {
-            let step = right[half * stages + stage];
-            moved = moved.max(step.abs());
-            largest = largest.max(nodes[half].approach[stage].abs());
-            nodes[half].approach[stage] += step;
-            nodes[half].remainder[stage] += tangent[half][stage] * step;
-        }
-    }
-    moved / largest
 }

@@ -6,13 +6,14 @@ use std::sync::Arc;
 
 use nalgebra::{Complex, DVector};
 
+use super::late::Late;
 use crate::modal::Modes;
 use crate::model::{ModelError, TrainModel};
 
 /// Nodes of a step at which the remainder is taken: its beginning, middle and end.
 pub(super) const NODES: usize = 3;
 /// Degree of the Taylor polynomials of `e^{λh}`.
-const DEGREE: usize = 18;
+pub(super) const DEGREE: usize = 18;
 /// Largest `|λ| h` at which they are used: the first term left out is 2.6¹⁹/19! = 6e-10.
 pub(super) const LONGEST: f64 = 2.6;
 
@@ -83,12 +84,16 @@ pub(super) struct Plan {
     /// Sensors of the bench (m/s²).
     pub(super) sensors: Vec<Split>,
     /// Per degree: `(λh)^k / k!`.
-    powers: Vec<Split>,
+    pub(super) powers: Vec<Split>,
     /// Per output, input: `Re Σ c (λh)^k/k! b`, by degree.
     kernels: Vec<Vec<[f64; DEGREE + 1]>>,
     moments: Moments,
     /// Weights of a full step.
     pub(super) full: Weights,
+    /// Responses to a force that sets in under way.
+    pub(super) late: Late,
+    /// No outside force ever changes.
+    pub(super) held_for_ever: bool,
 }
 
 /// By half, degree and node.
@@ -178,6 +183,8 @@ impl Plan {
             powers,
             kernels,
             moments: node_moments(),
+            late: Late::default(),
+            held_for_ever: model.externals_are_constant(),
             full: Weights {
                 decay: [Split::zeros(len), Split::zeros(len)],
                 held: [Split::zeros(len), Split::zeros(len)],
@@ -190,6 +197,7 @@ impl Plan {
         let mut full = plan.full.clone();
         plan.weigh(1.0, &mut full);
         plan.full = full;
+        plan.late = Late::new(&plan);
         Ok(plan)
     }
 

@@ -42,26 +42,48 @@ pub struct MeshForce {
     pub stiffness_n_per_m: f64,
     /// Share of each pair, in the order of [`Pairs::as_slice`] (N).
     pub pair_forces_n: [f64; MAX_PAIRS],
+    /// d share / d approach (N/m).
+    pub pair_stiffnesses_n_per_m: [f64; MAX_PAIRS],
+    /// The pairs that carry, one bit each in the same order.
+    pub set: u8,
+}
+
+impl MeshForce {
+    #[inline(always)]
+    fn add(&mut self, pair: usize, stiffness: f64, depth_m: f64) {
+        self.pair_forces_n[pair] = stiffness * depth_m;
+        self.pair_stiffnesses_n_per_m[pair] = stiffness;
+        self.force_n += stiffness * depth_m;
+        self.stiffness_n_per_m += stiffness;
+    }
 }
 
 impl Pairs {
     /// The pairs.
+    #[inline(always)]
     pub fn as_slice(&self) -> &[Pair] {
         &self.items[..self.len]
     }
 
+    #[inline(always)]
     pub(super) fn clear(&mut self) {
         self.len = 0;
     }
 
-    pub(super) fn push(&mut self, pair: Pair) {
-        if self.len < MAX_PAIRS {
-            self.items[self.len] = pair;
-            self.len += 1;
-        }
+    /// The place of a further pair, to be written and then kept or not; `None` where there are [`MAX_PAIRS`] already.
+    #[inline(always)]
+    pub(super) fn next(&mut self) -> Option<&mut Pair> {
+        self.items.get_mut(self.len)
+    }
+
+    /// Keeps the pair that was written last, where `touches` says so.
+    #[inline(always)]
+    pub(super) fn keep(&mut self, touches: bool) {
+        self.len += usize::from(touches);
     }
 
     /// Compliance c_ij (m/N): `c_ij = λ sqrt(f_i f_j)` off the diagonal.
+    #[inline(always)]
     fn compliance(&self, i: usize, j: usize) -> f64 {
         if i == j {
             self.items[i].compliance_m_per_n
@@ -70,81 +92,83 @@ impl Pairs {
         }
     }
 
+    /// The pairs whose flanks would meet at an approach if no other pair carried, one bit each.
+    #[inline(always)]
+    pub fn met(&self, approach_m: f64) -> u8 {
+        let mut set = 0;
+        for (i, pair) in self.as_slice().iter().enumerate() {
+            set |= u8::from(approach_m > pair.gap_m) << i;
+        }
+        set
+    }
+
     /// The force at approach `approach_m` of the two gears along the line of action (positive closing).
     ///
     /// All pairs see one approach: `C F = δ − gap` over the pairs that carry, every force ≥ 0, and a pair that does not
     /// carry stays apart (a linear complementarity problem with one solution, C being positive definite).
+    #[inline(always)]
     pub fn force(&self, approach_m: f64) -> MeshForce {
-        let mut active = [0_usize; MAX_PAIRS];
-        let mut n = 0;
-        for (i, pair) in self.as_slice().iter().enumerate() {
-            if approach_m > pair.gap_m {
-                active[n] = i;
-                n += 1;
-            }
-        }
-        let mut out = MeshForce::default();
-        if self.coupling == 0.0 {
-            for &i in &active[..n] {
-                let stiffness = 1.0 / self.items[i].compliance_m_per_n;
-                let force = stiffness * (approach_m - self.items[i].gap_m);
-                out.pair_forces_n[i] = force;
-                out.force_n += force;
-                out.stiffness_n_per_m += stiffness;
-            }
-            return out;
-        }
+        let mut set = self.met(approach_m);
         loop {
-            match n {
-                0 => return out,
-                1 => {
-                    let i = active[0];
-                    let stiffness = 1.0 / self.items[i].compliance_m_per_n;
-                    let force = stiffness * (approach_m - self.items[i].gap_m);
-                    out.pair_forces_n[i] = force;
-                    out.force_n = force;
-                    out.stiffness_n_per_m = stiffness;
-                    return out;
-                }
-                _ => {
-                    let (forces, stiffnesses) = self.solve_active(&active[..n], approach_m);
-                    // A pair that would have to pull is lifted off by its neighbours' foundation: leave the worst out.
-                    let mut worst = 0;
-                    for k in 1..n {
-                        if forces[k] < forces[worst] {
-                            worst = k;
-                        }
-                    }
-                    if forces[worst] >= 0.0 {
-                        for (k, &i) in active[..n].iter().enumerate() {
-                            out.pair_forces_n[i] = forces[k];
-                            out.force_n += forces[k];
-                            out.stiffness_n_per_m += stiffnesses[k];
-                        }
-                        return out;
-                    }
-                    active.copy_within(worst + 1..n, worst);
-                    n -= 1;
+            let out = self.forced(set, approach_m);
+            // A pair that would have to pull is lifted off by its neighbours' foundation: leave the worst out.
+            let (mut worst, mut least) = (0, 0.0);
+            for (i, &force) in out.pair_forces_n.iter().enumerate() {
+                if force < least {
+                    (worst, least) = (i, force);
                 }
             }
+            if least >= 0.0 {
+                return out;
+            }
+            set &= !(1 << worst);
         }
     }
 
-    /// Forces and tangent stiffnesses of the pairs `active`, two or more, all taken to be in contact.
-    fn solve_active(&self, active: &[usize], approach_m: f64) -> ([f64; MAX_PAIRS], [f64; MAX_PAIRS]) {
-        let n = active.len();
-        let mut forces = [0.0; MAX_PAIRS];
-        let mut stiffnesses = [0.0; MAX_PAIRS];
-        if let &[i, j] = active {
+    /// The force if the pairs of `set` (bits in the order of [`Self::as_slice`]), and no others, were in contact, even where they would pull.
+    #[inline(always)]
+    pub fn forced(&self, set: u8, approach_m: f64) -> MeshForce {
+        let mut out = MeshForce { set, ..MeshForce::default() };
+        let bit = |set: u8| set.trailing_zeros() as usize % MAX_PAIRS;
+        let without_first = |set: u8| set & set.wrapping_sub(1);
+        let (i, rest) = (bit(set), without_first(set));
+        if set == 0 {
+            return out;
+        }
+        if rest == 0 {
+            out.add(i, 1.0 / self.items[i].compliance_m_per_n, approach_m - self.items[i].gap_m);
+        } else if self.coupling == 0.0 {
+            for i in (0..MAX_PAIRS).filter(|i| set >> i & 1 == 1) {
+                out.add(i, 1.0 / self.items[i].compliance_m_per_n, approach_m - self.items[i].gap_m);
+            }
+        } else if without_first(rest) == 0 {
+            let j = bit(rest);
             let (a, b, c) = (self.compliance(i, i), self.compliance(j, j), self.compliance(i, j));
             let det = 1.0 / (a * b - c * c);
             let (x, y) = (approach_m - self.items[i].gap_m, approach_m - self.items[j].gap_m);
-            forces[0] = (b * x - c * y) * det;
-            forces[1] = (a * y - c * x) * det;
-            stiffnesses[0] = (b - c) * det;
-            stiffnesses[1] = (a - c) * det;
-            return (forces, stiffnesses);
+            out.pair_forces_n[i] = (b * x - c * y) * det;
+            out.pair_forces_n[j] = (a * y - c * x) * det;
+            out.pair_stiffnesses_n_per_m[i] = (b - c) * det;
+            out.pair_stiffnesses_n_per_m[j] = (a - c) * det;
+            out.force_n = out.pair_forces_n[i] + out.pair_forces_n[j];
+            out.stiffness_n_per_m = out.pair_stiffnesses_n_per_m[i] + out.pair_stiffnesses_n_per_m[j];
+        } else {
+            self.solve_many(approach_m, &mut out);
         }
+        out
+    }
+
+    /// Forces and tangent stiffnesses of three or four pairs, all taken to be in contact.
+    #[cold]
+    fn solve_many(&self, approach_m: f64, out: &mut MeshForce) {
+        let mut active = [0_usize; MAX_PAIRS];
+        let mut n = 0;
+        for i in (0..MAX_PAIRS).filter(|i| out.set >> i & 1 == 1) {
+            active[n] = i;
+            n += 1;
+        }
+        let mut forces = [0.0; MAX_PAIRS];
+        let mut stiffnesses = [0.0; MAX_PAIRS];
         // Cholesky-free elimination; symmetric positive definite needs no pivoting.
         let mut matrix = [[0.0; MAX_PAIRS]; MAX_PAIRS];
         for r in 0..n {
@@ -173,7 +197,12 @@ impl Pairs {
             forces[p] /= matrix[p][p];
             stiffnesses[p] /= matrix[p][p];
         }
-        (forces, stiffnesses)
+        for (k, &i) in active[..n].iter().enumerate() {
+            out.pair_forces_n[i] = forces[k];
+            out.pair_stiffnesses_n_per_m[i] = stiffnesses[k];
+            out.force_n += forces[k];
+            out.stiffness_n_per_m += stiffnesses[k];
+        }
     }
 
     /// Approach (m) at which the pairs carry `force_n` together, and the tangent stiffness (N/m) there; `None` where no

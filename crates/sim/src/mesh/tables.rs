@@ -5,31 +5,46 @@ use crate::faults::{Breakage, BreakageKind, GearModifications, TipRelief, ToothD
 use crate::foundation::{Foundation, lever_m};
 use crate::geometry::PairGeometry;
 use crate::hertz::Material;
-use crate::mesh::MeshOptions;
+use crate::mesh::{CORNER_REACH, MeshOptions};
 use crate::tooth::ToothProfile;
 
-/// Cells per mesh cycle: with linear interpolation the compliance errs by < 1e-5.
-const CELLS_PER_CYCLE: f64 = 160.0;
+/// Cells per mesh cycle of a smooth flank.
+const SMOOTH_CELLS: f64 = 32.0;
+/// Cells per mesh cycle where the cubics of the smooth division miss by more than is tolerated: relief, wear and damage have kinks.
+const KINKED_CELLS: f64 = 160.0;
 /// The tables go on this far (mesh cycles) beyond both ends of the nominal path, for eccentric gears.
 const MARGIN: f64 = 0.1;
+/// Miss of a cubic, in tolerances, beyond which its cell is taken to hold a kink or jump.
+const BROKEN: f64 = 100.0;
+/// Points at which a cell's cubic is fitted (even) and judged (odd), in sixths of the cell.
+const SIXTHS: usize = 6;
 
 /// What one tooth contributes at one point of the path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Node {
+pub(super) struct Flank {
     /// Tooth and body (m/N).
     pub(super) compliance: f64,
     /// Body alone (m/N).
     pub(super) foundation: f64,
     /// Fraction of the contact line that is missing.
     pub(super) lost: f64,
-    /// Missing material (m).
+    /// Missing material, and the corner gap of this tooth's tip beyond the end of the path (m).
     pub(super) gap: f64,
 }
+
+impl Flank {
+    fn as_array(self) -> [f64; 4] {
+        [self.compliance, self.foundation, self.lost, self.gap]
+    }
+}
+
+/// Coefficients of a cell's cubics in its own coordinate 0–1, by power and quantity.
+type Cell = [[f64; 4]; 4];
 
 /// One kind of tooth over the path of contact, by position s in mesh cycles since the pair's nominal entry.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ToothTable {
-    nodes: Vec<Node>,
+    cells: Vec<Cell>,
     per_cycle: f64,
     offset: f64,
     /// First and last position that the tooth can touch at; empty where it is gone.
@@ -38,26 +53,78 @@ pub(super) struct ToothTable {
 }
 
 impl ToothTable {
-    /// Linear interpolation, held at the ends of the table.
-    #[inline]
-    pub(super) fn at(&self, s: f64) -> Node {
-        let last = self.nodes.len() - 2;
-        let x = (s * self.per_cycle + self.offset).clamp(0.0, (last + 1) as f64);
-        let i = (x as usize).min(last);
+    /// Value at a position, held at the ends of the table.
+    #[inline(always)]
+    pub(super) fn at(&self, s: f64) -> Flank {
+        let last = self.cells.len() - 1;
+        let x = (s * self.per_cycle + self.offset).clamp(0.0, last as f64 + 1.0);
+        let i = (x as i32 as usize).min(last);
         let w = x - i as f64;
-        let (a, b) = (&self.nodes[i], &self.nodes[i + 1]);
-        Node {
-            compliance: a.compliance + w * (b.compliance - a.compliance),
-            foundation: a.foundation + w * (b.foundation - a.foundation),
-            lost: a.lost + w * (b.lost - a.lost),
-            gap: a.gap + w * (b.gap - a.gap),
-        }
+        let [a, b, c, d] = &self.cells[i];
+        let out: [f64; 4] = std::array::from_fn(|q| a[q] + w * (b[q] + w * (c[q] + w * d[q])));
+        Flank { compliance: out[0], foundation: out[1], lost: out[2], gap: out[3] }
+    }
+
+    /// The tooth may touch at a position, up to `reach` beyond its ends; nowhere where it is gone.
+    #[inline(always)]
+    pub(super) fn can_touch(&self, s: f64, reach: f64) -> bool {
+        (s >= self.first - reach) & (s <= self.last + reach)
     }
 
     /// True where the tooth can never touch.
     pub(super) fn is_gone(&self) -> bool {
         self.first >= self.last
     }
+}
+
+/// The cubic through the values at 0, ⅓, ⅔ and 1.
+fn cubic([y0, y1, y2, y3]: [f64; 4]) -> [f64; 4] {
+    [
+        y0,
+        -5.5 * y0 + 9.0 * y1 - 4.5 * y2 + y3,
+        9.0 * y0 - 22.5 * y1 + 18.0 * y2 - 4.5 * y3,
+        -4.5 * y0 + 13.5 * y1 - 13.5 * y2 + 4.5 * y3,
+    ]
+}
+
+/// Cubics through the even points of each cell, and by how much they miss the odd ones, as a multiple of what is tolerated: 1e-6 of the
+/// largest compliance, 1e-4 of the contact line, 0.1 nm of gap.
+fn fit(samples: &[Flank]) -> (Vec<Cell>, f64) {
+    let largest = samples.iter().fold([f64::MIN_POSITIVE; 2], |w, f| [w[0].max(f.compliance), w[1].max(f.foundation)]);
+    let tolerated = [1e-6 * largest[0], 1e-6 * largest[1], 1e-4, 1e-10];
+    let mut worst = 0.0_f64;
+    let cells = (0..(samples.len() - 1) / SIXTHS)
+        .map(|i| {
+            let at: [[f64; 4]; SIXTHS + 1] = std::array::from_fn(|k| samples[SIXTHS * i + k].as_array());
+            let mut cell = Cell::default();
+            for q in 0..4 {
+                let mut row = cubic([at[0][q], at[2][q], at[4][q], at[6][q]]);
+                let miss = [1, 3, 5].into_iter().fold(0.0_f64, |miss, k| {
+                    let w = k as f64 / SIXTHS as f64;
+                    miss.max((row[0] + w * (row[1] + w * (row[2] + w * row[3])) - at[k][q]).abs())
+                }) / tolerated[q];
+                worst = worst.max(miss);
+                if miss > BROKEN {
+                    // A jump or a sharp kink: a cubic would swing past it.
+                    row = [at[0][q], at[6][q] - at[0][q], 0.0, 0.0];
+                }
+                for (power, value) in cell.iter_mut().zip(row) {
+                    power[q] = value;
+                }
+            }
+            cell
+        })
+        .collect();
+    (cells, worst)
+}
+
+/// Gaps that all flanks of a gear have.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GapShape {
+    /// Worn depth furthest from the pitch point (m).
+    pub(super) wear_m: f64,
+    /// Beyond the end of the path that this gear's tip makes: lead² (c₀ + c₁ lead) (m).
+    pub(super) corner: [f64; 2],
 }
 
 /// All teeth of one gear.
@@ -93,7 +160,7 @@ impl GearTables {
         material: &Material,
         options: &MeshOptions,
         modifications: &GearModifications,
-        wear_m: f64,
+        gap: GapShape,
         warnings: &mut Vec<String>,
     ) -> Result<Self, String> {
         let gear = match side {
@@ -122,7 +189,7 @@ impl GearTables {
             profile: ToothProfile::new(side.name(), gear, options.root, warnings),
             foundation: options.foundation.then(|| Foundation::new(side.name(), gear, warnings)),
             relief: modifications.tip_relief,
-            wear_m,
+            gap,
         };
         modifications.all_teeth.check(&format!("{}, all teeth", side.name()), gear)?;
         let mut kinds: Vec<(&ToothDamage, u16)> = Vec::new();
@@ -152,7 +219,7 @@ impl GearTables {
     }
 
     /// Table and pitch error of a tooth's driving flank.
-    #[inline]
+    #[inline(always)]
     pub(super) fn drive(&self, tooth: u32) -> (&ToothTable, f64) {
         let tooth = tooth as usize;
         (&self.tables[usize::from(self.of_tooth[tooth].0)], self.pitch_error_m[tooth])
@@ -173,22 +240,66 @@ struct Builder<'a> {
     profile: ToothProfile,
     foundation: Option<Foundation>,
     relief: Option<TipRelief>,
-    wear_m: f64,
+    gap: GapShape,
 }
 
 impl Builder<'_> {
     fn table(&self, damage: &ToothDamage) -> ToothTable {
+        let gear = match self.side {
+            Side::Pinion => &self.pair.pinion,
+            Side::Wheel => &self.pair.wheel,
+        };
+        let gone = damage.breakage.is_some_and(|b| b.fraction >= 1.0);
+        let (mut first, mut last) = (0.0, self.pair.contact_ratio);
+        if let Some(Breakage { fraction, kind: BreakageKind::Height }) = damage.breakage
+            && !gone
+        {
+            // Nothing touches above r_cut = r_a − f (r_a − r_f): late on a pinion tooth, early on a wheel tooth.
+            let cut = gear.tip_radius_m - fraction * (gear.tip_radius_m - gear.root_radius_m);
+            let tip_roll = gear.roll_at_radius_m(gear.tip_radius_m);
+            let reach = (tip_roll - gear.roll_at_radius_m(cut)) / self.pair.base_pitch_m;
+            match self.side {
+                Side::Pinion => last -= reach,
+                Side::Wheel => first += reach,
+            }
+        }
+        let divide = |cells_per_cycle: f64| {
+            // Both ends of the path are borders of cells: the tip is a kink.
+            let within = (self.pair.contact_ratio * cells_per_cycle).round();
+            let per_cycle = within / self.pair.contact_ratio;
+            let beyond = ((MARGIN + CORNER_REACH) * per_cycle).ceil();
+            let count = SIXTHS * (within + 2.0 * beyond) as usize + 1;
+            let positions: Vec<f64> = (0..count).map(|i| (i as f64 / SIXTHS as f64 - beyond) / per_cycle).collect();
+            // Beyond the margin the flank is held, but its corner's gap goes on.
+            let hold = (MARGIN * per_cycle).ceil() / per_cycle;
+            let held: Vec<f64> = positions.iter().map(|s| s.clamp(-hold, self.pair.contact_ratio + hold)).collect();
+            let mut samples = self.samples(damage, gone, &held);
+            for (sample, s) in samples.iter_mut().zip(&positions) {
+                let lead = if self.side == Side::Pinion { s - last } else { first - s }.max(0.0);
+                sample.gap += lead * lead * (self.gap.corner[0] + self.gap.corner[1] * lead);
+            }
+            let (cells, miss) = fit(&samples);
+            (ToothTable { cells, per_cycle, offset: beyond, first, last }, miss)
+        };
+        let (mut table, miss) = divide(SMOOTH_CELLS);
+        if miss > 1.0 {
+            (table, _) = divide(KINKED_CELLS);
+        }
+        if gone {
+            // Further apart than any reach.
+            (table.first, table.last) = (1.0, 0.0);
+        }
+        table
+    }
+
+    /// The flank at ascending positions.
+    fn samples(&self, damage: &ToothDamage, gone: bool, positions: &[f64]) -> Vec<Flank> {
         let Self { pair, material, .. } = *self;
         let gear = match self.side {
             Side::Pinion => &pair.pinion,
             Side::Wheel => &pair.wheel,
         };
-        // Both ends of the path are nodes: the tip is a kink.
-        let cells = (pair.contact_ratio * CELLS_PER_CYCLE).round();
-        let per_cycle = cells / pair.contact_ratio;
-        let margin = (MARGIN * per_cycle).ceil();
-        let count = (cells + 2.0 * margin) as usize + 1;
-        let position = |i: usize| (i as f64 - margin) / per_cycle;
+        let count = positions.len();
         let tip_roll = gear.roll_at_radius_m(gear.tip_radius_m);
         let roll = |s: f64| {
             let pinion_roll = pair.entry_roll_m + s * pair.base_pitch_m;
@@ -198,12 +309,11 @@ impl Builder<'_> {
             };
             own.clamp(0.0, tip_roll)
         };
-        let angle = |i: usize| gear.load_angle_rad(roll(position(i)));
+        let angle = |i: usize| gear.load_angle_rad(roll(positions[i]));
         // The pinion's contact climbs its tooth, the wheel's descends it.
         let ascending = |i: usize| if self.side == Side::Pinion { i } else { count - 1 - i };
         let angles: Vec<f64> = (0..count).map(|i| angle(ascending(i))).collect();
         // A tooth that is gone still needs finite numbers: it never touches, so they are never used.
-        let gone = damage.breakage.is_some_and(|b| b.fraction >= 1.0);
         let healthy = ToothDamage::default();
         let flexure = self.profile.flexure(material, if gone { &healthy } else { damage }, &angles);
         let broken_width = match damage.breakage {
@@ -211,38 +321,23 @@ impl Builder<'_> {
             _ => 0.0,
         };
         let furthest = pair.pitch_phase().max(pair.contact_ratio - pair.pitch_phase());
-        let nodes = (0..count)
+        (0..count)
             .map(|i| {
-                let (s, a) = (position(i), angle(i));
+                let (s, a) = (positions[i], angle(i));
                 let foundation = self.foundation.as_ref().map_or(0.0, |foundation| {
                     foundation.compliance_m_per_n(material, gear.face_width_m, a, lever_m(gear, a))
                 });
                 let (length, depth) = damage.lost_length_m(gear, gear.flank_point_m(a).0);
                 let mut lost = broken_width + (1.0 - broken_width) * length / gear.face_width_m;
-                let mut gap = self.relief_m(s) + self.wear_m * (s - pair.pitch_phase()).abs() / furthest;
+                let mut gap = self.relief_m(s) + self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest;
                 if lost > 0.999 {
                     // The contact line falls wholly into the recess: full length at its bottom.
                     lost = broken_width;
                     gap += depth;
                 }
-                Node { compliance: flexure[ascending(i)].total() + foundation, foundation, lost, gap }
+                Flank { compliance: flexure[ascending(i)].total() + foundation, foundation, lost, gap }
             })
-            .collect();
-        let (mut first, mut last) = (0.0, pair.contact_ratio);
-        if let Some(Breakage { fraction, kind }) = damage.breakage {
-            if gone {
-                (first, last) = (1.0, 0.0);
-            } else if kind == BreakageKind::Height {
-                // Nothing touches above r_cut = r_a − f (r_a − r_f): late on a pinion tooth, early on a wheel tooth.
-                let cut = gear.tip_radius_m - fraction * (gear.tip_radius_m - gear.root_radius_m);
-                let reach = (tip_roll - gear.roll_at_radius_m(cut)) / pair.base_pitch_m;
-                match self.side {
-                    Side::Pinion => last -= reach,
-                    Side::Wheel => first += reach,
-                }
-            }
-        }
-        ToothTable { nodes, per_cycle, offset: margin, first, last }
+            .collect()
     }
 
     /// Tip relief at position s (m): on the pinion before its exit, on the wheel after its entry.

@@ -109,7 +109,7 @@ fn oracle_rattling_teeth() {
     assert!(error(50) < 1e-4 && error(100) < 5e-3, "{:.2e} {:.2e}", error(50), error(100));
 }
 
-/// The mesh stiffness is a table with linear interpolation, 160 cells a mesh cycle: at steps longer than a cell its kinks bound the order to
+/// The contact compliance blends linearly between shared and lone contact, and the corner gap begins as a square: these kinks bound the order to
 /// 2, so halving the step divides the error by 4 (a tenth of slack for where the kinks fall).
 #[test]
 fn analytic_order_of_the_exponential_stepper() {

@@ -41,8 +41,8 @@ pub(crate) fn spec(effect: &dyn Effect, place: &str) -> EffectSpec {
     let size: &[(&str, f64)] = match effect.id() {
         "clipping" => &[("level", 0.5)],
         "clock_offset" => &[("ppm", 10_000.0)],
-        // Against some 3 µm of tooth deflection: beyond that teeth carry nothing, and no law of load holds.
-        "pitch_error" => &[("total_um", 2.0)],
+        // Far below the 3 µm of tooth deflection: what the declared law of load asks for.
+        "pitch_error" => &[("total_um", 1.0)],
         "wrong_tooth_count" => &[("teeth", 25.0)],
         _ => &[],
     };

@@ -217,7 +217,8 @@ fn analytic_spall_has_sharp_ends() {
     let jump = steps.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
     // The contact line loses a third of its length within one cell of the table (6 samples); k_h is a quarter of the tooth's part.
     assert!(jump > 2e-3, "{jump}");
-    assert!(steps.iter().all(|&step| step <= 1e-12));
+    // The two tables are divided differently; each is within 1e-6 of the exact compliance.
+    assert!(steps.iter().all(|&step| step <= 2e-6));
 }
 
 /// A pitted band over the whole width is a missing surface: no shorter line, but a gap as deep as the pits.

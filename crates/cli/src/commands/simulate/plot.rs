@@ -19,11 +19,29 @@ const LINES_PER_ORDER: f64 = 10.0;
 /// Mesh cycles shown of the stiffness.
 const CYCLES: f64 = 3.0;
 
-/// The text of the file, SVG or HTML by the end of its name.
-pub fn picture(path: &Path, recording: &Recording, config: &SimConfig, model: &TrainModel) -> anyhow::Result<String> {
-    let charts = [waveform(recording, model), spectrum(recording, config, model), stiffness(config, model)];
+/// What a picture is written as.
+#[derive(Clone, Copy)]
+pub enum Form {
+    /// The three charts below each other.
+    Svg,
+    /// A page by itself.
+    Html,
+}
+
+/// The form that the end of a file's name says.
+pub fn form(path: &Path) -> anyhow::Result<Form> {
     match path.extension().and_then(|end| end.to_str()) {
-        Some("svg") => {
+        Some("svg") => Ok(Form::Svg),
+        Some("html") => Ok(Form::Html),
+        _ => bail!("{}: the name must end in .svg or .html, which says the form", path.display()),
+    }
+}
+
+/// The text of the file.
+pub fn picture(form: Form, recording: &Recording, config: &SimConfig, model: &TrainModel) -> anyhow::Result<String> {
+    let charts = [waveform(recording, model), spectrum(recording, config, model), stiffness(config, model)];
+    match form {
+        Form::Svg => {
             let mut text = String::from(r#"<svg xmlns="http://www.w3.org/2000/svg" width="900" height="960">"#);
             for (i, chart) in charts.iter().enumerate() {
                 let svg = chart.svg()?;
@@ -32,7 +50,7 @@ pub fn picture(path: &Path, recording: &Recording, config: &SimConfig, model: &T
             text.push_str("</svg>\n");
             Ok(text)
         }
-        Some("html") => Ok(gearwatch_report::render(&Report {
+        Form::Html => Ok(gearwatch_report::render(&Report {
             title: format!("Simulated: {}", config.bench.name),
             verdict: describe(config),
             sections: vec![Section {
@@ -42,7 +60,6 @@ pub fn picture(path: &Path, recording: &Recording, config: &SimConfig, model: &T
             provenance: vec![("seed".into(), config.seed.to_string())],
             ..Report::default()
         })),
-        _ => bail!("{}: the name must end in .svg or .html, which says the form", path.display()),
     }
 }
 

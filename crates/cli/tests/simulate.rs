@@ -1,0 +1,75 @@
+//! `gearwatch simulate` as a user runs it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn gearwatch(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gearwatch")).current_dir(folder).args(args).output().expect("the binary runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The recording says its speed and length, the same seed gives the same bytes, and both forms of the picture are written.
+#[test]
+fn conform_a_simulated_recording_is_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    std::fs::write(path.join("s.toml"), "format = \"gearwatch-scenario/1\"\nduration_s = 0.5\nmotor_speed_hz = 25.0\n")
+        .unwrap();
+    let run = |recording: &str, picture: &str| {
+        let effect = "tooth_breakage@stage1.pinion:fraction=0.6";
+        let args = ["simulate", "single-pair", "--effect", effect, "--scenario", "s.toml"];
+        let done = gearwatch(path, &[&args[..], &["-o", recording, "--plot", picture]].concat());
+        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        assert!(done.stdout.is_empty());
+    };
+    run("a.mcap", "a.svg");
+    run("b.mcap", "b.html");
+    let read = |name: &str| std::fs::read(path.join(name)).unwrap();
+    assert!(read("a.mcap") == read("b.mcap"), "one seed, two recordings");
+    let svg = text(&read("a.svg"));
+    assert!(svg.starts_with("<svg") && svg.contains("Order spectrum") && svg.contains("Mesh stiffness"));
+    assert!(text(&read("b.html")).contains("tooth_breakage at stage1.pinion"));
+
+    let said = gearwatch(path, &["info", "a.mcap", "--format", "json"]);
+    let json: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
+    assert_eq!(json["operating_points"]["motor_speed_hz"][0], 25.0, "{json}");
+    for (name, channel) in json["channels"].as_object().unwrap() {
+        let length_s = channel["samples"].as_f64().unwrap() / channel["sample_rate_hz"].as_f64().unwrap();
+        // Packets are whole: the last one may run over the end.
+        assert!((0.5..0.7).contains(&length_s), "{name}: {length_s} s");
+        assert!(channel["rms"].as_f64().unwrap() > 0.0, "{name} is silent");
+    }
+}
+
+/// What cannot be simulated exits with 3, says what and where, and writes nothing.
+#[test]
+fn conform_what_cannot_be_simulated_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("s.toml"), "format = \"gearwatch-scenario/1\"\nspeed = 3\n").unwrap();
+    for (args, wanted) in [
+        (&["singel-pair", "-o", "x.mcap"][..], "singel-pair: no such file"),
+        (&["single-pair", "-o", "x.mcap", "--effect", "tooth_brakage@stage1.pinion"], "tooth_brakage"),
+        (&["single-pair", "-o", "x.mcap", "--effect", "tooth_breakage"], "expected ID@PLACE"),
+        (&["single-pair", "-o", "x.mcap", "--effect", "tooth_breakage@stage9.pinion"], "stage9"),
+        (&["single-pair", "-o", "x.mcap", "--effect", "tooth_breakage@stage1.pinion:fraction=7"], "fraction"),
+        (&["single-pair", "-o", "x.mcap", "--effect", "tooth_breakage@stage1.pinion:fraktion=0.5"], "fraktion"),
+        (&["single-pair", "-o", "x.mcap", "--effect", "tooth_breakage@stage1.pinion:fraction=abc"], "not a number"),
+        (&["single-pair", "-o", "x.mcap", "--scenario", "s.toml"], "s.toml"),
+        (&["single-pair", "-o", "x.mcap", "--speed", "nan"], "speed"),
+        (&["single-pair", "-o", "x.mcap", "--speed=-5"], "speed"),
+        (&["single-pair", "-o", "x.mcap", "--duration=-1"], "duration"),
+        (&["single-pair", "-o", "x.mcap", "--plot", "x.png"], "x.png: the name must end in .svg or .html"),
+        (&["single-pair", "-o", "x.csv"], "x.csv: the recording is written as MCAP"),
+        (&["single-pair"], "nothing to write"),
+    ] {
+        let done = gearwatch(folder.path(), &[&["simulate"], args].concat());
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(3), "{args:?}: {said}");
+        assert!(said.contains(wanted), "{args:?}: {said}");
+        assert!(!said.contains("panicked"), "{said}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a file was left");
+}

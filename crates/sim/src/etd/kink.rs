@@ -1,0 +1,252 @@
+//! Steps in which the set of touching pairs changes: the change as a force that sets in at the event, without cutting the step.
+
+#![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
+
+use crate::mesh::Pairs;
+
+use super::late::{Responses, lagrange_about};
+use super::nodes::{MOST_STAGES, Node, Solver, solve_linear, touching};
+use super::plan::{Plan, Weights};
+
+/// Most pair changes of a step that are treated here: one in each half, in each stage.
+const MOST_KINKS: usize = 2 * MOST_STAGES;
+/// Newton steps for approaches and onsets together.
+const MOST_ITERATIONS: usize = 8;
+/// Times that the sets of touching pairs at the nodes are taken anew.
+const MOST_GUESSES: usize = 3;
+/// Largest move, as a part of the largest approach, at which the step counts as solved.
+const SOLVED: f64 = 1e-9;
+
+/// A difference of force that sets in within a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Kink {
+    /// The stage, which is also the input.
+    pub(super) stage: usize,
+    /// When, in steps.
+    pub(super) at: f64,
+    /// Difference of the forces at the nodes, as if it acted everywhere (N).
+    values: [f64; 3],
+    /// Its derivative by the approach there (N/m); the start is given.
+    slopes: [f64; 3],
+}
+
+impl Kink {
+    /// Coefficients of the quadratic through the values, about the onset.
+    pub(super) fn about_onset(&self) -> [f64; 3] {
+        let nodes = lagrange_about(self.at);
+        std::array::from_fn(|p| (0..3).map(|node| nodes[node][p] * self.values[node]).sum())
+    }
+
+    /// Puts the onset where the quadratic rises through zero. False where it does not do so within the step.
+    fn find_onset(&mut self) -> bool {
+        let [d0, dm, d1] = self.values;
+        let (a, b) = (2.0 * (d0 + d1) - 4.0 * dm, 4.0 * dm - 3.0 * d0 - d1);
+        let root = (b * b - 4.0 * a * d0).sqrt();
+        self.at = if b > 0.0 { -2.0 * d0 / (b + root) } else { (root - b) / (2.0 * a) };
+        // Rounding may put an event at a node just outside.
+        let inside = self.at > -1e-6 && self.at < 1.0 + 1e-6;
+        self.at = self.at.clamp(0.0, 1.0);
+        inside
+    }
+}
+
+/// The pair changes of a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Kinks {
+    items: [Kink; MOST_KINKS],
+    len: usize,
+}
+
+impl Kinks {
+    pub(super) fn as_slice(&self) -> &[Kink] {
+        &self.items[..self.len]
+    }
+}
+
+/// The set of `pairs` whose touching bits are `bits`; `None` where one of them is not near contact.
+fn set_of(pairs: &Pairs, bits: u32) -> Option<u8> {
+    let mut set = 0;
+    for (i, pair) in pairs.as_slice().iter().enumerate() {
+        set |= u8::from(bits >> (pair.index & 15) & 1 == 1) << i;
+    }
+    (touching(pairs, set) == bits).then_some(set)
+}
+
+impl Solver {
+    /// Solves a step with pair changes, from the nodes that [`Self::solve`] left. On return the nodes' touching pairs are those after the changes,
+    /// their mesh remainders those of the pairs at the start, which go with the kinks; [`Self::finish`] completes the end. False where the step
+    /// has to be cut: two changes in one half, a graze, open teeth.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn solve_kinked(&mut self, plan: &Plan, weights: &Weights, start: &Node, kinks: &mut Kinks) -> bool {
+        let stages = plan.stiffness.len();
+        for _ in 0..MOST_GUESSES {
+            if self.with_changes(plan, weights, start, kinks).is_none() {
+                return false;
+            }
+            let mut as_assumed = true;
+            for half in 0..2 {
+                for stage in 0..stages {
+                    let pairs = &self.pairs[half][stage];
+                    let found = touching(pairs, pairs.force(self.nodes[half].approach[stage]).set);
+                    as_assumed &= std::mem::replace(&mut self.nodes[half].touching[stage], found) == found;
+                }
+            }
+            if as_assumed {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The remainder at the end with the changes in it.
+    pub(super) fn finish(&self, kinks: &Kinks) -> Node {
+        let mut end = self.nodes[1];
+        for kink in kinks.as_slice() {
+            end.remainder[kink.stage] += kink.values[2];
+        }
+        end
+    }
+
+    /// Solves the step for the touching pairs as they stand in the nodes.
+    fn with_changes(&mut self, plan: &Plan, weights: &Weights, start: &Node, kinks: &mut Kinks) -> Option<()> {
+        let stages = plan.stiffness.len();
+        kinks.len = 0;
+        let mut halves = [0; MOST_KINKS];
+        let mut sets = [([0; 3], [0; 3]); MOST_KINKS];
+        let mut first = [[0; MOST_STAGES]; 2];
+        let mut at_start = [Pairs::default(); MOST_STAGES];
+        for stage in 0..stages {
+            let bits = [start.touching[stage], self.nodes[0].touching[stage], self.nodes[1].touching[stage]];
+            for half in 0..2 {
+                first[half][stage] = set_of(&self.pairs[half][stage], bits[0])?;
+            }
+            if bits[0] == bits[1] && bits[0] == bits[2] {
+                continue;
+            }
+            plan.model.contacts[stage].pairs(start.phase[stage], &mut at_start[stage]);
+            for half in 0..2 {
+                let (before, after) = (bits[half], bits[half + 1]);
+                if before == after {
+                    continue;
+                }
+                if (before ^ after).count_ones() != 1 || before == 0 || after == 0 {
+                    return None;
+                }
+                let everywhere = |bits| -> Option<[u8; 3]> {
+                    Some([
+                        set_of(&at_start[stage], bits)?,
+                        set_of(&self.pairs[0][stage], bits)?,
+                        set_of(&self.pairs[1][stage], bits)?,
+                    ])
+                };
+                sets[kinks.len] = (everywhere(before)?, everywhere(after)?);
+                halves[kinks.len] = half;
+                kinks.items[kinks.len].stage = stage;
+                kinks.len += 1;
+            }
+        }
+        let mut late: [[Responses; 2]; MOST_KINKS];
+        let mut moved = f64::INFINITY;
+        for _ in 0..MOST_ITERATIONS {
+            // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and after, everywhere.
+            let mut tangent = [[0.0; MOST_STAGES]; 2];
+            for half in 0..2 {
+                for stage in 0..stages {
+                    let node = &mut self.nodes[half];
+                    let law = self.pairs[half][stage].forced(first[half][stage], node.approach[stage]);
+                    tangent[half][stage] = law.stiffness_n_per_m - plan.stiffness[stage];
+                    node.remainder[stage] = law.force_n - plan.stiffness[stage] * node.approach[stage];
+                }
+            }
+            late = [[Default::default(); 2]; MOST_KINKS];
+            for (i, kink) in kinks.items[..kinks.len].iter_mut().enumerate() {
+                let stage = kink.stage;
+                for node in 0..3 {
+                    let (pairs, approach) = match node {
+                        0 => (&at_start[stage], start.approach[stage]),
+                        _ => (&self.pairs[node - 1][stage], self.nodes[node - 1].approach[stage]),
+                    };
+                    let (before, after) =
+                        (pairs.forced(sets[i].0[node], approach), pairs.forced(sets[i].1[node], approach));
+                    kink.values[node] = after.force_n - before.force_n;
+                    kink.slopes[node] = after.stiffness_n_per_m - before.stiffness_n_per_m;
+                }
+                if !kink.find_onset() {
+                    return None;
+                }
+                for half in 0..2 {
+                    let sigma = 0.5 * (half + 1) as f64 - kink.at;
+                    plan.late.responses(stage, sigma, 0, &mut late[i][half][..stages]);
+                }
+            }
+            moved = self.newton_with(plan, weights, &tangent, kinks, &late);
+            if moved < SOLVED {
+                break;
+            }
+        }
+        // An onset in another half than where the sets change is a graze, or two changes.
+        let placed = |(kink, &half): (&Kink, &usize)| {
+            let (low, high) = (0.5 * half as f64, 0.5 * (half + 1) as f64);
+            kink.at > low - 1e-3 && kink.at < high + 1e-3
+        };
+        (moved < 1e-6 && kinks.as_slice().iter().zip(&halves).all(placed)).then_some(())
+    }
+
+    /// One Newton step of `δ − base − Σ D r(δ) − Σ W d(δ) = 0`; returns the largest move over the largest approach.
+    fn newton_with(
+        &mut self,
+        plan: &Plan,
+        weights: &Weights,
+        tangent: &[[f64; MOST_STAGES]; 2],
+        kinks: &mut Kinks,
+        late: &[[Responses; 2]; MOST_KINKS],
+    ) -> f64 {
+        let stages = plan.stiffness.len();
+        let mut matrix = [[0.0; 2 * MOST_STAGES]; 2 * MOST_STAGES];
+        let mut right = [0.0; 2 * MOST_STAGES];
+        for half in 0..2 {
+            for stage in 0..stages {
+                let row = half * stages + stage;
+                let coupling = &weights.coupling[half][stage];
+                let mut residual = self.nodes[half].approach[stage] - self.base[half][stage];
+                for (input, c) in coupling.iter().enumerate() {
+                    residual -= c[1] * self.nodes[0].remainder[input] + c[2] * self.nodes[1].remainder[input];
+                }
+                for other in 0..stages {
+                    matrix[row][other] = -coupling[other][1] * tangent[0][other];
+                    matrix[row][stages + other] = -coupling[other][2] * tangent[1][other];
+                }
+                for (kink, late) in kinks.items[..kinks.len].iter().zip(late) {
+                    let terms = late[half][stage];
+                    // The response does not depend on the onset to first order, since the difference vanishes there.
+                    for (node, about) in lagrange_about(kink.at).into_iter().enumerate() {
+                        let weight: f64 = about.iter().zip(terms).map(|(a, t)| a * t).sum();
+                        residual -= weight * kink.values[node];
+                        if node > 0 {
+                            matrix[row][(node - 1) * stages + kink.stage] -= weight * kink.slopes[node];
+                        }
+                    }
+                }
+                right[row] = -residual;
+                matrix[row][row] += 1.0;
+            }
+        }
+        solve_linear(&mut matrix, &mut right, 2 * stages);
+        let (mut moved, mut largest) = (0.0_f64, 1e-9_f64);
+        for half in 0..2 {
+            for stage in 0..stages {
+                let step = right[half * stages + stage];
+                let node = &mut self.nodes[half];
+                moved = moved.max(step.abs());
+                largest = largest.max(node.approach[stage].abs());
+                node.approach[stage] += step;
+                node.remainder[stage] += tangent[half][stage] * step;
+                for kink in kinks.items[..kinks.len].iter_mut().filter(|kink| kink.stage == stage) {
+                    kink.values[half + 1] += kink.slopes[half + 1] * step;
+                }
+            }
+        }
+        moved / largest
+    }
+}
