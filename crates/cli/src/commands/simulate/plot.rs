@@ -42,10 +42,14 @@ pub fn picture(form: Form, recording: &Recording, config: &SimConfig, model: &Tr
     let charts = [waveform(recording, model), spectrum(recording, config, model), stiffness(config, model)];
     match form {
         Form::Svg => {
-            let mut text = String::from(r#"<svg xmlns="http://www.w3.org/2000/svg" width="900" height="960">"#);
+            let mut text = String::from(r#"<svg xmlns="http://www.w3.org/2000/svg" width="900" height="1020">"#);
             for (i, chart) in charts.iter().enumerate() {
                 let svg = chart.svg()?;
-                text.push_str(&svg.replacen("<svg ", &format!("<svg y=\"{}\" ", 320 * i), 1));
+                // The caption above its chart.
+                let top = 340 * i;
+                let style = "font-family=\"sans-serif\" font-size=\"13\"";
+                text.push_str(&format!("<text x=\"78\" y=\"{}\" {style}>{}</text>", top + 16, chart.caption()));
+                text.push_str(&svg.replacen("<svg ", &format!("<svg y=\"{}\" ", top + 20), 1));
             }
             text.push_str("</svg>\n");
             Ok(text)
