@@ -198,6 +198,8 @@ fn latency(service: &Timed, written: &[Instant]) -> (f64, f64, usize) {
     let lines = service.lines.lock().unwrap();
     let mut all: Vec<f64> = lines
         .iter()
+        // While the service starts, samples wait for it and not it for them.
+        .filter(|&&(end, _)| end > 3 * RATE)
         .filter_map(|&(end, came)| {
             let at = written.get(usize::try_from(end.div_ceil(CHUNK)).unwrap() - 1)?;
             Some(1000.0 * came.saturating_duration_since(*at).as_secs_f64())

@@ -222,6 +222,9 @@ fn or_died(died: &AtomicBool, run: impl FnOnce()) {
     }
 }
 
+/// How long cutting waits before it looks again whether a carrier has come back.
+const CARRIER_WAIT: std::time::Duration = std::time::Duration::from_millis(1);
+
 /// The thread that cuts windows.
 struct Cutter {
     jobs: async_channel::Sender<Box<Job>>,
@@ -253,20 +256,21 @@ impl Cutter {
         while let Ok(packet) = packets.recv_blocking() {
             crate::fail::point("cut");
             self.counters.packets.fetch_add(1, Ordering::Relaxed);
-            self.step(&mut assembler, |assembler, emit| assembler.push(&packet, emit))?;
+            self.step(&mut assembler, packets, |assembler, emit| assembler.push(&packet, emit))?;
         }
-        self.step(&mut assembler, Assembler::finish)
+        self.step(&mut assembler, packets, Assembler::finish)
     }
 
     fn step(
         &mut self,
         assembler: &mut Assembler,
+        packets: &Inlet<Packet>,
         push: impl FnOnce(&mut Assembler, &mut dyn FnMut(Window)),
     ) -> Result<(), Gone> {
         let mut result = Ok(());
         push(assembler, &mut |window| {
             if result.is_ok() {
-                result = self.dispatch(window);
+                result = self.dispatch(window, packets);
             }
         });
         self.gaps.extend(assembler.take_gaps());
@@ -278,14 +282,13 @@ impl Cutter {
     }
 
     /// Gives a window to the workers, or sheds it.
-    fn dispatch(&mut self, window: Window) -> Result<(), Gone> {
+    fn dispatch(&mut self, window: Window, packets: &Inlet<Packet>) -> Result<(), Gone> {
         self.counters.cut.fetch_add(1, Ordering::Relaxed);
         let mut job = match self.overloaded {
             Overloaded::Wait => self.free.recv_blocking().map_err(|_| Gone)?,
-            Overloaded::Shed => match self.free.try_recv() {
-                Ok(job) => job,
-                Err(async_channel::TryRecvError::Closed) => return Err(Gone),
-                Err(async_channel::TryRecvError::Empty) => {
+            Overloaded::Shed => match self.carrier_unless_behind(packets)? {
+                Some(job) => job,
+                None => {
                     self.shed(window);
                     return Ok(());
                 }
@@ -299,6 +302,25 @@ impl Cutter {
         std::mem::swap(&mut job.shed, &mut self.shed);
         std::mem::swap(&mut job.gaps, &mut self.gaps);
         self.jobs.send_blocking(job).map_err(|_| Gone)
+    }
+
+    /// A carrier, waited for while there is room for the packets that come meanwhile: the windows of many channels are complete in the same
+    /// moment, and that is no overload. None when half of the packets' queue is full.
+    fn carrier_unless_behind(&self, packets: &Inlet<Packet>) -> Result<Option<Box<Job>>, Gone> {
+        loop {
+            match self.free.try_recv() {
+                Ok(job) => return Ok(Some(job)),
+                Err(async_channel::TryRecvError::Closed) => return Err(Gone),
+                Err(async_channel::TryRecvError::Empty) => {
+                    // At the end nothing more comes that could be late.
+                    let half_full = packets.capacity().is_some_and(|capacity| 2 * packets.len() >= capacity);
+                    if half_full && !packets.is_closed() {
+                        return Ok(None);
+                    }
+                    std::thread::sleep(CARRIER_WAIT);
+                }
+            }
+        }
     }
 
     fn shed(&mut self, window: Window) {

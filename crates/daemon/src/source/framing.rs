@@ -68,8 +68,8 @@ pub(super) const UNITS: [&str; 5] = ["m/s^2", "g", "mm/s", "V", "1"];
 const MOST_CHANNELS: usize = 1024;
 /// A longer line is no line of numbers.
 const LONGEST_LINE: usize = 64 * 1024;
-/// Blocks of a tenth of a second: often enough for a live view, rare enough to cost nothing.
-const BLOCKS_PER_SEC: f64 = 10.0;
+/// Blocks of 20 ms: a rank waits for the block that its last sample is in, so they are short; rare enough to cost nothing.
+const BLOCKS_PER_SEC: f64 = 50.0;
 
 impl Framing {
     /// What is wrong with the values.
