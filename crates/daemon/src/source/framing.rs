@@ -305,7 +305,7 @@ mod tests {
         Framing {
             encoding,
             channels: vec!["a".into(), "b".into()],
-            sample_rate_hz: 40.0,
+            sample_rate_hz: 200.0,
             unit: "g".into(),
             scale: 0.5,
             offset: 1.0,

@@ -320,7 +320,9 @@ mod tests {
     fn conform_what_was_never_handed_out_is_not_marked_after_a_close_in_order() {
         let folder = tempfile::tempdir().unwrap();
         let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
-        (0..5).for_each(|i| drop(spool.append(&record(i)).unwrap()));
+        for i in 0..5 {
+            spool.append(&record(i)).unwrap();
+        }
         let (position, ..) = spool.next().unwrap();
         spool.confirm(position);
         spool.next().unwrap();
@@ -363,7 +365,9 @@ mod tests {
     fn conform_a_torn_end_costs_what_was_torn() {
         let folder = tempfile::tempdir().unwrap();
         let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
-        (0..6).for_each(|i| drop(spool.append(&record(i)).unwrap()));
+        for i in 0..6 {
+            spool.append(&record(i)).unwrap();
+        }
         drop(spool);
         let file = path(folder.path(), 1);
         let whole = fs::read(&file).unwrap();
