@@ -4,7 +4,9 @@
 //! walk over the records here bounds every length before it is used and checks a chunk's checksum before any of
 //! its messages is handed over.
 
+mod bytes;
 pub mod contract;
+pub mod definitions;
 pub mod foreign;
 pub mod source;
 pub mod walk;

@@ -10,9 +10,10 @@ use gearwatch_core::source::Source;
 use prost::Message;
 
 use super::contract;
+use super::definitions::Channel;
 use super::foreign::imu::Imu;
 use super::foreign::raw_audio::{self, RawAudio};
-use super::walk::{Channel, Limits, Walk};
+use super::walk::{Limits, Walk};
 use crate::problem::Problem;
 
 /// How messages of a channel become packets.

@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::sync::Arc;
 
+use super::bytes::{Body, Input, u64_le};
+use super::definitions::{Channel, Definitions};
 use crate::problem::Problem;
 
 /// First and last bytes of a file.
@@ -29,30 +31,6 @@ impl Default for Limits {
     }
 }
 
-/// A schema record.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Schema {
-    /// Name of the message type.
-    pub name: String,
-    /// Encoding of `data`.
-    pub encoding: String,
-    /// Definition of the message type.
-    pub data: Vec<u8>,
-}
-
-/// A channel record with its schema.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Channel {
-    /// Number in the file.
-    pub id: u16,
-    /// Topic.
-    pub topic: String,
-    /// Encoding of the messages.
-    pub encoding: String,
-    /// Absent for schemaless encodings.
-    pub schema: Option<Arc<Schema>>,
-}
-
 /// One message.
 #[derive(Clone, Debug)]
 pub struct Message<'a> {
@@ -66,18 +44,18 @@ pub struct Message<'a> {
     pub offset: u64,
 }
 
-mod op {
-    pub(super) const HEADER: u8 = 0x01;
-    pub(super) const FOOTER: u8 = 0x02;
-    pub(super) const SCHEMA: u8 = 0x03;
-    pub(super) const CHANNEL: u8 = 0x04;
-    pub(super) const MESSAGE: u8 = 0x05;
-    pub(super) const CHUNK: u8 = 0x06;
-    pub(super) const STATISTICS: u8 = 0x0B;
-    pub(super) const DATA_END: u8 = 0x0F;
+pub(super) mod op {
+    pub(in crate::mcap) const HEADER: u8 = 0x01;
+    pub(in crate::mcap) const FOOTER: u8 = 0x02;
+    pub(in crate::mcap) const SCHEMA: u8 = 0x03;
+    pub(in crate::mcap) const CHANNEL: u8 = 0x04;
+    pub(in crate::mcap) const MESSAGE: u8 = 0x05;
+    pub(in crate::mcap) const CHUNK: u8 = 0x06;
+    pub(in crate::mcap) const STATISTICS: u8 = 0x0B;
+    pub(in crate::mcap) const DATA_END: u8 = 0x0F;
     /// Records up to here are defined by the format; those from 0x80 on are private and skipped.
-    pub(super) const LAST: u8 = 0x0F;
-    pub(super) const PRIVATE: u8 = 0x80;
+    pub(in crate::mcap) const LAST: u8 = 0x0F;
+    pub(in crate::mcap) const PRIVATE: u8 = 0x80;
 }
 
 /// What of the file comes next.
@@ -507,190 +485,4 @@ fn decompress(kind: &str, data: &[u8], size: usize, out: &mut Vec<u8>, place: &s
     let found = out.len();
     out.clear();
     Err(Problem::damaged(place, format_args!("{size} bytes after decompression"), found))
-}
-
-/// Schemas and channels, which may come again, but only unchanged.
-#[derive(Default)]
-struct Definitions {
-    schemas: BTreeMap<u16, Arc<Schema>>,
-    channels: BTreeMap<u16, Arc<Channel>>,
-    bytes: usize,
-}
-
-impl Definitions {
-    fn read(&mut self, opcode: u8, body: &mut Body<'_>, limits: &Limits) -> Result<(), Problem> {
-        let size = body.left();
-        let offset = body.offset;
-        let (kind, id, changed) = if opcode == op::SCHEMA {
-            let id = body.u16()?;
-            let schema = Schema { name: body.string()?, encoding: body.string()?, data: body.bytes()?.to_vec() };
-            if id == 0 {
-                return Err(Problem::damaged(format_args!("byte {offset}"), "a schema number above 0", 0));
-            }
-            match self.schemas.get(&id) {
-                None => {
-                    self.bytes = self.bytes.saturating_add(size);
-                    self.schemas.insert(id, Arc::new(schema));
-                    ("schema", id, false)
-                }
-                Some(before) => ("schema", id, **before != schema),
-            }
-        } else {
-            let id = body.u16()?;
-            let schema_id = body.u16()?;
-            let (topic, encoding) = (body.string()?, body.string()?);
-            let schema = match schema_id {
-                0 => None,
-                _ => Some(self.schemas.get(&schema_id).cloned().ok_or_else(|| {
-                    Problem::damaged(
-                        format_args!("channel {id} at byte {offset}"),
-                        "a schema that was announced before",
-                        schema_id,
-                    )
-                })?),
-            };
-            let channel = Channel { id, topic, encoding, schema };
-            match self.channels.get(&id) {
-                None => {
-                    self.bytes = self.bytes.saturating_add(size);
-                    self.channels.insert(id, Arc::new(channel));
-                    ("channel", id, false)
-                }
-                Some(before) => ("channel", id, **before != channel),
-            }
-        };
-        if changed {
-            return Err(Problem::damaged(
-                format_args!("byte {offset}"),
-                format_args!("{kind} {id} as it was announced before"),
-                "another definition",
-            ));
-        }
-        if self.bytes > limits.definition_bytes {
-            return Err(Problem::limit(
-                format_args!("byte {offset}"),
-                "the size of all schemas and channels",
-                format_args!("{} bytes", limits.definition_bytes),
-            ));
-        }
-        Ok(())
-    }
-}
-
-/// The bytes of one record, read from the front.
-struct Body<'a> {
-    bytes: &'a [u8],
-    offset: u64,
-}
-
-impl<'a> Body<'a> {
-    fn new(bytes: &'a [u8], offset: u64) -> Self {
-        Self { bytes, offset }
-    }
-
-    fn left(&self) -> usize {
-        self.bytes.len()
-    }
-
-    fn short(&self, what: &str) -> Problem {
-        Problem::damaged(
-            format_args!("the record at byte {}", self.offset),
-            what,
-            format_args!("{} bytes left in it", self.bytes.len()),
-        )
-    }
-
-    fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], Problem> {
-        let (front, rest) = self.bytes.split_at_checked(n).ok_or_else(|| self.short(what))?;
-        self.bytes = rest;
-        Ok(front)
-    }
-
-    fn u16(&mut self) -> Result<u16, Problem> {
-        self.take(2, "a number of 2 bytes").map(|b| u16::from_le_bytes([b[0], b[1]]))
-    }
-
-    fn u32(&mut self) -> Result<u32, Problem> {
-        self.take(4, "a number of 4 bytes").map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-    }
-
-    fn u64(&mut self) -> Result<u64, Problem> {
-        self.take(8, "a number of 8 bytes").map(u64_le)
-    }
-
-    fn bytes(&mut self) -> Result<&'a [u8], Problem> {
-        let length = self.u32()? as usize;
-        self.take(length, &format!("{length} bytes"))
-    }
-
-    fn string(&mut self) -> Result<String, Problem> {
-        let bytes = self.bytes()?;
-        std::str::from_utf8(bytes)
-            .map(str::to_owned)
-            .map_err(|e| Problem::damaged(format_args!("the record at byte {}", self.offset), "text in UTF-8", e))
-    }
-}
-
-fn u64_le(bytes: &[u8]) -> u64 {
-    bytes.iter().take(8).rev().fold(0, |value, &byte| value << 8 | u64::from(byte))
-}
-
-/// The input with its position, a running checksum and the last eight bytes.
-struct Input<R> {
-    inner: R,
-    position: u64,
-    crc: crc32fast::Hasher,
-    last: [u8; 8],
-}
-
-impl<R: Read> Input<R> {
-    fn new(inner: R) -> Self {
-        Self { inner, position: 0, crc: crc32fast::Hasher::new(), last: [0; 8] }
-    }
-
-    fn account(&mut self, bytes: &[u8]) {
-        self.position += bytes.len() as u64;
-        self.crc.update(bytes);
-        let new = bytes.len().min(8);
-        self.last.copy_within(new.., 0);
-        self.last[8 - new..].copy_from_slice(&bytes[bytes.len() - new..]);
-    }
-
-    /// Reads until `out` is full or the input ends; returns how many bytes came.
-    fn fill(&mut self, out: &mut [u8]) -> Result<usize, Problem> {
-        let mut got = 0;
-        while got < out.len() {
-            match self.inner.read(&mut out[got..]) {
-                Ok(0) => break,
-                Ok(n) => got += n,
-                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e.into()),
-            }
-        }
-        self.account(&out[..got]);
-        Ok(got)
-    }
-
-    /// Replaces `out` by the next `size` bytes, growing it as bytes come; false where the input ends before.
-    fn read_into(&mut self, out: &mut Vec<u8>, size: usize) -> Result<bool, Problem> {
-        out.clear();
-        let got = (&mut self.inner).take(size as u64).read_to_end(out)?;
-        self.account(out);
-        Ok(got == size)
-    }
-
-    /// Passes over `size` bytes; false where the input ends before.
-    fn skip(&mut self, size: u64) -> Result<bool, Problem> {
-        let mut buffer = [0; 8192];
-        let mut left = size;
-        while left > 0 {
-            let want = usize::try_from(left).map_or(buffer.len(), |left| left.min(buffer.len()));
-            let got = self.fill(&mut buffer[..want])?;
-            left -= got as u64;
-            if got < want {
-                return Ok(false);
-            }
-        }
-        Ok(true)
-    }
 }

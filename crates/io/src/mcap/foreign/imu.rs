@@ -10,7 +10,7 @@ use gearwatch_core::block::{Packet, UnixNanos};
 use super::ros2::Picker;
 use crate::blocks::RowBlocks;
 use crate::columns::{Sensor, clean};
-use crate::mcap::walk::Channel;
+use crate::mcap::definitions::Channel;
 use crate::problem::Problem;
 use crate::timing::{self, ESTIMATE_FROM, Grid, LOOK_AHEAD};
 

@@ -1,0 +1,123 @@
+//! Bytes of an MCAP file: one record from its front, and the input with its position.
+
+use std::io::Read;
+
+use crate::problem::Problem;
+
+/// The bytes of one record, read from the front.
+pub(super) struct Body<'a> {
+    pub(super) bytes: &'a [u8],
+    pub(super) offset: u64,
+}
+
+impl<'a> Body<'a> {
+    pub(super) fn new(bytes: &'a [u8], offset: u64) -> Self {
+        Self { bytes, offset }
+    }
+
+    pub(super) fn left(&self) -> usize {
+        self.bytes.len()
+    }
+
+    pub(super) fn short(&self, what: &str) -> Problem {
+        Problem::damaged(
+            format_args!("the record at byte {}", self.offset),
+            what,
+            format_args!("{} bytes left in it", self.bytes.len()),
+        )
+    }
+
+    pub(super) fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], Problem> {
+        let (front, rest) = self.bytes.split_at_checked(n).ok_or_else(|| self.short(what))?;
+        self.bytes = rest;
+        Ok(front)
+    }
+
+    pub(super) fn u16(&mut self) -> Result<u16, Problem> {
+        self.take(2, "a number of 2 bytes").map(|b| u16::from_le_bytes([b[0], b[1]]))
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, Problem> {
+        self.take(4, "a number of 4 bytes").map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+    }
+
+    pub(super) fn u64(&mut self) -> Result<u64, Problem> {
+        self.take(8, "a number of 8 bytes").map(u64_le)
+    }
+
+    pub(super) fn bytes(&mut self) -> Result<&'a [u8], Problem> {
+        let length = self.u32()? as usize;
+        self.take(length, &format!("{length} bytes"))
+    }
+
+    pub(super) fn string(&mut self) -> Result<String, Problem> {
+        let bytes = self.bytes()?;
+        std::str::from_utf8(bytes)
+            .map(str::to_owned)
+            .map_err(|e| Problem::damaged(format_args!("the record at byte {}", self.offset), "text in UTF-8", e))
+    }
+}
+
+pub(super) fn u64_le(bytes: &[u8]) -> u64 {
+    bytes.iter().take(8).rev().fold(0, |value, &byte| value << 8 | u64::from(byte))
+}
+
+/// The input with its position, a running checksum and the last eight bytes.
+pub(super) struct Input<R> {
+    pub(super) inner: R,
+    pub(super) position: u64,
+    pub(super) crc: crc32fast::Hasher,
+    pub(super) last: [u8; 8],
+}
+
+impl<R: Read> Input<R> {
+    pub(super) fn new(inner: R) -> Self {
+        Self { inner, position: 0, crc: crc32fast::Hasher::new(), last: [0; 8] }
+    }
+
+    pub(super) fn account(&mut self, bytes: &[u8]) {
+        self.position += bytes.len() as u64;
+        self.crc.update(bytes);
+        let new = bytes.len().min(8);
+        self.last.copy_within(new.., 0);
+        self.last[8 - new..].copy_from_slice(&bytes[bytes.len() - new..]);
+    }
+
+    /// Reads until `out` is full or the input ends; returns how many bytes came.
+    pub(super) fn fill(&mut self, out: &mut [u8]) -> Result<usize, Problem> {
+        let mut got = 0;
+        while got < out.len() {
+            match self.inner.read(&mut out[got..]) {
+                Ok(0) => break,
+                Ok(n) => got += n,
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e.into()),
+            }
+        }
+        self.account(&out[..got]);
+        Ok(got)
+    }
+
+    /// Replaces `out` by the next `size` bytes, growing it as bytes come; false where the input ends before.
+    pub(super) fn read_into(&mut self, out: &mut Vec<u8>, size: usize) -> Result<bool, Problem> {
+        out.clear();
+        let got = (&mut self.inner).take(size as u64).read_to_end(out)?;
+        self.account(out);
+        Ok(got == size)
+    }
+
+    /// Passes over `size` bytes; false where the input ends before.
+    pub(super) fn skip(&mut self, size: u64) -> Result<bool, Problem> {
+        let mut buffer = [0; 8192];
+        let mut left = size;
+        while left > 0 {
+            let want = usize::try_from(left).map_or(buffer.len(), |left| left.min(buffer.len()));
+            let got = self.fill(&mut buffer[..want])?;
+            left -= got as u64;
+            if got < want {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
