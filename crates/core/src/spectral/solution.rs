@@ -28,7 +28,7 @@ const CLOSER: f64 = 1.5;
 /// One band at one span.
 #[derive(Clone, Debug, Default)]
 pub struct BandSolution {
-    /// Rows of `G⁻¹` for the lines that are reported, each filled up with zeros to a multiple of [`ROW`].
+    /// Rows of `G⁻¹` for the lines that are reported, each filled up with zeros to a multiple of `ROW`.
     pub rows: Vec<f64>,
     /// Variance of each, by that of a line that stands alone.
     pub variance: Vec<f64>,
@@ -36,7 +36,7 @@ pub struct BandSolution {
     pub guard_row: Vec<f64>,
     /// Its variance.
     pub guard_variance: f64,
-    /// How near known lines are, by order bin from the lowest: 0 none within the guard's main lobe, 1 not nearer than [`CLOSER`], 2 nearer.
+    /// How near known lines are, by order bin from the lowest: 0 none within the guard's main lobe, 1 not nearer than 1.5 bins, 2 nearer.
     pub crowding: Vec<u8>,
 }
 

@@ -7,7 +7,7 @@
 //! # Choice of ε and β
 //!
 //! What is asked for: two lines that nobody announced, as large as the carrier and `s` bins from it on either side, bias it by at most
-//! [`LEAKAGE`] together. Of all ε and β that keep this, the one with the least noise bandwidth (within 2 %, by
+//! `LEAKAGE` (0.2 %) together. Of all ε and β that keep this, the one with the least noise bandwidth (within 2 %, by
 //! search over both) puts the first null of `K` at `s`, and its side lobes as high as they may be:
 //!
 //! ```text
