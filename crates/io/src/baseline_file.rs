@@ -260,7 +260,7 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
         assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing left beside it");
         // White space is nobody's business.
         let text = std::fs::read_to_string(&path).expect("text");
-        let compact: Value = serde_json::from_str(&text).expect("JSON");
+        let compact: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!(parse(&compact.to_string(), &path).expect("compact"), baseline());
     }
 

@@ -77,6 +77,9 @@ pub struct Sweep {
 #[derive(Clone, Debug)]
 struct Values(Vec<f64>);
 
+/// Rows of one task, and how many windows gave nothing.
+type Measured = anyhow::Result<(Vec<Row>, u32)>;
+
 /// One case at one place of the sweep.
 enum Task<'a> {
     Simulate { case: &'a str, effects: &'a [EffectSpec], speed_hz: f64, torque_nm: f64 },
@@ -174,7 +177,7 @@ impl Sweep {
         if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} {eta}") {
             bar.set_style(style);
         }
-        let results: Mutex<BTreeMap<usize, anyhow::Result<(Vec<Row>, u32)>>> = Mutex::default();
+        let results: Mutex<BTreeMap<usize, Measured>> = Mutex::default();
         let next = AtomicUsize::new(0);
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::scope(|scope| {
@@ -215,7 +218,7 @@ impl Sweep {
         (rows, troubles)
     }
 
-    fn one(&self, bench: &Bench, pipeline: &Pipeline, task: &Task<'_>) -> anyhow::Result<(Vec<Row>, u32)> {
+    fn one(&self, bench: &Bench, pipeline: &Pipeline, task: &Task<'_>) -> Measured {
         let (case, recording) = match task {
             Task::Simulate { case, .. } => ((*case).to_owned(), String::new()),
             Task::Read { case, path } => (case.clone(), path.display().to_string()),

@@ -1,5 +1,7 @@
 //! The live page in a real browser, against the real service. Skipped with a message where there is no Chromium.
 
+#![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
+
 mod chromium;
 
 use std::net::TcpListener;

@@ -220,7 +220,7 @@ fn conform_a_file_whose_sync_failed_is_never_acknowledged_again() {
 fn regress_a_start_that_is_killed_at_once_explains_what_was_lost_before_it() {
     let disk = Simulated::new(7);
     let mut outside = Outside::default();
-    let mut log = Stepper::start(small(), context(), Box::new(disk.clone()), at(0)).unwrap();
+    let log = Stepper::start(small(), context(), Box::new(disk.clone()), at(0)).unwrap();
     for window in 0..20 {
         if let Sent::Queued { seq } = log.send(verdict(window, Rank::Zero), at(window)) {
             outside.accepted.push((seq, window));
