@@ -35,7 +35,9 @@ fn conform_a_simulated_recording_is_read_back() {
 
     let said = gearwatch(path, &["info", "a.mcap", "--format", "json"]);
     let json: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
-    assert_eq!(json["operating_points"]["motor_speed_hz"][0], 25.0, "{json}");
+    // The least speed read: the mean over a packet, which the vibration of the motor moves by some 1e-5 of it.
+    let least_hz = json["operating_points"]["motor_speed_hz"][0].as_f64().unwrap();
+    assert!((least_hz / 25.0 - 1.0).abs() < 1e-4, "{json}");
     for (name, channel) in json["channels"].as_object().unwrap() {
         let length_s = channel["samples"].as_f64().unwrap() / channel["sample_rate_hz"].as_f64().unwrap();
         // Packets are whole: the last one may run over the end.
