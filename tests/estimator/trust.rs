@@ -67,7 +67,7 @@ fn believed(tones: &[Tone], noises: &[f64], count: u64) -> (usize, usize) {
 }
 
 /// A comb shifted so that it fits sidebands must not pass. Sidebands as large as the lines leave most windows their speed in little noise. Where they are three
-/// times as large, nearly no window has one; 8 of 1000 then had a wrong one when this was written (90 with a rival zone as wide as the guard's lobe).
+/// times as large, nearly no window has one; 8 of 500 then had a wrong one when this was written (89 with a rival zone as wide as the guard's lobe).
 #[test]
 fn regress_comb_of_sidebands_is_no_speed() {
     let (seen, wrong) = believed(&odd_comb(1.0), &[1.0], 30);
