@@ -1,7 +1,7 @@
 //! The efficient window: a box whose edges are rounded by Kaiser's window.
 //!
 //! `v = box of width 1 - ε  ⊗  Kaiser's window of width ε and area 1` has the transform `V(x) = sinc((1 - ε) x) K(ε x)` (x in bins), `K` being
-//! Kaiser's (see [`kaiser`](super::kaiser)). Its noise bandwidth is near that of no weighting, and beyond the first null of `K` it is as low as
+//! Kaiser's (see [`super::kaiser`]). Its noise bandwidth is near that of no weighting, and beyond the first null of `K` it is as low as
 //! Kaiser's side lobes times `1 / (π (1 - ε) x)`.
 //!
 //! # Choice of ε and β
