@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::pace::Speed;
-use super::{Feed, Pacer, SourceConfig, SourceContext, SourceError, kind};
+use super::{Feed, Pacer, SourceConfig, SourceContext, SourceError, kind, now_unix_ns};
 use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Simulator>(
@@ -34,8 +34,9 @@ struct Simulator {
     seed: u64,
     /// Length (s, > 0); that of the scenario where left out.
     duration_secs: Option<f64>,
-    /// Time of the first sample (ns since the epoch).
-    first_sample_unix_ns: i64,
+    /// Time of the first sample (ns since the epoch); where left out, now for a paced simulation, and 0 at full speed, so that the same
+    /// seed gives the same bytes.
+    first_sample_unix_ns: Option<i64>,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -49,7 +50,7 @@ enum ScenarioKey {
 
 impl Default for Simulator {
     fn default() -> Self {
-        Self { scenario: None, speed: Speed::Times(1.0), seed: 1, duration_secs: None, first_sample_unix_ns: 0 }
+        Self { scenario: None, speed: Speed::Times(1.0), seed: 1, duration_secs: None, first_sample_unix_ns: None }
     }
 }
 
@@ -106,7 +107,7 @@ impl SourceConfig for Simulator {
             effects: Vec::new(),
             scenario: self.scenario(context)?,
             seed: self.seed,
-            t0: self.first_sample_unix_ns,
+            t0: self.first_sample_unix_ns.unwrap_or_else(|| if self.is_live() { now_unix_ns() } else { 0 }),
         })
         .map_err(failed)?;
         let mut pacer = Pacer::new(self.speed, context.stop.clone());
