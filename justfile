@@ -15,7 +15,7 @@ test:
 bench:
     cargo bench --workspace
 
-# The SpectraQuest recordings (../shared): a baseline of first halves judges second halves and the broken tooth
+# The SpectraQuest recordings, where they lie beside the repository: a baseline of first halves judges second halves and the broken tooth
 spectraquest:
     cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture
 
