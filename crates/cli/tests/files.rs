@@ -82,3 +82,13 @@ fn conform_convert_does_not_overwrite() {
     assert!(text(&out.stderr).contains("--force"), "{}", text(&out.stderr));
     assert_eq!(std::fs::read(folder.path().join("t.mcap")).unwrap(), b"precious");
 }
+
+/// A folder without a log was not examined, and is not called whole.
+#[test]
+fn regress_doctor_does_not_call_an_empty_folder_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("recording.csv"), table(10)).unwrap();
+    let done = gearwatch(folder.path(), &["doctor", "."]);
+    assert_eq!(done.status.code(), Some(1));
+    assert!(done.stdout.is_empty() && text(&done.stderr).contains("holds no log file"), "{}", text(&done.stderr));
+}

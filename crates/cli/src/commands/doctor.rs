@@ -33,6 +33,16 @@ impl Run for Doctor {
                 return Ok(Exit::Warning);
             }
         };
+        if health.files.is_empty() {
+            // Nothing was looked at, which must not read as whole.
+            let folder = self.folder.display();
+            writeln!(
+                std::io::stderr(),
+                "gearwatch doctor: {folder} holds no log file; name the folder of an mcap_log sink"
+            )
+            .context("stderr")?;
+            return Ok(Exit::Warning);
+        }
         let mut out = std::io::stdout().lock();
         for file in &health.files {
             tell(&mut out, file)?;
