@@ -9,6 +9,7 @@
 
 mod guard;
 mod hub;
+mod past;
 mod tls;
 mod token;
 
@@ -37,13 +38,21 @@ const MOST_LISTENERS: usize = 64;
 /// A file of the page: path, media type, bytes.
 type Asset = (&'static str, &'static str, &'static [u8]);
 
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
 const ASSETS: &[Asset] = &[
     ("/", "text/html; charset=utf-8", include_bytes!("web/assets/index.html")),
     ("/assets/style.css", "text/css; charset=utf-8", include_bytes!("web/assets/style.css")),
-    ("/assets/app.js", "text/javascript; charset=utf-8", include_bytes!("web/assets/app.js")),
+    ("/assets/app.js", SCRIPT, include_bytes!("web/assets/app.js")),
+    ("/assets/state.js", SCRIPT, include_bytes!("web/assets/state.js")),
+    ("/assets/strips.js", SCRIPT, include_bytes!("web/assets/strips.js")),
+    ("/assets/detail.js", SCRIPT, include_bytes!("web/assets/detail.js")),
+    ("/assets/spectrum.js", SCRIPT, include_bytes!("web/assets/spectrum.js")),
+    ("/assets/service.js", SCRIPT, include_bytes!("web/assets/service.js")),
+    ("/assets/plot.js", SCRIPT, include_bytes!("web/assets/plot.js")),
     ("/assets/icon.svg", "image/svg+xml", include_bytes!("web/assets/icon.svg")),
     ("/assets/uPlot.min.css", "text/css; charset=utf-8", include_bytes!("web/assets/uPlot.min.css")),
-    ("/assets/uPlot.iife.min.js", "text/javascript; charset=utf-8", include_bytes!("web/assets/uPlot.iife.min.js")),
+    ("/assets/uPlot.iife.min.js", SCRIPT, include_bytes!("web/assets/uPlot.iife.min.js")),
 ];
 
 /// The page may load what this server sends, and nothing else.
@@ -113,7 +122,7 @@ async fn events(State(shared): State<Shared>) -> Response {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open").into_response();
     };
     let (history, receiver) = shared.hub.subscribe();
-    let past = stream::iter(history.into_iter().map(|message| event(&message)));
+    let past = stream::iter(history.map(|message| event(&message)));
     let live = live(receiver).map(move |event| {
         let _held = &permit;
         event

@@ -8,8 +8,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
-/// Verdicts kept per bench, stage and channel for a page that opens later.
-const VERDICTS_KEPT: usize = 600;
+use super::past::Past;
+
 /// Spectra kept per bench and channel: the rows of the waterfall.
 const SPECTRA_KEPT: usize = 60;
 /// Messages that a page may lag behind before it skips some.
@@ -18,7 +18,7 @@ const LAG: usize = 1024;
 /// One server-sent event.
 #[derive(Clone, Debug)]
 pub struct Message {
-    /// `verdict`, `spectrum` or `status`.
+    /// `past`, `verdict`, `spectrum` or `status`.
     pub kind: &'static str,
     /// The JSON object.
     pub json: Arc<str>,
@@ -123,10 +123,19 @@ pub struct Hub {
     out: broadcast::Sender<Message>,
 }
 
+/// Bench, stage and channel.
+type Key = (String, String, String);
+
+#[derive(Debug)]
+struct Row {
+    past: Past,
+    newest: Message,
+}
+
 #[derive(Debug, Default)]
 struct Kept {
     status: Option<Message>,
-    verdicts: BTreeMap<(String, String, String), VecDeque<Message>>,
+    rows: BTreeMap<Key, Row>,
     spectra: BTreeMap<(String, String), VecDeque<Message>>,
 }
 
@@ -150,7 +159,9 @@ impl Hub {
         let message = Message { kind: "verdict", json: Value::Object(object).to_string().into() };
         let key = (bench.to_owned(), verdict.stage.clone(), verdict.channel.clone());
         let mut kept = self.kept();
-        keep(kept.verdicts.entry(key).or_default(), &message, VERDICTS_KEPT);
+        let row = kept.rows.entry(key).or_insert_with(|| Row { past: Past::default(), newest: message.clone() });
+        row.past.push(verdict);
+        row.newest = message.clone();
         // An error means that no page listens.
         let _ = self.out.send(message);
     }
@@ -183,13 +194,18 @@ impl Hub {
         self.kept().status.as_ref().map_or_else(|| "{}".to_owned(), |message| message.json.to_string())
     }
 
-    /// All that is kept, and the stream of what comes next, without a gap or an overlap between them.
-    pub fn subscribe(&self) -> (Vec<Message>, broadcast::Receiver<Message>) {
+    /// All that is kept, and the stream of what comes next, without a gap or an overlap between them, but that the newest verdict of a
+    /// row is also the end of its past.
+    pub fn subscribe(&self) -> (impl Iterator<Item = Message> + Send + use<>, broadcast::Receiver<Message>) {
         let kept = self.kept();
         let receiver = self.out.subscribe();
-        let verdicts = kept.verdicts.values().flatten();
-        let history = kept.status.iter().chain(verdicts).chain(kept.spectra.values().flatten()).cloned().collect();
-        (history, receiver)
+        let pasts: Vec<_> = kept.rows.iter().map(|(key, row)| (key.clone(), row.past.clone())).collect();
+        let newest = kept.rows.values().map(|row| &row.newest);
+        let rest: Vec<_> = newest.chain(kept.spectra.values().flatten()).cloned().collect();
+        let status = kept.status.clone();
+        // Written when its turn comes: hours of windows are many numbers, and the lock is not held for them.
+        let pasts = pasts.into_iter().map(|(key, past)| Message { kind: "past", json: past.json(&key).into() });
+        (status.into_iter().chain(pasts).chain(rest), receiver)
     }
 }
 

@@ -9,6 +9,8 @@ use ureq::Agent;
 
 /// What came in.
 pub enum Message {
+    /// The past of a row: its levels, a letter a window.
+    Past(Value),
     /// A verdict on one window.
     Verdict(Value),
     /// How the service is.
@@ -20,7 +22,7 @@ pub enum Message {
 /// The service says how it is once a second; after this long without a word the link counts as lost.
 const SILENCE: Duration = Duration::from_secs(6);
 const AGAIN: Duration = Duration::from_secs(1);
-/// One event holds one window or one status; more is not this service.
+/// One event holds one window, one status or an hour of a row; more is not this service.
 const LONGEST_LINE: usize = 4 << 20;
 
 /// The link to a service.
@@ -81,6 +83,7 @@ fn read(agent: &Agent, url: &str, out: &SyncSender<Message>) -> anyhow::Result<(
             name.trim().clone_into(&mut kind);
         } else if let Some(data) = text.strip_prefix("data:") {
             let wrap: fn(Value) -> Message = match kind.as_str() {
+                "past" => Message::Past,
                 "verdict" => Message::Verdict,
                 "status" => Message::Status,
                 _ => continue,

@@ -25,6 +25,15 @@ struct Channel {
     levels: VecDeque<i64>,
 }
 
+impl Channel {
+    fn push(&mut self, levels: [i64; 5]) {
+        if self.levels.len() == KEEP {
+            self.levels.pop_front();
+        }
+        self.levels.push_back(levels.into_iter().max().unwrap_or(-1));
+    }
+}
+
 #[derive(PartialEq, Eq)]
 enum Focus {
     Rows,
@@ -74,18 +83,27 @@ impl Screen {
                 self.status = Value::Null;
             }
             Message::Status(status) => self.status = status,
-            Message::Verdict(verdict) => {
-                let text = |key: &str| verdict[key].as_str().unwrap_or_default().to_owned();
-                let channel = self.channels.entry((text("bench"), text("stage"), text("channel"))).or_default();
-                let levels = HARMONICS.map(|h| verdict[format!("level_{h}")].as_i64().unwrap_or(-1));
-                if channel.levels.len() == KEEP {
-                    channel.levels.pop_front();
+            Message::Past(past) => {
+                let channel = self.channel(&past);
+                channel.levels.clear();
+                let letters = [0, 1, 2, 3, 4].map(|h| past["level"][h].as_str().unwrap_or_default().as_bytes());
+                let windows = letters.map(<[u8]>::len).into_iter().min().unwrap_or(0);
+                // The newest window comes again by itself.
+                for window in windows.saturating_sub(KEEP)..windows.saturating_sub(1) {
+                    channel.push(letters.map(|of| char::from(of[window]).to_digit(10).map_or(-1, i64::from)));
                 }
-                let unknown = levels.iter().all(|&l| l < 0);
-                channel.levels.push_back(if unknown { -1 } else { levels.into_iter().max().unwrap_or(-1) });
+            }
+            Message::Verdict(verdict) => {
+                let channel = self.channel(&verdict);
+                channel.push(HARMONICS.map(|h| verdict[format!("level_{h}")].as_i64().unwrap_or(-1)));
                 channel.last = verdict;
             }
         }
+    }
+
+    fn channel(&mut self, of: &Value) -> &mut Channel {
+        let text = |key: &str| of[key].as_str().unwrap_or_default().to_owned();
+        self.channels.entry((text("bench"), text("stage"), text("channel"))).or_default()
     }
 
     /// Shows a sentence in the last line.

@@ -1,0 +1,118 @@
+// What the page knows: one row per bench, stage and channel, the newest spectra, the newest status. Others read it and ask for drawing.
+
+export const HARMONICS = [1, 2, 3, 4, 5];
+export const RANKS = ["0", "I", "II", "III", "IV", "V"];
+export const view = { selected: null, harmonic: 1, span: 0, status: null }; // span: seconds a strip shows; 0: each window by itself
+export const rows = new Map(); // bench/stage/channel → row
+export const spectra = new Map(); // bench/channel → { last, waterfall }
+
+const KEEP = 7200; // windows kept per row, as the service does: an hour of two a second
+const WIDE = HARMONICS.length;
+
+/* ---- drawing happens at most once per animation frame, and only what changed ---- */
+
+const dirty = new Set();
+let painter = () => {};
+
+export function paintWith(draw) {
+  painter = draw;
+}
+
+export function invalidate(what) {
+  if (dirty.size === 0) {
+    requestAnimationFrame(() => {
+      const todo = new Set(dirty);
+      dirty.clear();
+      painter(todo);
+    });
+  }
+  dirty.add(what);
+}
+
+/* ---- the past of a row ---- */
+
+// Columns of numbers, oldest first, between `start` and `end`. They live in arrays twice as long as what is kept, so that the
+// oldest can go without moving the rest each time.
+export class Past {
+  constructor() {
+    this.t0 = new Float64Array(2 * KEEP);
+    this.level = new Int8Array(2 * KEEP * WIDE);
+    for (const name of ["amp", "base", "sigma"]) this[name] = new Float32Array(2 * KEEP * WIDE);
+    this.clear();
+  }
+
+  clear() {
+    this.start = this.end = 0;
+    this.total = 0; // pushed since it was empty
+  }
+
+  get length() {
+    return this.end - this.start;
+  }
+
+  get newest() {
+    return this.length ? this.t0[this.end - 1] : -Infinity;
+  }
+
+  // `of(name, k)` gives the value of harmonic k (from 0); what is not known is kept as NaN.
+  push(t0, of) {
+    if (this.end === 2 * KEEP) {
+      this.t0.copyWithin(0, this.start, this.end);
+      for (const name of ["level", "amp", "base", "sigma"]) this[name].copyWithin(0, this.start * WIDE, this.end * WIDE);
+      this.end -= this.start;
+      this.start = 0;
+    }
+    this.t0[this.end] = t0;
+    for (let k = 0; k < WIDE; k++) {
+      const at = this.end * WIDE + k;
+      this.level[at] = of("level", k);
+      for (const name of ["amp", "base", "sigma"]) this[name][at] = of(name, k) ?? NaN;
+    }
+    this.end++;
+    this.total++;
+    if (this.length > KEEP) this.start++;
+  }
+
+  // One harmonic as uPlot wants it: null where nothing is known.
+  column(name, k) {
+    const out = new Array(this.length);
+    for (let i = 0; i < out.length; i++) {
+      const x = this[name][(this.start + i) * WIDE + k];
+      out[i] = Number.isFinite(x) ? x : null;
+    }
+    return out;
+  }
+}
+
+/* ---- small things that all need ---- */
+
+export const el = (id) => document.getElementById(id);
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+export const rankColour = (level) => css(level < 0 ? "--ru" : `--r${level}`);
+export const known = (x) => typeof x === "number" && Number.isFinite(x);
+export const text = (x, digits, unit) => (known(x) ? `${Number(x).toPrecision(digits)}${unit ? ` ${unit}` : ""}` : "–");
+export const percent = (x) => (known(x) ? `${x > 0 ? "+" : x < 0 ? "−" : ""}${Math.abs(x).toFixed(1)} %` : "–");
+export const clock = (ns) => new Date(ns / 1e6).toLocaleTimeString();
+
+export function node(tag, attributes = {}, ...children) {
+  const n = document.createElement(tag);
+  // Styles go through the object model: the content security policy forbids style attributes.
+  for (const [k, v] of Object.entries(attributes)) k === "style" ? (n.style.cssText = v) : n.setAttribute(k, v);
+  n.append(...children);
+  return n;
+}
+
+// A canvas as sharp as the screen, cleared.
+export function fit(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = Math.max(1, canvas.clientWidth);
+  const height = Math.max(1, canvas.clientHeight);
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const g = canvas.getContext("2d");
+  g.setTransform(ratio, 0, 0, ratio, 0, 0);
+  g.clearRect(0, 0, width, height);
+  return { g, width, height };
+}
