@@ -47,6 +47,10 @@ campaign-overload:
 campaign-fleet:
     GEARWATCH_ROUNDS=1 cargo test --release -p gearwatch --test brokers -- --nocapture
 
+# An hour of eight channels on the live page, in a Chromium: first paint and long tasks
+page:
+    cargo test --release -p gearwatch --test page -- --ignored --nocapture
+
 # A minute of changed bytes for each parser
 campaign-fuzz:
     GEARWATCH_FUZZ_SECS=60 cargo test --release -p gearwatch --test fuzz -- --nocapture

@@ -19,6 +19,7 @@ mod emulate;
 mod explain;
 mod fleet;
 mod info;
+mod layout;
 mod list;
 mod man;
 mod paper;
@@ -53,6 +54,7 @@ const COMMANDS: &[Kind] = &[
     kind::<prove::Prove>(),
     kind::<recover::Recover>(),
     kind::<doctor::Doctor>(),
+    kind::<layout::Layout>(),
     kind::<list::List>(),
     kind::<config::ConfigCommand>(),
     kind::<completions::Completions>(),

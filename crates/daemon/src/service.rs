@@ -235,6 +235,7 @@ impl Running {
         let mut queues = Vec::new();
         let mut raw_queues = Vec::new();
         let mut state_queues = Vec::new();
+        let (mut spectrum_queues, mut spectra_every_secs) = (Vec::new(), f64::INFINITY);
         let mut sinks = Vec::new();
         for (entry, policy) in config.sinks.into_iter().zip(policies) {
             let (outlet, events) = queue::bounded(entry.queue, policy);
@@ -251,6 +252,10 @@ impl Running {
             if entry.config.wants_states() {
                 state_queues.push(outlet.clone());
             }
+            if let Some(secs) = entry.config.wants_spectra_every_secs() {
+                spectrum_queues.push(outlet.clone());
+                spectra_every_secs = spectra_every_secs.min(secs);
+            }
             queues.push(outlet);
             let first = entry
                 .config
@@ -261,7 +266,10 @@ impl Running {
         let fanout = Fanout::new(queues);
         let raw = Fanout::new(raw_queues);
         let hub = Arc::new(Hub::default());
-        let views = viewing::start(&hub)?;
+        let spectra = spectra_every_secs
+            .is_finite()
+            .then(|| viewing::Wanted { sinks: Fanout::new(spectrum_queues), every_secs: spectra_every_secs });
+        let views = viewing::start(&hub, spectra)?;
         let sources_stop = stop.child();
         let mut running = Vec::new();
         for (watched, bench) in benches.into_iter().zip(config.benches) {

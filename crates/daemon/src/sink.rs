@@ -111,6 +111,11 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
         false
     }
 
+    /// It takes an order spectrum of each channel so often (s of the data's time).
+    fn wants_spectra_every_secs(&self) -> Option<f64> {
+        None
+    }
+
     /// Opens it.
     ///
     /// # Errors

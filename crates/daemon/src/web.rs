@@ -28,7 +28,7 @@ use futures_util::stream::{self, Stream, StreamExt};
 use tokio::sync::{Semaphore, broadcast};
 
 pub use guard::AllowedHosts;
-pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, SpectrumFrame, SpectrumLine, Status};
+pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, Status};
 pub use tls::{TlsListener, acceptor};
 pub use token::Token;
 

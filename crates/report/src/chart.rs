@@ -13,7 +13,7 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(120, 120, 120),
 ];
 const SIZE: (u32, u32) = (900, 320);
-/// Share of the height that a legend of some five entries takes.
+/// Share of the height that is left free for a legend of some five entries, so that it hides nothing.
 const LEGEND_SHARE: f64 = 0.4;
 const FONT: (&str, u32) = ("sans-serif", 13);
 /// Points drawn per series: two per pixel show everything that can be seen.
@@ -223,7 +223,6 @@ fn draw_lines(lines: &Lines, root: &Area<'_>) -> Result<(), ChartError> {
     } else {
         let mut bounds = range(all().map(|p| p.1), 0.06).ok_or_else(nothing)?;
         if lines.series.len() > 1 {
-            // Room for the legend, so that it hides no curve.
             bounds.1 += LEGEND_SHARE * (bounds.1 - bounds.0);
         }
         let mut chart = builder.build_cartesian_2d(x_low..x_high, bounds.0..bounds.1).map_err(failed)?;
@@ -237,7 +236,10 @@ fn draw_bars(bars: &Bars, root: &Area<'_>) -> Result<(), ChartError> {
         let s = if s.is_finite() { s } else { 0.0 };
         [v - s, v + s]
     });
-    let bounds = range(ends.chain([0.0]), 0.12).ok_or_else(|| ChartError("there is no finite value".into()))?;
+    let mut bounds = range(ends.chain([0.0]), 0.12).ok_or_else(|| ChartError("there is no finite value".into()))?;
+    if bars.series.len() > 1 {
+        bounds.1 += LEGEND_SHARE * (bounds.1 - bounds.0);
+    }
     let groups = bars.groups.len();
     let mut chart = ChartBuilder::on(root)
         .margin(8)

@@ -62,6 +62,11 @@ impl Chromium {
         self.call("Page.navigate", json!({ "url": url }));
     }
 
+    /// A script that runs before those of each page.
+    pub fn before_each_page(&mut self, script: &str) {
+        self.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": script }));
+    }
+
     /// The value of an expression on the page.
     pub fn value(&mut self, expression: &str) -> Value {
         let result = self.call("Runtime.evaluate", json!({ "expression": expression, "returnByValue": true }));

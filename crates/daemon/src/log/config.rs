@@ -32,6 +32,8 @@ pub struct LogConfig {
     pub compression: Compression,
     /// Which raw data are kept.
     pub raw: RawPolicy,
+    /// An order spectrum of each channel is kept so often (s of the data's time, 1–86400); 0: never.
+    pub spectra_secs: f64,
 }
 
 impl Default for LogConfig {
@@ -49,6 +51,7 @@ impl Default for LogConfig {
             raw_queue_bytes: 64 << 20,
             compression: Compression::Zstd,
             raw: RawPolicy::Off,
+            spectra_secs: 60.0,
         }
     }
 }
@@ -129,6 +132,9 @@ impl LogConfig {
         }
         if !(1 << 16..=1 << 32).contains(&self.raw_queue_bytes) {
             return bad("raw_queue_bytes", &self.raw_queue_bytes, "between 64 KiB and 4 GiB");
+        }
+        if self.spectra_secs != 0.0 && !(1.0..=86_400.0).contains(&self.spectra_secs) {
+            return bad("spectra_secs", &self.spectra_secs, "0 or between 1 and 86400 s");
         }
         if let RawPolicy::AroundDeviations { level, before_secs, after_secs, buffer_bytes } = &self.raw {
             if !(1..=5).contains(level) {

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::record::{Note, Record};
+use crate::event::SpectrumFrame;
 
 /// Topic of the record that opens every chunk.
 pub const GROUP_TOPIC: &str = "/log/group";
@@ -93,6 +94,9 @@ pub(super) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Mes
         Record::Gap(gap) => (GAP_TOPIC.into(), &*GAP_SCHEMA, gap.t_ns, json_bytes(gap)),
         Record::Clock(clock) => (CLOCK_TOPIC.into(), &*CLOCK_SCHEMA, clock.wall_ns, json_bytes(clock)),
         Record::Note(note) => (NOTE_TOPIC.into(), &*NOTE_SCHEMA, note.t_ns, json_bytes(&foxglove_log(note))),
+        Record::Spectrum(frame) => {
+            (format!("/spectrum/{}", frame.channel), &*SPECTRUM_SCHEMA, frame.t0_ns, json_bytes(&Spectrum::of(frame)))
+        }
         Record::Raw(packet) => return super::raw::encode(packet, now_ns),
         Record::Context(_) => return None,
     };
@@ -121,6 +125,35 @@ fn foxglove_log(note: &Note) -> Value {
     })
 }
 
+/// An order spectrum as viewers draw it: orders beside amplitudes.
+#[derive(Serialize)]
+struct Spectrum<'a> {
+    bench: &'a str,
+    channel: &'a str,
+    unit: &'a str,
+    t0_ns: UnixNanos,
+    order: Vec<f64>,
+    amplitude: &'a [f32],
+}
+
+impl<'a> Spectrum<'a> {
+    fn of(frame: &'a SpectrumFrame) -> Self {
+        let order = |line: usize| (1e6 * (frame.first_order + line as f64 * frame.order_step)).round() / 1e6;
+        Self {
+            bench: &frame.bench,
+            channel: &frame.channel,
+            unit: &frame.unit,
+            t0_ns: frame.t0_ns,
+            order: (0..frame.amplitude.len()).map(order).collect(),
+            amplitude: &frame.amplitude,
+        }
+    }
+}
+
+static SPECTRUM_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let spectrum = Spectrum { bench: "", channel: "", unit: "", t0_ns: 1, order: vec![0.5], amplitude: &[0.5] };
+    schema_of("gearwatch.OrderSpectrum", &spectrum)
+});
 static VERDICT_SCHEMA: LazyLock<Schema> = LazyLock::new(|| schema_of("gearwatch.Verdict", &verdict_example()));
 static GROUP_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let group = Group {
@@ -157,6 +190,7 @@ pub(super) fn schema_for_topic(topic: &str) -> Option<&'static Schema> {
         GAP_TOPIC => Some(&GAP_SCHEMA),
         CLOCK_TOPIC => Some(&CLOCK_SCHEMA),
         NOTE_TOPIC => Some(&NOTE_SCHEMA),
+        _ if topic.starts_with("/spectrum/") => Some(&SPECTRUM_SCHEMA),
         _ if topic.starts_with("/gear/") && topic.ends_with("/rank") => Some(&VERDICT_SCHEMA),
         _ => super::raw::schema_for_topic(topic),
     }

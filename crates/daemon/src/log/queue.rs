@@ -250,6 +250,7 @@ fn extent(record: &Record, shed: u64) -> (String, u64, u64, u64) {
         },
         Record::Gap(_) => ("gap".into(), shed, shed, 1),
         Record::Clock(_) => ("clock".into(), shed, shed, 1),
+        Record::Spectrum(_) => ("spectrum".into(), shed, shed, 1),
         Record::Note(_) => ("log_note".into(), shed, shed, 1),
         Record::Context(_) => ("context".into(), shed, shed, 1),
     }

@@ -7,6 +7,8 @@ use gearwatch_core::block::{Packet, UnixNanos};
 use gearwatch_core::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
+use crate::event::SpectrumFrame;
+
 /// One thing to be logged.
 #[derive(Clone, Debug)]
 pub enum Record {
@@ -21,6 +23,8 @@ pub enum Record {
     Raw(Arc<Packet>),
     /// Something is missing, on `/gap`.
     Gap(Gap),
+    /// An order spectrum, on `/spectrum/<channel>`.
+    Spectrum(Arc<SpectrumFrame>),
     /// How the clocks stand, on `/clock`.
     Clock(Clock),
     /// A sentence for people, on `/log`.

@@ -1,4 +1,5 @@
-//! Order spectra for the page: made beside the ranks, on a thread of their own, and only while somebody looks.
+//! Order spectra for the page and the log: made beside the ranks on a thread of their own, for the page only while somebody looks, for
+//! the log now and then.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,10 +12,11 @@ use gearwatch_core::train::Train;
 use gearwatch_core::verdict::HARMONICS;
 use gearwatch_core::window::Window;
 
-use crate::web::{Hub, SpectrumFrame, SpectrumLine};
+use crate::event::{Event, Fanout, SpectrumFrame, SpectrumLine};
+use crate::web::Hub;
 
 /// A channel is shown at most so often: the eye does not need more.
-const EVERY: Duration = Duration::from_millis(450);
+const SHOWN_EVERY: Duration = Duration::from_millis(450);
 /// Windows that may wait for the thread; more are not shown.
 const WAITING: usize = 16;
 /// Lines sent to a page, at most: more than a screen has columns.
@@ -23,10 +25,48 @@ const MOST_LINES: usize = 1500;
 const BEYOND: f64 = 1.08;
 
 struct View {
+    for_page: bool,
+    for_log: bool,
     bench: Arc<str>,
     train: Arc<Train>,
     samples: Vec<f64>,
     analysis: WindowAnalysis,
+}
+
+/// Sinks that want a spectrum of each channel every so often, counted in the data's own time.
+#[derive(Clone)]
+pub(super) struct Wanted {
+    pub(super) sinks: Fanout,
+    pub(super) every_secs: f64,
+}
+
+/// Starts the viewing thread. It ends with the last viewer that was made from what is returned.
+pub(super) fn start(hub: &Arc<Hub>, wanted: Option<Wanted>) -> std::io::Result<Views> {
+    let (views, seen) = sync_channel(WAITING);
+    let (page, sinks) = (hub.clone(), wanted.as_ref().map(|wanted| wanted.sinks.clone()));
+    std::thread::Builder::new().name("gw-view".to_owned()).spawn(move || show(&seen, &page, sinks.as_ref()))?;
+    Ok(Views { views, hub: hub.clone(), logged_every_ns: wanted.map(|wanted| (1e9 * wanted.every_secs) as i64) })
+}
+
+/// The way to the viewing thread.
+pub(super) struct Views {
+    views: SyncSender<View>,
+    hub: Arc<Hub>,
+    logged_every_ns: Option<i64>,
+}
+
+impl Views {
+    pub(super) fn of(&self, bench: Arc<str>, train: Train) -> Viewer {
+        Viewer {
+            bench,
+            train: Arc::new(train),
+            hub: self.hub.clone(),
+            logged_every_ns: self.logged_every_ns,
+            shown: HashMap::new(),
+            logged: HashMap::new(),
+            views: self.views.clone(),
+        }
+    }
 }
 
 /// Hands windows of one bench to the viewing thread.
@@ -34,29 +74,10 @@ pub(super) struct Viewer {
     bench: Arc<str>,
     train: Arc<Train>,
     hub: Arc<Hub>,
-    last: HashMap<Arc<str>, Instant>,
+    logged_every_ns: Option<i64>,
+    shown: HashMap<Arc<str>, Instant>,
+    logged: HashMap<Arc<str>, i64>,
     views: SyncSender<View>,
-}
-
-/// Starts the viewing thread. It ends with the last viewer that was made from what is returned.
-pub(super) fn start(hub: &Arc<Hub>) -> std::io::Result<Views> {
-    let (views, seen) = sync_channel(WAITING);
-    let shown = hub.clone();
-    std::thread::Builder::new().name("gw-view".to_owned()).spawn(move || show(&seen, &shown))?;
-    Ok(Views { views, hub: hub.clone() })
-}
-
-/// The way to the viewing thread.
-pub(super) struct Views {
-    views: SyncSender<View>,
-    hub: Arc<Hub>,
-}
-
-impl Views {
-    pub(super) fn of(&self, bench: Arc<str>, train: Train) -> Viewer {
-        let train = Arc::new(train);
-        Viewer { bench, train, hub: self.hub.clone(), last: HashMap::new(), views: self.views.clone() }
-    }
 }
 
 impl std::fmt::Debug for Viewer {
@@ -66,31 +87,53 @@ impl std::fmt::Debug for Viewer {
 }
 
 impl Viewer {
-    /// Never waits: a window that the viewing thread has no room for is not shown.
+    /// Never waits: a window that the viewing thread has no room for is not shown, and its successor is logged in its place.
     pub(super) fn offer(&mut self, window: &Window, analysis: &WindowAnalysis) {
-        if !self.hub.is_watched() || !analysis.input_speed_hz.is_known() {
+        if !analysis.input_speed_hz.is_known() {
             return;
         }
         let now = Instant::now();
-        if self.last.get(&window.sensor).is_some_and(|last| now.duration_since(*last) < EVERY) {
+        let for_page = self.hub.is_watched()
+            && self.shown.get(&window.sensor).is_none_or(|last| now.duration_since(*last) >= SHOWN_EVERY);
+        let for_log = self.logged_every_ns.is_some_and(|every| {
+            // A replay that starts anew is due at once.
+            self.logged
+                .get(&window.sensor)
+                .is_none_or(|&last| !(last..last.saturating_add(every)).contains(&analysis.t0))
+        });
+        if !(for_page || for_log) {
             return;
         }
-        self.last.insert(window.sensor.clone(), now);
-        let _ = self.views.try_send(View {
+        let offered = self.views.try_send(View {
+            for_page,
+            for_log,
             bench: self.bench.clone(),
             train: self.train.clone(),
             samples: window.samples.clone(),
             analysis: analysis.clone(),
         });
+        if for_page {
+            self.shown.insert(window.sensor.clone(), now);
+        }
+        if for_log && offered.is_ok() {
+            self.logged.insert(window.sensor.clone(), analysis.t0);
+        }
     }
 }
 
-fn show(views: &Receiver<View>, hub: &Hub) {
+fn show(views: &Receiver<View>, hub: &Hub, sinks: Option<&Fanout>) {
     let mut spectrum = OrderSpectrum::default();
     let mut orders = Orders::default();
     for view in views {
-        if spectrum.window(&view.samples, &view.analysis, &mut orders) {
-            hub.spectrum(&frame(&view, &orders));
+        if !spectrum.window(&view.samples, &view.analysis, &mut orders) {
+            continue;
+        }
+        let frame = frame(&view, &orders);
+        if view.for_page {
+            hub.spectrum(&frame);
+        }
+        if let Some(sinks) = sinks.filter(|_| view.for_log) {
+            sinks.mention(Event::Spectrum(Arc::new(frame)));
         }
     }
 }

@@ -27,6 +27,10 @@ impl SinkConfig for LogConfig {
         self.raw != RawPolicy::Off
     }
 
+    fn wants_spectra_every_secs(&self) -> Option<f64> {
+        (self.spectra_secs > 0.0).then_some(self.spectra_secs)
+    }
+
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let folder = context.folder.join(&self.folder);
         let place = folder.display().to_string();
@@ -91,6 +95,7 @@ fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkE
             }
             Event::Gap { gap, .. } => Record::Gap(gap.clone()),
             Event::Raw(packet) => Record::Raw(Arc::clone(packet)),
+            Event::Spectrum(frame) => Record::Spectrum(Arc::clone(frame)),
             Event::Alarm { bench, alarm } => Record::Note(note(bench, alarm)),
             Event::Clock(clock) => Record::Clock(clock.clone()),
             Event::State { .. } => continue,

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
 use super::past::Past;
+use crate::event::SpectrumFrame;
 
 /// Spectra kept per bench and channel: the rows of the waterfall.
 const SPECTRA_KEPT: usize = 60;
@@ -82,38 +83,6 @@ pub struct AlarmStatus {
     pub state: String,
     /// Somebody has seen it.
     pub acknowledged: bool,
-}
-
-/// An order spectrum for display.
-#[derive(Clone, Debug, Serialize)]
-pub struct SpectrumFrame {
-    /// Name of the bench.
-    pub bench: String,
-    /// Sensor name.
-    pub channel: String,
-    /// Unit of the amplitudes.
-    pub unit: String,
-    /// Time of the first sample (ns since the epoch).
-    pub t0_ns: i64,
-    /// Order of the first line, in multiples of the input shaft's speed.
-    pub first_order: f64,
-    /// Distance between lines.
-    pub order_step: f64,
-    /// Peak amplitudes.
-    pub amplitude: Vec<f32>,
-    /// Lines to be marked.
-    pub lines: Vec<SpectrumLine>,
-}
-
-/// A marked line of a spectrum.
-#[derive(Clone, Debug, Serialize)]
-pub struct SpectrumLine {
-    /// Order of the input shaft.
-    pub order: f64,
-    /// Such as `stage1 2x`.
-    pub label: String,
-    /// Drawn fainter and without its label.
-    pub sideband: bool,
 }
 
 /// Keeps what pages see. Publishing never waits for a page.

@@ -154,7 +154,8 @@ impl<R: Read> McapSource<R> {
         if self.walk.message_count() == 0 {
             let library = self.walk.header().map_or("", |(_, library)| library);
             let by = if library.is_empty() { String::new() } else { format!(" (written by {library})") };
-            return Problem::Empty(format!("this MCAP recording{by} has no message at all"));
+            let cut: String = self.walk.warnings().iter().map(|warning| format!("; {warning}")).collect();
+            return Problem::Empty(format!("this MCAP recording{by} has no message at all{cut}"));
         }
         let topics: Vec<String> = self
             .walk

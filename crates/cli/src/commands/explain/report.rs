@@ -90,7 +90,10 @@ fn effect(effect: &NamedEffect) -> Vec<Part> {
             .map(|other| format!("not told apart from {} at {}", other.effect, other.place)),
     );
     let rows = effect.parameters.iter().map(|(name, p)| {
-        vec![Cell::from(name.as_str()), format!("{:.4}", p.value()).into(), format!("{:.4}", p.sigma()).into()]
+        // Two digits of the uncertainty say all that is known.
+        let decimals = (1.0 - p.sigma().log10().floor()).clamp(0.0, 6.0) as usize;
+        let cell = |value: f64| Cell::from(format!("{value:.decimals$}"));
+        vec![Cell::from(name.as_str()), cell(p.value()), cell(p.sigma())]
     });
     vec![
         Part::Table(Table {

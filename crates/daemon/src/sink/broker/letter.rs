@@ -115,7 +115,7 @@ impl Secretary {
                 self.states.insert(bench.clone(), (state.clone(), now));
                 Some(self.letter(bench, Kind::State, &[], &**state))
             }
-            Event::Clock(_) | Event::Raw(_) => None,
+            Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => None,
         }
     }
 
@@ -126,7 +126,7 @@ impl Secretary {
             | Event::Alarm { bench, .. }
             | Event::Gap { bench, .. }
             | Event::State { bench, .. } => bench.clone(),
-            Event::Clock(_) | Event::Raw(_) => "".into(),
+            Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => "".into(),
         };
         let t_ns = crate::source::now_unix_ns();
         let gap = Gap { channel: "spool".to_owned(), first: 0, last: 0, count, cause: Cause::SpoolFull, t_ns };
