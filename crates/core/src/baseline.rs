@@ -10,14 +10,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::verdict::HARMONICS;
 
+mod cells;
 mod learner;
 mod moderated;
 mod surface;
 
+pub use cells::{Cell, Reference};
 pub use learner::{LearnError, Learner, Origin};
 pub(crate) use learner::{Series, split};
 pub use moderated::ScatterPrior;
-pub use surface::{Cell, Place, Reference, Surface};
+pub use surface::{Place, Surface};
 
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-baseline/1";
