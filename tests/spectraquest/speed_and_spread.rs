@@ -1,5 +1,7 @@
 //! Shaft speed of each file, and how much the harmonics scatter from window to window.
 
+use std::collections::BTreeMap;
+
 use gearwatch_core::analysis::WindowAnalysis;
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_core::verdict::{HARMONICS, InstrumentState};
@@ -13,34 +15,39 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 fn of_channel(all: &[WindowAnalysis], channel: usize) -> impl Iterator<Item = &WindowAnalysis> {
-    all.iter().filter(move |a| a.channel == channel)
+    all.iter().filter(move |a| a.channel == channel && a.instrument == InstrumentState::Ok)
 }
 
 /// Input-shaft speed that the README of the recordings gives: 29.757 Hz without load, 29.600 Hz at 90 %. Each channel finds it by
-/// itself, in every window; what four channels say of one window lies within 1 mHz, 5e-5 of the speed, of one another.
+/// itself, in 99 of 100 windows at least; what the channels say of one window lies within 1 mHz, 5e-5 of the speed, of one another.
 #[test]
 fn literature_speed_of_each_file() {
     let Some(folder) = folder() else { return };
-    let mut extremes: Vec<f64> = Vec::new();
+    let (mut extremes, mut all_windows, mut without) = (Vec::new(), 0, 0);
     for state in ["h", "b"] {
         for load in LOADS {
             let all = analyse(&folder, &format!("{state}30hz{load}"), &PipelineConfig::default());
-            assert!(all.iter().all(|a| a.instrument == InstrumentState::Ok), "{state}{load}: {:?}", all[0].instrument);
-            let mut speeds: Vec<f64> = all.iter().map(|a| a.input_speed_hz.value).collect();
-            let windows = speeds.len() / 4;
-            let mut worst: f64 = 0.0;
-            for window in 0..windows {
-                let found: Vec<f64> = (0..4).map(|c| speeds[c * windows + window]).collect();
-                let low = found.iter().copied().fold(f64::INFINITY, f64::min);
-                worst = found.iter().map(|f| f - low).fold(worst, f64::max);
+            let other = all.iter().find(|a| !matches!(a.instrument, InstrumentState::Ok | InstrumentState::NoSpeed));
+            assert!(other.is_none(), "{state}{load}: {:?}", other.map(|a| a.instrument));
+            let found: Vec<_> = all.iter().filter(|a| a.instrument == InstrumentState::Ok).collect();
+            all_windows += all.len();
+            without += all.len() - found.len();
+            let mut of_window: BTreeMap<u64, (f64, f64)> = BTreeMap::new();
+            for a in &found {
+                let (low, high) = of_window.entry(a.window).or_insert((f64::INFINITY, 0.0));
+                *low = low.min(a.input_speed_hz.value);
+                *high = high.max(a.input_speed_hz.value);
             }
-            let speed = median(&mut speeds);
+            let worst = of_window.values().map(|(low, high)| high - low).fold(0.0, f64::max);
+            let speed = median(&mut found.iter().map(|a| a.input_speed_hz.value).collect::<Vec<_>>());
             eprintln!("{state} {load:2} %: {speed:.4} Hz, channels within {:.2} mHz", 1e3 * worst);
             extremes.push(speed);
             assert!((29.600 - 0.003..=29.757 + 0.003).contains(&speed), "{state}{load}: {speed}");
             assert!(worst < 1.5e-3, "{state}{load}: channels differ by {worst} Hz");
         }
     }
+    eprintln!("{without} of {all_windows} windows have no speed");
+    assert!(100 * without <= all_windows, "{without} of {all_windows}");
     for at in [0, LOADS.len()] {
         assert!((extremes[at] - 29.757).abs() < 0.003, "no load: {}", extremes[at]);
     }
