@@ -116,10 +116,19 @@ pub fn dispatch(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         // `gearwatch list | head -1`: whoever read has all he wanted.
         Err(error) if is_closed_pipe(&error) => ExitCode::from(Exit::Ok as u8),
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "gearwatch {name}: {error:#}");
+            let _ = writeln!(std::io::stderr(), "gearwatch {name}: {}", sentence(&error));
             ExitCode::from(Exit::Unknown as u8)
         }
     }
+}
+
+/// The error and its causes, but none that the sentence so far ends with: many errors tell their cause themselves.
+fn sentence(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |so_far, cause| match so_far.as_str() {
+        "" => cause,
+        said if said.ends_with(&cause) => so_far,
+        said => format!("{said}: {cause}"),
+    })
 }
 
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
@@ -129,4 +138,19 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
         io.or_else(|| cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind))
     };
     error.chain().any(|cause| kind(cause) == Some(std::io::ErrorKind::BrokenPipe))
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context;
+
+    /// What the system said stands once in the sentence, whether an error tells its cause or leaves that to the chain.
+    #[test]
+    fn regress_no_cause_is_told_twice() {
+        let cause = || std::io::Error::other("no room");
+        let told: anyhow::Result<()> = Err(anyhow::Error::new(cause()).context("a.mcap: no room"));
+        let left: anyhow::Result<()> = Err(cause()).context("a.mcap").context("log");
+        assert_eq!(super::sentence(&told.unwrap_err()), "a.mcap: no room");
+        assert_eq!(super::sentence(&left.unwrap_err()), "log: a.mcap: no room");
+    }
 }
