@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The exponential stepper beside SciPy's solve_ivp and a compiled LSODA, on one train: `python3 tests/peers/compare.py`.
+"""The exponential stepper beside SciPy's solve_ivp, a compiled LSODA and CVODE, on one train: `python3 tests/peers/compare.py`.
 
-Makes a virtual environment in target/peers and installs numpy, scipy, numba and numbalsoda there. Every solver integrates the
+Makes a virtual environment in target/peers and installs numpy, scipy and numba there, and where they can be had numbalsoda (LSODA; its
+installation needs a Fortran compiler: `apt install gfortran`) and scikit-sundae (CVODE). Every solver integrates the
 paper's two-stage rig; the right-hand side of the Python solvers is compiled by numba, so that solvers are compared, not
 interpreters. Printed per solver: seconds of computing per simulated second, that over the exponential stepper's, and the largest
 deviation of the mesh harmonics 1x to 5x of stage 1 from it, relative to each (harmonics below 5 % of the largest: to that 5 %).
@@ -23,7 +24,11 @@ def in_environment():
     python = VENV / "bin" / "python"
     if not python.exists():
         subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
-        subprocess.run([str(python), "-m", "pip", "install", "-q", "numpy", "scipy", "numba", "numbalsoda"], check=True)
+        pip = [str(python), "-m", "pip", "install", "-q"]
+        subprocess.run([*pip, "numpy", "scipy", "numba"], check=True)
+        for optional in ["numbalsoda", "scikit-sundae"]:
+            if subprocess.run([*pip, optional]).returncode != 0:
+                print(f"{optional} could not be installed and is left out", file=sys.stderr)
     os.execv(str(python), [str(python), __file__, "--inside"])
 
 
@@ -103,6 +108,9 @@ def main():
     etd = model["etd_s_per_s"]
     print(f"{'solver':34} {'s per s':>9} {'x ETD':>9} {'1x..5x':>9}")
     print(f"{'exponential stepper (this)':34} {etd:9.4f} {1.0:9.1f} {'-':>9}")
+    half = model["etd_half_s_per_s"]
+    change = np.max(np.abs(np.array(model["etd_half_lines"]) - etd_lines) / np.maximum(etd_lines, floor))
+    print(f"{'the same, a step for two samples':34} {half:9.4f} {half / etd:9.2f} {change:9.1e}")
     print(f"{'RK4, 4 steps a sample (this)':34} {model['rk4_s_per_s']:9.4f} {model['rk4_s_per_s'] / etd:9.1f} {'-':>9}")
 
     def report(name, seconds, solution):
@@ -127,6 +135,19 @@ def main():
             print("numbalsoda LSODA: failed")
     except ImportError as error:
         print(f"numbalsoda: {error}")
+    try:
+        from sksundae.cvode import CVODE
+
+        def in_place(t, x, out):
+            rhs(t, x, out)
+
+        for method in ["Adams", "BDF"]:
+            solver = CVODE(in_place, method=method, rtol=1e-6, atol=1e-12, max_num_steps=100_000_000)
+            began = time.process_time()
+            solution = solver.solve(np.concatenate([[0.0], times]), start)
+            report(f"CVODE {method} 1e-6 (numba RHS)", time.process_time() - began, solution.y[1:] @ sensor)
+    except ImportError as error:
+        print(f"scikit-sundae: {error}")
     for method, tolerance in [("RK45", 1e-6), ("LSODA", 1e-6)]:
         began = time.process_time()
         solution = solve_ivp(scipy_rhs, (0.0, times[-1] + 1e-9), start, method=method, t_eval=times, rtol=tolerance, atol=1e-12)

@@ -26,21 +26,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let torque = bench.brake.torque_nm;
     let model = Arc::new(TrainModel::new(&setup, Profile::constant(30.0), Profile::constant(torque), 1)?);
     let rate = bench.acquisition.sample_rate_hz;
-    let (settle, record) = ((SETTLE_S * rate) as usize, (RECORD_S * rate) as usize);
-
-    let mut etd = Etd::<1>::new([model.clone()], 1.0 / rate)?;
-    let started = Instant::now();
-    let (mut samples, mut angles) = (Vec::new(), Vec::new());
-    for n in 0..settle + record {
-        while etd.time() < (n + 1) as f64 / rate - 0.5 * etd.step_s() {
-            etd.step()?;
-        }
-        if n >= settle {
-            samples.push(etd.readings()[1][0][0]);
-            angles.push(model.rotation.at(etd.time()).0);
-        }
-    }
-    let etd_s = started.elapsed().as_secs_f64() / (SETTLE_S + RECORD_S);
+    let (etd_s, lines) = exponential(&model, rate, 1)?;
+    let (half_s, half_lines) = exponential(&model, rate, 2)?;
+    let record = (RECORD_S * rate) as usize;
     let mut rk4 = Rk4::new(&model, 1.0 / (4.0 * rate))?;
     let started = Instant::now();
     for _ in 0..record {
@@ -82,7 +70,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for (vector, value) in model.external_vectors().zip(&externals) {
         load.iter_mut().zip(vector.iter()).for_each(|(load, v)| *load += v * value);
     }
-    let lines: Vec<f64> = (1..=5).map(|h| line(&samples, &angles, 34.0 * f64::from(h)).norm()).collect();
     let out = json!({
         "mass": model.linear.mass.diagonal().as_slice(),
         "damping": matrix(&model.linear.damping),
@@ -95,9 +82,36 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "sensor_velocity": model.linear.sensors[0].velocity.as_slice(),
         "rate_hz": rate,
         "etd_s_per_s": etd_s,
+        "etd_half_s_per_s": half_s,
+        "etd_half_lines": half_lines,
         "rk4_s_per_s": rk4_s,
         "etd_lines": lines,
     });
     writeln!(std::io::stdout().lock(), "{out}")?;
     Ok(())
+}
+
+/// Seconds of computing per simulated second with a step for one sample or for two, and 1x to 5x of the first stage.
+fn exponential(
+    model: &Arc<TrainModel>,
+    rate: f64,
+    samples_per_step: u32,
+) -> Result<(f64, Vec<f64>), Box<dyn std::error::Error>> {
+    let step_s = f64::from(samples_per_step) / rate;
+    let mut etd = Etd::<1>::new([model.clone()], step_s)?;
+    let (settle, steps) = ((SETTLE_S / step_s) as usize, ((SETTLE_S + RECORD_S) / step_s) as usize);
+    let started = Instant::now();
+    let (mut samples, mut angles) = (Vec::new(), Vec::new());
+    for n in 0..steps {
+        etd.step()?;
+        if n >= settle {
+            // The middle of a step for two samples is a sample too.
+            for half in (2 - samples_per_step as usize)..2 {
+                samples.push(etd.readings()[half][0][0]);
+                angles.push(model.rotation.at((n as f64 + 0.5 * (half + 1) as f64) * step_s).0);
+            }
+        }
+    }
+    let spent_s = started.elapsed().as_secs_f64() / (SETTLE_S + RECORD_S);
+    Ok((spent_s, (1..=5).map(|h| line(&samples, &angles, 34.0 * f64::from(h)).norm()).collect()))
 }

@@ -1,7 +1,7 @@
 //! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on either flank.
 
 use crate::impact::Impact;
-use crate::mesh::{LoadPoint, MeshModel, MeshState, Pairs};
+use crate::mesh::{Joint, LoadPoint, MeshModel, MeshState, Pairs};
 
 /// The force law of one mesh at an operating point.
 #[derive(Clone, Debug)]
@@ -82,6 +82,11 @@ impl StageContact {
         self.mesh.pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
     }
 
+    /// Tables of whole tooth pairs for this law; `None` where too many pairs may be near contact at once.
+    pub(crate) fn joint(&self) -> Option<Joint> {
+        Joint::new(&self.mesh, &self.load, self.displacement_m)
+    }
+
     /// Force at a mesh phase, an approach and its rate, `pairs` being scratch. The rate matters to the impact law alone.
     #[inline]
     pub fn at(&self, phase: f64, approach_m: f64, rate_m_per_s: f64, pairs: &mut Pairs) -> Contact {
@@ -89,6 +94,30 @@ impl StageContact {
         match &self.impact {
             Some(law) => self.impact_contact(law, phase, approach_m, rate_m_per_s, pairs),
             None => self.among(pairs, phase, approach_m),
+        }
+    }
+
+    /// The mean of [`Self::at`] over a stretch of `width` mesh cycles about a phase, as far as pairs that come and go make it differ from the value in its
+    /// middle: without corner contact they do so at once.
+    pub fn mean_about(&self, phase: f64, width: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
+        if self.mesh.options().corner_contact {
+            return self.at(phase, approach_m, 0.0, pairs);
+        }
+        let begin = phase - 0.5 * width;
+        let event = self.mesh.next_event(&MeshState { phase: begin, displacement_m: self.displacement_m });
+        let before = (event - begin) / width;
+        if before >= 1.0 {
+            return self.at(phase, approach_m, 0.0, pairs);
+        }
+        let beside = 1e-6 * width;
+        let (first, second) =
+            (self.at(event - beside, approach_m, 0.0, pairs), self.at(event + beside, approach_m, 0.0, pairs));
+        let mean = |a: f64, b: f64| before * a + (1.0 - before) * b;
+        Contact {
+            force_n: mean(first.force_n, second.force_n),
+            stiffness_n_per_m: mean(first.stiffness_n_per_m, second.stiffness_n_per_m),
+            touching: first.touching | second.touching,
+            friction: std::array::from_fn(|i| mean(first.friction[i], second.friction[i])),
         }
     }
 

@@ -4,7 +4,7 @@
 //! With the mean mesh stiffness and the mesh damping in the linear part, `ẋ = A x + B r(t)` has the remainder `r_j = F_j − k̄_j δ_j` per mesh.
 //! In modal coordinates a step is `z(t+h) = e^{Λh} z + ∫ e^{Λ(h−τ)} b r(t+τ) dτ` with `r` the quadratic through its values at the
 //! beginning, middle and end of the step (collocation at the Lobatto points: order 4). `r` at middle and end depends on the approaches there, which
-//! the same formula gives: a small nonlinear system in the approaches, solved exactly because the tooth force is piecewise linear.
+//! the same formula gives: a small system in the approaches, linear while the same pairs touch (`etd/smooth.rs`).
 //!
 //! **Events.** Where the set of touching tooth pairs changes within a step, the change of force sets in at the event and is integrated exactly
 //! from there (`etd/kink.rs`). Rarer steps, as with several changes in half a step or with friction, are cut at the events (`etd/cut.rs`, located to
@@ -15,11 +15,11 @@
 
 use std::sync::Arc;
 
-use pulp::{Arch, WithSimd};
+use pulp::Arch;
 
 use crate::model::{ModelError, TrainModel};
 use crate::path::Channel;
-use crate::rk4::{Diverged, LARGEST_APPROACH_M, Scratch};
+use crate::rk4::{Diverged, Scratch};
 
 mod bank;
 mod cut;
@@ -27,14 +27,16 @@ mod kink;
 mod late;
 mod nodes;
 mod plan;
+mod smooth;
+mod step;
 
 use bank::{Bank, Block, GROUP, Reading, product};
-use cut::Open;
 use nodes::{MOST_STAGES, Node, Solver, evaluate};
 use plan::{LONGEST, NODES, Plan, Split, Weights};
+use smooth::Nodes;
 
-/// `|λ| h` of the Runge–Kutta steps in free flight.
-const FREE_FLIGHT: f64 = 0.5;
+/// Largest `|λ| h` at which a record is stepped: waveforms beyond the mesh harmonics ask for more than these do.
+const WAVEFORM: f64 = 2.6;
 
 /// How the effort of a run was spent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,6 +56,8 @@ pub struct Etd<const L: usize> {
     plans: [Plan; L],
     lanes: [Lane; L],
     bank: Bank<L>,
+    /// Steps without pair changes, all runs together; `None` for trains that need the general solver throughout.
+    nodes: Option<Nodes<L>>,
     arch: Arch,
     step_s: f64,
     steps: u64,
@@ -78,19 +82,11 @@ struct Lane {
     held_values: Vec<f64>,
     /// `Σ b v` of the held forces.
     forcing: Split,
+    /// Responses of the sensors to a kink.
+    terms: Vec<[f64; 3]>,
     scratch: Scratch,
     state: Vec<f64>,
     effort: Effort,
-}
-
-/// How a step of a lane went.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Step {
-    Smooth,
-    /// The lane's kinks are to be added.
-    Kinked,
-    /// To be done anew, in parts or in flight.
-    Broken,
 }
 
 /// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise.
@@ -106,8 +102,7 @@ fn readings(plan: &Plan) -> Vec<Reading<'_>> {
 }
 
 impl<const L: usize> Etd<L> {
-    /// Starts at rest in the rotating frame, with `steps_per_sample` steps per sample at the bench's rate, or more where the fastest
-    /// mode asks for it.
+    /// Starts at rest in the rotating frame, with steps of `longest_step_s`, or of a whole part of it where the fastest mode asks for that.
     ///
     /// # Errors
     /// Where the models differ in stages, sensors or coordinates, or a linear train has no separate modes.
@@ -140,7 +135,7 @@ impl<const L: usize> Etd<L> {
         let to_array = || ModelError::Bench("internal count of runs".into());
         let plans: [Plan; L] = plans.try_into().map_err(|_| to_array())?;
         let mut bank = Bank::new(&plans, readings);
-        let lanes = std::array::from_fn(|l| {
+        let lanes: [Lane; L] = std::array::from_fn(|l| {
             let plan = &plans[l];
             let mut z = Split::zeros(plan.len);
             for (m, value) in plan.modes.project(&states[l]).into_iter().enumerate() {
@@ -158,11 +153,18 @@ impl<const L: usize> Etd<L> {
                 external_values: Vec::new(),
                 held_values: vec![f64::NAN; plan.externals.len()],
                 forcing: Split::zeros(plan.len),
+                terms: vec![[0.0; 3]; plan.sensors.len()],
                 scratch: Scratch::new(&plan.model),
                 state: states[l].clone(),
                 effort: Effort::default(),
             }
         });
+        let mut nodes = Nodes::new(&plans);
+        if let Some(nodes) = &mut nodes {
+            for (l, lane) in lanes.iter().enumerate() {
+                nodes.set_begin(&plans[l], l, &lane.start);
+            }
+        }
         let sensors = plans[0].sensors.len();
         let mut sensor_coupling = [vec![Vec::new(); sensors], vec![Vec::new(); sensors]];
         for (l, plan) in plans.iter().enumerate() {
@@ -183,6 +185,7 @@ impl<const L: usize> Etd<L> {
             sensor_coupling,
             readings: [vec![[0.0; L]; sensors], vec![[0.0; L]; sensors]],
             bank,
+            nodes,
             plans,
         })
     }
@@ -207,9 +210,12 @@ impl<const L: usize> Etd<L> {
         self.lanes[lane].effort
     }
 
-    /// Tooth approaches of a run (m), by stage.
-    pub fn approaches(&self, lane: usize) -> &[f64] {
-        &self.lanes[lane].start.approach[..self.plans[lane].stiffness.len()]
+    /// Tooth approach of a run in a stage (m).
+    pub fn approach(&self, lane: usize, stage: usize) -> f64 {
+        match &self.nodes {
+            Some(nodes) => nodes.approach(stage, lane),
+            None => self.lanes[lane].start.approach[stage],
+        }
     }
 
     /// The state `(q, q̇)` of a run.
@@ -231,200 +237,28 @@ impl<const L: usize> Etd<L> {
         }
         self.bank.z.set(lane, z);
         self.lanes[lane].start = node_of_state(plan, state, t);
+        if let Some(nodes) = &mut self.nodes {
+            nodes.set_begin(plan, lane, &self.lanes[lane].start);
+        }
     }
 
     /// Sets the clock, in whole steps from the model's time zero.
     pub fn set_time(&mut self, t: f64) {
         self.steps = (t / self.step_s).round() as u64;
     }
-
-    /// One step of all runs.
-    ///
-    /// # Errors
-    /// Where a run leaves everything that makes sense.
-    pub fn step(&mut self) -> Result<(), Diverged> {
-        let t = self.time();
-        let end = (self.steps + 1) as f64 * self.step_s;
-        for l in 0..L {
-            self.hold(l, t + 0.5 * self.step_s);
-        }
-        let went = self.arch.dispatch(Smooth { etd: self, t, end });
-        for (l, went) in went.into_iter().enumerate() {
-            match went {
-                Step::Smooth => self.lanes[l].effort.steps += 1,
-                Step::Kinked => {
-                    self.lanes[l].effort.steps += 1;
-                    self.lanes[l].effort.kinked += 1;
-                    self.add_kinks(l);
-                }
-                Step::Broken => self.step_with_events(l, t)?,
-            }
-            let stages = self.plans[l].stiffness.len();
-            if self.lanes[l].start.approach[..stages].iter().any(|a| a.is_nan() || a.abs() > LARGEST_APPROACH_M) {
-                return Err(Diverged { t: end, limit_m: LARGEST_APPROACH_M });
-            }
-        }
-        self.steps += 1;
-        Ok(())
-    }
-
-    /// Steps all runs as if no step were cut; the state of those that are is kept in their lanes.
-    #[inline(always)]
-    fn smooth(&mut self, t: f64, end: f64) -> [Step; L] {
-        self.bank.predict(&mut self.outputs);
-        let mut went = [Step::Smooth; L];
-        for (l, went) in went.iter_mut().enumerate() {
-            let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
-            let stages = plan.stiffness.len();
-            let mut free = [[0.0; 2 * MOST_STAGES]; 2];
-            for (half, free) in free.iter_mut().enumerate() {
-                for stage in 0..stages {
-                    let (approach, angle) = (half * stages + stage, (2 + half) * stages + stage);
-                    free[stage] = self.outputs[approach / GROUP][approach % GROUP][l];
-                    free[stages + stage] = self.outputs[angle / GROUP][angle % GROUP][l];
-                }
-            }
-            let references = [plan.model.rotation.angle(t + 0.5 * self.step_s), plan.model.rotation.angle(end)];
-            let settled = lane.solver.solve(plan, &plan.full, &lane.start, &free, references);
-            let [middle, last] = &lane.solver.nodes;
-            let same = middle.touches_like(&lane.start, stages) && last.touches_like(&lane.start, stages);
-            if !settled || lane.start.is_open(stages) || (!same && plan.inputs.len() > stages) {
-                *went = Step::Broken;
-            } else if !same {
-                let kinked = lane.solver.solve_kinked(plan, &plan.full, &lane.start, &mut lane.kinks);
-                *went = if kinked { Step::Kinked } else { Step::Broken };
-            }
-            if *went == Step::Broken {
-                self.bank.z.get(l, &mut lane.z);
-            }
-            for (input, values) in self.remainder.chunks_exact_mut(NODES).enumerate() {
-                values[0][l] = lane.start.remainder[input];
-                values[1][l] = lane.solver.nodes[0].remainder[input];
-                values[2][l] = lane.solver.nodes[1].remainder[input];
-            }
-            match went {
-                Step::Smooth => lane.start = lane.solver.nodes[1],
-                Step::Kinked => lane.start = lane.solver.finish(&lane.kinks),
-                Step::Broken => {}
-            }
-        }
-        let first = 4 * self.plans[0].stiffness.len();
-        let sensors = self.readings[0].len();
-        for half in 0..2 {
-            for s in 0..sensors {
-                let o = first + half * sensors + s;
-                let mut reading = self.outputs[o / GROUP][o % GROUP];
-                for (c, r) in self.sensor_coupling[half][s].iter().zip(&self.remainder) {
-                    for l in 0..L {
-                        reading[l] += c[l] * r[l];
-                    }
-                }
-                self.readings[half][s] = reading;
-            }
-        }
-        self.bank.advance(&self.remainder);
-        went
-    }
-
-    /// Adds the forces that set in during the step.
-    fn add_kinks(&mut self, l: usize) {
-        let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
-        let (stages, sensors) = (plan.stiffness.len(), plan.sensors.len());
-        self.bank.z.get(l, &mut lane.z);
-        let mut terms = vec![[0.0; 3]; sensors];
-        for kink in lane.kinks.as_slice() {
-            let c = kink.about_onset();
-            plan.late.modal(plan, kink.stage, 1.0 - kink.at, c, &mut lane.ahead[1]);
-            for m in 0..plan.len {
-                lane.z.re[m] += lane.ahead[1].re[m];
-                lane.z.im[m] += lane.ahead[1].im[m];
-            }
-            for half in 0..2 {
-                plan.late.responses(kink.stage, 0.5 * (half + 1) as f64 - kink.at, stages, &mut terms);
-                for (reading, terms) in self.readings[half].iter_mut().zip(&terms) {
-                    reading[l] += c[0] * terms[0] + c[1] * terms[1] + c[2] * terms[2];
-                }
-            }
-        }
-        self.bank.z.set(l, &lane.z);
-    }
-
-    /// Brings the held forces of a run up to date.
-    #[inline]
-    fn hold(&mut self, l: usize, t: f64) {
-        let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
-        if plan.held_for_ever && !lane.external_values.is_empty() {
-            return;
-        }
-        plan.model.external_values(t, &mut lane.external_values);
-        if lane.external_values == lane.held_values {
-            return;
-        }
-        lane.held_values.clone_from(&lane.external_values);
-        lane.forcing.re.fill(0.0);
-        lane.forcing.im.fill(0.0);
-        for (vector, &value) in plan.externals.iter().zip(&lane.held_values) {
-            for m in 0..plan.len {
-                lane.forcing.re[m] += vector.re[m] * value;
-                lane.forcing.im[m] += vector.im[m] * value;
-            }
-        }
-        self.bank.hold(l, plan, &readings(plan), &lane.forcing);
-    }
-
-    /// A step of one run that events cut, or in which a stage is out of contact. The state before is in the lane.
-    fn step_with_events(&mut self, l: usize, t: f64) -> Result<(), Diverged> {
-        let step_s = self.step_s;
-        let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
-        let middle = lane.cut_step(plan, t, step_s, &mut self.readings, l);
-        let flown = match middle {
-            Ok(()) => {
-                lane.effort.cut += 1;
-                false
-            }
-            Err(Open) => true,
-        };
-        if flown {
-            self.bank_flight(l, t)?;
-        } else {
-            self.bank.z.set(l, &self.lanes[l].z);
-            for s in 0..self.plans[l].sensors.len() {
-                self.readings[1][s][l] = self.plans[l].sensors[s].real_dot(&self.lanes[l].z);
-            }
-        }
-        Ok(())
-    }
-
-    /// Runge–Kutta with located events over one step. The bank still holds nothing of this step for the lane.
-    fn bank_flight(&mut self, l: usize, t: f64) -> Result<(), Diverged> {
-        let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
-        let len = plan.len;
-        lane.effort.free_flight += 1;
-        plan.modes.reconstruct((0..len).map(|m| lane.z.at(m)), &mut lane.state);
-        let parts = 2 * (0.5 * plan.modes.fastest() * self.step_s / FREE_FLIGHT).ceil().max(1.0) as u32;
-        let h = self.step_s / f64::from(parts);
-        for part in 0..parts {
-            lane.scratch.located(&plan.model, t + f64::from(part) * h, h, &mut lane.state)?;
-            if 2 * (part + 1) == parts {
-                let modal = plan.modes.project(&lane.state);
-                for (s, sensor) in plan.sensors.iter().enumerate() {
-                    self.readings[0][s][l] = modal.iter().enumerate().map(|(m, z)| (sensor.at(m) * z).re).sum();
-                }
-            }
-        }
-        for (m, value) in plan.modes.project(&lane.state).into_iter().enumerate() {
-            (lane.z.re[m], lane.z.im[m]) = (value.re, value.im);
-        }
-        lane.start = node_of_state(plan, &lane.state, t + self.step_s);
-        for (s, sensor) in plan.sensors.iter().enumerate() {
-            self.readings[1][s][l] = sensor.real_dot(&lane.z);
-        }
-        self.bank.z.set(l, &lane.z);
-        Ok(())
-    }
 }
 
 impl Etd<1> {
+    /// A run for a record of `rate_hz`: a step a sample, or more where the fastest mode asks for it.
+    ///
+    /// # Errors
+    /// As [`Etd::new`].
+    pub fn sampled(model: Arc<TrainModel>, rate_hz: f64) -> Result<Self, ModelError> {
+        let stepper = Self::new([model.clone()], 1.0 / rate_hz)?;
+        let parts = (stepper.plans[0].modes.fastest() / (rate_hz * WAVEFORM)).ceil();
+        if parts * rate_hz * stepper.step_s > 1.001 { Self::new([model], 1.0 / (rate_hz * parts)) } else { Ok(stepper) }
+    }
+
     /// Steps one sample of a record of `rate_hz` and pushes its two readings, at half and full time, into the sensors' channels.
     ///
     /// # Errors
@@ -470,19 +304,4 @@ fn sensor_coupling_of(plan: &Plan, half: usize) -> Vec<Vec<f64>> {
         std::array::from_fn(|node| (0..NODES).map(|short| places[short][node] * direct[short]).sum())
     };
     plan.sensors.iter().map(|sensor| plan.inputs.iter().flat_map(|input| of_input(sensor, input)).collect()).collect()
-}
-
-struct Smooth<'a, const L: usize> {
-    etd: &'a mut Etd<L>,
-    t: f64,
-    end: f64,
-}
-
-impl<const L: usize> WithSimd for Smooth<'_, L> {
-    type Output = [Step; L];
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) -> [Step; L] {
-        self.etd.smooth(self.t, self.end)
-    }
 }

@@ -2,6 +2,10 @@
 //!
 //! Both time steppers and the tests take their right-hand side from here, so that they differ in nothing but the stepping.
 
+mod operating_point;
+mod outside;
+mod rows;
+
 use std::f64::consts::TAU;
 
 use gearwatch_core::train::Train;
@@ -9,16 +13,14 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use self::operating_point::check_operating_point;
+use self::outside::External;
+use self::rows::SparseRows;
 use crate::contact::{Contact, StageContact};
 use crate::linear::LinearTrain;
 use crate::mesh::{MeshError, MeshModel, Pairs};
 use crate::rotation::{Profile, Rotation};
-use crate::setup::{RippleAt, ShaftForce, SimSetup, TorqueRipple};
-
-/// Duration of the push of a rolling element over a defect (s).
-const IMPACT_S: f64 = 0.4e-3;
-/// Random slip of the cage, standard deviation of one passage's period (1).
-const CAGE_SLIP: f64 = 0.01;
+use crate::setup::{SimSetup, TorqueRipple};
 
 /// A bench that cannot be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -32,31 +34,6 @@ pub enum ModelError {
     /// Something else, in a sentence that says what would be right.
     #[error("{0}")]
     Bench(String),
-}
-
-/// A force that the outside exerts on the coordinates.
-#[derive(Clone, Debug)]
-struct External {
-    vector: DVector<f64>,
-    kind: ExternalKind,
-}
-
-#[derive(Clone, Debug)]
-enum ExternalKind {
-    /// Driving torque: what holds the mean speed against the load at the start, with ripple.
-    Motor,
-    /// Braking torque.
-    Brake,
-    /// Torque that accelerates the inertias with the reference rotation.
-    Acceleration,
-    /// Ripple on the first shaft's driven end.
-    Coupling { order: f64, depth: f64 },
-    /// `amount · Ω²` along cos or sin of the shaft's angle.
-    Unbalance { amount: f64, order: f64, sine: bool },
-    /// Pushes at times that the cage's slip has been drawn for.
-    Impacts { force: f64, angles: Vec<f64>, width_s: f64 },
-    /// `force · w(θ)`, one push per revolution.
-    Knock { force: f64, order: f64 },
 }
 
 /// The train as the time steppers see it.
@@ -84,15 +61,6 @@ pub struct TrainModel {
     /// Static mesh force per N m of brake torque (1/m).
     pub force_per_torque: Vec<f64>,
     rows: SparseRows,
-}
-
-/// `−M⁻¹K` and `−M⁻¹C`, row by row, zeros left out.
-#[derive(Clone, Debug)]
-struct SparseRows {
-    starts: Vec<usize>,
-    columns: Vec<usize>,
-    stiffness: Vec<f64>,
-    damping: Vec<f64>,
 }
 
 impl TrainModel {
@@ -181,74 +149,6 @@ impl TrainModel {
         Ok(out)
     }
 
-    fn add_externals(&mut self, setup: &SimSetup, random: &mut ChaCha8Rng) {
-        let mut externals = Vec::new();
-        let mut push = |vector: &DVector<f64>, kind| externals.push(External { vector: vector.clone(), kind });
-        push(&self.linear.motor, ExternalKind::Motor);
-        push(&self.linear.brake, ExternalKind::Brake);
-        push(&self.linear.reference_acceleration, ExternalKind::Acceleration);
-        for ripple in setup.torque_ripples.iter().filter(|r| r.at == RippleAt::Coupling) {
-            push(&self.linear.coupling, ExternalKind::Coupling { order: ripple.order, depth: ripple.depth });
-        }
-        for force in &setup.shaft_forces {
-            match *force {
-                ShaftForce::Unbalance { shaft, amount_kg_m } => {
-                    let order = self.linear.shaft_orders[shaft];
-                    for (sine, vector) in
-                        [(false, &self.linear.bearing_x[shaft]), (true, &self.linear.bearing_y[shaft])]
-                    {
-                        push(vector, ExternalKind::Unbalance { amount: amount_kg_m * order * order, order, sine });
-                    }
-                }
-                ShaftForce::Impacts { shaft, order, force_n } => {
-                    // Angles of the first shaft at which an element passes, for an hour at 50 Hz; the slip is a random walk.
-                    let step = TAU / (order * self.linear.shaft_orders[shaft]);
-                    let count = ((3600.0 * 50.0 * TAU / step) as usize).min(4_000_000);
-                    let mut angle = 0.0;
-                    let angles = (0..count)
-                        .map(|_| {
-                            let slip: f64 = rand_distr::Distribution::sample(&rand_distr::StandardNormal, random);
-                            angle += step * (1.0 + CAGE_SLIP * slip.clamp(-4.0, 4.0));
-                            angle
-                        })
-                        .collect();
-                    let (x, y) = (self.linear.bearing_x[shaft].clone(), self.linear.bearing_y[shaft].clone());
-                    let direction = self.loaded_direction(shaft);
-                    push(
-                        &(x * direction[0] + y * direction[1]),
-                        ExternalKind::Impacts { force: force_n, angles, width_s: IMPACT_S },
-                    );
-                }
-                ShaftForce::LooseSeat { shaft, gap_m } => {
-                    // A seat displacement g(t) acts through the bearing as the force k g.
-                    let force = gap_m * setup.bench.shafts[shaft].bearing_n_per_m;
-                    let gears = self.linear.gears_on(shaft).len().max(1) as f64;
-                    let direction = self.loaded_direction(shaft);
-                    let vector = (self.linear.bearing_x[shaft].clone() * direction[0]
-                        + self.linear.bearing_y[shaft].clone() * direction[1])
-                        * gears;
-                    push(&vector, ExternalKind::Knock { force, order: self.linear.shaft_orders[shaft] });
-                }
-            }
-        }
-        self.externals = externals;
-    }
-
-    /// Direction in which the mesh forces press a shaft into its bearings (unit vector); x where they cancel.
-    fn loaded_direction(&self, shaft: usize) -> [f64; 2] {
-        let mut sum = [0.0; 2];
-        for (stage, force) in self.linear.stages.iter().zip(&self.force_per_torque) {
-            for (place, sign) in [(stage.pinion, -1.0), (stage.wheel, 1.0)] {
-                if place.shaft == shaft {
-                    sum[0] += sign * force * stage.normal[0];
-                    sum[1] += sign * force * stage.normal[1];
-                }
-            }
-        }
-        let length = sum[0].hypot(sum[1]);
-        if length > 0.0 { [sum[0] / length, sum[1] / length] } else { [1.0, 0.0] }
-    }
-
     /// Number of coordinates; a state has twice as many numbers, `(q, q̇)`.
     pub fn coordinates(&self) -> usize {
         self.linear.names.len()
@@ -270,56 +170,6 @@ impl TrainModel {
         self.initial_phases[stage]
             + self.cycles_per_rad[stage] * reference_rad
             + self.cycles_per_pinion_rad[stage] * pinion_rad
-    }
-
-    /// Generalised-force vectors of all outside forces.
-    pub fn external_vectors(&self) -> impl Iterator<Item = &DVector<f64>> {
-        self.externals.iter().map(|external| &external.vector)
-    }
-
-    /// No outside force ever changes.
-    pub fn externals_are_constant(&self) -> bool {
-        let held =
-            |e: &External| matches!(e.kind, ExternalKind::Motor | ExternalKind::Brake | ExternalKind::Acceleration);
-        self.rotation.is_uniform()
-            && self.torque_nm.is_constant()
-            && self.ripples.is_empty()
-            && self.externals.iter().all(held)
-    }
-
-    /// Values of all outside forces at a time, in the order of [`Self::external_vectors`].
-    pub fn external_values(&self, t: f64, out: &mut Vec<f64>) {
-        let (angle, omega, alpha) = self.rotation.at(t);
-        let ripple = |at: RippleAt, theta: f64| -> f64 {
-            self.ripples.iter().filter(|r| r.at == at).map(|r| r.depth * (r.order * theta).cos()).sum()
-        };
-        let last = self.linear.shaft_orders.last().copied().unwrap_or(1.0);
-        out.clear();
-        out.extend(self.externals.iter().map(|external| match &external.kind {
-            ExternalKind::Motor => {
-                let held = self.torque_nm.at(0.0) * self.motor_per_brake;
-                held * (1.0 + ripple(RippleAt::Motor, self.motor_order * angle))
-            }
-            ExternalKind::Brake => self.torque_nm.at(t) * (1.0 + ripple(RippleAt::Brake, last * angle)),
-            ExternalKind::Acceleration => alpha,
-            ExternalKind::Coupling { order, depth } => self.torque_nm.at(t) * last * depth * (order * angle).cos(),
-            ExternalKind::Unbalance { amount, order, sine } => {
-                let (sin, cos) = (order * angle).sin_cos();
-                amount * omega * omega * if *sine { sin } else { cos }
-            }
-            ExternalKind::Impacts { force, angles, width_s } => {
-                // The drawn sequence repeats after its hour.
-                let angle = angle.rem_euclid(angles.last().copied().unwrap_or(1.0));
-                let i = angles.partition_point(|&passage| passage <= angle);
-                let since = i.checked_sub(1).map_or(f64::INFINITY, |i| (angle - angles[i]) / omega);
-                if since < *width_s { 0.5 * force * (1.0 - (TAU * since / width_s).cos()) } else { 0.0 }
-            }
-            ExternalKind::Knock { force, order } => {
-                // ((1 + cos θ)/2)⁴: one push per revolution, harmonics 1 to 4 in the ratio 56 : 28 : 8 : 1.
-                let half = 0.5 * (1.0 + (order * angle).cos());
-                force * half * half * half * half
-            }
-        }));
     }
 
     /// Contact of a stage in a state.
@@ -417,37 +267,6 @@ impl TrainModel {
     }
 }
 
-impl SparseRows {
-    fn new(linear: &LinearTrain) -> Self {
-        let n = linear.names.len();
-        let mut out = Self { starts: vec![0], columns: Vec::new(), stiffness: Vec::new(), damping: Vec::new() };
-        for i in 0..n {
-            for j in 0..n {
-                let (k, c) = (linear.stiffness[(i, j)], linear.damping[(i, j)]);
-                if k != 0.0 || c != 0.0 {
-                    out.columns.push(j);
-                    out.stiffness.push(-k / linear.mass[(i, i)]);
-                    out.damping.push(-c / linear.mass[(i, i)]);
-                }
-            }
-            out.starts.push(out.columns.len());
-        }
-        out
-    }
-
-    #[inline]
-    fn apply(&self, positions: &[f64], velocities: &[f64], out: &mut [f64]) {
-        for (i, value) in out.iter_mut().enumerate() {
-            let mut sum = 0.0;
-            for k in self.starts[i]..self.starts[i + 1] {
-                let j = self.columns[k];
-                sum += self.stiffness[k] * positions[j] + self.damping[k] * velocities[j];
-            }
-            *value = sum;
-        }
-    }
-}
-
 #[inline]
 fn add(out: &mut [f64], vector: &DVector<f64>, value: f64, mass: &DMatrix<f64>) {
     for (i, (out, &component)) in out.iter_mut().zip(vector.iter()).enumerate() {
@@ -477,34 +296,4 @@ fn static_displacement(
     // Pushed apart along the line of action, whose local direction is (sin α, cos α).
     let (sin, cos) = geometry.pressure_angle_rad.sin_cos();
     [-force * soft * sin, -force * soft * cos]
-}
-
-fn check_operating_point(setup: &SimSetup, motor_hz: &Profile, torque_nm: &Profile) -> Result<(), ModelError> {
-    let (slowest, fastest) = motor_hz.range();
-    let limit = 1000.0;
-    if slowest < 0.0 || fastest > limit || fastest <= 0.0 {
-        return Err(ModelError::Bench(format!(
-            "the motor speed runs from {slowest} to {fastest} Hz; expected 0 to {limit} Hz, and above 0 somewhere"
-        )));
-    }
-    let (least, most) = torque_nm.range();
-    if least < 0.0 {
-        return Err(ModelError::Bench(format!("the brake torque is {least} N m; a brake's torque is 0 or more")));
-    }
-    // A tooth of steel breaks at bending stresses of some 1e9 Pa: F ≲ σ b m / 3 (Lewis factor 1/3).
-    let train = Train::new(&setup.bench);
-    let last = train.shafts.last().map_or(1.0, |&(_, order)| order);
-    for (i, stage) in setup.bench.stages.iter().enumerate() {
-        let wheel_radius = 0.5e-3 * stage.module_mm * f64::from(stage.wheel.teeth);
-        let bearable = 1e9 * (1e-3 * stage.face_width_mm) * (1e-3 * stage.module_mm) / 3.0;
-        let torque = bearable * wheel_radius * train.shafts[i + 1].1 / last;
-        if most > torque {
-            return Err(ModelError::Bench(format!(
-                "a brake torque of {most} N m breaks the teeth of stage {:?}; expected at most about {torque:.0} N m at this face width \
-                 and module (check the unit: 1 lb in = 0.113 N m)",
-                stage.name
-            )));
-        }
-    }
-    Ok(())
 }

@@ -43,7 +43,7 @@ pub fn steady(
             Channel::new(&quiet, &sensor.unit, rate, seed)
         })
         .collect();
-    let mut etd = Etd::new([model.clone()], 1.0 / rate)?;
+    let mut etd = Etd::sampled(model.clone(), rate)?;
     let lead = (settle_s * rate).round() as usize;
     let count = (duration_s * rate).round() as usize;
     let mut out = Rendered {

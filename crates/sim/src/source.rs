@@ -1,21 +1,21 @@
 //! The simulator as a source: packets of 0.1 s, as fast as they can be made; the host paces them.
 
+mod stepper;
+mod tacho;
+
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock, UnixNanos};
 use gearwatch_core::source::Source;
-use gearwatch_core::train::Train;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
+use self::stepper::Stepper;
+use self::tacho::TachoState;
 use crate::effects::{self, EffectError};
-use crate::etd::Etd;
 use crate::model::{ModelError, TrainModel};
 use crate::path::Channel;
-use crate::rk4::{Diverged, Rk4, StepperError};
+use crate::rk4::{Diverged, StepperError};
 use crate::scenario::{FaultKind, Scenario};
 use crate::setup::{Rate, SimSetup};
 
@@ -81,35 +81,6 @@ pub struct Simulator {
     scratch: Vec<f64>,
 }
 
-struct TachoState {
-    shaft: Arc<str>,
-    /// Pulses per rad of the first shaft.
-    per_rad: f64,
-    /// Pulses per rad of its own shaft.
-    pulses_per_rad: f64,
-    pulses_per_rev: f64,
-    random: ChaCha8Rng,
-    /// Coordinate of the shaft's angle.
-    angle: usize,
-    /// Its last known deviation (rad).
-    deviation: f64,
-    /// Model time (s) and pulse count of the last sample, where it was near an edge.
-    previous: Option<(f64, f64)>,
-    /// Recording times of edges not yet handed over (s).
-    edges: std::collections::VecDeque<f64>,
-}
-
-/// The integrator that suits the mesh law.
-enum Stepper {
-    Exponential(Box<Etd<1>>),
-    /// Impact law: Runge–Kutta with located events, `parts` steps per half sample.
-    RungeKutta {
-        state: Vec<f64>,
-        parts: u32,
-        scratch: Box<crate::rk4::Scratch>,
-    },
-}
-
 impl Simulator {
     /// A simulator at the start of its scenario, settled.
     ///
@@ -126,30 +97,12 @@ impl Simulator {
         // The true rate: a clock that runs fast takes its samples too early.
         let rate_hz = bench.acquisition.sample_rate_hz * (1.0 + 1e-6 * setup.clock_ppm);
         let model = Arc::new(make_model(&config, &setup, rate_hz)?);
+        let motor_order = model.motor_order();
         let channels = (bench.sensors.iter().zip(&setup.sensors).enumerate())
             .map(|(i, (sensor, s))| Channel::new(s, &sensor.unit, rate_hz, config.seed ^ (0x5eed << 16) ^ i as u64))
             .collect();
         let stepper = Stepper::new(&model, rate_hz)?;
-        let train = Train::new(bench);
-        let tacho = bench.tacho.as_ref().map(|tacho| {
-            let order = train.shaft_order(&tacho.shaft).unwrap_or(1.0);
-            let linear = &model.linear;
-            let angle = match bench.shafts.iter().position(|s| s.name == tacho.shaft) {
-                Some(i) => linear.shaft_angles[i].0,
-                None => linear.motor_angle,
-            };
-            TachoState {
-                shaft: tacho.shaft.as_str().into(),
-                per_rad: order * tacho.pulses_per_rev / TAU,
-                pulses_per_rad: tacho.pulses_per_rev / TAU,
-                pulses_per_rev: tacho.pulses_per_rev,
-                random: ChaCha8Rng::seed_from_u64(config.seed ^ 0x7ac0),
-                angle,
-                deviation: 0.0,
-                previous: None,
-                edges: std::collections::VecDeque::new(),
-            }
-        });
+        let tacho = bench.tacho.as_ref().map(|tacho| TachoState::new(tacho, bench, &model, config.seed));
         let mut out = Self {
             names: bench.sensors.iter().map(|s| s.name.as_str().into()).collect(),
             units: bench.sensors.iter().map(|s| s.unit.as_str().into()).collect(),
@@ -165,7 +118,7 @@ impl Simulator {
             tacho,
             ended: false,
             motor_rad: 0.0,
-            motor_order: train.motor_order,
+            motor_order,
             scratch: Vec::new(),
             config,
         };
@@ -200,27 +153,9 @@ impl Simulator {
         Ok(())
     }
 
-    /// Steps one sample and pushes its two readings, at half and full time, into the channels.
+    /// Steps one sample.
     fn advance(&mut self) -> Result<(), SimError> {
-        match &mut self.stepper {
-            Stepper::Exponential(etd) => {
-                etd.step_sample(self.rate_hz, &mut self.channels)?;
-            }
-            Stepper::RungeKutta { state, parts, scratch } => {
-                let t = self.sample as f64 / self.rate_hz;
-                let half_s = 0.5 / self.rate_hz;
-                let h = half_s / f64::from(*parts);
-                for half in 0..2 {
-                    let from = t + f64::from(half) * half_s;
-                    for part in 0..*parts {
-                        scratch.located(&self.model, from + f64::from(part) * h, h, state)?;
-                    }
-                    for (s, channel) in self.channels.iter_mut().enumerate() {
-                        channel.push(self.model.reading(s, from + half_s, state));
-                    }
-                }
-            }
-        }
+        self.stepper.advance(&self.model, self.rate_hz, self.sample, &mut self.channels)?;
         self.sample += 1;
         Ok(())
     }
@@ -242,13 +177,7 @@ impl Simulator {
     }
 
     fn state(&mut self) -> &[f64] {
-        match &mut self.stepper {
-            Stepper::Exponential(etd) => {
-                etd.state(0, &mut self.scratch);
-                &self.scratch
-            }
-            Stepper::RungeKutta { state, .. } => state,
-        }
+        self.stepper.state(&mut self.scratch)
     }
 
     /// Makes the packets of the next 0.1 s.
@@ -287,38 +216,15 @@ impl Simulator {
                 counts[s].push(value);
                 over[s] |= flag;
             }
-            self.watch_tacho();
+            if let Some(tacho) = &mut self.tacho {
+                let (stepper, scratch) = (&mut self.stepper, &mut self.scratch);
+                let t = self.sample as f64 / self.rate_hz;
+                let jitter_s = self.setup.tacho_jitter_s;
+                tacho.watch(t, self.rate_hz, jitter_s, &self.model, |at| stepper.state(scratch)[at]);
+            }
         }
         self.hand_over(first, last, counts, &over);
         Ok(())
-    }
-
-    /// Notes the tacho edges of the sample that was stepped last.
-    fn watch_tacho(&mut self) {
-        let Some(mut tacho) = self.tacho.take() else { return };
-        let t = self.sample as f64 / self.rate_hz;
-        let (reference, omega, _) = self.model.rotation.at(t);
-        let counted = tacho.per_rad * reference + tacho.pulses_per_rad * tacho.deviation;
-        // The shaft's true angle is worked out only near an edge; it deviates slowly from the reference.
-        let near = 2.0 * tacho.per_rad * omega / self.rate_hz + 0.1 * tacho.pulses_per_rad;
-        if counted.ceil() - counted < near || counted - counted.floor() < near {
-            tacho.deviation = self.state()[tacho.angle];
-            let now = tacho.per_rad * reference + tacho.pulses_per_rad * tacho.deviation;
-            if let Some((then, before)) = tacho.previous {
-                let mut edge = before.floor() + 1.0;
-                while edge <= now {
-                    let part = (edge - before) / (now - before);
-                    let jitter: f64 = StandardNormal.sample(&mut tacho.random);
-                    let time = then + part * (t - then) - Self::offset_s(self.rate_hz);
-                    tacho.edges.push_back(time + self.setup.tacho_jitter_s * jitter);
-                    edge += 1.0;
-                }
-            }
-            tacho.previous = Some((t, now));
-        } else {
-            tacho.previous = None;
-        }
-        self.tacho = Some(tacho);
     }
 
     fn hand_over(&mut self, first: u64, last: u64, counts: Vec<Vec<i32>>, over: &[bool]) {
@@ -406,13 +312,7 @@ impl Simulator {
         let state = self.state().to_vec();
         let mut stepper = Stepper::new(&model, self.rate_hz)?;
         let model_time = self.sample as f64 / self.rate_hz;
-        match &mut stepper {
-            Stepper::Exponential(etd) => {
-                etd.set_time(model_time);
-                etd.set_state(0, &state);
-            }
-            Stepper::RungeKutta { state: new, .. } => new.clone_from(&state),
-        }
+        stepper.go_on(model_time, &state);
         for (channel, sensor) in self.channels.iter_mut().zip(&setup.sensors) {
             channel.change(sensor);
         }
@@ -429,19 +329,6 @@ impl Source for Simulator {
             self.make_block()?;
         }
         Ok(self.pending.pop_front())
-    }
-}
-
-impl Stepper {
-    fn new(model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
-        if model.contacts.iter().any(|contact| contact.impact().is_some()) {
-            // Damping of the impact law grows with depth and is not in the matrices: steps well inside the border of stability.
-            let longest = Rk4::longest_stable_step(model)?;
-            let parts = (0.5 / rate_hz / (0.25 * longest)).ceil().max(1.0) as u32;
-            let scratch = Box::new(crate::rk4::Scratch::new(model));
-            return Ok(Self::RungeKutta { state: model.static_state()?, parts, scratch });
-        }
-        Ok(Self::Exponential(Box::new(Etd::new([model.clone()], 1.0 / rate_hz)?)))
     }
 }
 

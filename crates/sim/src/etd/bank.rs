@@ -82,6 +82,9 @@ pub(super) struct Bank<const L: usize> {
     pub(super) z: Lanes<L>,
     /// `row ∘ e^{λx}` for every output of a step.
     rows: Vec<Rows<L>>,
+    /// Number of outputs, and of modes rounded up to an even one: lanes need no more padding.
+    outputs: usize,
+    modes: usize,
 }
 
 impl<const L: usize> Bank<L> {
@@ -126,6 +129,8 @@ impl<const L: usize> Bank<L> {
             node_im,
             z: Lanes::zeros(len),
             rows,
+            outputs: readings(&plans[0]).len(),
+            modes: plans.iter().map(|plan| plan.modes.len().next_multiple_of(2)).max().unwrap_or(0),
         }
     }
 
@@ -141,7 +146,7 @@ impl<const L: usize> Bank<L> {
     /// Outputs of the step that state and held forces alone would give.
     #[inline(always)]
     pub(super) fn predict(&self, out: &mut [Block<L>]) {
-        for (rows, out) in self.rows.iter().zip(out) {
+        for (group, (rows, out)) in self.rows.iter().zip(out).enumerate() {
             let (re, im) = (&rows.re, &rows.im);
             let (z_re, z_im) = (self.z.re.as_flattened(), self.z.im.as_flattened());
             // A single run keeps all outputs of the group in registers, lanes one output at a time; each sum's order is the same.
@@ -155,7 +160,8 @@ impl<const L: usize> Bank<L> {
                     out[o] = [held[o] + sums[o]; L];
                 }
             } else {
-                for o in 0..GROUP {
+                let (re, im) = (&re[..self.modes], &im[..self.modes]);
+                for o in 0..GROUP.min(self.outputs - GROUP * group) {
                     let sums = four_sums(
                         re.iter().map(|row| &row[o][..]).zip(z_re.iter().copied()),
                         im.iter().map(|row| &row[o][..]).zip(z_im.iter().copied()),
@@ -177,17 +183,18 @@ impl<const L: usize> Bank<L> {
             let (mut re, mut im) = (self.held.re[g], self.held.im[g]);
             let (d_re, d_im) = (&self.decay.re[g], &self.decay.im[g]);
             let (z_re, z_im) = (&mut self.z.re[g], &mut self.z.im[g]);
-            for m in 0..GROUP {
+            let modes = if L == 1 { GROUP } else { GROUP.min(self.modes - GROUP * g) };
+            for m in 0..modes {
                 for l in 0..L {
-                    re[m][l] += d_re[m][l] * z_re[m][l] - d_im[m][l] * z_im[m][l];
-                    im[m][l] += d_re[m][l] * z_im[m][l] + d_im[m][l] * z_re[m][l];
+                    re[m][l] = (-d_im[m][l]).mul_add(z_im[m][l], d_re[m][l].mul_add(z_re[m][l], re[m][l]));
+                    im[m][l] = d_im[m][l].mul_add(z_re[m][l], d_re[m][l].mul_add(z_im[m][l], im[m][l]));
                 }
             }
             for (value, (w_re, w_im)) in remainder.iter().zip(node_re.iter().zip(node_im)) {
-                for m in 0..GROUP {
+                for m in 0..modes {
                     for l in 0..L {
-                        re[m][l] += w_re[m][l] * value[l];
-                        im[m][l] += w_im[m][l] * value[l];
+                        re[m][l] = w_re[m][l].mul_add(value[l], re[m][l]);
+                        im[m][l] = w_im[m][l].mul_add(value[l], im[m][l]);
                     }
                 }
             }
@@ -206,7 +213,7 @@ fn four_sums<'a, const N: usize>(
     let add = |sum: &mut [f64; N], (a, b): (&[f64], [f64; N])| {
         if let Some(a) = a.first_chunk::<N>() {
             for i in 0..N {
-                sum[i] += a[i] * b[i];
+                sum[i] = a[i].mul_add(b[i], sum[i]);
             }
         }
     };

@@ -5,7 +5,7 @@
 use crate::mesh::Pairs;
 
 use super::late::{Responses, lagrange_about};
-use super::nodes::{MOST_STAGES, Node, Solver, solve_linear, touching};
+use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear, touching};
 use super::plan::{Plan, Weights};
 
 /// Most pair changes of a step that are treated here: one in each half, in each stage.
@@ -14,8 +14,8 @@ const MOST_KINKS: usize = 2 * MOST_STAGES;
 const MOST_ITERATIONS: usize = 8;
 /// Times that the sets of touching pairs at the nodes are taken anew.
 const MOST_GUESSES: usize = 3;
-/// Largest move, as a part of the largest approach, at which the step counts as solved.
-const SOLVED: f64 = 1e-9;
+/// Largest move, as a part of the largest approach, after which the step counts as solved: Newton's next one would be its square.
+const SOLVED: f64 = 1e-6;
 
 /// A difference of force that sets in within a step.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,12 +32,14 @@ pub(super) struct Kink {
 
 impl Kink {
     /// Coefficients of the quadratic through the values, about the onset.
+    #[inline(always)]
     pub(super) fn about_onset(&self) -> [f64; 3] {
         let nodes = lagrange_about(self.at);
         std::array::from_fn(|p| (0..3).map(|node| nodes[node][p] * self.values[node]).sum())
     }
 
     /// Puts the onset where the quadratic rises through zero. False where it does not do so within the step.
+    #[inline(always)]
     fn find_onset(&mut self) -> bool {
         let [d0, dm, d1] = self.values;
         let (a, b) = (2.0 * (d0 + d1) - 4.0 * dm, 4.0 * dm - 3.0 * d0 - d1);
@@ -64,6 +66,7 @@ impl Kinks {
 }
 
 /// The set of `pairs` whose touching bits are `bits`; `None` where one of them is not near contact.
+#[inline(always)]
 fn set_of(pairs: &Pairs, bits: u32) -> Option<u8> {
     let mut set = 0;
     for (i, pair) in pairs.as_slice().iter().enumerate() {
@@ -76,12 +79,27 @@ impl Solver {
     /// Solves a step with pair changes, from the nodes that [`Self::solve`] left. On return the nodes' touching pairs are those after the changes,
     /// their mesh remainders those of the pairs at the start, which go with the kinks; [`Self::finish`] completes the end. False where the step
     /// has to be cut: two changes in one half, a graze, open teeth.
-    #[cold]
-    #[inline(never)]
+    #[inline(always)]
     pub(super) fn solve_kinked(&mut self, plan: &Plan, weights: &Weights, start: &Node, kinks: &mut Kinks) -> bool {
+        match plan.stiffness.len() {
+            1 => self.solve_changes::<2>(plan, weights, start, kinks),
+            2 => self.solve_changes::<4>(plan, weights, start, kinks),
+            _ => self.solve_changes::<MOST_UNKNOWNS>(plan, weights, start, kinks),
+        }
+    }
+
+    /// [`Self::solve_kinked`] for up to `M` nodes.
+    #[inline(always)]
+    fn solve_changes<const M: usize>(
+        &mut self,
+        plan: &Plan,
+        weights: &Weights,
+        start: &Node,
+        kinks: &mut Kinks,
+    ) -> bool {
         let stages = plan.stiffness.len();
         for _ in 0..MOST_GUESSES {
-            if self.with_changes(plan, weights, start, kinks).is_none() {
+            if self.with_changes::<M>(plan, weights, start, kinks).is_none() {
                 return false;
             }
             let mut as_assumed = true;
@@ -100,6 +118,7 @@ impl Solver {
     }
 
     /// The remainder at the end with the changes in it.
+    #[inline(always)]
     pub(super) fn finish(&self, kinks: &Kinks) -> Node {
         let mut end = self.nodes[1];
         for kink in kinks.as_slice() {
@@ -109,13 +128,20 @@ impl Solver {
     }
 
     /// Solves the step for the touching pairs as they stand in the nodes.
-    fn with_changes(&mut self, plan: &Plan, weights: &Weights, start: &Node, kinks: &mut Kinks) -> Option<()> {
+    #[inline(always)]
+    fn with_changes<const M: usize>(
+        &mut self,
+        plan: &Plan,
+        weights: &Weights,
+        start: &Node,
+        kinks: &mut Kinks,
+    ) -> Option<()> {
         let stages = plan.stiffness.len();
         kinks.len = 0;
-        let mut halves = [0; MOST_KINKS];
-        let mut sets = [([0; 3], [0; 3]); MOST_KINKS];
+        let mut halves = [0; M];
+        let mut sets = [([0; 3], [0; 3]); M];
         let mut first = [[0; MOST_STAGES]; 2];
-        let mut at_start = [Pairs::default(); MOST_STAGES];
+        let mut at_start = [Pairs::default(); M];
         for stage in 0..stages {
             let bits = [start.touching[stage], self.nodes[0].touching[stage], self.nodes[1].touching[stage]];
             for half in 0..2 {
@@ -124,7 +150,7 @@ impl Solver {
             if bits[0] == bits[1] && bits[0] == bits[2] {
                 continue;
             }
-            plan.model.contacts[stage].pairs(start.phase[stage], &mut at_start[stage]);
+            plan.find_pairs(stage, start.phase[stage], &mut at_start[stage]);
             for half in 0..2 {
                 let (before, after) = (bits[half], bits[half + 1]);
                 if before == after {
@@ -146,7 +172,7 @@ impl Solver {
                 kinks.len += 1;
             }
         }
-        let mut late: [[Responses; 2]; MOST_KINKS];
+        let mut late = [[[[0.0; 3]; M]; 2]; M];
         let mut moved = f64::INFINITY;
         for _ in 0..MOST_ITERATIONS {
             // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and after, everywhere.
@@ -159,7 +185,6 @@ impl Solver {
                     node.remainder[stage] = law.force_n - plan.stiffness[stage] * node.approach[stage];
                 }
             }
-            late = [[Default::default(); 2]; MOST_KINKS];
             for (i, kink) in kinks.items[..kinks.len].iter_mut().enumerate() {
                 let stage = kink.stage;
                 for node in 0..3 {
@@ -180,7 +205,7 @@ impl Solver {
                     plan.late.responses(stage, sigma, 0, &mut late[i][half][..stages]);
                 }
             }
-            moved = self.newton_with(plan, weights, &tangent, kinks, &late);
+            moved = self.newton_with::<M>(plan, weights, &tangent, kinks, &late);
             if moved < SOLVED {
                 break;
             }
@@ -190,21 +215,22 @@ impl Solver {
             let (low, high) = (0.5 * half as f64, 0.5 * (half + 1) as f64);
             kink.at > low - 1e-3 && kink.at < high + 1e-3
         };
-        (moved < 1e-6 && kinks.as_slice().iter().zip(&halves).all(placed)).then_some(())
+        (moved < SOLVED && kinks.as_slice().iter().zip(&halves).all(placed)).then_some(())
     }
 
     /// One Newton step of `δ − base − Σ D r(δ) − Σ W d(δ) = 0`; returns the largest move over the largest approach.
-    fn newton_with(
+    #[inline(always)]
+    fn newton_with<const M: usize>(
         &mut self,
         plan: &Plan,
         weights: &Weights,
         tangent: &[[f64; MOST_STAGES]; 2],
         kinks: &mut Kinks,
-        late: &[[Responses; 2]; MOST_KINKS],
+        late: &[[Responses<M>; 2]; M],
     ) -> f64 {
         let stages = plan.stiffness.len();
-        let mut matrix = [[0.0; 2 * MOST_STAGES]; 2 * MOST_STAGES];
-        let mut right = [0.0; 2 * MOST_STAGES];
+        let mut matrix = [[[0.0]; M]; M];
+        let mut right = [[0.0]; M];
         for half in 0..2 {
             for stage in 0..stages {
                 let row = half * stages + stage;
@@ -214,8 +240,8 @@ impl Solver {
                     residual -= c[1] * self.nodes[0].remainder[input] + c[2] * self.nodes[1].remainder[input];
                 }
                 for other in 0..stages {
-                    matrix[row][other] = -coupling[other][1] * tangent[0][other];
-                    matrix[row][stages + other] = -coupling[other][2] * tangent[1][other];
+                    matrix[row][other] = [-coupling[other][1] * tangent[0][other]];
+                    matrix[row][stages + other] = [-coupling[other][2] * tangent[1][other]];
                 }
                 for (kink, late) in kinks.items[..kinks.len].iter().zip(late) {
                     let terms = late[half][stage];
@@ -224,19 +250,19 @@ impl Solver {
                         let weight: f64 = about.iter().zip(terms).map(|(a, t)| a * t).sum();
                         residual -= weight * kink.values[node];
                         if node > 0 {
-                            matrix[row][(node - 1) * stages + kink.stage] -= weight * kink.slopes[node];
+                            matrix[row][(node - 1) * stages + kink.stage][0] -= weight * kink.slopes[node];
                         }
                     }
                 }
-                right[row] = -residual;
-                matrix[row][row] += 1.0;
+                right[row] = [-residual];
+                matrix[row][row][0] += 1.0;
             }
         }
         solve_linear(&mut matrix, &mut right, 2 * stages);
         let (mut moved, mut largest) = (0.0_f64, 1e-9_f64);
         for half in 0..2 {
             for stage in 0..stages {
-                let step = right[half * stages + stage];
+                let [step] = right[half * stages + stage];
                 let node = &mut self.nodes[half];
                 moved = moved.max(step.abs());
                 largest = largest.max(node.approach[stage].abs());

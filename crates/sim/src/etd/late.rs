@@ -9,25 +9,34 @@
 //! `h Σ_j (λh)^j/j! · (c₀ B(j,0) + c₁ B(j,1) + c₂ B(j,2))` with `B(j,p) = ∫₀^σ (σ−s)^j s^p ds = j! p!/(j+p+1)! σ^{j+p+1}`.
 //! As `d` vanishes at x₀, an error of x₀ enters squared only.
 
-use super::nodes::MOST_STAGES;
+use nalgebra::Complex;
+
+use super::bank::GROUP;
 use super::plan::{DEGREE, Plan, Split};
 
 /// Terms of a quadratic.
 const TERMS: usize = 3;
+/// Steps of σ for which the degrees are known.
+const PARTS: usize = 32;
 /// Largest term of the series that is left out, as a part of the response.
 const LEFT_OUT: f64 = 1e-10;
 
 /// What is left of the response by output and term of the quadratic.
-pub(super) type Responses = [[f64; TERMS]; 2 * MOST_STAGES];
+pub(super) type Responses<const M: usize> = [[f64; TERMS]; M];
 
 /// Scalar responses of approaches and sensors to the mesh forces, as polynomials in the time since the onset.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Late {
     /// By input: by degree: by output (approaches, then sensors) and term.
     series: Vec<Vec<Vec<[f64; TERMS]>>>,
-    /// `|λ| h` of the fastest mode.
-    fastest: f64,
+    /// Where the series may end, by group of modes; that of all modes is the last.
+    degrees: Vec<Degrees>,
+    /// `j! p!/(j+p+1)!` by degree.
+    betas: Vec<[f64; TERMS]>,
 }
+
+/// Degree at which a series in `|λ| h σ` may end, by σ in parts of [`PARTS`].
+type Degrees = [usize; PARTS + 1];
 
 /// `j! p!/(j+p+1)!`
 fn beta(j: usize, p: usize) -> f64 {
@@ -38,7 +47,22 @@ fn beta(j: usize, p: usize) -> f64 {
     out
 }
 
+/// Degrees for modes up to a rate `|λ| h`.
+fn degrees(rate: f64) -> Degrees {
+    std::array::from_fn(|part| {
+        let x = rate * part as f64 / PARTS as f64;
+        let mut term = 1.0;
+        (1..DEGREE)
+            .find(|&j| {
+                term *= x / j as f64;
+                term < LEFT_OUT
+            })
+            .unwrap_or(DEGREE)
+    })
+}
+
 /// Coefficients about x of the Lagrange polynomials on 0, ½ and 1.
+#[inline(always)]
 pub(super) fn lagrange_about(x: f64) -> [[f64; TERMS]; 3] {
     [
         [(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x - 3.0, 2.0],
@@ -71,33 +95,34 @@ impl Late {
                     .collect()
             })
             .collect();
-        Self { series, fastest: plan.modes.fastest() * plan.step_s }
+        let rate = |modes: &[Complex<f64>]| modes.iter().map(|l| l.norm()).fold(0.0, f64::max) * plan.step_s;
+        let groups = plan.modes.eigenvalues.chunks(GROUP).map(|group| degrees(rate(group)));
+        Self {
+            series,
+            degrees: groups.chain([degrees(rate(&plan.modes.eigenvalues))]).collect(),
+            betas: (0..=DEGREE).map(|j| std::array::from_fn(|p| beta(j, p))).collect(),
+        }
     }
 
-    /// Degree at which the series in `|λ| h σ` may end.
-    fn degree(&self, sigma: f64) -> usize {
-        let x = self.fastest * sigma;
-        let mut term = 1.0;
-        for j in 1..=DEGREE {
-            term *= x / j as f64;
-            if term < LEFT_OUT {
-                return j;
-            }
-        }
-        DEGREE
+    /// Degree at which the series of a group of modes may end.
+    #[inline(always)]
+    fn degree(&self, group: usize, sigma: f64) -> usize {
+        self.degrees[group][((sigma * PARTS as f64) as usize + 1).min(PARTS)]
     }
 
     /// Responses of `out.len()` outputs from the `first`, `sigma` after the onset of unit terms of a quadratic in input `input`.
+    #[inline(always)]
     pub(super) fn responses(&self, input: usize, sigma: f64, first: usize, out: &mut [[f64; TERMS]]) {
         let count = out.len();
         out.fill([0.0; TERMS]);
         if sigma <= 0.0 {
             return;
         }
-        for row in self.series[input][..=self.degree(sigma)].iter().rev() {
+        let all = self.degrees.len() - 1;
+        for row in self.series[input][..=self.degree(all, sigma)].iter().rev() {
             for (out, row) in out.iter_mut().zip(&row[first..first + count]) {
                 for p in 0..TERMS {
-                    out[p] = out[p] * sigma + row[p];
+                    out[p] = out[p].mul_add(sigma, row[p]);
                 }
             }
         }
@@ -111,20 +136,28 @@ impl Late {
     }
 
     /// Modal response `sigma` after the onset of a quadratic with the coefficients `c` in input `input`.
+    #[inline(always)]
     pub(super) fn modal(&self, plan: &Plan, input: usize, sigma: f64, c: [f64; TERMS], out: &mut Split) {
-        out.re.fill(0.0);
-        out.im.fill(0.0);
+        let last = self.degrees.len() - 1;
+        let mut factors = [0.0; DEGREE + 1];
         let mut power = plan.step_s * sigma;
-        for (j, powers) in plan.powers[..=self.degree(sigma)].iter().enumerate() {
-            let (b0, n) = (1.0 / (j + 1) as f64, j as f64);
-            let b1 = b0 / (n + 2.0);
-            let b2 = 2.0 * b1 / (n + 3.0);
-            let factor = power * (c[0] * b0 + sigma * (c[1] * b1 + sigma * c[2] * b2));
-            for m in 0..plan.len {
-                out.re[m] += factor * powers.re[m];
-                out.im[m] += factor * powers.im[m];
-            }
+        for (factor, [b0, b1, b2]) in factors.iter_mut().zip(&self.betas).take(self.degree(last, sigma) + 1) {
+            *factor = power * (c[0] * b0 + sigma * (c[1] * b1 + sigma * c[2] * b2));
             power *= sigma;
+        }
+        // Slow modes need few terms.
+        for group in 0..plan.len / GROUP {
+            let (mut re, mut im) = ([0.0; GROUP], [0.0; GROUP]);
+            let degree = self.degree(group.min(last), sigma);
+            for (&factor, powers) in factors.iter().zip(&plan.powers).take(degree + 1) {
+                let (p_re, p_im) = (&powers.re[GROUP * group..][..GROUP], &powers.im[GROUP * group..][..GROUP]);
+                for m in 0..GROUP {
+                    re[m] = factor.mul_add(p_re[m], re[m]);
+                    im[m] = factor.mul_add(p_im[m], im[m]);
+                }
+            }
+            out.re[GROUP * group..][..GROUP].copy_from_slice(&re);
+            out.im[GROUP * group..][..GROUP].copy_from_slice(&im);
         }
         let input = &plan.inputs[input];
         for m in 0..plan.len {

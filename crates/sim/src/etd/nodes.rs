@@ -9,7 +9,7 @@ use super::plan::{Plan, Weights};
 
 /// Most stages of a train.
 pub(super) const MOST_STAGES: usize = 6;
-const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
+pub(super) const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
 /// Newton steps; the force is piecewise linear, so one is the rule.
 const MOST_ITERATIONS: usize = 12;
 /// Largest move, as a part of the largest approach, at which friction counts as settled.
@@ -55,7 +55,8 @@ pub(super) fn evaluate(plan: &Plan, reference_rad: f64, approach: &[f64], pinion
     let mut pairs = Pairs::default();
     for stage in 0..plan.stiffness.len() {
         let phase = plan.model.phase(stage, reference_rad, pinion_rad[stage]);
-        let contact = plan.model.contacts[stage].at(phase, approach[stage], 0.0, &mut pairs);
+        plan.find_pairs(stage, phase, &mut pairs);
+        let contact = plan.model.contacts[stage].among(&pairs, phase, approach[stage]);
         node.approach[stage] = approach[stage];
         node.pinion_rad[stage] = pinion_rad[stage];
         node.phase[stage] = phase;
@@ -199,7 +200,7 @@ impl Solver {
                 node.approach[stage] = fixed + guess;
                 node.pinion_rad[stage] = angle;
                 node.phase[stage] = plan.model.phase(stage, references[half], angle);
-                plan.model.contacts[stage].pairs(node.phase[stage], &mut self.pairs[half][stage]);
+                plan.find_pairs(stage, node.phase[stage], &mut self.pairs[half][stage]);
             }
         }
     }
@@ -217,8 +218,8 @@ fn newton<const M: usize>(
     stages: usize,
 ) -> ([[f64; MOST_STAGES]; 2], f64) {
     let inputs = plan.inputs.len();
-    let mut matrix = [[0.0; M]; M];
-    let mut right = [0.0; M];
+    let mut matrix = [[[0.0]; M]; M];
+    let mut right = [[0.0]; M];
     for half in 0..2 {
         for stage in 0..stages {
             let row = half * stages + stage;
@@ -227,12 +228,12 @@ fn newton<const M: usize>(
             for (input, c) in coupling.iter().enumerate().take(inputs) {
                 residual -= c[1] * nodes[0].remainder[input] + c[2] * nodes[1].remainder[input];
             }
-            right[row] = -residual;
+            right[row] = [-residual];
             for other in 0..stages {
-                matrix[row][other] = -coupling[other][1] * tangent[0][other];
-                matrix[row][stages + other] = -coupling[other][2] * tangent[1][other];
+                matrix[row][other] = [-coupling[other][1] * tangent[0][other]];
+                matrix[row][stages + other] = [-coupling[other][2] * tangent[1][other]];
             }
-            matrix[row][row] += 1.0;
+            matrix[row][row][0] += 1.0;
         }
     }
     solve_linear(&mut matrix, &mut right, 2 * stages);
@@ -240,7 +241,7 @@ fn newton<const M: usize>(
     let mut steps = [[0.0; MOST_STAGES]; 2];
     for half in 0..2 {
         for stage in 0..stages {
-            let step = right[half * stages + stage];
+            let [step] = right[half * stages + stage];
             moved = moved.max(step.abs());
             largest = largest.max(nodes[half].approach[stage].abs());
             nodes[half].approach[stage] += step;
@@ -251,25 +252,39 @@ fn newton<const M: usize>(
     (steps, moved / largest)
 }
 
-/// Solves the `n` first equations in place. The matrix is the identity plus terms of the order (ωh)²/6 times the stiffness fluctuation: no
-/// pivoting needed.
+/// Solves the `n` first equations of `L` runs in place. The matrix is the identity plus terms of the order (ωh)²/6 times the stiffness fluctuation:
+/// no pivoting needed.
 #[inline(always)]
-pub(super) fn solve_linear<const M: usize>(matrix: &mut [[f64; M]; M], right: &mut [f64; M], n: usize) {
+pub(super) fn solve_linear<const M: usize, const L: usize>(
+    matrix: &mut [[[f64; L]; M]; M],
+    right: &mut [[f64; L]; M],
+    n: usize,
+) {
     for p in 0..n {
-        let pivot = 1.0 / matrix[p][p];
-        let above = matrix[p];
+        let pivot: [f64; L] = std::array::from_fn(|l| 1.0 / matrix[p][p][l]);
+        let (above, value) = (matrix[p], right[p]);
         for r in p + 1..n {
-            let factor = matrix[r][p] * pivot;
+            let factor: [f64; L] = std::array::from_fn(|l| matrix[r][p][l] * pivot[l]);
             for c in p + 1..n {
-                matrix[r][c] -= factor * above[c];
+                for l in 0..L {
+                    matrix[r][c][l] -= factor[l] * above[c][l];
+                }
             }
-            right[r] -= factor * right[p];
+            for l in 0..L {
+                right[r][l] -= factor[l] * value[l];
+            }
         }
+        // The inverse pivot is kept for the way back.
+        matrix[p][p] = pivot;
     }
     for p in (0..n).rev() {
         for c in p + 1..n {
-            right[p] -= matrix[p][c] * right[c];
+            for l in 0..L {
+                right[p][l] -= matrix[p][c][l] * right[c][l];
+            }
         }
-        right[p] /= matrix[p][p];
+        for l in 0..L {
+            right[p][l] *= matrix[p][p][l];
+        }
     }
 }

@@ -7,15 +7,16 @@ use std::sync::Arc;
 use nalgebra::{Complex, DVector};
 
 use super::late::Late;
+use crate::mesh::{Joint, Pairs};
 use crate::modal::Modes;
 use crate::model::{ModelError, TrainModel};
 
 /// Nodes of a step at which the remainder is taken: its beginning, middle and end.
 pub(super) const NODES: usize = 3;
 /// Degree of the Taylor polynomials of `e^{λh}`.
-pub(super) const DEGREE: usize = 18;
-/// Largest `|λ| h` at which they are used: the first term left out is 2.6¹⁹/19! = 6e-10.
-pub(super) const LONGEST: f64 = 2.6;
+pub(super) const DEGREE: usize = 32;
+/// Largest `|λ| h` at which they are used: the first term left out is 5.2³³/33! = 5e-14.
+pub(super) const LONGEST: f64 = 5.2;
 
 /// Modal quantities, real and imaginary parts apart for vectorisation.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -94,7 +95,12 @@ pub(super) struct Plan {
     pub(super) late: Late,
     /// No outside force ever changes.
     pub(super) held_for_ever: bool,
+    /// How the tooth pairs of each stage are found; `None` where too many may be near contact at once.
+    pub(super) joints: Vec<Option<Joint>>,
 }
+
+/// Largest term of a series that is left out.
+const LEFT_OUT: f64 = 1e-16;
 
 /// By half, degree and node.
 type Moments = [[[f64; NODES]; DEGREE + 1]; 2];
@@ -185,6 +191,7 @@ impl Plan {
             moments: node_moments(),
             late: Late::default(),
             held_for_ever: model.externals_are_constant(),
+            joints: model.contacts.iter().map(|contact| contact.joint()).collect(),
             full: Weights {
                 decay: [Split::zeros(len), Split::zeros(len)],
                 held: [Split::zeros(len), Split::zeros(len)],
@@ -201,23 +208,47 @@ impl Plan {
         Ok(plan)
     }
 
+    /// The pairs near contact of a stage at a mesh phase.
+    #[inline(always)]
+    pub(super) fn find_pairs(&self, stage: usize, phase: f64, out: &mut Pairs) {
+        let contact = &self.model.contacts[stage];
+        match &self.joints[stage] {
+            Some(joint) => joint.pairs(contact.mesh(), phase, out),
+            None => contact.pairs(phase, out),
+        }
+    }
+
+    /// Degree at which the series may end for a part (0–1) of the full step.
+    fn degree(&self, part: f64) -> usize {
+        let x = self.modes.fastest() * self.step_s * part;
+        let mut term = 1.0;
+        (1..DEGREE)
+            .find(|&k| {
+                term *= x / k as f64;
+                term < LEFT_OUT
+            })
+            .unwrap_or(DEGREE)
+    }
+
     /// Weights of a step of `part` of the full length (0–1).
     ///
     /// # Formula
     /// `e^{λσh} = Σ (λh)^k/k! σ^k`, `∫ e^{λ(x−τ)} ℓ(τ) dτ = h Σ (λh)^k/k! σ^{k+1} β_k`, with moments β of the Lagrange polynomials.
     pub(super) fn weigh(&self, part: f64, out: &mut Weights) {
         let moments = &self.moments;
+        let degree = self.degree(part);
+        let powers = &self.powers[..=degree];
         for half in 0..2 {
             let x = if half == 0 { 0.5 * part } else { part };
-            fill(&mut out.decay[half], &self.powers, |k| x.powi(k as i32));
-            fill(&mut out.held[half], &self.powers, |k| self.step_s * x.powi(k as i32 + 1) / (k + 1) as f64);
+            fill(&mut out.decay[half], powers, |k| x.powi(k as i32));
+            fill(&mut out.held[half], powers, |k| self.step_s * x.powi(k as i32 + 1) / (k + 1) as f64);
             out.coupling[half].resize(self.outputs.len(), Vec::new());
             for (row, kernels) in out.coupling[half].iter_mut().zip(&self.kernels) {
                 row.resize(self.inputs.len(), [0.0; NODES]);
                 for (coupling, kernel) in row.iter_mut().zip(kernels) {
                     *coupling = [0.0; NODES];
                     let mut power = part * self.step_s;
-                    for k in 0..=DEGREE {
+                    for k in 0..=degree {
                         for node in 0..NODES {
                             coupling[node] += kernel[k] * power * moments[half][k][node];
                         }
@@ -227,7 +258,7 @@ impl Plan {
             }
         }
         for (node, split) in out.node.iter_mut().enumerate() {
-            fill(split, &self.powers, |k| self.step_s * part.powi(k as i32 + 1) * moments[1][k][node]);
+            fill(split, powers, |k| self.step_s * part.powi(k as i32 + 1) * moments[1][k][node]);
         }
     }
 }

@@ -9,15 +9,15 @@ use crate::mesh::{CORNER_REACH, MeshOptions};
 use crate::tooth::ToothProfile;
 
 /// Cells per mesh cycle of a smooth flank.
-const SMOOTH_CELLS: f64 = 32.0;
+pub(super) const SMOOTH_CELLS: f64 = 32.0;
 /// Cells per mesh cycle where the cubics of the smooth division miss by more than is tolerated: relief, wear and damage have kinks.
-const KINKED_CELLS: f64 = 160.0;
+pub(super) const KINKED_CELLS: f64 = 160.0;
 /// The tables go on this far (mesh cycles) beyond both ends of the nominal path, for eccentric gears.
 const MARGIN: f64 = 0.1;
 /// Miss of a cubic, in tolerances, beyond which its cell is taken to hold a kink or jump.
 const BROKEN: f64 = 100.0;
 /// Points at which a cell's cubic is fitted (even) and judged (odd), in sixths of the cell.
-const SIXTHS: usize = 6;
+pub(super) const SIXTHS: usize = 6;
 
 /// What one tooth contributes at one point of the path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,7 +39,18 @@ impl Flank {
 }
 
 /// Coefficients of a cell's cubics in its own coordinate 0–1, by power and quantity.
-type Cell = [[f64; 4]; 4];
+pub(super) type Cell = [[f64; 4]; 4];
+
+/// The four quantities at a place counted in cells, held at the ends.
+#[inline(always)]
+pub(super) fn cell_at(cells: &[Cell], x: f64) -> [f64; 4] {
+    let last = cells.len() - 1;
+    let x = x.clamp(0.0, last as f64 + 1.0);
+    let i = (x as i32 as usize).min(last);
+    let w = x - f64::from(i as i32);
+    let [a, b, c, d] = &cells[i];
+    std::array::from_fn(|q| a[q] + w * (b[q] + w * (c[q] + w * d[q])))
+}
 
 /// One kind of tooth over the path of contact, by position s in mesh cycles since the pair's nominal entry.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,13 +67,8 @@ impl ToothTable {
     /// Value at a position, held at the ends of the table.
     #[inline(always)]
     pub(super) fn at(&self, s: f64) -> Flank {
-        let last = self.cells.len() - 1;
-        let x = (s * self.per_cycle + self.offset).clamp(0.0, last as f64 + 1.0);
-        let i = (x as i32 as usize).min(last);
-        let w = x - i as f64;
-        let [a, b, c, d] = &self.cells[i];
-        let out: [f64; 4] = std::array::from_fn(|q| a[q] + w * (b[q] + w * (c[q] + w * d[q])));
-        Flank { compliance: out[0], foundation: out[1], lost: out[2], gap: out[3] }
+        let [compliance, foundation, lost, gap] = cell_at(&self.cells, s * self.per_cycle + self.offset);
+        Flank { compliance, foundation, lost, gap }
     }
 
     /// The tooth may touch at a position, up to `reach` beyond its ends; nowhere where it is gone.
@@ -87,15 +93,12 @@ fn cubic([y0, y1, y2, y3]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Cubics through the even points of each cell, and by how much they miss the odd ones, as a multiple of what is tolerated: 1e-6 of the
-/// largest compliance, 1e-4 of the contact line, 0.1 nm of gap.
-fn fit(samples: &[Flank]) -> (Vec<Cell>, f64) {
-    let largest = samples.iter().fold([f64::MIN_POSITIVE; 2], |w, f| [w[0].max(f.compliance), w[1].max(f.foundation)]);
-    let tolerated = [1e-6 * largest[0], 1e-6 * largest[1], 1e-4, 1e-10];
+/// Cubics through the even points of each cell, and by how much they miss the odd ones, as a multiple of what is tolerated.
+pub(super) fn fit(samples: &[[f64; 4]], tolerated: [f64; 4]) -> (Vec<Cell>, f64) {
     let mut worst = 0.0_f64;
     let cells = (0..(samples.len() - 1) / SIXTHS)
         .map(|i| {
-            let at: [[f64; 4]; SIXTHS + 1] = std::array::from_fn(|k| samples[SIXTHS * i + k].as_array());
+            let at: [[f64; 4]; SIXTHS + 1] = std::array::from_fn(|k| samples[SIXTHS * i + k]);
             let mut cell = Cell::default();
             for q in 0..4 {
                 let mut row = cubic([at[0][q], at[2][q], at[4][q], at[6][q]]);
@@ -225,6 +228,21 @@ impl GearTables {
         (&self.tables[usize::from(self.of_tooth[tooth].0)], self.pitch_error_m[tooth])
     }
 
+    /// Number of tables.
+    pub(super) fn kinds(&self) -> usize {
+        self.tables.len()
+    }
+
+    /// One of the tables.
+    pub(super) fn kind(&self, kind: usize) -> &ToothTable {
+        &self.tables[kind]
+    }
+
+    /// Table and pitch error of every tooth's driving flank.
+    pub(super) fn driving_teeth(&self) -> impl Iterator<Item = (u16, f64)> {
+        self.of_tooth.iter().zip(&self.pitch_error_m).map(|(&(drive, _), &error)| (drive, error))
+    }
+
     /// Table of a tooth's back flank.
     #[inline]
     pub(super) fn back(&self, tooth: u32) -> &ToothTable {
@@ -278,7 +296,10 @@ impl Builder<'_> {
                 let lead = if self.side == Side::Pinion { s - last } else { first - s }.max(0.0);
                 sample.gap += lead * lead * (self.gap.corner[0] + self.gap.corner[1] * lead);
             }
-            let (cells, miss) = fit(&samples);
+            let samples: Vec<_> = samples.into_iter().map(Flank::as_array).collect();
+            let largest = |q: usize| samples.iter().fold(f64::MIN_POSITIVE, |most, sample| sample[q].max(most));
+            // 1e-6 of the compliance, 1e-4 of the contact line, 0.1 nm of gap.
+            let (cells, miss) = fit(&samples, [1e-6 * largest(0), 1e-6 * largest(1), 1e-4, 1e-10]);
             (ToothTable { cells, per_cycle, offset: beyond, first, last }, miss)
         };
         let (mut table, miss) = divide(SMOOTH_CELLS);

@@ -198,11 +198,12 @@ impl Grid {
                 let contact = &model.contacts[stage];
                 let (k_mean, _) = linear[stage];
                 let rubs = contact.friction != 0.0;
+                let width = (model.phase(stage, angles[1], 0.0) - model.phase(stage, angles[0], 0.0)).abs();
                 let mut rubbing: [Vec<f64>; 3] = Default::default();
                 for sample in 0..n {
                     let phase = model.phase(stage, angles[sample], angle[i][sample]);
                     let delta = approach[i][sample];
-                    let now = contact.at(phase, delta, 0.0, &mut scratch);
+                    let now = contact.mean_about(phase, width, delta, &mut scratch);
                     if !now.is_driving() {
                         open = Some(stage);
                     }

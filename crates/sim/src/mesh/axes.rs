@@ -1,0 +1,76 @@
+//! Displaced axes: eccentric gears, and bearings that give way.
+
+use std::f64::consts::TAU;
+
+use super::{MeshModel, MeshState};
+use crate::geometry::PairGeometry;
+
+impl MeshModel {
+    /// Total backlash (m) along the line of action: nominal, and `2 sin α_w` times what the centre distance has grown by.
+    pub fn backlash_m(&self, state: &MeshState) -> f64 {
+        let lag = self.shift(state).wheel * self.geometry.base_pitch_m;
+        let sin = self.geometry.operating_angle_rad.sin();
+        (self.backlash_m + 2.0 * sin * (self.modifications.pair.centre_shift_m + lag * sin)).max(0.0)
+    }
+
+    /// What displaced axes do to the contact.
+    #[inline(always)]
+    pub(super) fn shift(&self, state: &MeshState) -> Shift {
+        let [mut x, mut y] = state.displacement_m;
+        let (pinion, wheel) = (&self.modifications.pinion, &self.modifications.wheel);
+        let (mut own_x, mut own_y) = (0.0, 0.0);
+        for (gear, z, sense) in [(pinion, self.geometry.pinion.teeth, 1.0), (wheel, self.geometry.wheel.teeth, -1.0)] {
+            if gear.eccentricity_m != 0.0 {
+                let turns = state.phase / f64::from(z);
+                let (sin, cos) = (TAU * (turns - turns.floor()) + gear.eccentricity_phase_rad).sin_cos();
+                // The wheel turns the other way, and its displacement counts against the pinion's.
+                own_x += sense * gear.eccentricity_m * cos;
+                own_y += gear.eccentricity_m * sin;
+            }
+        }
+        x += own_x;
+        y += own_y;
+        if x == 0.0 && y == 0.0 {
+            return Shift::default();
+        }
+        let f = &self.shifts;
+        Shift { pinion: f.pinion_x * x + f.pinion_y * y, wheel: f.wheel_x * x, gap_m: -(own_x * f.sin + own_y * f.cos) }
+    }
+}
+
+/// [`Shift`] per metre of displacement.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ShiftFactors {
+    pinion_x: f64,
+    pinion_y: f64,
+    wheel_x: f64,
+    /// Of the operating pressure angle.
+    sin: f64,
+    cos: f64,
+}
+
+impl ShiftFactors {
+    pub(super) fn new(geometry: &PairGeometry) -> Self {
+        let (sin, cos) = geometry.operating_angle_rad.sin_cos();
+        let a = geometry.centre_distance_m;
+        // Rotation of the line of action: the line of centres turns by −y/a, the pressure angle grows by −x cos α/(a sin α).
+        let per_turn = -geometry.pinion.base_radius_m / geometry.base_pitch_m;
+        Self {
+            pinion_x: per_turn * cos / (a * sin),
+            pinion_y: -per_turn / a,
+            // T = sqrt(a² − (r_b1 + r_b2)²) grows by Δa / sin α.
+            wheel_x: -1.0 / sin / geometry.base_pitch_m,
+            sin,
+            cos,
+        }
+    }
+}
+
+/// What displaced axes do to the contact: advance of the pinion's position and lag of the wheel's against it (mesh
+/// cycles), and the gap (m) that the gears' own eccentricity opens.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Shift {
+    pub(super) pinion: f64,
+    pub(super) wheel: f64,
+    pub(super) gap_m: f64,
+}

@@ -1,0 +1,180 @@
+//! The steady state against stepping, and what is refused.
+
+use super::periods::smooth;
+use super::*;
+use crate::rk4::Rk4;
+use crate::setup::{RippleAt, ShaftForce};
+use crate::test_bench;
+
+/// Lines of the sensors by stepping: `settle_s`, then a DFT over `revolutions` of the first shaft.
+fn stepped(
+    setup: &SimSetup,
+    torque: f64,
+    settle_s: f64,
+    revolutions: f64,
+    steps: usize,
+    orders: &[f64],
+) -> Vec<Vec<f64>> {
+    let model = TrainModel::new(setup, Profile::constant(30.0), Profile::constant(torque), 5).unwrap();
+    let period = revolutions / (model.rotation.at(0.0).1 / std::f64::consts::TAU);
+    let step = period / steps as f64;
+    let mut rk4 = Rk4::new(&model, step).unwrap();
+    let settle = (settle_s / period).ceil() as usize * steps;
+    for _ in 0..settle {
+        rk4.step_located().unwrap();
+    }
+    let mut sums = vec![vec![Complex::ZERO; orders.len()]; setup.bench.sensors.len()];
+    for k in 0..steps {
+        for (sensor, sums) in sums.iter_mut().enumerate() {
+            let a = rk4.sensor(sensor);
+            for (sum, order) in sums.iter_mut().zip(orders) {
+                let turn = (order * revolutions).round() * k as f64 / steps as f64;
+                *sum += Complex::from_polar(2.0 * a / steps as f64, -std::f64::consts::TAU * turn.fract());
+            }
+        }
+        rk4.step_located().unwrap();
+    }
+    sums.iter().map(|sums| sums.iter().map(|z| z.norm()).collect()).collect()
+}
+
+/// Largest error of the lines; below 5 % of the largest, relative to that.
+fn error(lines: &SteadyLines, expected: &[Vec<f64>]) -> f64 {
+    let mut worst = 0.0_f64;
+    for (lines, expected) in lines.sensors.iter().zip(expected) {
+        let largest = expected.iter().copied().fold(0.0, f64::max);
+        for (line, expected) in lines.iter().zip(expected) {
+            worst = worst.max((line.norm() - expected).abs() / expected.max(0.05 * largest));
+        }
+    }
+    worst
+}
+
+fn mesh_orders(mesh: f64) -> impl Iterator<Item = f64> {
+    (1..=5).map(move |h| mesh * f64::from(h))
+}
+
+fn solved(setup: &SimSetup, options: SteadyOptions, torque: f64, orders: &[f64]) -> SteadyLines {
+    SteadySolver::new(options).solve(setup, 30.0, torque, 5, orders).unwrap()
+}
+
+/// One stage, healthy, with friction, and with an eccentric, unbalanced pinion under a ripple of the brake's torque.
+#[test]
+fn oracle_single_stage_by_stepping() {
+    let healthy = SimSetup::nominal(&test_bench::single_stage());
+    let orders: Vec<f64> = mesh_orders(34.0).collect();
+    let expected = stepped(&healthy, 60.0, 1.0, 1.0, 8192, &orders);
+    // Corner contact lasts a twentieth of a cycle, 13 samples.
+    let found = error(&solved(&healthy, SteadyOptions::default(), 60.0, &orders), &expected);
+    assert!(found < 1e-3, "healthy: {found:.1e}");
+
+    let mut rubbing = healthy.clone();
+    rubbing.teeth[0].pair.friction = 0.06;
+    // A drive that hardly yields: the losses slow the train by 1e-6, and its lines stay whole cycles.
+    rubbing.bench.motor.slip_slope_nm_s_per_rad = 200.0;
+    let expected = stepped(&rubbing, 60.0, 1.0, 1.0, 8192, &orders);
+    let found = error(&solved(&rubbing, SteadyOptions::default(), 60.0, &orders), &expected);
+    // Friction jumps at the pitch point; the stepper meets that up to half a step, 1/482 of a cycle, late or early: 2π h/482 of the
+    // friction's part of harmonic h.
+    assert!(found < 1e-2, "friction: {found:.1e}");
+
+    let mut bad = healthy;
+    bad.teeth[0].pinion.eccentricity_m = 20e-6;
+    bad.shaft_forces.push(ShaftForce::Unbalance { shaft: 0, amount_kg_m: 2e-4 });
+    bad.torque_ripples.push(crate::setup::TorqueRipple { at: RippleAt::Coupling, order: 2.0, depth: 0.05 });
+    let orders: Vec<f64> = [1.0, 2.0]
+        .into_iter()
+        .chain((1..=3).flat_map(|h| [-2.0, -1.0, 0.0, 1.0, 2.0].map(|k| 34.0 * f64::from(h) + k)))
+        .collect();
+    let expected = stepped(&bad, 60.0, 1.0, 1.0, 8192, &orders);
+    let lines = solved(&bad, SteadyOptions::default(), 60.0, &orders);
+    for (lines, expected) in lines.sensors.iter().zip(&expected) {
+        for ((line, expected), order) in lines.iter().zip(expected).zip(&orders) {
+            let found = (line.norm() / expected - 1.0).abs();
+            // Each sideband relative to itself: 128 samples a cycle, of which corner contact takes 6.
+            let allowed = if order % 34.0 == 0.0 || *order < 3.0 { 1e-3 } else { 1e-2 };
+            assert!(found < allowed, "order {order}: {found:.1e}");
+        }
+    }
+}
+
+/// The classical form, whose pairs come and go at once: the mean over a sample takes the place of a value that jumps.
+#[test]
+fn oracle_classical_form_by_stepping() {
+    let mut setup = SimSetup::nominal(&test_bench::single_stage());
+    setup.mesh = crate::mesh::MeshOptions::classical();
+    let orders: Vec<f64> = mesh_orders(34.0).collect();
+    // At jumps of the force the stepper is of order 2: 8192 steps a revolution err by 2.5e-3, 32768 by 2e-4.
+    let expected = stepped(&setup, 60.0, 0.5, 1.0, 32_768, &orders);
+    // A jump that is averaged over a sample loses sinc(h/n) of harmonic h and folds h²/n² of it back: 5e-3 at 128 samples a cycle with the mesh
+    // resonance at the fourth and fifth, less at more.
+    for (samples_per_cycle, allowed) in [(128, 5e-3), (512, 1e-3)] {
+        let options = SteadyOptions { samples_per_cycle, ..SteadyOptions::default() };
+        let found = error(&solved(&setup, options, 60.0, &orders), &expected);
+        assert!(found < allowed, "{samples_per_cycle} samples: {found:.1e}");
+    }
+    let two = SimSetup { mesh: setup.mesh, ..SimSetup::nominal(&test_bench::two_stages()) };
+    let lines = solved(&two, SteadyOptions { samples_per_cycle: 128, ..SteadyOptions::default() }, 60.0, &orders);
+    assert!(lines.sensors.iter().flatten().all(|line| line.norm() > 0.0));
+}
+
+/// Two stages: by themselves, and together.
+#[test]
+fn oracle_two_stages_by_stepping() {
+    let setup = SimSetup::nominal(&test_bench::two_stages());
+    let orders: Vec<f64> = mesh_orders(34.0).chain(mesh_orders(34.0 / 73.0 * 36.0)).collect();
+    let expected = stepped(&setup, 60.0, 1.5, 73.0 / 34.0, 32768, &orders);
+    let apart = error(&solved(&setup, SteadyOptions::default(), 60.0, &orders), &expected);
+    // What the meshes do to each other is of second order in their stiffness's variation, 0.1², and in the shaft between them.
+    assert!(apart < 1e-3, "each mesh by itself: {apart:.1e}");
+    let options = SteadyOptions { together: true, ..SteadyOptions::default() };
+    let together = error(&solved(&setup, options, 60.0, &orders), &expected);
+    assert!(together < 1e-4, "together: {together:.1e}");
+}
+
+/// A neighbour starts from the solution before it, needs less work, and comes to the same lines as from nothing.
+#[test]
+fn analytic_warm_start_changes_nothing() {
+    let setup = SimSetup::nominal(&test_bench::two_stages());
+    let orders: Vec<f64> = mesh_orders(34.0).collect();
+    let mut solver = SteadySolver::new(SteadyOptions::default());
+    let first = solver.solve(&setup, 30.0, 60.0, 5, &orders).unwrap();
+    let mut neighbour = setup.clone();
+    neighbour.teeth[0].pair.stiffness_factor = 1.05;
+    let warm = solver.solve(&neighbour, 30.0, 60.0, 5, &orders).unwrap();
+    let cold = solved(&neighbour, SteadyOptions::default(), 60.0, &orders);
+    assert!(warm.iterations < first.iterations, "{} {}", warm.iterations, first.iterations);
+    let expected: Vec<Vec<f64>> = cold.sensors.iter().map(|s| s.iter().map(|z| z.norm()).collect()).collect();
+    // Ten times the tolerance: both are solved to 1e-5 of the approach, and a line may amplify that.
+    assert!(error(&warm, &expected) < 1e-4, "{:.1e}", error(&warm, &expected));
+    assert_ne!(first.sensors, warm.sensors);
+}
+
+/// Without load, or with a tooth missing, the teeth part: said, not computed.
+#[test]
+fn conform_contact_loss_is_reported() {
+    let mut setup = SimSetup::nominal(&test_bench::single_stage());
+    let solve = |setup: &SimSetup, torque| SteadySolver::default().solve(setup, 30.0, torque, 5, &[34.0]);
+    let broken = crate::faults::Breakage { fraction: 1.0, kind: crate::faults::BreakageKind::Width };
+    setup.teeth[0].pinion.damage_tooth(3, |damage| damage.breakage = Some(broken));
+    let error = solve(&setup, 60.0).unwrap_err();
+    assert!(matches!(error, SteadyError::ContactLost { stage: 0 } | SteadyError::NoConvergence), "{error}");
+    setup = SimSetup::nominal(&test_bench::single_stage());
+    setup.shaft_forces.push(ShaftForce::Impacts { shaft: 0, order: 3.6, force_n: 10.0 });
+    assert!(solve(&setup, 60.0).unwrap_err().to_string().contains("bearing defect"));
+}
+
+/// 34/73 and 36/90: the meshes together repeat with the intermediate shaft, 73 and 36 cycles; the input shaft adds 34 cycles.
+#[test]
+fn analytic_common_periods() {
+    let bench = test_bench::two_stages();
+    let solver = SteadySolver::default();
+    let cycles =
+        |active: &[usize], shaft| solver.problem(&bench, active, shaft, 1.0).map(|p| (p.revolutions * 34.0).round());
+    assert_eq!(cycles(&[0, 1], None), Some(73.0));
+    assert_eq!(cycles(&[0], None), Some(1.0));
+    assert_eq!(cycles(&[0], Some(0)), Some(34.0));
+    assert_eq!(cycles(&[0, 1], Some(1)), Some(73.0));
+    assert_eq!(cycles(&[1], Some(2)), Some((90.0 * 73.0 / 36.0_f64).round()));
+    assert_eq!(smooth(4672), 4800);
+    assert_eq!(smooth(17), 18);
+}
