@@ -1,7 +1,7 @@
 //! Fault signatures of a bench: the fourteen states of the rank paper, simulated on *this* bench.
 //!
 //! The states sit on tooth 0 of one gear: breakage of a fraction of the width (1/5 … total), the pits of 4, 5, 6, 7 mm one after the other,
-//! and both on the same tooth. "Compound k" is read as k/5 broken off and pitting k; the paper does not say. Where the paper's
+//! and both on the same tooth; or the pits on all teeth, which the paper may mean. "Compound k" is read as k/5 broken off and pitting k; the paper does not say. Where the paper's
 //! pits do not fit on the flank they are all scaled down by one factor, which is reported.
 
 use std::f64::consts::TAU;
@@ -10,7 +10,7 @@ use gearwatch_core::bench::Bench;
 use nalgebra::Complex;
 
 use crate::effects::EffectError;
-use crate::faults::{Breakage, BreakageKind, Pit, ToothDamage};
+use crate::faults::{Breakage, BreakageKind, Pit};
 use crate::geometry::GearGeometry;
 use crate::model::{ModelError, TrainModel};
 use crate::rk4::{Diverged, Rk4, StepperError};
@@ -70,6 +70,8 @@ pub struct Conditions {
     pub stage: usize,
     /// The driven gear instead of the driving one.
     pub wheel: bool,
+    /// Pits on all teeth of the gear instead of one.
+    pub pits_on_all: bool,
     /// Motor speed (Hz).
     pub motor_hz: f64,
     /// Brake torque (N m).
@@ -83,7 +85,7 @@ pub struct Simulated {
     pub state: State,
     /// Amplitude of 1x to 5x of the stage's mesh at each sensor (m/s², peak).
     pub amplitudes: Vec<[f64; HARMONICS]>,
-    /// Signed deviation from the normal state in percent, by sensor.
+    /// Signed deviation in percent from the normal state, found in the same way, by sensor.
     pub deviations_percent: Vec<[f64; HARMONICS]>,
     /// Teeth part in this state, so that it was stepped through instead of solved for.
     pub stepped: bool,
@@ -148,11 +150,8 @@ pub fn sigma_percent(deviation_percent: f64) -> f64 {
     (RELATIVE_SIGMA * deviation_percent).hypot(LEAST_SIGMA_PERCENT)
 }
 
-/// Simulates the fourteen states.
-///
-/// # Errors
-/// Where the bench cannot be simulated.
-pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, SignatureError> {
+/// Factor on the paper's pits so that they fit on the gear.
+fn fitting_pits(bench: &Bench, conditions: Conditions) -> Result<f64, SignatureError> {
     let Some(stage) = bench.stages.get(conditions.stage) else {
         return Err(SignatureError::NoStage { found: conditions.stage, stages: bench.stages.len() });
     };
@@ -167,31 +166,54 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
         module_m * f64::from(gear.teeth) / 8.0,
     )
     .map_err(ModelError::Bench)?;
-    let pit_scale = pit_scale(&geometry);
+    Ok(pit_scale(&geometry))
+}
+
+/// The bench in one of the states.
+///
+/// # Errors
+/// Where the bench cannot be simulated.
+pub fn in_state(bench: &Bench, conditions: Conditions, state: State) -> Result<SimSetup, SignatureError> {
+    let pit_scale = fitting_pits(bench, conditions)?;
+    Ok(damaged(&crate::effects::setup(bench, &[])?, conditions, state, pit_scale))
+}
+
+/// Simulates the fourteen states.
+///
+/// # Errors
+/// Where the bench cannot be simulated.
+pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, SignatureError> {
+    let pit_scale = fitting_pits(bench, conditions)?;
     let base = crate::effects::setup(bench, &[])?;
     let train = gearwatch_core::train::Train::new(bench);
     let mesh = train.stages[conditions.stage].mesh_order;
     let orders: Vec<f64> = (1..=HARMONICS).map(|h| h as f64 * mesh).collect();
     let mut solver = SteadySolver::new(SteadyOptions::default());
     let mut states: Vec<Simulated> = Vec::with_capacity(STATES.len());
+    // What is stepped is compared with a normal state that is stepped too: meshes that modulate each other, which the solution leaves out, then cancel.
+    let mut stepped_normal = None;
     for state in STATES {
         let setup = damaged(&base, conditions, state, pit_scale);
         let solved = solver.solve(&setup, conditions.motor_hz, conditions.torque_nm, 0, &orders);
         let (amplitudes, stepped) = match solved {
             Ok(lines) => (lines.sensors.iter().map(|lines| std::array::from_fn(|h| lines[h].norm())).collect(), false),
             Err(SteadyError::ContactLost { .. } | SteadyError::NoConvergence | SteadyError::NotPeriodic(_)) => {
+                if stepped_normal.is_none() {
+                    stepped_normal = Some(step(&base, conditions, STATES[0], mesh)?);
+                }
                 (step(&setup, conditions, state, mesh)?, true)
             }
             Err(source) => return Err(SignatureError::Steady { state: state.name, source }),
         };
         states.push(Simulated { state, deviations_percent: Vec::new(), amplitudes, stepped });
     }
-    let normal = states[0].amplitudes.clone();
+    let solved_normal = states[0].amplitudes.clone();
     for state in &mut states {
+        let normal = stepped_normal.as_ref().filter(|_| state.stepped).unwrap_or(&solved_normal);
         state.deviations_percent = state
             .amplitudes
             .iter()
-            .zip(&normal)
+            .zip(normal)
             .map(|(a, n)| std::array::from_fn(|h| 100.0 * (a[h] / n[h] - 1.0)))
             .collect();
     }
@@ -215,11 +237,15 @@ fn damaged(base: &SimSetup, conditions: Conditions, state: State, pit_scale: f64
         height_m: 0.0,
     });
     let breakage = (state.broken > 0.0).then_some(Breakage { fraction: state.broken, kind: BreakageKind::Width });
-    let added = ToothDamage { breakage, pits: pits.collect(), ..ToothDamage::default() };
-    if !added.is_healthy() {
+    let pits: Vec<Pit> = pits.collect();
+    if conditions.pits_on_all {
+        gear.damage_all(|damage| damage.pits.extend(&pits));
+    }
+    let on_one: &[Pit] = if conditions.pits_on_all { &[] } else { &pits };
+    if breakage.is_some() || !on_one.is_empty() {
         gear.damage_tooth(0, |damage| {
-            damage.breakage = added.breakage.or(damage.breakage);
-            damage.pits.extend(added.pits);
+            damage.breakage = breakage.or(damage.breakage);
+            damage.pits.extend(on_one);
         });
     }
     setup
@@ -285,7 +311,7 @@ mod tests {
         let mut bench = test_bench::single_stage();
         bench.stages[0].module_mm = 4.0;
         bench.stages[0].face_width_mm = 30.0;
-        let conditions = Conditions { stage: 0, wheel: false, motor_hz: 10.0, torque_nm: 200.0 };
+        let conditions = Conditions { stage: 0, wheel: false, pits_on_all: false, motor_hz: 10.0, torque_nm: 200.0 };
         let found = simulate(&bench, conditions).unwrap();
         assert_eq!(found.pit_scale, 1.0, "at module 4 mm the paper's pits fit");
         let base = SimSetup::nominal(&bench);
@@ -325,6 +351,20 @@ mod tests {
                     h + 1
                 );
             }
+        }
+    }
+
+    /// The pitted states come after the broken tooth, whose motion is no start for them: they are solved for all the same, and more pits do more.
+    #[test]
+    fn regress_a_far_neighbour_is_no_parting_of_teeth() {
+        let bench = crate::shipped::bench("paper-rig").unwrap();
+        let conditions = Conditions { stage: 0, wheel: false, pits_on_all: false, motor_hz: 30.0, torque_nm: 202.0 };
+        let found = simulate(&bench, conditions).unwrap();
+        let pitted = &found.states[6..10];
+        assert!(pitted.iter().all(|state| !state.stepped));
+        for pair in pitted.windows(2) {
+            let [less, more] = [&pair[0], &pair[1]].map(|state| state.deviations_percent[0][0]);
+            assert!(0.0 < less && less < more, "{less} {more}");
         }
     }
 

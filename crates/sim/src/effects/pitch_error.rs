@@ -18,7 +18,7 @@ impl Effect for PitchError {
     }
 
     fn help(&self) -> &'static str {
-        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution and that the load does not change while neighbouring teeth differ by less than they deflect."
+        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution. While neighbouring teeth differ by less than they deflect the load does not change the shaft orders; the sidebands it does."
     }
 
     fn places(&self) -> &'static [PlaceKind] {
@@ -47,7 +47,7 @@ impl Effect for PitchError {
             lines: gear.once_per_revolution(bench, 4),
             change: Change::Rises,
             load: if self.largest_step_m(gear, values, bench) < deflection_m(gear, bench) {
-                Law::Independent
+                Law::ShaftOrders
             } else {
                 Law::Mixed
             },

@@ -29,6 +29,9 @@ pub enum Law {
     Independent,
     /// `∝ T^p`; p = 1 for changes of stiffness.
     Power(f64),
+    /// The same at any torque on the orders of the shaft. Beside the mesh lines the load decides by how many pairs a tooth's error is shared, and
+    /// when: each sideband goes its own way.
+    ShaftOrders,
     /// No single law: both parts, an optimum or a threshold.
     Mixed,
 }

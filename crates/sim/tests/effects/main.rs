@@ -1,6 +1,6 @@
 //! Every effect of the table against its own declaration: the declared lines move, the others do not, and the declared laws hold.
 
-use gearwatch_core::bench::EffectSpec;
+use gearwatch_core::bench::{EffectSpec, Sensor};
 use gearwatch_core::train::Train;
 use gearwatch_sim::effects::{self, Change, Effect, Law, Line, Place, SpeedLaw, Values};
 use gearwatch_sim::lines::line;
@@ -20,6 +20,13 @@ const RECORD_S: f64 = 1.2;
 pub(crate) fn bench() -> gearwatch_core::bench::Bench {
     let mut bench = shipped::bench("single-pair").expect("shipped");
     bench.effects.clear();
+    // A second sensor, so that each shaft has one.
+    bench.sensors.push(Sensor {
+        name: "acc_2".into(),
+        shaft: "output".into(),
+        direction_deg: 90.0,
+        ..bench.sensors[0].clone()
+    });
     bench
 }
 
