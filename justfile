@@ -20,7 +20,7 @@ spectraquest:
     cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture
 
 # All campaigns of the service (docs/reliability.md)
-campaign: campaign-kills campaign-failures campaign-network campaign-soak campaign-overload campaign-fleet campaign-fuzz
+campaign: campaign-kills campaign-failures campaign-network campaign-soak campaign-hour campaign-overload campaign-fleet campaign-fuzz
 
 # 300 kill -9, 100 stops, a full disk and 100 power cuts (the last two need root) against the release build
 campaign-kills:
@@ -38,6 +38,10 @@ campaign-failures:
 # A day in five minutes: memory, descriptors, threads, windows
 campaign-soak:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture soak
+
+# An hour of the simulated bench at full speed: memory, ranks, the delay until a broken tooth is found
+campaign-hour:
+    cargo test --release -p gearwatch --test campaign -- --ignored --nocapture hour
 
 # One to ten times real time; latency from the last sample to the line, alone and with stopped ends
 campaign-overload:

@@ -75,3 +75,49 @@ fn conform_what_cannot_be_simulated_is_refused() {
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a file was left");
 }
+
+/// A bench file that cannot be: exit code 3, and a sentence with the file, the place, what was found and what would be right.
+#[test]
+fn conform_bad_bench_files_say_what_would_be_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let shipped = gearwatch_sim::shipped::BENCHES.iter().find(|shipped| shipped.name == "paper-rig").unwrap();
+    for (from, to, found, right) in [
+        // Impossible geometry.
+        ("teeth = 34, bore_mm = 25.0", "teeth = 12, bore_mm = 12.0", "interference", "needs at least 16 teeth"),
+        ("bore_mm = 25.0", "bore_mm = 120.0", "bore diameter is 120", "below the root diameter"),
+        ("module_mm = 3.0", "module_mm = -3.0", "module_mm is -3", "above 0 mm"),
+        ("module_mm = 3.0", "module_mm = 3.0\npressure_angle_deg = 60.0", "pressure_angle_deg is 60", "10 to 35"),
+        ("teeth = 34, bore_mm = 25.0", "teeth = 4", "pinion has 4 teeth", "at least 5"),
+        // Stiffness, damping, inertia.
+        ("torsion_nm_per_rad = 9000.0", "torsion_nm_per_rad = 0.0", "torsion_nm_per_rad is 0", "above 0 N m/rad"),
+        ("bearing_n_per_m = 1.2e8", "bearing_n_per_m = 0.0", "bearing_n_per_m is 0", "above 0 N/m"),
+        ("stiffness_nm_per_rad = 4000.0", "stiffness_nm_per_rad = nan", "belt.stiffness_nm_per_rad is NaN", "above 0"),
+        ("mesh_damping_ratio = 0.06", "mesh_damping_ratio = -0.1", "mesh_damping_ratio is -0.1", "0.03 to 0.1"),
+        ("frequency_hz = 410.0", "frequency_hz = 0.0", "housing_mode 1: frequency_hz is 0", "above 0 Hz"),
+        ("inertia_kg_m2 = 0.03", "inertia_kg_m2 = -1.0", "brake.inertia_kg_m2 is -1", "above 0 kg m²"),
+        // The paper's 1790 in its own unit, ten times over; and the other way round.
+        ("torque_nm = 202.0", "torque_nm = 17900.0", "breaks the teeth of stage", "expected at most about"),
+        ("torque_nm = 202.0", "torque_nm = -5.0", "brake.torque_nm is -5", "0 N m or more"),
+        ("speed_hz = 30.0", "speed_hz = -30.0", "motor.speed_hz is -30", "above 0 Hz"),
+        ("speed_hz = 30.0", "speed_hz = 30000.0", "30000", "0 to 1000 Hz"),
+        // Effects.
+        ("effect = \"eccentricity\"", "effect = \"ecentricity\"", "ecentricity", "did you mean \"eccentricity\""),
+        ("runout_um = 6.0", "runout_um = -6.0", "runout_um", "expected 0 to"),
+        ("runout_um = 6.0", "runout_mm = 0.006", "runout_mm", "\"runout_um\""),
+        ("where = \"stage1.wheel\"", "where = \"stage3.wheel\"", "stage3.wheel", "stage1.wheel"),
+        // Things that are not there.
+        ("shaft = \"output\"", "shaft = \"exit\"", "\"exit\"", "not a [[shaft]]"),
+        ("ratio = 3.56", "ratoi = 3.56", "ratoi", "ratio"),
+    ] {
+        assert!(shipped.text.contains(from), "{from:?} is not in the bench file");
+        std::fs::write(folder.path().join("bench.toml"), shipped.text.replacen(from, to, 1)).unwrap();
+        let done = gearwatch(folder.path(), &["simulate", "bench.toml", "-o", "x.mcap", "--duration", "0.2"]);
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(3), "{to}: {said}");
+        for wanted in ["bench.toml", found, right] {
+            assert!(said.contains(wanted), "{to}: {wanted:?} is not in: {said}");
+        }
+        assert!(!said.contains("panicked") && said.lines().count() < 8, "{said}");
+        assert!(!folder.path().join("x.mcap").exists(), "{to}: a file was left");
+    }
+}

@@ -332,6 +332,31 @@ impl Bench {
             positive(format!("stage {:?}: module_mm", stage.name), stage.module_mm, "mm");
             positive(format!("stage {:?}: face_width_mm", stage.name), stage.face_width_mm, "mm");
         }
+        for (i, mode) in self.housing_modes.iter().enumerate() {
+            positive(format!("housing_mode {}: frequency_hz", i + 1), mode.frequency_hz, "Hz");
+            positive(format!("housing_mode {}: mass_kg", i + 1), mode.mass_kg, "kg");
+            positive(format!("housing_mode {}: damping_ratio", i + 1), mode.damping_ratio, "(0.01 to 0.05 is usual)");
+        }
+        let mut not_negative = |place: String, value: f64, unit: &str| {
+            if !(value.is_finite() && value >= 0.0) {
+                out.push(format!("{place} is {value}; it must be a finite number of 0 {unit} or more"));
+            }
+        };
+        not_negative("brake.torque_nm".into(), self.brake.torque_nm, "N m");
+        if let Some(belt) = &self.belt {
+            not_negative("belt.damping_nm_s_per_rad".into(), belt.damping_nm_s_per_rad, "N m s/rad");
+        }
+        for shaft in &self.shafts {
+            let place = |what: &str| format!("shaft {:?}: {what}", shaft.name);
+            not_negative(place("inertia_kg_m2"), shaft.inertia_kg_m2, "kg m²");
+            not_negative(place("torsion_damping_nm_s_per_rad"), shaft.torsion_damping_nm_s_per_rad, "N m s/rad");
+            not_negative(place("bearing_damping_n_s_per_m"), shaft.bearing_damping_n_s_per_m, "N s/m");
+        }
+        for stage in &self.stages {
+            let place = |what: &str| format!("stage {:?}: {what}", stage.name);
+            not_negative(place("backlash_um"), stage.backlash_um, "µm");
+            not_negative(place("mesh_damping_ratio"), stage.mesh_damping_ratio, "(0.03 to 0.1 is usual)");
+        }
         if self.format != FORMAT {
             out.push(format!("format is {:?}; this version reads {FORMAT:?}", self.format));
         }

@@ -15,7 +15,9 @@ const COLOURS: [RGBColor; 6] = [
 const SIZE: (u32, u32) = (900, 320);
 /// Share of the height that is left free for a legend of some five entries, so that it hides nothing.
 const LEGEND_SHARE: f64 = 0.4;
-const FONT: (&str, u32) = ("sans-serif", 13);
+const FONT: (&str, u32) = ("sans-serif", 14);
+/// Height of a row of names of marks, which stand above the picture.
+const MARK_ROW: i32 = 13;
 /// Points drawn per series: two per pixel show everything that can be seen.
 const MOST_POINTS: usize = 2 * SIZE.0 as usize;
 
@@ -154,6 +156,16 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         .collect()
 }
 
+/// A number at an axis: three digits, as a power of ten where it is far from one.
+fn number(value: f64) -> String {
+    let rounded = format!("{value:.3e}").parse().unwrap_or(value);
+    if rounded != 0.0 && !(1e-3..1e5).contains(&f64::abs(rounded)) {
+        format!("{rounded:e}")
+    } else {
+        format!("{rounded}")
+    }
+}
+
 macro_rules! legend {
     ($chart:ident, $count:expr) => {
         if $count > 1 {
@@ -170,15 +182,14 @@ macro_rules! legend {
 
 /// Linear and logarithmic charts are different types; what is drawn on them is the same.
 macro_rules! finish_lines {
-    ($chart:ident, $lines:ident, $bounds:ident, $keep:expr) => {{
+    ($chart:ident, $lines:ident, $bounds:ident, $rows:ident, $keep:expr) => {{
         $chart
             .configure_mesh()
             .x_desc($lines.x_label.as_str())
             .y_desc($lines.y_label.as_str())
             .label_style(FONT)
-            .y_label_formatter(&|v| {
-                format!("{v:.3e}").parse::<f64>().map_or_else(|_| v.to_string(), |r| format!("{r}"))
-            })
+            .x_label_formatter(&|v| number(*v))
+            .y_label_formatter(&|v| number(*v))
             .light_line_style(WHITE)
             .draw()
             .map_err(failed)?;
@@ -188,7 +199,7 @@ macro_rules! finish_lines {
                 .draw_series(std::iter::once(PathElement::new([(mark.x, $bounds.0), (mark.x, $bounds.1)], style)))
                 .map_err(failed)?;
             let place = (mark.x, $bounds.1);
-            let text = Text::new(mark.label.clone(), (2, 12 * mark.row as i32), ("sans-serif", 12));
+            let text = Text::new(mark.label.clone(), (-4, MARK_ROW * (mark.row as i32 - $rows)), ("sans-serif", 12));
             $chart.draw_series(std::iter::once(EmptyElement::at(place) + text)).map_err(failed)?;
         }
         for (series, colour) in $lines.series.iter().zip(COLOURS.iter().cycle()) {
@@ -210,23 +221,24 @@ fn draw_lines(lines: &Lines, root: &Area<'_>) -> Result<(), ChartError> {
     let nothing = || ChartError("there is no finite point".into());
     let (x_low, x_high) = range(all().map(|p| p.0), 0.0).ok_or_else(nothing)?;
     let mut builder = ChartBuilder::on(root);
-    builder.margin(8).x_label_area_size(38).y_label_area_size(70);
+    let rows = lines.marks.iter().map(|mark| mark.row as i32 + 1).max().unwrap_or(0);
+    builder.margin(8).margin_top(8 + MARK_ROW * rows).margin_right(24).x_label_area_size(38).y_label_area_size(76);
+    let room = if lines.series.len() > 1 { LEGEND_SHARE } else { 0.0 };
     if lines.log_y {
         let positive = all().map(|p| p.1).filter(|&y| y > 0.0);
         let (low, high) = positive.fold((f64::INFINITY, 0.0_f64), |(l, h), y| (l.min(y), h.max(y)));
         if !(low.is_finite() && high > 0.0) {
             return Err(nothing());
         }
-        let bounds = (low.max(high * 1e-7) * 0.8, high * 1.6);
+        let low = low.max(high * 1e-7) * 0.8;
+        let bounds = (low, 1.6 * high * (high / low).powf(0.6 * room));
         let mut chart = builder.build_cartesian_2d(x_low..x_high, (bounds.0..bounds.1).log_scale()).map_err(failed)?;
-        finish_lines!(chart, lines, bounds, |y: f64| y > 0.0);
+        finish_lines!(chart, lines, bounds, rows, |y: f64| y > 0.0);
     } else {
         let mut bounds = range(all().map(|p| p.1), 0.06).ok_or_else(nothing)?;
-        if lines.series.len() > 1 {
-            bounds.1 += LEGEND_SHARE * (bounds.1 - bounds.0);
-        }
+        bounds.1 += room * (bounds.1 - bounds.0);
         let mut chart = builder.build_cartesian_2d(x_low..x_high, bounds.0..bounds.1).map_err(failed)?;
-        finish_lines!(chart, lines, bounds, |_: f64| true);
+        finish_lines!(chart, lines, bounds, rows, |_: f64| true);
     }
     Ok(())
 }

@@ -80,14 +80,6 @@ impl TrainModel {
         check_operating_point(setup, &motor_hz, &torque_nm)?;
         let train = Train::new(bench);
         let linear = LinearTrain::new(bench);
-        if let Some(at) = (0..linear.names.len()).find(|&i| linear.mass[(i, i)].is_nan() || linear.mass[(i, i)] < 1e-9)
-        {
-            return Err(ModelError::Bench(format!(
-                "the coordinate {:?} has an inertia of {} (kg m² or kg); give its shaft an inertia_kg_m2 or its gear a mass",
-                linear.names[at],
-                linear.mass[(at, at)]
-            )));
-        }
         let torque = torque_nm.at(0.0);
         let last = linear.shaft_orders.last().copied().unwrap_or(1.0);
         let force_per_torque: Vec<f64> = linear
@@ -121,6 +113,15 @@ impl TrainModel {
             friction_vectors.push(vectors);
             let teeth = f64::from(bench.stages[i].pinion.teeth) * f64::from(bench.stages[i].wheel.teeth);
             initial_phases.push((random.random::<f64>() * teeth).floor() + random.random::<f64>());
+        }
+        // After the gear pairs: a bore that is too large makes a gear's mass negative, and they say so.
+        if let Some(at) = (0..linear.names.len()).find(|&i| linear.mass[(i, i)].is_nan() || linear.mass[(i, i)] < 1e-9)
+        {
+            return Err(ModelError::Bench(format!(
+                "the coordinate {:?} has an inertia of {} (kg m² or kg); give its shaft an inertia_kg_m2 or its gear a mass",
+                linear.names[at],
+                linear.mass[(at, at)]
+            )));
         }
         let z1 = |i: usize| f64::from(bench.stages[i].pinion.teeth) / TAU;
         let stages = linear.stages.len();
@@ -296,4 +297,28 @@ fn static_displacement(
     // Pushed apart along the line of action, whose local direction is (sin α, cos α).
     let (sin, cos) = geometry.pressure_angle_rad.sin_cos();
     [-force * soft * sin, -force * soft * cos]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_bench;
+
+    /// A bore beyond the root circle is told as that, not as the negative mass that follows from it; a shaft without inertia as what it is.
+    #[test]
+    fn regress_the_cause_is_told_not_what_follows_from_it() {
+        let complaint = |change: fn(&mut gearwatch_core::bench::Bench)| {
+            let mut bench = test_bench::two_stages();
+            change(&mut bench);
+            let setup = SimSetup::nominal(&bench);
+            TrainModel::new(&setup, Profile::constant(30.0), Profile::constant(10.0), 1).unwrap_err().to_string()
+        };
+        let said = complaint(|bench| bench.stages[0].pinion.bore_mm = Some(120.0));
+        assert!(said.contains("bore diameter is 120") && said.contains("below the root diameter"), "{said}");
+        let said = complaint(|bench| {
+            bench.shafts[0].inertia_kg_m2 = 0.0;
+            bench.stages[0].pinion.inertia_kg_m2 = Some(0.0);
+        });
+        assert!(said.contains("inertia") && said.contains("give its shaft"), "{said}");
+    }
 }

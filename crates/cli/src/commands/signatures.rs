@@ -15,14 +15,18 @@ use gearwatch_sim::signatures::{self, Conditions, Signatures};
 use super::Run;
 use crate::exit::Exit;
 
+mod report;
+
 /// Simulate the rank paper's fault states on a bench: amplitudes, deviations and ranks of 1x to 5x
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch signatures bench.toml
   gearwatch signatures bench.toml --stage stage2 --gear wheel --speed 15 --speed 30 --torque 60
-  gearwatch signatures bench.toml --out signatures.json
+  gearwatch signatures bench.toml --out signatures.json --report signatures.html
+  gearwatch signatures paper-rig --pits all
 
 The faults sit on one tooth: broken by 1/5 … 5/5 of its width, pits of 4, 5, 6, 7 mm one after the other, and both.
+With --pits all every tooth of the gear has the pits.
 docs/physics-mesh.md says how they are modelled.")]
 pub struct SignaturesCommand {
     /// Bench file, or the name of a bench that comes with the program
@@ -33,6 +37,9 @@ pub struct SignaturesCommand {
     /// Gear with the fault
     #[arg(long, value_enum, default_value_t)]
     gear: WhichGear,
+    /// Teeth that the pits sit on
+    #[arg(long, value_enum, default_value_t)]
+    pits: WhichTeeth,
     /// Motor speed in Hz, may be repeated; the bench's own where left out
     #[arg(long = "speed", value_name = "HZ")]
     speeds: Vec<f64>,
@@ -42,6 +49,18 @@ pub struct SignaturesCommand {
     /// Also write the signatures with their sigma to this JSON file, which diagnose, replay and run match verdicts with
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Also write a report for people to this HTML file: the table, its uncertainty, the paper beside it, pictures
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
+enum WhichTeeth {
+    /// The same tooth as the breakage
+    #[default]
+    One,
+    /// All of the gear
+    All,
 }
 
 #[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
@@ -57,6 +76,9 @@ impl Run for SignaturesCommand {
     const NAME: &'static str = "signatures";
 
     fn run(self) -> anyhow::Result<Exit> {
+        if let Some(path) = self.report.as_ref().filter(|path| path.extension().is_none_or(|end| end != "html")) {
+            bail!("{}: the report is written as HTML; the name must end in .html", path.display());
+        }
         let bench = super::simulate::read_bench(&self.bench)?;
         let stage = match &self.stage {
             None => 0,
@@ -72,29 +94,39 @@ impl Run for SignaturesCommand {
             bail!("{}: the bench has no [[sensor]]; amplitudes need one", self.bench.display());
         }
         let or = |given: &[f64], own: f64| if given.is_empty() { vec![own] } else { given.to_vec() };
-        let mut points = Vec::new();
+        let mut all = Vec::new();
         let mut text = String::new();
         for &motor_hz in &or(&self.speeds, bench.motor.speed_hz) {
             for &torque_nm in &or(&self.torques, bench.brake.torque_nm) {
                 if torque_nm <= 0.0 {
                     bail!("a brake torque of {torque_nm} N m leaves the teeth apart; give one above 0 with --torque");
                 }
-                let conditions = Conditions { stage, wheel: self.gear == WhichGear::Wheel, motor_hz, torque_nm };
+                let conditions = Conditions {
+                    stage,
+                    wheel: self.gear == WhichGear::Wheel,
+                    pits_on_all: self.pits == WhichTeeth::All,
+                    motor_hz,
+                    torque_nm,
+                };
                 let found = signatures::simulate(&bench, conditions)?;
                 describe(&mut text, &bench, &found)?;
-                points.push(point(&bench, &found));
+                all.push(found);
             }
         }
         std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
         if let Some(path) = &self.out {
-            SignatureFile::new(&bench, points).write(path)?;
+            SignatureFile::new(&bench, all.iter().map(|found| point(&bench, found)).collect()).write(path)?;
+        }
+        if let Some(path) = &self.report {
+            let page = report::page(&self.bench, &bench, &all)?;
+            std::fs::write(path, page).with_context(|| format!("{}: the report cannot be written", path.display()))?;
         }
         Ok(Exit::Ok)
     }
 }
 
 fn describe(out: &mut String, bench: &Bench, found: &Signatures) -> std::fmt::Result {
-    let Conditions { stage, wheel, motor_hz, torque_nm } = found.conditions;
+    let Conditions { stage, wheel, motor_hz, torque_nm, .. } = found.conditions;
     let gear = if wheel { "wheel" } else { "pinion" };
     let ranks = RankConfig::default();
     writeln!(out, "{}: {} {gear}, motor {motor_hz} Hz, brake {torque_nm} N m", bench.name, bench.stages[stage].name)?;
@@ -130,34 +162,63 @@ fn describe(out: &mut String, bench: &Bench, found: &Signatures) -> std::fmt::Re
     writeln!(out)
 }
 
-/// How the ranks compare with the paper's table 4, and why they differ.
-fn compare(out: &mut String, found: &Signatures, sensor: usize, ranks: &RankConfig) -> std::fmt::Result {
-    let paper = SignatureTable::paper();
-    let (mut same, mut all, mut pits, mut broken) = (0, 0, 0.0_f64, 0.0_f64);
-    for (state, signature) in found.states.iter().zip(&paper.signatures).skip(1) {
-        for (deviation, expected) in state.deviations_percent[sensor].iter().zip(&signature.harmonics) {
-            all += 1;
-            if let Expected::Rank(rank) = expected {
-                same += usize::from(ranks.rank_of(*deviation) == *rank);
+/// How the states of one sensor compare with the paper's table 4.
+struct Comparison {
+    /// Cells with the same rank, and all cells.
+    same: usize,
+    cells: usize,
+    /// Largest deviation of states with pits only, and of those with a broken tooth (percent).
+    pits_percent: f64,
+    broken_percent: f64,
+    /// Rank of the paper by state, the normal one left out, and harmonic.
+    paper: Vec<Vec<Expected>>,
+}
+
+impl Comparison {
+    fn new(found: &Signatures, sensor: usize, ranks: &RankConfig) -> Self {
+        let paper = SignatureTable::paper();
+        let mut out = Self { same: 0, cells: 0, pits_percent: 0.0, broken_percent: 0.0, paper: Vec::new() };
+        for (state, signature) in found.states.iter().zip(&paper.signatures).skip(1) {
+            for (deviation, expected) in state.deviations_percent[sensor].iter().zip(&signature.harmonics) {
+                out.cells += 1;
+                if let Expected::Rank(rank) = expected {
+                    out.same += usize::from(ranks.rank_of(*deviation) == *rank);
+                }
+                let largest = if state.state.broken == 0.0 { &mut out.pits_percent } else { &mut out.broken_percent };
+                *largest = largest.max(deviation.abs());
             }
-            if state.state.broken == 0.0 {
-                pits = pits.max(deviation.abs());
-            } else {
-                broken = broken.max(deviation.abs());
-            }
+            out.paper.push(signature.harmonics.to_vec());
+        }
+        out
+    }
+
+    /// Why the ranks are not the paper's.
+    fn reasons(&self, found: &Signatures) -> String {
+        let (pits, broken) = (self.pits_percent, self.broken_percent);
+        if found.conditions.pits_on_all {
+            format!(
+                "Pits on all teeth change these lines by up to {pits:.1} % (the paper: 19 %), a tooth broken in part or whole, among them, by {broken:.1} %. \
+                 Which cells agree depends on modes of the bench that the paper does not give."
+            )
+        } else {
+            format!(
+                "Pits of one tooth change these lines by {pits:.2} % at most, a tooth broken in part or whole by {broken:.1} %: one tooth of many has \
+                 that share of a mesh line, the rest goes into sidebands. The paper's 5 to 19 % for pits would need pits on all teeth (--pits all), a \
+                 window shorter than a revolution, or the contact noise of its multibody model."
+            )
         }
     }
-    writeln!(out, "  {same} of {all} cells have the rank of the paper's table 4.")?;
-    writeln!(
-        out,
-        "  Pits of one tooth change these lines by {pits:.2} % at most, a tooth broken in part or whole by {broken:.1} %: one tooth of\n  \
-         many has that share of a mesh line, the rest goes into sidebands. The paper's 5 to 19 % for pits would need pits on all\n  \
-         teeth, a window shorter than a revolution, or the contact noise of its multibody model."
-    )
+}
+
+/// How the ranks compare with the paper's table 4, and why they differ.
+fn compare(out: &mut String, found: &Signatures, sensor: usize, ranks: &RankConfig) -> std::fmt::Result {
+    let comparison = Comparison::new(found, sensor, ranks);
+    writeln!(out, "  {} of {} cells have the rank of the paper's table 4.", comparison.same, comparison.cells)?;
+    writeln!(out, "  {}", comparison.reasons(found))
 }
 
 fn point(bench: &Bench, found: &Signatures) -> Point {
-    let Conditions { stage, wheel, motor_hz, torque_nm } = found.conditions;
+    let Conditions { stage, wheel, motor_hz, torque_nm, .. } = found.conditions;
     let states = found.states.iter().map(|state| {
         let lines = |s: usize| Lines {
             amplitude_m_s2: state.amplitudes[s],

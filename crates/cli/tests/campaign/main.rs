@@ -12,6 +12,7 @@ mod log_content;
 
 mod disk_full;
 mod failures;
+mod hour;
 mod kills;
 mod overload;
 mod power_cut;

@@ -13,29 +13,30 @@ use crate::service::{configure, ended_within, files, signal, status, wait_for};
 
 /// What `/proc` says of a process.
 #[derive(Clone, Copy, Debug)]
-struct Sample {
+pub struct Sample {
     secs: f64,
-    rss_kib: f64,
+    pub rss_kib: f64,
     descriptors: usize,
     threads: usize,
 }
 
-fn sample(pid: u32, begin: Instant) -> Sample {
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+/// `None` where the process is just ending.
+pub fn sample(pid: u32, begin: Instant) -> Option<Sample> {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let field = |name: &str| {
-        let line = status.lines().find(|line| line.starts_with(name)).unwrap();
-        line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap()
+        let line = status.lines().find(|line| line.starts_with(name))?;
+        line.split_whitespace().nth(1)?.parse::<f64>().ok()
     };
-    Sample {
+    Some(Sample {
         secs: begin.elapsed().as_secs_f64(),
-        rss_kib: field("VmRSS:"),
-        descriptors: std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap().count(),
-        threads: field("Threads:") as usize,
-    }
+        rss_kib: field("VmRSS:")?,
+        descriptors: std::fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count(),
+        threads: field("Threads:")? as usize,
+    })
 }
 
 /// Median of the slopes of all pairs (Theil, Sen): a single peak does not move it.
-fn slope(samples: &[Sample]) -> f64 {
+pub fn slope(samples: &[Sample]) -> f64 {
     let mut slopes = Vec::new();
     for (i, a) in samples.iter().enumerate() {
         slopes.extend(samples[i + 1..].iter().map(|b| (b.rss_kib - a.rss_kib) / (b.secs - a.secs)));
@@ -101,7 +102,7 @@ fn conform_a_day_in_minutes_leaks_nothing() {
             status(&bench);
         }
         // Before the next reload all is at the same phase.
-        samples.push(sample(child.id(), begin));
+        samples.extend(sample(child.id(), begin));
         // A hundred reloads in ten minutes.
         if samples.len() % 3 == 0 {
             signal(&child, "HUP");

@@ -13,7 +13,7 @@ use gearwatch_sim::source::{SimConfig, Simulator};
 /// Length of the recording that the picture is made from (s).
 pub const PLOTTED_S: f64 = 2.0;
 /// Length of the waveform that is shown, in revolutions of the first shaft.
-const WAVEFORM_REVOLUTIONS: f64 = 1.5;
+const WAVEFORM_REVOLUTIONS: f64 = 1.0;
 /// Lines per revolution of the first shaft in the order spectrum.
 const LINES_PER_ORDER: f64 = 10.0;
 /// Mesh cycles shown of the stiffness.
@@ -56,25 +56,52 @@ pub fn picture(form: Form, recording: &Recording, config: &SimConfig, model: &Tr
         }
         Form::Html => Ok(gearwatch_report::render(&Report {
             title: format!("Simulated: {}", config.bench.name),
-            verdict: describe(config),
+            verdict: describe(config, model),
             sections: vec![Section {
                 heading: "Pictures".into(),
                 parts: charts.into_iter().map(Part::Chart).collect(),
             }],
-            provenance: vec![("seed".into(), config.seed.to_string())],
+            provenance: provenance(config),
             ..Report::default()
         })),
     }
 }
 
-fn describe(config: &SimConfig) -> String {
+fn describe(config: &SimConfig, model: &TrainModel) -> String {
     let effects: Vec<_> =
         config.bench.effects.iter().chain(&config.effects).map(|e| format!("{} at {}", e.effect, e.place)).collect();
-    if effects.is_empty() {
-        "No effect beyond the nominal model.".into()
+    let start = Simulator::offset_s(config.bench.acquisition.sample_rate_hz);
+    let (speed, torque) = (model.rotation.motor_hz(start), model.brake_torque_nm(start));
+    let effects = if effects.is_empty() {
+        "no effect beyond the nominal model".into()
     } else {
-        format!("With {}.", effects.join(", "))
-    }
+        format!("with {}", effects.join(", "))
+    };
+    format!("Motor at {speed} Hz, brake at {torque} N m at the start; {effects}.")
+}
+
+/// What it takes to make the picture again.
+fn provenance(config: &SimConfig) -> Vec<(String, String)> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    vec![
+        ("gearwatch".into(), env!("CARGO_PKG_VERSION").into()),
+        ("command".into(), format!("gearwatch {}", arguments.join(" "))),
+        (
+            "content of the bench".into(),
+            format!("SHA-256 {}", gearwatch_io::baseline_file::bench_sha256(&config.bench)),
+        ),
+        ("seed".into(), config.seed.to_string()),
+    ]
+}
+
+/// What a unit measures.
+fn quantity(unit: &str) -> &'static str {
+    if unit == "mm/s" { "velocity" } else { "acceleration" }
+}
+
+/// A unit as it is printed.
+fn printed(unit: &str) -> String {
+    unit.replace("^2", "²")
 }
 
 /// A channel from the start of the recording.
@@ -117,9 +144,9 @@ fn waveform(recording: &Recording, model: &TrainModel) -> Chart {
         })
         .collect();
     Chart::Lines(Lines {
-        caption: "Waveform".into(),
+        caption: "Waveform over one revolution of the first shaft".into(),
         x_label: "time (s)".into(),
-        y_label: format!("acceleration ({unit})"),
+        y_label: format!("{} ({})", quantity(&unit), printed(&unit)),
         log_y: false,
         series,
         marks: Vec::new(),
@@ -144,16 +171,12 @@ fn spectrum(recording: &Recording, config: &SimConfig, model: &TrainModel) -> Ch
         })
         .collect();
     let marks = train.stages.iter().zip(0..).flat_map(|(stage, row)| {
-        (1..=5).map(move |h| Mark {
-            x: f64::from(h) * stage.mesh_order,
-            label: if h == 1 { format!("{} 1x", stage.name) } else { format!("{h}x") },
-            row,
-        })
+        (1..=5).map(move |h| Mark { x: f64::from(h) * stage.mesh_order, label: format!("{} {h}x", stage.name), row })
     });
     Chart::Lines(Lines {
-        caption: "Order spectrum (Hann, amplitude)".into(),
-        x_label: format!("order of {}", train.shafts.first().map_or("the first shaft", |(name, _)| name)),
-        y_label: format!("amplitude ({unit})"),
+        caption: format!("Order spectrum of {PLOTTED_S} s (Hann window); mesh harmonics marked"),
+        x_label: format!("order (per revolution of shaft {})", train.shafts.first().map_or("1", |(name, _)| name)),
+        y_label: format!("amplitude, peak ({})", printed(&unit)),
         log_y: true,
         series,
         marks: marks.collect(),
@@ -173,7 +196,7 @@ fn stiffness(config: &SimConfig, model: &TrainModel) -> Chart {
         .collect();
     Chart::Lines(Lines {
         caption: format!("Mesh stiffness k(t) under the static load of {torque} N m at the brake"),
-        x_label: "mesh cycles".into(),
+        x_label: "mesh cycles since a pair of teeth came in".into(),
         y_label: "stiffness (N/µm)".into(),
         log_y: false,
         series,
