@@ -291,6 +291,10 @@ pub fn add_strange(
             "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" | "eccentricity" | "belt_slip" | "clock_offset"
         )
     });
+    let bearing_seen = strange
+        .envelope
+        .as_ref()
+        .is_some_and(|e| e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE });
     // Lines at fixed frequency.
     let pickup = strange.fixed.iter().find(|l| {
         let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
@@ -301,6 +305,7 @@ pub fn add_strange(
             && several
             && (mains(l.position).is_some()
                 || (strange.against_reference
+                    && !bearing_seen
                     && findings.is_empty()
                     && l.by_channel.len() > 1
                     && l.excess > 3.5
@@ -340,7 +345,7 @@ pub fn add_strange(
         strange.orders.iter().filter(|l| l.off_comb < 1.5 && l.excess > threshold && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
     if let Some(e) = &strange.envelope
-        && e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE }
+        && bearing_seen
         && !findings.iter().any(|f| {
             !matches!(f.effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
         })
@@ -357,8 +362,26 @@ pub fn add_strange(
     };
     let machine =
         findings.iter().any(|f| !matches!(f.effect, "torque_ripple" | "speed_fluctuation" | "electrical_pickup"));
+    // Sidebands of a ripple that was named, however far from their carrier.
+    let ripples: Vec<(usize, f64)> = findings
+        .iter()
+        .filter_map(|f| match crate::subname::mask_of(q, f)? {
+            crate::locate::Place::ShaftOrder(j, k) => Some((j, f64::from(k))),
+            _ => None,
+        })
+        .collect();
+    let of_ripple = |order: f64| {
+        ripples.iter().any(|&(j, k)| {
+            q.train.stages.iter().any(|s| {
+                let beside = (order - (order / s.mesh_order).round() * s.mesh_order) / (k * q.train.shafts[j].1);
+                (beside - beside.round()).abs() < 0.02
+            })
+        })
+    };
     let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_mesh(l.position)).collect();
-    if strange.against_reference && !on.is_empty() && on.len() <= 6 && !machine && !*unexplained {
+    let few = on.len() <= 6;
+    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_ripple(l.position)).collect();
+    if strange.against_reference && !on.is_empty() && few && !machine && !*unexplained {
         let line = on[0];
         let shaft = q
             .train

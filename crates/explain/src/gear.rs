@@ -43,7 +43,7 @@ pub fn local_faults(q: &Question<'_>, steps: &mut Vec<String>) -> Vec<(usize, us
             // Of two gears on a shaft, the one about whose mesh harmonics the change gathers.
             let near = |i: &usize| comb::change(q, *i, j).near;
             let at = stages.iter().copied().max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(first);
-            let mut f = one_tooth(gear_name(q, at, j), if stages.len() == 1 { 0.9 } else { 0.55 }, &change);
+            let mut f = one_tooth(gear_name(q, at, j), if stages.len() == 1 { 0.96 } else { 0.6 }, &change);
             f.alternatives.extend(stages.iter().filter(|i| **i != at).map(|&i| ("tooth_breakage", gear_name(q, i, j))));
             f.evidence.place = format!("comb of shaft {}", q.train.shafts[j].0);
             steps.push(format!("one tooth of {}: {}", f.place, f.evidence.support));
@@ -67,7 +67,7 @@ pub fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: 
         return f;
     }
     if change.first > ONCE {
-        let mut f = Finding::new("eccentricity", name.clone(), 0.75);
+        let mut f = Finding::new("eccentricity", name.clone(), 0.85);
         f.alternatives.push(("pitch_error", name));
         f.evidence.support = format!(
             "first sidebands carry e^{:.1} times the power of the third to fifth: once a revolution",
@@ -75,7 +75,7 @@ pub fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: 
         );
         return f;
     }
-    let mut f = Finding::new("pitch_error", name.clone(), 0.75);
+    let mut f = Finding::new("pitch_error", name.clone(), 0.5);
     f.evidence.support = "phases of neighbouring lines of the gear's comb have no order: all teeth differ".into();
     if exponent.is_some_and(|p| p > 0.6) {
         f.probability = 0.5;

@@ -2,6 +2,7 @@
 
 pub mod alone;
 pub mod angle;
+pub mod blind;
 pub mod comb;
 pub mod compare;
 pub mod direct;

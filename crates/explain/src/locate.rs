@@ -232,6 +232,17 @@ pub fn floor_account(all: &[Cell], channel: Option<usize>, speeds: &[f64]) -> (f
     (1.0 - after / before.max(1e-9), before / count.max(1) as f64)
 }
 
+/// Misfit per line of a channel, and the share of it that a path accounts for.
+pub fn line_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64) {
+    let (mut before, mut after, mut count) = (0.0, 0.0, 0usize);
+    for cell in all.iter().filter(|c| c.family.is_some() && c.channel == channel) {
+        before += cell.misfit(0.0, 0.0);
+        after += predict(cell, all, speeds, false).map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v));
+        count += 1;
+    }
+    (before / count.max(1) as f64, 1.0 - after / before.max(1e-9))
+}
+
 /// What the path through other speeds predicts for a cell, and the variance of that.
 pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64, f64)> {
     predict(cell, all, speeds, false)

@@ -77,6 +77,9 @@ impl Finding {
 const BELIEVED: f64 = 15.0;
 /// The same of a mask that no single order makes.
 const BELIEVED_WIDE: f64 = 9.0;
+/// The same of the orders of one shaft: unchanged benches gain 2 at most, with lines a little over twice as large inside as outside.
+const BELIEVED_ORDERS: f64 = 4.0;
+const ORDERS_STAND_OUT: f64 = 2.5;
 /// Gains of the best mask on 35 unchanged benches of `gearwatch prove` (seeds 501 and 777), the yardstick of [`p_null`].
 const NULL_GAINS: [f64; 35] = [
     -0.44, -0.35, -0.33, -0.31, -0.25, -0.15, -0.13, -0.11, -0.10, -0.07, -0.06, 0.06, 0.12, 0.13, 0.23, 0.48, 0.91,
@@ -96,8 +99,11 @@ const BACKGROUND: f64 = 2.5;
 /// its misfit (root mean square, in standard deviations) is so plain that only the size is in doubt.
 const CARRIES_OVER: f64 = 1.02;
 const PLAIN: f64 = 3.0;
-/// A name this probable stands on more than amplitudes.
-const SURE: f64 = 0.86;
+/// A name this probable, or a mask that gains this much (nats), stands on more than the law.
+const SURE: f64 = 0.93;
+const SURE_GAIN: f64 = 40.0;
+/// Beside one damaged tooth, which alters many lines, a mask must gain this much.
+const BESIDE_TOOTH: f64 = 60.0;
 
 /// Answers.
 pub fn answer(
@@ -130,6 +136,7 @@ pub fn answer(
             && f.held_out_before < PLAIN
             && findings.len() == before + 1
             && findings[before].probability < SURE
+            && gain.is_none_or(|g| g < SURE_GAIN)
             && subname::mask_of(q, &findings[before]).is_some_and(|m| !wide(m))
         {
             steps.push(format!(
@@ -214,7 +221,9 @@ fn compare_with_reference(
     ));
     // A changed sensor path shows in the background too, by the same function of frequency at every speed.
     let mut remaining: Vec<Cell> = cells.to_vec();
-    if let Some(found) = path::path(q, cells, speeds, &first, steps) {
+    if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
+        findings.extend(path::paths_at_one_speed(q, &mut remaining, steps));
+    } else if let Some(found) = path::path(q, cells, speeds, &first, steps) {
         remaining = locate::without_path(&remaining, found.0, speeds);
         findings.push(found.1);
     }
@@ -226,9 +235,11 @@ fn compare_with_reference(
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }
     let mut gain = None;
-    let path_found = path_found || findings.iter().any(|f| f.effect == "tooth_breakage");
+    let tooth_found = findings.iter().any(|f| f.effect == "tooth_breakage");
     for round in 0..2 {
-        let ranked = masks::masks(&remaining, &places, &gaps);
+        let mut ranked = masks::masks(&remaining, &places, &gaps);
+        // What was named alters other lines of its shaft a little too.
+        ranked.retain(|m| !findings.iter().any(|f| echoes(q, f, m.place)));
         let Some(best) = ranked.first() else { break };
         // Among masks that gain nearly as much, the simplest.
         let near = (SIMPLER * best.gain).min(best.gain - NEARLY);
@@ -251,9 +262,16 @@ fn compare_with_reference(
         if round == 0 {
             gain = Some(best.gain);
         }
-        let later = round > 0 || path_found;
-        let believed = if wide(chosen.place) { BELIEVED_WIDE } else { BELIEVED };
-        let enough = chosen.gain > if later { SECOND_GAIN } else { believed }
+        let later = round > 0 || path_found || tooth_found;
+        let believed = match chosen.place {
+            Place::ShaftOnce(_) | Place::ShaftOrders(_) if chosen.inside > ORDERS_STAND_OUT * chosen.outside => {
+                BELIEVED_ORDERS
+            }
+            p if wide(p) => BELIEVED_WIDE,
+            _ => BELIEVED,
+        };
+        let second = if tooth_found { BESIDE_TOOTH } else { SECOND_GAIN };
+        let enough = chosen.gain > if later { second } else { believed }
             && (!later || (!wide(chosen.place) && chosen.inside > CONCENTRATED * chosen.outside));
         if !enough {
             break;
@@ -283,6 +301,33 @@ fn compare_with_reference(
         }
     }
     gain
+}
+
+/// Whether a mask may only show what a finding does besides: other orders of the same shaft, or of the shafts of a pair whose teeth changed, or another
+/// order of a ripple's train.
+fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
+    let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect)) else { return false };
+    let ripple = |p: Place| matches!(p, Place::ShaftOrder(_, k) if k > 1) || matches!(p, Place::MotorOrder(_));
+    match (found, shaft_of(found), shaft_of(place)) {
+        (_, Some(a), Some(b)) => a == b || (ripple(found) && ripple(place)),
+        (Place::Mesh(i) | Place::Stage(i), None, Some(b)) => b == i || b == i + 1,
+        _ => false,
+    }
+}
+
+/// The shaft whose revolution a mask stands for.
+fn shaft_of(place: Place) -> Option<usize> {
+    match place {
+        Place::FirstSide(_, j)
+        | Place::LowSide(_, j)
+        | Place::Gear(_, j)
+        | Place::ShaftOrder(j, _)
+        | Place::ShaftOnce(j)
+        | Place::ShaftOrders(j) => Some(j),
+        // Orders of the motor are those of the first shaft where no belt is between them.
+        Place::MotorOrder(_) => Some(0),
+        _ => None,
+    }
 }
 
 /// Probability that an unchanged bench gains as much, by rank among those of [`NULL_GAINS`].

@@ -8,6 +8,78 @@ use crate::name::{Finding, Question};
 /// background changes by less than 1 per band.
 const FLOOR_MISFIT: f64 = 2.0;
 const FLOOR_SHARE: f64 = 0.55;
+/// Least share of the misfit of the channel's lines that the path accounts for.
+const LINE_SHARE: f64 = 0.4;
+/// Largest misfit per line of the quietest other channel over that of the channel.
+const OTHERS_SHARE: f64 = 0.6;
+
+/// The same at one speed, where only the background tells a path from the gears: least misfit per band, least share of the misfit of the
+/// lines that the background's own change accounts for, and how much less the background of some other channel must have moved.
+const FLOOR_MISFIT_ALONE: f64 = 6.0;
+const LINE_SHARE_ALONE: f64 = 0.3;
+const STEADIER: f64 = 3.0;
+/// How far a line lies from the band of background that stands for it (ln).
+const BAND_SIGMA: f64 = 0.2;
+
+/// What the background about a line did in the same pair and channel.
+fn floor_beside(cell: &Cell, cells: &[Cell]) -> Option<f64> {
+    cells
+        .iter()
+        .filter(|f| f.family.is_none() && f.pair == cell.pair && f.channel == cell.channel)
+        .map(|f| ((f.frequency_hz / cell.frequency_hz).ln().abs(), f.change))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .filter(|(distance, _)| *distance < 0.12)
+        .map(|(_, change)| change)
+}
+
+/// Changed paths where all recordings were made at one speed: channels whose background moved, whose lines moved along with it, while the
+/// background of another channel stayed. Takes what the background says off the lines of these channels.
+pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<String>) -> Vec<Finding> {
+    let misfit = |c: usize| {
+        let bands = cells.iter().filter(|x| x.channel == c && x.family.is_none());
+        let (sum, n) = bands.fold((0.0, 0usize), |(s, n), x| (s + x.change * x.change / x.variance, n + 1));
+        sum / n.max(1) as f64
+    };
+    let floors: Vec<f64> = (0..q.comparison.channels.len()).map(misfit).collect();
+    let steadiest = floors.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut out = Vec::new();
+    for (c, floor) in floors.iter().enumerate() {
+        let corrected: Vec<(usize, f64)> = cells
+            .iter()
+            .enumerate()
+            .filter(|(_, x)| x.channel == c && x.family.is_some())
+            .filter_map(|(i, x)| Some((i, floor_beside(x, cells)?)))
+            .collect();
+        let (before, after) = corrected.iter().fold((0.0, 0.0), |(b, a), (i, by)| {
+            let x = &cells[*i];
+            (b + x.change.powi(2) / x.variance, a + (x.change - by).powi(2) / x.variance)
+        });
+        let share = 1.0 - after / before.max(1e-9);
+        let name = &q.comparison.channels[c];
+        steps.push(format!(
+            "one speed; background of {name}: misfit {floor:.1} per band, its change accounts for {:.0} % of the misfit of the lines",
+            100.0 * share
+        ));
+        if *floor < FLOOR_MISFIT_ALONE || share < LINE_SHARE_ALONE || *floor < STEADIER * steadiest {
+            continue;
+        }
+        let mut f = Finding::new("sensor_mounting", name.clone(), 0.8);
+        f.alternatives.push(("structural_resonance", name.clone()));
+        f.evidence.place = format!("lines and background of {name} alone");
+        f.evidence.law = format!(
+            "the background moved by {floor:.1} per band and took the lines along ({:.0} % of their misfit); that of another channel stayed at {steadiest:.1}",
+            100.0 * share
+        );
+        out.push((f, corrected));
+    }
+    for (_, corrected) in &out {
+        for (i, by) in corrected {
+            cells[*i].change -= by;
+            cells[*i].variance += BAND_SIGMA * BAND_SIGMA;
+        }
+    }
+    out.into_iter().map(|(f, _)| f).collect()
+}
 
 /// A changed sensor path or gain, and what to call it.
 pub fn path(
@@ -30,9 +102,23 @@ pub fn path(
         }
     }
     let (c, misfit, share) = best?;
+    let (own, explained) = locate::line_account(cells, c, speeds);
+    let others = (0..q.comparison.channels.len())
+        .filter(|k| *k != c)
+        .map(|k| locate::line_account(cells, k, speeds).0)
+        .fold(f64::NAN, f64::min);
+    steps.push(format!(
+        "lines of {}: misfit {own:.2} per line, {:.0} % of it explained by the same function; other channels {others:.2}",
+        q.comparison.channels[c],
+        100.0 * explained
+    ));
     let name = q.comparison.channels[c].clone();
     let gain = |place: Place| accounts.iter().find(|a| a.place == place).map_or(0.0, |a| a.gain);
     if gain(Place::Path(c)) < 10.0 && gain(Place::Gain(c)) < 10.0 {
+        return None;
+    }
+    // What stirs up all gears lifts the background between their lines too; a path must carry its own lines.
+    if explained < LINE_SHARE || others > OTHERS_SHARE * own {
         return None;
     }
     // One factor for lines and background alike?
@@ -49,7 +135,7 @@ pub fn path(
         100.0 * share
     );
     if flat < 0.12 && middle.abs() > 0.15 {
-        let mut f = Finding::new("scaling", name, 0.93).with("factor", middle.exp(), 0.02 * middle.exp());
+        let mut f = Finding::new("scaling", name, 0.97).with("factor", middle.exp(), 0.02 * middle.exp());
         f.evidence.law = evidence_law;
         f.evidence.place =
             format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
@@ -62,7 +148,7 @@ pub fn path(
     } else {
         ("structural_resonance", "sensor_mounting")
     };
-    let mut f = Finding::new(first, name.clone(), 0.85);
+    let mut f = Finding::new(first, name.clone(), 0.9);
     if first == "sensor_mounting" {
         // What the form of the fit leaves enters the sigmas: a second effect may lie under it.
         let doubt = (1.0 + mounting.left).sqrt();

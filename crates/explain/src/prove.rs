@@ -82,9 +82,10 @@ const SIZE_TRIES: usize = 5;
 /// Effects that are drawn, at most, until one can be seen.
 const EFFECT_TRIES: usize = 8;
 
-/// Case number `index` of a seed; `None` where the drawn bench has no steady state (the next index is another).
-pub fn case(seed: u64, index: u64) -> Option<Case> {
-    TRIES.iter().find_map(|&(errors, load)| attempt(seed, index, errors, load))
+/// Case number `index` of a seed; `None` where the drawn bench has no steady state (the next index is another). With `effect`, the case
+/// conceals that one and has a reference.
+pub fn case(seed: u64, index: u64, effect: Option<&str>) -> Option<Case> {
+    TRIES.iter().find_map(|&(errors, load)| attempt(seed, index, effect, errors, load))
 }
 
 /// What enters the signal and leaves the machine as it is.
@@ -100,6 +101,7 @@ fn in_signal(effect: &str) -> bool {
             | "belt_slip"
             | "wrong_tooth_count"
             | "bearing_defect"
+            | "aliasing"
     )
 }
 
@@ -124,7 +126,7 @@ fn alien(d: &mut Draw, sensors: usize) -> Alien {
     Alien { kind, rate, ratio, size, share: (0..sensors).map(|_| d.uniform(0.4, 1.0)).collect() }
 }
 
-/// Root mean square change of each group of lines (ln), noise included; groups of at least four lines.
+/// Root mean square change of each group of lines (ln), noise included.
 fn changes(
     a: &[Vec<Complex64>],
     b: &[Vec<Complex64>],
@@ -144,7 +146,8 @@ fn changes(
             }
         }
     }
-    sums.into_iter().filter(|(_, s)| s.1 >= 4).map(|(k, s)| (k, (s.0 / s.1 as f64).sqrt())).collect()
+    // First orders of shafts stand for themselves; other groups need some lines.
+    sums.into_iter().filter(|(k, s)| s.1 >= 4 || k.0 == 3).map(|(k, s)| (k, (s.0 / s.1 as f64).sqrt())).collect()
 }
 
 /// The effect at a size that can be seen and does not cry out, with its visibility; `None` where there is none.
@@ -169,20 +172,28 @@ fn sized(
     None
 }
 
-fn attempt(seed: u64, index: u64, errors: f64, load: f64) -> Option<Case> {
+fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) -> Option<Case> {
     let mut d = Draw(ChaCha8Rng::seed_from_u64(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ index));
     let mut bench = draw::bench(&mut d);
     bench.brake.torque_nm = (load * bench.brake.torque_nm).round();
-    let kind = kind_of(index);
-    let with_reference = d.uniform(0.0, 1.0) < 0.75;
-    let library = if with_reference { EFFECTS } else { ALONE };
+    let kind = if only.is_some() { Kind::Single } else { kind_of(index) };
+    let with_reference = d.uniform(0.0, 1.0) < 0.75 || only.is_some();
+    let single = only.map(|id| [id]);
+    let library: &[&str] = match &single {
+        Some(one) => one,
+        None if with_reference => EFFECTS,
+        None => ALONE,
+    };
     let count = match kind {
         Kind::Null | Kind::Alien => 0,
         Kind::Single | Kind::Removed => 1,
         Kind::Double => 2,
     };
     // Wrong teeth are a matter of the sheet: the truth is another bench then.
-    let teeth = count == 1 && d.uniform(0.0, 1.0) < 1.0 / library.len() as f64;
+    let teeth = match only {
+        Some(id) => id == "wrong_tooth_count",
+        None => count == 1 && d.uniform(0.0, 1.0) < 1.0 / library.len() as f64,
+    };
     let wrong = teeth.then(|| draw::effect(&mut d, &bench, "wrong_tooth_count")).flatten();
     let alien = (kind == Kind::Alien).then(|| alien(&mut d, bench.sensors.len()));
     let mut truth_bench = bench.clone();
@@ -290,8 +301,8 @@ fn attempt(seed: u64, index: u64, errors: f64, load: f64) -> Option<Case> {
 }
 
 /// Draws, answers and judges one case; `None` where the drawn bench has no steady state.
-pub fn prove(seed: u64, index: u64) -> Option<Scored> {
-    let c = case(seed, index)?;
+pub fn prove(seed: u64, index: u64, effect: Option<&str>) -> Option<Scored> {
+    let c = case(seed, index, effect)?;
     let removed: Vec<&str> = if c.truth.kind == Kind::Removed {
         c.truth.effects.iter().map(|e| e.effect.as_str()).collect()
     } else {

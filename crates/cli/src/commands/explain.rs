@@ -13,7 +13,9 @@ use gearwatch_io::open::{OpenOptions, read_recording};
 use super::Run;
 use crate::exit::Exit;
 
+mod blind;
 mod report;
+mod tables;
 
 /// Say where the simulation of a bench and its recordings differ, and which physics was left out
 #[derive(Args)]
@@ -22,15 +24,25 @@ mod report;
   gearwatch explain bench.toml recordings/ --reference before/ --out answer/
   gearwatch explain bench.toml recordings/ --reference before/ --out answer/ --report answer/report.html
   gearwatch explain bench.toml 20hz-40nm.mcap 30hz-40nm.mcap 30hz-80nm.mcap
+  gearwatch explain --blind-spots bench.toml
+  gearwatch explain --tables simulation.csv experiment.csv
 
 Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json and a
 new bench.toml with the effects in it are written there; without, the JSON goes to stdout after the summary on stderr.")]
 pub struct Explain {
     /// The bench file
-    bench: PathBuf,
+    #[arg(required_unless_present = "tables")]
+    bench: Option<PathBuf>,
     /// Recordings, or folders of them
-    #[arg(required = true)]
+    #[arg(required_unless_present_any = ["tables", "blind_spots"])]
     recordings: Vec<PathBuf>,
+    /// Instead of an explanation: the smallest size of every effect that these sensors and operating points show; without recordings, two
+    /// speeds and two loads
+    #[arg(long)]
+    blind_spots: bool,
+    /// Instead of an explanation: what two tables of amplitudes, by state and mesh harmonic, allow to say
+    #[arg(long, num_args = 2, value_names = ["SIMULATION.csv", "EXPERIMENT.csv"], conflicts_with_all = ["bench", "recordings", "blind_spots"])]
+    tables: Vec<PathBuf>,
     /// Recordings of the same bench before, or folders of them
     #[arg(long, num_args = 1..)]
     reference: Vec<PathBuf>,
@@ -46,8 +58,15 @@ impl Run for Explain {
     const NAME: &'static str = "explain";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let bench = gearwatch_io::bench_file::read(&self.bench)?;
+        if let [simulation, experiment] = &self.tables[..] {
+            return tables::run(simulation, experiment);
+        }
+        let Some(bench_file) = &self.bench else { bail!("no bench file is given") };
+        let bench = gearwatch_io::bench_file::read(bench_file)?;
         let recordings = load(&self.recordings)?;
+        if self.blind_spots {
+            return blind::run(&bench, &recordings);
+        }
         let reference = load(&self.reference)?;
         let talk = std::io::stderr().is_terminal();
         let mut progress = |step: &str| {
@@ -74,7 +93,7 @@ impl Run for Explain {
             std::io::stdout().lock().write_all(json.as_bytes()).context("stdout")?;
         }
         if let Some(path) = &self.report {
-            let mut files = vec![("bench".to_owned(), self.bench.clone())];
+            let mut files = vec![("bench".to_owned(), bench_file.clone())];
             for (what, paths) in [("recording", &self.recordings), ("reference", &self.reference)] {
                 files.extend(files_of(paths)?.into_iter().map(|file| (what.to_owned(), file)));
             }

@@ -52,7 +52,13 @@ fn text(paper: &paper::Paper) -> Result<String, std::fmt::Error> {
     for table in &paper.recomputed {
         recomputed(&mut out, table)?;
     }
-    let relation = &paper.relation;
+    out.push_str(&relation_text(&paper.relation)?);
+    Ok(out)
+}
+
+/// Simulation and experiment side by side: ranks, signs, sizes, models and the finding.
+pub fn relation_text(relation: &Relation) -> Result<String, std::fmt::Error> {
+    let mut out = String::new();
     for (state, harmonic, simulation, experiment) in paper::rank_differences(relation) {
         writeln!(
             out,

@@ -26,6 +26,9 @@ pub struct Prove {
     /// Seed of the first
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Conceal this effect in every case
+    #[arg(long, value_name = "ID")]
+    effect: Option<String>,
     /// Print every case
     #[arg(long)]
     list: bool,
@@ -35,6 +38,9 @@ impl Run for Prove {
     const NAME: &'static str = "prove";
 
     fn run(self) -> anyhow::Result<Exit> {
+        if let Some(id) = &self.effect {
+            gearwatch_sim::effects::find(id)?;
+        }
         let talk = std::io::stderr().is_terminal();
         let mut scored: Vec<Scored> = Vec::new();
         let mut skipped = 0u64;
@@ -43,7 +49,7 @@ impl Run for Prove {
                 // Progress is a courtesy; a closed terminal is not an error.
                 let _ = write!(std::io::stderr(), "\r  case {} of {}", index + 1, self.cases);
             }
-            match prove::prove(self.seed, index) {
+            match prove::prove(self.seed, index, self.effect.as_deref()) {
                 Some(case) => scored.push(case),
                 None => skipped += 1,
             }

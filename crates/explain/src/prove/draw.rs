@@ -41,6 +41,9 @@ pub const EFFECTS: &[&str] = &[
     "clock_offset",
     "belt_slip",
     "bearing_defect",
+    "tooth_friction",
+    "looseness",
+    "aliasing",
 ];
 
 /// Effects of cases without a reference: those that recordings can show against a sheet whose housing is unknown.
@@ -172,7 +175,14 @@ pub fn scaled(effect: &EffectSpec, by: f64, bench: &Bench) -> EffectSpec {
         let size = name.ends_with("_um")
             || matches!(
                 name.as_str(),
-                "angle_mrad" | "exponent" | "amount_kg_m" | "depth_percent" | "fraction" | "depth_mm" | "area_fraction"
+                "coefficient"
+                    | "angle_mrad"
+                    | "exponent"
+                    | "amount_kg_m"
+                    | "depth_percent"
+                    | "fraction"
+                    | "depth_mm"
+                    | "area_fraction"
             );
         if size {
             *value = (*value * by).clamp(range.min, range.max);
@@ -259,6 +269,11 @@ pub fn effect(d: &mut Draw, bench: &Bench, id: &str) -> Option<EffectSpec> {
         "wrong_tooth_count" => {
             let teeth = if pinion { bench.stages[stage].pinion.teeth } else { bench.stages[stage].wheel.teeth };
             spec(id, gear, &[("teeth", f64::from(if up { teeth + d.whole(1, 2) } else { teeth - d.whole(1, 2) }))])
+        }
+        "tooth_friction" => spec(id, name, &[("coefficient", d.uniform(0.08, 0.2))]),
+        "looseness" => spec(id, shaft, &[("gap_um", d.uniform(5.0, 40.0))]),
+        "aliasing" => {
+            spec(id, sensor, &[("frequency_hz", d.uniform(0.55, 0.95) * RATE_HZ), ("amplitude", d.uniform(0.3, 1.5))])
         }
         "bearing_defect" => spec(id, shaft, &[("order", d.uniform(3.1, 7.9)), ("amplitude", d.uniform(4.0, 20.0))]),
         _ => return None,

@@ -75,7 +75,8 @@ pub fn orders_of(train: &Train) -> Vec<Order> {
         }
     }
     for (j, (_, o)) in train.shafts.iter().enumerate() {
-        out.extend((1..=14).map(|k| (o * f64::from(k), (2, j, 0))));
+        out.push((*o, (3, j, 0)));
+        out.extend((2..=14).map(|k| (o * f64::from(k), (2, j, 0))));
     }
     out.retain(|o| o.0 > 0.0);
     out.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -178,7 +179,7 @@ pub fn record(
             alien.add(d, s, c, &angle, &mut x);
         }
         for e in s.effects.iter().filter(|e| e.place == sensor.name) {
-            alter(e, s.noise[c], s.level[c], &mut x);
+            alter(e, s, c, &angle, &mut x);
         }
         let segment = Segment { t0: T0, first_sample_index: 0, samples: x, quality: Quality::GOOD };
         recording.channels.insert(
@@ -233,16 +234,25 @@ fn coloured(d: &mut Draw, x: &mut [f64], size: f64, white_size: f64, path: impl 
 }
 
 /// What enters behind the sensor.
-fn alter(effect: &EffectSpec, noise: f64, rms: f64, x: &mut [f64]) {
+fn alter(effect: &EffectSpec, s: &Session<'_>, channel: usize, angle: &[f64], x: &mut [f64]) {
+    let value = |name: &str| effect.parameters.get(name).copied().unwrap_or(0.0);
     match effect.effect.as_str() {
         "electrical_pickup" => {
-            let (hz, size) = (effect.parameters["frequency_hz"], effect.parameters["amplitude"]);
+            let size = value("amplitude") * s.noise[channel];
             for (n, v) in x.iter_mut().enumerate() {
-                *v += size * noise * (TAU * hz * n as f64 / RATE_HZ).cos();
+                *v += size * (TAU * value("frequency_hz") * n as f64 / RATE_HZ).cos();
+            }
+        }
+        "aliasing" => {
+            // A component far up that keeps its order; taken at the sample times it folds by itself.
+            let size = value("amplitude") * s.noise[channel];
+            let order = value("frequency_hz") / (s.sheet.motor.speed_hz / Train::new(s.sheet).motor_order);
+            for (v, a) in x.iter_mut().zip(angle) {
+                *v += size * (TAU * (order * a).fract()).cos();
             }
         }
         "clipping" => {
-            let level = effect.parameters["level"] * 2.5 * rms;
+            let level = value("level") * 2.5 * s.level[channel];
             x.iter_mut().for_each(|v| *v = v.clamp(-level, level));
         }
         _ => {}

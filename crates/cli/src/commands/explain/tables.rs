@@ -1,0 +1,24 @@
+//! `gearwatch explain --tables`: two tables of amplitudes, and what they allow to say.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use anyhow::Context;
+use gearwatch_explain::tables::{AmplitudeTable, relate};
+
+use super::super::paper;
+use crate::exit::Exit;
+
+fn read(path: &Path) -> anyhow::Result<AmplitudeTable> {
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+    Ok(AmplitudeTable::parse(&text, &name)?)
+}
+
+/// Prints signs, sizes, models and the finding.
+pub fn run(simulation: &Path, experiment: &Path) -> anyhow::Result<Exit> {
+    let relation = relate(&read(simulation)?, &read(experiment)?)?;
+    let text = paper::relation_text(&relation)?;
+    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
+    Ok(Exit::Ok)
+}
