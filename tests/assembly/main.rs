@@ -131,6 +131,26 @@ fn analytic_clock_that_jumps_is_trouble_and_one_that_drifts_is_not() {
     }
 }
 
+/// Stamps of blocks of 100 ms that say another rate than the blocks: 2 % too fast from the second second to the sixth. Windows of a second, one each
+/// half second: those that lie in it are in trouble from the third on, and three after it no more are.
+#[test]
+fn analytic_stamps_of_another_rate_are_trouble_while_they_last() {
+    let mut assembler = assembler(1.0, 0.5);
+    let mut windows = Vec::new();
+    for i in 0..100u64 {
+        let mut block = piece("a", 100 * i, ramp(100 * i, 100), Quality::GOOD);
+        block.t0 -= 2_000_000 * i.clamp(20, 60).cast_signed();
+        assembler.push(&Packet::Vibration(block), &mut |w| windows.push(w));
+    }
+    for window in &windows {
+        let (start, end) = (window.first_sample_index, window.first_sample_index + 1000);
+        match window.clock_trouble {
+            true => assert!(end > 2000 && start < 7500, "{start}"),
+            false => assert!(start < 3000 || end > 6000, "{start}"),
+        }
+    }
+}
+
 #[test]
 fn analytic_a_window_waits_for_the_tacho_but_not_forever() {
     let config = WindowConfig { length_s: 1.0, hop_s: 1.0, tacho_wait_s: 0.5 };

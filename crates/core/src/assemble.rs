@@ -119,6 +119,29 @@ pub struct Assembler {
     pool: Vec<Window>,
 }
 
+/// Takes windows.
+pub trait Taker {
+    /// Asked before a window is made, unless an earlier one of its channel still waits for the tacho. One that is not wanted costs no copy of its
+    /// samples, and keeps its number.
+    fn wants(&mut self, sensor: &Arc<str>, number: u64) -> bool;
+
+    /// Takes a window.
+    fn take(&mut self, window: Window);
+}
+
+/// Whoever takes everything.
+struct Everything<'a>(&'a mut dyn FnMut(Window));
+
+impl Taker for Everything<'_> {
+    fn wants(&mut self, _: &Arc<str>, _: u64) -> bool {
+        true
+    }
+
+    fn take(&mut self, window: Window) {
+        (self.0)(window);
+    }
+}
+
 impl Assembler {
     /// Empty state. `shaft_orders` are the shafts that a tacho may sit on with their speed / input-shaft speed;
     /// `tacho_shaft` is the one that the bench file names.
@@ -156,17 +179,22 @@ impl Assembler {
 
     /// Takes a packet and hands on the windows that it completes.
     pub fn push(&mut self, packet: &Packet, emit: &mut dyn FnMut(Window)) {
+        self.push_to(packet, &mut Everything(emit));
+    }
+
+    /// As [`Self::push`], for a taker that may not want every window.
+    pub fn push_to(&mut self, packet: &Packet, taker: &mut dyn Taker) {
         match packet {
             Packet::Vibration(block) => {
                 if let Some(at) = self.push_block(block) {
-                    self.cut_windows(at);
-                    self.hand_on(at, false, emit);
+                    self.cut_windows(at, taker);
+                    self.hand_on(at, false, taker);
                 }
             }
             Packet::Tacho(block) => {
                 self.push_pulses(block);
                 for at in 0..self.channels.len() {
-                    self.hand_on(at, false, emit);
+                    self.hand_on(at, false, taker);
                 }
             }
             Packet::OperatingPoint(point) => {
@@ -181,8 +209,13 @@ impl Assembler {
     /// The source has ended: hands on the windows that wait for the tacho. Samples that are in no window are counted as
     /// discarded.
     pub fn finish(&mut self, emit: &mut dyn FnMut(Window)) {
+        self.finish_to(&mut Everything(emit));
+    }
+
+    /// As [`Self::finish`].
+    pub fn finish_to(&mut self, taker: &mut dyn Taker) {
         for at in 0..self.channels.len() {
-            self.hand_on(at, true, emit);
+            self.hand_on(at, true, taker);
             self.end_run(at);
         }
     }
@@ -262,8 +295,8 @@ impl Assembler {
         discarded
     }
 
-    /// Copies every complete window of a channel out of its samples.
-    fn cut_windows(&mut self, at: usize) {
+    /// Copies every complete window of a channel that is wanted out of its samples.
+    fn cut_windows(&mut self, at: usize, taker: &mut dyn Taker) {
         let Self { channels, pool, counters, .. } = self;
         let channel = &mut channels[at];
         loop {
@@ -272,16 +305,19 @@ impl Assembler {
             if stop > channel.end_index() {
                 return;
             }
-            let mut window = pool.pop().unwrap_or_else(Window::empty);
-            channel.fill(at, start, stop, &mut window);
+            let wanted = !channel.waiting.is_empty() || taker.wants(&channel.info.sensor, channel.number);
             let skipped = start.saturating_sub(channel.counted_until);
             let new = stop - start.max(channel.counted_until);
             counters.samples_discarded += skipped;
             counters.samples_in_windows += new;
             counters.samples_pending -= skipped + new;
             channel.counted_until = stop;
-            let delivered = channel.delivered - (channel.end_index() - stop);
-            channel.waiting.push_back((window, delivered));
+            if wanted {
+                let mut window = pool.pop().unwrap_or_else(Window::empty);
+                channel.fill(at, start, stop, &mut window);
+                let delivered = channel.delivered - (channel.end_index() - stop);
+                channel.waiting.push_back((window, delivered));
+            }
             channel.number += 1;
             channel.next_start = start.saturating_add(channel.hop as u64);
             channel.forget_used();
@@ -289,7 +325,7 @@ impl Assembler {
     }
 
     /// Hands on the windows of a channel whose tacho pulses are known, or have been waited for long enough.
-    fn hand_on(&mut self, at: usize, last: bool, emit: &mut dyn FnMut(Window)) {
+    fn hand_on(&mut self, at: usize, last: bool, taker: &mut dyn Taker) {
         let Self { channels, tacho, counters, operating_points, config, .. } = self;
         let channel = &mut channels[at];
         while let Some((window, delivered)) = channel.waiting.front() {
@@ -310,7 +346,7 @@ impl Assembler {
             window.operating_point = point.copied().unwrap_or(OperatingPoint::UNKNOWN);
             counters.windows += 1;
             counters.windows_without_tacho_cover += u64::from(expected && !covered);
-            emit(window);
+            taker.take(window);
         }
     }
 }

@@ -44,6 +44,9 @@ pub struct PipelineConfig {
     /// Share of the sample rate up to which lines are believed (0–0.5). Anti-aliasing filters begin at 0.39 of the sample rate in
     /// most instruments; what lies above 0.45 is filtered in all of them.
     pub usable_band: f64,
+    /// A window whose mean lies more standard deviations from zero than this has a wrong bias (> 0). To be raised for sensors that measure
+    /// gravity too.
+    pub largest_offset: f64,
 }
 
 impl Default for PipelineConfig {
@@ -54,6 +57,7 @@ impl Default for PipelineConfig {
             rank: RankConfig::default(),
             state: StateConfig::default(),
             usable_band: 0.45,
+            largest_offset: 10.0,
         }
     }
 }
@@ -116,6 +120,9 @@ impl Pipeline {
         if !(config.usable_band > 0.0 && config.usable_band <= 0.5) {
             problems.push(format!("usable_band is {}; it must be above 0 and at most 0.5", config.usable_band));
         }
+        if !(config.largest_offset > 0.0) {
+            problems.push(format!("largest_offset is {}; it must be above 0", config.largest_offset));
+        }
         if !problems.is_empty() {
             return Err(PipelineError::Config(problems));
         }
@@ -176,7 +183,7 @@ impl Pipeline {
         out.speed_origin = SpeedOrigin::MeshLines;
         out.stages.resize(self.train.stages.len(), StageAnalysis::UNKNOWN);
         out.stages.fill(StageAnalysis::UNKNOWN);
-        out.instrument = instrument_state(window);
+        out.instrument = instrument_state(window, self.config.largest_offset);
         if !matches!(out.instrument, InstrumentState::NotFinite | InstrumentState::FlatLine) {
             self.analyse_lines(state, window, out);
         }
@@ -256,6 +263,9 @@ impl Pipeline {
         out.speed_origin = found.origin;
         out.input_speed_hz = Estimate::new(found.revolutions / length_s, found.revolutions_variance.sqrt() / length_s);
         out.ramp_percent = 100.0 * track.ramp();
+        if out.instrument == InstrumentState::Ok && plan.is_hum(buffers, &self.train, found.revolutions) {
+            out.instrument = InstrumentState::MainsHum;
+        }
         let angle = KnownAngle { track, variance: found.angle_variance };
         plan.lines(buffers, &self.train, angle, highest_bin, &mut out.stages);
         let seen = out.stages.iter().flat_map(|s| &s.harmonics).any(|l| l.amplitude.is_known());

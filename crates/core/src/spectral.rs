@@ -40,6 +40,7 @@
 pub mod angle;
 pub(crate) mod floor;
 pub mod harmonics;
+mod hum;
 pub mod kaiser;
 pub(crate) mod kernels;
 pub mod lines;

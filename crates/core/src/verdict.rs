@@ -111,6 +111,10 @@ pub enum InstrumentState {
     OutOfBand,
     /// Sample rate or time stamps contradict each other.
     ClockTrouble,
+    /// The signal sits on an offset far beyond all that moves.
+    Bias,
+    /// Hardly anything but the mains is in the signal: an open input.
+    MainsHum,
 }
 
 impl InstrumentState {
@@ -126,6 +130,8 @@ impl InstrumentState {
             Self::NoSpeed => "no_speed",
             Self::OutOfBand => "out_of_band",
             Self::ClockTrouble => "clock_trouble",
+            Self::Bias => "bias",
+            Self::MainsHum => "mains_hum",
         }
     }
 }

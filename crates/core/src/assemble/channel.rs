@@ -9,6 +9,12 @@ use crate::window::Window;
 /// Time stamps that jump by more than this are clock trouble (s).
 const CLOCK_JUMP_S: f64 = 5e-3;
 
+/// Time stamps and sample rate may disagree by so much: stamps jitter (s), clocks are slewed (share of the time).
+const RATE_SLACK: (f64, f64) = (10e-3, 1e-3);
+
+/// Stamps and sample rate are compared over at most this (s).
+const RATE_SPAN_S: f64 = 10.0;
+
 /// Samples of one channel that are still needed.
 #[derive(Clone, Debug)]
 pub(super) struct Channel {
@@ -37,6 +43,12 @@ pub(super) struct Channel {
     pub(super) flagged: VecDeque<(u64, u64, Quality)>,
     /// Indices at which the clock jumped.
     pub(super) clock_jumps: VecDeque<u64>,
+    /// Index and time from which stamps and sample rate are compared.
+    rate_from: (u64, UnixNanos),
+    /// The clock jumped at the last block.
+    jumped: bool,
+    /// Runs of samples whose stamps say another rate: first index, index past the end.
+    wrong_rate: VecDeque<(u64, u64)>,
     /// Complete windows that wait for the tacho, with the value of `delivered` at their last sample.
     pub(super) waiting: VecDeque<(Window, u64)>,
 }
@@ -62,6 +74,9 @@ impl Channel {
             anchors: VecDeque::new(),
             flagged: VecDeque::new(),
             clock_jumps: VecDeque::new(),
+            rate_from: (0, 0),
+            jumped: false,
+            wrong_rate: VecDeque::new(),
             waiting: VecDeque::new(),
         }
     }
@@ -105,13 +120,17 @@ impl Channel {
         self.samples.clear();
         self.flagged.clear();
         self.clock_jumps.clear();
+        self.wrong_rate.clear();
+        self.jumped = false;
+        self.rate_from = (block.first_sample_index, block.t0);
         self.anchors.clear();
         self.anchors.push_back((block.first_sample_index, block.t0));
     }
 
     pub(super) fn append(&mut self, block: &Block) {
         let first = block.first_sample_index;
-        self.check_clock(first, block.t0);
+        let jumps = self.check_clock(first, block.t0);
+        self.check_rate(first, block.t0, jumps);
         match &block.samples {
             Samples::Counts { counts, scale, offset } => {
                 extend(&mut self.samples, counts, |c| f64::from(c) * scale + offset);
@@ -132,14 +151,43 @@ impl Channel {
 
     /// Compares a block's time with the one that the sample rate predicts. Stamps that drift by more than half a sample
     /// are followed; a jump past [`CLOCK_JUMP_S`] or two samples is remembered as clock trouble.
-    pub(super) fn check_clock(&mut self, first: u64, t0: UnixNanos) {
+    fn check_clock(&mut self, first: u64, t0: UnixNanos) -> bool {
         let deviation_s = (i128::from(t0) - i128::from(self.time_of(first))) as f64 * 1e-9;
         let period_s = 1.0 / self.info.sample_rate_hz;
         if deviation_s.abs() > 0.5 * period_s + 1e-6 {
             self.anchors.push_back((first, t0));
-            if deviation_s.abs() > CLOCK_JUMP_S.max(2.0 * period_s) {
-                self.clock_jumps.push_back(first);
-            }
+        }
+        let jumps = deviation_s.abs() > CLOCK_JUMP_S.max(2.0 * period_s);
+        if jumps {
+            self.clock_jumps.push_back(first);
+        }
+        jumps
+    }
+
+    /// Compares the rate that the stamps say with the one that the blocks say, over a window at least. Small differences show over ten
+    /// seconds: 1 % in a window of a second, 0.1 % then. What is wrong counts as wrong until a later stretch is right. A clock that jumps once
+    /// was set; one that jumps at each block runs at another rate.
+    fn check_rate(&mut self, first: u64, t0: UnixNanos, jumps: bool) {
+        if jumps && !std::mem::replace(&mut self.jumped, jumps) {
+            self.rate_from = (first, t0);
+            return;
+        }
+        self.jumped = jumps;
+        let (from, t) = self.rate_from;
+        let by_rate_s = (first - from) as f64 / self.info.sample_rate_hz;
+        if first - from < self.length as u64 {
+            return;
+        }
+        let by_stamps_s = (i128::from(t0) - i128::from(t)) as f64 * 1e-9;
+        let wrong = (by_stamps_s - by_rate_s).abs() > RATE_SLACK.0.max(RATE_SLACK.1 * by_rate_s);
+        let open = self.wrong_rate.back_mut().filter(|run| run.1 == u64::MAX);
+        match (open, wrong) {
+            (None, true) => self.wrong_rate.push_back((from, u64::MAX)),
+            (Some(run), false) => run.1 = from,
+            _ => {}
+        }
+        if wrong || by_rate_s >= RATE_SPAN_S {
+            self.rate_from = (first, t0);
         }
     }
 
@@ -168,7 +216,8 @@ impl Channel {
                 window.quality |= bits;
             }
         }
-        window.clock_trouble = self.clock_jumps.iter().any(|&j| j > start && j < stop);
+        window.clock_trouble = self.clock_jumps.iter().any(|&j| j > start && j < stop)
+            || self.wrong_rate.iter().any(|&(from, until)| from < stop && until > start);
         window.samples.clear();
         // The window lies in the deque's two slices, whichever way it is wrapped.
         let from = (start - self.first_index) as usize;
@@ -191,6 +240,9 @@ impl Channel {
         }
         while self.clock_jumps.front().is_some_and(|&j| j <= keep) {
             self.clock_jumps.pop_front();
+        }
+        while self.wrong_rate.front().is_some_and(|run| run.1 <= keep) {
+            self.wrong_rate.pop_front();
         }
         while self.anchors.get(1).is_some_and(|a| a.0 <= keep) {
             self.anchors.pop_front();

@@ -8,6 +8,7 @@ use rustfft::FftPlanner;
 
 use crate::analysis::StageAnalysis;
 use crate::spectral::harmonics::{Harmonics, HarmonicsState, KnownAngle, WindowSpectrum};
+use crate::spectral::hum::is_hum;
 use crate::spectral::kernels::weigh;
 use crate::spectral::mesh_refine::DEGREE;
 use crate::spectral::mesh_speed::{Candidate, MeshSearch, MeshSearchState, MeshSpeed};
@@ -89,6 +90,12 @@ impl RatePlan {
         if done.is_err() {
             state.spectrum.fill(Complex64::ZERO);
         }
+    }
+
+    /// The window that was transformed last, of a machine whose input shaft turns `revolutions` times in it, is mains hum and little else.
+    pub fn is_hum(&self, state: &RateState, train: &Train, revolutions: f64) -> bool {
+        let length_s = self.samples as f64 / self.sample_rate_hz;
+        is_hum(&state.spectrum, length_s, self.windows.weighting.half_width, train, revolutions / length_s)
     }
 
     /// Speed from the mesh lines of the window that was transformed last, about a start in revolutions per window. `None` where it
