@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use gearwatch_core::analysis::WindowAnalysis;
-use gearwatch_core::assemble::{Assembler, Counters, Gap};
+use gearwatch_core::assemble::{Assembler, Counters, Gap, Taker};
 use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::verdict::Verdict;
@@ -256,23 +256,20 @@ impl Cutter {
         while let Ok(packet) = packets.recv_blocking() {
             crate::fail::point("cut");
             self.counters.packets.fetch_add(1, Ordering::Relaxed);
-            self.step(&mut assembler, packets, |assembler, emit| assembler.push(&packet, emit))?;
+            self.step(&mut assembler, packets, |assembler, taker| assembler.push_to(&packet, taker))?;
         }
-        self.step(&mut assembler, packets, Assembler::finish)
+        self.step(&mut assembler, packets, Assembler::finish_to)
     }
 
     fn step(
         &mut self,
         assembler: &mut Assembler,
         packets: &Inlet<Packet>,
-        push: impl FnOnce(&mut Assembler, &mut dyn FnMut(Window)),
+        push: impl FnOnce(&mut Assembler, &mut dyn Taker),
     ) -> Result<(), Gone> {
-        let mut result = Ok(());
-        push(assembler, &mut |window| {
-            if result.is_ok() {
-                result = self.dispatch(window, packets);
-            }
-        });
+        let mut dispatcher = Dispatcher { cutter: self, packets, result: Ok(()) };
+        push(assembler, &mut dispatcher);
+        let result = dispatcher.result;
         self.gaps.extend(assembler.take_gaps());
         for window in self.returned.drain(..) {
             assembler.recycle(window);
@@ -283,17 +280,18 @@ impl Cutter {
 
     /// Gives a window to the workers, or sheds it.
     fn dispatch(&mut self, window: Window, packets: &Inlet<Packet>) -> Result<(), Gone> {
-        self.counters.cut.fetch_add(1, Ordering::Relaxed);
         let mut job = match self.overloaded {
             Overloaded::Wait => self.free.recv_blocking().map_err(|_| Gone)?,
             Overloaded::Shed => match self.carrier_unless_behind(packets)? {
                 Some(job) => job,
                 None => {
-                    self.shed(window);
+                    self.shed(&window.sensor, window.number);
+                    self.returned.push(window);
                     return Ok(());
                 }
             },
         };
+        self.counters.cut.fetch_add(1, Ordering::Relaxed);
         self.returned.extend(job.window.replace(window));
         job.seq = self.seq;
         self.seq += 1;
@@ -312,9 +310,7 @@ impl Cutter {
                 Ok(job) => return Ok(Some(job)),
                 Err(async_channel::TryRecvError::Closed) => return Err(Gone),
                 Err(async_channel::TryRecvError::Empty) => {
-                    // At the end nothing more comes that could be late.
-                    let half_full = packets.capacity().is_some_and(|capacity| 2 * packets.len() >= capacity);
-                    if half_full && !packets.is_closed() {
+                    if is_behind(packets) {
                         return Ok(None);
                     }
                     std::thread::sleep(CARRIER_WAIT);
@@ -323,17 +319,43 @@ impl Cutter {
         }
     }
 
-    fn shed(&mut self, window: Window) {
+    fn shed(&mut self, sensor: &Arc<str>, number: u64) {
+        self.counters.cut.fetch_add(1, Ordering::Relaxed);
         self.counters.shed.fetch_add(1, Ordering::Relaxed);
-        match self.shed.iter_mut().find(|run| run.sensor == window.sensor && run.last_window + 1 == window.number) {
-            Some(run) => run.last_window = window.number,
-            None => self.shed.push(Shed {
-                sensor: window.sensor.clone(),
-                first_window: window.number,
-                last_window: window.number,
-            }),
+        match self.shed.iter_mut().find(|run| run.sensor == *sensor && run.last_window + 1 == number) {
+            Some(run) => run.last_window = number,
+            None => self.shed.push(Shed { sensor: sensor.clone(), first_window: number, last_window: number }),
         }
-        self.returned.push(window);
+    }
+}
+
+/// Half of the packets' queue is full. At the end nothing more comes that could be late.
+fn is_behind(packets: &Inlet<Packet>) -> bool {
+    packets.capacity().is_some_and(|capacity| 2 * packets.len() >= capacity) && !packets.is_closed()
+}
+
+/// Takes the windows of one packet.
+struct Dispatcher<'a> {
+    cutter: &'a mut Cutter,
+    packets: &'a Inlet<Packet>,
+    result: Result<(), Gone>,
+}
+
+impl Taker for Dispatcher<'_> {
+    /// Under overload a window for which there is no carrier is not even made: ten times what the workers can do must not cost them their time.
+    fn wants(&mut self, sensor: &Arc<str>, number: u64) -> bool {
+        let Self { cutter, packets, .. } = self;
+        let shed = cutter.overloaded == Overloaded::Shed && cutter.free.is_empty() && is_behind(packets);
+        if shed {
+            cutter.shed(sensor, number);
+        }
+        !shed
+    }
+
+    fn take(&mut self, window: Window) {
+        if self.result.is_ok() {
+            self.result = self.cutter.dispatch(window, self.packets);
+        }
     }
 }
 
