@@ -33,6 +33,8 @@ pub fn serve(config: Config, ends_with_sinks: bool, reread: Option<PathBuf>) -> 
     say(&summary);
     Ok(if !summary.died.is_empty() {
         Exit::Broken
+    } else if !summary.unfinished.is_empty() {
+        Exit::Unknown
     } else if summary.failed.is_empty() && summary.windows_lost == 0 && summary.events_lost.is_empty() {
         Exit::Ok
     } else if summary.stopped && summary.failed.is_empty() {
@@ -49,6 +51,9 @@ fn say(summary: &Summary) {
     }
     for (sink, lost) in &summary.events_lost {
         tracing::warn!(sink, lost, "it was too slow for some of its events");
+    }
+    for sink in &summary.unfinished {
+        tracing::error!(sink, "the time to stop was over before it had written all it had");
     }
     let how = if summary.stopped { "stopped" } else { "all sources have ended" };
     tracing::info!(windows = summary.judged, windows_lost = summary.windows_lost, "{how}");

@@ -3,13 +3,17 @@
 //! A thread of its own writes it. Whoever speaks never waits for whoever reads: lines that find no room are left out, and counted.
 
 use std::io::{IsTerminal, Write};
+use std::os::unix::fs::MetadataExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
+use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::EnvFilter;
-use tracing_subscriber::fmt::MakeWriter;
+use tracing_subscriber::fmt::format::{Format, Full, Writer, format};
+use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields, MakeWriter};
+use tracing_subscriber::registry::LookupSpan;
 
 /// Lines that may wait for stderr.
 const WAITING: usize = 4096;
@@ -48,13 +52,40 @@ pub fn start() -> Talk {
         .with_writer(pen)
         .with_target(false)
         .with_ansi(to_terminal && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()));
-    // The journal has a clock of its own.
-    if std::env::var_os("JOURNAL_STREAM").is_some() {
-        let _ = lines.without_time().try_init();
+    if is_read_by_journal() {
+        let _ = lines.event_format(ForJournal(format().without_time().with_level(false).with_target(false))).try_init();
     } else {
         let _ = lines.try_init();
     }
     talk
+}
+
+/// Stderr leads to the journal, which says so by device and inode of its end (systemd.exec(5), `JOURNAL_STREAM`).
+fn is_read_by_journal() -> bool {
+    let told = std::env::var("JOURNAL_STREAM").unwrap_or_default();
+    std::fs::metadata("/proc/self/fd/2").is_ok_and(|end| told == format!("{}:{}", end.dev(), end.ino()))
+}
+
+/// Lines as the journal takes them from stderr: the priority in front, in place of time and level (sd-daemon(3)). Its own socket would make
+/// whoever speaks wait for it.
+struct ForJournal(Format<Full, ()>);
+
+impl<S, N> FormatEvent<S, N> for ForJournal
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+    N: for<'a> FormatFields<'a> + 'static,
+{
+    fn format_event(&self, context: &FmtContext<'_, S, N>, mut out: Writer<'_>, event: &Event<'_>) -> std::fmt::Result {
+        // As syslog(3) numbers them.
+        let priority = match *event.metadata().level() {
+            Level::ERROR => 3,
+            Level::WARN => 4,
+            Level::INFO => 6,
+            Level::DEBUG | Level::TRACE => 7,
+        };
+        write!(out, "<{priority}>")?;
+        self.0.format_event(context, out, event)
+    }
 }
 
 /// Hands lines to the thread that writes.

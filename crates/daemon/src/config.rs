@@ -3,23 +3,28 @@
 //! *validate → build → run*: [`Config::parse`] and [`Config::problems`] touch nothing but the text; what they accept can be built.
 
 use std::collections::BTreeSet;
-use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use gearwatch_core::pipeline::PipelineConfig;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table};
 
 use crate::health::AlarmConfig;
-use crate::kinds::{self, Kind};
 use crate::queue::WhenFull;
-use crate::sink::{self, SinkConfig};
-use crate::source::{self, SourceConfig, Speed};
+use crate::source::Speed;
 
+use entry::{sink_entry, source_entry};
+use keys::{BenchKeys, File};
+
+mod bench;
+mod entry;
+mod keys;
 mod schema;
+mod service;
 
+pub use bench::BenchConfig;
+pub use entry::{SinkEntry, SourceEntry};
 pub use schema::schema;
+pub use service::{PageTls, ServiceConfig};
 
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-service/1";
@@ -59,113 +64,6 @@ pub enum ConfigError {
     },
 }
 
-/// Keys as they stand in the file.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-struct File {
-    /// Always `gearwatch-service/1`.
-    format: String,
-    /// Things that concern the whole service.
-    #[serde(default)]
-    service: ServiceConfig,
-    /// The benches that are watched.
-    #[serde(rename = "bench")]
-    benches: Vec<BenchKeys>,
-    /// Where verdicts go.
-    #[serde(default, rename = "sink", skip_serializing_if = "Vec::is_empty")]
-    #[schemars(with = "Vec<schema::SinkKeys>")]
-    sinks: Vec<Spanned<Table>>,
-}
-
-/// Keys of a bench as they stand in the file.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-struct BenchKeys {
-    /// Bench file; the built-in demonstration bench where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    file: Option<PathBuf>,
-    /// Baseline file; without one, and without `learn_from`, every rank is `unknown`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    baseline: Option<PathBuf>,
-    /// A source of the normal state that ends: the baseline is learned from it at each start, in place of `baseline`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "Option<schema::SourceKeys>")]
-    learn_from: Option<Spanned<Table>>,
-    /// Fault states of this bench, from `gearwatch signatures --out`; the paper's table where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    signatures: Option<PathBuf>,
-    /// The row of stages from samples to ranks: window, speed, usable band, rank steps, how sure a state must be.
-    #[serde(default)]
-    #[schemars(with = "serde_json::Value")]
-    pipeline: PipelineConfig,
-    /// When alarms come and go.
-    #[serde(default)]
-    alarm: AlarmConfig,
-    /// Where its packets come from.
-    #[serde(rename = "source")]
-    #[schemars(with = "Vec<schema::SourceKeys>")]
-    sources: Vec<Spanned<Table>>,
-}
-
-/// Things that concern the whole service.
-#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ServiceConfig {
-    /// Threads that do the spectra, for all benches together; 0: one a core (0–256).
-    pub workers: usize,
-    /// Packets that may wait before the windows are cut, per bench (1–1000000).
-    pub packet_queue: usize,
-    /// Windows in work or waiting for a worker, per bench and worker (1–1024).
-    pub windows_per_worker: usize,
-    /// Address of the page and of the metrics, such as `127.0.0.1:8650`; none where left out. Loopback only, unless there are
-    /// `page_token_file` and `page_tls`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub page: Option<SocketAddr>,
-    /// Names (with port) under which the page may be asked for besides its address, such as `bench-3:8650`.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub page_hosts: Vec<String>,
-    /// File whose first line is the token that the page asks for (at least 16 characters).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub page_token_file: Option<PathBuf>,
-    /// Certificate and key with which the page is served.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub page_tls: Option<PageTls>,
-    /// Socket that answers `gearwatch status`; none where left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub status_socket: Option<PathBuf>,
-    /// A known signal goes through the workers every ten seconds, and must get its known ranks.
-    pub self_test: bool,
-    /// Time that sinks get to write what is left when the service stops (s, 0–60).
-    pub drain_secs: f64,
-}
-
-/// Files of the page's identity (PEM).
-#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PageTls {
-    /// Certificate chain, the server's own first.
-    pub certificate: PathBuf,
-    /// Private key.
-    pub key: PathBuf,
-}
-
-impl Default for ServiceConfig {
-    fn default() -> Self {
-        Self {
-            workers: 0,
-            packet_queue: 256,
-            windows_per_worker: 4,
-            page: None,
-            page_hosts: Vec::new(),
-            page_token_file: None,
-            page_tls: None,
-            status_socket: None,
-            self_test: true,
-            drain_secs: 2.0,
-        }
-    }
-}
-
 /// A configuration that was read; see [`Config::problems`].
 #[derive(Debug)]
 pub struct Config {
@@ -180,62 +78,6 @@ pub struct Config {
     /// Where verdicts go.
     pub sinks: Vec<SinkEntry>,
 }
-
-/// One bench of the service.
-#[derive(Debug)]
-pub struct BenchConfig {
-    /// Bench file; `None`: the built-in demonstration bench.
-    pub file: Option<PathBuf>,
-    /// Baseline file.
-    pub baseline: Option<PathBuf>,
-    /// Learns the baseline at start.
-    pub learn_from: Option<SourceEntry>,
-    /// Fault states of this bench.
-    pub signatures: Option<PathBuf>,
-    /// The row of stages from samples to ranks.
-    pub pipeline: PipelineConfig,
-    /// When alarms come and go.
-    pub alarm: AlarmConfig,
-    /// Where its packets come from.
-    pub sources: Vec<SourceEntry>,
-}
-
-/// A source with the keys that all sources have.
-#[derive(Debug)]
-pub struct SourceEntry {
-    /// Unique within its bench; the kind where the file names none.
-    pub name: String,
-    /// Its kind.
-    pub kind: &'static str,
-    /// Without a packet for so long a live source counts as silent (s).
-    pub data_deadline_secs: f64,
-    /// Its own keys.
-    pub config: Box<dyn SourceConfig>,
-    /// All keys, defaults filled in.
-    keys: Table,
-}
-
-/// A sink with the keys that all sinks have.
-#[derive(Debug)]
-pub struct SinkEntry {
-    /// Unique; the kind where the file names none.
-    pub name: String,
-    /// Its kind.
-    pub kind: &'static str,
-    /// Events that may wait for it.
-    pub queue: usize,
-    /// What happens when more do; where left out, see [`Config::when_full`].
-    pub when_full: Option<WhenFull>,
-    /// Its own keys.
-    pub config: Box<dyn SinkConfig>,
-    /// All keys, defaults filled in.
-    keys: Table,
-}
-
-/// A source that may be silent for longer is not watched (s).
-const LONGEST_DEADLINE_SECS: f64 = 86_400.0;
-/// Some minutes of verdicts of a small bench.
-const SINK_QUEUE: usize = 4096;
 
 impl Config {
     /// Reads a file.
@@ -397,131 +239,4 @@ impl Config {
         };
         toml::to_string(&file).unwrap_or_else(|e| format!("# cannot be shown: {e}\n"))
     }
-}
-
-impl ServiceConfig {
-    fn problems(&self) -> Vec<String> {
-        let mut out = Vec::new();
-        let mut within = |key: &str, value: usize, most: usize, least: usize| {
-            if !(least..=most).contains(&value) {
-                out.push(format!("service.{key} is {value}; expected {least} to {most}"));
-            }
-        };
-        within("workers", self.workers, 256, 0);
-        within("packet_queue", self.packet_queue, 1_000_000, 1);
-        within("windows_per_worker", self.windows_per_worker, 1024, 1);
-        let protected = self.page_token_file.is_some() && self.page_tls.is_some();
-        if let Some(address) = self.page.filter(|address| !address.ip().is_loopback() && !protected) {
-            out.push(format!(
-                "service.page is {address}, which other machines can reach; expected a loopback address such as 127.0.0.1:8650, or \
-                 page_token_file and page_tls beside it"
-            ));
-        }
-        if !(0.0..=60.0).contains(&self.drain_secs) {
-            out.push(format!("service.drain_secs is {}; expected 0 to 60", self.drain_secs));
-        }
-        out
-    }
-
-    /// Number of worker threads.
-    pub fn worker_count(&self) -> usize {
-        match self.workers {
-            0 => std::thread::available_parallelism().map_or(1, usize::from),
-            count => count,
-        }
-    }
-}
-
-impl BenchConfig {
-    fn is_live(&self) -> bool {
-        self.sources.iter().any(|source| source.config.is_live())
-    }
-
-    fn problems(&self) -> Vec<String> {
-        let mut out = self.pipeline.window.problems();
-        out.extend(self.pipeline.speed.problems());
-        out.extend(self.pipeline.rank.problem());
-        out.extend(self.alarm.problems());
-        out.extend(self.pipeline.state.problem());
-        if self.sources.is_empty() {
-            out.push("there is no [[bench.source]]".to_owned());
-        }
-        if self.baseline.is_some() && self.learn_from.is_some() {
-            out.push("baseline and learn_from exclude each other; leave one out".to_owned());
-        }
-        if let Some(learn_from) = &self.learn_from {
-            out.extend(learn_from.config.problems().into_iter().map(|problem| format!("learn_from: {problem}")));
-            if learn_from.config.is_live() {
-                out.push("learn_from: a live source does not end; use a recording, or speed = \"max\"".to_owned());
-            }
-        }
-        let mut names = BTreeSet::new();
-        for source in &self.sources {
-            if !names.insert(&source.name) {
-                out.push(format!("two sources are called {:?}; give one another name", source.name));
-            }
-            if !(source.data_deadline_secs > 0.0 && source.data_deadline_secs <= LONGEST_DEADLINE_SECS) {
-                out.push(format!(
-                    "source {:?}: data_deadline_secs is {}; it must be above 0 and at most a day",
-                    source.name, source.data_deadline_secs
-                ));
-            }
-            out.extend(
-                source.config.problems().into_iter().map(|problem| format!("source {:?}: {problem}", source.name)),
-            );
-        }
-        out
-    }
-}
-
-/// Takes a key that all kinds have out of a table.
-fn take<T: for<'de> Deserialize<'de>>(keys: &mut Table, key: &str) -> Result<Option<T>, String> {
-    match keys.remove(key) {
-        None => Ok(None),
-        Some(value) => {
-            value.try_into().map(Some).map_err(|e: toml::de::Error| format!("{key}: {}", kinds::one_line(&e)))
-        }
-    }
-}
-
-/// The kind's name, and the kind.
-fn kind_of<C: ?Sized>(keys: &mut Table, all: &'static [Kind<C>], what: &str) -> Result<&'static Kind<C>, String> {
-    let name: Option<String> = take(keys, "kind")?;
-    let name = name.ok_or_else(|| {
-        let names: Vec<_> = all.iter().map(|kind| kind.name).collect();
-        format!("the key \"kind\" is missing; it is one of {}", names.join(", "))
-    })?;
-    kinds::find(all, &name, what)
-}
-
-fn source_entry(keys: &Table) -> Result<SourceEntry, String> {
-    let mut own = keys.clone();
-    let kind = kind_of(&mut own, source::KINDS, "source")?;
-    let name = take(&mut own, "name")?.unwrap_or_else(|| kind.name.to_owned());
-    let data_deadline_secs = take(&mut own, "data_deadline_secs")?.unwrap_or(source::DATA_DEADLINE_SECS);
-    let (config, shown) = kind.read(own).map_err(|e| format!("{}: {e}", kind.name))?;
-    let mut keys = Table::new();
-    keys.insert("kind".to_owned(), kind.name.into());
-    keys.insert("name".to_owned(), name.clone().into());
-    keys.insert("data_deadline_secs".to_owned(), data_deadline_secs.into());
-    keys.extend(shown);
-    Ok(SourceEntry { name, kind: kind.name, data_deadline_secs, config, keys })
-}
-
-fn sink_entry(keys: &Table) -> Result<SinkEntry, String> {
-    let mut own = keys.clone();
-    let kind = kind_of(&mut own, sink::KINDS, "sink")?;
-    let name = take(&mut own, "name")?.unwrap_or_else(|| kind.name.to_owned());
-    let queue = take(&mut own, "queue")?.unwrap_or(SINK_QUEUE);
-    let when_full = take(&mut own, "when_full")?;
-    let (config, shown) = kind.read(own).map_err(|e| format!("{}: {e}", kind.name))?;
-    let mut keys = Table::new();
-    keys.insert("kind".to_owned(), kind.name.into());
-    keys.insert("name".to_owned(), name.clone().into());
-    keys.insert("queue".to_owned(), i64::try_from(queue).unwrap_or(i64::MAX).into());
-    if let Some(policy) = when_full {
-        keys.insert("when_full".to_owned(), toml::Value::try_from(policy).map_err(|e| e.to_string())?);
-    }
-    keys.extend(shown);
-    Ok(SinkEntry { name, kind: kind.name, queue, when_full, config, keys })
 }

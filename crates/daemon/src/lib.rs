@@ -18,4 +18,5 @@ pub mod sink;
 pub mod snapshot;
 pub mod source;
 pub mod stop;
+pub mod tls;
 pub mod web;

@@ -25,6 +25,7 @@ use crate::queue::Inlet;
 use crate::stop::Stop;
 
 mod broker;
+mod foxglove;
 mod mcap_log;
 mod mqtt;
 mod nats;
@@ -35,7 +36,8 @@ mod webhook;
 pub use standing::{Standing, Voice};
 
 /// All kinds of sinks.
-pub const KINDS: &[Kind<dyn SinkConfig>] = &[stdout::KIND, mcap_log::KIND, nats::KIND, mqtt::KIND, webhook::KIND];
+pub const KINDS: &[Kind<dyn SinkConfig>] =
+    &[stdout::KIND, mcap_log::KIND, nats::KIND, mqtt::KIND, webhook::KIND, foxglove::KIND];
 
 /// A line of [`KINDS`].
 const fn kind<T>(name: &'static str, help: &'static str, example: &'static str) -> Kind<dyn SinkConfig>
@@ -114,6 +116,11 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
     /// It takes an order spectrum of each channel so often (s of the data's time).
     fn wants_spectra_every_secs(&self) -> Option<f64> {
         None
+    }
+
+    /// The service has not ended well before this sink has written all it had.
+    fn must_finish(&self) -> bool {
+        false
     }
 
     /// Opens it.

@@ -35,6 +35,7 @@ mod file;
 mod frames;
 mod framing;
 mod growing_file;
+mod inputs;
 mod lanxi;
 mod modbus;
 mod mqtt;
@@ -43,16 +44,17 @@ mod pace;
 mod pipe;
 mod readings;
 mod simulator;
+mod socket;
 mod sound_card;
 mod tcp;
 mod test_signal;
 mod udp;
 
 pub(crate) use framing::{now_unix_ns, time_of};
-pub(crate) use lanxi::is_timeout;
 pub(crate) use pace::Pacer;
 pub use pace::Speed;
 pub use readings::{Quantity, Readings};
+pub(crate) use socket::is_timeout;
 
 /// All kinds of sources.
 pub const KINDS: &[Kind<dyn SourceConfig>] = &[

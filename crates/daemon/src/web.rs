@@ -62,8 +62,17 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
 /// Acknowledges an alarm by its id; false where there is no such alarm.
 pub type Acknowledge = Arc<dyn Fn(&str) -> bool + Send + Sync>;
 
-/// The metrics as text for Prometheus.
-pub type Metrics = Arc<dyn Fn() -> String + Send + Sync>;
+/// What the service says of itself at this moment.
+pub type Text = Arc<dyn Fn() -> String + Send + Sync>;
+
+/// Texts for programs.
+#[derive(Clone)]
+pub struct Texts {
+    /// For Prometheus.
+    pub metrics: Text,
+    /// The whole state as JSON, as the status socket gives it.
+    pub snapshot: Text,
+}
 
 #[derive(Clone)]
 struct Shared {
@@ -74,15 +83,17 @@ struct Shared {
 
 /// The routes of the page. `bound` is the address that the server listens on; only requests that name it (or a host of `also`) in
 /// their `Host` header are answered, which keeps foreign pages and rebound names out.
-pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, metrics: Metrics, bound: SocketAddr, also: &[String]) -> Router {
+pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, texts: Texts, bound: SocketAddr, also: &[String]) -> Router {
     let mut router = Router::new();
     for &(path, media, bytes) in ASSETS {
         router = router.route(path, get(move || async move { asset(media, bytes) }));
     }
+    let Texts { metrics, snapshot } = texts;
     let shared = Shared { hub, acknowledge, listeners: Arc::new(Semaphore::new(MOST_LISTENERS)) };
     router
         .route("/metrics", get(move || async move { exposition(metrics()) }))
         .route("/api/events", get(events))
+        .route("/api/snapshot", get(move || async move { json(snapshot()) }))
         .route("/api/status", get(status))
         .route("/api/alarms/{id}/acknowledge", post(acknowledge_alarm))
         .with_state(shared)
@@ -109,8 +120,12 @@ fn exposition(text: String) -> Response {
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 
+fn json(text: String) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
 async fn status(State(shared): State<Shared>) -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], shared.hub.status_json()).into_response()
+    json(shared.hub.status_json())
 }
 
 async fn acknowledge_alarm(State(shared): State<Shared>, Path(id): Path<String>) -> StatusCode {

@@ -11,19 +11,26 @@ use gearwatch_daemon::snapshot::Snapshot;
 
 use super::Run;
 use crate::exit::Exit;
+use crate::page::PageAccess;
 
 /// Say how the running service is
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch status
   gearwatch status --socket ./status.sock --json | jq .benches[0].channels
+  gearwatch status --url https://bench-3:8650 --ca-file ca.pem --token-file page.token
 
-The service answers where its configuration has service.status_socket. Exit codes: 0 all that must go on goes on and nothing is wrong
+The service answers where its configuration has service.status_socket, and at its page. Exit codes: 0 all that must go on goes on and nothing is wrong
 with the gears; 1 warning; 2 critical; 3 not all right, unknown, or no answer.")]
 pub struct Status {
     /// The service's socket
     #[arg(short, long, value_name = "PATH", default_value = "/run/gearwatch/status.sock")]
     socket: PathBuf,
+    /// Ask the service's page instead, also that of another machine
+    #[arg(long, value_name = "URL", conflicts_with = "socket")]
+    url: Option<String>,
+    #[command(flatten)]
+    access: PageAccess,
     /// The whole state as JSON
     #[arg(long)]
     json: bool,
@@ -36,13 +43,13 @@ impl Run for Status {
     const NAME: &'static str = "status";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let place =
-            || format!("{}: no answer; is the service running with this service.status_socket?", self.socket.display());
-        let mut stream = UnixStream::connect(&self.socket).with_context(place)?;
-        stream.set_read_timeout(Some(PATIENCE)).with_context(place)?;
-        let mut text = String::new();
-        stream.read_to_string(&mut text).with_context(place)?;
-        let snapshot: Snapshot = serde_json::from_str(&text).with_context(place)?;
+        let text = match &self.url {
+            Some(url) => self.ask_page(url).with_context(|| format!("{url}: no answer"))?,
+            None => self.ask_socket().with_context(|| {
+                format!("{}: no answer; is the service running with this service.status_socket?", self.socket.display())
+            })?,
+        };
+        let snapshot: Snapshot = serde_json::from_str(&text).context("the answer is not that of a service")?;
         let mut out = std::io::stdout().lock();
         if self.json {
             writeln!(out, "{text}")?;
@@ -50,6 +57,20 @@ impl Run for Status {
             print(&mut out, &snapshot)?;
         }
         Ok(exit(&snapshot))
+    }
+}
+
+impl Status {
+    fn ask_socket(&self) -> std::io::Result<String> {
+        let mut stream = UnixStream::connect(&self.socket)?;
+        stream.set_read_timeout(Some(PATIENCE))?;
+        let mut text = String::new();
+        stream.read_to_string(&mut text)?;
+        Ok(text)
+    }
+
+    fn ask_page(&self, url: &str) -> anyhow::Result<String> {
+        Ok(self.access.page(url, PATIENCE)?.get("/api/snapshot")?.body_mut().read_to_string()?)
     }
 }
 

@@ -13,7 +13,8 @@ use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers
 
 use super::Run;
 use crate::exit::Exit;
-use feed::Feed;
+use crate::page::PageAccess;
+use feed::{Feed, SILENCE};
 use screen::Screen;
 
 /// Watch the running service on a terminal
@@ -21,11 +22,14 @@ use screen::Screen;
 /// Shows each stage and channel with its ranks over time, the deviations of the selected one, and the alarms. Keys: ↑ ↓ select a row,
 /// tab moves to the alarms and back, a acknowledges the selected alarm, q leaves. The service is not touched by leaving.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  gearwatch top\n  gearwatch top --url http://127.0.0.1:8650")]
+#[command(after_help = "Examples:\n  gearwatch top\n  gearwatch top --url http://127.0.0.1:8650\n  \
+                  gearwatch top --url https://bench-3:8650 --ca-file ca.pem --token-file page.token")]
 pub struct Top {
     /// Address of the service's page
     #[arg(long, default_value = "http://127.0.0.1:8650")]
     url: String,
+    #[command(flatten)]
+    access: PageAccess,
 }
 
 /// How long the screen waits for a key before it looks at the data again.
@@ -39,9 +43,10 @@ impl Run for Top {
             bail!("standard output is not a terminal; `gearwatch status` prints the state of the service as text");
         }
         let (sender, receiver) = mpsc::sync_channel(4096);
-        let feed = Feed::start(self.url.clone(), sender).context("the reader could not be started")?;
+        let page = self.access.page(&self.url, SILENCE)?;
+        let mut screen = Screen::new(page.url().to_owned());
+        let feed = Feed::start(page, sender).context("the reader could not be started")?;
         let mut terminal = ratatui::init();
-        let mut screen = Screen::new(self.url);
         let result = loop {
             while let Ok(message) = receiver.try_recv() {
                 screen.take(message);

@@ -16,4 +16,5 @@ mod fleet;
 mod mqtt;
 mod nats;
 mod server;
+mod tls;
 mod webhook;

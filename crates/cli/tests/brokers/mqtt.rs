@@ -14,10 +14,10 @@ use crate::service::{configure, ended_within, figure, said, signal, start, statu
 
 /// Subscribes to everything of gearwatch, again after each loss of the connection: (topic, retained, letter). A session that the broker keeps.
 fn subscribe(port: u16, id: &str) -> Receiver<(String, bool, Vec<u8>)> {
-    let mut options = MqttOptions::new(id, "127.0.0.1", port);
+    let mut options = MqttOptions::new(id, ("127.0.0.1", port));
     options.set_clean_session(false);
-    options.set_keep_alive(Duration::from_secs(5));
-    let (client, mut connection) = Client::new(options, 16);
+    options.set_keep_alive(5);
+    let (client, mut connection) = Client::builder(options).capacity(16).build();
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
         for event in connection.iter() {
@@ -26,7 +26,8 @@ fn subscribe(port: u16, id: &str) -> Receiver<(String, bool, Vec<u8>)> {
                     client.try_subscribe("gearwatch/#", QoS::AtLeastOnce).unwrap();
                 }
                 Ok(Event::Incoming(Incoming::Publish(publish))) => {
-                    if sender.send((publish.topic, publish.retain, publish.payload.to_vec())).is_err() {
+                    let topic = String::from_utf8(publish.topic.to_vec()).unwrap();
+                    if sender.send((topic, publish.retain, publish.payload.to_vec())).is_err() {
                         return;
                     }
                 }

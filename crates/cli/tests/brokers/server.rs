@@ -35,10 +35,21 @@ impl Server {
 
     /// Mosquitto. `None` where it is not installed.
     pub fn mosquitto(folder: &Path) -> Option<Self> {
+        Self::mosquitto_with(folder, "")
+    }
+
+    /// Mosquitto with a second port for TLS.
+    pub fn mosquitto_with_tls(folder: &Path, key: &Path, certificate: &Path) -> Option<(Self, u16)> {
+        let port = free_port();
+        let files = format!("certfile {}\nkeyfile {}\n", text(certificate), text(key));
+        Some((Self::mosquitto_with(folder, &format!("listener {port} 127.0.0.1\n{files}"))?, port))
+    }
+
+    fn mosquitto_with(folder: &Path, listener: &str) -> Option<Self> {
         let port = free_port();
         let config = format!(
-            "listener {port} 127.0.0.1\nallow_anonymous true\npersistence true\npersistence_location {}/\n\
-             max_queued_messages 1000000\nuser root\n",
+            "allow_anonymous true\npersistence true\npersistence_location {}/\nmax_queued_messages 1000000\nuser root\n\
+             listener {port} 127.0.0.1\n{listener}",
             text(folder)
         );
         Self::start("/usr/sbin/mosquitto", folder, port, &config, "-c")

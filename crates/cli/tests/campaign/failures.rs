@@ -1,13 +1,15 @@
 //! Every task of the service is killed once by a panic: it is back within a second, or the process ends and says so; and who looks from outside never sees
 //! a service that is all right and does nothing.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::fixture::{Bench, gearwatch, text};
+use crate::server::{Server, free_port};
 use crate::service::{configure, ended_within, figure, log_of, signal, status, wait_for};
 
 /// What the outside sees after a task was killed.
@@ -20,19 +22,42 @@ enum Seen {
     Neither,
 }
 
-/// Windows judged, durable records, lines on stdout.
-fn progress(bench: &Bench, lines: &AtomicU64) -> Option<[u64; 3]> {
+/// What must go on: windows judged, durable records, letters that a broker confirmed, lines on stdout and spectra at the page.
+fn progress(bench: &Bench, counted: &[Arc<AtomicU64>]) -> Option<Vec<u64>> {
     let snapshot = status(bench)?;
-    let durable = log_of(&snapshot).and_then(|log| figure(log, "durable_seq"));
-    snapshot.ok.then(|| [snapshot.benches[0].windows_judged, durable.unwrap_or(0), lines.load(Ordering::Relaxed)])
+    let mut all = vec![snapshot.benches.first()?.windows_judged];
+    all.push(log_of(&snapshot).and_then(|log| figure(log, "durable_seq")).unwrap_or(0));
+    let broker = snapshot.sinks.iter().find(|sink| sink.name == "mqtt");
+    all.extend(broker.map(|broker| figure(broker, "confirmed").unwrap_or(0)));
+    all.extend(counted.iter().map(|count| count.load(Ordering::Relaxed)));
+    snapshot.ok.then_some(all)
 }
 
-fn kill_task(point: &str) -> Seen {
+/// Counts the lines that begin like this, in a thread of its own.
+fn count_lines(from: impl Read + Send + 'static, beginning: &'static str) -> Arc<AtomicU64> {
+    let count = Arc::new(AtomicU64::new(0));
+    let counted = count.clone();
+    std::thread::spawn(move || {
+        let lines = BufReader::new(from).lines().map_while(Result::ok);
+        lines.filter(|line| line.starts_with(beginning)).for_each(|_| {
+            counted.fetch_add(1, Ordering::Relaxed);
+        });
+    });
+    count
+}
+
+/// `None`, with a message, where the machine has not what it takes.
+fn kill_task(point: &str) -> Option<Seen> {
     let bench = Bench::new();
-    let page = "[[sink]]\nkind = \"stdout\"\n";
-    let config = configure(&bench, &bench.path("log"), "20.0", page);
+    let broker = if point == "sink-broker" { Some(Server::mosquitto(&bench.path("mosquitto"))?) } else { None };
+    let mut sinks = "[[sink]]\nkind = \"stdout\"\n".to_owned();
+    if let Some(broker) = &broker {
+        sinks += &format!("[[sink]]\nkind = \"mqtt\"\nport = {}\nspool = \"spool\"\n", broker.port);
+    }
+    let config = configure(&bench, &bench.path("log"), "20.0", &sinks);
+    let address = format!("127.0.0.1:{}", free_port());
     let service =
-        std::fs::read_to_string(&config).unwrap().replace("workers = 2", "workers = 2, page = \"127.0.0.1:0\"");
+        std::fs::read_to_string(&config).unwrap().replace("workers = 2", &format!("workers = 2, page = \"{address}\""));
     std::fs::write(&config, service).unwrap();
     let trigger = bench.path("trigger");
     let mut child = gearwatch(&["run", "--config", text(&config)])
@@ -41,29 +66,29 @@ fn kill_task(point: &str) -> Seen {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let lines = Arc::new(AtomicU64::new(0));
-    let (counted, stdout) = (lines.clone(), child.stdout.take().unwrap());
-    std::thread::spawn(move || {
-        for _ in BufReader::new(stdout).lines().map_while(Result::ok) {
-            counted.fetch_add(1, Ordering::Relaxed);
-        }
-    });
-    let running = || progress(&bench, &lines).filter(|all| all.iter().all(|&count| count > 20));
-    wait_for(Duration::from_secs(20), running).expect("the service runs");
+    let mut counted = vec![count_lines(child.stdout.take().unwrap(), "{")];
+    if point == "view" {
+        let viewer = wait_for(Duration::from_secs(20), || TcpStream::connect(&address).ok()).expect("the page answers");
+        write!(&viewer, "GET /api/events HTTP/1.1\r\nHost: {address}\r\n\r\n").unwrap();
+        counted.push(count_lines(viewer, "event: spectrum"));
+    }
+    let running = || progress(&bench, &counted).filter(|all| all.iter().all(|&count| count > 3));
+    wait_for(Duration::from_secs(30), running).expect("the service runs");
     std::fs::write(&trigger, "").unwrap();
     let begin = Instant::now();
     wait_for(Duration::from_secs(10), || (!trigger.exists()).then_some(())).expect("the point is passed");
     let killed = Instant::now();
     assert!(killed - begin < Duration::from_secs(5));
-    let before = progress(&bench, &lines);
+    let before = progress(&bench, &counted);
     let mut said_so = before.is_none();
     let seen = wait_for(Duration::from_secs(5), || {
         if let Some(status) = child.try_wait().unwrap() {
             return Some(Seen::Ended(status.code(), killed.elapsed()));
         }
-        let now = progress(&bench, &lines);
+        let now = progress(&bench, &counted);
         said_so |= now.is_none();
-        let later = now?.iter().zip(before.unwrap_or([0; 3])).all(|(now, before)| *now > before);
+        let before = before.clone().unwrap_or_default();
+        let later = now?.iter().zip(before.iter().chain(std::iter::repeat(&0))).all(|(now, before)| now > before);
         // The page and the socket are asked for by the status itself; the rest must have gone on.
         (later && killed.elapsed() > Duration::from_millis(250)).then(|| Seen::Back(killed.elapsed(), said_so))
     });
@@ -71,7 +96,7 @@ fn kill_task(point: &str) -> Seen {
         signal(&child, "TERM");
         ended_within(&mut child, Duration::from_secs(5));
     }
-    seen.unwrap_or(Seen::Neither)
+    Some(seen.unwrap_or(Seen::Neither))
 }
 
 #[test]
@@ -88,13 +113,15 @@ fn conform_every_task_that_dies_is_back_or_noticed() {
         "rank",
         "sink-stdout",
         "sink-mcap_log",
+        "sink-broker",
+        "view",
         "log",
         "page",
         "status",
         "main",
     ];
     for point in points {
-        let seen = kill_task(point);
+        let Some(seen) = kill_task(point) else { continue };
         match seen {
             Seen::Ended(code, after) => {
                 println!("{point}: exit {code:?} after {after:.2?}");

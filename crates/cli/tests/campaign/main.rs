@@ -9,6 +9,9 @@ mod fixture;
 #[path = "../../../daemon/tests/log/support.rs"]
 #[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
 mod log_content;
+#[path = "../brokers/server.rs"]
+#[expect(dead_code, reason = "shared with the tests of brokers, which use all of it")]
+mod server;
 
 mod disk_full;
 mod failures;

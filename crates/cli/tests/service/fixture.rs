@@ -47,6 +47,21 @@ impl Bench {
         path
     }
 
+    /// A key and a certificate for this machine, which is its own authority (PEM). `None`, with a message, where there is no openssl.
+    pub fn certificate(&self, name: &str) -> Option<(PathBuf, PathBuf)> {
+        let (key, certificate) = (self.path(&format!("{name}.key.pem")), self.path(&format!("{name}.pem")));
+        let made = Command::new("openssl")
+            .args(["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"])
+            .args(["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"])
+            .args(["-addext", "basicConstraints=critical,CA:FALSE", "-keyout", text(&key), "-out", text(&certificate)])
+            .output();
+        if made.is_ok_and(|output| output.status.success()) {
+            return Some((key, certificate));
+        }
+        eprintln!("skipped: openssl is not installed");
+        None
+    }
+
     /// The packets of a test signal with these further keys.
     fn packets(&self, keys: &str) -> Vec<Packet> {
         let (config, context) = self.test_signal(keys);

@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::os::unix::fs::MetadataExt;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -137,15 +138,9 @@ fn conform_a_page_that_others_can_reach_is_refused() {
 #[test]
 fn conform_a_page_with_tls_asks_for_the_token() {
     let bench = Bench::new();
-    let (key, certificate) = (bench.path("key.pem"), bench.path("certificate.pem"));
-    let made = Command::new("openssl")
-        .args(["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"])
-        .args(["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-keyout", text(&key), "-out"])
-        .arg(&certificate)
-        .output();
-    let curl = Command::new("curl").arg("--version").output();
-    if !made.is_ok_and(|output| output.status.success()) || curl.is_err() {
-        eprintln!("skipped: openssl and curl are not installed");
+    let Some((_, certificate)) = bench.certificate("page") else { return };
+    if Command::new("curl").arg("--version").output().is_err() {
+        eprintln!("skipped: curl is not installed");
         return;
     }
     bench.write("token", "a token of some length\n");
@@ -156,14 +151,14 @@ fn conform_a_page_with_tls_asks_for_the_token() {
              [[bench]]\nfile = \"bench.toml\"\n[[bench.source]]\nkind = \"test_signal\"\n"
         )
     };
-    let tls = "page_tls = { certificate = \"certificate.pem\", key = \"key.pem\" }";
+    let tls = "page_tls = { certificate = \"page.pem\", key = \"page.key.pem\" }";
     let token = "page_token_file = \"token\"";
     // One of them alone is not enough, and files that cannot be right are found before anything runs.
     for (page, says) in [
         (tls.to_owned(), "page_token_file"),
         (token.to_owned(), "page_tls"),
         (format!("{tls}\npage_token_file = \"no-token\""), "no-token"),
-        (format!("{token}\npage_tls = {{ certificate = \"token\", key = \"key.pem\" }}"), "token"),
+        (format!("{token}\npage_tls = {{ certificate = \"token\", key = \"page.key.pem\" }}"), "token"),
     ] {
         let refused = output(&["run", "--config", text(&bench.write("refused.toml", &service(&page)))]);
         assert_eq!(refused.status.code(), Some(3), "{page}");
@@ -191,6 +186,46 @@ fn conform_a_page_with_tls_asks_for_the_token() {
     assert_eq!(ask(&["-u", "operator:a token of some length", &url]), "200");
     assert_eq!(ask(&[bearer[0], bearer[1], "-H", "Host: evil.example", &url]), "403");
     assert_eq!(ask(&[bearer[0], bearer[1], &url.replace("https", "http")]), "000", "no answer without TLS");
+    // The command asks the same page.
+    let (home, ca, token) = (format!("https://localhost:{port}"), text(&certificate), bench.path("token"));
+    let status = output(&["status", "--url", &home, "--ca-file", ca, "--token-file", text(&token)]);
+    assert_eq!(status.status.code(), Some(3), "without a baseline the state is unknown: {}", stderr(&status));
+    assert!(stdout(&status).contains("small: machine unknown"), "{}{}", stdout(&status), stderr(&status));
+    let stranger = output(&["status", "--url", &home, "--ca-file", ca]);
+    assert!(stderr(&stranger).contains("401") && stdout(&stranger).is_empty(), "{}", stderr(&stranger));
+    let other = bench.certificate("other").unwrap().1;
+    let fooled = output(&["status", "--url", &home, "--ca-file", text(&other), "--token-file", text(&token)]);
+    assert!(stderr(&fooled).contains("certificate") && stdout(&fooled).is_empty(), "{}", stderr(&fooled));
     signal(&child, "TERM");
     assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+/// The journal reads priorities in front of lines, and has a clock of its own; whoever else reads gets neither.
+#[test]
+fn conform_the_journal_is_told_priorities() {
+    let bench = Bench::new();
+    bench.write(
+        "service.toml",
+        "format = \"gearwatch-service/1\"\nservice = { self_test = false }\n[[bench]]\nfile = \"bench.toml\"\n\
+         [[bench.source]]\nkind = \"test_signal\"\nspeed = \"max\"\nduration_secs = 3.0\n[[bench.source]]\nkind = \"file\"\n\
+         path = \"none.mcap\"\n",
+    );
+    let said = |named: fn(&std::fs::Metadata) -> String| {
+        let journal = bench.path("journal");
+        let end = std::fs::File::create(&journal).unwrap();
+        let stream = named(&end.metadata().unwrap());
+        let run = gearwatch(&["run", "--config", text(&bench.path("service.toml"))])
+            .env("JOURNAL_STREAM", stream)
+            .env("GEARWATCH_LOG", "info")
+            .stdout(Stdio::null())
+            .stderr(end)
+            .status();
+        assert_eq!(run.unwrap().code(), Some(3), "a recording is missing");
+        std::fs::read_to_string(journal).unwrap()
+    };
+    let journal = said(|end| format!("{}:{}", end.dev(), end.ino()));
+    assert!(journal.lines().any(|line| line.starts_with("<3>") && line.contains("none.mcap")), "{journal}");
+    assert!(journal.lines().all(|line| !line.contains("ERROR")), "{journal}");
+    let other = said(|_| "1:1".to_owned());
+    assert!(other.lines().any(|line| line.contains("ERROR") && !line.starts_with('<')), "{other}");
 }

@@ -48,7 +48,7 @@ impl JsonSchema for SinkKeys {
             ("name", json!({ "type": "string", "description": "Unique; the kind where left out." })),
             (
                 "queue",
-                json!({ "type": "integer", "minimum": 1, "maximum": 1 << 20, "default": super::SINK_QUEUE,
+                json!({ "type": "integer", "minimum": 1, "maximum": 1 << 20, "default": super::entry::SINK_QUEUE,
                         "description": "Events that may wait for it." }),
             ),
             ("when_full", when_full),

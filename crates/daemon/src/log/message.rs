@@ -24,7 +24,7 @@ pub const NOTE_TOPIC: &str = "/log";
 
 /// How the payload of a topic is to be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Schema {
+pub(crate) struct Schema {
     pub name: String,
     /// `jsonschema` or `protobuf`.
     pub encoding: &'static str,
@@ -40,7 +40,7 @@ impl Schema {
 
 /// One message, ready to be written.
 #[derive(Clone, Debug)]
-pub(super) struct Message {
+pub(crate) struct Message {
     pub topic: String,
     pub schema: &'static Schema,
     /// 0 for raw data.
@@ -86,7 +86,7 @@ impl Group {
 }
 
 /// The message of a record; `None` for a context, which is no message, and for what cannot be put into a recording.
-pub(super) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Message> {
+pub(crate) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Message> {
     let (topic, schema, log_ns, data): (String, &'static Schema, UnixNanos, Vec<u8>) = match record {
         Record::Verdict { verdict, line } => {
             (format!("/gear/{}/rank", verdict.stage), &*VERDICT_SCHEMA, verdict.t0, line.as_bytes().to_vec())

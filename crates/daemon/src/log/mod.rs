@@ -40,6 +40,8 @@ pub use doctor::{FileHealth, Health, RecoverError, doctor, recover_file};
 pub use examine::{Damage, Ending};
 pub use handle::{LogError, LogHandle, spawn};
 pub use message::{CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC};
+#[cfg(feature = "foxglove")]
+pub(crate) use message::{Message, encode};
 pub use queue::Sent;
 pub use record::{Attachment, Cause, Clock, Context, Gap, Level, Note, Record};
 pub use recover::Recovery;

@@ -59,6 +59,8 @@ pub(super) struct Owner {
     /// The pending group must be written before anything else is taken.
     urgent: bool,
     rotate: bool,
+    /// The end was asked for: what waits goes out in few large groups, since each costs a wait for the disk.
+    hurried: bool,
     next_group: u64,
     next_number: u64,
     last_seq: u64,
@@ -104,6 +106,7 @@ impl Owner {
             pending_since: None,
             urgent: false,
             rotate: false,
+            hurried: false,
             next_group: recovery.last_group + 1,
             next_number: recovery.last_number + 1,
             last_seq: first_seq(recovery) - 1,
@@ -160,9 +163,18 @@ impl Owner {
     /// Nothing more is taken while a full group waits.
     pub fn has_room(&self) -> bool {
         !self.urgent
-            && self.result_bytes < self.config.group_bytes
+            && self.result_bytes < self.most_result_bytes()
             && self.raw_bytes < self.config.raw_group_bytes
             && self.results < self.config.queue_records
+    }
+
+    fn most_result_bytes(&self) -> usize {
+        if self.hurried { self.config.group_bytes.max(self.config.raw_group_bytes) } else { self.config.group_bytes }
+    }
+
+    /// The end was asked for.
+    pub fn hurry(&mut self) {
+        self.hurried = true;
     }
 
     fn result(&mut self, item: &Item, now: Now) {

@@ -148,6 +148,11 @@ impl Queue {
         self.filled.notify_all();
     }
 
+    /// The end was asked for.
+    pub fn is_stopping(&self) -> bool {
+        self.lock().stopping
+    }
+
     /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says that it is enough.
     /// Says whether the end was asked for and nothing is left.
     pub fn take(&self, timeout: Duration, now_ns: impl Fn() -> UnixNanos, mut out: impl FnMut(Item) -> Fill) -> bool {

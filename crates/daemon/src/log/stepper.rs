@@ -116,6 +116,9 @@ impl Stepper {
     /// Waits at most `idle` for records, takes them, and does what is due; at the end closes the log and says whether everything is durable.
     pub(super) fn turn(&mut self, idle: Duration, now: impl Fn() -> Now) -> Option<bool> {
         self.open(now());
+        if self.queue.is_stopping() {
+            self.owner.hurry();
+        }
         let ended = if self.owner.has_room() {
             let owner = &mut self.owner;
             self.queue.take(idle, || now().wall_ns, |item| owner.accept(item, now()))

@@ -84,8 +84,12 @@ pub(super) async fn serve_page(
     let bound = listener.local_addr().unwrap_or(address);
     let scheme = if access.tls.is_some() { "https" } else { "http" };
     tracing::info!("page at {scheme}://{bound}, metrics at {scheme}://{bound}/metrics");
-    let metrics = Arc::new(move || snapshots.borrow().prometheus());
-    let mut router = web::router(hub, acknowledge, metrics, bound, &access.hosts);
+    let asked = snapshots.clone();
+    let texts = web::Texts {
+        metrics: Arc::new(move || snapshots.borrow().prometheus()),
+        snapshot: Arc::new(move || serde_json::to_string(&**asked.borrow()).unwrap_or_default()),
+    };
+    let mut router = web::router(hub, acknowledge, texts, bound, &access.hosts);
     if let Some(token) = access.token {
         router = web::with_token(router, token);
     }

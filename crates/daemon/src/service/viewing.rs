@@ -2,6 +2,7 @@
 //! the log now and then.
 
 use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
@@ -44,7 +45,7 @@ pub(super) struct Wanted {
 pub(super) fn start(hub: &Arc<Hub>, wanted: Option<Wanted>) -> std::io::Result<Views> {
     let (views, seen) = sync_channel(WAITING);
     let (page, sinks) = (hub.clone(), wanted.as_ref().map(|wanted| wanted.sinks.clone()));
-    std::thread::Builder::new().name("gw-view".to_owned()).spawn(move || show(&seen, &page, sinks.as_ref()))?;
+    std::thread::Builder::new().name("gw-view".to_owned()).spawn(move || keep_showing(&seen, &page, sinks.as_ref()))?;
     Ok(Views { views, hub: hub.clone(), logged_every_ns: wanted.map(|wanted| (1e9 * wanted.every_secs) as i64) })
 }
 
@@ -121,10 +122,18 @@ impl Viewer {
     }
 }
 
+/// Shows windows until the last viewer has gone; what panics at one window goes on with the next.
+fn keep_showing(views: &Receiver<View>, hub: &Hub, sinks: Option<&Fanout>) {
+    while catch_unwind(AssertUnwindSafe(|| show(views, hub, sinks))).is_err() {
+        tracing::error!("view: its code panicked");
+    }
+}
+
 fn show(views: &Receiver<View>, hub: &Hub, sinks: Option<&Fanout>) {
     let mut spectrum = OrderSpectrum::default();
     let mut orders = Orders::default();
     for view in views {
+        crate::fail::point("view");
         if !spectrum.window(&view.samples, &view.analysis, &mut orders) {
             continue;
         }

@@ -31,6 +31,10 @@ impl SinkConfig for LogConfig {
         (self.spectra_secs > 0.0).then_some(self.spectra_secs)
     }
 
+    fn must_finish(&self) -> bool {
+        true
+    }
+
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let folder = context.folder.join(&self.folder);
         let place = folder.display().to_string();
@@ -47,6 +51,21 @@ impl SinkConfig for LogConfig {
         });
         Ok(Drain::Thread(Box::new(move |events| write(&events, &handle, place))))
     }
+}
+
+/// What is recorded of an event; nothing of states, which follow from the rest.
+pub(super) fn record(event: &Event) -> Option<Record> {
+    Some(match event {
+        Event::Verdict { verdict, line, .. } => {
+            Record::Verdict { verdict: Arc::clone(verdict), line: Arc::clone(line) }
+        }
+        Event::Gap { gap, .. } => Record::Gap(gap.clone()),
+        Event::Raw(packet) => Record::Raw(Arc::clone(packet)),
+        Event::Spectrum(frame) => Record::Spectrum(Arc::clone(frame)),
+        Event::Alarm { bench, alarm } => Record::Note(note(bench, alarm)),
+        Event::Clock(clock) => Record::Clock(clock.clone()),
+        Event::State { .. } => return None,
+    })
 }
 
 fn note(bench: &str, alarm: &Alarm) -> Note {
@@ -88,18 +107,10 @@ fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkE
         if state.has_changed().is_err() {
             return Err(SinkError::Io { place, source: std::io::Error::other("the thread of the log has died") });
         }
-        // Never waits; what the log has no room for it counts itself, and writes a gap record.
-        handle.send(match &*event {
-            Event::Verdict { verdict, line, .. } => {
-                Record::Verdict { verdict: Arc::clone(verdict), line: Arc::clone(line) }
-            }
-            Event::Gap { gap, .. } => Record::Gap(gap.clone()),
-            Event::Raw(packet) => Record::Raw(Arc::clone(packet)),
-            Event::Spectrum(frame) => Record::Spectrum(Arc::clone(frame)),
-            Event::Alarm { bench, alarm } => Record::Note(note(bench, alarm)),
-            Event::Clock(clock) => Record::Clock(clock.clone()),
-            Event::State { .. } => continue,
-        });
+        if let Some(record) = record(&event) {
+            // Never waits; what the log has no room for it counts itself, and writes a gap record.
+            handle.send(record);
+        }
     }
     if handle.stop() {
         return Ok(());

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Outgoing, QoS};
+use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Outgoing, PublishOptions, QoS};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tokio::sync::Notify;
@@ -18,6 +18,7 @@ use super::broker::{
 use super::{Drain, SinkConfig, SinkContext, SinkError, kind};
 use crate::fleet;
 use crate::kinds::Kind;
+use crate::tls::Trust;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Mqtt>(
     "mqtt",
@@ -50,7 +51,12 @@ struct Mqtt {
     /// A bench says so often that it is there, also when nothing changes (s).
     heartbeat_secs: f64,
     /// The broker is gone when it does not answer for about twice as long (s, 5–600).
-    keep_alive_secs: u64,
+    keep_alive_secs: u16,
+    /// The broker is spoken to over TLS, and must prove its name.
+    tls: bool,
+    /// Certificate of the authority that signed the broker's, where the system does not know it (PEM).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ca_file: Option<PathBuf>,
     /// User name; none where left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     user: Option<String>,
@@ -70,6 +76,8 @@ impl Default for Mqtt {
             spool_bytes: broker::SPOOL_BYTES,
             heartbeat_secs: fleet::HEARTBEAT.as_secs_f64(),
             keep_alive_secs: 10,
+            tls: false,
+            ca_file: None,
             user: None,
             secret_file: None,
         }
@@ -89,6 +97,9 @@ impl SinkConfig for Mqtt {
         if self.user.is_some() != self.secret_file.is_some() {
             out.push("user and secret_file belong together".to_owned());
         }
+        if self.ca_file.is_some() && !self.tls {
+            out.push("ca_file goes with tls = true".to_owned());
+        }
         out
     }
 
@@ -98,6 +109,10 @@ impl SinkConfig for Mqtt {
 
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let secret = self.secret_file.as_ref().map(|file| secret(&context.folder, file)).transpose()?;
+        let place = format!("{}:{}", self.host, self.port);
+        let trusted = |file: Option<PathBuf>| Trust::read(file.as_deref()).map_err(|e| broker_error(&place, e));
+        let ca_file = self.ca_file.as_ref().map(|file| context.folder.join(file));
+        let trust = if self.tls { Some(trusted(ca_file)?) } else { None };
         let made_up = || format!("gearwatch-{:016x}", rand::random::<u64>());
         let client_id = self.client_id.clone().unwrap_or_else(made_up);
         let place = SpoolPlace {
@@ -105,7 +120,7 @@ impl SinkConfig for Mqtt {
             most_bytes: self.spool_bytes,
             heartbeat: Duration::from_secs_f64(self.heartbeat_secs),
         };
-        let carrier = Arc::new(Courier { config: self.clone(), client_id, secret });
+        let carrier = Arc::new(Courier { config: self.clone(), client_id, secret, trust });
         let context = context.clone();
         Ok(Drain::Task(Box::new(move |events| Box::pin(broker::run(events, context, place, carrier)))))
     }
@@ -116,6 +131,7 @@ struct Courier {
     config: Mqtt,
     client_id: String,
     secret: Option<String>,
+    trust: Option<Trust>,
 }
 
 impl Carrier for Courier {
@@ -123,7 +139,9 @@ impl Carrier for Courier {
         Box::pin(async move {
             let place = format!("{}:{}", self.config.host, self.config.port);
             // One client a connection: what was under way when it broke is handed out again by the outbox, in order.
-            let (client, events) = AsyncClient::new(self.options(), 2 * WINDOW);
+            let failed = |error: String| broker_error(&place, error);
+            let builder = AsyncClient::builder(self.options().map_err(failed)?).capacity(2 * WINDOW);
+            let (client, events) = builder.try_build().map_err(|e| failed(e.to_string()))?;
             let flight = Flight::default();
             tokio::select! {
                 error = receive(events, &flight, outbox) => Err(broker_error(&place, error)),
@@ -138,23 +156,27 @@ impl Courier {
         format!("{}/_service/{}", self.config.prefix, self.client_id)
     }
 
-    fn options(&self) -> MqttOptions {
-        let mut options = MqttOptions::new(&self.client_id, &self.config.host, self.config.port);
-        options.set_keep_alive(Duration::from_secs(self.config.keep_alive_secs));
+    fn options(&self) -> Result<MqttOptions, String> {
+        let mut options = MqttOptions::new(&self.client_id, (self.config.host.as_str(), self.config.port));
+        options.set_keep_alive(self.config.keep_alive_secs);
         options.set_clean_session(true);
         options.set_inflight(WINDOW as u16);
         options.set_last_will(LastWill::new(self.service_topic(), "{\"online\":false}", QoS::AtLeastOnce, true));
         if let (Some(user), Some(secret)) = (&self.config.user, &self.secret) {
-            options.set_credentials(user, secret);
+            options.set_credentials(user, secret.clone());
         }
-        options
+        if let Some(trust) = &self.trust {
+            trust.carry(&mut options)?;
+        }
+        Ok(options)
     }
 
     /// Sends until the client takes nothing more; gives what went wrong.
     async fn send(&self, client: &AsyncClient, flight: &Flight, outbox: &Outbox) -> String {
         flight.connected.notified().await;
         flight.lock().push_back(Under { packet: 0, position: None, confirmed: false });
-        let online = client.publish(self.service_topic(), QoS::AtLeastOnce, true, "{\"online\":true}").await;
+        let kept = PublishOptions::new(QoS::AtLeastOnce).retained();
+        let online = client.publish(self.service_topic(), "{\"online\":true}", kept).await;
         if let Err(error) = online {
             return error.to_string();
         }
@@ -166,7 +188,8 @@ impl Courier {
             let retain = LetterKind::of_topic(&outgoing.letter.topic) == Some(LetterKind::State);
             let topic = format!("{}/{}", self.config.prefix, outgoing.letter.topic);
             flight.lock().push_back(Under { packet: 0, position: Some(outgoing.position), confirmed: false });
-            if let Err(error) = client.publish(topic, QoS::AtLeastOnce, retain, outgoing.payload()).await {
+            let options = PublishOptions::new(QoS::AtLeastOnce).retain(retain);
+            if let Err(error) = client.publish(topic, outgoing.payload(), options).await {
                 return error.to_string();
             }
         }

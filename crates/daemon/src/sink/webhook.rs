@@ -9,12 +9,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use ureq::Agent;
 
-use super::broker::secret;
+use super::broker::{broker_error, secret};
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
 use crate::health::Alarm;
 use crate::kinds::Kind;
 use crate::service::Backoff;
+use crate::tls::Trust;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Webhook>(
     "webhook",
@@ -29,7 +30,7 @@ timeout_secs = 10.0
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Webhook {
-    /// Where alarms go: `http://…`. For https let a local relay lead there.
+    /// Where alarms go: `https://…`, or `http://…`.
     url: String,
     /// The receiver must answer within this time (s, 0.1–60).
     #[serde(default = "timeout_secs")]
@@ -37,6 +38,15 @@ struct Webhook {
     /// File whose first line goes along as `Authorization: Bearer …`; none where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     token_file: Option<PathBuf>,
+    /// Certificate of the authority that signed the receiver's, where the system does not know it (PEM); for https.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ca_file: Option<PathBuf>,
+}
+
+impl Webhook {
+    fn is_https(&self) -> bool {
+        self.url.get(..6).is_some_and(|scheme| scheme.eq_ignore_ascii_case("https:"))
+    }
 }
 
 fn timeout_secs() -> f64 {
@@ -47,8 +57,11 @@ impl SinkConfig for Webhook {
     fn problems(&self) -> Vec<String> {
         let mut out = Vec::new();
         let parsed = self.url.parse::<ureq::http::Uri>();
-        if !parsed.is_ok_and(|uri| uri.scheme_str() == Some("http") && uri.host().is_some()) {
-            out.push(format!("url is {:?}; expected http://host:port/path", self.url));
+        if !parsed.is_ok_and(|uri| matches!(uri.scheme_str(), Some("http" | "https")) && uri.host().is_some()) {
+            out.push(format!("url is {:?}; expected https://host:port/path, or http", self.url));
+        }
+        if self.ca_file.is_some() && !self.is_https() {
+            out.push("ca_file goes with an https url".to_owned());
         }
         if !(0.1..=60.0).contains(&self.timeout_secs) {
             out.push(format!("timeout_secs is {}; expected 0.1 to 60", self.timeout_secs));
@@ -58,11 +71,15 @@ impl SinkConfig for Webhook {
 
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let token = self.token_file.as_ref().map(|file| secret(&context.folder, file)).transpose()?;
-        let config = Agent::config_builder()
+        let mut config = Agent::config_builder()
             .timeout_global(Some(Duration::from_secs_f64(self.timeout_secs)))
-            .http_status_as_error(false)
-            .build();
-        let hook = Hook { agent: config.into(), url: self.url.clone(), token, counts: Arc::default() };
+            .http_status_as_error(false);
+        if self.is_https() {
+            let ca_file = self.ca_file.as_ref().map(|file| context.folder.join(file));
+            let trust = Trust::read(ca_file.as_deref()).map_err(|e| broker_error(&self.url, e))?;
+            config = config.tls_config(trust.of_requests());
+        }
+        let hook = Hook { agent: config.build().into(), url: self.url.clone(), token, counts: Arc::default() };
         let counts = hook.counts.clone();
         context.voice.answer_with(move || counts.standing());
         let context = context.clone();
@@ -119,6 +136,7 @@ struct Hook {
 impl Hook {
     fn post_all(&self, events: &Events, context: &SinkContext) {
         while let Ok(event) = events.recv_blocking() {
+            crate::fail::point("sink-webhook");
             let Event::Alarm { bench, alarm } = &*event else { continue };
             if !self.deliver(&body(bench, alarm), context) {
                 return;

@@ -9,7 +9,7 @@
 //!
 //! The thread of the source owns the stream's socket. Whatever ends it (an error, a stop, a reload) takes the instrument back to idle.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::io::Read;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -19,10 +19,11 @@ use gearwatch_io::lanxi::Decoder;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::inputs::{self, NumberedInput};
 use super::numbering::Numbering;
+use super::socket::{self, POLL, READ_BYTES, is_timeout};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::Kind;
-use crate::stop::Stop;
 
 mod rest;
 mod setup;
@@ -143,40 +144,18 @@ impl SourceConfig for Lanxi {
         if self.address.is_empty() || self.address.contains(['/', ' ']) {
             out.push(format!("address is {:?}; expected a host or host:port", self.address));
         }
-        if self.channels.is_empty() {
-            out.push("channels is empty; expected at least one input".to_owned());
-        }
         if let Some(rate) = self.sample_rate_hz
             && !(rate.is_finite() && rate > 0.0)
         {
             out.push(format!("sample_rate_hz is {rate}; expected a number above 0"));
         }
-        let (mut inputs, mut sensors) = (BTreeSet::new(), BTreeSet::new());
-        for channel in &self.channels {
-            let number = channel.input;
-            if !(1..=MOST_INPUTS).contains(&number) {
-                out.push(format!("input is {number}; expected 1 to {MOST_INPUTS}"));
-            }
-            if !inputs.insert(number) {
-                out.push(format!("input {number} is named twice"));
-            }
-            if !sensors.insert(&channel.sensor) {
-                out.push(format!("channels names {:?} twice", channel.sensor));
-            }
-            match (channel.sensitivity_v_per_unit, &channel.unit) {
-                (Some(s), _) if !(s.is_finite() && s != 0.0) => {
-                    out.push(format!("input {number}: sensitivity_v_per_unit is {s}; expected a number other than 0"));
-                }
-                (Some(_), None) | (None, Some(_)) => {
-                    out.push(format!("input {number}: sensitivity_v_per_unit and unit go together; give both or none"));
-                }
-                (Some(_), Some(unit)) if !super::framing::UNITS.contains(&unit.as_str()) => {
-                    let units = super::framing::UNITS.join(", ");
-                    out.push(format!("input {number}: unit is {unit:?}; expected one of {units}"));
-                }
-                _ => {}
-            }
-        }
+        let inputs = self.channels.iter().map(|channel| NumberedInput {
+            number: channel.input,
+            sensor: &channel.sensor,
+            scaling: channel.sensitivity_v_per_unit,
+            unit: channel.unit.as_deref(),
+        });
+        out.extend(inputs::problems(inputs, MOST_INPUTS, "sensitivity_v_per_unit"));
         out
     }
 
@@ -208,64 +187,45 @@ impl SourceConfig for Lanxi {
             reader,
             decoder: Decoder::default(),
             watch,
-            ready: VecDeque::new(),
             buffer: vec![0; READ_BYTES],
             deadline: context.data_deadline,
-            stop: context.stop.clone(),
             memory: self.memory.clone(),
             address: self.address.clone(),
             measurement,
         };
         session.measurement.read_timeout(POLL.min(context.data_deadline / 4))?;
-        Ok(Feed::Pull(Box::new(move || session.next_packet())))
+        Ok(socket::feed(context.stop.clone(), move |ready| session.read(ready)))
     }
 }
-
-/// Bytes asked for at once.
-const READ_BYTES: usize = 64 * 1024;
-/// How often a thread that gets nothing looks whether it should stop.
-const POLL: Duration = Duration::from_millis(50);
 
 /// One measurement that runs. The fields are dropped in this order: the thread that watches ends before the measurement.
 struct Session {
     watch: Watch,
     reader: Reader,
     decoder: Decoder,
-    ready: VecDeque<Packet>,
     buffer: Vec<u8>,
     deadline: Duration,
-    stop: Stop,
     memory: Arc<Mutex<Memory>>,
     address: String,
     measurement: Measurement,
 }
 
 impl Session {
-    fn next_packet(&mut self) -> Result<Option<Packet>, SourceError> {
-        loop {
-            if let Some(packet) = self.ready.pop_front() {
-                return Ok(Some(packet));
-            }
-            if self.stop.is_given() {
-                return Ok(None);
-            }
-            if let Some(ended) = self.watch.ended() {
-                return Err(self.error(ended));
-            }
-            match self.measurement.stream().read(&mut self.buffer) {
-                Ok(0) => return Err(self.error("the instrument closed the stream".to_owned())),
-                Ok(n) => self.take(n)?,
-                Err(e) if is_timeout(&e) => {}
-                Err(e) => return Err(self.error(format!("the stream failed: {e}"))),
-            }
-            if let Some(silent) = self.reader.silent(Instant::now(), self.deadline) {
-                return Err(self.error(silent));
-            }
+    fn read(&mut self, ready: &mut VecDeque<Packet>) -> Result<(), SourceError> {
+        if let Some(ended) = self.watch.ended() {
+            return Err(self.error(ended));
         }
+        match self.measurement.stream().read(&mut self.buffer) {
+            Ok(0) => return Err(self.error("the instrument closed the stream".to_owned())),
+            Ok(n) => self.take(n, ready)?,
+            Err(e) if is_timeout(&e) => {}
+            Err(e) => return Err(self.error(format!("the stream failed: {e}"))),
+        }
+        self.reader.silent(Instant::now(), self.deadline).map_or(Ok(()), |silent| Err(self.error(silent)))
     }
 
-    fn take(&mut self, n: usize) -> Result<(), SourceError> {
-        let Self { decoder, reader, watch, ready, buffer, .. } = self;
+    fn take(&mut self, n: usize, ready: &mut VecDeque<Packet>) -> Result<(), SourceError> {
+        let Self { decoder, reader, watch, buffer, .. } = self;
         let mut result = Ok(());
         let status = watch.status();
         decoder.push(buffer.get(..n).unwrap_or_default(), &mut |decoded| {
@@ -287,10 +247,4 @@ impl Drop for Session {
         let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
         memory.numberings = self.reader.numberings();
     }
-}
-
-/// A socket with a time limit has nothing to read.
-pub(crate) fn is_timeout(e: &std::io::Error) -> bool {
-    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
-    matches!(e.kind(), WouldBlock | TimedOut | Interrupted)
 }

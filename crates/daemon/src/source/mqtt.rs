@@ -13,6 +13,7 @@ use tokio::time::Instant;
 use super::readings::{Linear, Quantity, Readings};
 use super::{Feed, Sender, SourceConfig, SourceContext, SourceError, kind, now_unix_ns};
 use crate::kinds::Kind;
+use crate::tls::Trust;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Mqtt>(
     "mqtt",
@@ -35,6 +36,12 @@ struct Mqtt {
     /// Name under which the broker knows this client; made from the bench's name where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     client_id: Option<String>,
+    /// The broker is spoken to over TLS, and must prove its name.
+    #[serde(default)]
+    tls: bool,
+    /// Certificate of the authority that signed the broker's, where the system does not know it (PEM).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ca_file: Option<PathBuf>,
     /// User at the broker.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     username: Option<String>,
@@ -100,7 +107,7 @@ const WAITING: usize = 256;
 /// No message with a number is longer.
 const LONGEST_MESSAGE: usize = 64 * 1024;
 /// A broker that does not answer for so long is gone.
-const KEEP_ALIVE: Duration = Duration::from_secs(10);
+const KEEP_ALIVE_SECS: u16 = 10;
 
 impl SourceConfig for Mqtt {
     fn problems(&self) -> Vec<String> {
@@ -118,6 +125,9 @@ impl SourceConfig for Mqtt {
         }
         if self.password_file.is_some() && self.username.is_none() {
             out.push("password_file goes with username".to_owned());
+        }
+        if self.ca_file.is_some() && !self.tls {
+            out.push("ca_file goes with tls = true".to_owned());
         }
         for (i, topic) in self.topics.iter().enumerate() {
             out.extend(topic.linear().problem().map(|p| format!("topic {:?}: {p}", topic.topic)));
@@ -139,8 +149,12 @@ impl SourceConfig for Mqtt {
         let error = |message: String| SourceError::Peer { peer: self.broker.clone(), message };
         let (host, port) = split(&self.broker).ok_or_else(|| error("expected host:port".to_owned()))?;
         let id = self.client_id.clone().unwrap_or_else(|| format!("gearwatch-in-{}", context.bench.name));
-        let mut options = MqttOptions::new(id, host, port);
-        options.set_keep_alive(KEEP_ALIVE).set_max_packet_size(LONGEST_MESSAGE, LONGEST_MESSAGE);
+        let mut options = MqttOptions::new(id, (host, port));
+        if self.tls {
+            let ca_file = self.ca_file.as_ref().map(|file| context.resolve(file));
+            Trust::read(ca_file.as_deref()).and_then(|trust| trust.carry(&mut options)).map_err(error)?;
+        }
+        options.set_keep_alive(KEEP_ALIVE_SECS).set_max_packet_size(LONGEST_MESSAGE, LONGEST_MESSAGE);
         if let Some(username) = &self.username {
             let password = match &self.password_file {
                 None => String::new(),
@@ -149,7 +163,7 @@ impl SourceConfig for Mqtt {
                     std::fs::read_to_string(&path).map_err(|source| SourceError::Io { path, source })?
                 }
             };
-            options.set_credentials(username, password.trim_end());
+            options.set_credentials(username, password.trim_end().to_owned());
         }
         let (config, readings) = (self.clone(), context.readings.clone());
         let stale = self.stale_after_secs.map_or(context.data_deadline, Duration::from_secs_f64);
@@ -185,7 +199,8 @@ impl Mqtt {
         sender: &Sender,
         stale: Duration,
     ) -> Result<(), String> {
-        let (client, mut connection) = AsyncClient::new(options, WAITING);
+        let builder = AsyncClient::builder(options).capacity(WAITING);
+        let (client, mut connection) = builder.try_build().map_err(|e| e.to_string())?;
         let (out, mut heard) = mpsc::channel(WAITING);
         let filters: Vec<_> =
             self.topics.iter().map(|topic| SubscribeFilter::new(topic.topic.clone(), QoS::AtLeastOnce)).collect();
@@ -209,7 +224,7 @@ impl Mqtt {
                         }
                     }
                     Ok(Event::Incoming(Incoming::Publish(message))) => Heard::Message {
-                        topic: message.topic,
+                        topic: String::from_utf8_lossy(&message.topic).into_owned(),
                         payload: message.payload.to_vec(),
                         retained: message.retain,
                     },

@@ -1,10 +1,9 @@
 //! Sound cards and USB accelerometers, which are sound cards to the system. Compiled in with the cargo feature `sound-card`.
 
-use std::collections::BTreeSet;
-
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::inputs::{self, NumberedInput};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::Kind;
 
@@ -71,32 +70,13 @@ impl SourceConfig for SoundCard {
         if !(rate.is_finite() && (1.0..=1e7).contains(&rate) && rate.fract() == 0.0) {
             out.push(format!("sample_rate_hz is {rate}; expected a whole number from 1 to 1e7"));
         }
-        if self.channels.is_empty() {
-            out.push("channels is empty; expected at least one input".to_owned());
-        }
-        let (mut inputs, mut sensors) = (BTreeSet::new(), BTreeSet::new());
-        for channel in &self.channels {
-            let number = channel.input;
-            if !(1..=MOST_INPUTS).contains(&number) {
-                out.push(format!("input is {number}; expected 1 to {MOST_INPUTS}"));
-            }
-            if !inputs.insert(number) || !sensors.insert(&channel.sensor) {
-                out.push(format!("input {number} or its sensor {:?} is named twice", channel.sensor));
-            }
-            match (channel.full_scale, &channel.unit) {
-                (Some(s), _) if !(s.is_finite() && s != 0.0) => {
-                    out.push(format!("input {number}: full_scale is {s}; expected a number other than 0"));
-                }
-                (Some(_), None) | (None, Some(_)) => {
-                    out.push(format!("input {number}: full_scale and unit go together; give both or none"));
-                }
-                (Some(_), Some(unit)) if !super::framing::UNITS.contains(&unit.as_str()) => {
-                    let units = super::framing::UNITS.join(", ");
-                    out.push(format!("input {number}: unit is {unit:?}; expected one of {units}"));
-                }
-                _ => {}
-            }
-        }
+        let inputs = self.channels.iter().map(|channel| NumberedInput {
+            number: channel.input,
+            sensor: &channel.sensor,
+            scaling: channel.full_scale,
+            unit: channel.unit.as_deref(),
+        });
+        out.extend(inputs::problems(inputs, MOST_INPUTS, "full_scale"));
         out
     }
 

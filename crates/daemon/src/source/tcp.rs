@@ -11,7 +11,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::frames::{Layout, Memory, Reader};
-use super::{Feed, SourceConfig, SourceContext, SourceError, is_timeout, kind};
+use super::socket::{self, POLL, READ_BYTES, is_timeout};
+use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::Kind;
 use crate::stop::Stop;
 
@@ -45,10 +46,6 @@ struct Tcp {
 
 /// A sender answers within this time, or is not there.
 const CONNECT: Duration = Duration::from_secs(3);
-/// How often a thread that gets nothing looks whether it should stop.
-const POLL: Duration = Duration::from_millis(50);
-/// Bytes asked for at once.
-const READ_BYTES: usize = 64 * 1024;
 
 impl SourceConfig for Tcp {
     fn problems(&self) -> Vec<String> {
@@ -100,13 +97,12 @@ impl SourceConfig for Tcp {
             client,
             from: self.from,
             reader: Reader::new(&self.frames, &self.memory),
-            ready: VecDeque::new(),
             buffer: vec![0; READ_BYTES],
             deadline: context.data_deadline,
             stop: context.stop.clone(),
             name,
         };
-        Ok(Feed::Pull(Box::new(move || reading.next_packet())))
+        Ok(socket::feed(context.stop.clone(), move |ready| reading.read(ready)))
     }
 }
 
@@ -131,7 +127,6 @@ struct Reading {
     client: Option<Client>,
     from: Option<IpAddr>,
     reader: Reader,
-    ready: VecDeque<Packet>,
     buffer: Vec<u8>,
     deadline: Duration,
     stop: Stop,
@@ -139,28 +134,18 @@ struct Reading {
 }
 
 impl Reading {
-    fn next_packet(&mut self) -> Result<Option<Packet>, SourceError> {
-        loop {
-            if let Some(packet) = self.ready.pop_front() {
-                return Ok(Some(packet));
+    fn read(&mut self, ready: &mut VecDeque<Packet>) -> Result<(), SourceError> {
+        let Some(client) = &mut self.client else { return self.accept() };
+        let peer = client.peer;
+        if let Err(message) = client.read(&mut self.reader, &mut self.buffer, ready, self.deadline) {
+            if self.listener.is_none() {
+                return Err(SourceError::Peer { peer: self.name.clone(), message });
             }
-            if self.stop.is_given() {
-                return Ok(None);
-            }
-            let Some(client) = &mut self.client else {
-                self.accept()?;
-                continue;
-            };
-            let peer = client.peer;
-            if let Err(message) = client.read(&mut self.reader, &mut self.buffer, &mut self.ready, self.deadline) {
-                if self.listener.is_none() {
-                    return Err(SourceError::Peer { peer: self.name.clone(), message });
-                }
-                // The next sender may call; what is missing meanwhile shows in the source's silence.
-                tracing::warn!("{peer}: {message}; listening at {}", self.name);
-                self.client = None;
-            }
+            // The next sender may call; what is missing meanwhile shows in the source's silence.
+            tracing::warn!("{peer}: {message}; listening at {}", self.name);
+            self.client = None;
         }
+        Ok(())
     }
 
     /// Waits a while for a sender.

@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
-use std::time::Duration;
 
 use gearwatch_core::block::Packet;
 use gearwatch_io::frames::datagram;
@@ -10,9 +9,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::frames::{Layout, Memory, Reader};
-use super::{Feed, SourceConfig, SourceContext, SourceError, is_timeout, kind};
+use super::socket::{self, POLL, is_timeout};
+use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::Kind;
-use crate::stop::Stop;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Udp>(
     "udp",
@@ -39,8 +38,6 @@ struct Udp {
     memory: Memory,
 }
 
-/// How often a thread that gets nothing looks whether it should stop.
-const POLL: Duration = Duration::from_millis(50);
 /// The longest datagram.
 const LONGEST: usize = 65_536;
 
@@ -62,13 +59,11 @@ impl SourceConfig for Udp {
             name: self.listen,
             from: self.from,
             reader: Reader::new(&self.frames, &self.memory),
-            ready: VecDeque::new(),
             buffer: vec![0; LONGEST],
-            stop: context.stop.clone(),
             unusable: 0,
             foreign: 0,
         };
-        Ok(Feed::Pull(Box::new(move || reading.next_packet())))
+        Ok(socket::feed(context.stop.clone(), move |ready| reading.read(ready)))
     }
 }
 
@@ -77,44 +72,35 @@ struct Reading {
     name: SocketAddr,
     from: Option<IpAddr>,
     reader: Reader,
-    ready: VecDeque<Packet>,
     buffer: Vec<u8>,
-    stop: Stop,
     unusable: u64,
     foreign: u64,
 }
 
 impl Reading {
     /// There is no connection that could end; silence shows in the state of the source.
-    fn next_packet(&mut self) -> Result<Option<Packet>, SourceError> {
-        loop {
-            if let Some(packet) = self.ready.pop_front() {
-                return Ok(Some(packet));
+    fn read(&mut self, ready: &mut VecDeque<Packet>) -> Result<(), SourceError> {
+        let error = |message: String| SourceError::Peer { peer: self.name.to_string(), message };
+        match self.socket.recv_from(&mut self.buffer) {
+            Ok((_, peer)) if self.from.is_some_and(|from| from != peer.ip().to_canonical()) => {
+                self.foreign += 1;
+                // Told ever more rarely: whoever sends must not be able to fill the log.
+                if self.foreign.is_power_of_two() {
+                    tracing::warn!(datagrams = self.foreign, "{peer} sends to {} and is not heard", self.name);
+                }
             }
-            if self.stop.is_given() {
-                return Ok(None);
-            }
-            let error = |message: String| SourceError::Peer { peer: self.name.to_string(), message };
-            match self.socket.recv_from(&mut self.buffer) {
-                Ok((_, peer)) if self.from.is_some_and(|from| from != peer.ip().to_canonical()) => {
-                    self.foreign += 1;
-                    // Told ever more rarely: whoever sends must not be able to fill the log.
-                    if self.foreign.is_power_of_two() {
-                        tracing::warn!(datagrams = self.foreign, "{peer} sends to {} and is not heard", self.name);
+            Ok((n, peer)) => match datagram(self.buffer.get(..n).unwrap_or_default()) {
+                Ok(frame) => self.reader.take(frame, ready).map_err(error)?,
+                Err(damage) => {
+                    self.unusable += 1;
+                    if self.unusable.is_power_of_two() {
+                        tracing::warn!(%peer, datagrams = self.unusable, "not readable: {damage}");
                     }
                 }
-                Ok((n, peer)) => match datagram(self.buffer.get(..n).unwrap_or_default()) {
-                    Ok(frame) => self.reader.take(frame, &mut self.ready).map_err(error)?,
-                    Err(damage) => {
-                        self.unusable += 1;
-                        if self.unusable.is_power_of_two() {
-                            tracing::warn!(%peer, datagrams = self.unusable, "not readable: {damage}");
-                        }
-                    }
-                },
-                Err(e) if is_timeout(&e) => {}
-                Err(e) => return Err(error(e.to_string())),
-            }
+            },
+            Err(e) if is_timeout(&e) => {}
+            Err(e) => return Err(error(e.to_string())),
         }
+        Ok(())
     }
 }

@@ -5,7 +5,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 
 use serde_json::Value;
-use ureq::Agent;
+
+use crate::page::Page;
 
 /// What came in.
 pub enum Message {
@@ -20,28 +21,23 @@ pub enum Message {
 }
 
 /// The service says how it is once a second; after this long without a word the link counts as lost.
-const SILENCE: Duration = Duration::from_secs(6);
+pub const SILENCE: Duration = Duration::from_secs(6);
 const AGAIN: Duration = Duration::from_secs(1);
 /// One event holds one window, one status or an hour of a row; more is not this service.
 const LONGEST_LINE: usize = 4 << 20;
 
 /// The link to a service.
 pub struct Feed {
-    agent: Agent,
-    url: String,
+    page: Page,
 }
 
 impl Feed {
     /// Starts reading; the thread ends with the process or when nobody receives.
-    pub fn start(url: String, out: SyncSender<Message>) -> std::io::Result<Self> {
-        let url = url.trim_end_matches('/').to_owned();
-        let patient =
-            Agent::config_builder().timeout_connect(Some(SILENCE)).timeout_recv_response(Some(SILENCE)).build();
-        let agent: Agent = patient.into();
-        let feed = Self { agent: agent.clone(), url: url.clone() };
+    pub fn start(page: Page, out: SyncSender<Message>) -> std::io::Result<Self> {
+        let feed = Self { page: page.clone() };
         std::thread::Builder::new().name("top-feed".into()).spawn(move || {
             loop {
-                let error = match read(&agent, &url, &out) {
+                let error = match read(&page, &out) {
                     Ok(()) => "the service closed the stream".to_owned(),
                     Err(error) => error.to_string(),
                 };
@@ -56,16 +52,15 @@ impl Feed {
 
     /// Acknowledges an alarm and says how that went.
     pub fn acknowledge(&self, id: &str) -> String {
-        let path = format!("{}/api/alarms/{id}/acknowledge", self.url);
-        match self.agent.post(&path).header("content-type", "application/json").send("{}") {
+        match self.page.post(&format!("/api/alarms/{id}/acknowledge")) {
             Ok(_) => format!("alarm {id} acknowledged"),
             Err(error) => format!("alarm {id} could not be acknowledged: {error}"),
         }
     }
 }
 
-fn read(agent: &Agent, url: &str, out: &SyncSender<Message>) -> anyhow::Result<()> {
-    let response = agent.get(format!("{url}/api/events")).call()?;
+fn read(page: &Page, out: &SyncSender<Message>) -> anyhow::Result<()> {
+    let response = page.get("/api/events")?;
     if out.send(Message::Link(Ok(()))).is_err() {
         return Ok(());
     }

@@ -1,0 +1,96 @@
+//! A source or a sink: the keys that all kinds have, and those of its own kind.
+
+use serde::Deserialize;
+use toml::Table;
+
+use crate::kinds::{self, Kind};
+use crate::queue::WhenFull;
+use crate::sink::{self, SinkConfig};
+use crate::source::{self, SourceConfig};
+
+/// Some minutes of verdicts of a small bench.
+pub(super) const SINK_QUEUE: usize = 4096;
+
+/// A source with the keys that all sources have.
+#[derive(Debug)]
+pub struct SourceEntry {
+    /// Unique within its bench; the kind where the file names none.
+    pub name: String,
+    /// Its kind.
+    pub kind: &'static str,
+    /// Without a packet for so long a live source counts as silent (s).
+    pub data_deadline_secs: f64,
+    /// Its own keys.
+    pub config: Box<dyn SourceConfig>,
+    /// All keys, defaults filled in.
+    pub(super) keys: Table,
+}
+
+/// A sink with the keys that all sinks have.
+#[derive(Debug)]
+pub struct SinkEntry {
+    /// Unique; the kind where the file names none.
+    pub name: String,
+    /// Its kind.
+    pub kind: &'static str,
+    /// Events that may wait for it.
+    pub queue: usize,
+    /// What happens when more do; where left out, see [`Config::when_full`].
+    pub when_full: Option<WhenFull>,
+    /// Its own keys.
+    pub config: Box<dyn SinkConfig>,
+    /// All keys, defaults filled in.
+    pub(super) keys: Table,
+}
+
+/// Takes a key that all kinds have out of a table.
+fn take<T: for<'de> Deserialize<'de>>(keys: &mut Table, key: &str) -> Result<Option<T>, String> {
+    match keys.remove(key) {
+        None => Ok(None),
+        Some(value) => {
+            value.try_into().map(Some).map_err(|e: toml::de::Error| format!("{key}: {}", kinds::one_line(&e)))
+        }
+    }
+}
+
+/// The kind's name, and the kind.
+fn kind_of<C: ?Sized>(keys: &mut Table, all: &'static [Kind<C>], what: &str) -> Result<&'static Kind<C>, String> {
+    let name: Option<String> = take(keys, "kind")?;
+    let name = name.ok_or_else(|| {
+        let names: Vec<_> = all.iter().map(|kind| kind.name).collect();
+        format!("the key \"kind\" is missing; it is one of {}", names.join(", "))
+    })?;
+    kinds::find(all, &name, what)
+}
+
+pub(super) fn source_entry(keys: &Table) -> Result<SourceEntry, String> {
+    let mut own = keys.clone();
+    let kind = kind_of(&mut own, source::KINDS, "source")?;
+    let name = take(&mut own, "name")?.unwrap_or_else(|| kind.name.to_owned());
+    let data_deadline_secs = take(&mut own, "data_deadline_secs")?.unwrap_or(source::DATA_DEADLINE_SECS);
+    let (config, shown) = kind.read(own).map_err(|e| format!("{}: {e}", kind.name))?;
+    let mut keys = Table::new();
+    keys.insert("kind".to_owned(), kind.name.into());
+    keys.insert("name".to_owned(), name.clone().into());
+    keys.insert("data_deadline_secs".to_owned(), data_deadline_secs.into());
+    keys.extend(shown);
+    Ok(SourceEntry { name, kind: kind.name, data_deadline_secs, config, keys })
+}
+
+pub(super) fn sink_entry(keys: &Table) -> Result<SinkEntry, String> {
+    let mut own = keys.clone();
+    let kind = kind_of(&mut own, sink::KINDS, "sink")?;
+    let name = take(&mut own, "name")?.unwrap_or_else(|| kind.name.to_owned());
+    let queue = take(&mut own, "queue")?.unwrap_or(SINK_QUEUE);
+    let when_full = take(&mut own, "when_full")?;
+    let (config, shown) = kind.read(own).map_err(|e| format!("{}: {e}", kind.name))?;
+    let mut keys = Table::new();
+    keys.insert("kind".to_owned(), kind.name.into());
+    keys.insert("name".to_owned(), name.clone().into());
+    keys.insert("queue".to_owned(), i64::try_from(queue).unwrap_or(i64::MAX).into());
+    if let Some(policy) = when_full {
+        keys.insert("when_full".to_owned(), toml::Value::try_from(policy).map_err(|e| e.to_string())?);
+    }
+    keys.extend(shown);
+    Ok(SinkEntry { name, kind: kind.name, queue, when_full, config, keys })
+}

@@ -1,0 +1,379 @@
+//! All that runs: built in order, looked after, ended in order.
+
+use std::sync::{Arc, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tokio::runtime::{Handle, Runtime};
+use tokio::sync::watch;
+
+use super::clock::ClockWatch;
+use super::context::log_context;
+use super::draining::{self, SinkMonitor, SinkState};
+use super::feeding::SourceState;
+use super::notify::Notifier;
+use super::watching::{Ends, RunningBench, start_bench};
+use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
+use crate::config::SinkEntry;
+use crate::engine::Pool;
+use crate::event::{BenchState, Event, Fanout};
+use crate::queue::{self, WhenFull};
+use crate::selftest::SelfTest;
+use crate::sink::SinkContext;
+use crate::snapshot::Snapshot;
+use crate::source::{SourceContext, now_unix_ns};
+use crate::stop::Stop;
+use crate::web::{self, Hub};
+
+/// How often the service looks after its parts.
+const TICK: Duration = Duration::from_millis(20);
+/// How often load is measured and pages are told.
+const LOAD_PERIOD: Duration = Duration::from_secs(1);
+/// How often the status and the metrics are renewed: what goes wrong shows within a second even if the first look misses it.
+const SNAPSHOT_PERIOD: Duration = Duration::from_millis(200);
+
+/// A sink that runs.
+struct RunningSink {
+    monitor: Arc<SinkMonitor>,
+    must_finish: bool,
+    thread: JoinHandle<()>,
+}
+
+/// All that runs.
+pub(super) struct Running {
+    started: Instant,
+    self_test: Option<SelfTest>,
+    hub: Arc<Hub>,
+    snapshots: watch::Sender<Arc<Snapshot>>,
+    clock: ClockWatch,
+    notifier: Notifier,
+    edge: tokio::task::JoinSet<()>,
+    runtime: Handle,
+    pool: Pool,
+    fanout: Fanout,
+    /// The sinks that want to know how the benches are.
+    states: Fanout,
+    benches: Vec<RunningBench>,
+    sinks: Vec<RunningSink>,
+    drain_secs: f64,
+    ends_with_sinks: bool,
+    /// Ends the sources; a child of the signal that the service was given.
+    sources_stop: Stop,
+    /// Ends sinks that wait for something.
+    sinks_stop: Stop,
+}
+
+impl Running {
+    pub(super) fn start(service: Service, runtime: &Runtime, stop: &Stop) -> Result<Self, ServiceError> {
+        let Service { config, benches, page, ends_with_sinks } = service;
+        let sinks_stop = Stop::default();
+        let log_context = Arc::new(log_context(&config, &benches));
+        let pool = Pool::start(config.service.worker_count())?;
+        let policies: Vec<WhenFull> = config.sinks.iter().map(|entry| config.when_full(entry)).collect();
+        let several = benches.len() > 1;
+        let mut queues = Vec::new();
+        let mut raw_queues = Vec::new();
+        let mut state_queues = Vec::new();
+        let (mut spectrum_queues, mut spectra_every_secs) = (Vec::new(), f64::INFINITY);
+        let mut sinks = Vec::new();
+        for (entry, policy) in config.sinks.into_iter().zip(policies) {
+            let (outlet, events) = queue::bounded(entry.queue, policy);
+            let context = SinkContext {
+                folder: config.folder.clone(),
+                stop: sinks_stop.clone(),
+                log_context: log_context.clone(),
+                ..SinkContext::default()
+            };
+            let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone(), context.voice.clone()));
+            if entry.config.wants_raw() {
+                raw_queues.push(outlet.clone());
+            }
+            if entry.config.wants_states() {
+                state_queues.push(outlet.clone());
+            }
+            if let Some(secs) = entry.config.wants_spectra_every_secs() {
+                spectrum_queues.push(outlet.clone());
+                spectra_every_secs = spectra_every_secs.min(secs);
+            }
+            queues.push(outlet);
+            let first = entry
+                .config
+                .open(&context)
+                .map_err(|source| ServiceError::Sink { name: entry.name.clone(), source })?;
+            sinks.push(start_sink(entry, first, context, events, monitor, runtime.handle().clone())?);
+        }
+        let fanout = Fanout::new(queues);
+        let raw = Fanout::new(raw_queues);
+        let hub = Arc::new(Hub::default());
+        let spectra = spectra_every_secs
+            .is_finite()
+            .then(|| viewing::Wanted { sinks: Fanout::new(spectrum_queues), every_secs: spectra_every_secs });
+        let views = viewing::start(&hub, spectra)?;
+        let sources_stop = stop.child();
+        let mut running = Vec::new();
+        for (watched, bench) in benches.into_iter().zip(config.benches) {
+            let context = SourceContext::new(watched.bench.clone(), config.folder.clone(), sources_stop.clone());
+            let sizes = (config.service.packet_queue, config.service.windows_per_worker);
+            let label = several.then(|| watched.name.clone());
+            let ends = Ends { fanout: &fanout, raw: &raw, hub: &hub, views: &views, label };
+            running.push(start_bench(watched, bench, sizes, context, &pool, ends, runtime.handle())?);
+        }
+        let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };
+        let (snapshots, seen) = watch::channel(Arc::new(Snapshot::default()));
+        let mut edge = tokio::task::JoinSet::new();
+        if let Some(access) = page {
+            let acknowledge = acknowledge(&running);
+            let (hub, seen) = (hub.clone(), seen.clone());
+            let serve = move || edge::serve_page(access.clone(), hub.clone(), acknowledge.clone(), seen.clone());
+            edge.spawn_on(edge::keep("page", serve), runtime.handle());
+        }
+        if let Some(path) = &config.service.status_socket {
+            let path = config.folder.join(path);
+            let serve = move || edge::serve_status(path.clone(), seen.clone());
+            edge.spawn_on(edge::keep("status", serve), runtime.handle());
+        }
+        let notifier = Notifier::new();
+        notifier.ready();
+        Ok(Self {
+            started: Instant::now(),
+            self_test,
+            hub,
+            snapshots,
+            clock: ClockWatch::new(),
+            notifier,
+            edge,
+            runtime: runtime.handle().clone(),
+            pool,
+            fanout,
+            states: Fanout::new(state_queues),
+            benches: running,
+            sinks,
+            drain_secs: config.service.drain_secs,
+            ends_with_sinks,
+            sources_stop,
+            sinks_stop,
+        })
+    }
+
+    /// Looks after everything until the end, and ends it in order: sources, lanes, sinks.
+    pub(super) fn until_end(mut self, stop: &Stop, reload: &Reload, again: &Again) -> (Summary, Option<Box<Service>>) {
+        let mut last_load = Instant::now();
+        let mut last_snapshot = last_load;
+        let mut died = Vec::new();
+        let mut building: Option<JoinHandle<Result<Service, String>>> = None;
+        let mut next = None;
+        while !stop.is_given() && !self.benches.iter().all(|bench| bench.lane.is_finished()) {
+            std::thread::sleep(TICK);
+            died.extend(self.benches.iter().filter(|b| b.lane.has_died()).map(|b| format!("bench {:?}", b.name)));
+            if self.pool.has_died() {
+                died.push("a worker thread".to_owned());
+            }
+            if !died.is_empty() || self.nobody_listens() {
+                break;
+            }
+            if reload.take() && building.is_none() {
+                let again = again.clone();
+                let builder = std::thread::Builder::new().name("gw-reload".to_owned());
+                building = builder.spawn(move || again()).map_err(|e| tracing::error!("no reload: {e}")).ok();
+            }
+            if building.as_ref().is_some_and(JoinHandle::is_finished) {
+                next = building.take().and_then(built);
+                if next.is_some() {
+                    break;
+                }
+            }
+            let now = Instant::now();
+            crate::fail::point("main");
+            let mono_ns = u64::try_from(now.duration_since(self.started).as_nanos()).unwrap_or(u64::MAX);
+            if let Some(clock) = self.clock.look(now_unix_ns(), mono_ns) {
+                self.fanout.mention(Event::Clock(clock));
+            }
+            if let Some(self_test) = &mut self.self_test {
+                self_test.tick(now);
+            }
+            let self_test = self.self_test_state(now);
+            let benches = &self.benches;
+            self.notifier.tick(now, || benches.iter().map(RunningBench::progress).collect(), self_test);
+            if now.duration_since(last_load) >= LOAD_PERIOD {
+                last_load = now;
+                self.look_at_load(now);
+                self.hub.status(&self.snapshots.borrow().to_page());
+                self.tell_states("running");
+            }
+            if now.duration_since(last_snapshot) >= SNAPSHOT_PERIOD {
+                last_snapshot = now;
+                self.publish(now);
+            }
+        }
+        let stopped = stop.is_given();
+        if next.is_none() {
+            self.notifier.stopping();
+        }
+        self.sources_stop.now();
+        for bench in &self.benches {
+            bench.packets.close();
+        }
+        // What runs to its end by itself may take its time; what is told to stop may not.
+        let reloading = next.is_some();
+        let deadline = |stop: &Stop, since: &mut Option<Instant>| {
+            let since = *since.get_or_insert_with(Instant::now);
+            (stop.is_given() || reloading) && since.elapsed().as_secs_f64() >= self.drain_secs
+        };
+        let mut since = None;
+        while died.is_empty() && !self.benches.iter().all(|b| b.lane.is_finished()) && !deadline(stop, &mut since) {
+            std::thread::sleep(TICK / 4);
+        }
+        // Instruments are taken back to idle; the next configuration may want the same ones.
+        let closed = |bench: &RunningBench| bench.live_threads.iter().all(JoinHandle::is_finished);
+        while !self.benches.iter().all(closed) && !deadline(stop, &mut since) {
+            std::thread::sleep(TICK / 4);
+        }
+        self.tell_states("stopped");
+        self.fanout.close();
+        while !self.sinks.iter().all(|sink| sink.thread.is_finished()) && !deadline(stop, &mut since) {
+            if !stop.is_given() && !reloading {
+                since = None;
+            }
+            std::thread::sleep(TICK / 4);
+        }
+        self.sinks_stop.now();
+        // The next configuration may want the same address.
+        self.runtime.block_on(self.edge.shutdown());
+        (self.summary(stopped, died), next)
+    }
+
+    /// Tells the sinks how all benches are.
+    fn tell_states(&self, service: &'static str) {
+        let snapshot = self.snapshots.borrow();
+        for bench in &snapshot.benches {
+            let state = BenchState {
+                t_ns: now_unix_ns(),
+                service,
+                ok: snapshot.ok && service == "running",
+                // Nobody watches a bench whose service has stopped.
+                machine: if service == "running" { bench.machine.clone() } else { "unknown".to_owned() },
+                instrument: if service == "running" { bench.instrument.clone() } else { "stopped".to_owned() },
+                motor_speed_hz: bench.motor_speed_hz,
+                brake_torque_nm: bench.brake_torque_nm,
+                windows_judged: bench.windows_judged,
+                windows_shed: bench.windows_shed,
+                gaps: bench.gaps,
+                alarms_active: bench.alarms.iter().filter(|alarm| alarm.active).count() as u64,
+                version: env!("CARGO_PKG_VERSION"),
+            };
+            self.states.mention(Event::State { bench: bench.name.as_str().into(), state: Arc::new(state) });
+        }
+    }
+
+    fn self_test_state(&self, now: Instant) -> &'static str {
+        // One that is switched off by the configuration is not wrong.
+        self.self_test.as_ref().map_or("right", |self_test| self_test.state(now))
+    }
+
+    /// Tells observers how all is.
+    fn publish(&self, now: Instant) {
+        let self_test = self.self_test_state(now);
+        let benches: Vec<_> = self.benches.iter().map(RunningBench::snapshot).collect();
+        let sinks: Vec<_> = self.sinks.iter().map(|sink| sink.monitor.snapshot()).collect();
+        let delivering = |state: &str| matches!(state, "running" | "opening" | "ended");
+        let sources_ok = benches.iter().flat_map(|bench| &bench.sources).all(|source| delivering(&source.state));
+        let sinks_ok = sinks.iter().all(|sink| sink.ok);
+        let snapshot = Arc::new(Snapshot {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            uptime_secs: now.duration_since(self.started).as_secs_f64(),
+            ok: sources_ok && sinks_ok && matches!(self_test, "right" | "not_yet"),
+            self_test: self_test.to_owned(),
+            load: self.pool.load().latest(),
+            benches,
+            sinks,
+        });
+        self.snapshots.send_replace(snapshot);
+    }
+
+    fn nobody_listens(&self) -> bool {
+        self.ends_with_sinks && self.sinks.iter().all(|sink| sink.monitor.state() == SinkState::Disabled)
+    }
+
+    fn look_at_load(&self, now: Instant) {
+        let shed = self.benches.iter().map(|b| b.lane.counters().shed()).sum();
+        let measured = self.pool.load().measure(now, shed);
+        if measured.warn && self.benches.iter().any(|b| b.lane.counters().shed() > 0) {
+            tracing::warn!(
+                load_percent = (measured.load * 100.0).round(),
+                windows_shed = shed,
+                "the workers were overloaded ten times in a row: lengthen the hop, or give more workers"
+            );
+        }
+    }
+
+    fn summary(self, stopped: bool, mut died: Vec<String>) -> Summary {
+        let mut summary = Summary { stopped, ..Summary::default() };
+        for bench in self.benches {
+            for source in &bench.sources {
+                if let SourceState::Failed { error } = source.state() {
+                    summary.failed.push(format!("source {:?}: {error}", source.name));
+                }
+            }
+            let counters = bench.lane.counters();
+            summary.judged += counters.judged();
+            summary.windows_lost += counters.shed() + counters.failed();
+            if bench.lane.is_finished()
+                && let Err(e) = bench.lane.join()
+            {
+                died.push(format!("bench {:?}: {e}", bench.name));
+            }
+        }
+        for sink in &self.sinks {
+            if sink.must_finish && !sink.thread.is_finished() {
+                summary.unfinished.push(sink.monitor.name.clone());
+            }
+            let waiting = u64::from(!sink.thread.is_finished());
+            let lost = sink.monitor.counters.dropped().max(waiting);
+            if lost > 0 && sink.monitor.state() != SinkState::Disabled {
+                summary.events_lost.push((sink.monitor.name.clone(), lost));
+            }
+        }
+        summary.died = died;
+        summary
+    }
+}
+
+/// The new service, if it could be built; says how it went.
+fn built(building: JoinHandle<Result<Service, String>>) -> Option<Box<Service>> {
+    match building.join().unwrap_or_else(|_| Err("its code panicked".to_owned())) {
+        Ok(service) => {
+            tracing::info!("the new configuration is good and takes over");
+            Some(Box::new(service))
+        }
+        Err(e) => {
+            tracing::error!("the new configuration is not used, the old one goes on: {e}");
+            None
+        }
+    }
+}
+
+/// Acknowledges alarms of all benches; an id is `<bench>/<stage>@<channel>`.
+fn acknowledge(benches: &[RunningBench]) -> web::Acknowledge {
+    let all: Vec<_> = benches.iter().map(|bench| (format!("{}/", bench.name), bench.health.clone())).collect();
+    Arc::new(move |id| {
+        all.iter().any(|(prefix, health)| {
+            id.strip_prefix(prefix.as_str())
+                .is_some_and(|id| health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id))
+        })
+    })
+}
+
+fn start_sink(
+    entry: SinkEntry,
+    first: crate::sink::Drain,
+    context: SinkContext,
+    events: crate::sink::Events,
+    monitor: Arc<SinkMonitor>,
+    runtime: Handle,
+) -> Result<RunningSink, ServiceError> {
+    let (seen, must_finish) = (monitor.clone(), entry.config.must_finish());
+    let thread = std::thread::Builder::new()
+        .name("gw-sink".to_owned())
+        .spawn(move || draining::drain(&entry, first, &context, &events, &seen, &runtime))?;
+    Ok(RunningSink { monitor, must_finish, thread })
+}
