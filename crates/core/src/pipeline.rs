@@ -120,7 +120,7 @@ impl Pipeline {
         if !(config.usable_band > 0.0 && config.usable_band <= 0.5) {
             problems.push(format!("usable_band is {}; it must be above 0 and at most 0.5", config.usable_band));
         }
-        if !(config.largest_offset > 0.0) {
+        if config.largest_offset.is_nan() || config.largest_offset <= 0.0 {
             problems.push(format!("largest_offset is {}; it must be above 0", config.largest_offset));
         }
         if !problems.is_empty() {

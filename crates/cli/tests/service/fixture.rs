@@ -48,6 +48,7 @@ impl Bench {
     }
 
     /// A key and a certificate for this machine, which is its own authority (PEM). `None`, with a message, where there is no openssl.
+    #[expect(clippy::print_stderr, reason = "tests tell what was skipped")]
     pub fn certificate(&self, name: &str) -> Option<(PathBuf, PathBuf)> {
         let (key, certificate) = (self.path(&format!("{name}.key.pem")), self.path(&format!("{name}.pem")));
         let made = Command::new("openssl")
