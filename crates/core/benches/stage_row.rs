@@ -92,7 +92,9 @@ fn print_shares() {
     shares.push(("assemble", assemble));
     shares.push((
         "health",
-        fastest(count, || windows.iter().for_each(|w| assert_ne!(instrument_state(w, 10.0), InstrumentState::NotFinite))),
+        fastest(count, || {
+            windows.iter().for_each(|w| assert_ne!(instrument_state(w, 10.0), InstrumentState::NotFinite))
+        }),
     ));
     shares.push((
         "weigh and transform",
