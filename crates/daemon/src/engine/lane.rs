@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
@@ -175,7 +176,7 @@ impl Lane {
         let (done, finished) = async_channel::unbounded();
         let way = Arc::new(Way { pipeline: self.pipeline, done });
         let carriers = self.windows_per_worker.max(1) * pool.workers() + 1;
-        let (back, free) = async_channel::bounded(carriers);
+        let (back, free) = sync_channel(carriers);
         for _ in 0..carriers {
             let empty = Box::new(Job {
                 way: way.clone(),
@@ -192,6 +193,7 @@ impl Lane {
         let cutter = Cutter {
             jobs: pool.jobs(),
             free,
+            spare: None,
             overloaded: self.overloaded,
             counters: counters.clone(),
             way: way.clone(),
@@ -228,7 +230,9 @@ const CARRIER_WAIT: std::time::Duration = std::time::Duration::from_millis(1);
 /// The thread that cuts windows.
 struct Cutter {
     jobs: async_channel::Sender<Box<Job>>,
-    free: async_channel::Receiver<Box<Job>>,
+    free: Receiver<Box<Job>>,
+    /// A carrier that was taken for a window which is being made.
+    spare: Option<Box<Job>>,
     overloaded: Overloaded,
     counters: Arc<LaneCounters>,
     way: Arc<Way>,
@@ -281,7 +285,7 @@ impl Cutter {
     /// Gives a window to the workers, or sheds it.
     fn dispatch(&mut self, window: Window, packets: &Inlet<Packet>) -> Result<(), Gone> {
         let mut job = match self.overloaded {
-            Overloaded::Wait => self.free.recv_blocking().map_err(|_| Gone)?,
+            Overloaded::Wait => self.free.recv().map_err(|_| Gone)?,
             Overloaded::Shed => match self.carrier_unless_behind(packets)? {
                 Some(job) => job,
                 None => {
@@ -304,17 +308,17 @@ impl Cutter {
 
     /// A carrier, waited for while there is room for the packets that come meanwhile: the windows of many channels are complete in the same
     /// moment, and that is no overload. None when half of the packets' queue is full.
-    fn carrier_unless_behind(&self, packets: &Inlet<Packet>) -> Result<Option<Box<Job>>, Gone> {
+    fn carrier_unless_behind(&mut self, packets: &Inlet<Packet>) -> Result<Option<Box<Job>>, Gone> {
+        if let Some(job) = self.spare.take() {
+            return Ok(Some(job));
+        }
         loop {
-            match self.free.try_recv() {
+            // As soon as there is one: a worker that waits for windows is lost to all of them.
+            match self.free.recv_timeout(CARRIER_WAIT) {
                 Ok(job) => return Ok(Some(job)),
-                Err(async_channel::TryRecvError::Closed) => return Err(Gone),
-                Err(async_channel::TryRecvError::Empty) => {
-                    if is_behind(packets) {
-                        return Ok(None);
-                    }
-                    std::thread::sleep(CARRIER_WAIT);
-                }
+                Err(RecvTimeoutError::Disconnected) => return Err(Gone),
+                Err(RecvTimeoutError::Timeout) if is_behind(packets) => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => {}
             }
         }
     }
@@ -344,12 +348,16 @@ struct Dispatcher<'a> {
 impl Taker for Dispatcher<'_> {
     /// Under overload a window for which there is no carrier is not even made: ten times what the workers can do must not cost them their time.
     fn wants(&mut self, sensor: &Arc<str>, number: u64) -> bool {
-        let Self { cutter, packets, .. } = self;
-        let shed = cutter.overloaded == Overloaded::Shed && cutter.free.is_empty() && is_behind(packets);
-        if shed {
-            cutter.shed(sensor, number);
+        let Self { cutter, packets, result } = self;
+        if cutter.overloaded == Overloaded::Wait || cutter.spare.is_some() || !is_behind(packets) {
+            return true;
         }
-        !shed
+        match cutter.free.try_recv() {
+            Ok(job) => cutter.spare = Some(job),
+            Err(TryRecvError::Empty) => cutter.shed(sensor, number),
+            Err(TryRecvError::Disconnected) => *result = Err(Gone),
+        }
+        cutter.spare.is_some()
     }
 
     fn take(&mut self, window: Window) {
@@ -363,7 +371,7 @@ impl Taker for Dispatcher<'_> {
 struct Ranker {
     counters: Arc<LaneCounters>,
     way: Arc<Way>,
-    back: async_channel::Sender<Box<Job>>,
+    back: SyncSender<Box<Job>>,
     next: u64,
     /// `waiting[i]` is job `next + i`, where it has come.
     waiting: VecDeque<Option<Box<Job>>>,
