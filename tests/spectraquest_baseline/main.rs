@@ -43,7 +43,11 @@ fn windows(folder: &Path, name: &str, load: u32) -> Vec<WindowAnalysis> {
     };
     let mut source = gearwatch_io::open(&folder.join(name), &options).expect("the file opens");
     let mut out = Vec::new();
-    each_window(&pipeline(None), &mut source, &mut |window| out.push(window.clone())).expect("the file is whole");
+    each_window::<_, gearwatch_io::ReadError>(&pipeline(None), &mut source, &mut |_, analysis| {
+        out.push(analysis.clone());
+        Ok(())
+    })
+    .expect("the file is whole");
     out
 }
 

@@ -1,15 +1,15 @@
-//! Files of a batch: a piece per recording while the shard is at work, one part when it is done.
+//! Files of a batch: a piece per item of work while the shard is at work, one part when it is done.
 //!
 //! Everything appears under its final name by a rename, whole. A shard that is killed finds its pieces again; a shard that is run a
-//! second time finds its part, and what the part holds of its recordings is not worked again. A lock on `<part>.lock` keeps two
-//! processes from working the same shard into the same folder; the system lets go of it when the process ends, however it ends.
+//! second time finds its part, and what the part holds is not worked again. A lock on `<part>.lock` keeps two processes from working
+//! the same shard into the same folder; the system lets go of it when the process ends, however it ends.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
-use arrow_array::{Array, RecordBatch};
 use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
@@ -20,7 +20,6 @@ use parquet::file::properties::WriterProperties;
 use sha2::{Digest, Sha256};
 use tempfile::NamedTempFile;
 
-use crate::rows::{Rows, schema};
 use crate::shard::Shard;
 
 /// Key of the part's metadata that says with which settings its rows were made.
@@ -44,6 +43,18 @@ pub enum PartError {
         "{0}: another process is working this shard into this folder; give each shard its own number, or each run its own --out"
     )]
     Locked(PathBuf),
+    /// Parts of another number of shards lie in the folder: together they would hold items twice, or not at all.
+    #[error(
+        "{path} is one of {found} shards, and this run makes {expected}; give the run another --out, or remove the old parts"
+    )]
+    OtherShards {
+        /// A part that is there.
+        path: PathBuf,
+        /// Shards by its name.
+        found: u32,
+        /// Shards of this run.
+        expected: u32,
+    },
     /// The library said no: a damaged file, or a full disk while writing.
     #[error("{path}: {source}")]
     Parquet {
@@ -64,35 +75,48 @@ fn parquet_at(path: &Path) -> impl Fn(ParquetError) -> PartError {
     move |source| PartError::Parquet { path: path.clone(), source }
 }
 
+/// Columns of a part. The first `keys`, all texts, are the identity of the item that a row is of.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// All columns.
+    pub schema: SchemaRef,
+    /// How many of them identify the item.
+    pub keys: usize,
+}
+
 /// The files of one shard in one folder.
 #[derive(Debug)]
 pub struct Workshop {
     part: PathBuf,
     pieces: PathBuf,
     settings: String,
+    table: Table,
     /// Held until the end.
     _lock: File,
 }
 
-/// A recording as the files know it: its name in the work list and the SHA-256 of its content.
+/// An item as the files know it: the texts of the table's keys, its name in the work list first, then digests of its content.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Identity {
-    /// As listed.
-    pub name: String,
-    /// Lower-case hexadecimal.
-    pub sha256: String,
+pub struct Identity(pub Vec<String>);
+
+impl Identity {
+    /// What makes the item, whatever its name.
+    pub fn content(&self) -> &[String] {
+        self.0.get(1..).unwrap_or_default()
+    }
 }
 
 impl Workshop {
-    /// Opens the folder for a shard. `settings` is whatever the rows depend on beside the recordings, in any text form.
+    /// Opens the folder for a shard. `settings` is whatever the rows depend on beside the items, in any text form.
     ///
     /// # Errors
-    /// When the folder cannot be made, or another process has the shard.
-    pub fn open(folder: &Path, shard: Shard, settings: &str) -> Result<Self, PartError> {
+    /// When the folder cannot be made, another process has the shard, or the folder has parts of another number of shards.
+    pub fn open(folder: &Path, shard: Shard, settings: &str, table: Table) -> Result<Self, PartError> {
         let settings = hex(&Sha256::digest(settings.as_bytes()));
         let part = folder.join(shard.part_name());
         let pieces = folder.join(format!(".{}.{}", shard.part_name(), &settings[..12]));
         fs::create_dir_all(folder).map_err(io_at(folder))?;
+        refuse_other_shards(folder, shard)?;
         let lock_path = part.with_extension("lock");
         let lock = File::create(&lock_path).map_err(io_at(&lock_path))?;
         match lock.try_lock() {
@@ -101,7 +125,7 @@ impl Workshop {
             Err(TryLockError::Error(source)) => return Err(PartError::Io { path: lock_path, source }),
         }
         fs::create_dir_all(&pieces).map_err(io_at(&pieces))?;
-        let workshop = Self { part, pieces, settings, _lock: lock };
+        let workshop = Self { part, pieces, settings, table, _lock: lock };
         workshop.take_part_to_pieces()?;
         Ok(workshop)
     }
@@ -112,40 +136,57 @@ impl Workshop {
     }
 
     fn piece(&self, of: &Identity) -> PathBuf {
-        let name = Sha256::new().chain_update(&of.sha256).chain_update([0]).chain_update(&of.name).finalize();
+        let name = Sha256::digest(of.0.join("\0"));
         self.pieces.join(format!("{}.parquet", hex(&name)))
     }
 
-    /// Whether the recording was worked before, by this run or an earlier one with the same settings.
+    /// Whether the item was worked before, by this run or an earlier one with the same settings.
     pub fn is_done(&self, of: &Identity) -> bool {
         self.piece(of).is_file()
     }
 
-    /// Begins the piece of a recording.
+    /// Begins the piece of an item.
     ///
     /// # Errors
     /// When no file can be made.
     pub fn begin(&self, of: &Identity) -> Result<PieceWriter, PartError> {
-        PieceWriter::new(&self.pieces, self.piece(of), &self.settings)
+        self.writer(self.piece(of))
     }
 
-    /// Joins the pieces of these recordings, in this order, to the part, and clears them away.
+    /// What is unfinished lies among the pieces, where the next run clears it away.
+    fn writer(&self, target: PathBuf) -> Result<PieceWriter, PartError> {
+        PieceWriter::new(&self.pieces, target, &self.settings, self.table.schema.clone())
+    }
+
+    /// Joins the pieces of these items, in this order, to the part, and clears all pieces of this shard away.
     ///
     /// # Errors
     /// When a piece is missing or damaged, or the part cannot be written; then the part that was there before stays.
-    pub fn finish(self, recordings: &[Identity]) -> Result<PathBuf, PartError> {
-        let folder = self.part.parent().unwrap_or(Path::new(""));
-        let mut writer = PieceWriter::new(folder, self.part.clone(), &self.settings)?;
-        for recording in recordings {
-            let piece = self.piece(recording);
+    pub fn finish(self, items: &[Identity]) -> Result<PathBuf, PartError> {
+        let mut writer = self.writer(self.part.clone())?;
+        for item in items {
+            let piece = self.piece(item);
             for batch in reader(&piece)? {
                 let batch = batch.map_err(|e| PartError::Parquet { path: piece.clone(), source: e.into() })?;
-                writer.write_batch(&batch)?;
+                writer.write(&batch)?;
             }
         }
         writer.finish()?;
-        fs::remove_dir_all(&self.pieces).map_err(io_at(&self.pieces))?;
+        self.clear()?;
         Ok(self.part)
+    }
+
+    /// Pieces of this shard made with other settings go too: their part has been replaced.
+    fn clear(&self) -> Result<(), PartError> {
+        let folder = self.part.parent().unwrap_or(Path::new(""));
+        let own = format!(".{}.", self.part.file_name().unwrap_or_default().to_string_lossy());
+        for entry in fs::read_dir(folder).map_err(io_at(folder))? {
+            let entry = entry.map_err(io_at(folder))?;
+            if entry.file_name().to_string_lossy().starts_with(&own) {
+                fs::remove_dir_all(entry.path()).map_err(io_at(&entry.path()))?;
+            }
+        }
+        Ok(())
     }
 
     /// An earlier part with the same settings goes back to pieces, so that only what is new is worked.
@@ -157,14 +198,14 @@ impl Workshop {
         let same = kept.is_some_and(|all| {
             all.iter().any(|kv| kv.key == SETTINGS_KEY && kv.value.as_ref() == Some(&self.settings))
         });
-        if !same || builder.schema().fields() != schema().fields() {
+        if !same || builder.schema().fields() != self.table.schema.fields() {
             return Ok(());
         }
         let Ok(reader) = builder.with_batch_size(BATCH_ROWS).build() else { return Ok(()) };
         let mut open: Option<(Identity, PieceWriter)> = None;
         for batch in reader {
             let Ok(batch) = batch else { return Ok(()) };
-            for (identity, rows) in runs(&batch) {
+            for (identity, rows) in runs(&batch, self.table.keys) {
                 if open.as_ref().is_none_or(|(of, _)| *of != identity) {
                     if let Some((_, writer)) = open.take() {
                         writer.finish()?;
@@ -172,7 +213,7 @@ impl Workshop {
                     open = Some((identity.clone(), self.begin(&identity)?));
                 }
                 if let Some((_, writer)) = &mut open {
-                    writer.write_batch(&rows)?;
+                    writer.write(&rows)?;
                 }
             }
         }
@@ -180,14 +221,28 @@ impl Workshop {
     }
 }
 
-/// Runs of rows of one recording.
-fn runs(batch: &RecordBatch) -> Vec<(Identity, RecordBatch)> {
-    let (names, hashes) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
+fn refuse_other_shards(folder: &Path, shard: Shard) -> Result<(), PartError> {
+    for entry in fs::read_dir(folder).map_err(io_at(folder))? {
+        let entry = entry.map_err(io_at(folder))?;
+        if let Some(found) = Shard::count_of_part(&entry.file_name().to_string_lossy())
+            && found != shard.count()
+        {
+            return Err(PartError::OtherShards { path: entry.path(), found, expected: shard.count() });
+        }
+    }
+    Ok(())
+}
+
+/// Runs of rows of one item.
+fn runs(batch: &RecordBatch, keys: usize) -> Vec<(Identity, RecordBatch)> {
+    let columns: Vec<_> = batch.columns()[..keys].iter().map(|column| column.as_string::<i32>()).collect();
+    let same = |a: usize, b: usize| columns.iter().all(|column| column.value(a) == column.value(b));
+    let rows = batch.num_rows();
     let mut out = Vec::new();
     let mut start = 0;
-    for row in 1..=names.len() {
-        if row == names.len() || names.value(row) != names.value(start) || hashes.value(row) != hashes.value(start) {
-            let identity = Identity { name: names.value(start).to_owned(), sha256: hashes.value(start).to_owned() };
+    for row in 1..=rows {
+        if start < rows && (row == rows || !same(row, start)) {
+            let identity = Identity(columns.iter().map(|column| column.value(start).to_owned()).collect());
             out.push((identity, batch.slice(start, row - start)));
             start = row;
         }
@@ -209,11 +264,7 @@ pub struct PieceWriter {
 }
 
 impl PieceWriter {
-    fn new(folder: &Path, target: PathBuf, settings: &str) -> Result<Self, PartError> {
-        Self::with_schema(folder, target, settings, schema())
-    }
-
-    fn with_schema(folder: &Path, target: PathBuf, settings: &str, schema: SchemaRef) -> Result<Self, PartError> {
+    fn new(folder: &Path, target: PathBuf, settings: &str, schema: SchemaRef) -> Result<Self, PartError> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".unfinished-");
         // Temporary files are private by default; parts are for others to read, as far as the umask allows.
@@ -231,16 +282,11 @@ impl PieceWriter {
         Ok(Self { writer, target })
     }
 
-    /// Adds rows and empties them.
+    /// Adds rows.
     ///
     /// # Errors
-    /// When the disk is full or gone.
-    pub fn write(&mut self, rows: &mut Rows) -> Result<(), PartError> {
-        let batch = rows.take().map_err(|e| PartError::Parquet { path: self.target.clone(), source: e.into() })?;
-        self.write_batch(&batch)
-    }
-
-    fn write_batch(&mut self, batch: &RecordBatch) -> Result<(), PartError> {
+    /// When the disk is full or gone, or the columns are not those of the table.
+    pub fn write(&mut self, batch: &RecordBatch) -> Result<(), PartError> {
         self.writer.write(batch).map_err(parquet_at(&self.target))
     }
 
@@ -262,8 +308,8 @@ impl PieceWriter {
 /// When the file cannot be written.
 pub fn write_whole(path: &Path, batch: &RecordBatch) -> Result<(), PartError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut writer = PieceWriter::with_schema(folder, path.to_owned(), "", batch.schema())?;
-    writer.write_batch(batch)?;
+    let mut writer = PieceWriter::new(folder, path.to_owned(), "", batch.schema())?;
+    writer.write(batch)?;
     writer.finish()
 }
 
@@ -272,57 +318,45 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// SHA-256 of a file's content, read piece by piece.
+/// SHA-256 of a file's content, read piece by piece, in lower-case hexadecimal.
 ///
 /// # Errors
 /// When the file cannot be read.
-pub fn identify(name: &str, path: &Path) -> Result<Identity, PartError> {
+pub fn sha256_of(path: &Path) -> Result<String, PartError> {
     let mut hasher = Sha256::new();
     let mut file = File::open(path).map_err(io_at(path))?;
     io::copy(&mut file, &mut hasher).map_err(io_at(path))?;
-    Ok(Identity { name: name.to_owned(), sha256: hex(&hasher.finalize()) })
+    Ok(hex(&hasher.finalize()))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use gearwatch_core::estimate::Estimate;
-    use gearwatch_core::verdict::{
-        HARMONICS, HarmonicVerdict, InstrumentState, MachineState, Reason, StateFit, Verdict,
-    };
+    use std::sync::Arc;
 
-    fn verdict(window: u64) -> Verdict {
-        Verdict {
-            stage: "stage1".into(),
-            channel: "acc_1".into(),
-            window,
-            t0: 5,
-            first_sample_index: 7,
-            samples: 16_384,
-            unit: "m/s^2".into(),
-            input_speed_hz: Estimate::new(8.4, 1e-5),
-            mesh_hz: 286.5,
-            brake_torque_nm: f64::NAN,
-            cell: String::new(),
-            harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
-            machine: MachineState::Unknown,
-            instrument: InstrumentState::Ok,
-            resolvable: false,
-            reason: Reason::NoBaseline,
-            windows: 1,
-            baseline_sessions: 0,
-            state_fit: StateFit::NotCompared,
-            states: vec![],
-        }
+    use arrow_array::{Int64Array, StringArray};
+    use arrow_schema::{DataType, Field, Schema};
+
+    use super::*;
+
+    fn table() -> Table {
+        let text = |name| Field::new(name, DataType::Utf8, false);
+        let fields = vec![text("file"), text("file_sha256"), Field::new("number", DataType::Int64, false)];
+        Table { schema: Arc::new(Schema::new(fields)), keys: 2 }
     }
 
-    fn write(workshop: &Workshop, of: &Identity, windows: u64) {
-        let mut rows = Rows::default();
+    fn open(folder: &Path, shard: Shard, settings: &str) -> Result<Workshop, PartError> {
+        Workshop::open(folder, shard, settings, table())
+    }
+
+    fn rows(of: &Identity, count: i64) -> RecordBatch {
+        let text = |k: usize| Arc::new(StringArray::from_iter_values((0..count).map(|_| &of.0[k])));
+        let numbers = Arc::new(Int64Array::from_iter_values(0..count));
+        RecordBatch::try_new(table().schema, vec![text(0), text(1), numbers]).unwrap()
+    }
+
+    fn write(workshop: &Workshop, of: &Identity, count: i64) {
         let mut piece = workshop.begin(of).unwrap();
-        for window in 0..windows {
-            rows.push(&of.name, &of.sha256, &verdict(window));
-        }
-        piece.write(&mut rows).unwrap();
+        piece.write(&rows(of, count)).unwrap();
         piece.finish().unwrap();
     }
 
@@ -331,50 +365,60 @@ mod tests {
     }
 
     fn identity(name: &str) -> Identity {
-        Identity { name: name.into(), sha256: hex(&Sha256::digest(name)) }
+        Identity(vec![name.into(), hex(&Sha256::digest(name))])
     }
 
     #[test]
     fn conform_done_work_is_found_again_and_other_settings_are_not_mixed() {
         let folder = tempfile::tempdir().unwrap();
         let (a, b) = (identity("a"), identity("b"));
-        let workshop = Workshop::open(folder.path(), Shard::WHOLE, "one").unwrap();
+        let workshop = open(folder.path(), Shard::WHOLE, "one").unwrap();
         write(&workshop, &a, 10);
         drop(workshop); // killed before its part was made
-        let workshop = Workshop::open(folder.path(), Shard::WHOLE, "one").unwrap();
+        let workshop = open(folder.path(), Shard::WHOLE, "one").unwrap();
         assert!(workshop.is_done(&a) && !workshop.is_done(&b));
         let part = workshop.finish(std::slice::from_ref(&a)).unwrap();
         assert_eq!(row_count(&part), 10);
 
-        let workshop = Workshop::open(folder.path(), Shard::WHOLE, "one").unwrap();
+        let workshop = open(folder.path(), Shard::WHOLE, "one").unwrap();
         assert!(workshop.is_done(&a), "the part is work done");
         write(&workshop, &b, 5);
         let part = workshop.finish(&[a.clone(), b]).unwrap();
         assert_eq!(row_count(&part), 15);
 
-        let workshop = Workshop::open(folder.path(), Shard::WHOLE, "two").unwrap();
+        let workshop = open(folder.path(), Shard::WHOLE, "two").unwrap();
         assert!(!workshop.is_done(&a));
+        workshop.finish(&[]).unwrap();
+        let names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(names.len(), 2, "part and lock, no pieces: {names:?}");
     }
 
     #[test]
     fn conform_two_processes_cannot_work_one_shard() {
         let folder = tempfile::tempdir().unwrap();
-        let first = Workshop::open(folder.path(), Shard::WHOLE, "").unwrap();
-        assert!(matches!(Workshop::open(folder.path(), Shard::WHOLE, ""), Err(PartError::Locked(_))));
-        assert!(Workshop::open(folder.path(), Shard::new(1, 2).unwrap(), "").is_ok());
+        let first = open(folder.path(), Shard::WHOLE, "").unwrap();
+        assert!(matches!(open(folder.path(), Shard::WHOLE, ""), Err(PartError::Locked(_))));
+        assert!(open(folder.path(), Shard::new(1, 2).unwrap(), "").is_ok());
         drop(first);
-        assert!(Workshop::open(folder.path(), Shard::WHOLE, "").is_ok());
+        assert!(open(folder.path(), Shard::WHOLE, "").is_ok());
+    }
+
+    #[test]
+    fn conform_parts_of_other_shards_are_not_mixed() {
+        let folder = tempfile::tempdir().unwrap();
+        open(folder.path(), Shard::new(2, 3).unwrap(), "").unwrap().finish(&[]).unwrap();
+        assert!(open(folder.path(), Shard::new(1, 3).unwrap(), "").is_ok());
+        let error = open(folder.path(), Shard::new(1, 4).unwrap(), "").unwrap_err().to_string();
+        assert!(error.contains("part-00002-of-00003.parquet is one of 3 shards"), "{error}");
     }
 
     #[test]
     fn conform_an_unfinished_piece_has_no_name() {
         let folder = tempfile::tempdir().unwrap();
-        let workshop = Workshop::open(folder.path(), Shard::WHOLE, "").unwrap();
+        let workshop = open(folder.path(), Shard::WHOLE, "").unwrap();
         let a = identity("a");
         let mut piece = workshop.begin(&a).unwrap();
-        let mut rows = Rows::default();
-        rows.push("a", "0", &verdict(0));
-        piece.write(&mut rows).unwrap();
+        piece.write(&rows(&a, 3)).unwrap();
         drop(piece);
         assert!(!workshop.is_done(&a));
     }

@@ -7,15 +7,37 @@ use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use gearwatch_core::verdict::{HARMONICS, Verdict, published};
 
+use crate::part::Table;
+
 /// Columns of each harmonic, in order: number outside a rank's meaning is `null`, level −1 is unknown.
 const PER_HARMONIC: [&str; 7] =
     ["dev_{}x_percent", "dev_sigma_{}x_percent", "amp_{}x", "sigma_{}x", "floor_{}x", "base_{}x", "p_{}x"];
 
-/// The columns of a part.
-pub fn schema() -> SchemaRef {
+/// Where rows come from.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    /// Name in the work list.
+    pub file: String,
+    /// SHA-256 of the recording.
+    pub file_sha256: String,
+    /// SHA-256 of the sidecar file beside it, empty where there is none.
+    pub sidecar_sha256: String,
+    /// SHA-256 of the baseline file, empty where there is none.
+    pub baseline_sha256: String,
+}
+
+/// The table of a part.
+pub fn table() -> Table {
+    Table { schema: schema(), keys: 3 }
+}
+
+fn schema() -> SchemaRef {
     let mut fields = vec![
         Field::new("file", DataType::Utf8, false),
         Field::new("file_sha256", DataType::Utf8, false),
+        Field::new("sidecar_sha256", DataType::Utf8, false),
+        Field::new("baseline_sha256", DataType::Utf8, false),
+        Field::new("version", DataType::Utf8, false),
         Field::new("stage", DataType::Utf8, false),
         Field::new("channel", DataType::Utf8, false),
         Field::new("window", DataType::UInt64, false),
@@ -30,6 +52,7 @@ pub fn schema() -> SchemaRef {
         Field::new("state", DataType::Utf8, false),
         Field::new("resolvable", DataType::Boolean, false),
         Field::new("state_probability", DataType::Float64, true),
+        Field::new("sample_rate_hz", DataType::Float64, true),
         Field::new("input_speed_hz", DataType::Float64, true),
         Field::new("input_speed_sigma_hz", DataType::Float64, true),
         Field::new("mesh_hz", DataType::Float64, true),
@@ -48,12 +71,12 @@ pub fn schema() -> SchemaRef {
 /// Rows on their way to a part.
 #[derive(Debug, Default)]
 pub struct Rows {
-    texts: [StringBuilder; 11],
+    texts: [StringBuilder; 14],
     window: UInt64Builder,
     t0_ns: Int64Builder,
     first_sample_index: UInt64Builder,
     resolvable: BooleanBuilder,
-    numbers: [Float64Builder; 5],
+    numbers: [Float64Builder; 6],
     ranks: [StringBuilder; HARMONICS],
     levels: [Int8Builder; HARMONICS],
     harmonics: [[Float64Builder; PER_HARMONIC.len()]; HARMONICS],
@@ -76,12 +99,15 @@ impl Rows {
         self.len == 0
     }
 
-    /// Adds a verdict on a window of `file`.
-    pub fn push(&mut self, file: &str, file_sha256: &str, v: &Verdict) {
+    /// Adds a verdict on a window that was sampled at `sample_rate_hz`.
+    pub fn push(&mut self, origin: &Origin, sample_rate_hz: f64, v: &Verdict) {
         let nearest = v.states.first();
-        let texts = [
-            file,
-            file_sha256,
+        let texts: [&str; 14] = [
+            &origin.file,
+            &origin.file_sha256,
+            &origin.sidecar_sha256,
+            &origin.baseline_sha256,
+            env!("CARGO_PKG_VERSION"),
             &v.stage,
             &v.channel,
             &v.unit,
@@ -90,7 +116,7 @@ impl Rows {
             v.reason.code(),
             &v.cell,
             v.state_fit.code(),
-            nearest.map_or("", |state| &state.name),
+            nearest.map_or("", |state| &*state.name),
         ];
         for (builder, text) in self.texts.iter_mut().zip(texts) {
             builder.append_value(text);
@@ -100,7 +126,8 @@ impl Rows {
         self.first_sample_index.append_value(v.first_sample_index);
         self.resolvable.append_value(v.resolvable);
         let probability = nearest.map_or(f64::NAN, |state| state.probability);
-        let numbers = [probability, v.input_speed_hz.value, v.input_speed_hz.sigma, v.mesh_hz, v.brake_torque_nm];
+        let speed = v.input_speed_hz;
+        let numbers = [probability, sample_rate_hz, speed.value, speed.sigma, v.mesh_hz, v.brake_torque_nm];
         for (builder, value) in self.numbers.iter_mut().zip(numbers) {
             number(builder, value);
         }
@@ -123,8 +150,8 @@ impl Rows {
     pub fn take(&mut self) -> Result<RecordBatch, ArrowError> {
         self.len = 0;
         let mut columns: Vec<ArrayRef> = Vec::with_capacity(schema().fields().len());
-        // In the order of `schema`: four texts, three counts, seven texts, and so on.
-        let (identity, states) = self.texts.split_at_mut(4);
+        // In the order of `schema`: seven texts, three counts, seven texts, and so on.
+        let (identity, states) = self.texts.split_at_mut(7);
         columns.extend(identity.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
         columns.push(Arc::new(self.window.finish()));
         columns.push(Arc::new(self.t0_ns.finish()));

@@ -1,48 +1,77 @@
-//! The work of one shard: recordings on all cores, a recording a thread at a time.
+//! The work of one shard: items on all cores, an item a thread at a time.
 
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use gearwatch_core::analysis::WindowAnalysis;
-use gearwatch_core::pipeline::{Pipeline, WorkerState};
-use gearwatch_core::source::Source;
-use gearwatch_core::verdict::Verdict;
-use gearwatch_io::OpenOptions;
-
-use crate::part::{Identity, PartError, PieceWriter, Workshop, identify};
-use crate::rows::Rows;
+use crate::part::{Identity, PartError, PieceWriter, Table, Workshop};
 use crate::shard::Shard;
 
-/// Rows gathered before they go to the piece; bounds the memory of a thread whatever the length of a recording.
-const ROWS_AT_A_TIME: usize = 4096;
+/// What is done with each item of a list. [`crate::judging`] and [`crate::explaining`] are such work.
+pub trait Work: Sync {
+    /// What a thread keeps from item to item.
+    type Bench;
+
+    /// The columns.
+    fn table(&self) -> Table;
+
+    /// A thread begins.
+    fn bench(&self) -> Self::Bench;
+
+    /// The keys of an item.
+    ///
+    /// # Errors
+    /// When it cannot be read; why.
+    fn identify(&self, path: &Path) -> Result<Identity, String>;
+
+    /// Writes the rows of an item to its piece and says how many they are.
+    ///
+    /// # Errors
+    /// When the item cannot be worked, or the piece cannot be written.
+    fn work(
+        &self,
+        bench: &mut Self::Bench,
+        path: &Path,
+        of: &Identity,
+        piece: &mut PieceWriter,
+    ) -> Result<usize, Trouble>;
+}
+
+/// An item cannot be worked, or the batch cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum Trouble {
+    /// This item is passed over; why.
+    #[error("{0}")]
+    Item(String),
+    /// Nothing can be written any more.
+    #[error(transparent)]
+    Batch(#[from] PartError),
+}
 
 /// What a shard is to do.
 pub struct Job<'a> {
-    /// The whole work list: position decides which shard has a recording.
-    pub recordings: &'a [PathBuf],
+    /// The whole work list: position decides which shard has an item.
+    pub items: &'a [PathBuf],
     /// Which part of it.
     pub shard: Shard,
     /// Folder of the parts.
     pub folder: &'a Path,
-    /// How recordings are judged.
-    pub pipeline: &'a Pipeline,
-    /// What recordings leave unsaid.
-    pub options: &'a OpenOptions,
-    /// Everything beside the recordings that the rows depend on, as text: rows made with other settings are made again.
+    /// Everything beside the items that the rows depend on, as text: rows made with other settings are made again.
     pub settings: &'a str,
     /// Threads.
     pub threads: usize,
 }
 
-/// What happened to a recording.
+/// What happened to an item.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// It was worked; so many rows.
     Done(usize),
     /// An earlier run had done it.
     Known,
-    /// It cannot be read; why.
+    /// It cannot be worked; why.
     Damaged(String),
 }
 
@@ -51,47 +80,54 @@ pub enum Outcome {
 pub struct Summary {
     /// The part.
     pub part: PathBuf,
-    /// Each recording of the shard, in order.
+    /// Each item of the shard, in order.
     pub outcomes: Vec<(PathBuf, Outcome)>,
+    /// Items of other names whose content is that of an earlier one: both are in the part.
+    pub twins: Vec<(PathBuf, PathBuf)>,
 }
 
 impl Summary {
-    /// Recordings that could not be read, with the reason.
+    /// Items that could not be worked, with the reason.
     pub fn damaged(&self) -> impl Iterator<Item = (&Path, &str)> {
         self.outcomes.iter().filter_map(|(path, outcome)| match outcome {
             Outcome::Damaged(why) => Some((path.as_path(), why.as_str())),
             _ => None,
         })
     }
+
+    /// Items that were worked and gave no row.
+    pub fn empty(&self) -> impl Iterator<Item = &Path> {
+        self.outcomes.iter().filter(|(_, outcome)| *outcome == Outcome::Done(0)).map(|(path, _)| path.as_path())
+    }
 }
 
-/// Works a shard. `told` hears of each recording as it is finished, from any thread. A damaged recording is passed over; a disk that
-/// is full or gone ends the work, and what was finished is kept for the next run.
+/// Works a shard. `told` hears of each item as it is finished, from any thread. A damaged item is passed over; a disk that is full or
+/// gone ends the work, and what was finished is kept for the next run.
 ///
 /// # Errors
 /// When files of the batch cannot be written.
-pub fn run(job: &Job<'_>, told: &(dyn Fn(&Path, &Outcome) + Sync)) -> Result<Summary, PartError> {
-    let workshop = Workshop::open(job.folder, job.shard, job.settings)?;
+pub fn run<W: Work>(job: &Job<'_>, work: &W, told: &(dyn Fn(&Path, &Outcome) + Sync)) -> Result<Summary, PartError> {
+    let workshop = Workshop::open(job.folder, job.shard, job.settings, work.table())?;
     let mine: Vec<&PathBuf> =
-        job.recordings.iter().enumerate().filter(|(position, _)| job.shard.holds(*position)).map(|(_, p)| p).collect();
+        job.items.iter().enumerate().filter(|(position, _)| job.shard.holds(*position)).map(|(_, p)| p).collect();
     let results: Vec<Mutex<Option<Finished>>> = mine.iter().map(|_| Mutex::new(None)).collect();
     let next = AtomicUsize::new(0);
     let failure = Mutex::new(None);
     std::thread::scope(|scope| {
         for _ in 0..job.threads.clamp(1, mine.len().max(1)) {
             scope.spawn(|| {
-                let mut bench = Workbench::new(job.pipeline);
+                let mut bench = work.bench();
                 loop {
                     let position = next.fetch_add(1, Ordering::Relaxed);
                     let Some(path) = mine.get(position) else { return };
-                    match bench.work(job, &workshop, path) {
+                    match one(work, &mut bench, &workshop, path) {
                         Ok(finished) => {
                             told(path, &finished.outcome);
                             *lock(&results[position]) = Some(finished);
                         }
                         Err(error) => {
                             lock(&failure).get_or_insert(error);
-                            // Nobody begins another recording.
+                            // Nobody begins another item.
                             next.store(mine.len(), Ordering::Relaxed);
                         }
                     }
@@ -104,13 +140,20 @@ pub fn run(job: &Job<'_>, told: &(dyn Fn(&Path, &Outcome) + Sync)) -> Result<Sum
     }
     let mut outcomes = Vec::with_capacity(mine.len());
     let mut identities = Vec::with_capacity(mine.len());
+    let mut twins = Vec::new();
+    let mut contents: BTreeMap<Vec<String>, &PathBuf> = BTreeMap::new();
     for (path, result) in mine.into_iter().zip(results) {
-        if let Some(finished) = lock(&result).take() {
-            identities.extend(finished.identity);
-            outcomes.push((path.clone(), finished.outcome));
+        let Some(finished) = lock(&result).take() else { continue };
+        if let Some(identity) = finished.identity {
+            match contents.get(identity.content()) {
+                Some(&first) => twins.push((first.clone(), path.clone())),
+                None => drop(contents.insert(identity.content().to_vec(), path)),
+            }
+            identities.push(identity);
         }
+        outcomes.push((path.clone(), finished.outcome));
     }
-    Ok(Summary { part: workshop.finish(&identities)?, outcomes })
+    Ok(Summary { part: workshop.finish(&identities)?, outcomes, twins })
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
@@ -119,84 +162,38 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 }
 
 struct Finished {
-    /// `None` for a recording that left no piece.
+    /// `None` for an item that left no piece.
     identity: Option<Identity>,
     outcome: Outcome,
 }
 
-/// What a thread keeps from recording to recording.
-struct Workbench {
-    worker: WorkerState,
-    analysis: WindowAnalysis,
-    verdicts: Vec<Verdict>,
-    rows: Rows,
+impl Finished {
+    fn damaged(why: String) -> Self {
+        Self { identity: None, outcome: Outcome::Damaged(why) }
+    }
 }
 
-/// A recording cannot be read, or the batch cannot be written.
-enum Trouble {
-    Recording(String),
-    Batch(PartError),
-}
-
-impl Workbench {
-    fn new(pipeline: &Pipeline) -> Self {
-        Self {
-            worker: pipeline.worker(),
-            analysis: WindowAnalysis::empty(),
-            verdicts: Vec::new(),
-            rows: Rows::default(),
-        }
+fn one<W: Work>(work: &W, bench: &mut W::Bench, workshop: &Workshop, path: &Path) -> Result<Finished, PartError> {
+    let identity = match work.identify(path) {
+        Ok(identity) => identity,
+        Err(why) => return Ok(Finished::damaged(why)),
+    };
+    if workshop.is_done(&identity) {
+        return Ok(Finished { identity: Some(identity), outcome: Outcome::Known });
     }
-
-    fn work(&mut self, job: &Job<'_>, workshop: &Workshop, path: &Path) -> Result<Finished, PartError> {
-        let name = path.to_string_lossy();
-        let identity = match identify(&name, path) {
-            Ok(identity) => identity,
-            Err(error) => return Ok(Finished { identity: None, outcome: Outcome::Damaged(error.to_string()) }),
-        };
-        if workshop.is_done(&identity) {
-            return Ok(Finished { identity: Some(identity), outcome: Outcome::Known });
+    let mut piece = workshop.begin(&identity)?;
+    // A fault of this program must not cost the thousand other items; what the thread kept is thrown away with it.
+    let worked = catch_unwind(AssertUnwindSafe(|| work.work(bench, path, &identity, &mut piece)));
+    match worked {
+        Ok(Ok(rows)) => {
+            piece.finish()?;
+            Ok(Finished { identity: Some(identity), outcome: Outcome::Done(rows) })
         }
-        let mut piece = workshop.begin(&identity)?;
-        // Rows of a recording that turned out damaged must not go to the next.
-        self.rows = Rows::default();
-        match self.judge(job, path, &identity, &mut piece) {
-            Ok(rows) => {
-                piece.finish()?;
-                Ok(Finished { identity: Some(identity), outcome: Outcome::Done(rows) })
-            }
-            Err(Trouble::Recording(why)) => Ok(Finished { identity: None, outcome: Outcome::Damaged(why) }),
-            Err(Trouble::Batch(error)) => Err(error),
-        }
-    }
-
-    fn judge(&mut self, job: &Job<'_>, path: &Path, of: &Identity, piece: &mut PieceWriter) -> Result<usize, Trouble> {
-        let unreadable = |error: gearwatch_io::ReadError| Trouble::Recording(error.to_string());
-        let mut source = gearwatch_io::open(path, job.options).map_err(unreadable)?;
-        let mut assembler = job.pipeline.assembler();
-        let mut windows = Vec::new();
-        let mut count = 0;
-        loop {
-            let packet = source.next_packet().map_err(unreadable)?;
-            match &packet {
-                Some(packet) => assembler.push(packet, &mut |window| windows.push(window)),
-                None => assembler.finish(&mut |window| windows.push(window)),
-            }
-            for window in windows.drain(..) {
-                job.pipeline.analyse(&mut self.worker, &window, &mut self.analysis);
-                job.pipeline.judge(&self.analysis, &mut self.verdicts);
-                for verdict in &self.verdicts {
-                    self.rows.push(&of.name, &of.sha256, verdict);
-                }
-                count += self.verdicts.len();
-                assembler.recycle(window);
-            }
-            if self.rows.len() >= ROWS_AT_A_TIME || packet.is_none() {
-                piece.write(&mut self.rows).map_err(Trouble::Batch)?;
-            }
-            if packet.is_none() {
-                return Ok(count);
-            }
+        Ok(Err(Trouble::Item(why))) => Ok(Finished::damaged(why)),
+        Ok(Err(Trouble::Batch(error))) => Err(error),
+        Err(_) => {
+            *bench = work.bench();
+            Ok(Finished::damaged("a fault of this program".to_owned()))
         }
     }
 }

@@ -55,7 +55,10 @@ impl Shard {
         let (Some(first), Some(last)) = (number("SLURM_ARRAY_TASK_MIN")?, number("SLURM_ARRAY_TASK_MAX")?) else {
             return Err(ShardError::Slurm("SLURM_ARRAY_TASK_ID is set without SLURM_ARRAY_TASK_MIN and _MAX".into()));
         };
-        // A re-run of single tasks (--array=3,7) has the same MIN and MAX as no other; its count cannot be known from here.
+        // Single tasks of an array that are run again (--array=3, --array=3,7) do not say how many the whole has.
+        if first == last {
+            return Err(ShardError::Slurm(format!("the array holds {id} alone, and may be a part of a larger one")));
+        }
         let span = last.checked_sub(first).and_then(|d| d.checked_add(1));
         let span =
             span.ok_or_else(|| ShardError::Slurm(format!("SLURM_ARRAY_TASK_MIN {first} is above _MAX {last}")))?;
@@ -70,6 +73,17 @@ impl Shard {
     /// list that is sorted by date take equally long.
     pub fn holds(self, position: usize) -> bool {
         position % self.count as usize == (self.index - 1) as usize
+    }
+
+    /// N of I/N.
+    pub fn count(self) -> u32 {
+        self.count
+    }
+
+    /// N of the shards that a file of this name is a part of; `None` where it is no part.
+    pub fn count_of_part(name: &str) -> Option<u32> {
+        let (index, count) = name.strip_prefix("part-")?.strip_suffix(".parquet")?.split_once("-of-")?;
+        Self::new(index.parse().ok()?, count.parse().ok()?).ok().map(Self::count)
     }
 
     /// Name of the part that this shard leaves.
@@ -120,6 +134,14 @@ mod tests {
         assert_eq!("3/10".parse::<Shard>().unwrap().to_string(), "3/10");
     }
 
+    #[test]
+    fn conform_parts_are_known_by_name() {
+        assert_eq!(Shard::count_of_part(&Shard::new(3, 10).unwrap().part_name()), Some(10));
+        for name in ["part-3.parquet", "part-00003-of-00010.lock", "sweep.parquet", "part-00011-of-00010.parquet"] {
+            assert_eq!(Shard::count_of_part(name), None, "{name}");
+        }
+    }
+
     fn slurm(id: &str, min: &str, max: &str, count: &str) -> Result<Shard, ShardError> {
         Shard::from_slurm(|name| {
             let value = match name {
@@ -137,6 +159,7 @@ mod tests {
         assert_eq!(slurm("0", "0", "9", "10").unwrap().to_string(), "1/10");
         assert_eq!(slurm("10", "1", "10", "10").unwrap().to_string(), "10/10");
         assert!(slurm("3", "3", "7", "2").is_err(), "a partial array cannot know the whole");
+        assert!(slurm("3", "3", "3", "1").is_err(), "nor can a single task");
         assert!(slurm("x", "1", "2", "2").is_err());
         assert_eq!(Shard::from_slurm(|_| None).unwrap(), Shard::WHOLE);
     }

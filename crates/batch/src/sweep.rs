@@ -9,10 +9,13 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, UInt32Array};
 use gearwatch_core::analysis::{Line, Sidebands, WindowAnalysis};
+
 use gearwatch_core::baseline::BaselineConfig;
+use gearwatch_core::one_shot::each_window;
 use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::source::Source;
 use gearwatch_core::verdict::{HARMONICS, InstrumentState};
+use gearwatch_core::window::Window;
 
 use crate::part::{PartError, write_whole};
 
@@ -107,25 +110,12 @@ impl<'a> Collector<'a> {
     /// # Errors
     /// As the source; what was taken in before stays.
     pub fn take<S: Source>(&mut self, source: &mut S) -> Result<(), S::Error> {
-        let mut assembler = self.pipeline.assembler();
-        let mut worker = self.pipeline.worker();
-        let mut analysis = WindowAnalysis::empty();
-        let mut windows = Vec::new();
-        loop {
-            let packet = source.next_packet()?;
-            match &packet {
-                Some(packet) => assembler.push(packet, &mut |window| windows.push(window)),
-                None => assembler.finish(&mut |window| windows.push(window)),
-            }
-            for window in windows.drain(..) {
-                self.pipeline.analyse(&mut worker, &window, &mut analysis);
-                self.window(&window.samples, &analysis);
-                assembler.recycle(window);
-            }
-            if packet.is_none() {
-                return Ok(());
-            }
-        }
+        let pipeline = self.pipeline;
+        let mut take = |window: &Window, analysis: &WindowAnalysis| {
+            self.window(&window.samples, analysis);
+            Ok(())
+        };
+        each_window(pipeline, source, &mut take).map(drop)
     }
 
     /// The rows, by channel, stage, torque and speed.

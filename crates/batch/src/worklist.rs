@@ -1,4 +1,4 @@
-//! The list of recordings: from a manifest or from folders, sorted, each once.
+//! The list of recordings or cases: from a manifest or from folders, sorted, each once.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -17,19 +17,19 @@ pub enum WorkListError {
         cause: io::Error,
     },
     /// Lines of a manifest name files that are not there.
-    #[error("{manifest}: {} of {total} recordings are not there; the first are {}", missing.len(), first_few(missing))]
+    #[error("{manifest}: {} of {total} {what} are not there; the first are {}", missing.len(), first_few(missing))]
     Missing {
         /// The manifest.
         manifest: PathBuf,
+        /// What was looked for.
+        what: &'static str,
         /// Line number and name of each.
         missing: Vec<(usize, PathBuf)>,
         /// Lines with a name.
         total: usize,
     },
     /// Two lines of a manifest name the same file.
-    #[error(
-        "{manifest}: line {again} names {path} a second time (first in line {first}); each recording is to be listed once"
-    )]
+    #[error("{manifest}: line {again} names {path} a second time (first in line {first}); each is to be listed once")]
     Twice {
         /// The manifest.
         manifest: PathBuf,
@@ -43,6 +43,9 @@ pub enum WorkListError {
     /// Nothing was found.
     #[error("{0}: there is no recording in it; expected files that end in {1}")]
     Empty(PathBuf, String),
+    /// No case was found.
+    #[error("{0}: there is no case in it; expected folders with a file {CASE_BENCH}")]
+    NoCase(PathBuf),
 }
 
 fn first_few(missing: &[(usize, PathBuf)]) -> String {
@@ -51,12 +54,41 @@ fn first_few(missing: &[(usize, PathBuf)]) -> String {
     names.join(", ")
 }
 
-/// Recordings of a manifest: one path a line, relative to the manifest's folder; empty lines and lines that begin with `#` count for
+/// What a list holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Files.
+    Recordings,
+    /// Folders with a bench file.
+    Cases,
+}
+
+/// The bench file of a case.
+pub const CASE_BENCH: &str = "bench.toml";
+
+impl Kind {
+    /// In words.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Recordings => "recordings",
+            Self::Cases => "cases",
+        }
+    }
+
+    fn is(self, path: &Path) -> bool {
+        match self {
+            Self::Recordings => path.is_file(),
+            Self::Cases => path.join(CASE_BENCH).is_file(),
+        }
+    }
+}
+
+/// The list of a manifest: one path a line, relative to the manifest's folder; empty lines and lines that begin with `#` count for
 /// nothing.
 ///
 /// # Errors
-/// When the manifest cannot be read, names files that are not there, or names one twice.
-pub fn from_manifest(manifest: &Path) -> Result<Vec<PathBuf>, WorkListError> {
+/// When the manifest cannot be read, names what is not there, or names one item twice.
+pub fn from_manifest(manifest: &Path, kind: Kind) -> Result<Vec<PathBuf>, WorkListError> {
     let text =
         fs::read_to_string(manifest).map_err(|cause| WorkListError::Read { path: manifest.to_owned(), cause })?;
     let folder = manifest.parent().unwrap_or(Path::new(""));
@@ -69,14 +101,14 @@ pub fn from_manifest(manifest: &Path) -> Result<Vec<PathBuf>, WorkListError> {
         }
         total += 1;
         let path = folder.join(line);
-        if path.is_file() {
+        if kind.is(&path) {
             found.push((path, number));
         } else {
             missing.push((number, path));
         }
     }
     if !missing.is_empty() {
-        return Err(WorkListError::Missing { manifest: manifest.to_owned(), missing, total });
+        return Err(WorkListError::Missing { manifest: manifest.to_owned(), what: kind.name(), missing, total });
     }
     // Two spellings of one file are the same recording.
     let mut seen = std::collections::BTreeMap::new();
@@ -110,7 +142,43 @@ pub fn from_folders(places: &[PathBuf], endings: &[&str]) -> Result<Vec<PathBuf>
             found.insert(place.clone());
         }
     }
-    Ok(found.into_iter().collect())
+    each_once(found)
+}
+
+/// Folders that are cases, or hold cases.
+///
+/// # Errors
+/// When a folder cannot be read or no case is found in it.
+pub fn cases(places: &[PathBuf]) -> Result<Vec<PathBuf>, WorkListError> {
+    let mut found = BTreeSet::new();
+    for place in places {
+        if Kind::Cases.is(place) {
+            found.insert(place.clone());
+            continue;
+        }
+        let before = found.len();
+        let read = |cause| WorkListError::Read { path: place.clone(), cause };
+        for entry in fs::read_dir(place).map_err(read)? {
+            found.extend(Some(entry.map_err(read)?.path()).filter(|path| Kind::Cases.is(path)));
+        }
+        if found.len() == before {
+            return Err(WorkListError::NoCase(place.clone()));
+        }
+    }
+    each_once(found)
+}
+
+/// What two of the places lead to is taken once, under the name that sorts first.
+fn each_once(found: BTreeSet<PathBuf>) -> Result<Vec<PathBuf>, WorkListError> {
+    let mut seen = BTreeSet::new();
+    let mut out = Vec::with_capacity(found.len());
+    for path in found {
+        let whole = fs::canonicalize(&path).map_err(|cause| WorkListError::Read { path: path.clone(), cause })?;
+        if seen.insert(whole) {
+            out.push(path);
+        }
+    }
+    Ok(out)
 }
 
 fn walk(folder: &Path, endings: &[&str], found: &mut BTreeSet<PathBuf>) -> Result<(), WorkListError> {
@@ -144,16 +212,19 @@ mod tests {
         fs::write(folder.path().join("a.mcap"), "x").unwrap();
         fs::write(folder.path().join("b.mcap"), "x").unwrap();
         fs::write(&manifest, "# recordings\nb.mcap\n\na.mcap\n").unwrap();
-        let names: Vec<_> =
-            from_manifest(&manifest).unwrap().iter().map(|p| p.file_name().unwrap().to_owned()).collect();
+        let names: Vec<_> = from_manifest(&manifest, Kind::Recordings)
+            .unwrap()
+            .iter()
+            .map(|p| p.file_name().unwrap().to_owned())
+            .collect();
         assert_eq!(names, ["a.mcap", "b.mcap"]);
 
         fs::write(&manifest, "a.mcap\nc.mcap\n").unwrap();
-        let error = from_manifest(&manifest).unwrap_err().to_string();
+        let error = from_manifest(&manifest, Kind::Recordings).unwrap_err().to_string();
         assert!(error.contains("1 of 2") && error.contains("c.mcap (line 2)"), "{error}");
 
         fs::write(&manifest, "a.mcap\n./a.mcap\n").unwrap();
-        let error = from_manifest(&manifest).unwrap_err().to_string();
+        let error = from_manifest(&manifest, Kind::Recordings).unwrap_err().to_string();
         assert!(error.contains("line 2") && error.contains("line 1"), "{error}");
     }
 
@@ -166,6 +237,14 @@ mod tests {
         fs::write(folder.path().join("notes.txt"), "x").unwrap();
         let found = from_folders(&[folder.path().to_owned()], &["mcap", "csv.gz"]).unwrap();
         assert_eq!(found.len(), 2);
+        let sub = folder.path().join(".").join("sub");
+        let twice = from_folders(&[folder.path().to_owned(), sub], &["mcap", "csv.gz"]).unwrap();
+        assert_eq!(twice.len(), 2, "{twice:?}");
         assert!(from_folders(&[folder.path().to_owned()], &["wav"]).is_err());
+
+        assert!(cases(&[folder.path().to_owned()]).is_err());
+        fs::write(folder.path().join("sub").join(CASE_BENCH), "").unwrap();
+        let sub = folder.path().join("sub");
+        assert_eq!(cases(&[folder.path().to_owned(), sub.clone()]).unwrap(), [sub]);
     }
 }

@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use gearwatch_core::baseline::Baseline;
+use gearwatch_core::bench::Bench;
 use gearwatch_core::block::Packet;
+use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 use gearwatch_io::{ChannelOption, OpenOptions, Opened, ReadError};
@@ -97,6 +100,18 @@ impl InputOptions {
         }
         Ok(recording)
     }
+}
+
+/// The pipeline that judges recordings of a bench: with a baseline, and with fault states of its own in place of the paper's.
+///
+/// # Errors
+/// When the file of the fault states cannot be read or is not of this bench, or the bench makes no pipeline.
+pub fn pipeline(bench: &Bench, baseline: Option<Baseline>, signatures: Option<&Path>) -> anyhow::Result<Pipeline> {
+    let pipeline = Pipeline::new(bench, &PipelineConfig::default(), baseline)?;
+    Ok(match signatures {
+        Some(path) => pipeline.with_signatures(gearwatch_io::signature_file::read_for(path, bench)?),
+        None => pipeline,
+    })
 }
 
 /// Files below this size are read before a bar could be seen (bytes).

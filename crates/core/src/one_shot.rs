@@ -4,6 +4,7 @@ use crate::analysis::WindowAnalysis;
 use crate::assemble::{Counters, Gap};
 use crate::pipeline::Pipeline;
 use crate::source::Source;
+use crate::window::Window;
 
 /// What happened to a source besides its windows.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,15 +15,15 @@ pub struct Passage {
     pub gaps: Vec<Gap>,
 }
 
-/// Runs a source to its end and hands each window's analysis to `take`. Order and content are those of the service.
+/// Runs a source to its end and hands each window and its analysis to `take`. Order and content are those of the service.
 ///
 /// # Errors
-/// As the source; windows handed over before stay valid.
-pub fn each_window<S: Source>(
+/// As the source, or as `take`, whose first error ends the run; windows handed over before stay valid.
+pub fn each_window<S: Source, E: From<S::Error>>(
     pipeline: &Pipeline,
     source: &mut S,
-    take: &mut dyn FnMut(&WindowAnalysis),
-) -> Result<Passage, S::Error> {
+    take: &mut dyn FnMut(&Window, &WindowAnalysis) -> Result<(), E>,
+) -> Result<Passage, E> {
     let mut assembler = pipeline.assembler();
     let mut worker = pipeline.worker();
     let mut analysis = WindowAnalysis::empty();
@@ -36,7 +37,7 @@ pub fn each_window<S: Source>(
         }
         for window in windows.drain(..) {
             pipeline.analyse(&mut worker, &window, &mut analysis);
-            take(&analysis);
+            take(&window, &analysis)?;
             assembler.recycle(window);
         }
         gaps.extend(assembler.take_gaps());

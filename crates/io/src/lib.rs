@@ -21,5 +21,5 @@ pub mod uff;
 pub mod units;
 
 pub use open::{Opened, open, open_bytes, read_recording};
-pub use options::{ChannelOption, OpenOptions};
+pub use options::{ChannelOption, OpenOptions, sidecar_path};
 pub use problem::{Problem, ReadError};

@@ -148,7 +148,11 @@ impl Learn {
         let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut source = self.input.options.open(path)?;
         let mut learner = Learner::new(baseline.config);
-        let Passage { gaps, .. } = each_window(pipeline, &mut source, &mut |window| learner.push(window))?;
+        let Passage { gaps, .. } =
+            each_window::<_, gearwatch_io::ReadError>(pipeline, &mut source, &mut |_, analysis| {
+                learner.push(analysis);
+                Ok(())
+            })?;
         for gap in gaps {
             talk(&format!(
                 "{}: {}: {:?} at sample {}, {} samples in no window",

@@ -1,47 +1,63 @@
-//! `gearwatch batch`: many recordings to one Parquet file a shard.
+//! `gearwatch batch`: many recordings, or many cases, to one Parquet file a shard.
 
 use std::io::Write;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::Args;
-use gearwatch_batch::run::{Job, Outcome, Summary};
+use gearwatch_batch::explaining::Explaining;
+use gearwatch_batch::judging::Judging;
+use gearwatch_batch::part::{PartError, sha256_of};
+use gearwatch_batch::run::{Job, Outcome, Summary, Work, run};
 use gearwatch_batch::shard::Shard;
-use gearwatch_batch::{run, worklist};
-use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
+use gearwatch_batch::worklist::{self, Kind};
+use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_io::{baseline_file, bench_file};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::Run;
 use crate::exit::Exit;
-use crate::input::InputOptions;
+use crate::input::{self, InputOptions};
 
-/// Judge many recordings: one Parquet file a shard
+/// Judge many recordings, or explain many cases: one Parquet file a shard
 ///
-/// One row a window, channel and stage, with ranks, signed deviations and their sigmas, amplitudes, floors and states. Recordings whose
-/// content was worked before with the same settings are skipped; a killed shard goes on where it was; files appear whole or not at all.
+/// Of recordings, one row a window, channel and stage, with ranks, signed deviations and their sigmas, amplitudes, floors and states.
+/// Of cases (folders with bench.toml, recordings/ and perhaps reference/), one row a case, with the answer of `gearwatch explain`.
+/// What was worked before with the same settings is known by its content and skipped; a killed shard goes on where it was; files appear
+/// whole or not at all.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch batch recordings/ --bench bench.toml --baseline normal.json --out ranks/
   gearwatch batch --manifest list.txt --bench bench.toml --baseline normal.json --out ranks/ --shard 3/10
   sbatch --array=1-10 --wrap 'gearwatch batch --manifest list.txt --bench bench.toml --out ranks/'
+  gearwatch batch --cases cases/ --out answers/
   duckdb -c \"select channel, rank_1x, count(*) from 'ranks/*.parquet' group by all\"
 
-Exit codes: 0 all recordings done; 3 damaged recordings were passed over, or bad input.")]
+Exit codes: 0 all done; 3 something was passed over (it is named on stderr), or bad input. On a full disk what was finished is kept, and the
+same command goes on with it.")]
 pub struct Batch {
     /// Recordings, or folders that are searched for them
     #[arg(value_name = "PATH", required_unless_present = "manifest")]
     paths: Vec<PathBuf>,
-    /// Text file with one recording a line, relative to its own folder
+    /// Text file with one recording (or case) a line, relative to its own folder
     #[arg(long, value_name = "FILE", conflicts_with = "paths")]
     manifest: Option<PathBuf>,
+    /// The paths are cases, or folders of cases: explain each
+    #[arg(long, conflicts_with_all = ["bench", "baseline", "signatures", "any_rate", "InputOptions"])]
+    cases: bool,
     /// Bench file
-    #[arg(short, long, value_name = "FILE")]
-    bench: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "cases")]
+    bench: Option<PathBuf>,
     /// Baseline file; without one every rank is `unknown`
     #[arg(short = 'n', long, value_name = "FILE")]
     baseline: Option<PathBuf>,
+    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place of the paper's table
+    #[arg(long, value_name = "FILE")]
+    signatures: Option<PathBuf>,
+    /// Also judge recordings whose sample rate is not that of the bench file
+    #[arg(long)]
+    any_rate: bool,
     /// Folder for the parts
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
@@ -63,51 +79,82 @@ impl Run for Batch {
             Some(shard) => shard,
             None => Shard::from_slurm(|name| std::env::var(name).ok())?,
         };
-        let bench = bench_file::read(&self.bench)?;
+        match &self.bench {
+            Some(bench) => self.judge(bench, shard),
+            None => self.explain(shard),
+        }
+    }
+}
+
+impl Batch {
+    fn judge(&self, bench: &Path, shard: Shard) -> anyhow::Result<Exit> {
+        let bench = bench_file::read(bench)?;
         let config = PipelineConfig::default();
         let baseline = match &self.baseline {
             Some(path) => Some(baseline_file::read_for(path, &bench, config.window.length_s)?),
             None => None,
         };
+        let digest = |path: &Option<PathBuf>| path.as_deref().map(sha256_of).transpose().map(Option::unwrap_or_default);
+        let (baseline_sha256, signatures_sha256) = (digest(&self.baseline)?, digest(&self.signatures)?);
         let options = self.input.open_options();
         // Whatever changes a row is in here, so that rows of other settings are never taken for done.
-        let baseline_text = self.baseline.as_ref().map(std::fs::read_to_string).transpose().context("baseline")?;
         let settings = format!(
-            "gearwatch {}\n{}\n{baseline_text:?}\n{}\n{options:?}",
+            "gearwatch {}\njudging {}\n{baseline_sha256}\n{signatures_sha256}\n{}\n{options:?}\n{}",
             env!("CARGO_PKG_VERSION"),
             baseline_file::bench_sha256(&bench),
             serde_json::to_string(&config)?,
+            self.any_rate,
         );
-        let pipeline = Pipeline::new(&bench, &config, baseline)?;
+        let pipeline = input::pipeline(&bench, baseline, self.signatures.as_deref())?;
         let recordings = match &self.manifest {
-            Some(manifest) => worklist::from_manifest(manifest)?,
+            Some(manifest) => worklist::from_manifest(manifest, Kind::Recordings)?,
             None => worklist::from_folders(&self.paths, &endings())?,
         };
-        if recordings.is_empty() {
-            bail!("there is no recording to work");
+        let sample_rate_hz = Some(bench.acquisition.sample_rate_hz).filter(|_| !self.any_rate);
+        let work = Judging { pipeline: &pipeline, options: &options, baseline_sha256, sample_rate_hz };
+        self.work(&work, &recordings, shard, &settings, Kind::Recordings)
+    }
+
+    fn explain(&self, shard: Shard) -> anyhow::Result<Exit> {
+        let cases = match &self.manifest {
+            Some(manifest) => worklist::from_manifest(manifest, Kind::Cases)?,
+            None => worklist::cases(&self.paths)?,
+        };
+        let settings = format!("gearwatch {}\nexplaining", env!("CARGO_PKG_VERSION"));
+        self.work(&Explaining { endings: &endings() }, &cases, shard, &settings, Kind::Cases)
+    }
+
+    fn work(
+        &self,
+        work: &impl Work,
+        items: &[PathBuf],
+        shard: Shard,
+        settings: &str,
+        kind: Kind,
+    ) -> anyhow::Result<Exit> {
+        if items.is_empty() {
+            bail!("there is nothing to work: the list of {} is empty", kind.name());
         }
         let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-        let job = Job {
-            recordings: &recordings,
-            shard,
-            folder: &self.out,
-            pipeline: &pipeline,
-            options: &options,
-            settings: &settings,
-            threads: self.jobs.map_or(cores, NonZeroUsize::get),
-        };
-        let mine = (0..recordings.len()).filter(|&position| shard.holds(position)).count();
+        let threads = self.jobs.map_or(cores, NonZeroUsize::get);
+        let job = Job { items, shard, folder: &self.out, settings, threads };
+        let mine = (0..items.len()).filter(|&position| shard.holds(position)).count();
         let bar = ProgressBar::new(mine as u64);
         if let Ok(style) = ProgressStyle::with_template("shard {prefix} {wide_bar} {pos}/{len} {eta}  {msg}") {
-            bar.set_style(style.clone());
+            bar.set_style(style);
         }
         bar.set_prefix(shard.to_string());
-        let summary = run::run(&job, &|path, _| {
+        let summary = run(&job, work, &|path, _| {
             bar.set_message(path.file_name().unwrap_or_default().to_string_lossy().into_owned());
             bar.inc(1);
         });
         bar.finish_and_clear();
-        report(&summary?, shard)
+        match summary {
+            Ok(summary) => report(&summary, shard, kind),
+            Err(error @ (PartError::Io { .. } | PartError::Parquet { .. })) => Err(error)
+                .context("the work ended early; what was finished is kept, and the same command goes on with it"),
+            Err(error) => Err(error.into()),
+        }
     }
 }
 
@@ -116,15 +163,16 @@ fn endings() -> Vec<&'static str> {
     gearwatch_io::formats::FORMATS.iter().flat_map(|format| format.extensions().iter().copied()).collect()
 }
 
-fn report(summary: &Summary, shard: Shard) -> anyhow::Result<Exit> {
+fn report(summary: &Summary, shard: Shard, kind: Kind) -> anyhow::Result<Exit> {
     let count = |is: fn(&Outcome) -> bool| summary.outcomes.iter().filter(|(_, outcome)| is(outcome)).count();
     let rows: usize = summary.outcomes.iter().map(|(_, o)| if let Outcome::Done(rows) = o { *rows } else { 0 }).sum();
     let damaged = summary.damaged().count();
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
-        "shard {shard}: {} recordings judged ({rows} rows), {} known from before, {damaged} damaged: {}",
+        "shard {shard}: {} {} worked ({rows} rows), {} known from before, {damaged} passed over: {}",
         count(|o| matches!(o, Outcome::Done(_))),
+        kind.name(),
         count(|o| matches!(o, Outcome::Known)),
         summary.part.display()
     )?;
@@ -134,5 +182,12 @@ fn report(summary: &Summary, shard: Shard) -> anyhow::Result<Exit> {
         let why = why.strip_prefix(&format!("{shown}: ")).unwrap_or(why);
         writeln!(talk, "passed over: {shown}: {why}")?;
     }
-    Ok(if damaged == 0 { Exit::Ok } else { Exit::Unknown })
+    for path in summary.empty() {
+        writeln!(talk, "nothing to judge: {}: no window without a gap", path.display())?;
+    }
+    for (first, again) in &summary.twins {
+        writeln!(talk, "same content: {} and {}: both are in the part", first.display(), again.display())?;
+    }
+    let complete = damaged == 0 && summary.empty().next().is_none();
+    Ok(if complete { Exit::Ok } else { Exit::Unknown })
 }

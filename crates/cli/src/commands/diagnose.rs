@@ -18,7 +18,7 @@ use gearwatch_daemon::oneshot;
 
 use super::Run;
 use crate::exit::Exit;
-use crate::input::Input;
+use crate::input::{self, Input};
 
 mod plain;
 mod report;
@@ -114,11 +114,7 @@ impl Run for Diagnose {
         };
         let expected = expected_channels(&bench, baseline.as_ref());
         let tolerances = baseline.as_ref().map_or_else(BaselineConfig::default, |baseline| baseline.config);
-        let mut pipeline = Pipeline::new(&bench, &config, baseline)?;
-        if let Some(path) = &self.signatures {
-            pipeline = pipeline.with_signatures(gearwatch_io::signature_file::read_for(path, &bench)?);
-        }
-        let pipeline = Arc::new(pipeline);
+        let pipeline = Arc::new(input::pipeline(&bench, baseline, self.signatures.as_deref())?);
         let mut all = Vec::new();
         let mut failed = None;
         for path in &self.input.files {

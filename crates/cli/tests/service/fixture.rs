@@ -64,7 +64,7 @@ impl Bench {
     }
 
     /// The packets of a test signal with these further keys.
-    fn packets(&self, keys: &str) -> Vec<Packet> {
+    pub fn packets(&self, keys: &str) -> Vec<Packet> {
         let (config, context) = self.test_signal(keys);
         let Feed::Pull(mut pull) = config.benches[0].sources[0].config.open(&context).unwrap() else {
             panic!("the test signal is pulled")

@@ -371,8 +371,8 @@ fn provenance(
     out.push(("command".into(), format!("gearwatch {}", arguments.join(" "))));
     let recordings = all.iter().map(|one| ("recording", Path::new(&one.recording)));
     for (what, path) in files.iter().copied().chain(recordings) {
-        let identity = gearwatch_batch::part::identify(what, path)?;
-        out.push((what.to_owned(), format!("{}, SHA-256 {}", path.display(), identity.sha256)));
+        let sha256 = gearwatch_batch::part::sha256_of(path)?;
+        out.push((what.to_owned(), format!("{}, SHA-256 {sha256}", path.display())));
     }
     let config = pipeline.config();
     out.push(("window".into(), format!("{} s, every {} s", config.window.length_s, config.window.hop_s)));

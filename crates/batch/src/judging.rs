@@ -1,0 +1,120 @@
+//! Recordings judged window by window: the work of `gearwatch batch`.
+
+use std::path::Path;
+
+use gearwatch_core::block::Packet;
+use gearwatch_core::one_shot::each_window;
+use gearwatch_core::pipeline::Pipeline;
+use gearwatch_core::source::Source;
+use gearwatch_core::verdict::Verdict;
+use gearwatch_io::{OpenOptions, Opened, sidecar_path};
+
+use crate::part::{Identity, PieceWriter, Table, sha256_of};
+use crate::rows::{Origin, Rows, table};
+use crate::run::{Trouble, Work};
+
+/// Rows gathered before they go to the piece; bounds the memory of a thread whatever the length of a recording.
+const ROWS_AT_A_TIME: usize = 4096;
+/// Sample rates that differ by less are the same (relative): clocks of instruments are off by some 10 ppm, and text files round.
+const SAME_RATE: f64 = 0.01;
+
+/// How recordings are judged.
+pub struct Judging<'a> {
+    /// Bench, baseline and fault states.
+    pub pipeline: &'a Pipeline,
+    /// What recordings leave unsaid.
+    pub options: &'a OpenOptions,
+    /// SHA-256 of the baseline file, empty where there is none.
+    pub baseline_sha256: String,
+    /// The sample rate of the bench (Hz), with which recordings of another are refused; `None`: all are taken.
+    pub sample_rate_hz: Option<f64>,
+}
+
+/// What a thread keeps from recording to recording.
+#[derive(Default)]
+pub struct Bench {
+    verdicts: Vec<Verdict>,
+    rows: Rows,
+}
+
+impl Work for Judging<'_> {
+    type Bench = Bench;
+
+    fn table(&self) -> Table {
+        table()
+    }
+
+    fn bench(&self) -> Bench {
+        Bench::default()
+    }
+
+    fn identify(&self, path: &Path) -> Result<Identity, String> {
+        let digest = |path: &Path| sha256_of(path).map_err(|error| error.to_string());
+        let sidecar = sidecar_path(path);
+        let sidecar = if sidecar.is_file() { digest(&sidecar)? } else { String::new() };
+        Ok(Identity(vec![path.to_string_lossy().into_owned(), digest(path)?, sidecar]))
+    }
+
+    fn work(
+        &self,
+        Bench { verdicts, rows }: &mut Bench,
+        path: &Path,
+        Identity(keys): &Identity,
+        piece: &mut PieceWriter,
+    ) -> Result<usize, Trouble> {
+        // Rows of a recording that turned out damaged must not go to the next.
+        *rows = Rows::default();
+        let opened = gearwatch_io::open(path, self.options).map_err(|error| Trouble::Item(error.to_string()))?;
+        let mut source = Checked { opened, path, sample_rate_hz: self.sample_rate_hz };
+        let key = |at: usize| keys.get(at).cloned().unwrap_or_default();
+        let origin = Origin {
+            file: key(0),
+            file_sha256: key(1),
+            sidecar_sha256: key(2),
+            baseline_sha256: self.baseline_sha256.clone(),
+        };
+        let mut count = 0;
+        each_window(self.pipeline, &mut source, &mut |_, analysis| {
+            self.pipeline.judge(analysis, verdicts);
+            for verdict in &*verdicts {
+                rows.push(&origin, analysis.sample_rate_hz, verdict);
+            }
+            count += verdicts.len();
+            if rows.len() < ROWS_AT_A_TIME { Ok(()) } else { write(rows, piece) }
+        })?;
+        write(rows, piece)?;
+        Ok(count)
+    }
+}
+
+fn write(rows: &mut Rows, piece: &mut PieceWriter) -> Result<(), Trouble> {
+    let batch = rows.take().map_err(|error| Trouble::Item(format!("a fault of this program: {error}")))?;
+    Ok(piece.write(&batch)?)
+}
+
+/// A recording whose channels must all have one sample rate.
+struct Checked<'a> {
+    opened: Opened,
+    path: &'a Path,
+    sample_rate_hz: Option<f64>,
+}
+
+impl Source for Checked<'_> {
+    type Error = Trouble;
+
+    fn next_packet(&mut self) -> Result<Option<Packet>, Trouble> {
+        let packet = self.opened.next_packet().map_err(|error| Trouble::Item(error.to_string()))?;
+        if let (Some(Packet::Vibration(block)), Some(expected)) = (&packet, self.sample_rate_hz)
+            && (block.sample_rate_hz / expected - 1.0).abs() > SAME_RATE
+        {
+            return Err(Trouble::Item(format!(
+                "{}: channel {:?}, sample {}: sampled at {} Hz, expected {expected} Hz as the bench file's acquisition.sample_rate_hz says",
+                self.path.display(),
+                block.sensor,
+                block.first_sample_index,
+                block.sample_rate_hz
+            )));
+        }
+        Ok(packet)
+    }
+}
