@@ -64,6 +64,18 @@ page:
 advisories:
     cargo deny check advisories
 
+# Memory of batch and diagnose with a recording of 4 GiB beside one of 100 MB
+campaign-memory mib="4096":
+    GEARWATCH_MEMORY_MIB={{mib}} cargo test --release -p gearwatch --test batch -- --ignored --nocapture memory
+
+# A job array under Slurm: packages of Debian unpacked into a folder (crates/cli/tests/batch/slurm.rs says how), or installed
+campaign-slurm folder="/":
+    GEARWATCH_SLURM={{folder}} cargo test -p gearwatch --test batch -- --nocapture slurm
+
+# Batch on one thread and on all, beside the bare reading of the same files
+bench-batch:
+    cargo test --release -p gearwatch --test batch -- --ignored --nocapture throughput
+
 # A minute of changed bytes for each parser
 campaign-fuzz:
     GEARWATCH_FUZZ_SECS=60 cargo test --release -p gearwatch --test fuzz -- --nocapture

@@ -14,7 +14,7 @@ use crate::rows::{Origin, Rows, table};
 use crate::run::{Trouble, Work};
 
 /// Rows gathered before they go to the piece; bounds the memory of a thread whatever the length of a recording.
-const ROWS_AT_A_TIME: usize = 4096;
+const ROWS_AT_A_TIME: usize = 1024;
 /// Sample rates that differ by less are the same (relative): clocks of instruments are off by some 10 ppm, and text files round.
 const SAME_RATE: f64 = 0.01;
 

@@ -1,7 +1,7 @@
 //! The fleet: what all benches say to one JetStream stream, read by `gearwatch fleet`. `docs/fleet.md` is the contract of subjects, headers and fields.
 //!
 //! [`follow`] reads the stream from some point on and comes back by itself after an outage; [`Fleet`] is what it makes of the letters: every one
-//! counts once, however often it was sent, and holes in the numbers are counted.
+//! counts once, however often it was sent, and holes in the numbers are counted. [`page()`] shows it to a browser.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -12,9 +12,11 @@ use async_nats::{Client, ConnectOptions};
 use tokio::sync::Notify;
 
 mod follow;
+mod page;
 mod view;
 
 pub use follow::{From, Notice, follow};
+pub use page::page;
 pub use view::{Bench, Fleet, Heard, Place, Told};
 
 /// Name of the stream unless the configuration says otherwise.

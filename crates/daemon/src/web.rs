@@ -36,7 +36,7 @@ pub use token::Token;
 const MOST_LISTENERS: usize = 64;
 
 /// A file of the page: path, media type, bytes.
-type Asset = (&'static str, &'static str, &'static [u8]);
+pub(crate) type Asset = (&'static str, &'static str, &'static [u8]);
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
@@ -84,19 +84,28 @@ struct Shared {
 /// The routes of the page. `bound` is the address that the server listens on; only requests that name it (or a host of `also`) in
 /// their `Host` header are answered, which keeps foreign pages and rebound names out.
 pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, texts: Texts, bound: SocketAddr, also: &[String]) -> Router {
-    let mut router = Router::new();
-    for &(path, media, bytes) in ASSETS {
-        router = router.route(path, get(move || async move { asset(media, bytes) }));
-    }
     let Texts { metrics, snapshot } = texts;
     let shared = Shared { hub, acknowledge, listeners: Arc::new(Semaphore::new(MOST_LISTENERS)) };
-    router
+    let router = Router::new()
         .route("/metrics", get(move || async move { exposition(metrics()) }))
         .route("/api/events", get(events))
         .route("/api/snapshot", get(move || async move { json(snapshot()) }))
         .route("/api/status", get(status))
         .route("/api/alarms/{id}/acknowledge", post(acknowledge_alarm))
-        .with_state(shared)
+        .with_state(shared);
+    guarded(with_assets(router, ASSETS), bound, also)
+}
+
+/// With the files of a page.
+pub(crate) fn with_assets(router: Router, assets: &'static [Asset]) -> Router {
+    assets.iter().fold(router, |router, &(path, media, bytes)| {
+        router.route(path, get(move || async move { asset(media, bytes) }))
+    })
+}
+
+/// Answers only requests that name the bound address, or a host of `also`, and are not long.
+pub(crate) fn guarded(router: Router, bound: SocketAddr, also: &[String]) -> Router {
+    router
         .layer(axum::middleware::from_fn_with_state(Arc::new(AllowedHosts::new(bound, also)), guard::check))
         .layer(axum::extract::DefaultBodyLimit::max(64 * 1024))
 }

@@ -84,6 +84,8 @@ pub(super) struct Diagnosis {
     recording: String,
     /// Verdicts on the averages, by channel and operating point, stages in order.
     verdicts: Vec<Verdict>,
+    /// What the worst of the windows means, where windows were printed one by one.
+    worst_window: Option<Exit>,
     /// What is incomplete or doubtful, one sentence each.
     notes: Vec<String>,
     /// Something is missing, so that no verdict can mean that all is well.
@@ -95,10 +97,10 @@ pub(super) struct Diagnosis {
 /// What is collected while a recording is read.
 struct Collected {
     aggregate: Aggregate,
-    windows: Vec<Verdict>,
+    /// Windows are printed one by one, not averaged.
+    lines: Option<plain::Lines>,
     by_sensor: BTreeMap<String, u64>,
     failed: u64,
-    keep_windows: bool,
     pictures: Option<report::Pictures>,
 }
 
@@ -162,10 +164,9 @@ impl Diagnose {
         };
         let collected = Collected {
             aggregate: Aggregate::new(tolerances),
-            windows: Vec::new(),
+            lines: self.windows.then(|| plain::Lines::new(path, self.input.files.len() > 1)),
             by_sensor: BTreeMap::new(),
             failed: 0,
-            keep_windows: self.windows,
             pictures: self.report.is_some().then(report::Pictures::default),
         };
         let workers = match self.workers {
@@ -177,6 +178,7 @@ impl Diagnose {
         let mut diagnosis = Diagnosis {
             recording: path.display().to_string(),
             verdicts: Vec::new(),
+            worst_window: None,
             notes: source.opened().warnings(),
             incomplete: false,
             pictures: None,
@@ -197,8 +199,8 @@ impl Diagnose {
                 .notes
                 .push(format!("channel {sensor:?} has no {length_s} s without a gap: too short for a window"));
         }
-        if self.windows {
-            diagnosis.verdicts = collected.windows;
+        if let Some(lines) = collected.lines {
+            diagnosis.worst_window = lines.finish()?;
             return Ok(diagnosis);
         }
         diagnosis.pictures = collected.pictures;
@@ -213,12 +215,11 @@ impl Diagnose {
     fn print(&self, all: &[Diagnosis], exit: Exit) -> anyhow::Result<()> {
         // Colours are taken out where the output is no terminal or NO_COLOR is set.
         let mut out = std::io::BufWriter::new(anstream::stdout().lock());
-        if self.windows {
-            plain::lines(&mut out, all, self.input.files.len() > 1)?;
-        } else {
+        // Windows were printed as they came.
+        if !self.windows {
             match self.format {
                 Format::Table => all.iter().try_for_each(|one| table::table(&mut out, one))?,
-                Format::Json => plain::lines(&mut out, all, true)?,
+                Format::Json => plain::lines(&mut out, all)?,
                 Format::Csv => plain::csv(&mut out, all)?,
                 Format::Nagios => plain::nagios(&mut out, all, exit)?,
             }
@@ -239,7 +240,7 @@ impl Collected {
         match told {
             Told::Window(window, analysis) => {
                 *self.by_sensor.entry(window.sensor.to_string()).or_default() += 1;
-                if !self.keep_windows {
+                if self.lines.is_none() {
                     self.aggregate.push(analysis);
                 }
                 if let Some(pictures) = &mut self.pictures {
@@ -247,8 +248,8 @@ impl Collected {
                 }
             }
             Told::Verdict(verdict) => {
-                if self.keep_windows {
-                    self.windows.push(verdict.clone());
+                if let Some(lines) = &mut self.lines {
+                    lines.print(verdict);
                 }
                 if let Some(pictures) = &mut self.pictures {
                     pictures.verdict(verdict);
@@ -262,19 +263,13 @@ impl Collected {
 
 impl Diagnosis {
     fn note_losses(&mut self, collected: &Collected, samples: &Counters, length_s: f64) {
-        let mut refused: BTreeMap<(String, &str), u64> = BTreeMap::new();
-        for window in collected.aggregate.refused() {
-            // A window that is sound but for its speed has no other reason to be left out.
-            let why = match window.instrument.code() {
-                "ok" => "no_speed",
-                code => code,
-            };
-            *refused.entry((window.sensor.to_string(), why)).or_default() += 1;
-        }
-        for ((sensor, why), count) in refused {
-            let of = collected.by_sensor.get(&sensor).copied().unwrap_or(count);
+        for ((sensor, why), &count) in collected.aggregate.refused() {
+            let of = collected.by_sensor.get(&**sensor).copied().unwrap_or(count);
             self.incomplete |= count == of;
             self.notes.push(format!("channel {sensor:?}: {count} of {of} windows left out: {why}"));
+        }
+        for (sensor, stride, kept, of) in collected.aggregate.thinned() {
+            self.notes.push(format!("channel {sensor:?}: every {stride}th window is averaged, {kept} of {of}"));
         }
         if samples.gaps > 0 {
             self.notes.push(format!(
@@ -289,8 +284,9 @@ impl Diagnosis {
     }
 
     fn exit(&self) -> Exit {
-        let missing = (self.incomplete || self.verdicts.is_empty()).then_some(Exit::Unknown);
-        let verdicts = self.verdicts.iter().map(|verdict| exit_of(verdict.machine));
+        let missing =
+            (self.incomplete || (self.verdicts.is_empty() && self.worst_window.is_none())).then_some(Exit::Unknown);
+        let verdicts = self.verdicts.iter().map(|verdict| exit_of(verdict.machine)).chain(self.worst_window);
         verdicts.chain(missing).max_by_key(|exit| severity(*exit)).unwrap_or(Exit::Unknown)
     }
 }

@@ -3,6 +3,7 @@
 mod screen;
 
 use std::io::{IsTerminal, Write};
+use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -23,6 +24,7 @@ use screen::Screen;
 #[command(after_help = "Examples:
   gearwatch fleet                                          a table, live
   gearwatch fleet --server nats://broker:4222 --since 8h
+  gearwatch fleet --page                                   and a page at http://127.0.0.1:8090
   gearwatch fleet --once                                   how all benches are now, as a table
   gearwatch fleet --format json | jq -c 'select(.kind == \"alarm\")'
 
@@ -41,6 +43,9 @@ pub struct Fleet {
     /// End when all that is in the stream has been read
     #[arg(long)]
     once: bool,
+    /// Also show a page to browsers on this machine
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8090", conflicts_with = "once")]
+    page: Option<SocketAddr>,
     /// What to print; a live table on a terminal, lines elsewhere, a table with --once where left out
     #[arg(short, long)]
     format: Option<Form>,
@@ -93,6 +98,9 @@ impl Run for Fleet {
         let secret = self.secret_file.as_ref().map(first_line).transpose()?;
         let access = Access { user: self.user.clone(), secret, ca_file: self.ca_file.clone() };
         let from = self.since.map_or(From::Beginning, From::Ago);
+        if let Some(address) = self.page {
+            show_page(address, self.server.clone(), self.stream.clone(), access.clone(), from)?;
+        }
         let notices = start(self.server.clone(), self.stream.clone(), access, from)?;
         let terminal = std::io::stdout().is_terminal();
         match self.format {
@@ -123,6 +131,30 @@ fn start(server: String, stream: String, access: Access, from: From) -> anyhow::
         runtime.block_on(fleet::follow(&server, &access, &stream, from, tell))
     })?;
     Ok(receiver)
+}
+
+/// Serves the page on a thread of its own, which follows the stream by itself.
+fn show_page(address: SocketAddr, server: String, stream: String, access: Access, from: From) -> anyhow::Result<()> {
+    if !address.ip().is_loopback() {
+        anyhow::bail!(
+            "--page={address}: the page is for browsers on this machine; expected a loopback address such as 127.0.0.1:8090"
+        );
+    }
+    let listener = TcpListener::bind(address).with_context(|| format!("--page={address}"))?;
+    talk(&format!("page at http://{}", listener.local_addr()?));
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    std::thread::Builder::new().name("gw-fleet-page".to_owned()).spawn(move || {
+        let served = runtime.block_on(fleet::page(listener, &server, &access, &stream, from));
+        if let Err(error) = served {
+            talk(&format!("the page has ended: {error}"));
+        }
+    })?;
+    Ok(())
+}
+
+fn talk(words: &str) {
+    // Whoever has closed stderr does not want to hear it.
+    let _ = writeln!(std::io::stderr(), "gearwatch fleet: {words}");
 }
 
 fn now_ns() -> i64 {
@@ -227,17 +259,13 @@ fn live(notices: &Receiver<Notice>, form: Form) -> anyhow::Result<Exit> {
                     Form::Table => {}
                 }
             }
-            Notice::Lost(error) => eprintln_once(&error),
+            Notice::Lost(error) => talk(&format!("the server is away: {error}")),
             Notice::Connected => {}
             Notice::CaughtUp if form == Form::Table => table(&mut out, &view)?,
             Notice::CaughtUp => out.flush()?,
         }
     }
     Ok(Exit::Ok)
-}
-
-fn eprintln_once(error: &str) {
-    let _ = writeln!(std::io::stderr(), "the server is away: {error}");
 }
 
 /// A letter in words; none for a verdict, of which there are too many to read.

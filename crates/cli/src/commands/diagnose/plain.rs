@@ -1,6 +1,7 @@
 //! Diagnoses for programs: JSON lines, CSV, Nagios.
 
-use std::io::Write;
+use std::io::{BufWriter, Stdout, Write};
+use std::path::Path;
 
 use gearwatch_core::verdict::{HARMONICS, Verdict};
 use serde_json::{Map, Value};
@@ -8,31 +9,65 @@ use serde_json::{Map, Value};
 use super::{Diagnosis, exit_of, severity};
 use crate::exit::Exit;
 
-/// The verdict's flat object, with the recording in front where `labelled`.
-fn object(recording: &str, verdict: &Verdict, labelled: bool) -> anyhow::Result<Map<String, Value>> {
+/// The verdict's flat object with the recording in front.
+fn object(recording: &str, verdict: &Verdict) -> anyhow::Result<Map<String, Value>> {
     let mut out = Map::new();
-    if labelled {
-        out.insert("recording".to_owned(), recording.into());
-    }
+    out.insert("recording".to_owned(), recording.into());
     if let Value::Object(fields) = serde_json::to_value(verdict)? {
         out.extend(fields);
     }
     Ok(out)
 }
 
-/// One JSON object a line. Without a label the lines are those of `gearwatch replay`, byte for byte.
-pub(super) fn lines(out: &mut impl Write, all: &[Diagnosis], labelled: bool) -> anyhow::Result<()> {
+/// One JSON object a line.
+pub(super) fn lines(out: &mut impl Write, all: &[Diagnosis]) -> anyhow::Result<()> {
     for one in all {
         for verdict in &one.verdicts {
-            if labelled {
-                serde_json::to_writer(&mut *out, &object(&one.recording, verdict, true)?)?;
-            } else {
-                serde_json::to_writer(&mut *out, verdict)?;
-            }
+            serde_json::to_writer(&mut *out, &object(&one.recording, verdict)?)?;
             writeln!(out)?;
         }
     }
     Ok(())
+}
+
+/// Windows, printed as they come: one JSON object a line, none of which is kept.
+pub(super) struct Lines {
+    out: BufWriter<Stdout>,
+    /// Said in each line where there are several recordings; without it the lines are those of `gearwatch replay`, byte for byte.
+    recording: Option<String>,
+    worst: Option<Exit>,
+    failed: Option<anyhow::Error>,
+}
+
+impl Lines {
+    pub(super) fn new(recording: &Path, labelled: bool) -> Self {
+        let recording = labelled.then(|| recording.display().to_string());
+        Self { out: BufWriter::new(std::io::stdout()), recording, worst: None, failed: None }
+    }
+
+    /// After a failure, which [`Self::finish`] tells, nothing more is written.
+    pub(super) fn print(&mut self, verdict: &Verdict) {
+        self.worst = self.worst.into_iter().chain([exit_of(verdict.machine)]).max_by_key(|exit| severity(*exit));
+        if self.failed.is_none() {
+            self.failed = self.write(verdict).err();
+        }
+    }
+
+    fn write(&mut self, verdict: &Verdict) -> anyhow::Result<()> {
+        match &self.recording {
+            Some(recording) => serde_json::to_writer(&mut self.out, &object(recording, verdict)?)?,
+            None => serde_json::to_writer(&mut self.out, verdict)?,
+        }
+        Ok(writeln!(self.out)?)
+    }
+
+    /// What the worst window means; `None` where there was none.
+    pub(super) fn finish(mut self) -> anyhow::Result<Option<Exit>> {
+        match self.failed.take() {
+            Some(error) => Err(error),
+            None => Ok(self.out.flush().map(|()| self.worst)?),
+        }
+    }
 }
 
 /// A header line and one line a verdict. Unknown numbers are empty fields.
@@ -40,7 +75,7 @@ pub(super) fn csv(out: &mut impl Write, all: &[Diagnosis]) -> anyhow::Result<()>
     let mut rows = Vec::new();
     for one in all {
         for verdict in &one.verdicts {
-            rows.push(object(&one.recording, verdict, true)?);
+            rows.push(object(&one.recording, verdict)?);
         }
     }
     // Some verdicts name no states: the longest has all columns, in order.

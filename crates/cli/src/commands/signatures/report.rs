@@ -235,8 +235,7 @@ fn method(all: &[Signatures]) -> Section {
 fn provenance(path: &Path, bench: &Bench, ranks: &RankConfig) -> anyhow::Result<Vec<(String, String)>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let file = if path.exists() {
-        let identity = gearwatch_batch::part::identify("bench", path)?;
-        format!("{}, SHA-256 {}", path.display(), identity.sha256)
+        format!("{}, SHA-256 {}", path.display(), gearwatch_batch::part::sha256_of(path)?)
     } else {
         format!("{}, which comes with the program", path.display())
     };
