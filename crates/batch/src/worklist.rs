@@ -131,12 +131,13 @@ pub fn from_manifest(manifest: &Path, kind: Kind) -> Result<Vec<PathBuf>, WorkLi
 pub fn from_folders(places: &[PathBuf], endings: &[&str]) -> Result<Vec<PathBuf>, WorkListError> {
     let mut found = BTreeSet::new();
     for place in places {
-        let before = found.len();
         if place.is_dir() {
-            walk(place, endings, &mut found)?;
-            if found.len() == before {
+            let mut here = BTreeSet::new();
+            walk(place, endings, &mut here)?;
+            if here.is_empty() {
                 return Err(WorkListError::Empty(place.clone(), endings.join(", ")));
             }
+            found.append(&mut here);
         } else {
             fs::metadata(place).map_err(|cause| WorkListError::Read { path: place.clone(), cause })?;
             found.insert(place.clone());
@@ -156,14 +157,15 @@ pub fn cases(places: &[PathBuf]) -> Result<Vec<PathBuf>, WorkListError> {
             found.insert(place.clone());
             continue;
         }
-        let before = found.len();
+        let mut here = BTreeSet::new();
         let read = |cause| WorkListError::Read { path: place.clone(), cause };
         for entry in fs::read_dir(place).map_err(read)? {
-            found.extend(Some(entry.map_err(read)?.path()).filter(|path| Kind::Cases.is(path)));
+            here.extend(Some(entry.map_err(read)?.path()).filter(|path| Kind::Cases.is(path)));
         }
-        if found.len() == before {
+        if here.is_empty() {
             return Err(WorkListError::NoCase(place.clone()));
         }
+        found.append(&mut here);
     }
     each_once(found)
 }
@@ -237,7 +239,7 @@ mod tests {
         fs::write(folder.path().join("notes.txt"), "x").unwrap();
         let found = from_folders(&[folder.path().to_owned()], &["mcap", "csv.gz"]).unwrap();
         assert_eq!(found.len(), 2);
-        let sub = folder.path().join(".").join("sub");
+        let sub = folder.path().join("sub").join("..").join("sub");
         let twice = from_folders(&[folder.path().to_owned(), sub], &["mcap", "csv.gz"]).unwrap();
         assert_eq!(twice.len(), 2, "{twice:?}");
         assert!(from_folders(&[folder.path().to_owned()], &["wav"]).is_err());
