@@ -151,7 +151,7 @@ impl Aggregate {
     pub fn push(&mut self, window: &WindowAnalysis) {
         let speed = window.input_speed_hz.value;
         let sound = window.instrument == InstrumentState::Ok;
-        if !sound || !(speed.is_finite() && speed > 0.0) {
+        if !(sound && speed.is_finite() && speed > 0.0) {
             // A window that is sound but for its speed has no other reason to be left out.
             let why = if sound { "no_speed" } else { window.instrument.code() };
             *self.refused.entry((window.sensor.clone(), why)).or_default() += 1;
