@@ -331,7 +331,16 @@ pub fn blind_spots(
             let shows = match words {
                 Some((_, words)) => Shows::Words(words),
                 None => {
-                    let parameters = effect.parameters().iter().map(|p| (p.name.to_owned(), p.typical)).collect();
+                    let known = effect.parameters();
+                    let by_order = known.iter().any(|p| p.name == "order");
+                    let parameters = known
+                        .iter()
+                        .filter(|p| !(by_order && p.name == "frequency_hz"))
+                        // A factor of 1 changes nothing, and no power of it does.
+                        .map(|p| {
+                            (p.name.to_owned(), if p.name == "factor" && p.typical == 1.0 { 0.5 } else { p.typical })
+                        })
+                        .collect();
                     let spec = EffectSpec { effect: effect.id().into(), place: place.clone(), parameters };
                     if effects::resolve(&spec, bench).is_err() {
                         continue;

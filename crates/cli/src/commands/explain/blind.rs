@@ -55,7 +55,10 @@ pub fn run(bench: &Bench, recordings: &[Recording]) -> anyhow::Result<Exit> {
                         Some(_) => "; invisible without a reference".into(),
                         None => "; one load: invisible without a reference".into(),
                     };
-                    writeln!(out, "  {name:<44} {parameter} = {value:.3} in {lines}{left}")?;
+                    writeln!(out, "  {name:<44} {parameter} = {value:.2e} in {lines}{left}")?;
+                }
+                Shows::Not { plain } if *plain < 0.05 => {
+                    writeln!(out, "  {name:<44} not told: it changes no line here, or has no steady state")?;
                 }
                 Shows::Not { plain } => {
                     writeln!(
