@@ -264,9 +264,7 @@ fn compare_with_reference(
         }
         let later = round > 0 || path_found || tooth_found;
         let believed = match chosen.place {
-            Place::ShaftOnce(_) | Place::ShaftOrders(_) if chosen.inside > ORDERS_STAND_OUT * chosen.outside => {
-                BELIEVED_ORDERS
-            }
+            Place::ShaftOnce(_) if chosen.inside > ORDERS_STAND_OUT * chosen.outside => BELIEVED_ORDERS,
             p if wide(p) => BELIEVED_WIDE,
             _ => BELIEVED,
         };

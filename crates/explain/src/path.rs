@@ -11,7 +11,7 @@ const FLOOR_SHARE: f64 = 0.55;
 /// Least share of the misfit of the channel's lines that the path accounts for.
 const LINE_SHARE: f64 = 0.4;
 /// Largest misfit per line of the quietest other channel over that of the channel.
-const OTHERS_SHARE: f64 = 0.6;
+const OTHERS_SHARE: f64 = 1.0;
 
 /// The same at one speed, where only the background tells a path from the gears: least misfit per band, least share of the misfit of the
 /// lines that the background's own change accounts for, and how much less the background of some other channel must have moved.
