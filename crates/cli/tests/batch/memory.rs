@@ -48,7 +48,8 @@ fn conform_memory_does_not_grow_with_a_recording() {
             peaks[1],
             megabytes(&paths[1])
         );
-        // Allocators keep what threads gave back; what grew with the recording would be hundreds of megabytes here.
-        assert!(peaks[1] < 1.5 * peaks[0] + 8.0, "{name} {more:?} grows with the recording");
+        // A short recording does not fill a row group of the table, which takes some 30 MB; what grew with the recording would be hundreds of
+        // megabytes here.
+        assert!(peaks[1] < 1.2 * peaks[0] + 40.0, "{name} {more:?} grows with the recording");
     }
 }
