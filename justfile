@@ -76,9 +76,20 @@ campaign-slurm folder="/":
 bench-batch:
     cargo test --release -p gearwatch --test batch -- --ignored --nocapture throughput
 
+# A client of Foxglove's protocol beside the log
+campaign-live-view:
+    cargo test -p gearwatch --features foxglove --test brokers -- --nocapture live_view
+
 # A minute of changed bytes for each parser
 campaign-fuzz:
     GEARWATCH_FUZZ_SECS=60 cargo test --release -p gearwatch --test fuzz -- --nocapture
+
+# The same led by coverage (nightly toolchain, `cargo install cargo-fuzz`)
+campaign-fuzz-coverage secs="60":
+    GEARWATCH_FUZZ_CORPUS="$PWD/fuzz/corpus" cargo test -p gearwatch --test fuzz -- --ignored written_for_a_fuzzer
+    for parser in $(ls fuzz/corpus); do \
+        GEARWATCH_PARSER=$parser cargo +nightly fuzz run parser "fuzz/corpus/$parser" -- -max_total_time={{secs}} -timeout=10 -rss_limit_mb=2048 -max_len=65536 -print_final_stats=1 || exit 1; \
+    done
 
 # Concealed cases drawn by seed, explained and judged
 prove cases="200" seed="20261":

@@ -13,6 +13,7 @@ mod log_content;
 mod service;
 
 mod fleet;
+mod live_view;
 mod mqtt;
 mod nats;
 mod server;

@@ -11,7 +11,7 @@ use gearwatch_daemon::log::{Cause, Gap};
 
 use crate::fixture::{Bench, gearwatch, text};
 use crate::log_content::content;
-use crate::service::{configure, ended_within, files, log_of, signal, status, wait_for};
+use crate::service::{configure, ended_within, files, log_of, said, signal, start, status, wait_for};
 
 /// A small file system in memory; gone with the value.
 struct SmallDisk(PathBuf);
@@ -99,4 +99,28 @@ fn conform_a_full_disk_is_told_and_counted() {
     assert!(resumed <= Duration::from_secs(5), "{resumed:?}");
     assert!(unlogged > 0, "nothing was shed: the disk was not full for long enough to test anything");
     assert_eq!(lines, logged + unlogged);
+}
+
+/// Told to stop while the disk is full: it ends in time, and says by its exit code and in words that its log is not whole.
+#[test]
+fn conform_a_log_that_could_not_be_closed_is_told_by_the_exit_code() {
+    let bench = Bench::new();
+    let Some(disk) = SmallDisk::new(bench.path("disk"), "1m") else {
+        eprintln!("skipped: mounting a small file system needs root");
+        return;
+    };
+    let folder = disk.0.join("log");
+    let config = configure(&bench, &folder, "20.0", "group_ms = 50\n");
+    let mut child = start(&config);
+    let limit = Duration::from_secs(10);
+    let good = |(_, ok, detail): (bool, bool, String)| (ok && detail.contains("gearwatch-")).then_some(());
+    wait_for(limit, || condition(&bench).and_then(good)).expect("the log begins");
+    fill(&disk.0.join("ballast"));
+    let full = |(_, ok, detail): (bool, bool, String)| (!ok && detail.contains("\"full\"")).then_some(());
+    wait_for(limit, || condition(&bench).and_then(full)).expect("the state says that the disk is full");
+    signal(&child, "TERM");
+    let code = ended_within(&mut child, Duration::from_secs(5)).expect("it ends in time").code();
+    let words = said(&mut child);
+    assert_eq!(code, Some(3), "{words}");
+    assert!(words.contains("log"), "{words}");
 }

@@ -135,9 +135,9 @@ fn conform_kills_lose_nothing_that_was_acknowledged() {
     }
     println!("{seen:?}");
     assert!(seen.verdicts > 50 * seen.kills / 2, "too little was logged to mean anything: {seen:?}");
-    // On a machine that does much else besides a start alone may take longer than the rule allows for start and recovery together.
+    // In the few rounds of a normal run the machine does much else besides.
     if all >= 100 {
-        assert!(seen.longest_recovery <= RECOVERY + Duration::from_secs(1), "{seen:?}");
+        assert!(seen.longest_recovery <= RECOVERY, "{seen:?}");
     }
 }
 

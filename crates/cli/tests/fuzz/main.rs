@@ -1,7 +1,8 @@
 //! Every parser against bytes that somebody changed: seeded mutations of one small file of each kind. No panic, no endless work, no flood of memory.
 //!
 //! The normal run spends a moment on each parser; `just campaign-fuzz` a minute (`GEARWATCH_FUZZ_SECS`). A find is written to the temporary folder,
-//! named in the message, and belongs into the tests of its parser.
+//! named in the message, and belongs into the tests of its parser. The fuzzer that follows coverage (`fuzz/`) begins with the same files:
+//! `GEARWATCH_FUZZ_CORPUS` says where to write them.
 
 #![expect(clippy::print_stdout, reason = "tests tell figures")]
 
@@ -13,15 +14,14 @@ mod files;
 mod fixture;
 
 mod mutate;
+mod parsers;
 
-use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use gearwatch_core::source::Source;
-use gearwatch_io::OpenOptions;
 use mutate::Mutator;
+use parsers::PARSERS;
 
 /// No parser may take longer for one of these small inputs, on a machine that does much else.
 const SLOWEST: Duration = Duration::from_secs(2);
@@ -30,32 +30,7 @@ const SLOWEST: Duration = Duration::from_secs(2);
 struct Target {
     name: &'static str,
     seeds: Vec<Vec<u8>>,
-    parse: fn(&[u8]),
-}
-
-/// Reads a recording as far as it goes.
-fn recording(name: &str, bytes: &[u8]) {
-    let options = OpenOptions { sample_rate_hz: Some(1000.0), unit: Some("g".into()), ..OpenOptions::default() };
-    let Ok(mut opened) = gearwatch_io::open_bytes(Path::new(name), Box::new(Cursor::new(bytes.to_vec())), &options)
-    else {
-        return;
-    };
-    while let Ok(Some(_)) = opened.next_packet() {}
-    opened.warnings();
-}
-
-fn text(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
-    String::from_utf8_lossy(bytes)
-}
-
-/// Pushes bytes in pieces whose lengths follow from the bytes.
-fn in_pieces(bytes: &[u8], mut push: impl FnMut(&[u8])) {
-    let mut rest = bytes;
-    while let Some(&first) = rest.first() {
-        let (piece, next) = rest.split_at((1 + usize::from(first) % 97).min(rest.len()));
-        push(piece);
-        rest = next;
-    }
+    parse: parsers::Parse,
 }
 
 fn lanxi_seed() -> Vec<u8> {
@@ -109,61 +84,21 @@ fn targets() -> Vec<Target> {
         files::samples().into_iter().filter(|sample| sample.name.ends_with(end)).map(|sample| sample.bytes).collect()
     };
     let logs = logs();
-    let bench = fixture::BENCH.as_bytes().to_vec();
-    let service = gearwatch_daemon::config::DEFAULT.as_bytes().to_vec();
     let home = fixture::Bench::new();
     let baseline = std::fs::read(home.baseline()).unwrap();
-    vec![
-        Target { name: "mcap", seeds: logs.clone(), parse: |bytes| recording("a.mcap", bytes) },
-        Target { name: "log", seeds: logs, parse: |bytes| drop(gearwatch_daemon::log::salvage(bytes)) },
-        Target { name: "csv", seeds: of(".csv"), parse: |bytes| recording("a.csv", bytes) },
-        Target { name: "gzip", seeds: of(".gz"), parse: |bytes| recording("a.csv.gz", bytes) },
-        Target { name: "wav", seeds: of(".wav"), parse: |bytes| recording("a.wav", bytes) },
-        Target { name: "mat", seeds: of(".mat"), parse: |bytes| recording("a.mat", bytes) },
-        Target { name: "tdms", seeds: of(".tdms"), parse: |bytes| recording("a.tdms", bytes) },
-        Target { name: "uff", seeds: of(".uff"), parse: |bytes| recording("a.uff", bytes) },
-        Target {
-            name: "lanxi",
-            seeds: vec![lanxi_seed()],
-            parse: |bytes| {
-                let mut decoder = gearwatch_io::lanxi::Decoder::default();
-                in_pieces(bytes, |piece| decoder.push(piece, &mut |_| {}));
-            },
-        },
-        Target {
-            name: "frames",
-            seeds: vec![frames_seed()],
-            parse: |bytes| {
-                let mut decoder = gearwatch_io::frames::Decoder::default();
-                in_pieces(bytes, |piece| decoder.push(piece, &mut |_| {}));
-                let _ = gearwatch_io::frames::datagram(bytes);
-            },
-        },
-        Target {
-            name: "bench",
-            seeds: vec![bench],
-            parse: |bytes| drop(gearwatch_io::bench_file::parse(&text(bytes), Path::new("bench.toml"))),
-        },
-        Target {
-            name: "baseline",
-            seeds: vec![baseline],
-            parse: |bytes| drop(gearwatch_io::baseline_file::parse(&text(bytes), Path::new("baseline.json"))),
-        },
-        Target {
-            name: "service",
-            seeds: vec![service],
-            parse: |bytes| drop(gearwatch_daemon::config::Config::parse(&text(bytes), "service.toml", Path::new(""))),
-        },
-        Target {
-            name: "letter",
-            seeds: vec![br#"{"resent":false,"kind":"verdict","bench":"b","run":"r","seq":1,"rank_1x":"V"}"#.to_vec()],
-            parse: |bytes| {
-                if let Some(heard) = gearwatch_daemon::fleet::Heard::read(0, bytes) {
-                    gearwatch_daemon::fleet::Fleet::default().take(&heard);
-                }
-            },
-        },
-    ]
+    let seeds_of = |name: &str| match name {
+        "mcap" | "log" => logs.clone(),
+        "gzip" => of(".gz"),
+        "csv" | "wav" | "mat" | "tdms" | "uff" => of(&format!(".{name}")),
+        "lanxi" => vec![lanxi_seed()],
+        "frames" => vec![frames_seed()],
+        "bench" => vec![fixture::BENCH.as_bytes().to_vec()],
+        "baseline" => vec![baseline.clone()],
+        "service" => vec![gearwatch_daemon::config::DEFAULT.as_bytes().to_vec()],
+        "letter" => vec![br#"{"resent":false,"kind":"verdict","bench":"b","run":"r","seq":1,"rank_1x":"V"}"#.to_vec()],
+        _ => Vec::new(),
+    };
+    PARSERS.iter().map(|&(name, parse)| Target { name, seeds: seeds_of(name), parse }).collect()
 }
 
 /// Most memory that this process has used (MiB).
@@ -199,6 +134,22 @@ fn run(target: &Target, seconds: f64) {
         }
     }
     println!("{}: {inputs} inputs, slowest {slowest:.1?}, peak so far {} MiB", target.name, peak_mib());
+}
+
+/// Writes the files that a fuzzer begins with, a folder for each parser.
+#[test]
+#[ignore = "writes files; `just campaign-fuzz-coverage`"]
+fn conform_the_seeds_are_read_and_written_for_a_fuzzer() {
+    let corpus = PathBuf::from(std::env::var_os("GEARWATCH_FUZZ_CORPUS").expect("GEARWATCH_FUZZ_CORPUS names a folder"));
+    for target in targets() {
+        let folder = corpus.join(target.name);
+        std::fs::create_dir_all(&folder).unwrap();
+        assert!(!target.seeds.is_empty(), "{}: no seed", target.name);
+        for (i, seed) in target.seeds.iter().enumerate() {
+            (target.parse)(seed);
+            std::fs::write(folder.join(format!("seed-{i}")), seed).unwrap();
+        }
+    }
 }
 
 #[test]

@@ -109,13 +109,14 @@ impl Running {
             .is_finite()
             .then(|| viewing::Wanted { sinks: Fanout::new(spectrum_queues), every_secs: spectra_every_secs });
         let views = viewing::start(&hub, spectra)?;
+        let shown = page.is_some().then_some(&hub);
         let sources_stop = stop.child();
         let mut running = Vec::new();
         for (watched, bench) in benches.into_iter().zip(config.benches) {
             let context = SourceContext::new(watched.bench.clone(), config.folder.clone(), sources_stop.clone());
             let sizes = (config.service.packet_queue, config.service.windows_per_worker);
             let label = several.then(|| watched.name.clone());
-            let ends = Ends { fanout: &fanout, raw: &raw, hub: &hub, views: &views, label };
+            let ends = Ends { fanout: &fanout, raw: &raw, page: shown, views: &views, label };
             running.push(start_bench(watched, bench, sizes, context, &pool, ends, runtime.handle())?);
         }
         let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };

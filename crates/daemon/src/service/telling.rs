@@ -23,7 +23,8 @@ pub(super) struct Teller {
     label: String,
     fanout: Fanout,
     health: Arc<Mutex<Health>>,
-    hub: Arc<Hub>,
+    /// `None` where there is no page.
+    page: Option<Arc<Hub>>,
     viewer: Viewer,
     signatures: Signatures,
     /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
@@ -36,12 +37,12 @@ impl Teller {
         label: Option<Arc<str>>,
         fanout: Fanout,
         health: Arc<Mutex<Health>>,
-        hub: Arc<Hub>,
+        page: Option<Arc<Hub>>,
         viewer: Viewer,
         signatures: Signatures,
     ) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
-        Self { bench, label, fanout, health, hub, viewer, signatures, told: BTreeSet::new() }
+        Self { bench, label, fanout, health, page, viewer, signatures, told: BTreeSet::new() }
     }
 
     pub(super) fn tell(&mut self, told: Told<'_>) {
@@ -112,6 +113,7 @@ impl Teller {
             let how = if alarm.active { "alarm" } else { "alarm over" };
             tracing::warn!(bench = &*self.bench, alarm = alarm.id, severity, window = verdict.window, "{how}");
         }
+        let Some(page) = &self.page else { return };
         let table = self.signatures.of(verdict);
         let states = verdict.states.iter().map(|state| {
             let pattern = table.into_iter().flat_map(|table| &table.signatures).find(|s| s.name == state.name);
@@ -121,7 +123,7 @@ impl Teller {
                 "expected": pattern.map(|s| s.harmonics.map(expected)),
             })
         });
-        self.hub.verdict(&self.bench, verdict, states.collect());
+        page.verdict(&self.bench, verdict, states.collect());
     }
 
     fn lost(&self, channel: String, (first, last, count): (u64, u64, u64), cause: Cause, t_ns: i64) {

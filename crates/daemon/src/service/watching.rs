@@ -41,7 +41,8 @@ pub(super) struct RunningBench {
 pub(super) struct Ends<'a> {
     pub(super) fanout: &'a Fanout,
     pub(super) raw: &'a Fanout,
-    pub(super) hub: &'a Arc<Hub>,
+    /// Where verdicts are kept for a page, where there is one.
+    pub(super) page: Option<&'a Arc<Hub>>,
     pub(super) views: &'a viewing::Views,
     pub(super) label: Option<Arc<str>>,
 }
@@ -66,7 +67,7 @@ pub(super) fn start_bench(
         ends.label,
         ends.fanout.clone(),
         health.clone(),
-        ends.hub.clone(),
+        ends.page.cloned(),
         ends.views.of(watched.name.clone(), Train::new(&watched.bench)),
         lane.pipeline.judging().signatures().clone(),
     );
