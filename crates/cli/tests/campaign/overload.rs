@@ -213,7 +213,10 @@ fn conform_overload_is_shed_and_counted() {
                 100.0 * load.judged as f64 / load.secs / most,
                 rss_mib()
             );
-            assert!(kept >= 0.9 || cfg!(debug_assertions), "{kept}");
+            // Three times what the machine can do is nearly twenty times real time here. Far beyond that the samples themselves, which are taken in
+            // before anything is shed, cost a part of the processors.
+            let least = if beyond <= 3.0 { 0.9 } else { 0.8 };
+            assert!(kept >= least || cfg!(debug_assertions), "{kept}");
         }
     }
     assert!(rss_mib() < 2048, "{} MiB", rss_mib());
