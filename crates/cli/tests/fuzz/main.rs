@@ -140,7 +140,8 @@ fn run(target: &Target, seconds: f64) {
 #[test]
 #[ignore = "writes files; `just campaign-fuzz-coverage`"]
 fn conform_the_seeds_are_read_and_written_for_a_fuzzer() {
-    let corpus = PathBuf::from(std::env::var_os("GEARWATCH_FUZZ_CORPUS").expect("GEARWATCH_FUZZ_CORPUS names a folder"));
+    let corpus =
+        PathBuf::from(std::env::var_os("GEARWATCH_FUZZ_CORPUS").expect("GEARWATCH_FUZZ_CORPUS names a folder"));
     for target in targets() {
         let folder = corpus.join(target.name);
         std::fs::create_dir_all(&folder).unwrap();
