@@ -35,6 +35,17 @@ impl CombField {
         Self { log_excess, bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
     }
 
+    /// Width of a bin (Hz).
+    pub fn bin_hz(&self) -> f64 {
+        self.bin_hz
+    }
+
+    /// Log excess at a frequency (Hz), the best of the bins beside it; `None` above the band.
+    pub fn at(&self, frequency_hz: f64) -> Option<f64> {
+        let bin = (frequency_hz / self.bin_hz) as usize;
+        Some(self.log_excess.get(bin)?.max(*self.log_excess.get(bin + 1)?))
+    }
+
     /// Mean log excess over the lines of a comb at an input-shaft speed.
     pub fn score(&self, orders: &[f64], input_hz: f64) -> f64 {
         let mut sum = 0.0;

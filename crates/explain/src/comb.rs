@@ -22,11 +22,18 @@ const BESIDE: usize = 5;
 const ALIGNED: f64 = 0.25;
 
 /// The change of a shaft's comb at one operating point and channel.
-struct Difference {
-    pair: usize,
-    channel: usize,
+pub struct Difference {
+    /// Position of the pair.
+    pub pair: usize,
+    /// Position of the channel.
+    pub channel: usize,
     /// `Δ_n` and its noise power, from `n` = 1; `None` at mesh harmonics and where there is nothing to see.
-    lines: Vec<Option<(Complex64, f64)>>,
+    pub lines: Vec<Option<(Complex64, f64)>>,
+}
+
+/// The changes of everything that repeats with a shaft, where recording and reference could be aligned.
+pub fn changes(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
+    differences(q, shaft).0
 }
 
 /// What the change of a gear's comb is like.
@@ -136,7 +143,9 @@ fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
         fn of<'a>(all: &'a [ChannelFeatures], name: &str, shaft: usize) -> &'a [LineValue] {
             all.iter().find(|c| c.name == name).and_then(|c| c.combs.get(shaft)).map_or(&[], |c| c.as_slice())
         }
-        let names: Vec<&String> = rec.channels.iter().map(|c| &c.name).collect();
+        let known = &q.comparison.channels;
+        let names: Vec<&String> =
+            rec.channels.iter().map(|c| &c.name).filter(|n| known.is_empty() || known.contains(n)).collect();
         let a: Vec<&[LineValue]> = names.iter().map(|n| of(&rec.channels, n, shaft)).collect();
         let b: Vec<&[LineValue]> = names.iter().map(|n| of(&reference.channels, n, shaft)).collect();
         let Some((psi, agreement)) = turn(&a, &b) else { continue };

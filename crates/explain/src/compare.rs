@@ -74,6 +74,14 @@ pub struct Comparison {
 const SAME_SPEED: f64 = 0.03;
 const SAME_TORQUE: f64 = 0.05;
 
+/// ln of the ratio of speeds: by the tachos where there are two, whatever the sample clocks say.
+fn speed_gap(recording: &RecordingFeatures, reference: &RecordingFeatures) -> f64 {
+    match (recording.tacho_input_hz, reference.tacho_input_hz) {
+        (Some(a), Some(b)) => (a / b).ln(),
+        _ => (recording.input_hz / reference.input_hz).ln(),
+    }
+}
+
 /// Pairs recordings with references and compares them.
 pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures]) -> Comparison {
     let mut pairs = Vec::new();
@@ -95,7 +103,7 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                 reference: j,
                 speed_hz,
                 torque_nm: rec.brake_torque_nm,
-                speed_gap: (rec.input_hz / references[j].input_hz).ln(),
+                speed_gap: speed_gap(rec, &references[j]),
             });
         }
     }
@@ -109,6 +117,16 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
             if everywhere {
                 channels.push(c.name.clone());
             }
+        }
+        // A clipped channel shows lines of its own; the others tell more without it.
+        let clipped = |name: &String| {
+            pairs.iter().any(|p| {
+                let channel = recordings[p.recording].channels.iter().find(|d| d.name == *name);
+                channel.is_some_and(|d| d.integrity.clipped_at.is_some())
+            })
+        };
+        if channels.iter().any(|c| !clipped(c)) {
+            channels.retain(|c| !clipped(c));
         }
     }
     let mut out = Comparison { pairs, channels, lines: Vec::new(), floors: Vec::new() };

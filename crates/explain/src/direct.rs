@@ -6,6 +6,7 @@ use crate::compare::Comparison;
 use crate::dsp::{Transforms, median};
 use crate::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
 use crate::features::RecordingFeatures;
+use crate::folded::FoldedLine;
 use crate::name::{Finding, Question};
 use crate::ratio::{CREEP, DISPLAY_SIGMA};
 use crate::report::{Evidence, Fit};
@@ -158,9 +159,11 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     }
 }
 
-/// Whether lines may be compared one by one: not with other teeth or at another speed.
-pub fn comparable(findings: &[Finding]) -> bool {
-    !findings.iter().any(|f| matches!(f.effect, "belt_slip" | "clipping" | "clock_offset"))
+/// Whether lines may be compared one by one: not at another speed, and not where every channel is clipped. A wrong sample clock
+/// moves no line over shaft angle.
+pub fn comparable(q: &Question<'_>, findings: &[Finding]) -> bool {
+    let clipped = |c: &String| findings.iter().any(|f| f.effect == "clipping" && f.place == *c);
+    !findings.iter().any(|f| f.effect == "belt_slip") && q.comparison.channels.iter().any(|c| !clipped(c))
 }
 
 /// Channels that are scanned: those of the pairs, without any those of the first recording.
@@ -181,6 +184,8 @@ pub struct Strange {
     pub orders: Vec<StrangeLine>,
     /// In the envelope of the rest.
     pub envelope: Option<EnvelopeLine>,
+    /// Folded about half the sample rate.
+    pub folded: Option<FoldedLine>,
     /// There was a reference.
     pub against_reference: bool,
 }
@@ -190,8 +195,8 @@ const NEW_LINE: f64 = 3.0;
 const LONE_LINE: f64 = 4.5;
 /// Standard scores of the envelope scan above which a bearing is named; scans of benches without one reach 8.
 const ENVELOPE_SCORE: f64 = 10.5;
-/// The same against a reference, where scans reach 5.6.
-const ENVELOPE_SCORE_AGAINST: f64 = 8.0;
+/// The same against a reference, where scans of 190 benches reach 6.6.
+const ENVELOPE_SCORE_AGAINST: f64 = 7.3;
 
 /// Nearest multiple of 50 or 60 Hz, where the line lies on one.
 fn mains(hz: f64) -> Option<f64> {
@@ -265,6 +270,7 @@ pub fn strange(
         fixed: scan::fixed_lines(&twins, channels, train),
         orders: scan::order_lines(&twins, channels, train),
         envelope: envelope::scan(&spectra, train, channels.len()),
+        folded: None,
         against_reference,
     }
 }
@@ -276,7 +282,7 @@ fn mean(values: &[f64]) -> f64 {
 /// Names what the scans found.
 pub fn add_strange(
     q: &Question<'_>,
-    strange: Strange,
+    strange: &Strange,
     findings: &mut Vec<Finding>,
     unexplained: &mut bool,
     steps: &mut Vec<String>,
@@ -295,6 +301,10 @@ pub fn add_strange(
         .envelope
         .as_ref()
         .is_some_and(|e| e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE });
+    if let Some(l) = &strange.folded {
+        findings.push(aliasing(q, l));
+        return;
+    }
     // Lines at fixed frequency.
     let pickup = strange.fixed.iter().find(|l| {
         let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
@@ -403,6 +413,19 @@ pub fn add_strange(
             findings.push(f);
         }
     }
+}
+
+fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
+    let frequency_hz = l.order * q.bench.motor.speed_hz / q.train.motor_order;
+    let mut f = Finding::new("aliasing", l.channel.clone(), 0.9)
+        .with("frequency_hz", frequency_hz, 1e-3 * frequency_hz)
+        .with("amplitude", l.amplitude, 0.1 * l.amplitude);
+    f.evidence.place = format!(
+        "order {:.3} of the input shaft, above half the sample rate, seen folded on this sensor in {} recordings",
+        l.order, l.seen_in
+    );
+    f.evidence.law = "its line moves against the speed".into();
+    f
 }
 
 fn bearing(q: &Question<'_>, e: &EnvelopeLine, channels: &[String]) -> Finding {

@@ -70,7 +70,7 @@ impl Transforms {
 }
 
 /// Sample `n` of `len` of the periodic Blackman–Harris window.
-fn window(n: usize, len: usize) -> f64 {
+pub fn window(n: usize, len: usize) -> f64 {
     let u = 2.0 * PI * n as f64 / len as f64;
     let [a0, a1, a2, a3] = BLACKMAN_HARRIS;
     a0 - a1 * u.cos() + a2 * (2.0 * u).cos() - a3 * (3.0 * u).cos()
@@ -97,12 +97,17 @@ pub fn window_response(bins: f64) -> Complex64 {
     turn * (sine / a0 * (a0 / bins - a1 / 2.0 * pair(1.0) + a2 / 2.0 * pair(2.0) - a3 / 2.0 * pair(3.0)))
 }
 
+/// Factor on a transform through [`window`] after which a sine of amplitude A shows A at its bin.
+pub fn window_scale(len: usize) -> f64 {
+    2.0 / (BLACKMAN_HARRIS[0] * len as f64)
+}
+
 /// Spectrum of a signal through the Blackman–Harris window; a sine of amplitude A shows A at its bin.
 pub fn windowed_spectrum(transforms: &mut Transforms, signal: &[f64]) -> Vec<Complex64> {
     let len = signal.len();
     let mut weighted: Vec<f64> = signal.iter().enumerate().map(|(n, x)| x * window(n, len)).collect();
     let mut bins = transforms.forward_real(&mut weighted);
-    let scale = 2.0 / (BLACKMAN_HARRIS[0] * len as f64);
+    let scale = window_scale(len);
     bins.iter_mut().for_each(|b| *b *= scale);
     bins
 }

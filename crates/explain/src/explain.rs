@@ -9,6 +9,7 @@ use crate::direct;
 use crate::dsp::Transforms;
 use crate::error::ExplainError;
 use crate::features::{self, RecordingFeatures, Steady, Unused};
+use crate::folded;
 use crate::kinematics;
 use crate::name::{self, Question};
 use crate::ratio;
@@ -94,6 +95,8 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
         all.push(features::read(&mut transforms, &bench, &train, s, speed.input_hz, speed.score));
     }
     let ratios = ratio::ratios(&steady, &all, &train);
+    progress("lines folded about half the sample rate");
+    let folded = folded::scan(&mut transforms, &steady, &all, used.len());
     let references = all.split_off(used.len());
     progress("comparison");
     let comparison = compare::compare(&all, &references);
@@ -101,7 +104,8 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
         steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
     }
     progress("lines that no gear makes");
-    let strange = direct::strange(&all, &references, &comparison, &train, &mut transforms);
+    let mut strange = direct::strange(&all, &references, &comparison, &train, &mut transforms);
+    strange.folded = folded;
     let question = Question {
         bench: &bench,
         train: &train,
@@ -112,11 +116,11 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
         teeth: teeth.as_ref(),
         without: input.without,
     };
-    let explanation = name::answer(&question, strange, steps, progress);
-    let mut with_effects = input.bench.clone();
+    let name::Named { explanation, bench: refitted } = name::answer(&question, strange, steps, progress);
+    let mut with_effects = refitted.unwrap_or_else(|| input.bench.clone());
     for effect in &explanation.effects {
         if effect.effect == "wrong_tooth_count" {
-            with_effects = bench.clone();
+            with_effects.stages.clone_from(&bench.stages);
             continue;
         }
         let parameters = effect.parameters.iter().map(|(k, v)| (k.clone(), v.value())).collect();

@@ -265,7 +265,7 @@ pub fn read(
     let signals: Vec<&[f64]> = steady.channels.iter().map(|c| c.2.samples.as_slice()).collect();
     // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
     let start = match &tacho {
-        Some((angle, speed)) => angle[..len].iter().map(|a| a * input_hz / speed).collect(),
+        Some((angle, speed)) => (0..len).map(|n| at_sample(angle, n as f64 * input_hz / speed)).collect(),
         None => start,
     };
     let (angle, carriers) = angle::refine(transforms, &signals, rate, &start, &mesh_orders, half_width);
@@ -333,6 +333,12 @@ pub fn read(
         phase_rev: angle,
         channels,
     }
+}
+
+/// Angle by the tacho at a time in its own samples: where the sample clock is off, sample `n` was not taken at `n` steps of the tacho's time.
+fn at_sample(angle: &[f64], position: f64) -> f64 {
+    let k = (position as usize).min(angle.len() - 2);
+    angle[k] + (angle[k + 1] - angle[k]) * (position - k as f64)
 }
 
 /// Bins within the main lobe of a line.

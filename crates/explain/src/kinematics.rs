@@ -8,16 +8,22 @@ use crate::features::{self, Steady};
 
 /// Largest change of the teeth of one gear that is tried.
 const TEETH_REACH: i64 = 4;
-/// How far the speed may lie from the tacho's (relative): sample clocks are better than that.
-const TACHO_REACH: f64 = 0.004;
+/// How far the speed may lie from the tacho's (relative): sample clocks are better than that, where they are not broken.
+const TACHO_REACH: f64 = 0.01;
 /// How far the speed may lie from the drive display without a belt (relative): display and sample clock.
 const DIRECT_REACH: f64 = 0.008;
 /// Belt slip that is looked for (relative).
 const SLIP_REACH: f64 = 0.04;
-/// Gain in mean log excess, summed over recordings and per line, at which another tooth number is believed.
+/// Gain in mean log excess of the lines that another tooth number moves at which it is believed, and how sure it must be (standard errors).
 ///
-/// A comb on noise scores about 0.6, one on lines of 10 dB about 2.3; a wrong mesh comb of one stage loses that on half its lines.
+/// A comb on noise scores about 0.3, one on lines of 10 dB about 2.3: where the sheet's lines are to be there is nothing, and something
+/// where the other tooth number puts them.
 const TEETH_GAIN: f64 = 0.5;
+const TEETH_SURE: f64 = 6.0;
+/// Lines that must move, in all recordings together.
+const TEETH_LINES: usize = 12;
+/// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
+const APART_BINS: f64 = 6.0;
 
 /// A gear with other teeth than the bench file says.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,7 +65,7 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64
 fn deciding_orders(train: &Train) -> Vec<f64> {
     let mut out = features::comb_orders(train);
     for stage in &train.stages {
-        for h in 1..=3 {
+        for h in 1..=4 {
             let centre = stage.mesh_order * f64::from(h);
             for shaft in [stage.pinion_order, stage.wheel_order] {
                 out.extend([centre - shaft, centre + shaft]);
@@ -67,9 +73,42 @@ fn deciding_orders(train: &Train) -> Vec<f64> {
         }
     }
     for (_, order) in &train.shafts {
-        out.extend((1..=4).map(|k| order * f64::from(k)));
+        out.extend((1..=6).map(|k| order * f64::from(k)));
     }
     out
+}
+
+/// What lies at the lines that only one of two sets of tooth numbers has.
+#[derive(Default)]
+struct Moved {
+    sheet: Vec<f64>,
+    other: Vec<f64>,
+}
+
+impl Moved {
+    /// Log excess at the frequencies (Hz) of each side that the other side has nothing near.
+    fn add(&mut self, field: &CombField, sheet: &[f64], other: &[f64]) {
+        let near = |all: &[f64], hz: f64| all.iter().any(|o| (o - hz).abs() < APART_BINS * field.bin_hz());
+        let lone = |of: &[f64], against: &[f64]| -> Vec<f64> {
+            of.iter().filter(|hz| !near(against, **hz)).filter_map(|hz| field.at(*hz)).collect()
+        };
+        self.sheet.extend(lone(sheet, other));
+        self.other.extend(lone(other, sheet));
+    }
+
+    /// Mean gain per line and its standard score.
+    fn gain(&self) -> (f64, f64) {
+        if self.sheet.len().min(self.other.len()) < TEETH_LINES {
+            return (0.0, 0.0);
+        }
+        let moments = |v: &[f64]| {
+            let n = v.len() as f64;
+            let mean = v.iter().sum::<f64>() / n;
+            (mean, v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n * (n - 1.0)))
+        };
+        let ((a, va), (b, vb)) = (moments(&self.sheet), moments(&self.other));
+        (b - a, (b - a) / (va + vb).sqrt().max(1e-9))
+    }
 }
 
 fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Bench {
@@ -96,22 +135,28 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
 }
 
 /// The bench with the one tooth number changed that fits all recordings clearly better, if there is one.
+///
+/// Which lines move depends on where the speed is known: with a tacho on the output shaft, the pinion's teeth move nothing but the input
+/// shaft's own lines. So candidates are ranked by all lines and believed by those that move.
 pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
-    let score = |candidate: &Bench| -> f64 {
+    // Mean score of all lines, and the frequencies of the lines by recording.
+    let lines = |candidate: &Bench| -> (f64, Vec<Vec<f64>>) {
         let train = Train::new(candidate);
         let orders = deciding_orders(&train);
         let comb = features::comb_orders(&train);
         let mut sum = 0.0;
+        let mut frequencies = Vec::with_capacity(all.len());
         for (steady, field) in all.iter().zip(fields) {
             let tacho = steady.tacho_angle(&train).map(|t| t.1);
             let (low, high) = range(candidate, &train, steady, tacho);
             let (hz, _) = field.search(&comb, low, high);
             sum += field.score(&orders, hz);
+            frequencies.push(orders.iter().map(|o| o * hz).collect());
         }
-        sum / all.len().max(1) as f64
+        (sum / all.len().max(1) as f64, frequencies)
     };
-    let base = score(bench);
-    let mut best: Option<(OtherTeeth, Bench)> = None;
+    let base = lines(bench);
+    let mut best: Option<(f64, OtherTeeth, Bench)> = None;
     for (i, stage) in bench.stages.iter().enumerate() {
         for pinion in [true, false] {
             let sheet = if pinion { stage.pinion.teeth } else { stage.wheel.teeth };
@@ -121,12 +166,18 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                     continue;
                 }
                 let candidate = with_teeth(bench, i, pinion, teeth);
-                let gain = score(&candidate) - base;
-                if gain > TEETH_GAIN && best.as_ref().is_none_or(|(b, _)| gain > b.gain) {
-                    best = Some((OtherTeeth { stage: i, pinion, teeth, sheet, gain }, candidate));
+                let (score, frequencies) = lines(&candidate);
+                let mut moved = Moved::default();
+                for ((field, sheet), other) in fields.iter().zip(&base.1).zip(&frequencies) {
+                    moved.add(field, sheet, other);
+                }
+                let (gain, sure) = moved.gain();
+                let believed = score > base.0 && gain > TEETH_GAIN && sure > TEETH_SURE;
+                if believed && best.as_ref().is_none_or(|b| score > b.0) {
+                    best = Some((score, OtherTeeth { stage: i, pinion, teeth, sheet, gain }, candidate));
                 }
             }
         }
     }
-    best
+    best.map(|b| (b.1, b.2))
 }

@@ -1,20 +1,25 @@
 //! Explains where simulation and recordings differ: locates, names, models and judges.
 
+pub mod against;
 pub mod alone;
 pub mod angle;
 pub mod blind;
 pub mod comb;
 pub mod compare;
+pub mod controls;
 pub mod direct;
 pub mod dsp;
 pub mod envelope;
 pub mod error;
 pub mod explain;
 pub mod features;
+pub mod folded;
 pub mod gear;
 pub mod held_out;
 pub mod integrity;
 pub mod kinematics;
+pub mod latent;
+pub mod least_squares;
 pub mod lines;
 pub mod locate;
 pub mod masks;
@@ -22,7 +27,9 @@ pub mod name;
 pub mod paper;
 pub mod path;
 pub mod prove;
+pub mod publish;
 pub mod ratio;
+pub mod refit;
 pub mod report;
 pub mod scan;
 pub mod shape;

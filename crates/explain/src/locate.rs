@@ -88,6 +88,11 @@ pub struct Account {
     pub cells: usize,
 }
 
+/// Variance of the change of a line between two recordings of one bench at one setting (ln).
+pub fn repetition(speed_gap: f64) -> f64 {
+    REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * speed_gap).powi(2)
+}
+
 /// All cells of a comparison.
 pub fn cells(comparison: &Comparison) -> Vec<Cell> {
     let lines = comparison.lines.iter().map(|l| Cell {
@@ -96,7 +101,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         family: Some(l.family),
         frequency_hz: l.frequency_hz,
         change: l.log_ratio,
-        variance: l.variance + REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * comparison.pairs[l.pair].speed_gap).powi(2),
+        variance: l.variance + repetition(comparison.pairs[l.pair].speed_gap),
     });
     let floors = comparison.floors.iter().map(|f| Cell {
         pair: f.pair,

@@ -22,20 +22,21 @@ const TAIL: f64 = 4.0;
 /// Grid of scales: first, ratio, number.
 const FIRST_SCALE: f64 = 0.2;
 const SCALE_RATIO: f64 = 1.15;
-const SCALES: usize = 36;
+pub(crate) const SCALES: usize = 36;
 /// Scale of an unchanged bench, median and spread (ln); none lies above the largest.
 pub const USUAL_SCALE: f64 = 0.5;
 const USUAL_SPREAD: f64 = 0.3;
 const LARGEST_USUAL: f64 = 0.85;
 /// Lines of one order in several channels and recordings share their errors: this share of them counts.
-const INDEPENDENT: f64 = 0.4;
+pub(crate) const INDEPENDENT: f64 = 0.4;
 
-fn scale(k: usize) -> f64 {
+/// Scale number `k` of the grid.
+pub(crate) fn scale(k: usize) -> f64 {
     FIRST_SCALE * SCALE_RATIO.powi(k as i32)
 }
 
 /// Log density of a change at each scale.
-fn densities(z2: f64) -> [f64; SCALES] {
+pub(crate) fn densities(z2: f64) -> [f64; SCALES] {
     std::array::from_fn(|k| {
         let s = scale(k);
         -s.ln() - 0.5 * (TAIL + 1.0) * (z2 / (TAIL * s * s)).ln_1p()
@@ -99,7 +100,7 @@ struct Together {
 
 /// Change that lines of one order share by chance (ln): at equal speed, per change of speed away from torsional resonances, and (1/2ζ at
 /// 0.5 %) on the flank of one.
-const SHARED_CHANGE: f64 = 0.04;
+pub(crate) const SHARED_CHANGE: f64 = 0.04;
 const SHARED_SLOPE: f64 = 15.0;
 const RESONANT_SLOPE: f64 = 100.0;
 /// Price of the assumption that a pair sits on such a flank (nats): one speed in ten does.
@@ -124,33 +125,4 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
         }
     }
     Some(out)
-}
-
-/// Gain (nats) of a decoy of equal flexibility, as many lines spread evenly over the rest, and the ceiling: every line with a scale of its own.
-pub fn controls(cells: &[Cell], mask: &Mask) -> (f64, f64) {
-    let nearest = |s: f64| ((s / FIRST_SCALE).ln() / SCALE_RATIO.ln()).round().clamp(0.0, (SCALES - 1) as f64) as usize;
-    let usual = nearest(mask.outside);
-    let table = |c: &Cell| densities(c.change * c.change / c.variance);
-    let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
-    let ceiling: f64 = lines
-        .iter()
-        .map(|c| {
-            let t = table(c);
-            t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t[usual]
-        })
-        .sum();
-    let rest: Vec<&&Cell> = lines.iter().filter(|c| !covers(mask.place, c.family)).collect();
-    let step = (rest.len() / mask.cells.max(1)).max(1);
-    let mut sums = [0.0; SCALES];
-    for c in rest.iter().step_by(step).take(mask.cells) {
-        sums.iter_mut().zip(table(c)).for_each(|(a, v)| *a += v);
-    }
-    let decoy = sums[usual..].iter().copied().fold(f64::NEG_INFINITY, f64::max) - sums[usual];
-    (INDEPENDENT * decoy - 0.5 * (1.0 + mask.cells as f64).ln(), INDEPENDENT * ceiling)
-}
-
-/// Gain (nats) of the best mask that shares no line with another.
-pub fn best_elsewhere(cells: &[Cell], places: &[Place], gaps: &[f64], taken: Place) -> f64 {
-    let rest: Vec<Cell> = cells.iter().filter(|c| !(c.family.is_some() && covers(taken, c.family))).copied().collect();
-    masks(&rest, places, gaps).first().map_or(0.0, |m| m.gain)
 }

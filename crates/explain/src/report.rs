@@ -6,6 +6,8 @@ use gearwatch_core::estimate::Estimate;
 use gearwatch_core::verdict::published;
 use serde::{Serialize, Serializer};
 
+use crate::latent::LatentForce;
+
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-explanation/1";
 
@@ -26,6 +28,9 @@ pub struct Explanation {
     /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub p_null: Option<f64>,
+    /// Of what has no name: the force that would account for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latent_force: Option<LatentForce>,
     /// What to record next, and why.
     pub advice: Vec<String>,
     /// What was found on the way, in order: data, calibration, tests.

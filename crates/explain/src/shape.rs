@@ -39,7 +39,7 @@ const USUAL_ERROR_M: f64 = 0.7e-6;
 const MODEL_SIGMA: f64 = 0.12;
 const MODEL_SHARE: f64 = 0.45;
 /// Power to which evidences are raised: lines of one harmonic share their model errors.
-const TEMPER: f64 = 0.25;
+pub const TEMPER: f64 = 0.25;
 /// Lines that take part, at most, by pair.
 const LINES: usize = 90;
 
@@ -85,6 +85,20 @@ struct Model {
     meshes: Vec<Vec<(Vec<Complex64>, f64, f64)>>,
     train: LinearTrain,
     damping_ratio: Vec<f64>,
+}
+
+impl Model {
+    /// Damping of the meshes at their stiffness (N s/m).
+    fn damping(&self, stiffness: &[f64]) -> Vec<f64> {
+        let critical = |(k, s): (&f64, &gearwatch_sim::linear::StageGeometry)| 2.0 * (k * s.effective_mass_kg).sqrt();
+        stiffness
+            .iter()
+            .zip(&self.train.stages)
+            .map(critical)
+            .zip(&self.damping_ratio)
+            .map(|(c, ratio)| c * ratio)
+            .collect()
+    }
 }
 
 /// Mesh force of a stage at a brake torque (N).
@@ -148,13 +162,7 @@ fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
         }
         let line = seen[first];
         let stiffness: Vec<f64> = model.meshes.iter().map(|m| m[line.pair].1).collect();
-        let damping: Vec<f64> = stiffness
-            .iter()
-            .zip(&model.damping_ratio)
-            .zip(&model.train.stages)
-            .map(|((k, ratio), s)| 2.0 * ratio * (k * s.effective_mass_kg).sqrt())
-            .collect();
-        let meshed = model.train.with_meshes(&stiffness, &damping);
+        let meshed = model.train.with_meshes(&stiffness, &model.damping(&stiffness));
         // All lines of this pair share the matrices.
         for at in first..seen.len() {
             if done[at] || seen[at].pair != line.pair {
@@ -193,6 +201,34 @@ fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
         }
     }
     out
+}
+
+/// Response from a unit force in a stage's mesh to each sensor of the sheet's bench at some frequencies; `None` where the mesh has no model.
+pub fn transfer(q: &Question<'_>, torque_nm: f64, stage: usize, frequencies_hz: &[f64]) -> Option<Vec<Vec<Complex64>>> {
+    let point = Pair { recording: 0, reference: 0, speed_hz: 1.0, torque_nm, speed_gap: 0.0 };
+    let model = model(&SimSetup::nominal(q.bench), &[point])?;
+    let stiffness: Vec<f64> = model.meshes.iter().map(|m| m[0].1).collect();
+    let meshed = model.train.with_meshes(&stiffness, &model.damping(&stiffness));
+    let right = model.train.mesh.get(stage)?.map(|v| Complex64::new(v, 0.0));
+    let mut out = vec![Vec::with_capacity(frequencies_hz.len()); model.train.sensors.len()];
+    for hz in frequencies_hz {
+        let omega = 2.0 * std::f64::consts::PI * hz;
+        let n = meshed.mass.nrows();
+        let dynamic = DMatrix::from_fn(n, n, |i, j| {
+            Complex64::new(
+                meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)],
+                omega * meshed.damping[(i, j)],
+            )
+        });
+        let x = dynamic.lu().solve(&right)?;
+        for (row, values) in model.train.sensors.iter().zip(&mut out) {
+            let term = |i: usize| {
+                Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]) * x[i]
+            };
+            values.push((0..n).map(term).sum());
+        }
+    }
+    Some(out)
 }
 
 fn grid(q: &Question<'_>) -> Vec<Candidate> {

@@ -5,7 +5,7 @@ use crate::lines::Family;
 use crate::locate::{self, Cell, Place};
 use crate::masks::{self, Mask};
 use crate::name::{Finding, Question};
-use crate::{gear, shape, sizes};
+use crate::{gear, refit, shape, sizes};
 
 /// Effects that alter the way from housing to samples.
 pub fn is_path(effect: &str) -> bool {
@@ -86,6 +86,24 @@ fn exponent_line(place: Place, family: Family) -> bool {
 
 /// A name for a mask; `None` where nothing in the library fits it.
 pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<String>) -> Option<Finding> {
+    named(q, mask, cells, Depth::Refit, steps)
+}
+
+/// A name for a mask that only stands in another's set, without refits.
+pub fn rival(q: &Question<'_>, mask: &Mask, cells: &[Cell]) -> Option<Finding> {
+    named(q, mask, cells, Depth::Shape, &mut Vec::new())
+}
+
+/// How closely effects that share a mask are compared.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Depth {
+    /// By SHAPE alone.
+    Shape,
+    /// Each with the bench's numbers fitted beside it.
+    Refit,
+}
+
+fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mut Vec<String>) -> Option<Finding> {
     let place = mask.place;
     let exponent = load_exponent(q, place, true).or_else(|| load_exponent(q, place, false));
     if let Some(p) = exponent {
@@ -112,12 +130,20 @@ pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<Strin
         }
         Place::ShaftOnce(j) => Finding::new("unbalance", q.train.shafts[j].0.clone(), 0.8),
         Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
-        Place::ShaftOrders(_) => from_shape(q, Place::Dynamics, cells, steps)?,
+        Place::ShaftOrders(_) => from_shape(q, Place::Dynamics, cells, depth, steps)?,
         Place::ShaftOrder(j, k) => ripple(q, j, k, exponent),
         Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.62).with("order", f64::from(k), 0.2),
-        Place::LowSide(i, _) => from_shape(q, Place::Mesh(i), cells, steps)?,
+        // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
+        Place::LowSide(i, j)
+            if scale_of(cells, Place::FirstSide(i, j)) > ONCE_MORE * scale_of(cells, Place::Mesh(i)) =>
+        {
+            let mut f = Finding::new("eccentricity", gear_name(i, j), 0.8);
+            f.alternatives.push(("pitch_error", gear_name(i, j)));
+            f
+        }
+        Place::LowSide(i, _) => from_shape(q, Place::Mesh(i), cells, depth, steps)?,
         Place::Gear(i, j) => gear::gear(q, i, j, exponent, steps),
-        Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => from_shape(q, place, cells, steps)?,
+        Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => from_shape(q, place, cells, depth, steps)?,
         Place::Gain(_) | Place::Path(_) | Place::Housing => return None,
     };
     finding.evidence.place = format!(
@@ -137,6 +163,16 @@ pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<Strin
     Some(finding)
 }
 
+/// First sidebands that change this many times as much as the mesh harmonics are the cause, not the echo.
+const ONCE_MORE: f64 = 1.6;
+
+/// Median change of a mask's lines (standard deviations); 0 of none.
+fn scale_of(cells: &[Cell], place: Place) -> f64 {
+    let inside = |c: &&Cell| c.family.is_some() && locate::covers(place, c.family);
+    let mut all: Vec<f64> = cells.iter().filter(inside).map(|c| c.change.abs() / c.variance.sqrt()).collect();
+    if all.is_empty() { 0.0 } else { median(&mut all) }
+}
+
 /// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its dynamics moves them either way.
 fn rises(cells: &[Cell], place: Place) -> bool {
     let inside = || cells.iter().filter(|c| c.family.is_some() && locate::covers(place, c.family));
@@ -145,46 +181,70 @@ fn rises(cells: &[Cell], place: Place) -> bool {
     all > 0 && up * 5 >= all * 4
 }
 
-/// Shares of SHAPE above this were right nine times in ten, smaller ones less often than they say by this factor (312 drawn cases): a likelihood takes
+/// Shares above this were right nine times in ten, smaller ones less often than they say by this factor (53 drawn cases): a likelihood takes
 /// the model for true.
-const SHAPE_SURE: f64 = 0.85;
+const SHAPE_SURE: f64 = 0.95;
 const SHAPE_TRUST: f64 = 0.65;
+/// Effects that are refitted, and the least share by SHAPE that they have, of the best.
+const REFITTED: usize = 7;
+const LEAST_SHARE: f64 = 5e-4;
+/// Effects that stand in a set, and the least share that they have, of the best.
+const IN_SET: usize = 4;
+const SET_SHARE: f64 = 0.02;
 
-/// Mesh harmonics and dynamics: the simulator's own signatures decide.
-fn from_shape(q: &Question<'_>, place: Place, cells: &[Cell], steps: &mut Vec<String>) -> Option<Finding> {
+/// Mesh harmonics and dynamics: the simulator's own signatures decide, first by SHAPE over drawn benches, then by the joint refit of each.
+fn from_shape(
+    q: &Question<'_>,
+    place: Place,
+    cells: &[Cell],
+    depth: Depth,
+    steps: &mut Vec<String>,
+) -> Option<Finding> {
     let mut ranked = shape::rank(q, cells);
     ranked.retain(|r| !q.without.contains(&r.effect));
-    let fits = |r: &&shape::Ranked| match place {
+    ranked.retain(|r| match place {
         // Only the mesh harmonics of one stage moved: what sits elsewhere or moves every line is out.
         Place::Mesh(i) => r.place == q.train.stages[i].name,
         Place::Stage(i) => r.place == q.train.stages[i].name || (i..=i + 1).any(|j| r.place == q.train.shafts[j].0),
         _ => true,
-    };
-    let kept: Vec<&shape::Ranked> = ranked.iter().filter(fits).collect();
-    let sum: f64 = kept.iter().map(|r| r.probability).sum();
-    for r in kept.iter().take(6) {
-        steps.push(format!(
-            "shape: {} at {}: probability {:.2}, log evidence {:.1}",
-            r.effect,
-            r.place,
-            r.probability / sum.max(1e-12),
-            r.log_evidence
-        ));
+    });
+    let largest = ranked.first()?.probability;
+    let mut kept: Vec<(f64, shape::Ranked)> = ranked
+        .into_iter()
+        .take(REFITTED)
+        .filter(|r| r.probability > LEAST_SHARE * largest)
+        .map(|r| (r.probability.ln(), r))
+        .collect();
+    let compared = kept.len();
+    if depth == Depth::Refit && compared > 1 {
+        let fits: Vec<Option<f64>> = kept.iter().map(|(_, r)| refit::evidence(q, cells, r)).collect();
+        let least = fits.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+        for ((score, r), fit) in kept.iter_mut().zip(fits) {
+            // What cannot be refitted is taken to fit as badly as the worst.
+            *score += shape::TEMPER * fit.unwrap_or(least).min(1e6);
+            let words = fit.map_or("no steady state".to_owned(), |f| format!("{f:.1} nats"));
+            steps.push(format!(
+                "shape: {} at {}: {:.2} by drawn benches, joint refit {words}",
+                r.effect, r.place, r.probability
+            ));
+        }
+        kept.sort_by(|a, b| b.0.total_cmp(&a.0));
     }
-    let best = kept.first()?;
-    let stated = match best.probability / sum.max(1e-12) {
+    let top = kept.first()?.0;
+    let sum: f64 = kept.iter().map(|k| (k.0 - top).exp()).sum();
+    let best = &kept.first()?.1;
+    let stated = match 1.0 / sum {
         p if p > SHAPE_SURE => 0.9,
         p => (SHAPE_TRUST * p).max(0.15),
     };
     let mut f = Finding::new(best.effect, best.place.clone(), stated);
     f.parameters = best.parameters.clone();
-    for r in kept.iter().skip(1).take(5).filter(|r| r.probability > 0.03 * best.probability) {
+    for (_, r) in kept.iter().skip(1).take(IN_SET).filter(|k| k.0 > top + SET_SHARE.ln()) {
         f.alternatives.push((r.effect, r.place.clone()));
     }
     f.evidence.shape = format!(
-        "of {} effects at this place the simulator's signature of this one agrees best, {:.1} nats before the next",
-        kept.len(),
-        kept.get(1).map_or(0.0, |r| best.log_evidence - r.log_evidence)
+        "of {compared} effects at this place the simulator's signature of this one, fitted together with the bench's own numbers, agrees best, {:.1} nats before the next",
+        kept.get(1).map_or(0.0, |k| top - k.0)
     );
     Some(f)
 }

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use gearwatch_core::recording::Recording;
 use gearwatch_explain::explain::{Input, explain};
+use gearwatch_explain::latent::LatentForce;
 use gearwatch_explain::report::{Explanation, Status};
 use gearwatch_io::open::{OpenOptions, read_recording};
 
@@ -28,7 +29,7 @@ mod tables;
   gearwatch explain --tables simulation.csv experiment.csv
 
 Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json and a
-new bench.toml with the effects in it are written there; without, the JSON goes to stdout after the summary on stderr.")]
+new bench.toml with the effects in it are written there (and latent_force.csv, where what is left is a force that nothing in the library makes); without, the JSON goes to stdout after the summary on stderr.")]
 pub struct Explain {
     /// The bench file
     #[arg(required_unless_present = "tables")]
@@ -85,6 +86,9 @@ impl Run for Explain {
             std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
             write(&out.join("explanation.json"), &json)?;
             write(&out.join("bench.toml"), &toml::to_string(&answer.bench)?)?;
+            if let Some(force) = &answer.explanation.latent_force {
+                write(&out.join("latent_force.csv"), &table_of(force))?;
+            }
             let mut stdout = std::io::stdout().lock();
             summary(&mut stdout, &answer.explanation).context("stdout")?;
             writeln!(stdout, "written: {}", out.join("explanation.json").display()).context("stdout")?;
@@ -108,6 +112,16 @@ impl Run for Explain {
 
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+/// The force that nobody named, a line a step of its turn.
+fn table_of(f: &LatentForce) -> String {
+    let unit = f.unit.to_lowercase().replace('/', "_per_").replace('^', "");
+    let mut text = format!("turn,force_{unit},sigma_{unit}\n");
+    for ((turn, force), sigma) in f.turn.iter().zip(&f.force).zip(&f.sigma) {
+        text.push_str(&format!("{turn:.6},{force:.6e},{sigma:.6e}\n"));
+    }
+    text
 }
 
 fn load(paths: &[PathBuf]) -> anyhow::Result<Vec<Recording>> {
@@ -168,6 +182,23 @@ fn summary(out: &mut dyn Write, e: &Explanation) -> std::io::Result<()> {
         for other in &effect.indistinguishable_from {
             writeln!(out, "      not told apart from {} at {}", other.effect, other.place)?;
         }
+    }
+    if let Some(f) = &e.latent_force {
+        let largest = f.force.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        writeln!(
+            out,
+            "  a force of up to {largest:.3} ± {:.2} {} that repeats every {:.4} revolutions of the input shaft accounts for it ({})",
+            f.sigma.first().copied().unwrap_or(f64::NAN),
+            f.unit,
+            f.period_rev,
+            f.recording
+        )?;
+        for (what, exponent) in [("torque", f.load_exponent), ("speed", f.speed_exponent)] {
+            if let Some(p) = exponent {
+                writeln!(out, "      amplitude ∝ {what}^{p:.2}")?;
+            }
+        }
+        writeln!(out, "      with this period: {}", f.period_of.join("; "))?;
     }
     if let Some(fit) = &e.fit {
         writeln!(

@@ -1,6 +1,7 @@
 //! `gearwatch prove`: the finder's own concealed benchmark.
 
 use std::io::{IsTerminal, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Context;
 use clap::Args;
@@ -41,26 +42,93 @@ impl Run for Prove {
         if let Some(id) = &self.effect {
             gearwatch_sim::effects::find(id)?;
         }
-        let talk = std::io::stderr().is_terminal();
-        let mut scored: Vec<Scored> = Vec::new();
-        let mut skipped = 0u64;
-        for index in 0..self.cases {
-            if talk {
-                // Progress is a courtesy; a closed terminal is not an error.
-                let _ = write!(std::io::stderr(), "\r  case {} of {}", index + 1, self.cases);
-            }
-            match prove::prove(self.seed, index, self.effect.as_deref()) {
-                Some(case) => scored.push(case),
-                None => skipped += 1,
-            }
-        }
-        if talk {
-            let _ = writeln!(std::io::stderr());
-        }
+        let scored = self.all();
+        let skipped = self.cases - scored.len() as u64;
         let mut out = std::io::stdout().lock();
         table(&mut out, &scored, skipped, self.list).context("stdout")?;
         Ok(Exit::Ok)
     }
+}
+
+impl Prove {
+    /// All cases, on all cores; each stands for itself, so the order of work does not matter.
+    fn all(&self) -> Vec<Scored> {
+        let talk = std::io::stderr().is_terminal();
+        let next = AtomicU64::new(0);
+        let work = || {
+            let mut own = Vec::new();
+            loop {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                if index >= self.cases {
+                    return own;
+                }
+                if talk {
+                    // Progress is a courtesy; a closed terminal is not an error.
+                    let _ = write!(std::io::stderr(), "\r  case {} of {}", index + 1, self.cases);
+                }
+                own.extend(prove::prove(self.seed, index, self.effect.as_deref()));
+            }
+        };
+        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let mut scored: Vec<Scored> = std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+            workers
+                .into_iter()
+                .flat_map(|w| w.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+                .collect()
+        });
+        scored.sort_by_key(|s| s.index);
+        if talk {
+            let _ = writeln!(std::io::stderr());
+        }
+        scored
+    }
+}
+
+/// Strata of concealed effects by how much more than repetition they change their best group of lines.
+const STRATA: [(&str, f64, f64); 3] =
+    [("concealed", 0.0, 8.0), ("moderate", 8.0, 20.0), ("plain", 20.0, f64::INFINITY)];
+
+/// Named first and within the set, by strength; what enters the signal has none.
+fn by_strength(out: &mut dyn Write, concealed: &[&Scored]) -> std::io::Result<()> {
+    let row = |out: &mut dyn Write, what: &str, of: &[&&Scored]| {
+        let effects: usize = of.iter().map(|s| s.first.len()).sum();
+        if effects == 0 {
+            return Ok(());
+        }
+        writeln!(
+            out,
+            "  {what}: named first {}, within the named set {}",
+            share(of.iter().flat_map(|s| &s.first).sum(), effects),
+            share(of.iter().flat_map(|s| &s.in_set).filter(|x| **x).count() as f64, effects)
+        )
+    };
+    writeln!(out, "by strength of the fainter effect (change of its best group of lines over repetition):")?;
+    for (name, low, high) in STRATA {
+        let inside = |s: &&&Scored| s.truth.visibility.is_some_and(|v| v >= low && v < high);
+        let of: Vec<&&Scored> = concealed.iter().filter(inside).collect();
+        row(out, &format!("{name}, {low} to {high} times"), &of)?;
+    }
+    row(
+        out,
+        "in the signal, not the machine",
+        &concealed.iter().filter(|s| s.truth.visibility.is_none()).collect::<Vec<_>>(),
+    )
+}
+
+/// Largest distance between the distribution of p values and the even one, and the probability that as many even values lie
+/// as far (Kolmogorov; Stephens 1970 for small numbers).
+fn kolmogorov(sorted: &[f64]) -> (f64, f64) {
+    let n = sorted.len() as f64;
+    let distance = sorted
+        .iter()
+        .enumerate()
+        .map(|(i, p)| ((i + 1) as f64 / n - p).abs().max((p - i as f64 / n).abs()))
+        .fold(0.0, f64::max);
+    let t = (n.sqrt() + 0.12 + 0.11 / n.sqrt()) * distance;
+    let tail: f64 =
+        (1..=50).map(|k| f64::from(k)).map(|k| 2.0 * (-1.0f64).powf(k - 1.0) * (-2.0 * k * k * t * t).exp()).sum();
+    (distance, if t < 0.3 { 1.0 } else { tail.clamp(0.0, 1.0) })
 }
 
 fn share(part: f64, whole: usize) -> String {
@@ -87,6 +155,13 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
             share(count(&of, |s| s.status == Status::Consistent), of.len())
         )?;
     }
+    by_strength(out, &concealed)?;
+    let named_something: Vec<&&Scored> = concealed.iter().filter(|s| !s.named.is_empty()).collect();
+    writeln!(
+        out,
+        "candidates listed where something is named: {:.1} a case",
+        named_something.iter().map(|s| s.candidates).sum::<usize>() as f64 / named_something.len().max(1) as f64
+    )?;
     let named = |of: &[&Scored]| share(count(of, |s| !s.named.is_empty()), of.len());
     let unexplained = |of: &[&Scored]| share(count(of, |s| s.status == Status::Unexplained), of.len());
     writeln!(out, "nothing concealed: named something {}, unexplained {}", named(&nulls), unexplained(&nulls))?;
@@ -139,13 +214,17 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
     let below = |level: f64| share(p.iter().filter(|p| **p <= level).count() as f64, p.len());
     writeln!(
         out,
-        "p of nothing, where nothing is concealed: below 0.05 {}, 0.1 {}, 0.25 {}, 0.5 {}, 0.75 {}",
+        "p of nothing, where nothing is concealed (even: as many as the level): below 0.05 {}, 0.1 {}, 0.25 {}, 0.5 {}, 0.75 {}",
         below(0.05),
         below(0.1),
         below(0.25),
         below(0.5),
         below(0.75)
     )?;
+    if !p.is_empty() {
+        let (distance, chance) = kolmogorov(&p);
+        writeln!(out, "  largest distance from even {distance:.2}; as far by chance with probability {chance:.2}")?;
+    }
     let mut ids: Vec<&str> = concealed.iter().flat_map(|s| &s.truth.effects).map(|e| e.effect.as_str()).collect();
     ids.sort_unstable();
     ids.dedup();

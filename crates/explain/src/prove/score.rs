@@ -20,6 +20,8 @@ pub struct Scored {
     pub first: Vec<f64>,
     /// By concealed effect: it stands among the named effects, one more than there are, or in their sets.
     pub in_set: Vec<bool>,
+    /// Candidates that the answer lists: named effects and what stands in their sets.
+    pub candidates: usize,
     /// Of each published parameter that the truth has: name, relative error, error over sigma.
     pub errors: Vec<(String, f64, f64)>,
     /// Held-out figure before and after.
@@ -96,6 +98,7 @@ pub fn score(index: u64, truth: &Truth, answer: &Explanation) -> Scored {
             .collect(),
         first,
         in_set: set,
+        candidates: answer.effects.iter().map(|e| 1 + e.indistinguishable_from.len()).sum(),
         errors,
         held_out: answer.fit.as_ref().map(|f| (f.held_out_before, f.held_out_after)),
         p_null: answer.p_null,

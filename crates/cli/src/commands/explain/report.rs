@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use gearwatch_explain::latent::LatentForce;
 use gearwatch_explain::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
 use gearwatch_report::{Bars, Cell, Chart, Lines, Part, Report, Section, Series, Table, Tone};
 
@@ -12,6 +13,7 @@ const MOST_LINES: usize = 40;
 /// The page. `files` are named with their SHA-256.
 pub(super) fn page(bench: &str, e: &Explanation, files: &[(String, PathBuf)]) -> anyhow::Result<String> {
     let mut sections = vec![effects(e)];
+    sections.extend(e.latent_force.as_ref().map(latent));
     sections.extend(e.fit.as_ref().map(fit));
     sections.push(mismatch(&e.mismatch));
     sections.push(Section { heading: "How it was found".into(), parts: vec![Part::List(e.steps.clone())] });
@@ -119,6 +121,30 @@ fn fit(fit: &Fit) -> Section {
         limits: Vec::new(),
     });
     Section { heading: "Before and after".into(), parts: vec![Part::Chart(chart)] }
+}
+
+/// The force that nobody named, over its turn.
+fn latent(f: &LatentForce) -> Section {
+    let curve = |name: &str, by: f64| Series {
+        name: name.to_owned(),
+        points: f.turn.iter().zip(&f.force).zip(&f.sigma).map(|((t, v), s)| (*t, v + by * s)).collect(),
+    };
+    let chart = Chart::Lines(Lines {
+        caption: format!(
+            "The force that accounts for what has no name, over {:.4} revolutions of the input shaft, with two standard deviations ({})",
+            f.period_rev, f.recording
+        ),
+        x_label: "position in its period (1)".into(),
+        y_label: format!("force ({})", f.unit),
+        log_y: false,
+        series: vec![curve("mean", 0.0), curve("+2 sigma", 2.0), curve("−2 sigma", -2.0)],
+        marks: Vec::new(),
+    });
+    let mut list: Vec<String> = f.period_of.iter().map(|what| format!("with this period: {what}")).collect();
+    for (what, exponent) in [("torque", f.load_exponent), ("speed", f.speed_exponent)] {
+        list.extend(exponent.map(|p| format!("its amplitude goes with {what} to the power {p:.2}")));
+    }
+    Section { heading: "What is left".into(), parts: vec![Part::Chart(chart), Part::List(list)] }
 }
 
 fn mismatch(all: &[Mismatch]) -> Section {
