@@ -101,8 +101,7 @@ pub fn null_twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<f64> {
     let key = |c: &Cell| (c.pair, c.family.map(order_of));
     (0..TWINS)
         .map(|_| {
-            let mut shared: std::collections::BTreeMap<(usize, Option<(u8, usize, u8)>), f64> =
-                std::collections::BTreeMap::new();
+            let mut shared = std::collections::BTreeMap::new();
             let drawn: Vec<Cell> = lines
                 .iter()
                 .map(|c| {

@@ -38,6 +38,8 @@ const CHANGE_SHARE: f64 = 0.25;
 const TREND_SIGMA: f64 = 0.35;
 /// Lines of one harmonic share the model's error over channels and loads: their number counts by this much in the covariance.
 const INDEPENDENT: f64 = 0.4;
+/// What else stays open of a profile error: its harmonics add to those of the loaded teeth, which another tooth stiffness turns.
+const PROFILE_SHARE: f64 = 0.35;
 /// How far the simulator itself is from a bench, whatever is fitted (relative).
 const SIMULATOR_SIGMA: f64 = 0.07;
 /// Power over noise from which a line takes part.
@@ -296,7 +298,7 @@ impl<'a> Problem<'a> {
             let data: f64 = r.iter().map(|r| 5.0 * (r * r / 4.0).ln_1p()).sum();
             data + x.iter().zip(priors).map(|(x, p)| ((x - p.mean) / p.sigma).powi(2)).sum::<f64>()
         };
-        for k in 0..self.numbers.len() {
+        for (k, factor) in out.iter_mut().enumerate() {
             if !matches!(self.numbers[k], Number::Effect(..)) {
                 continue;
             }
@@ -309,7 +311,7 @@ impl<'a> Problem<'a> {
                     widest = widest.max(rise.sqrt().recip());
                 }
             }
-            out[k] = widest.min(4.0);
+            *factor = widest.min(4.0);
         }
         out
     }
@@ -345,7 +347,9 @@ impl<'a> Problem<'a> {
                     let amplitude = x.hypot(y);
                     let v = |i: usize| s.covariance[(i, i)] / INDEPENDENT;
                     let sigma = (0.5 * (v(a) + v(b) + v(c) + v(d))).sqrt();
-                    let sigma = (self.misfit(s) * sigma).hypot(SIMULATOR_SIGMA * amplitude);
+                    let sigma = (self.misfit(s) * sigma)
+                        .hypot(PROFILE_SHARE * amplitude)
+                        .hypot(USUAL_ERROR_UM / (h + 1) as f64);
                     f.parameters.insert(format!("e{}_um", h + 1), Estimate::new(amplitude, sigma));
                 }
             }

@@ -126,8 +126,7 @@ fn kolmogorov(sorted: &[f64]) -> (f64, f64) {
         .map(|(i, p)| ((i + 1) as f64 / n - p).abs().max((p - i as f64 / n).abs()))
         .fold(0.0, f64::max);
     let t = (n.sqrt() + 0.12 + 0.11 / n.sqrt()) * distance;
-    let tail: f64 =
-        (1..=50).map(|k| f64::from(k)).map(|k| 2.0 * (-1.0f64).powf(k - 1.0) * (-2.0 * k * k * t * t).exp()).sum();
+    let tail: f64 = (1..=50).map(f64::from).map(|k| 2.0 * (-1.0f64).powf(k - 1.0) * (-2.0 * k * k * t * t).exp()).sum();
     (distance, if t < 0.3 { 1.0 } else { tail.clamp(0.0, 1.0) })
 }
 
