@@ -80,6 +80,10 @@ bench-batch:
 campaign-live-view:
     cargo test -p gearwatch --features foxglove --test brokers -- --nocapture live_view
 
+# A sound card that PulseAudio plays, in real time (pulseaudio, libasound2-plugins, libasound2-dev)
+campaign-sound-card:
+    cargo test -p gearwatch --features sound-card --test campaign -- --nocapture sound_card
+
 # A minute of changed bytes for each parser
 campaign-fuzz:
     GEARWATCH_FUZZ_SECS=60 cargo test --release -p gearwatch --test fuzz -- --nocapture

@@ -23,6 +23,7 @@ mod reader;
 mod sensor_faults;
 mod service;
 mod soak;
+mod sound_card;
 mod stops;
 mod time;
 mod unit;
