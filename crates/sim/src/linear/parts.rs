@@ -1,0 +1,151 @@
+//! What a bench file's parts add to the matrices: rotation, gears, housing and sensors.
+
+use gearwatch_core::bench::{Bench, Gear, Stage};
+use nalgebra::DVector;
+
+use super::{DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, OutputRow, StageGeometry};
+
+/// Mass and inertia of a gear: as the bench file says, otherwise a solid steel disc on the pitch diameter with its bore.
+///
+/// # Formula
+/// `m = ρ π b (r² − r_b²)`, `J = m (r² + r_b²) / 2`, with the bore a quarter of the pitch diameter where it is left out.
+pub fn gear_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
+    let radius = 0.5e-3 * stage.module_mm * f64::from(gear.teeth);
+    let bore = gear.bore_mm.map_or(0.25 * radius, |mm| 0.5e-3 * mm);
+    let disc = density_kg_per_m3 * std::f64::consts::PI * 1e-3 * stage.face_width_mm * (radius.powi(2) - bore.powi(2));
+    let mass = gear.mass_kg.unwrap_or(disc);
+    let inertia = gear.inertia_kg_m2.unwrap_or(0.5 * mass * (radius.powi(2) + bore.powi(2)));
+    (mass, inertia)
+}
+
+impl LinearTrain {
+    pub(super) fn add_rotation(&mut self, bench: &Bench) {
+        self.mass[(self.motor_angle, self.motor_angle)] += bench.motor.inertia_kg_m2;
+        self.damping[(self.motor_angle, self.motor_angle)] += bench.motor.slip_slope_nm_s_per_rad;
+        self.motor[self.motor_angle] = 1.0;
+        if let Some(belt) = &bench.belt {
+            // T_belt = k (θ_m / ratio − θ_in) at the input shaft, −T_belt / ratio at the motor.
+            let mut row = DVector::zeros(self.names.len());
+            row[self.motor_angle] = 1.0 / belt.ratio;
+            row[self.shaft_angles[0].0] = -1.0;
+            self.add_spring(&row, belt.stiffness_nm_per_rad, belt.damping_nm_s_per_rad);
+        }
+        for (shaft, (driven, driving)) in bench.shafts.iter().zip(self.shaft_angles.clone()) {
+            self.mass[(driven, driven)] += 0.5 * shaft.inertia_kg_m2;
+            self.mass[(driving, driving)] += 0.5 * shaft.inertia_kg_m2;
+            let mut row = DVector::zeros(self.names.len());
+            row[driven] = 1.0;
+            row[driving] = -1.0;
+            self.add_spring(&row, shaft.torsion_nm_per_rad, shaft.torsion_damping_nm_s_per_rad);
+        }
+        self.coupling[self.shaft_angles[0].0] = 1.0;
+        if let Some(&(_, last)) = self.shaft_angles.last() {
+            self.mass[(last, last)] += bench.brake.inertia_kg_m2;
+            self.brake[last] = -1.0;
+        }
+    }
+
+    pub(super) fn add_stages(&mut self, bench: &Bench, places: &[(GearPlace, GearPlace)]) {
+        let mut sense = 1.0;
+        for (stage, &(pinion, wheel)) in bench.stages.iter().zip(places) {
+            let alpha = stage.pressure_angle_deg.to_radians();
+            let centres = stage.line_of_centres_deg.to_radians();
+            let along = [centres.cos(), centres.sin()];
+            let driving = [-sense * centres.sin(), sense * centres.cos()];
+            let normal =
+                [alpha.cos() * driving[0] + alpha.sin() * along[0], alpha.cos() * driving[1] + alpha.sin() * along[1]];
+            let base = |gear: &Gear| 0.5e-3 * stage.module_mm * f64::from(gear.teeth) * alpha.cos();
+            let mut inertias = [0.0; 2];
+            for (k, (gear, place)) in [(&stage.pinion, pinion), (&stage.wheel, wheel)].into_iter().enumerate() {
+                let (mass, inertia) = gear_mass_and_inertia(gear, stage, bench.gear_material.density_kg_per_m3);
+                inertias[k] = inertia;
+                self.mass[(place.angle, place.angle)] += inertia;
+                let shaft = &bench.shafts[place.shaft];
+                for at in [place.x, place.x + 1] {
+                    self.mass[(at, at)] += mass;
+                    self.stiffness[(at, at)] += shaft.bearing_n_per_m;
+                    self.damping[(at, at)] += shaft.bearing_damping_n_s_per_m;
+                }
+            }
+            let (r1, r2) = (base(&stage.pinion), base(&stage.wheel));
+            let mut row = DVector::zeros(self.names.len());
+            row[pinion.angle] += r1;
+            row[wheel.angle] -= r2;
+            for (axis, component) in normal.into_iter().enumerate() {
+                row[pinion.x + axis] += component;
+                row[wheel.x + axis] -= component;
+            }
+            self.mesh.push(row);
+            self.stages.push(StageGeometry {
+                pinion_base_m: r1,
+                wheel_base_m: r2,
+                normal,
+                tangent: [-sense * normal[1], sense * normal[0]],
+                pressure_angle_rad: alpha,
+                pinion,
+                wheel,
+                effective_mass_kg: 1.0 / (r1 * r1 / inertias[0] + r2 * r2 / inertias[1]),
+            });
+            sense = -sense;
+        }
+        for shaft in 0..bench.shafts.len() {
+            let gears: Vec<_> = self.gears_on(shaft);
+            let share = 1.0 / gears.len().max(1) as f64;
+            for gear in gears {
+                self.bearing_x[shaft][gear.x] = share;
+                self.bearing_y[shaft][gear.x + 1] = share;
+            }
+        }
+        for (&(driven, driving), &order) in self.shaft_angles.iter().zip(&self.shaft_orders) {
+            for at in [driven, driving] {
+                if at != self.motor_angle {
+                    self.reference_acceleration[at] = -order * self.mass[(at, at)];
+                }
+            }
+        }
+    }
+
+    pub(super) fn add_housing(&mut self, bench: &Bench, directions: &[f64]) {
+        for (r, mode) in bench.housing_modes.iter().enumerate() {
+            let omega = std::f64::consts::TAU * mode.frequency_hz;
+            for (d, direction) in directions.iter().enumerate() {
+                let at = self.structural + r * directions.len() + d;
+                let unit = [direction.to_radians().cos(), direction.to_radians().sin()];
+                self.mass[(at, at)] = mode.mass_kg;
+                self.stiffness[(at, at)] = mode.mass_kg * omega * omega;
+                self.damping[(at, at)] = 2.0 * mode.damping_ratio * omega * mode.mass_kg;
+                for (s, shaft) in bench.shafts.iter().enumerate() {
+                    let shape = mode.shape.get(&shaft.name).copied().unwrap_or(0.0);
+                    for gear in self.gears_on(s) {
+                        for (axis, component) in unit.into_iter().enumerate() {
+                            let factor = shape * component;
+                            self.stiffness[(at, gear.x + axis)] -= factor * shaft.bearing_n_per_m;
+                            self.damping[(at, gear.x + axis)] -= factor * shaft.bearing_damping_n_s_per_m;
+                        }
+                    }
+                }
+            }
+        }
+        for sensor in &bench.sensors {
+            let zero = || DVector::zeros(self.names.len());
+            let mut row = OutputRow { position: zero(), velocity: zero(), acceleration: zero() };
+            let Some(s) = bench.shafts.iter().position(|shaft| shaft.name == sensor.shaft) else { continue };
+            if bench.housing_modes.is_empty() {
+                let unit = [sensor.direction_deg.to_radians().cos(), sensor.direction_deg.to_radians().sin()];
+                for gear in self.gears_on(s) {
+                    for (axis, component) in unit.into_iter().enumerate() {
+                        let gain = component / DIRECT_PATH_MASS_KG;
+                        row.position[gear.x + axis] += gain * bench.shafts[s].bearing_n_per_m;
+                        row.velocity[gear.x + axis] += gain * bench.shafts[s].bearing_damping_n_s_per_m;
+                    }
+                }
+            } else if let Some(d) = directions.iter().position(|&d| d == sensor.direction_deg) {
+                for (r, mode) in bench.housing_modes.iter().enumerate() {
+                    let shape = mode.shape.get(&sensor.name).copied().unwrap_or(0.0);
+                    row.acceleration[self.structural + r * directions.len() + d] += shape;
+                }
+            }
+            self.sensors.push(row);
+        }
+    }
+}
