@@ -97,8 +97,13 @@ impl RungeKutta {
             if length - high <= EVENT_TOLERANCE_S {
                 break;
             }
-            self.classical(system, t, high, state);
-            state.copy_from_slice(&self.trial);
+            // Up to the event and over it apart: no stage of the long part looks behind the event, where the right-hand side may jump.
+            for (from, to) in [(0.0, low), (low, high)] {
+                if to > from {
+                    self.classical(system, t + from, to - from, state);
+                    state.copy_from_slice(&self.trial);
+                }
+            }
             t += high;
         }
         if end - t > 0.0 {
