@@ -23,7 +23,7 @@ impl Effect for Backlash {
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "backlash_um", unit: "um", min: 0.0, typical: 200.0, max: 5000.0 }]
+        &[Parameter { name: "backlash_um", unit: "µm", min: 0.0, typical: 200.0, max: 5000.0 }]
     }
 
     fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {

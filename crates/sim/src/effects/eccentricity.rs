@@ -15,7 +15,7 @@ impl Effect for Eccentricity {
     }
 
     fn help(&self) -> &'static str {
-        "A gear sits eccentric on its axis: one line at its speed, and sidebands at once per revolution about the mesh lines, by the changing centre distance and mesh phase."
+        "A gear sits eccentric on its axis: one line at its speed, and sidebands at once per revolution about the mesh lines, by the changing centre distance and mesh phase. runout_um is the eccentricity: half of the peak to peak runout."
     }
 
     fn places(&self) -> &'static [PlaceKind] {
@@ -24,7 +24,7 @@ impl Effect for Eccentricity {
 
     fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "runout_um", unit: "um", min: 0.0, typical: 20.0, max: 500.0 },
+            Parameter { name: "runout_um", unit: "µm", min: 0.0, typical: 20.0, max: 500.0 },
             Parameter { name: "phase_deg", unit: "deg", min: -360.0, typical: 0.0, max: 360.0 },
         ]
     }

@@ -27,7 +27,7 @@ impl Effect for GhostComponent {
     fn parameters(&self) -> &'static [Parameter] {
         &[
             Parameter { name: "order", unit: "1/rev", min: 1.0, typical: 60.0, max: 2000.0 },
-            Parameter { name: "amplitude_um", unit: "um", min: 0.0, typical: 1.0, max: 50.0 },
+            Parameter { name: "amplitude_um", unit: "µm", min: 0.0, typical: 1.0, max: 50.0 },
         ]
     }
 

@@ -27,7 +27,7 @@ impl Effect for PitchError {
 
     fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "total_um", unit: "um", min: 0.0, typical: 20.0, max: 500.0 },
+            Parameter { name: "total_um", unit: "µm", min: 0.0, typical: 20.0, max: 500.0 },
             Parameter { name: "pattern", unit: "1", min: 0.0, typical: 1.0, max: 1000000.0 },
         ]
     }

@@ -29,6 +29,24 @@ pub enum PlaceKind {
     Acquisition,
 }
 
+impl PlaceKind {
+    /// How such a place is written.
+    pub const fn pattern(self) -> &'static str {
+        match self {
+            Self::Stage => "STAGE",
+            Self::Gear => "STAGE.pinion or STAGE.wheel",
+            Self::Shaft => "SHAFT",
+            Self::Sensor => "SENSOR",
+            Self::Housing => "housing",
+            Self::Belt => "belt",
+            Self::Motor => "motor",
+            Self::Coupling => "coupling",
+            Self::Brake => "brake",
+            Self::Acquisition => "acquisition",
+        }
+    }
+}
+
 /// A place on a given bench.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {

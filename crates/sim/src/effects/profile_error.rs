@@ -24,11 +24,11 @@ impl Effect for ProfileError {
 
     fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "e1_um", unit: "um", min: -100.0, typical: 2.0, max: 100.0 },
-            Parameter { name: "e2_um", unit: "um", min: -100.0, typical: 1.0, max: 100.0 },
-            Parameter { name: "e3_um", unit: "um", min: -100.0, typical: 0.5, max: 100.0 },
-            Parameter { name: "e4_um", unit: "um", min: -100.0, typical: 0.3, max: 100.0 },
-            Parameter { name: "e5_um", unit: "um", min: -100.0, typical: 0.2, max: 100.0 },
+            Parameter { name: "e1_um", unit: "µm", min: -100.0, typical: 2.0, max: 100.0 },
+            Parameter { name: "e2_um", unit: "µm", min: -100.0, typical: 1.0, max: 100.0 },
+            Parameter { name: "e3_um", unit: "µm", min: -100.0, typical: 0.5, max: 100.0 },
+            Parameter { name: "e4_um", unit: "µm", min: -100.0, typical: 0.3, max: 100.0 },
+            Parameter { name: "e5_um", unit: "µm", min: -100.0, typical: 0.2, max: 100.0 },
             Parameter { name: "phase1_deg", unit: "deg", min: -360.0, typical: 0.0, max: 360.0 },
             Parameter { name: "phase2_deg", unit: "deg", min: -360.0, typical: 0.0, max: 360.0 },
             Parameter { name: "phase3_deg", unit: "deg", min: -360.0, typical: 0.0, max: 360.0 },

@@ -36,6 +36,18 @@ pub enum Law {
     Mixed,
 }
 
+impl std::fmt::Display for Law {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Independent => write!(f, "the same at any torque"),
+            Self::Power(p) if *p == 1.0 => write!(f, "in proportion to the torque"),
+            Self::Power(p) => write!(f, "as torque^{p}"),
+            Self::ShaftOrders => write!(f, "shaft orders the same at any torque, each sideband in its own way"),
+            Self::Mixed => write!(f, "no single law of torque"),
+        }
+    }
+}
+
 /// How the change follows speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpeedLaw {
@@ -45,6 +57,17 @@ pub enum SpeedLaw {
     Power(f64),
     /// By the resonances that the lines meet: no law of its own.
     Resonances,
+}
+
+impl std::fmt::Display for SpeedLaw {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Independent => write!(f, "the same at any speed"),
+            Self::Power(p) if *p == 1.0 => write!(f, "in proportion to the speed"),
+            Self::Power(p) => write!(f, "as speed^{p}"),
+            Self::Resonances => write!(f, "with speed as the resonances have it"),
+        }
+    }
 }
 
 /// Whether lines come up or are altered.
@@ -58,6 +81,17 @@ pub enum Change {
     Path,
     /// All orders shift in frequency by one factor.
     Shifts,
+}
+
+impl std::fmt::Display for Change {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Rises => "lines rise",
+            Self::Alters => "lines change",
+            Self::Path => "the whole spectrum changes by one function of frequency",
+            Self::Shifts => "all orders shift by one factor",
+        })
+    }
 }
 
 /// Which lines an effect moves and by which laws.

@@ -25,7 +25,7 @@ impl Effect for TipRelief {
 
     fn parameters(&self) -> &'static [Parameter] {
         &[
-            Parameter { name: "depth_um", unit: "um", min: 0.0, typical: 12.0, max: 200.0 },
+            Parameter { name: "depth_um", unit: "µm", min: 0.0, typical: 12.0, max: 200.0 },
             Parameter { name: "length_fraction", unit: "1", min: 0.01, typical: 0.25, max: 1.0 },
         ]
     }

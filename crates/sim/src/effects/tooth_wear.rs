@@ -23,7 +23,7 @@ impl Effect for ToothWear {
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "depth_um", unit: "um", min: 0.0, typical: 15.0, max: 500.0 }]
+        &[Parameter { name: "depth_um", unit: "µm", min: 0.0, typical: 15.0, max: 500.0 }]
     }
 
     fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {

@@ -67,11 +67,31 @@ fn conform_the_table_has_the_ids_of_the_contract() {
     assert_eq!(ids, contract.split_whitespace().collect::<Vec<_>>());
 }
 
+/// Units by the end of a parameter's name; a name without one has a ratio, a count, an order, or what its place gives it.
+const UNITS: [(&str, &str); 8] = [
+    ("_um", "µm"),
+    ("_mm", "mm"),
+    ("_hz", "Hz"),
+    ("_deg", "deg"),
+    ("_mrad", "mrad"),
+    ("_percent", "%"),
+    ("_kg_m", "kg m"),
+    ("ppm", "1e-6"),
+];
+
+/// Every parameter declares a unit that agrees with its name, and a range of finite numbers about its typical value.
 #[test]
 fn conform_parameters_and_confusions_make_sense() {
     for effect in effects::ALL {
         for p in effect.parameters() {
-            assert!(p.min <= p.typical && p.typical <= p.max, "{}: {p:?}", effect.id());
+            let id = effect.id();
+            assert!(p.min < p.max && p.min <= p.typical && p.typical <= p.max, "{id}: {p:?}");
+            assert!(p.min.is_finite() && p.max.is_finite(), "{id}: {p:?}");
+            let known = ["1", "1/rev", "N", "sensor unit"];
+            match UNITS.iter().find(|(end, _)| p.name.ends_with(end)) {
+                Some((_, unit)) => assert_eq!(p.unit, *unit, "{id}: {p:?}"),
+                None => assert!(known.contains(&p.unit), "{id}: {p:?}"),
+            }
         }
         assert!(!effect.places().is_empty() && effect.help().len() > 20, "{}", effect.id());
         for other in effect.confused_with() {
