@@ -21,6 +21,7 @@ use crate::model::{ModelError, TrainModel};
 use crate::path::Channel;
 use crate::rk4::{Diverged, Scratch};
 
+mod accuracy;
 mod bank;
 mod cut;
 mod kink;
@@ -30,13 +31,13 @@ mod plan;
 mod smooth;
 mod step;
 
-use bank::{Bank, Block, GROUP, Reading, product};
+use bank::{Bank, Block, GROUP, product};
 use nodes::{MOST_STAGES, Node, Solver, evaluate};
 use plan::{LONGEST, NODES, Plan, Split, Weights};
 use smooth::Nodes;
 
-/// Largest `|λ| h` at which a record is stepped: waveforms beyond the mesh harmonics ask for more than these do.
-const WAVEFORM: f64 = 2.6;
+/// Part of the sampling rate up to which a record's path lets anything through.
+const PASSBAND: f64 = 0.39;
 
 /// How the effort of a run was spent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,7 +62,8 @@ pub struct Etd<const L: usize> {
     arch: Arch,
     step_s: f64,
     steps: u64,
-    outputs: Vec<Block<L>>,
+    /// At middle and end, in the order of [`rows`].
+    outputs: [Vec<Block<L>>; 2],
     /// `[input × node][lane]`
     remainder: Vec<[f64; L]>,
     /// Response of the sensors at middle and end to the remainder: `[half][sensor][input × node][lane]`.
@@ -89,16 +91,9 @@ struct Lane {
     effort: Effort,
 }
 
-/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise.
-fn readings(plan: &Plan) -> Vec<Reading<'_>> {
-    let (approaches, angles) = plan.outputs.split_at(plan.stiffness.len());
-    let both = |rows: &'_ [Split]| -> Vec<(usize, usize)> {
-        (0..2).flat_map(|half| (0..rows.len()).map(move |row| (row, half))).collect()
-    };
-    [approaches, angles, &plan.sensors]
-        .into_iter()
-        .flat_map(|rows| both(rows).into_iter().map(move |(row, half)| Reading { row: &rows[row], half }))
-        .collect()
+/// The rows that a step is read through in the order of the bank: approaches, pinion angles, sensors.
+fn rows(plan: &Plan) -> Vec<&Split> {
+    plan.outputs.iter().chain(&plan.sensors).collect()
 }
 
 impl<const L: usize> Etd<L> {
@@ -134,7 +129,7 @@ impl<const L: usize> Etd<L> {
         }
         let to_array = || ModelError::Bench("internal count of runs".into());
         let plans: [Plan; L] = plans.try_into().map_err(|_| to_array())?;
-        let mut bank = Bank::new(&plans, readings);
+        let mut bank = Bank::new(&plans, rows);
         let lanes: [Lane; L] = std::array::from_fn(|l| {
             let plan = &plans[l];
             let mut z = Split::zeros(plan.len);
@@ -180,7 +175,7 @@ impl<const L: usize> Etd<L> {
             arch: Arch::new(),
             step_s,
             steps: 0,
-            outputs: vec![[[0.0; L]; GROUP]; readings(&plans[0]).len().div_ceil(GROUP)],
+            outputs: [0, 1].map(|_| vec![[[0.0; L]; GROUP]; rows(&plans[0]).len().div_ceil(GROUP)]),
             remainder: vec![[0.0; L]; plans[0].inputs.len() * NODES],
             sensor_coupling,
             readings: [vec![[0.0; L]; sensors], vec![[0.0; L]; sensors]],
@@ -249,14 +244,24 @@ impl<const L: usize> Etd<L> {
 }
 
 impl Etd<1> {
-    /// A run for a record of `rate_hz`: a step a sample, or more where the fastest mode asks for it.
+    /// A run for mesh harmonics: steps as long as leave 1x to 5x of all stages within 0.05 % of what half of them would give (lines below 5 % of a
+    /// sensor's largest: of that). A short run of the model finds them; teeth that part again and again have no such step.
+    ///
+    /// # Errors
+    /// As [`Etd::new`].
+    pub fn accurate(model: Arc<TrainModel>) -> Result<Self, ModelError> {
+        let step_s = accuracy::accurate_step_s(&model, f64::INFINITY)?;
+        Self::new([model], step_s)
+    }
+
+    /// A run for a record of `rate_hz`: a step a sample, or as many more as 1x to 5x ask for, as far as they pass its filter.
     ///
     /// # Errors
     /// As [`Etd::new`].
     pub fn sampled(model: Arc<TrainModel>, rate_hz: f64) -> Result<Self, ModelError> {
-        let stepper = Self::new([model.clone()], 1.0 / rate_hz)?;
-        let parts = (stepper.plans[0].modes.fastest() / (rate_hz * WAVEFORM)).ceil();
-        if parts * rate_hz * stepper.step_s > 1.001 { Self::new([model], 1.0 / (rate_hz * parts)) } else { Ok(stepper) }
+        let step_s = accuracy::accurate_step_s(&model, PASSBAND * rate_hz)?;
+        let parts = (1.0 / (rate_hz * step_s)).ceil().max(1.0);
+        Self::new([model], 1.0 / (rate_hz * parts))
     }
 
     /// Steps one sample of a record of `rate_hz` and pushes its two readings, at half and full time, into the sensors' channels.

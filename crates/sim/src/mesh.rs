@@ -18,16 +18,18 @@ mod near;
 mod options;
 mod pairs;
 mod tables;
+mod touch;
 
 use gearwatch_core::bench::Bench;
 
 use self::axes::ShiftFactors;
 use self::check::check;
-pub use self::joint::{Joint, SLOTS, Touch};
+pub use self::joint::Joint;
 use self::near::{Turns, tooth};
 pub use self::options::MeshOptions;
 pub use self::pairs::{MAX_PAIRS, MeshForce, Pair, Pairs};
 use self::tables::{GapShape, GearTables, Side};
+pub use self::touch::{SLOTS, SetLaw, Touch};
 use crate::faults::ToothModifications;
 use crate::geometry::{GearGeometry, PairGeometry};
 use crate::hertz::Material;

@@ -160,6 +160,17 @@ impl TrainModel {
         self.motor_order
     }
 
+    /// Mesh cycles of each stage per revolution of the first shaft.
+    pub fn mesh_orders(&self) -> impl Iterator<Item = f64> + '_ {
+        self.cycles_per_rad.iter().map(|cycles| TAU * cycles)
+    }
+
+    /// Mesh frequency of the fastest stage at the highest speed of the profile (Hz).
+    pub fn fastest_mesh_hz(&self) -> f64 {
+        let fastest = self.cycles_per_rad.iter().copied().fold(0.0, f64::max);
+        fastest * self.rotation.fastest_rad_per_s()
+    }
+
     /// Brake torque without ripple (N m).
     pub fn brake_torque_nm(&self, t: f64) -> f64 {
         self.torque_nm.at(t)

@@ -73,6 +73,12 @@ impl Profile {
         (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max))
     }
 
+    /// Time of the largest value (s), the first one, and not before 0.
+    pub fn highest_at_s(&self) -> f64 {
+        let highest = self.points.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        highest.map_or(0.0, |(t, _)| t.max(0.0))
+    }
+
     #[inline(always)]
     fn segment(&self, t: f64) -> (usize, f64) {
         if self.points.len() == 1 {
@@ -122,6 +128,16 @@ impl Rotation {
     /// Mean speed of the motor, fluctuations left out (Hz).
     pub fn motor_hz(&self, t: f64) -> f64 {
         self.motor_hz.at(t)
+    }
+
+    /// When the mean speed is highest (s).
+    pub fn fastest_at_s(&self) -> f64 {
+        self.motor_hz.highest_at_s()
+    }
+
+    /// Highest mean speed of the first shaft (rad/s).
+    pub fn fastest_rad_per_s(&self) -> f64 {
+        self.rad_per_rev * self.motor_hz.range().1
     }
 
     /// The speed never changes.

@@ -310,7 +310,7 @@ impl Simulator {
         let setup = make_setup(&self.config, &now)?;
         let model = Arc::new(make_model(&self.config, &setup, self.rate_hz)?);
         let state = self.state().to_vec();
-        let mut stepper = Stepper::new(&model, self.rate_hz)?;
+        let mut stepper = self.stepper.renewed(&model, self.rate_hz)?;
         let model_time = self.sample as f64 / self.rate_hz;
         stepper.go_on(model_time, &state);
         for (channel, sensor) in self.channels.iter_mut().zip(&setup.sensors) {

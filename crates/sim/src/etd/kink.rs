@@ -2,10 +2,10 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
-use crate::mesh::Pairs;
+use crate::mesh::{SetLaw, Touch};
 
 use super::late::{Responses, lagrange_about};
-use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear, touching};
+use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear};
 use super::plan::{Plan, Weights};
 
 /// Most pair changes of a step that are treated here: one in each half, in each stage.
@@ -35,7 +35,13 @@ impl Kink {
     #[inline(always)]
     pub(super) fn about_onset(&self) -> [f64; 3] {
         let nodes = lagrange_about(self.at);
-        std::array::from_fn(|p| (0..3).map(|node| nodes[node][p] * self.values[node]).sum())
+        let mut out = [0.0; 3];
+        for node in 0..3 {
+            for p in 0..3 {
+                out[p] += nodes[node][p] * self.values[node];
+            }
+        }
+        out
     }
 
     /// Puts the onset where the quadratic rises through zero. False where it does not do so within the step.
@@ -65,18 +71,8 @@ impl Kinks {
     }
 }
 
-/// The set of `pairs` whose touching bits are `bits`; `None` where one of them is not near contact.
-#[inline(always)]
-fn set_of(pairs: &Pairs, bits: u32) -> Option<u8> {
-    let mut set = 0;
-    for (i, pair) in pairs.as_slice().iter().enumerate() {
-        set |= u8::from(bits >> (pair.index & 15) & 1 == 1) << i;
-    }
-    (touching(pairs, set) == bits).then_some(set)
-}
-
 impl Solver {
-    /// Solves a step with pair changes, from the nodes that [`Self::solve`] left. On return the nodes' touching pairs are those after the changes,
+    /// Solves a step with pair changes, from the nodes and the pairs near contact there. On return the nodes' touching pairs are those after the changes,
     /// their mesh remainders those of the pairs at the start, which go with the kinks; [`Self::finish`] completes the end. False where the step
     /// has to be cut: two changes in one half, a graze, open teeth.
     #[inline(always)]
@@ -105,8 +101,8 @@ impl Solver {
             let mut as_assumed = true;
             for half in 0..2 {
                 for stage in 0..stages {
-                    let pairs = &self.pairs[half][stage];
-                    let found = touching(pairs, pairs.force(self.nodes[half].approach[stage]).set);
+                    let touch = &self.touch[half][stage];
+                    let found = touch.touching(touch.carrying(self.nodes[half].approach[stage]));
                     as_assumed &= std::mem::replace(&mut self.nodes[half].touching[stage], found) == found;
                 }
             }
@@ -141,16 +137,17 @@ impl Solver {
         let mut halves = [0; M];
         let mut sets = [([0; 3], [0; 3]); M];
         let mut first = [[0; MOST_STAGES]; 2];
-        let mut at_start = [Pairs::default(); M];
+        let mut at_start = [Touch::default(); M];
         for stage in 0..stages {
             let bits = [start.touching[stage], self.nodes[0].touching[stage], self.nodes[1].touching[stage]];
             for half in 0..2 {
-                first[half][stage] = set_of(&self.pairs[half][stage], bits[0])?;
+                first[half][stage] = self.touch[half][stage].set(bits[0])?;
             }
             if bits[0] == bits[1] && bits[0] == bits[2] {
                 continue;
             }
-            plan.find_pairs(stage, start.phase[stage], &mut at_start[stage]);
+            let joint = plan.joints[stage].as_ref()?;
+            at_start[stage] = joint.find(plan.model.contacts[stage].mesh(), start.phase[stage]);
             for half in 0..2 {
                 let (before, after) = (bits[half], bits[half + 1]);
                 if before == after {
@@ -160,11 +157,7 @@ impl Solver {
                     return None;
                 }
                 let everywhere = |bits| -> Option<[u8; 3]> {
-                    Some([
-                        set_of(&at_start[stage], bits)?,
-                        set_of(&self.pairs[0][stage], bits)?,
-                        set_of(&self.pairs[1][stage], bits)?,
-                    ])
+                    Some([at_start[stage].set(bits)?, self.touch[0][stage].set(bits)?, self.touch[1][stage].set(bits)?])
                 };
                 sets[kinks.len] = (everywhere(before)?, everywhere(after)?);
                 halves[kinks.len] = half;
@@ -172,37 +165,49 @@ impl Solver {
                 kinks.len += 1;
             }
         }
+        // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and after, everywhere. Within a set the force is
+        // linear in the approach, and the phases stay as predicted.
+        let mut smooth = [[SetLaw::default(); MOST_STAGES]; 2];
+        let mut tangent = [[0.0; MOST_STAGES]; 2];
+        for half in 0..2 {
+            for stage in 0..stages {
+                let law = self.touch[half][stage].law(first[half][stage]);
+                smooth[half][stage] = law;
+                tangent[half][stage] = law.stiffness_n_per_m - plan.stiffness[stage];
+            }
+        }
+        let mut differences = [[SetLaw::default(); 3]; M];
+        for (i, kink) in kinks.items[..kinks.len].iter_mut().enumerate() {
+            let (before, after) = sets[i];
+            let at = [&at_start[kink.stage], &self.touch[0][kink.stage], &self.touch[1][kink.stage]];
+            for node in 0..3 {
+                let difference = at[node].law(after[node]).less(at[node].law(before[node]));
+                differences[i][node] = difference;
+                kink.slopes[node] = difference.stiffness_n_per_m;
+            }
+        }
         let mut late = [[[[0.0; 3]; M]; 2]; M];
         let mut moved = f64::INFINITY;
         for _ in 0..MOST_ITERATIONS {
-            // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and after, everywhere.
-            let mut tangent = [[0.0; MOST_STAGES]; 2];
             for half in 0..2 {
                 for stage in 0..stages {
                     let node = &mut self.nodes[half];
-                    let law = self.pairs[half][stage].forced(first[half][stage], node.approach[stage]);
-                    tangent[half][stage] = law.stiffness_n_per_m - plan.stiffness[stage];
-                    node.remainder[stage] = law.force_n - plan.stiffness[stage] * node.approach[stage];
+                    node.remainder[stage] = smooth[half][stage].force_n(node.approach[stage])
+                        - plan.stiffness[stage] * node.approach[stage];
                 }
             }
             for (i, kink) in kinks.items[..kinks.len].iter_mut().enumerate() {
                 let stage = kink.stage;
+                let approaches = [start.approach[stage], self.nodes[0].approach[stage], self.nodes[1].approach[stage]];
                 for node in 0..3 {
-                    let (pairs, approach) = match node {
-                        0 => (&at_start[stage], start.approach[stage]),
-                        _ => (&self.pairs[node - 1][stage], self.nodes[node - 1].approach[stage]),
-                    };
-                    let (before, after) =
-                        (pairs.forced(sets[i].0[node], approach), pairs.forced(sets[i].1[node], approach));
-                    kink.values[node] = after.force_n - before.force_n;
-                    kink.slopes[node] = after.stiffness_n_per_m - before.stiffness_n_per_m;
+                    kink.values[node] = differences[i][node].force_n(approaches[node]);
                 }
                 if !kink.find_onset() {
                     return None;
                 }
                 for half in 0..2 {
                     let sigma = 0.5 * (half + 1) as f64 - kink.at;
-                    plan.late.responses(stage, sigma, 0, &mut late[i][half][..stages]);
+                    plan.late.approaches(stage, sigma, &mut late[i][half][..stages]);
                 }
             }
             moved = self.newton_with::<M>(plan, weights, &tangent, kinks, &late);

@@ -27,12 +27,67 @@ pub(super) type Responses<const M: usize> = [[f64; TERMS]; M];
 /// Scalar responses of approaches and sensors to the mesh forces, as polynomials in the time since the onset.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Late {
-    /// By input: by degree: by output (approaches, then sensors) and term.
-    series: Vec<Vec<Vec<[f64; TERMS]>>>,
+    /// By input.
+    approaches: Vec<Series>,
+    sensors: Vec<Series>,
     /// Where the series may end, by group of modes; that of all modes is the last.
     degrees: Vec<Degrees>,
     /// `j! p!/(j+p+1)!` by degree.
     betas: Vec<[f64; TERMS]>,
+}
+
+/// Polynomials in σ of several outputs and terms, evaluated side by side.
+#[derive(Clone, Debug, Default)]
+struct Series {
+    /// Eight of output × term at a time: by degree, an even number of them.
+    columns: Vec<Vec<[f64; GROUP]>>,
+}
+
+impl Series {
+    /// Responses of `outputs` to an input.
+    fn new(plan: &Plan, outputs: &[Split], input: &Split) -> Self {
+        let kernel = |output: &Split, j: usize| -> f64 {
+            let power = &plan.powers[j];
+            plan.step_s * (0..plan.len).map(|m| (output.at(m) * power.at(m) * input.at(m)).re).sum::<f64>()
+        };
+        let mut columns =
+            vec![vec![[0.0; GROUP]; (DEGREE + 1).next_multiple_of(2)]; (TERMS * outputs.len()).div_ceil(GROUP)];
+        for (o, output) in outputs.iter().enumerate() {
+            for j in 0..=DEGREE {
+                let kernel = kernel(output, j);
+                for p in 0..TERMS {
+                    let at = TERMS * o + p;
+                    columns[at / GROUP][j][at % GROUP] = kernel * beta(j, p);
+                }
+            }
+        }
+        Self { columns }
+    }
+
+    /// `Σ_j c_j σ^{j+p+1}` for term p of each output, up to a degree.
+    #[inline(always)]
+    fn at(&self, degree: usize, sigma: f64, out: &mut [[f64; TERMS]]) {
+        let square = sigma * sigma;
+        for (column, out) in self.columns.iter().zip(out.as_flattened_mut().chunks_mut(GROUP)) {
+            // Even and odd degrees apart: two chains in place of a long one.
+            let (mut even, mut odd) = ([0.0_f64; GROUP], [0.0_f64; GROUP]);
+            for rows in column[..=(degree | 1)].chunks_exact(2).rev() {
+                for i in 0..GROUP {
+                    even[i] = even[i].mul_add(square, rows[0][i]);
+                    odd[i] = odd[i].mul_add(square, rows[1][i]);
+                }
+            }
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = odd[i].mul_add(sigma, even[i]);
+            }
+        }
+        let powers = [sigma, square, square * sigma];
+        for out in out {
+            for p in 0..TERMS {
+                out[p] *= powers[p];
+            }
+        }
+    }
 }
 
 /// Degree at which a series in `|λ| h σ` may end, by σ in parts of [`PARTS`].
@@ -74,31 +129,13 @@ pub(super) fn lagrange_about(x: f64) -> [[f64; TERMS]; 3] {
 impl Late {
     pub(super) fn new(plan: &Plan) -> Self {
         let stages = plan.stiffness.len();
-        let outputs: Vec<&Split> = plan.outputs[..stages].iter().chain(&plan.sensors).collect();
-        let series = plan.inputs[..stages]
-            .iter()
-            .map(|input| {
-                (0..=DEGREE)
-                    .map(|j| {
-                        let power = &plan.powers[j];
-                        let kernel = |output: &Split| -> f64 {
-                            (0..plan.len).map(|m| (output.at(m) * power.at(m) * input.at(m)).re).sum()
-                        };
-                        outputs
-                            .iter()
-                            .map(|output| {
-                                let kernel = plan.step_s * kernel(output);
-                                std::array::from_fn(|p| kernel * beta(j, p))
-                            })
-                            .collect()
-                    })
-                    .collect()
-            })
-            .collect();
+        let inputs = &plan.inputs[..stages];
+        let series = |outputs: &[Split]| inputs.iter().map(|input| Series::new(plan, outputs, input)).collect();
         let rate = |modes: &[Complex<f64>]| modes.iter().map(|l| l.norm()).fold(0.0, f64::max) * plan.step_s;
         let groups = plan.modes.eigenvalues.chunks(GROUP).map(|group| degrees(rate(group)));
         Self {
-            series,
+            approaches: series(&plan.outputs[..stages]),
+            sensors: series(&plan.sensors),
             degrees: groups.chain([degrees(rate(&plan.modes.eigenvalues))]).collect(),
             betas: (0..=DEGREE).map(|j| std::array::from_fn(|p| beta(j, p))).collect(),
         }
@@ -110,28 +147,24 @@ impl Late {
         self.degrees[group][((sigma * PARTS as f64) as usize + 1).min(PARTS)]
     }
 
-    /// Responses of `out.len()` outputs from the `first`, `sigma` after the onset of unit terms of a quadratic in input `input`.
+    /// Responses of the approaches, `sigma` after the onset of unit terms of a quadratic in input `input`.
     #[inline(always)]
-    pub(super) fn responses(&self, input: usize, sigma: f64, first: usize, out: &mut [[f64; TERMS]]) {
-        let count = out.len();
-        out.fill([0.0; TERMS]);
+    pub(super) fn approaches(&self, input: usize, sigma: f64, out: &mut [[f64; TERMS]]) {
+        self.responses(&self.approaches[input], sigma, out);
+    }
+
+    /// Responses of the sensors likewise.
+    #[inline(always)]
+    pub(super) fn sensors(&self, input: usize, sigma: f64, out: &mut [[f64; TERMS]]) {
+        self.responses(&self.sensors[input], sigma, out);
+    }
+
+    #[inline(always)]
+    fn responses(&self, series: &Series, sigma: f64, out: &mut [[f64; TERMS]]) {
         if sigma <= 0.0 {
-            return;
-        }
-        let all = self.degrees.len() - 1;
-        for row in self.series[input][..=self.degree(all, sigma)].iter().rev() {
-            for (out, row) in out.iter_mut().zip(&row[first..first + count]) {
-                for p in 0..TERMS {
-                    out[p] = out[p].mul_add(sigma, row[p]);
-                }
-            }
-        }
-        let mut power = 1.0;
-        for p in 0..TERMS {
-            power *= sigma;
-            for out in &mut *out {
-                out[p] *= power;
-            }
+            out.fill([0.0; TERMS]);
+        } else {
+            series.at(self.degree(self.degrees.len() - 1, sigma), sigma, out);
         }
     }
 

@@ -3,7 +3,7 @@
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
 use crate::contact::Contact;
-use crate::mesh::{MAX_PAIRS, MeshForce, Pairs};
+use crate::mesh::{MAX_PAIRS, MeshForce, Pairs, Touch};
 
 use super::plan::{Plan, Weights};
 
@@ -43,7 +43,9 @@ impl Node {
 pub(super) struct Solver {
     /// Middle and end.
     pub(super) nodes: [Node; 2],
-    pub(super) pairs: [[Pairs; MOST_STAGES]; 2],
+    pairs: [[Pairs; MOST_STAGES]; 2],
+    /// The same pairs as steps with changes take them.
+    pub(super) touch: [[Touch; MOST_STAGES]; 2],
     /// Approaches that the state, the held forces and the remainder at the start alone would give.
     pub(super) base: [[f64; MOST_STAGES]; 2],
     laws: [[MeshForce; MOST_STAGES]; 2],
@@ -79,7 +81,7 @@ fn store(plan: &Plan, node: &mut Node, stage: usize, contact: &Contact) {
 
 /// One bit per pair of a set, by the pair's number modulo 16, as in [`Contact::touching`].
 #[inline(always)]
-pub(super) fn touching(pairs: &Pairs, set: u8) -> u32 {
+fn touching(pairs: &Pairs, set: u8) -> u32 {
     let mut out = 0;
     for (i, pair) in pairs.as_slice().iter().enumerate() {
         out |= u32::from(set >> i & 1) << (pair.index & 15);
@@ -261,10 +263,16 @@ pub(super) fn solve_linear<const M: usize, const L: usize>(
     n: usize,
 ) {
     for p in 0..n {
-        let pivot: [f64; L] = std::array::from_fn(|l| 1.0 / matrix[p][p][l]);
+        let mut pivot = [0.0; L];
+        for l in 0..L {
+            pivot[l] = 1.0 / matrix[p][p][l];
+        }
         let (above, value) = (matrix[p], right[p]);
         for r in p + 1..n {
-            let factor: [f64; L] = std::array::from_fn(|l| matrix[r][p][l] * pivot[l]);
+            let mut factor = [0.0; L];
+            for l in 0..L {
+                factor[l] = matrix[r][p][l] * pivot[l];
+            }
             for c in p + 1..n {
                 for l in 0..L {
                     matrix[r][c][l] -= factor[l] * above[c][l];

@@ -6,10 +6,10 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
-use crate::mesh::SLOTS;
+use crate::mesh::{SLOTS, Touch};
 
 use super::bank::{Block, GROUP};
-use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear, touching};
+use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear};
 use super::plan::Plan;
 
 /// A number per run.
@@ -152,10 +152,15 @@ impl<const L: usize> Nodes<L> {
         &self.start.remainder[stage]
     }
 
-    /// Solves for middle and end from the `outputs` that state and held forces alone would give (approaches at middle and end, then pinion angles)
-    /// and the first shaft's angles there. Says for each run whether the touching pairs stay; where they do, the next step begins at the end.
+    /// Solves for middle and end from the `outputs` that state and held forces alone would give there (approaches, then pinion angles) and
+    /// the first shaft's angles there. Says for each run whether the touching pairs stay; where they do, the next step begins at the end.
     #[inline(always)]
-    pub(super) fn solve(&mut self, plans: &[Plan; L], outputs: &[Block<L>], references: &[Row<L>; 2]) -> [bool; L] {
+    pub(super) fn solve(
+        &mut self,
+        plans: &[Plan; L],
+        outputs: &[Vec<Block<L>>; 2],
+        references: &[Row<L>; 2],
+    ) -> [bool; L] {
         match plans[0].stiffness.len() {
             1 => self.solve_nodes::<1, 2>(plans, outputs, references, 1),
             2 => self.solve_nodes::<2, 4>(plans, outputs, references, 2),
@@ -168,7 +173,7 @@ impl<const L: usize> Nodes<L> {
     fn solve_nodes<const N: usize, const M: usize>(
         &mut self,
         plans: &[Plan; L],
-        outputs: &[Block<L>],
+        outputs: &[Vec<Block<L>>; 2],
         references: &[Row<L>; 2],
         stages: usize,
     ) -> [bool; L] {
@@ -178,8 +183,8 @@ impl<const L: usize> Nodes<L> {
         for half in 0..2 {
             for stage in 0..stages {
                 let node = half * stages + stage;
-                let mut angle = outputs[(nodes + node) / GROUP][(nodes + node) % GROUP];
-                base[node] = outputs[node / GROUP][node % GROUP];
+                let mut angle = outputs[half][(stages + stage) / GROUP][(stages + stage) % GROUP];
+                base[node] = outputs[half][stage / GROUP][stage % GROUP];
                 for other in 0..stages {
                     let [of_approach, of_angle] = &self.from_start[node * stages + other];
                     let remainder = &self.start.remainder[other];
@@ -291,20 +296,24 @@ impl<const L: usize> Nodes<L> {
     /// Hands a run's step over to the general solver: nodes as the pairs at the start would have it, with the pairs that then touch. True
     /// where those are others than at the start.
     #[inline(always)]
-    pub(super) fn hand_over(&self, plan: &Plan, l: usize, start: &Node, solver: &mut Solver) -> bool {
-        let stages = plan.stiffness.len();
+    pub(super) fn hand_over(&self, stages: usize, l: usize, start: &Node, solver: &mut Solver) -> bool {
         let mut changed = false;
         for half in 0..2 {
-            for (stage, joint) in plan.joints.iter().enumerate() {
+            for stage in 0..stages {
                 let node = half * stages + stage;
-                let (out, pairs) = (&mut solver.nodes[half], &mut solver.pairs[half][stage]);
-                let Some(joint) = joint else { continue };
+                let out = &mut solver.nodes[half];
+                let mut touch = Touch { newest: self.newest[node][l], ..Touch::default() };
+                for slot in 0..SLOTS {
+                    for q in 0..3 {
+                        touch.pairs[slot][q] = self.pairs[slot][q][node][l];
+                    }
+                }
                 solver.base[half][stage] = self.base[node][l];
                 out.approach[stage] = self.approach[node][l];
                 out.pinion_rad[stage] = self.angle[node][l];
                 out.phase[stage] = self.phase[node][l];
-                joint.pairs(plan.model.contacts[stage].mesh(), out.phase[stage], pairs);
-                out.touching[stage] = touching(pairs, pairs.force(out.approach[stage]).set);
+                out.touching[stage] = touch.touching(touch.carrying(out.approach[stage]));
+                solver.touch[half][stage] = touch;
                 changed |= out.touching[stage] != start.touching[stage];
             }
         }

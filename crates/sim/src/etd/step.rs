@@ -6,7 +6,7 @@ use super::bank::GROUP;
 use super::cut::Open;
 use super::nodes::MOST_STAGES;
 use super::plan::NODES;
-use super::{Etd, node_of_state, readings};
+use super::{Etd, node_of_state};
 use crate::rk4::{Diverged, LARGEST_APPROACH_M};
 
 /// `|λ| h` of the Runge–Kutta steps in free flight.
@@ -96,20 +96,19 @@ impl<const L: usize> Etd<L> {
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
         let stages = plan.stiffness.len();
         // The pairs at the start, continued to the nodes, show where others touch: a first guess as good as any.
-        let guessed = self.nodes.as_ref().is_some_and(|nodes| {
+        let mut guessed = false;
+        if let Some(nodes) = &self.nodes {
             lane.start = nodes.begin(stages, l);
-            nodes.hand_over(plan, l, &lane.start, &mut lane.solver)
-        });
+            guessed = nodes.hand_over(stages, l, &lane.start, &mut lane.solver);
+        }
         let mut went = Step::Broken;
         if !lane.start.is_open(stages) {
             let mut same = false;
             if !guessed {
                 let mut free = [[0.0; 2 * MOST_STAGES]; 2];
                 for (half, free) in free.iter_mut().enumerate() {
-                    for stage in 0..stages {
-                        let (approach, angle) = (half * stages + stage, (2 + half) * stages + stage);
-                        free[stage] = self.outputs[approach / GROUP][approach % GROUP][l];
-                        free[stages + stage] = self.outputs[angle / GROUP][angle % GROUP][l];
+                    for o in 0..2 * stages {
+                        free[o] = self.outputs[half][o / GROUP][o % GROUP][l];
                     }
                 }
                 let settled = lane.solver.solve(plan, &plan.full, &lane.start, &free, references);
@@ -118,9 +117,7 @@ impl<const L: usize> Etd<L> {
             }
             if same {
                 went = Step::Smooth;
-            } else if plan.inputs.len() == stages
-                && lane.solver.solve_kinked(plan, &plan.full, &lane.start, &mut lane.kinks)
-            {
+            } else if self.nodes.is_some() && lane.solver.solve_kinked(plan, &plan.full, &lane.start, &mut lane.kinks) {
                 went = Step::Kinked;
             }
         }
@@ -151,12 +148,12 @@ impl<const L: usize> Etd<L> {
     /// Readings of the sensors at middle and end.
     #[inline(always)]
     fn read_sensors(&mut self) {
-        let first = 4 * self.plans[0].stiffness.len();
+        let first = 2 * self.plans[0].stiffness.len();
         let sensors = self.readings[0].len();
         for half in 0..2 {
             for s in 0..sensors {
-                let o = first + half * sensors + s;
-                let mut reading = self.outputs[o / GROUP][o % GROUP];
+                let o = first + s;
+                let mut reading = self.outputs[half][o / GROUP][o % GROUP];
                 for (c, r) in self.sensor_coupling[half][s].iter().zip(&self.remainder) {
                     for l in 0..L {
                         reading[l] = c[l].mul_add(r[l], reading[l]);
@@ -171,24 +168,18 @@ impl<const L: usize> Etd<L> {
     #[inline(always)]
     fn add_kinks(&mut self, l: usize) {
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
-        let stages = plan.stiffness.len();
-        self.bank.z.get(l, &mut lane.z);
         for kink in lane.kinks.as_slice() {
             let c = kink.about_onset();
             plan.late.modal(plan, kink.stage, 1.0 - kink.at, c, &mut lane.ahead[1]);
-            for m in 0..plan.len {
-                lane.z.re[m] += lane.ahead[1].re[m];
-                lane.z.im[m] += lane.ahead[1].im[m];
-            }
+            self.bank.z.add(l, &lane.ahead[1]);
             for half in 0..2 {
                 let since = 0.5 * (half + 1) as f64 - kink.at;
-                plan.late.responses(kink.stage, since, stages, &mut lane.terms);
+                plan.late.sensors(kink.stage, since, &mut lane.terms);
                 for (reading, terms) in self.readings[half].iter_mut().zip(&lane.terms) {
                     reading[l] += c[0] * terms[0] + c[1] * terms[1] + c[2] * terms[2];
                 }
             }
         }
-        self.bank.z.set(l, &lane.z);
     }
 
     /// Brings the held forces of a run up to date.
@@ -211,7 +202,7 @@ impl<const L: usize> Etd<L> {
                 lane.forcing.im[m] += vector.im[m] * value;
             }
         }
-        self.bank.hold(l, plan, &readings(plan), &lane.forcing);
+        self.bank.hold(l, plan, &lane.forcing);
     }
 
     /// A step of one run that events cut, or in which a stage is out of contact. The state before is in the lane.

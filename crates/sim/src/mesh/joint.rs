@@ -1,24 +1,12 @@
 //! The tooth pairs near contact as the exponential stepper takes them: one table for both flanks of a pair.
 //!
-//! # Formula
-//! The compliances `c_ij = λ sqrt(f_i f_j)` off the diagonal are of rank one, so with `g = sqrt(λ f)` and `w = 1/(c − λ f)` per pair the pairs
-//! that carry have, at an approach δ and `x = δ − gap`,
-//!
-//! ```text
-//! F_i = w_i (x_i − g_i Q / (1 + P))      Σ F = Σ w x − S Q / (1 + P)      Σ dF/dδ = Σ w − S² / (1 + P)
-//! P = Σ w g²,  Q = Σ w g x,  S = Σ w g
-//! ```
-//!
-//! however many they are. A pair carries where `x − g Q / (1 + P) > 0`, and stays apart where that is negative.
-//!
 //! Where both gears run on fixed axes, load, contact compliance, deviations and the static displacement of the axes depend on the pair's
 //! position alone and go into one table; eccentric gears shift their flanks against each other all the time, and each flank is looked up.
 
 use super::tables::{Cell, KINKED_CELLS, SIXTHS, SMOOTH_CELLS, cell_at, fit};
+use super::touch::{SLOTS, Touch};
 use super::{LoadPoint, MeshModel, MeshState, Pair, Pairs};
 
-/// Pairs that are watched at once.
-pub const SLOTS: usize = 3;
 /// Gap of a pair that cannot touch (m).
 const NEVER_M: f64 = 1.0;
 /// Cells per mesh cycle that are tried in turn: tables that stay in the nearest cache are several times faster.
@@ -28,15 +16,6 @@ const CELLS: [f64; 3] = [SMOOTH_CELLS, 2.0 * SMOOTH_CELLS, KINKED_CELLS];
 const TOLERATED: [f64; 3] = [1e-4, 1e-4, 3e-10];
 /// Most tables of tooth pairs; a gear whose teeth are all different is looked up by flank.
 const MOST_TABLES: usize = 64;
-
-/// Pairs near contact at one phase, the newest first.
-#[derive(Clone, Copy, Debug)]
-pub struct Touch {
-    /// Number of the newest pair that is watched; the others are its predecessors.
-    pub newest: f64,
-    /// By pair: stiffness w (N/m), root of the shared compliance g (m/N)^½, gap (m).
-    pub pairs: [[f64; 3]; SLOTS],
-}
 
 /// How the pairs of a mesh are found at an operating point.
 #[derive(Clone, Debug)]
@@ -226,6 +205,8 @@ impl Table {
     #[inline(always)]
     fn at(&self, s: f64) -> [f64; 3] {
         let [w, g, gap, _] = cell_at(&self.cells, s * self.per_cycle + self.offset);
-        [w, g, if s >= self.first && s <= self.last { gap } else { NEVER_M }]
+        // Without a branch: which pairs may touch changes too often to be guessed.
+        let outside = (s < self.first) | (s > self.last);
+        [w, g, f64::from(u8::from(outside)).mul_add(NEVER_M, gap)]
     }
 }

@@ -31,6 +31,14 @@ impl Stepper {
         Ok(Self::Exponential(Box::new(Etd::sampled(model.clone(), rate_hz)?)))
     }
 
+    /// The same for a model that changed under way, with steps as long as before: an effect that grows does so many times a second.
+    pub(super) fn renewed(&self, model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
+        match self {
+            Self::Exponential(etd) => Ok(Self::Exponential(Box::new(Etd::new([model.clone()], etd.step_s())?))),
+            Self::RungeKutta { .. } => Self::new(model, rate_hz),
+        }
+    }
+
     /// Steps sample `sample` and pushes its two readings, at half and full time, into the channels.
     pub(super) fn advance(
         &mut self,
