@@ -32,6 +32,12 @@ fn conform_verdicts_are_matched_with_the_table_of_the_bench() {
 
     let said = succeed(path, &["signatures", "bench.toml", "--out", "table.json"]);
     assert!(said.contains("broken_total") && said.contains("of the paper's table 4"), "{said}");
+    // The tables have heads, and lines that a terminal holds.
+    assert_eq!(said.lines().filter(|line| line.starts_with("  state ") && line.ends_with("5x")).count(), 2, "{said}");
+    assert!(
+        said.lines().filter(|line| line.starts_with("  compound_")).all(|line| line.chars().count() < 110),
+        "{said}"
+    );
 
     succeed(path, &["simulate", "bench.toml", "--duration", "40", "-o", "normal.mcap"]);
     let broken = "tooth_breakage@stage1.pinion:fraction=1.0";

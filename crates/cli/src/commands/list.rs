@@ -1,10 +1,13 @@
 //! `gearwatch list`: what there is to choose from.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
+use anyhow::Context;
 use clap::Args;
 use gearwatch_daemon::kinds::Kind;
 use gearwatch_daemon::{sink, source};
+use gearwatch_sim::effects::{Effect, Parameter, Place, Signature, Values};
 
 use super::Run;
 use crate::exit::Exit;
@@ -14,6 +17,7 @@ use crate::exit::Exit;
 #[command(after_help = "Examples:
   gearwatch list                 everything
   gearwatch list sources         sources only, each with an example for the configuration
+  gearwatch list effects         effects with their places, parameters, ranges and laws
   gearwatch list formats")]
 pub struct List {
     /// What to list; everything where left out
@@ -55,10 +59,33 @@ impl Run for List {
             writeln!(out, "Effects of the simulator")?;
             for effect in gearwatch_sim::effects::ALL {
                 writeln!(out, "  {:22} {}", effect.id(), effect.help())?;
+                if self.what.is_some() {
+                    describe(&mut out, *effect)?;
+                }
             }
         }
         Ok(Exit::Ok)
     }
+}
+
+/// Places, parameters and declared laws of an effect, these as on the bench of the paper at typical values.
+fn describe(out: &mut impl Write, effect: &dyn Effect) -> anyhow::Result<()> {
+    let places: Vec<&str> = effect.places().iter().map(|place| place.pattern()).collect();
+    writeln!(out, "      {:16} {}", "where", places.join(", "))?;
+    for Parameter { name, unit, min, typical, max } in effect.parameters() {
+        let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+        writeln!(out, "      {name:16} {min} to {max}{unit}, typically {typical}")?;
+    }
+    let bench = gearwatch_sim::shipped::bench("paper-rig").context("the bench of the paper")?;
+    if let Some((_, place)) = Place::of(effect, &bench).into_iter().next() {
+        let Signature { change, load, speed, .. } =
+            effect.signature(&Values::new(effect, place, &BTreeMap::new())?, &bench);
+        writeln!(out, "      {:16} {change}; {load}; {speed}", "signature")?;
+    }
+    if !effect.confused_with().is_empty() {
+        writeln!(out, "      {:16} {}", "confused with", effect.confused_with().join(", "))?;
+    }
+    Ok(())
 }
 
 /// One line a kind; with its example where `examples` is set.

@@ -143,23 +143,42 @@ fn describe(out: &mut String, bench: &Bench, found: &Signatures) -> std::fmt::Re
         writeln!(out, "  teeth part in {}: stepped through time", stepped.join(", "))?;
     }
     for (s, sensor) in bench.sensors.iter().enumerate() {
-        writeln!(out, "\n  {}: amplitude of 1x to 5x (m/s², peak), signed deviation (%), rank", sensor.name)?;
-        for state in &found.states {
-            write!(out, "  {:14}", state.state.name)?;
-            for amplitude in state.amplitudes[s] {
-                write!(out, " {amplitude:10.4e}")?;
-            }
-            for deviation in state.deviations_percent[s] {
-                write!(out, " {deviation:+8.2}")?;
-            }
-            for deviation in state.deviations_percent[s] {
-                write!(out, " {:>4}", ranks.rank_of(deviation).code())?;
-            }
-            writeln!(out)?;
-        }
+        writeln!(out, "\n  {}", sensor.name)?;
+        amplitudes_and_deviations(out, found, s)?;
         compare(out, found, s, &ranks)?;
     }
     writeln!(out)
+}
+
+/// Heads of a table's columns: 1x to 5x, each `width` wide.
+fn heads(width: usize) -> String {
+    (1..=signatures::HARMONICS).map(|h| format!("{:>width$}", format!("{h}x"))).collect()
+}
+
+/// A number to four digits, as people write it where it is of usual size.
+fn four_digits(value: f64) -> String {
+    if !(1e-4..1e5).contains(&value) {
+        return format!("{value:.3e}");
+    }
+    let decimals = (3.0 - value.log10().floor()).max(0.0) as usize;
+    format!("{value:.decimals$}")
+}
+
+/// The paper's tables 2 and 3 for this bench, side by side.
+fn amplitudes_and_deviations(out: &mut String, found: &Signatures, sensor: usize) -> std::fmt::Result {
+    writeln!(out, "  {:14}{:50}{}", "", "   amplitude (m/s², peak; table 2)", "  change from normal (%; table 3)")?;
+    writeln!(out, "  {:14}{}{}", "state", heads(10), heads(8))?;
+    for state in &found.states {
+        write!(out, "  {:14}", state.state.name)?;
+        for amplitude in state.amplitudes[sensor] {
+            write!(out, "{:>10}", four_digits(amplitude))?;
+        }
+        for deviation in state.deviations_percent[sensor] {
+            write!(out, "{deviation:+8.2}")?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
 }
 
 /// How the states of one sensor compare with the paper's table 4.
@@ -213,7 +232,21 @@ impl Comparison {
 /// How the ranks compare with the paper's table 4, and why they differ.
 fn compare(out: &mut String, found: &Signatures, sensor: usize, ranks: &RankConfig) -> std::fmt::Result {
     let comparison = Comparison::new(found, sensor, ranks);
-    writeln!(out, "  {} of {} cells have the rank of the paper's table 4.", comparison.same, comparison.cells)?;
+    writeln!(out, "\n  {:14}{}", "", "   rank, and the paper's where it is another (table 4)")?;
+    writeln!(out, "  {:14}{}", "state", heads(10))?;
+    for (state, paper) in found.states.iter().skip(1).zip(&comparison.paper) {
+        write!(out, "  {:14}", state.state.name)?;
+        for (deviation, expected) in state.deviations_percent[sensor].iter().zip(paper) {
+            let own = ranks.rank_of(*deviation);
+            let cell = match expected {
+                Expected::Rank(rank) if *rank != own => format!("{} ({})", own.code(), rank.code()),
+                _ => own.code().to_owned(),
+            };
+            write!(out, "{cell:>10}")?;
+        }
+        writeln!(out)?;
+    }
+    writeln!(out, "\n  {} of {} cells have the rank of the paper's table 4.", comparison.same, comparison.cells)?;
     writeln!(out, "  {}", comparison.reasons(found))
 }
 
