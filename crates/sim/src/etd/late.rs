@@ -53,11 +53,10 @@ impl Series {
         let mut columns =
             vec![vec![[0.0; GROUP]; (DEGREE + 1).next_multiple_of(2)]; (TERMS * outputs.len()).div_ceil(GROUP)];
         for (o, output) in outputs.iter().enumerate() {
-            for j in 0..=DEGREE {
-                let kernel = kernel(output, j);
-                for p in 0..TERMS {
-                    let at = TERMS * o + p;
-                    columns[at / GROUP][j][at % GROUP] = kernel * beta(j, p);
+            for p in 0..TERMS {
+                let at = TERMS * o + p;
+                for (j, row) in columns[at / GROUP].iter_mut().enumerate().take(DEGREE + 1) {
+                    row[at % GROUP] = kernel(output, j) * beta(j, p);
                 }
             }
         }

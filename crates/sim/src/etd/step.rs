@@ -107,8 +107,8 @@ impl<const L: usize> Etd<L> {
             if !guessed {
                 let mut free = [[0.0; 2 * MOST_STAGES]; 2];
                 for (half, free) in free.iter_mut().enumerate() {
-                    for o in 0..2 * stages {
-                        free[o] = self.outputs[half][o / GROUP][o % GROUP][l];
+                    for (o, free) in free.iter_mut().enumerate().take(2 * stages) {
+                        *free = self.outputs[half][o / GROUP][o % GROUP][l];
                     }
                 }
                 let settled = lane.solver.solve(plan, &plan.full, &lane.start, &free, references);

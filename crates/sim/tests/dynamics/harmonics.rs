@@ -135,7 +135,6 @@ fn analytic_halving_the_step_of_a_record_leaves_the_mesh_harmonics() {
         let every = (1.0 / (RATE_HZ * step_s)).round() as usize;
         let found =
             change(&harmonics(&model, &bench, step_s, every), &harmonics(&model, &bench, 0.5 * step_s, 2 * every));
-        println!("{}: {every} steps a sample, {found:.1e}", bench.name);
         assert!(found < 5e-4, "{}: {every} steps a sample, {found:.1e}", bench.name);
     }
 }
@@ -147,7 +146,6 @@ fn analytic_halving_the_step_leaves_the_mesh_harmonics_of_drawn_benches() {
         let model = model(&bench, bench.motor.speed_hz, bench.brake.torque_nm, 1);
         let step_s = Etd::accurate(model.clone()).expect("stepper").step_s();
         let found = change(&harmonics(&model, &bench, step_s, 1), &harmonics(&model, &bench, 0.5 * step_s, 2));
-        println!("{}: {:.0} steps a second, {found:.1e}", bench.name, 1.0 / step_s);
         assert!(found < 5e-4, "{}: {:.0} steps a second, {found:.1e}", bench.name, 1.0 / step_s);
     }
 }
