@@ -4,7 +4,7 @@ use crate::controls;
 use crate::locate::{self, Cell, Place};
 use crate::masks::{self, Mask};
 use crate::name::{Finding, Question};
-use crate::{direct, gear, path, subname};
+use crate::{gear, path, strange, subname};
 
 /// Gain (nats) above which a mask is believed.
 const BELIEVED: f64 = 15.0;
@@ -70,7 +70,7 @@ pub fn search(
     q: &Question<'_>,
     cells: &[Cell],
     speeds: &[f64],
-    strange: &direct::Strange,
+    strange: &strange::Strange,
     found: &mut Found<'_>,
 ) -> Option<f64> {
     let places = locate::places(q.train.stages.len(), q.comparison.channels.len(), q.bench.belt.is_some());

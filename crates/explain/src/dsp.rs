@@ -69,6 +69,11 @@ impl Transforms {
     }
 }
 
+/// Mean; 0 of nothing.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
 /// Sample `n` of `len` of the periodic Blackman–Harris window.
 pub fn window(n: usize, len: usize) -> f64 {
     let u = 2.0 * PI * n as f64 / len as f64;

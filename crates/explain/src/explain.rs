@@ -5,7 +5,6 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 
 use crate::compare;
-use crate::direct;
 use crate::dsp::Transforms;
 use crate::error::ExplainError;
 use crate::features::{self, RecordingFeatures, Steady, Unused};
@@ -14,6 +13,7 @@ use crate::kinematics;
 use crate::name::{self, Question};
 use crate::ratio;
 use crate::report::Explanation;
+use crate::strange;
 
 /// What is asked.
 pub struct Input<'a> {
@@ -104,7 +104,7 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
         steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
     }
     progress("lines that no gear makes");
-    let mut strange = direct::strange(&all, &references, &comparison, &train, &mut transforms);
+    let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
     strange.folded = folded;
     let question = Question {
         bench: &bench,

@@ -10,12 +10,12 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 
 use crate::comb;
-use crate::direct::Strange;
 use crate::dsp::{self, LINE_FIT_NOISE_GAIN, median};
 use crate::features::RecordingFeatures;
 use crate::name::Question;
 use crate::scan::StrangeLine;
 use crate::shape;
+use crate::strange::Strange;
 
 /// Error of the simulator's response, path included (relative).
 const RESPONSE_SIGMA: f64 = 0.6;

@@ -34,5 +34,6 @@ pub mod report;
 pub mod scan;
 pub mod shape;
 pub mod sizes;
+pub mod strange;
 pub mod subname;
 pub mod tables;

@@ -16,7 +16,7 @@ use crate::locate::{self, Cell};
 use crate::publish::publish;
 use crate::ratio::Ratios;
 use crate::report::{Evidence, Explanation};
-use crate::{held_out, latent, refit, subname};
+use crate::{held_out, latent, refit, strange, subname};
 
 /// Everything that was measured.
 pub struct Question<'a> {
@@ -107,7 +107,7 @@ pub struct Named {
 /// Answers.
 pub fn answer(
     q: &Question<'_>,
-    strange: direct::Strange,
+    strange: strange::Strange,
     mut steps: Vec<String>,
     progress: &mut dyn FnMut(&str),
 ) -> Named {
@@ -167,7 +167,7 @@ pub fn answer(
             unexplained = true;
         }
     }
-    direct::add_strange(q, &strange, &mut findings, &mut unexplained, &mut steps);
+    strange::add_strange(q, &strange, &mut findings, &mut unexplained, &mut steps);
     if q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
         direct::without_reference(q, &mut findings, &mut steps);
     }

@@ -6,20 +6,23 @@
 //! Base parameters are drawn within the tolerance of a sheet, `E_h` at the size of ISO 1328 grade 5; an effect's evidence is its likelihood averaged
 //! over the draws and over a grid of its sizes, with a model error in proportion to the predicted change.
 
+mod candidates;
+mod model;
+
 use std::collections::BTreeMap;
 
-use gearwatch_core::bench::{Bench, EffectSpec};
+use gearwatch_core::bench::Bench;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_sim::effects;
-use gearwatch_sim::linear::LinearTrain;
-use gearwatch_sim::mesh::MeshModel;
 use gearwatch_sim::setup::SimSetup;
-use nalgebra::DMatrix;
 use num_complex::Complex64;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::compare::Pair;
+pub use self::model::transfer;
+
+use self::candidates::{Action, Candidate, grid};
+use self::model::{Model, Seen, model, responses};
 use crate::lines::Family;
 use crate::locate::Cell;
 use crate::name::Question;
@@ -30,8 +33,6 @@ const BASES: usize = 6;
 const ERRORS: usize = 32;
 /// Mesh harmonics that are modelled.
 const HARMONICS: usize = 12;
-/// Phases of a mesh cycle at which the static transmission error is taken.
-const PHASES: usize = 48;
 /// Profile error of the first harmonic that is usual (m), falling as 1/h: ISO 1328 grade 5 allows 6 to 8 µm over a flank of one tooth;
 /// what all pairs have in common is a part of it.
 const USUAL_ERROR_M: f64 = 0.7e-6;
@@ -42,27 +43,6 @@ const MODEL_SHARE: f64 = 0.45;
 pub const TEMPER: f64 = 0.25;
 /// Lines that take part, at most, by pair.
 const LINES: usize = 90;
-
-/// How an effect enters.
-#[derive(Clone, Debug)]
-enum Action {
-    /// By the simulator's own effect.
-    Simulated(EffectSpec),
-    /// A geometric deviation of unknown form, this large in the first harmonic (m), the same at any load.
-    Geometry(f64),
-    /// A deviation of unknown form in proportion to the load: this share of the mean deflection.
-    Stiffness(f64),
-}
-
-/// An effect at one size.
-#[derive(Clone, Debug)]
-struct Candidate {
-    effect: &'static str,
-    place: String,
-    stage: Option<usize>,
-    parameters: BTreeMap<String, f64>,
-    action: Action,
-}
 
 /// An effect with its evidence.
 #[derive(Clone, Debug)]
@@ -77,234 +57,6 @@ pub struct Ranked {
     pub log_evidence: f64,
     /// Posterior mean and standard deviation over the grid of sizes.
     pub parameters: BTreeMap<String, Estimate>,
-}
-
-/// The model of one set of base parameters at the operating points of all pairs.
-struct Model {
-    /// By stage and pair: static transmission error by harmonic (m), mean stiffness (N/m), mesh force (N).
-    meshes: Vec<Vec<(Vec<Complex64>, f64, f64)>>,
-    train: LinearTrain,
-    damping_ratio: Vec<f64>,
-}
-
-impl Model {
-    /// Damping of the meshes at their stiffness (N s/m).
-    fn damping(&self, stiffness: &[f64]) -> Vec<f64> {
-        let critical = |(k, s): (&f64, &gearwatch_sim::linear::StageGeometry)| 2.0 * (k * s.effective_mass_kg).sqrt();
-        stiffness
-            .iter()
-            .zip(&self.train.stages)
-            .map(critical)
-            .zip(&self.damping_ratio)
-            .map(|(c, ratio)| c * ratio)
-            .collect()
-    }
-}
-
-/// Mesh force of a stage at a brake torque (N).
-fn mesh_force_n(bench: &Bench, train: &LinearTrain, stage: usize, brake_torque_nm: f64) -> f64 {
-    let mut torque = brake_torque_nm;
-    for s in bench.stages.iter().skip(stage + 1).rev() {
-        torque *= f64::from(s.pinion.teeth) / f64::from(s.wheel.teeth);
-    }
-    torque / train.stages[stage].wheel_base_m
-}
-
-fn model(setup: &SimSetup, pairs: &[Pair]) -> Option<Model> {
-    let train = LinearTrain::new(&setup.bench);
-    let mut meshes = Vec::new();
-    for stage in 0..setup.bench.stages.len() {
-        let mesh = MeshModel::new(&setup.bench, stage, &setup.mesh, setup.teeth.get(stage)?).ok()?;
-        let mut by_pair: Vec<(Vec<Complex64>, f64, f64)> = Vec::new();
-        for pair in pairs {
-            let force = mesh_force_n(&setup.bench, &train, stage, pair.torque_nm).max(1.0);
-            let load = mesh.at_load(force);
-            let mut harmonics = vec![Complex64::ZERO; HARMONICS];
-            let mut stiffness = 0.0;
-            for n in 0..PHASES {
-                let phase = n as f64 / PHASES as f64;
-                let (approach, tangent) = mesh.static_point(phase, &load);
-                if !approach.is_finite() {
-                    return None;
-                }
-                stiffness += tangent / PHASES as f64;
-                for (h, value) in harmonics.iter_mut().enumerate() {
-                    let turn = -2.0 * std::f64::consts::PI * (h + 1) as f64 * phase;
-                    *value += approach * 2.0 / PHASES as f64 * Complex64::from_polar(1.0, turn);
-                }
-            }
-            by_pair.push((harmonics, stiffness, force));
-        }
-        meshes.push(by_pair);
-    }
-    Some(Model { meshes, damping_ratio: setup.bench.stages.iter().map(|s| s.mesh_damping_ratio).collect(), train })
-}
-
-/// A line that takes part.
-#[derive(Clone, Copy)]
-struct Seen {
-    pair: usize,
-    sensor: usize,
-    stage: usize,
-    harmonic: Option<usize>,
-    frequency_hz: f64,
-    change: f64,
-    variance: f64,
-}
-
-/// ln |force response at a sensor to the mesh of a stage|, per line, mesh stiffness included.
-fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
-    let mut out = vec![0.0; seen.len()];
-    let mut done = vec![false; seen.len()];
-    for first in 0..seen.len() {
-        if done[first] {
-            continue;
-        }
-        let line = seen[first];
-        let stiffness: Vec<f64> = model.meshes.iter().map(|m| m[line.pair].1).collect();
-        let meshed = model.train.with_meshes(&stiffness, &model.damping(&stiffness));
-        // All lines of this pair share the matrices.
-        for at in first..seen.len() {
-            if done[at] || seen[at].pair != line.pair {
-                continue;
-            }
-            let (frequency, stage) = (seen[at].frequency_hz, seen[at].stage);
-            let omega = 2.0 * std::f64::consts::PI * frequency;
-            let n = meshed.mass.nrows();
-            let dynamic = DMatrix::from_fn(n, n, |i, j| {
-                Complex64::new(
-                    meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)],
-                    omega * meshed.damping[(i, j)],
-                )
-            });
-            let right = model.train.mesh[stage].map(|v| Complex64::new(v, 0.0));
-            let solved = dynamic.lu().solve(&right);
-            for k in at..seen.len() {
-                if done[k]
-                    || seen[k].pair != line.pair
-                    || seen[k].stage != stage
-                    || (seen[k].frequency_hz - frequency).abs() > 1e-9
-                {
-                    continue;
-                }
-                done[k] = true;
-                let Some(x) = &solved else { continue };
-                let row = &model.train.sensors[seen[k].sensor];
-                let mut sum = Complex64::ZERO;
-                for i in 0..n {
-                    let factor =
-                        Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]);
-                    sum += factor * x[i];
-                }
-                out[k] = (sum.norm() * stiffness[stage]).max(1e-30).ln();
-            }
-        }
-    }
-    out
-}
-
-/// Response from a unit force in a stage's mesh to each sensor of the sheet's bench at some frequencies; `None` where the mesh has no model.
-pub fn transfer(q: &Question<'_>, torque_nm: f64, stage: usize, frequencies_hz: &[f64]) -> Option<Vec<Vec<Complex64>>> {
-    let point = Pair { recording: 0, reference: 0, speed_hz: 1.0, torque_nm, speed_gap: 0.0 };
-    let model = model(&SimSetup::nominal(q.bench), &[point])?;
-    let stiffness: Vec<f64> = model.meshes.iter().map(|m| m[0].1).collect();
-    let meshed = model.train.with_meshes(&stiffness, &model.damping(&stiffness));
-    let right = model.train.mesh.get(stage)?.map(|v| Complex64::new(v, 0.0));
-    let mut out = vec![Vec::with_capacity(frequencies_hz.len()); model.train.sensors.len()];
-    for hz in frequencies_hz {
-        let omega = 2.0 * std::f64::consts::PI * hz;
-        let n = meshed.mass.nrows();
-        let dynamic = DMatrix::from_fn(n, n, |i, j| {
-            Complex64::new(
-                meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)],
-                omega * meshed.damping[(i, j)],
-            )
-        });
-        let x = dynamic.lu().solve(&right)?;
-        for (row, values) in model.train.sensors.iter().zip(&mut out) {
-            let term = |i: usize| {
-                Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]) * x[i]
-            };
-            values.push((0..n).map(term).sum());
-        }
-    }
-    Some(out)
-}
-
-fn grid(q: &Question<'_>) -> Vec<Candidate> {
-    let mut out = Vec::new();
-    let mut simulated = |effect: &'static str, place: &str, stage: Option<usize>, values: &[(&str, f64)]| {
-        let parameters: BTreeMap<String, f64> = values.iter().map(|(k, v)| ((*k).to_owned(), *v)).collect();
-        out.push(Candidate {
-            effect,
-            place: place.to_owned(),
-            stage,
-            action: Action::Simulated(EffectSpec {
-                effect: effect.to_owned(),
-                place: place.to_owned(),
-                parameters: parameters.clone(),
-            }),
-            parameters,
-        });
-    };
-    for (i, stage) in q.train.stages.iter().enumerate() {
-        let (name, at) = (stage.name.as_str(), Some(i));
-        for depth in [3.0, 6.0, 10.0, 16.0, 25.0, 40.0] {
-            for length in [0.15, 0.22, 0.3, 0.4] {
-                simulated("tip_relief", name, at, &[("depth_um", depth), ("length_fraction", length)]);
-            }
-        }
-        for depth in [5.0, 10.0, 20.0, 40.0, 80.0] {
-            simulated("tooth_wear", name, at, &[("depth_um", depth)]);
-        }
-        for angle in [0.15, 0.3, 0.6, 1.2, 2.5] {
-            simulated("misalignment", name, at, &[("angle_mrad", angle)]);
-        }
-        for exponent in [0.05, 0.1, 0.2, 0.33] {
-            simulated("load_dependent_stiffness", name, at, &[("exponent", exponent)]);
-        }
-        for factor in [0.45, 0.6, 0.75, 0.85, 0.93, 1.08, 1.18, 1.35, 1.6] {
-            simulated("mesh_stiffness", name, at, &[("factor", factor)]);
-        }
-        for factor in [0.0, 0.3, 0.6, 1.3] {
-            simulated("body_coupling", name, at, &[("factor", factor)]);
-        }
-        for factor in [0.25, 0.4, 0.6, 1.7, 2.5, 4.0] {
-            simulated("damping", name, at, &[("factor", factor)]);
-        }
-    }
-    for (shaft, _) in &q.train.shafts {
-        for factor in [0.3, 0.45, 0.6, 0.75, 0.88, 1.15, 1.35, 1.8] {
-            simulated("bearing_compliance", shaft, None, &[("factor", factor)]);
-        }
-        for factor in [0.25, 0.4, 0.6, 0.8, 0.9, 1.2, 1.6] {
-            simulated("shaft_torsion", shaft, None, &[("factor", factor)]);
-        }
-        for factor in [0.25, 0.5, 2.0, 4.0] {
-            simulated("damping", shaft, None, &[("factor", factor)]);
-        }
-    }
-    for (i, stage) in q.train.stages.iter().enumerate() {
-        for size_um in [1.0, 2.0, 4.0, 8.0] {
-            out.push(Candidate {
-                effect: "profile_error",
-                place: stage.name.clone(),
-                stage: Some(i),
-                parameters: BTreeMap::from([("e1_um".to_owned(), size_um)]),
-                action: Action::Geometry(size_um * 1e-6),
-            });
-        }
-        for coefficient in [0.05, 0.1, 0.2] {
-            out.push(Candidate {
-                effect: "tooth_friction",
-                place: stage.name.clone(),
-                stage: Some(i),
-                parameters: BTreeMap::from([("coefficient".to_owned(), coefficient)]),
-                action: Action::Stiffness(coefficient),
-            });
-        }
-    }
-    out
 }
 
 fn normal(rng: &mut ChaCha8Rng) -> f64 {

@@ -1,0 +1,299 @@
+//! Lines and envelope orders that no gear makes, and the names that they give.
+
+use gearwatch_core::train::Train;
+
+use crate::compare::Comparison;
+use crate::direct::gears_on;
+use crate::dsp::{Transforms, mean};
+use crate::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
+use crate::features::RecordingFeatures;
+use crate::folded::FoldedLine;
+use crate::name::{Finding, Question};
+use crate::report::Evidence;
+use crate::scan::{self, StrangeLine, Twin};
+
+/// Channels that are scanned: those of the pairs, without any those of the first recording.
+fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<String> {
+    if comparison.pairs.is_empty() {
+        recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
+    } else {
+        comparison.channels.clone()
+    }
+}
+
+/// Lines and envelope orders outside the train's comb.
+#[derive(Default)]
+pub struct Strange {
+    /// At fixed frequency.
+    pub fixed: Vec<StrangeLine>,
+    /// At fixed order.
+    pub orders: Vec<StrangeLine>,
+    /// In the envelope of the rest.
+    pub envelope: Option<EnvelopeLine>,
+    /// Folded about half the sample rate.
+    pub folded: Option<FoldedLine>,
+    /// There was a reference.
+    pub against_reference: bool,
+}
+
+/// Least mean excess (nats) of a line that is named, against a reference and without.
+const NEW_LINE: f64 = 3.0;
+const LONE_LINE: f64 = 4.5;
+/// Standard scores of the envelope scan above which a bearing is named; scans of benches without one reach 8.
+const ENVELOPE_SCORE: f64 = 10.5;
+/// The same against a reference, where scans of 190 benches reach 6.6.
+const ENVELOPE_SCORE_AGAINST: f64 = 7.3;
+
+/// Nearest multiple of 50 or 60 Hz, where the line lies on one.
+fn mains(hz: f64) -> Option<f64> {
+    [50.0, 60.0].into_iter().find(|base| {
+        let m = (hz / base).round();
+        (1.0..=20.0).contains(&m) && (hz - m * base).abs() < 0.12 + 2e-4 * hz
+    })
+}
+
+impl Strange {
+    fn foreign(&self) -> Vec<&StrangeLine> {
+        self.fixed
+            .iter()
+            .filter(|l| {
+                let others = l.by_channel.iter().filter(|e| **e > 1.5).count();
+                l.excess > NEW_LINE
+                    && l.least > 1.5
+                    && mains(l.position).is_none()
+                    && (others > 1 || l.by_channel.len() == 1)
+            })
+            .collect()
+    }
+
+    /// Several lines at fixed frequencies that are not mains, on several sensors.
+    pub fn foreign_machine(&self) -> bool {
+        self.against_reference && self.foreign().len() >= 2
+    }
+}
+
+/// Scans for strange lines.
+pub fn strange(
+    recordings: &[RecordingFeatures],
+    references: &[RecordingFeatures],
+    comparison: &Comparison,
+    train: &Train,
+    transforms: &mut Transforms,
+) -> Strange {
+    let alone = comparison.pairs.is_empty();
+    let twins: Vec<Twin<'_>> = if alone {
+        recordings.iter().map(|r| Twin { recording: r, reference: None }).collect()
+    } else {
+        let pair = |p: &crate::compare::Pair| Twin {
+            recording: &recordings[p.recording],
+            reference: Some(&references[p.reference]),
+        };
+        comparison.pairs.iter().map(pair).collect()
+    };
+    let channels = &channels(recordings, comparison);
+    let against_reference = twins.iter().any(|t| t.reference.is_some());
+    let mut spectra = Vec::new();
+    let mut add = |all: &[RecordingFeatures], sign: f64| {
+        for (i, r) in all.iter().enumerate() {
+            for (c, name) in channels.iter().enumerate() {
+                if let Some(channel) = r.channels.iter().find(|x| x.name == *name) {
+                    spectra.push(EnvelopeSpectrum {
+                        revolutions: r.revolutions,
+                        channel: c,
+                        recording: i,
+                        sign,
+                        power: envelope::spectrum(transforms, r, channel),
+                    });
+                }
+            }
+        }
+    };
+    add(recordings, 1.0);
+    if !references.is_empty() {
+        add(references, -(recordings.len() as f64) / references.len() as f64);
+    }
+    Strange {
+        fixed: scan::fixed_lines(&twins, channels, train),
+        orders: scan::order_lines(&twins, channels, train),
+        envelope: envelope::scan(&spectra, train, channels.len()),
+        folded: None,
+        against_reference,
+    }
+}
+
+/// Effects that leave the forces of the machine as they are.
+fn in_the_data(effect: &str) -> bool {
+    matches!(effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
+}
+
+/// Names what the scans found.
+pub fn add_strange(
+    q: &Question<'_>,
+    strange: &Strange,
+    findings: &mut Vec<Finding>,
+    unexplained: &mut bool,
+    steps: &mut Vec<String>,
+) {
+    let channels = channels(q.recordings, q.comparison);
+    let speeds: Vec<f64> = q.recordings.iter().map(|r| r.input_hz).collect();
+    let several = speeds.iter().any(|s| (s / speeds[0] - 1.0).abs() > 0.05);
+    let threshold = if strange.against_reference { NEW_LINE } else { LONE_LINE };
+    let gear_changed = findings.iter().any(|f| {
+        matches!(
+            f.effect,
+            "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" | "eccentricity" | "belt_slip" | "clock_offset"
+        )
+    });
+    let bearing_seen = strange
+        .envelope
+        .as_ref()
+        .is_some_and(|e| e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE });
+    if let Some(l) = &strange.folded {
+        findings.push(aliasing(q, l));
+        return;
+    }
+    // Lines at fixed frequency.
+    let pickup = strange.fixed.iter().find(|l| {
+        let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
+        let steady = l.least > if strange.against_reference { 1.0 } else { 4.0 };
+        l.excess > threshold
+            && steady
+            && others == 0
+            && several
+            && (mains(l.position).is_some()
+                || (strange.against_reference
+                    && !bearing_seen
+                    && findings.is_empty()
+                    && l.by_channel.len() > 1
+                    && l.excess > 3.5
+                    && !gear_changed
+                    && l.off_comb > 3.0))
+    });
+    if let Some(l) = pickup {
+        let on_mains = mains(l.position).is_some();
+        let amplitude = mean(&l.amplitudes);
+        let spread = l.amplitudes.iter().map(|a| (a - amplitude).abs()).fold(0.0, f64::max);
+        let mut f = Finding::new(
+            "electrical_pickup",
+            channels.get(l.channel).cloned().unwrap_or_default(),
+            if on_mains { 0.95 } else { 0.6 },
+        )
+        .with("frequency_hz", l.position, 0.05)
+        .with("amplitude", amplitude, (0.5 * spread).max(0.06 * amplitude));
+        if !on_mains {
+            f.alternatives.push(("aliasing", f.place.clone()));
+        }
+        f.evidence.place = format!("a line at {:.2} Hz at every speed, on this sensor alone", l.position);
+        f.evidence.law = "fixed frequency, no order".into();
+        findings.push(f);
+    } else if strange.foreign_machine() && !gear_changed {
+        let lines = strange.foreign();
+        steps.push(format!(
+            "{} lines at fixed frequencies that are neither mains nor of this bench, the strongest at {:.2} Hz",
+            lines.len(),
+            lines[0].position
+        ));
+        *unexplained = true;
+    }
+    // Lines at fixed order.
+    let off: Vec<&StrangeLine> =
+        strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
+    let on: Vec<&StrangeLine> =
+        strange.orders.iter().filter(|l| l.off_comb < 1.5 && l.excess > threshold && l.least > 1.5).collect();
+    let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
+    if let Some(e) = &strange.envelope
+        && bearing_seen
+        && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
+    {
+        *unexplained = false;
+        findings.push(bearing(q, e, &channels));
+    } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
+        steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
+        *unexplained = true;
+    }
+    // High mesh harmonics and far sidebands are lines of the train too, though nobody listed them.
+    let of_mesh = |order: f64| {
+        q.train.stages.iter().any(|s| ((order / s.mesh_order).round() * s.mesh_order - order).abs() < 0.02)
+    };
+    let machine = findings
+        .iter()
+        .any(|f| !in_the_data(f.effect) && !matches!(f.effect, "torque_ripple" | "speed_fluctuation" | "clipping"));
+    // Sidebands of a ripple that was named, however far from their carrier.
+    let ripples: Vec<(usize, f64)> = findings
+        .iter()
+        .filter_map(|f| match crate::subname::mask_of(q, f)? {
+            crate::locate::Place::ShaftOrder(j, k) => Some((j, f64::from(k))),
+            _ => None,
+        })
+        .collect();
+    let of_ripple = |order: f64| {
+        ripples.iter().any(|&(j, k)| {
+            q.train.stages.iter().any(|s| {
+                let beside = (order - (order / s.mesh_order).round() * s.mesh_order) / (k * q.train.shafts[j].1);
+                (beside - beside.round()).abs() < 0.02
+            })
+        })
+    };
+    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_mesh(l.position)).collect();
+    let few = on.len() <= 6;
+    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_ripple(l.position)).collect();
+    if strange.against_reference && !on.is_empty() && few && !machine && !*unexplained {
+        let line = on[0];
+        let shaft = q
+            .train
+            .shafts
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, o))| ((line.position / o).round() * o - line.position).abs() < 0.02)
+            .max_by(|a, b| a.1.1.total_cmp(&b.1.1));
+        if let Some((j, (_, order))) = shaft {
+            let gears = gears_on(q, j);
+            let mut f = Finding::new("ghost_component", gears[0].clone(), if gears.len() == 1 { 0.75 } else { 0.5 })
+                .with("order", (line.position / order).round(), 0.2);
+            f.alternatives.extend(gears.iter().skip(1).map(|g| ("ghost_component", g.clone())));
+            f.evidence.place = format!(
+                "a new line at order {:.0} of shaft {}, no mesh harmonic and no low sideband",
+                (line.position / order).round(),
+                q.train.shafts[j].0
+            );
+            findings.push(f);
+        }
+    }
+}
+
+fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
+    let frequency_hz = l.order * q.bench.motor.speed_hz / q.train.motor_order;
+    let mut f = Finding::new("aliasing", l.channel.clone(), 0.9)
+        .with("frequency_hz", frequency_hz, 1e-3 * frequency_hz)
+        .with("amplitude", l.amplitude, 0.1 * l.amplitude);
+    f.evidence.place = format!(
+        "order {:.3} of the input shaft, above half the sample rate, seen folded on this sensor in {} recordings",
+        l.order, l.seen_in
+    );
+    f.evidence.law = "its line moves against the speed".into();
+    f
+}
+
+fn bearing(q: &Question<'_>, e: &EnvelopeLine, channels: &[String]) -> Finding {
+    // Inner and outer races of usual bearings lie between 2 and 12 orders of their own shaft; the sensor nearest shows them best.
+    let sensor_shaft =
+        channels.get(e.channel).and_then(|c| q.bench.sensors.iter().find(|s| s.name == *c)).map(|s| s.shaft.clone());
+    let mut shafts: Vec<(usize, f64)> = q
+        .train
+        .shafts
+        .iter()
+        .enumerate()
+        .map(|(j, s)| (j, e.order / s.1))
+        .filter(|(_, own)| (1.8..14.0).contains(own))
+        .collect();
+    shafts.sort_by_key(|(j, _)| usize::from(sensor_shaft.as_deref() != Some(q.train.shafts[*j].0.as_str())));
+    let (j, own) = shafts.first().copied().unwrap_or((0, e.order));
+    let mut f = Finding::new("bearing_defect", q.train.shafts[j].0.clone(), 0.7).with("order", own, 0.006 * own);
+    f.alternatives.extend(shafts.iter().skip(1).map(|(k, _)| ("bearing_defect", q.train.shafts[*k].0.clone())));
+    f.evidence = Evidence {
+        place: format!("order {:.3} of the input shaft in the envelope, {:.1} standard scores", e.order, e.score),
+        law: "an order that no gear makes".into(),
+        ..Evidence::default()
+    };
+    f
+}
