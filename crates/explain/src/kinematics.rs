@@ -8,20 +8,23 @@ use crate::features::{self, Steady};
 
 /// Largest change of the teeth of one gear that is tried.
 const TEETH_REACH: i64 = 4;
-/// How far the speed may lie from the tacho's (relative): sample clocks are better than that, where they are not broken.
-const TACHO_REACH: f64 = 0.01;
+/// How far the speed may lie from the tacho's (relative): sample clocks are better than that, and where they are not, still near. While tooth
+/// numbers are in question the narrow reach holds: a tooth in a hundred is a per cent.
+const TACHO_REACH: f64 = 0.004;
+const CLOCK_REACH: f64 = 0.01;
 /// How far the speed may lie from the drive display without a belt (relative): display and sample clock.
 const DIRECT_REACH: f64 = 0.008;
 /// Belt slip that is looked for (relative).
 const SLIP_REACH: f64 = 0.04;
-/// Gain in mean log excess of the lines that another tooth number moves at which it is believed, and how sure it must be (standard errors).
+/// Gain in mean log excess of all lines, or of those that another tooth number moves, at which it is believed, and how sure the latter must be
+/// (standard errors).
 ///
 /// A comb on noise scores about 0.3, one on lines of 10 dB about 2.3: where the sheet's lines are to be there is nothing, and something
 /// where the other tooth number puts them.
 const TEETH_GAIN: f64 = 0.5;
-const TEETH_SURE: f64 = 6.0;
+const TEETH_SURE: f64 = 4.0;
 /// Lines that must move, in all recordings together.
-const TEETH_LINES: usize = 12;
+const TEETH_LINES: usize = 8;
 /// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
 const APART_BINS: f64 = 6.0;
 
@@ -50,9 +53,9 @@ pub struct Speed {
 }
 
 /// Range of input-shaft speeds to search (Hz).
-fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64>) -> (f64, f64) {
+fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64>, reach: f64) -> (f64, f64) {
     if let Some(hz) = tacho_hz {
-        return (hz * (1.0 - TACHO_REACH), hz * (1.0 + TACHO_REACH));
+        return (hz * (1.0 - reach), hz * (1.0 + reach));
     }
     let known = steady.display_motor_hz.is_finite();
     let centre = if known { steady.display_motor_hz } else { bench.motor.speed_hz } / train.motor_order;
@@ -65,7 +68,7 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64
 fn deciding_orders(train: &Train) -> Vec<f64> {
     let mut out = features::comb_orders(train);
     for stage in &train.stages {
-        for h in 1..=4 {
+        for h in 1..=3 {
             let centre = stage.mesh_order * f64::from(h);
             for shaft in [stage.pinion_order, stage.wheel_order] {
                 out.extend([centre - shaft, centre + shaft]);
@@ -73,7 +76,7 @@ fn deciding_orders(train: &Train) -> Vec<f64> {
         }
     }
     for (_, order) in &train.shafts {
-        out.extend((1..=6).map(|k| order * f64::from(k)));
+        out.extend((1..=4).map(|k| order * f64::from(k)));
     }
     out
 }
@@ -127,7 +130,7 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
         .zip(fields)
         .map(|(steady, field)| {
             let tacho = steady.tacho_angle(train).map(|t| t.1);
-            let (low, high) = range(bench, train, steady, tacho);
+            let (low, high) = range(bench, train, steady, tacho, CLOCK_REACH);
             let (input_hz, score) = field.search(&orders, low, high);
             Speed { input_hz, score }
         })
@@ -148,7 +151,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
         let mut frequencies = Vec::with_capacity(all.len());
         for (steady, field) in all.iter().zip(fields) {
             let tacho = steady.tacho_angle(&train).map(|t| t.1);
-            let (low, high) = range(candidate, &train, steady, tacho);
+            let (low, high) = range(candidate, &train, steady, tacho, TACHO_REACH);
             let (hz, _) = field.search(&comb, low, high);
             sum += field.score(&orders, hz);
             frequencies.push(orders.iter().map(|o| o * hz).collect());
@@ -172,9 +175,14 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                     moved.add(field, sheet, other);
                 }
                 let (gain, sure) = moved.gain();
-                let believed = score > base.0 && gain > TEETH_GAIN && sure > TEETH_SURE;
+                let all_lines = score - base.0;
+                let believed = all_lines > TEETH_GAIN || (all_lines > 0.0 && gain > TEETH_GAIN && sure > TEETH_SURE);
                 if believed && best.as_ref().is_none_or(|b| score > b.0) {
-                    best = Some((score, OtherTeeth { stage: i, pinion, teeth, sheet, gain }, candidate));
+                    best = Some((
+                        score,
+                        OtherTeeth { stage: i, pinion, teeth, sheet, gain: gain.max(all_lines) },
+                        candidate,
+                    ));
                 }
             }
         }
