@@ -31,7 +31,7 @@ mod plan;
 mod smooth;
 mod step;
 
-use bank::{Bank, Block, GROUP, product};
+use bank::{Bank, Block, GROUP, Reading, product};
 use nodes::{MOST_STAGES, Node, Solver, evaluate};
 use plan::{LONGEST, NODES, Plan, Split, Weights};
 use smooth::Nodes;
@@ -62,8 +62,7 @@ pub struct Etd<const L: usize> {
     arch: Arch,
     step_s: f64,
     steps: u64,
-    /// At middle and end, in the order of [`rows`].
-    outputs: [Vec<Block<L>>; 2],
+    outputs: Vec<Block<L>>,
     /// `[input × node][lane]`
     remainder: Vec<[f64; L]>,
     /// Response of the sensors at middle and end to the remainder: `[half][sensor][input × node][lane]`.
@@ -91,9 +90,16 @@ struct Lane {
     effort: Effort,
 }
 
-/// The rows that a step is read through in the order of the bank: approaches, pinion angles, sensors.
-fn rows(plan: &Plan) -> Vec<&Split> {
-    plan.outputs.iter().chain(&plan.sensors).collect()
+/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise.
+fn readings(plan: &Plan) -> Vec<Reading<'_>> {
+    let (approaches, angles) = plan.outputs.split_at(plan.stiffness.len());
+    let both = |rows: &'_ [Split]| -> Vec<(usize, usize)> {
+        (0..2).flat_map(|half| (0..rows.len()).map(move |row| (row, half))).collect()
+    };
+    [approaches, angles, &plan.sensors]
+        .into_iter()
+        .flat_map(|rows| both(rows).into_iter().map(move |(row, half)| Reading { row: &rows[row], half }))
+        .collect()
 }
 
 impl<const L: usize> Etd<L> {
@@ -129,7 +135,7 @@ impl<const L: usize> Etd<L> {
         }
         let to_array = || ModelError::Bench("internal count of runs".into());
         let plans: [Plan; L] = plans.try_into().map_err(|_| to_array())?;
-        let mut bank = Bank::new(&plans, rows);
+        let mut bank = Bank::new(&plans, readings);
         let lanes: [Lane; L] = std::array::from_fn(|l| {
             let plan = &plans[l];
             let mut z = Split::zeros(plan.len);
@@ -175,7 +181,7 @@ impl<const L: usize> Etd<L> {
             arch: Arch::new(),
             step_s,
             steps: 0,
-            outputs: [0, 1].map(|_| vec![[[0.0; L]; GROUP]; rows(&plans[0]).len().div_ceil(GROUP)]),
+            outputs: vec![[[0.0; L]; GROUP]; readings(&plans[0]).len().div_ceil(GROUP)],
             remainder: vec![[0.0; L]; plans[0].inputs.len() * NODES],
             sensor_coupling,
             readings: [vec![[0.0; L]; sensors], vec![[0.0; L]; sensors]],

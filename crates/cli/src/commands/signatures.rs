@@ -166,7 +166,7 @@ fn four_digits(value: f64) -> String {
 
 /// The paper's tables 2 and 3 for this bench, side by side.
 fn amplitudes_and_deviations(out: &mut String, found: &Signatures, sensor: usize) -> std::fmt::Result {
-    writeln!(out, "  {:14}{:50}{}", "", "   amplitude (m/s², peak; table 2)", "  change from normal (%; table 3)")?;
+    writeln!(out, "  {:14}{:50}  change from normal (%; table 3)", "", "   amplitude (m/s², peak; table 2)")?;
     writeln!(out, "  {:14}{}{}", "state", heads(10), heads(8))?;
     for state in &found.states {
         write!(out, "  {:14}", state.state.name)?;
@@ -232,7 +232,7 @@ impl Comparison {
 /// How the ranks compare with the paper's table 4, and why they differ.
 fn compare(out: &mut String, found: &Signatures, sensor: usize, ranks: &RankConfig) -> std::fmt::Result {
     let comparison = Comparison::new(found, sensor, ranks);
-    writeln!(out, "\n  {:14}{}", "", "   rank, and the paper's where it is another (table 4)")?;
+    writeln!(out, "\n  {:14}   rank, and the paper's where it is another (table 4)", "")?;
     writeln!(out, "  {:14}{}", "state", heads(10))?;
     for (state, paper) in found.states.iter().skip(1).zip(&comparison.paper) {
         write!(out, "  {:14}", state.state.name)?;

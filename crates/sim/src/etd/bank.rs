@@ -67,22 +67,29 @@ impl<const L: usize> Lanes<L> {
 struct Rows<const L: usize> {
     re: Vec<Block<L>>,
     im: Vec<Block<L>>,
+    /// What the held forces add.
+    held: Block<L>,
+}
+
+/// One output of a step: a row that is read at its middle or at its end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading<'a> {
+    pub(super) row: &'a Split,
+    pub(super) half: usize,
 }
 
 /// Full-step weights and states of `L` runs.
 #[derive(Clone, Debug)]
 pub(super) struct Bank<const L: usize> {
-    /// `e^{λh}` and the response to the held forces, to the middle and to the end.
-    decay: [Lanes<L>; 2],
-    held: [Lanes<L>; 2],
+    /// `e^{λh}` and the response to the held forces.
+    decay: Lanes<L>,
+    held: Lanes<L>,
     /// `w_node ∘ b_input` by group of modes, then by input and node.
     node_re: Vec<Block<L>>,
     node_im: Vec<Block<L>>,
     /// State at the start of the step.
     pub(super) z: Lanes<L>,
-    /// What state and held forces alone would make of it at the middle and at the end.
-    ahead: [Lanes<L>; 2],
-    /// The rows of the outputs: both halves of a step are read through the same ones, which so stay in the nearest cache.
+    /// `row ∘ e^{λx}` for every output of a step.
     rows: Vec<Rows<L>>,
     /// Number of outputs, and of modes rounded up to an even one: lanes need no more padding.
     outputs: usize,
@@ -90,10 +97,10 @@ pub(super) struct Bank<const L: usize> {
 }
 
 impl<const L: usize> Bank<L> {
-    /// `outputs` lists the rows of a plan in the order in which [`Self::predict`] gives the outputs.
-    pub(super) fn new(plans: &[Plan; L], outputs: impl for<'a> Fn(&'a Plan) -> Vec<&'a Split>) -> Self {
+    /// `readings` lists the outputs of a plan in the order in which [`Self::predict`] gives them.
+    pub(super) fn new(plans: &[Plan; L], readings: impl for<'a> Fn(&'a Plan) -> Vec<Reading<'a>>) -> Self {
         let len = plans.iter().map(|plan| plan.len).max().unwrap_or(0);
-        let gather = |half: usize| Lanes::gather(len, plans.iter().map(|plan| &plan.full.decay[half]));
+        let gather = |pick: &dyn Fn(&Plan) -> &Split| Lanes::gather(len, plans.iter().map(pick));
         let groups = len / GROUP;
         let terms = plans[0].inputs.len() * NODES;
         let mut node_re = vec![zeros(); groups * terms];
@@ -110,9 +117,14 @@ impl<const L: usize> Bank<L> {
                     }
                 }
             }
-            let outputs = outputs(plan);
-            rows.resize_with(outputs.len().div_ceil(GROUP), || Rows { re: vec![zeros(); len], im: vec![zeros(); len] });
-            for (o, row) in outputs.iter().enumerate() {
+            let readings = readings(plan);
+            rows.resize_with(readings.len().div_ceil(GROUP), || Rows {
+                re: vec![zeros(); len],
+                im: vec![zeros(); len],
+                held: zeros(),
+            });
+            for (o, reading) in readings.iter().enumerate() {
+                let row = product(reading.row, &plan.full.decay[reading.half]);
                 for m in 0..plan.len {
                     rows[o / GROUP].re[m][o % GROUP][l] = row.re[m];
                     rows[o / GROUP].im[m][o % GROUP][l] = -row.im[m];
@@ -120,112 +132,83 @@ impl<const L: usize> Bank<L> {
             }
         }
         Self {
-            decay: [gather(0), gather(1)],
-            held: [Lanes::zeros(len), Lanes::zeros(len)],
+            decay: gather(&|p| &p.full.decay[1]),
+            held: Lanes::zeros(len),
             node_re,
             node_im,
             z: Lanes::zeros(len),
-            ahead: [Lanes::zeros(len), Lanes::zeros(len)],
             rows,
-            outputs: outputs(&plans[0]).len(),
+            outputs: readings(&plans[0]).len(),
             modes: plans.iter().map(|plan| plan.modes.len().next_multiple_of(2)).max().unwrap_or(0),
         }
     }
 
     /// Takes over the held forces of a run, given as their modal sum.
-    pub(super) fn hold(&mut self, lane: usize, plan: &Plan, forcing: &Split) {
-        for (held, response) in self.held.iter_mut().zip(&plan.full.held) {
-            held.set(lane, &product(response, forcing));
+    pub(super) fn hold(&mut self, lane: usize, plan: &Plan, readings: &[Reading<'_>], forcing: &Split) {
+        let responses = [product(&plan.full.held[0], forcing), product(&plan.full.held[1], forcing)];
+        self.held.set(lane, &responses[1]);
+        for (o, reading) in readings.iter().enumerate() {
+            self.rows[o / GROUP].held[o % GROUP][lane] = reading.row.real_dot(&responses[reading.half]);
         }
     }
 
-    /// Outputs at middle and end that state and held forces alone would give.
+    /// Outputs of the step that state and held forces alone would give.
     #[inline(always)]
-    pub(super) fn predict(&mut self, out: &mut [Vec<Block<L>>; 2]) {
-        for half in 0..2 {
-            self.look_ahead(half);
-            let ahead = &self.ahead[half];
-            let (z_re, z_im) = (ahead.re.as_flattened(), ahead.im.as_flattened());
-            for (group, (rows, out)) in self.rows.iter().zip(&mut out[half]).enumerate() {
-                let (re, im) = (&rows.re, &rows.im);
-                // A single run keeps all outputs of the group in registers, lanes one output at a time; each sum's order is the same.
-                if L == 1 {
+    pub(super) fn predict(&self, out: &mut [Block<L>]) {
+        for (group, (rows, out)) in self.rows.iter().zip(out).enumerate() {
+            let (re, im) = (&rows.re, &rows.im);
+            let (z_re, z_im) = (self.z.re.as_flattened(), self.z.im.as_flattened());
+            // A single run keeps all outputs of the group in registers, lanes one output at a time; each sum's order is the same.
+            if L == 1 {
+                let held = rows.held.as_flattened();
+                let sums = four_sums(
+                    re.iter().map(|row| row.as_flattened()).zip(z_re.iter().map(|z| [z[0]; GROUP])),
+                    im.iter().map(|row| row.as_flattened()).zip(z_im.iter().map(|z| [z[0]; GROUP])),
+                );
+                for o in 0..GROUP {
+                    out[o] = [held[o] + sums[o]; L];
+                }
+            } else {
+                let (re, im) = (&re[..self.modes], &im[..self.modes]);
+                for o in 0..GROUP.min(self.outputs - GROUP * group) {
                     let sums = four_sums(
-                        re.iter().map(|row| row.as_flattened()).zip(z_re.iter().map(|z| [z[0]; GROUP])),
-                        im.iter().map(|row| row.as_flattened()).zip(z_im.iter().map(|z| [z[0]; GROUP])),
+                        re.iter().map(|row| &row[o][..]).zip(z_re.iter().copied()),
+                        im.iter().map(|row| &row[o][..]).zip(z_im.iter().copied()),
                     );
-                    for o in 0..GROUP {
-                        out[o] = [sums[o]; L];
-                    }
-                } else {
-                    let (re, im) = (&re[..self.modes], &im[..self.modes]);
-                    for o in 0..GROUP.min(self.outputs - GROUP * group) {
-                        out[o] = four_sums(
-                            re.iter().map(|row| &row[o][..]).zip(z_re.iter().copied()),
-                            im.iter().map(|row| &row[o][..]).zip(z_im.iter().copied()),
-                        );
+                    for l in 0..L {
+                        out[o][l] = rows.held[o][l] + sums[l];
                     }
                 }
             }
         }
     }
 
-    /// The state at the middle (0) or at the end (1) under the held forces alone.
-    #[inline(always)]
-    fn look_ahead(&mut self, half: usize) {
-        let (decay, held, ahead) = (&self.decay[half], &self.held[half], &mut self.ahead[half]);
-        for g in 0..self.z.re.len() {
-            let (d_re, d_im) = (&decay.re[g], &decay.im[g]);
-            let (z_re, z_im) = (&self.z.re[g], &self.z.im[g]);
-            let (h_re, h_im) = (&held.re[g], &held.im[g]);
-            let (re, im) = (&mut ahead.re[g], &mut ahead.im[g]);
-            let modes = if L == 1 { GROUP } else { GROUP.min(self.modes - GROUP * g) };
-            for m in 0..modes {
-                for l in 0..L {
-                    re[m][l] = (-d_im[m][l]).mul_add(z_im[m][l], d_re[m][l].mul_add(z_re[m][l], h_re[m][l]));
-                    im[m][l] = d_im[m][l].mul_add(z_re[m][l], d_re[m][l].mul_add(z_im[m][l], h_im[m][l]));
-                }
-            }
-        }
-    }
-
-    /// Takes the state to the end of the step under the remainder, `[input × node][lane]`, from where [`Self::predict`] saw it.
+    /// Takes the state to the end of the step under the remainder, `[input × node][lane]`.
     #[inline(always)]
     pub(super) fn advance(&mut self, remainder: &[[f64; L]]) {
         let terms = remainder.len();
         for g in 0..self.z.re.len() {
-            let weights = self.node_re[g * terms..][..terms].iter().zip(&self.node_im[g * terms..][..terms]);
-            let (ahead_re, ahead_im) = (&self.ahead[1].re[g], &self.ahead[1].im[g]);
+            let (node_re, node_im) = (&self.node_re[g * terms..][..terms], &self.node_im[g * terms..][..terms]);
+            let (mut re, mut im) = (self.held.re[g], self.held.im[g]);
+            let (d_re, d_im) = (&self.decay.re[g], &self.decay.im[g]);
             let (z_re, z_im) = (&mut self.z.re[g], &mut self.z.im[g]);
-            // A single run keeps all modes of the group in registers, lanes one mode at a time; each sum's order is the same.
-            if L == 1 {
-                let (mut re, mut im) = (*ahead_re, *ahead_im);
-                for (value, (w_re, w_im)) in remainder.iter().zip(weights) {
-                    for m in 0..GROUP {
-                        add(&mut re[m], &w_re[m], value);
-                        add(&mut im[m], &w_im[m], value);
-                    }
-                }
-                (*z_re, *z_im) = (re, im);
-            } else {
-                for m in 0..GROUP.min(self.modes - GROUP * g) {
-                    let (mut re, mut im) = (ahead_re[m], ahead_im[m]);
-                    for (value, (w_re, w_im)) in remainder.iter().zip(weights.clone()) {
-                        add(&mut re, &w_re[m], value);
-                        add(&mut im, &w_im[m], value);
-                    }
-                    (z_re[m], z_im[m]) = (re, im);
+            let modes = if L == 1 { GROUP } else { GROUP.min(self.modes - GROUP * g) };
+            for m in 0..modes {
+                for l in 0..L {
+                    re[m][l] = (-d_im[m][l]).mul_add(z_im[m][l], d_re[m][l].mul_add(z_re[m][l], re[m][l]));
+                    im[m][l] = d_im[m][l].mul_add(z_re[m][l], d_re[m][l].mul_add(z_im[m][l], im[m][l]));
                 }
             }
+            for (value, (w_re, w_im)) in remainder.iter().zip(node_re.iter().zip(node_im)) {
+                for m in 0..modes {
+                    for l in 0..L {
+                        re[m][l] = w_re[m][l].mul_add(value[l], re[m][l]);
+                        im[m][l] = w_im[m][l].mul_add(value[l], im[m][l]);
+                    }
+                }
+            }
+            (*z_re, *z_im) = (re, im);
         }
-    }
-}
-
-/// Adds `w ∘ value`.
-#[inline(always)]
-fn add<const L: usize>(sum: &mut [f64; L], w: &[f64; L], value: &[f64; L]) {
-    for l in 0..L {
-        sum[l] = w[l].mul_add(value[l], sum[l]);
     }
 }
 

@@ -152,15 +152,10 @@ impl<const L: usize> Nodes<L> {
         &self.start.remainder[stage]
     }
 
-    /// Solves for middle and end from the `outputs` that state and held forces alone would give there (approaches, then pinion angles) and
-    /// the first shaft's angles there. Says for each run whether the touching pairs stay; where they do, the next step begins at the end.
+    /// Solves for middle and end from the `outputs` that state and held forces alone would give (approaches at middle and end, then pinion angles)
+    /// and the first shaft's angles there. Says for each run whether the touching pairs stay; where they do, the next step begins at the end.
     #[inline(always)]
-    pub(super) fn solve(
-        &mut self,
-        plans: &[Plan; L],
-        outputs: &[Vec<Block<L>>; 2],
-        references: &[Row<L>; 2],
-    ) -> [bool; L] {
+    pub(super) fn solve(&mut self, plans: &[Plan; L], outputs: &[Block<L>], references: &[Row<L>; 2]) -> [bool; L] {
         match plans[0].stiffness.len() {
             1 => self.solve_nodes::<1, 2>(plans, outputs, references, 1),
             2 => self.solve_nodes::<2, 4>(plans, outputs, references, 2),
@@ -173,7 +168,7 @@ impl<const L: usize> Nodes<L> {
     fn solve_nodes<const N: usize, const M: usize>(
         &mut self,
         plans: &[Plan; L],
-        outputs: &[Vec<Block<L>>; 2],
+        outputs: &[Block<L>],
         references: &[Row<L>; 2],
         stages: usize,
     ) -> [bool; L] {
@@ -183,8 +178,8 @@ impl<const L: usize> Nodes<L> {
         for half in 0..2 {
             for stage in 0..stages {
                 let node = half * stages + stage;
-                let mut angle = outputs[half][(stages + stage) / GROUP][(stages + stage) % GROUP];
-                base[node] = outputs[half][stage / GROUP][stage % GROUP];
+                let mut angle = outputs[(nodes + node) / GROUP][(nodes + node) % GROUP];
+                base[node] = outputs[node / GROUP][node % GROUP];
                 for other in 0..stages {
                     let [of_approach, of_angle] = &self.from_start[node * stages + other];
                     let remainder = &self.start.remainder[other];

@@ -6,7 +6,7 @@ use super::bank::GROUP;
 use super::cut::Open;
 use super::nodes::MOST_STAGES;
 use super::plan::NODES;
-use super::{Etd, node_of_state};
+use super::{Etd, node_of_state, readings};
 use crate::rk4::{Diverged, LARGEST_APPROACH_M};
 
 /// `|λ| h` of the Runge–Kutta steps in free flight.
@@ -107,8 +107,10 @@ impl<const L: usize> Etd<L> {
             if !guessed {
                 let mut free = [[0.0; 2 * MOST_STAGES]; 2];
                 for (half, free) in free.iter_mut().enumerate() {
-                    for (o, free) in free.iter_mut().enumerate().take(2 * stages) {
-                        *free = self.outputs[half][o / GROUP][o % GROUP][l];
+                    for stage in 0..stages {
+                        let (approach, angle) = (half * stages + stage, (2 + half) * stages + stage);
+                        free[stage] = self.outputs[approach / GROUP][approach % GROUP][l];
+                        free[stages + stage] = self.outputs[angle / GROUP][angle % GROUP][l];
                     }
                 }
                 let settled = lane.solver.solve(plan, &plan.full, &lane.start, &free, references);
@@ -148,12 +150,12 @@ impl<const L: usize> Etd<L> {
     /// Readings of the sensors at middle and end.
     #[inline(always)]
     fn read_sensors(&mut self) {
-        let first = 2 * self.plans[0].stiffness.len();
+        let first = 4 * self.plans[0].stiffness.len();
         let sensors = self.readings[0].len();
         for half in 0..2 {
             for s in 0..sensors {
-                let o = first + s;
-                let mut reading = self.outputs[half][o / GROUP][o % GROUP];
+                let o = first + half * sensors + s;
+                let mut reading = self.outputs[o / GROUP][o % GROUP];
                 for (c, r) in self.sensor_coupling[half][s].iter().zip(&self.remainder) {
                     for l in 0..L {
                         reading[l] = c[l].mul_add(r[l], reading[l]);
@@ -202,7 +204,7 @@ impl<const L: usize> Etd<L> {
                 lane.forcing.im[m] += vector.im[m] * value;
             }
         }
-        self.bank.hold(l, plan, &lane.forcing);
+        self.bank.hold(l, plan, &readings(plan), &lane.forcing);
     }
 
     /// A step of one run that events cut, or in which a stage is out of contact. The state before is in the lane.
