@@ -72,6 +72,11 @@ fn mean_finite(values: impl Iterator<Item = f64>) -> Option<(f64, usize)> {
     (!kept.is_empty()).then(|| (kept.iter().sum::<f64>() / kept.len() as f64, kept.len()))
 }
 
+/// How much a sample clock runs fast by which all speeds appear this much too low: `1/(1 + ε) = 1 − d`.
+fn fast(low: f64) -> f64 {
+    low / (1.0 - low)
+}
+
 fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     let n = q.recordings.len();
     let mut clocks: Vec<f64> = q.ratios.clock[..n].iter().copied().filter(|c| c.is_finite()).collect();
@@ -81,8 +86,11 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
         steps.push(format!("gear lines against tacho: {:+.0} ppm", clock * 1e6));
         if clock.abs() * 1e6 > CLOCK_PPM {
             let spread = clocks.iter().map(|c| (c - clock).abs()).fold(0.0, f64::max) * 1e6;
-            let mut f =
-                Finding::new("clock_offset", "acquisition", 0.95).with("ppm", clock * -1e6, (0.5 * spread).max(12.0));
+            let mut f = Finding::new("clock_offset", "acquisition", 0.95).with(
+                "ppm",
+                1e6 * fast(-clock),
+                (0.5 * spread).max(12.0),
+            );
             f.evidence.place = format!("all gear lines lie {:+.0} ppm off the tacho", clock * 1e6);
             f.evidence.law = "the same at every speed and load".into();
             out.push(f);
@@ -146,7 +154,7 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
         if out.iter().any(|f| f.effect == "clock_offset") {
             return;
         }
-        let mut f = Finding::new("clock_offset", "acquisition", 0.85).with("ppm", 1e6 * excess, 1e6 * sigma);
+        let mut f = Finding::new("clock_offset", "acquisition", 0.85).with("ppm", 1e6 * fast(excess), 1e6 * sigma);
         f.evidence.place = format!("all gear lines lie {:.2} % off the drive display", -100.0 * excess);
         out.push(f);
     }
