@@ -98,3 +98,7 @@ campaign-fuzz-coverage secs="60":
 # Concealed cases drawn by seed, explained and judged
 prove cases="200" seed="20261":
     cargo run --release -p gearwatch -- prove --cases {{cases}} --seed {{seed}} --list
+
+# Each effect of the library concealed and sought: the table of docs/effects-found.md
+campaign-effects cases="3" seed="2026112101":
+    GEARWATCH_CASES={{cases}} GEARWATCH_SEED={{seed}} cargo test --release -p gearwatch-explain --test effects -- --ignored --nocapture

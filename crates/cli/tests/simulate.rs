@@ -66,6 +66,7 @@ fn conform_what_cannot_be_simulated_is_refused() {
         (&["single-pair", "-o", "x.mcap", "--torque=-3"], "torque"),
         (&["single-pair", "-o", "x.mcap", "--torque=1e6"], "breaks the teeth"),
         (&["single-pair", "-o", "x.mcap", "--duration=-1"], "duration"),
+        (&["single-pair", "-o", "x.mcap", "--background=-1"], "background_m_per_s2 is -1"),
         (&["single-pair", "-o", "x.mcap", "--plot", "x.png"], "x.png: the name must end in .svg or .html"),
         (&["single-pair", "-o", "x.csv"], "x.csv: the recording is written as MCAP"),
         (&["single-pair"], "nothing to write"),

@@ -5,6 +5,9 @@ use std::f64::consts::PI;
 
 use crate::dsp::{Transforms, median};
 
+/// Most that a line counts (nats): 43 dB over the floor.
+const MOST_EXCESS: f64 = 10.0;
+
 /// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
 pub struct CombField {
     log_excess: Vec<f64>,
@@ -26,8 +29,8 @@ impl CombField {
             let power: Vec<f64> = bins.iter().map(|b| b.norm_sqr()).collect();
             let floor = local_floor(&power, 60);
             for ((sum, p), f) in log_excess.iter_mut().zip(&power).zip(&floor) {
-                // Capped: one huge line must not outvote a whole comb.
-                *sum += (p / f.max(f64::MIN_POSITIVE)).max(1.0).ln().min(7.0);
+                // Capped: one huge line must not outvote a whole comb. Where little noise hides them, orders of pitch errors reach 30 dB too.
+                *sum += (p / f.max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
             }
         }
         let count = channels.len().max(1) as f64;

@@ -269,7 +269,10 @@ impl<'a> Campaign<'a> {
                 Some(seen) => {
                     most = most.max(seen.plain);
                     let off = |plain: f64| (plain / PLAIN).ln().abs();
-                    if best.as_ref().is_none_or(|b| off(b.1.plain) > off(seen.plain)) {
+                    // What is nearly plain enough counts before what is nearer to it from below.
+                    let enough = |s: &Seen| s.plain > 0.7 * PLAIN;
+                    let better = |b: &Seen| (enough(&seen), -off(seen.plain)) > (enough(b), -off(b.plain));
+                    if best.as_ref().is_none_or(|b| better(&b.1)) {
                         best = Some((spec.clone(), seen));
                     }
                     (PLAIN / seen.plain.max(1e-6)).clamp(1.0 / STRIDE, STRIDE)

@@ -10,6 +10,7 @@ use crate::error::ExplainError;
 use crate::features::{self, RecordingFeatures, Steady, Unused};
 use crate::folded;
 use crate::kinematics;
+use crate::limits;
 use crate::name::{self, Question};
 use crate::ratio;
 use crate::report::Explanation;
@@ -49,6 +50,7 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     }
     let sheet = Train::new(input.bench);
     let mut steps = Vec::new();
+    let mut limits = Vec::new();
     let mut reasons = Vec::new();
     let mut run_ups = Vec::new();
     let mut pick = |all: &'_ [Recording]| -> Vec<usize> {
@@ -65,7 +67,9 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     let (used, used_reference) = (pick(input.recordings), pick(input.reference));
     steps.extend(reasons.iter().map(|r| format!("not judged: {r}")));
     if !run_ups.is_empty() {
-        steps.push(format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", ")));
+        let left_out = format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", "));
+        limits.push(left_out.clone());
+        steps.push(left_out);
     }
     if used.is_empty() {
         if reasons.is_empty() {
@@ -89,19 +93,46 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     };
     let train = Train::new(&bench);
     let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
+    // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
+    let strangers: Vec<Option<String>> = steady
+        .iter()
+        .zip(&fields)
+        .zip(&speeds)
+        .map(|((s, field), speed)| kinematics::stranger(&bench, &train, &sheet, s, field, speed))
+        .collect();
+    let judged = strangers[..used.len()].iter().filter(|s| s.is_none()).count();
+    reasons.extend(strangers.iter().flatten().cloned());
+    limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
+    if judged == 0 {
+        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
     let mut all: Vec<RecordingFeatures> = Vec::with_capacity(steady.len());
+    let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
+    let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
     for (s, speed) in steady.iter().zip(&speeds) {
         progress(&format!("lines of {}", s.recording.name));
         all.push(features::read(&mut transforms, &bench, &train, s, speed.input_hz, speed.score));
     }
     let ratios = ratio::ratios(&steady, &all, &train);
     progress("lines folded about half the sample rate");
-    let folded = folded::scan(&mut transforms, &steady, &all, used.len());
-    let references = all.split_off(used.len());
+    let folded = folded::scan(&mut transforms, &steady, &all, judged);
+    let references = all.split_off(judged);
+    limits.extend(limits::settings(&all));
+    limits.extend(limits::overloads(&all));
+    let sensors: Vec<String> = bench.sensors.iter().map(|s| s.name.clone()).collect();
+    limits.extend(steady.iter().flat_map(|s| limits::dead_channels(s.recording, s, &sensors)));
     progress("comparison");
     let comparison = compare::compare(&all, &references);
     if !input.reference.is_empty() && comparison.pairs.is_empty() {
         steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
+        limits.push(match references.is_empty() {
+            true => "none of the reference recordings can be used: judged without a reference".into(),
+            false => format!(
+                "no reference matches a recording in speed (3 %) and load (5 %), so it was judged without: recorded at {}, the reference at {}",
+                limits::points(&all),
+                limits::points(&references)
+            ),
+        });
     }
     progress("lines that no gear makes");
     let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
@@ -117,6 +148,10 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
         without: input.without,
     };
     let name::Named { explanation, bench: refitted } = name::answer(&question, strange, steps, progress);
+    if !comparison.pairs.is_empty() {
+        limits.extend(limits::not_compared(&explanation));
+    }
+    let explanation = Explanation { limits, ..explanation };
     let mut with_effects = refitted.unwrap_or_else(|| input.bench.clone());
     for effect in &explanation.effects {
         if effect.effect == "wrong_tooth_count" {

@@ -155,6 +155,7 @@ const SHORTEST_REVOLUTIONS: f64 = 20.0;
 pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Result<Steady<'a>, Unused> {
     let bad = |text: String| Err(Unused::Bad(format!("{}: {text}", recording.name)));
     let mut channels = Vec::new();
+    let mut dead = Vec::new();
     let mut rate = f64::NAN;
     for sensor in &bench.sensors {
         let Some((name, channel)) = recording.channels.get_key_value(&sensor.name) else { continue };
@@ -168,6 +169,11 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
         if run.samples.iter().any(|x| !x.is_finite()) {
             return bad(format!("channel {} holds samples that are not numbers", sensor.name));
         }
+        // A cable that is off is no vibration; the other channels may still be judged.
+        if 2 * integrity::frozen(&run.samples) > run.samples.len() {
+            dead.push(sensor.name.as_str());
+            continue;
+        }
         let expected = bench.acquisition.sample_rate_hz;
         if (channel.sample_rate_hz / expected - 1.0).abs() > 0.01 {
             return bad(format!(
@@ -177,6 +183,9 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
         }
         rate = channel.sample_rate_hz;
         channels.push((name.as_str(), &*channel.unit, run));
+    }
+    if channels.is_empty() && !dead.is_empty() {
+        return bad(format!("channel {} stands still for most of it; check cable and supply", dead.join(", ")));
     }
     if channels.is_empty() {
         let found: Vec<&str> = recording.channels.keys().map(String::as_str).collect();

@@ -28,6 +28,102 @@ const TEETH_LINES: usize = 8;
 /// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
 const APART_BINS: f64 = 6.0;
 
+/// Mean log excess of the comb below which it meets no lines: the best of some hundred speeds on noise alone reaches 1.3.
+const LEAST_COMB: f64 = 1.6;
+/// Mesh lines are those of another pinion where its comb gains so much over the bench's own, which is itself no better than so much above the upper
+/// quartile of all teeth: any integer comb meets the orders of a pitch error, and a mesh stands out from them.
+const OTHER_BENCH: f64 = 1.0;
+const NO_MESH: f64 = 0.5;
+/// The same gain of the bench's own comb at another speed.
+const OTHER_SPEED: f64 = 2.0;
+/// Teeth that are tried.
+const TRIED_TEETH: std::ops::RangeInclusive<u32> = 10..=140;
+
+/// Why a recording is not of this bench at the speed that is stated, if it is not; `train` may have a tooth number that the sheet has not.
+pub fn stranger(
+    bench: &Bench,
+    train: &Train,
+    sheet: &Train,
+    steady: &Steady<'_>,
+    field: &CombField,
+    speed: &Speed,
+) -> Option<String> {
+    let name = &steady.recording.name;
+    if speed.score < LEAST_COMB {
+        let tacho = steady.tacho_angle(train).map(|t| t.1);
+        let (low, high) = range(bench, train, steady, tacho);
+        let from = match (tacho, steady.display_motor_hz.is_finite()) {
+            (Some(_), _) => "the tacho",
+            (None, true) => "the stated motor speed",
+            (None, false) => "the nominal motor speed, none being stated,",
+        };
+        let expected: Vec<String> = train
+            .stages
+            .iter()
+            .map(|s| format!("{} at {:.1} to {:.1} Hz", s.name, s.mesh_order * low, s.mesh_order * high))
+            .collect();
+        return Some(format!(
+            "{name}: no mesh lines of this bench where {from} puts them ({}): {:.1} nats a line, noise alone reaches {LEAST_COMB}; correct speed, tacho or bench file",
+            expected.join(", "),
+            speed.score
+        ));
+    }
+    if steady.tacho_angle(train).is_none()
+        && let Some(hz) = other_speed(sheet, field, speed)
+    {
+        let said = if steady.display_motor_hz.is_finite() {
+            "that are stated"
+        } else {
+            "of the nominal speed, none being stated"
+        };
+        return Some(format!(
+            "{name}: its mesh lines are those of {hz:.2} Hz at the input shaft, not of the {:.2} Hz {said}; correct the speed or the bench file",
+            speed.input_hz
+        ));
+    }
+    let (low, high) = (speed.input_hz * (1.0 - 1e-3), speed.input_hz * (1.0 + 1e-3));
+    let comb = |order: f64| -> Vec<f64> { (1..=5).map(|h| order * f64::from(h)).collect() };
+    for (stage, kinematics) in bench.stages.iter().zip(&train.stages) {
+        let own = field.search(&comb(kinematics.mesh_order), low, high).1;
+        let mut others: Vec<(f64, u32)> = Vec::new();
+        for teeth in TRIED_TEETH {
+            let order = kinematics.pinion_order * f64::from(teeth);
+            // Combs that share lines with a mesh of the bench say nothing.
+            let shares = train.stages.iter().any(|s| {
+                let ratio = |a: u8, b: u8| order * f64::from(a) / (s.mesh_order * f64::from(b));
+                (1..=5).any(|a| (1..=5).any(|b| (ratio(a, b) - 1.0).abs() < 2e-3))
+            });
+            if !shares {
+                others.push((field.search(&comb(order), low, high).1, teeth));
+            }
+        }
+        others.sort_by(|a, b| b.0.total_cmp(&a.0));
+        if let (Some(best), Some(usual)) = (others.first(), others.get(others.len() / 4))
+            && best.0 > own + OTHER_BENCH
+            && own < usual.0 + NO_MESH
+        {
+            return Some(format!(
+                "{name}: its mesh lines are those of {} teeth on the pinion of {}, the bench file says {}: another bench, or a wrong tooth number",
+                best.1, stage.name, stage.pinion.teeth
+            ));
+        }
+    }
+    None
+}
+
+/// A speed far off at which the sheet's comb meets lines that are far higher.
+fn other_speed(sheet: &Train, field: &CombField, speed: &Speed) -> Option<f64> {
+    let orders = features::comb_orders(sheet);
+    let (hz, score) = [(0.33, 0.95), (1.05, 3.0)]
+        .map(|(low, high)| field.search(&orders, low * speed.input_hz, high * speed.input_hz))
+        .into_iter()
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // At simple ratios harmonics meet each other's lines.
+    let simple =
+        (1..=5).any(|a| (1..=5).any(|b| (hz / speed.input_hz * f64::from(a) / f64::from(b) - 1.0).abs() < 5e-3));
+    (score > speed.score + OTHER_SPEED && !simple).then_some(hz)
+}
+
 /// A gear with other teeth than the bench file says.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OtherTeeth {

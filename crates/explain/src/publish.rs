@@ -29,7 +29,7 @@ pub fn publish(
             advice.push(subname::advice(q, f.effect, &f.place, other, place));
         }
     }
-    if q.references.is_empty() {
+    if q.comparison.pairs.is_empty() {
         advice.push(
             "record the same operating points again after any change, with sensors and mounting untouched: against such a reference, \
              changes of a few per cent can be named; without it only what no healthy gear makes"
@@ -63,6 +63,7 @@ pub fn publish(
         p_null: None,
         latent_force: None,
         advice,
+        limits: Vec::new(),
         steps,
     }
 }

@@ -33,6 +33,9 @@ pub struct Explanation {
     pub latent_force: Option<LatentForce>,
     /// What to record next, and why.
     pub advice: Vec<String>,
+    /// What these recordings keep from being told: settings that are missing, channels and recordings that could not be used.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub limits: Vec<String>,
     /// What was found on the way, in order: data, calibration, tests.
     pub steps: Vec<String>,
 }

@@ -25,6 +25,9 @@ pub struct Scenario {
     /// Brake torque (N m): a number, or points `[time in s, torque]`; the bench's nominal one where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake_torque_nm: Option<Course>,
+    /// White noise of the machine at all sensors, ahead of their paths: standard deviation a sample (m/s²); the 4 mm/s² of a quiet one where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub background_m_per_s2: Option<f64>,
     /// Effects that set in under way.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<Event>,
@@ -99,6 +102,7 @@ impl Default for Scenario {
             duration_s: None,
             motor_speed_hz: None,
             brake_torque_nm: None,
+            background_m_per_s2: None,
             events: Vec::new(),
             sensor_faults: Vec::new(),
         }
@@ -152,6 +156,9 @@ impl Scenario {
         }
         if self.duration_s.is_some_and(|d| !(d.is_finite() && d > 0.0)) {
             out.push(format!("duration_s is {}; expected a number above 0 s", self.duration_s.unwrap_or_default()));
+        }
+        if let Some(b) = self.background_m_per_s2.filter(|b| !(b.is_finite() && *b >= 0.0)) {
+            out.push(format!("background_m_per_s2 is {b}; expected 0 m/s² or more"));
         }
         for (name, course) in [("motor_speed_hz", &self.motor_speed_hz), ("brake_torque_nm", &self.brake_torque_nm)] {
             if course.as_ref().is_some_and(|c| c.profile().is_none()) {

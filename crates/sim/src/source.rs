@@ -342,6 +342,9 @@ fn make_setup(config: &SimConfig, events: &[Option<EffectSpec>]) -> Result<SimSe
     let mut setup = effects::setup(&config.bench, &further)?;
     // The clock is one for the whole recording.
     setup.bench.acquisition = config.bench.acquisition.clone();
+    if let Some(background) = config.scenario.background_m_per_s2 {
+        setup.sensors.iter_mut().for_each(|sensor| sensor.background_m_per_s2 = background);
+    }
     Ok(setup)
 }
 

@@ -6,16 +6,19 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 use gearwatch_core::recording::Recording;
+use gearwatch_core::train::Train;
 use gearwatch_explain::explain::{Input, explain};
 use gearwatch_explain::latent::LatentForce;
-use gearwatch_explain::report::{Explanation, Status};
+use gearwatch_explain::report::Status;
 use gearwatch_io::open::{OpenOptions, read_recording};
 
 use super::Run;
 use crate::exit::Exit;
 
 mod blind;
+mod figures;
 mod report;
+mod summary;
 mod tables;
 
 /// Say where the simulation of a bench and its recordings differ, and which physics was left out
@@ -28,8 +31,10 @@ mod tables;
   gearwatch explain --blind-spots bench.toml
   gearwatch explain --tables simulation.csv experiment.csv
 
-Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json and a
-new bench.toml with the effects in it are written there (and latent_force.csv, where what is left is a force that nothing in the library makes); without, the JSON goes to stdout after the summary on stderr.")]
+Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json, a new
+bench.toml with the effects in it and pictures (SVG) are written there, and latent_force.csv where what is left is a force that nothing in
+the library makes; without, the JSON goes to stdout after the summary on stderr.
+Exit: 0 consistent, 1 something is left out (named or not), 3 nothing could be judged.")]
 pub struct Explain {
     /// The bench file
     #[arg(required_unless_present = "tables")]
@@ -47,9 +52,12 @@ pub struct Explain {
     /// Recordings of the same bench before, or folders of them
     #[arg(long, num_args = 1..)]
     reference: Vec<PathBuf>,
-    /// Folder for explanation.json and bench.toml
+    /// Folder for explanation.json, bench.toml and pictures
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Print every step that led to the answer; explanation.json has them in any case
+    #[arg(long)]
+    steps: bool,
     /// Also write a report: one HTML file with pictures, for a browser
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
@@ -64,46 +72,63 @@ impl Run for Explain {
         }
         let Some(bench_file) = &self.bench else { bail!("no bench file is given") };
         let bench = gearwatch_io::bench_file::read(bench_file)?;
-        let recordings = load(&self.recordings)?;
+        for spec in &bench.effects {
+            gearwatch_sim::effects::resolve(spec, &bench).with_context(|| bench_file.display().to_string())?;
+        }
+        let (mut recording_files, reference_files) = (files_of(&self.recordings)?, files_of(&self.reference)?);
+        // Which recording is held out must not depend on the order in which they are named.
+        recording_files.sort();
+        apart(&recording_files, &reference_files)?;
+        if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !out.is_dir()) {
+            bail!("{}: expected a folder for the answer, found a file", out.display());
+        }
+        let recordings = load(&recording_files)?;
         if self.blind_spots {
             return blind::run(&bench, &recordings);
         }
-        let reference = load(&self.reference)?;
+        let reference = load(&reference_files)?;
         let talk = std::io::stderr().is_terminal();
         let mut progress = |step: &str| {
             if talk {
                 // Progress is a courtesy; a closed terminal is not an error.
-                let _ = writeln!(std::io::stderr(), "  {step}");
+                let _ = writeln!(std::io::stderr(), "  {step} …");
             }
         };
         let answer = explain(
             &Input { bench: &bench, recordings: &recordings, reference: &reference, without: &[] },
             &mut progress,
         )?;
-        let mut json = serde_json::to_string_pretty(&answer.explanation)?;
+        let e = &answer.explanation;
+        let mut json = serde_json::to_string_pretty(e)?;
         json.push('\n');
         if let Some(out) = &self.out {
             std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
-            write(&out.join("explanation.json"), &json)?;
-            write(&out.join("bench.toml"), &toml::to_string(&answer.bench)?)?;
-            if let Some(force) = &answer.explanation.latent_force {
-                write(&out.join("latent_force.csv"), &table_of(force))?;
+            let (explanation, model) = (out.join("explanation.json"), out.join("bench.toml"));
+            write(&explanation, &json)?;
+            write(&model, &gearwatch_io::bench_file::to_toml(&answer.bench)?)?;
+            let mut written = vec![explanation, model];
+            if let Some(force) = &e.latent_force {
+                let path = out.join("latent_force.csv");
+                write(&path, &table_of(force))?;
+                written.push(path);
             }
+            written.extend(figures::write(out, &Train::new(&answer.bench), e, &recordings, &reference)?);
             let mut stdout = std::io::stdout().lock();
-            summary(&mut stdout, &answer.explanation).context("stdout")?;
-            writeln!(stdout, "written: {}", out.join("explanation.json").display()).context("stdout")?;
+            summary::print(&mut stdout, &bench.name, e, self.steps).context("stdout")?;
+            let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
+            writeln!(stdout, "\n  written   {}", written.join("\n            ")).context("stdout")?;
         } else {
-            summary(&mut std::io::stderr().lock(), &answer.explanation).context("stderr")?;
+            summary::print(&mut std::io::stderr().lock(), &bench.name, e, self.steps).context("stderr")?;
             std::io::stdout().lock().write_all(json.as_bytes()).context("stdout")?;
         }
         if let Some(path) = &self.report {
             let mut files = vec![("bench".to_owned(), bench_file.clone())];
-            for (what, paths) in [("recording", &self.recordings), ("reference", &self.reference)] {
-                files.extend(files_of(paths)?.into_iter().map(|file| (what.to_owned(), file)));
+            for (what, paths) in [("recording", &recording_files), ("reference", &reference_files)] {
+                files.extend(paths.iter().map(|file| (what.to_owned(), file.clone())));
             }
-            write(path, &report::page(&bench.name, &answer.explanation, &files)?)?;
+            write(path, &report::page(&bench.name, e, &files)?)?;
         }
-        Ok(match answer.explanation.status {
+        Ok(match e.status {
             Status::Consistent => Exit::Ok,
             Status::Explained | Status::Ambiguous | Status::Unexplained => Exit::Warning,
         })
@@ -124,9 +149,22 @@ fn table_of(f: &LatentForce) -> String {
     text
 }
 
-fn load(paths: &[PathBuf]) -> anyhow::Result<Vec<Recording>> {
-    let files = files_of(paths)?;
+fn load(files: &[PathBuf]) -> anyhow::Result<Vec<Recording>> {
     files.iter().map(|file| read_recording(file, &OpenOptions::default()).map_err(anyhow::Error::from)).collect()
+}
+
+/// A file cannot be the recording and what it is compared with.
+fn apart(recordings: &[PathBuf], references: &[PathBuf]) -> anyhow::Result<()> {
+    for file in references.iter().filter(|file| file.exists()) {
+        let whole = file.canonicalize().with_context(|| format!("{} cannot be read", file.display()))?;
+        if recordings.iter().any(|other| other.canonicalize().is_ok_and(|other| other == whole)) {
+            bail!(
+                "{} is given as a recording and as its own reference; a reference is another recording, made before",
+                file.display()
+            );
+        }
+    }
+    Ok(())
 }
 
 /// All files of recordings behind paths; folders are taken in the order of their file names.
@@ -153,75 +191,4 @@ fn files_of(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         files.extend(inside);
     }
     Ok(files)
-}
-
-/// What, where, how sure, how much better, what to record next.
-fn summary(out: &mut dyn Write, e: &Explanation) -> std::io::Result<()> {
-    match e.status {
-        Status::Consistent => writeln!(out, "consistent: nothing beyond noise, repetition and the usual tolerances")?,
-        Status::Unexplained => {
-            writeln!(out, "unexplained: there is a mismatch, and nothing in the library accounts for it")?;
-        }
-        Status::Explained | Status::Ambiguous => writeln!(out, "{}:", e.status.code())?,
-    }
-    for effect in &e.effects {
-        writeln!(out, "  {} at {}, probability {:.0} %", effect.effect, effect.place, 100.0 * effect.probability)?;
-        for (name, p) in &effect.parameters {
-            writeln!(out, "      {name} = {:.4} ± {:.2}", p.value(), p.sigma())?;
-        }
-        for (kind, text) in [
-            ("where", &effect.evidence.place),
-            ("law", &effect.evidence.law),
-            ("support", &effect.evidence.support),
-            ("shape", &effect.evidence.shape),
-        ] {
-            if !text.is_empty() {
-                writeln!(out, "      {kind}: {text}")?;
-            }
-        }
-        for other in &effect.indistinguishable_from {
-            writeln!(out, "      not told apart from {} at {}", other.effect, other.place)?;
-        }
-    }
-    if let Some(f) = &e.latent_force {
-        let largest = f.force.iter().map(|v| v.abs()).fold(0.0, f64::max);
-        writeln!(
-            out,
-            "  a force of up to {largest:.3} ± {:.2} {} that repeats every {:.4} revolutions of the input shaft accounts for it ({})",
-            f.sigma.first().copied().unwrap_or(f64::NAN),
-            f.unit,
-            f.period_rev,
-            f.recording
-        )?;
-        for (what, exponent) in [("torque", f.load_exponent), ("speed", f.speed_exponent)] {
-            if let Some(p) = exponent {
-                writeln!(out, "      amplitude ∝ {what}^{p:.2}")?;
-            }
-        }
-        writeln!(out, "      with this period: {}", f.period_of.join("; "))?;
-    }
-    if let Some(fit) = &e.fit {
-        writeln!(
-            out,
-            "fit, held out {}: {:.2} before, {:.2} after ({:.2} is repetition)",
-            fit.held_out.join(", "),
-            fit.held_out_before,
-            fit.held_out_after,
-            fit.noise_floor
-        )?;
-    }
-    for m in e.mismatch.iter().take(5) {
-        writeln!(
-            out,
-            "  {} {}: {} at {:.1} Hz, {:.4} where {:.4} was, {:+.1} sigma",
-            m.recording, m.channel, m.what, m.frequency_hz, m.measured, m.modelled, m.z
-        )?;
-    }
-    for step in &e.steps {
-        writeln!(out, "  - {step}")?;
-    }
-    for text in &e.advice {
-        writeln!(out, "next: {text}")?;
-    }
-    Ok(())
 }

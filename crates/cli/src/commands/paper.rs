@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::Run;
 use crate::exit::Exit;
-use crate::format::Format;
+use crate::format::{Format, wrapped};
 
 /// Recompute the tables of the rank paper, mark its misprints, and say what its experiment proves
 #[derive(Args)]
@@ -186,22 +186,4 @@ const fn model_name(model: Model) -> &'static str {
         Model::Rectified => "rectified: normal amplitude × (1 + |simulated deviation|)",
         Model::CorrectedPath => "linear path after changes to single signs and rows",
     }
-}
-
-/// Breaks a text into lines of at most this many characters.
-fn wrapped(text: &str, width: usize) -> Vec<String> {
-    let mut lines = vec![String::new()];
-    for word in text.split_whitespace() {
-        let line = lines.last().map_or(0, |line| line.chars().count());
-        if line > 0 && line + 1 + word.chars().count() > width {
-            lines.push(String::new());
-        }
-        if let Some(line) = lines.last_mut() {
-            if !line.is_empty() {
-                line.push(' ');
-            }
-            line.push_str(word);
-        }
-    }
-    lines
 }

@@ -30,6 +30,7 @@ const DEFAULT_DURATION_S: f64 = 10.0;
   gearwatch simulate bench.toml --effect tooth_breakage@stage1.pinion:fraction=0.6 -o broken.mcap
   gearwatch simulate bench.toml --effect eccentricity@stage1.wheel:runout_um=30 --effect unbalance@input \\
       --speed 20 --torque 40 --seed 7 -o out.mcap --plot out.svg
+  gearwatch simulate paper-rig --background 0.2 -o noisy.mcap
   gearwatch simulate single-pair --scenario run-up.toml -o run-up.mcap --plot run-up.html
 
 Benches that come with the program: single-pair, paper-rig, spectraquest-like.
@@ -49,6 +50,9 @@ pub struct Simulate {
     /// Length (s); the scenario's, or 10 s
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
+    /// White noise of the machine at every sensor (m/s², standard deviation a sample); the scenario's, or the 0.004 of a quiet one
+    #[arg(long, value_name = "M_PER_S2")]
+    background: Option<f64>,
     /// Draws tooth positions, noise and jitter; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -124,6 +128,7 @@ impl Simulate {
         if let Some(nm) = self.torque {
             scenario.brake_torque_nm = Some(Course::Constant(nm));
         }
+        scenario.background_m_per_s2 = self.background.or(scenario.background_m_per_s2);
         scenario.duration_s = Some(self.duration.or(scenario.duration_s).unwrap_or(DEFAULT_DURATION_S));
         Ok(SimConfig { bench, effects, scenario, seed: self.seed, t0: START_NS })
     }

@@ -57,14 +57,7 @@ impl Default for Simulator {
 impl Simulator {
     fn scenario(&self, context: &SourceContext) -> Result<Scenario, SourceError> {
         let mut scenario = match &self.scenario {
-            None => Scenario {
-                format: scenario::FORMAT.to_owned(),
-                duration_s: None,
-                motor_speed_hz: None,
-                brake_torque_nm: None,
-                events: Vec::new(),
-                sensor_faults: Vec::new(),
-            },
+            None => Scenario::default(),
             Some(ScenarioKey::Table(scenario)) => (**scenario).clone(),
             Some(ScenarioKey::File(path)) => {
                 let path = context.resolve(path);

@@ -14,6 +14,9 @@ const MOST_LINES: usize = 40;
 pub(super) fn page(bench: &str, e: &Explanation, files: &[(String, PathBuf)]) -> anyhow::Result<String> {
     let mut sections = vec![effects(e)];
     sections.extend(e.latent_force.as_ref().map(latent));
+    if !e.limits.is_empty() {
+        sections.push(Section { heading: "Limits of the judgement".into(), parts: vec![Part::List(e.limits.clone())] });
+    }
     sections.extend(e.fit.as_ref().map(fit));
     sections.push(mismatch(&e.mismatch));
     sections.push(Section { heading: "How it was found".into(), parts: vec![Part::List(e.steps.clone())] });
@@ -92,8 +95,7 @@ fn effect(effect: &NamedEffect) -> Vec<Part> {
             .map(|other| format!("not told apart from {} at {}", other.effect, other.place)),
     );
     let rows = effect.parameters.iter().map(|(name, p)| {
-        // Two digits of the uncertainty say all that is known.
-        let decimals = (1.0 - p.sigma().log10().floor()).clamp(0.0, 6.0) as usize;
+        let decimals = super::summary::decimals(p.sigma());
         let cell = |value: f64| Cell::from(format!("{value:.decimals$}"));
         vec![Cell::from(name.as_str()), cell(p.value()), cell(p.sigma())]
     });
@@ -108,8 +110,13 @@ fn effect(effect: &NamedEffect) -> Vec<Part> {
 }
 
 fn fit(fit: &Fit) -> Section {
+    Section { heading: "Before and after".into(), parts: vec![Part::Chart(fit_chart(fit))] }
+}
+
+/// Misfit without and with what was named.
+pub(super) fn fit_chart(fit: &Fit) -> Chart {
     let no_sigma = |value: f64| (value, f64::NAN);
-    let chart = Chart::Bars(Bars {
+    Chart::Bars(Bars {
         caption: format!("{}. Held out: {}", fit.metric, fit.held_out.join(", ")),
         y_label: "misfit".into(),
         groups: vec!["fitted".into(), "held out".into()],
@@ -119,8 +126,7 @@ fn fit(fit: &Fit) -> Section {
             ("repetition alone".into(), vec![no_sigma(fit.noise_floor), no_sigma(fit.noise_floor)]),
         ],
         limits: Vec::new(),
-    });
-    Section { heading: "Before and after".into(), parts: vec![Part::Chart(chart)] }
+    })
 }
 
 /// The force that nobody named, over its turn.
@@ -147,11 +153,8 @@ fn latent(f: &LatentForce) -> Section {
     Section { heading: "What is left".into(), parts: vec![Part::Chart(chart), Part::List(list)] }
 }
 
-fn mismatch(all: &[Mismatch]) -> Section {
-    if all.is_empty() {
-        let text = "No line differs beyond noise and calibration.";
-        return Section { heading: "Where they differ".into(), parts: vec![Part::Text(text.into())] };
-    }
+/// Where the lines differ, by frequency.
+pub(super) fn mismatch_chart(all: &[Mismatch]) -> Chart {
     // A stem a line: up to its height and back.
     let mut stems: BTreeMap<&str, Vec<&Mismatch>> = BTreeMap::new();
     for line in all {
@@ -162,14 +165,21 @@ fn mismatch(all: &[Mismatch]) -> Section {
         let points = lines.iter().flat_map(|m| [(m.frequency_hz, 0.0), (m.frequency_hz, m.z), (m.frequency_hz, 0.0)]);
         Series { name: channel.to_owned(), points: points.collect() }
     });
-    let chart = Chart::Lines(Lines {
+    Chart::Lines(Lines {
         caption: "Measured minus modelled, in standard deviations, all recordings".into(),
         x_label: "frequency (Hz)".into(),
         y_label: "difference / sigma".into(),
         log_y: false,
         series: series.collect(),
         marks: Vec::new(),
-    });
+    })
+}
+
+fn mismatch(all: &[Mismatch]) -> Section {
+    if all.is_empty() {
+        let text = "No line differs beyond noise and calibration.";
+        return Section { heading: "Where they differ".into(), parts: vec![Part::Text(text.into())] };
+    }
     let rows = all.iter().take(MOST_LINES).map(|m| {
         vec![
             Cell::from(m.recording.as_str()),
@@ -190,5 +200,5 @@ fn mismatch(all: &[Mismatch]) -> Section {
         head: head.map(str::to_owned).to_vec(),
         rows: rows.collect(),
     };
-    Section { heading: "Where they differ".into(), parts: vec![Part::Chart(chart), Part::Table(table)] }
+    Section { heading: "Where they differ".into(), parts: vec![Part::Chart(mismatch_chart(all)), Part::Table(table)] }
 }

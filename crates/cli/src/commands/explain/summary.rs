@@ -1,0 +1,148 @@
+//! The answer for a person at a terminal: what, where, how sure, how much better, what to record next.
+
+use std::io::{self, Write};
+
+use gearwatch_explain::latent::LatentForce;
+use gearwatch_explain::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
+
+use crate::format::wrapped;
+
+/// Widest line.
+const WIDTH: usize = 110;
+/// Column at which texts begin.
+const INDENT: usize = 12;
+/// Lines that differ most, listed.
+const LISTED: usize = 5;
+
+/// Prints the answer; with `steps` also how it was found.
+pub fn print(out: &mut dyn Write, bench: &str, e: &Explanation, steps: bool) -> io::Result<()> {
+    writeln!(out, "{bench}: {}", e.status.code())?;
+    let sentence = match e.status {
+        Status::Consistent => "nothing is missing beyond noise, repetition and the usual tolerances",
+        Status::Explained => "recordings and model differ, and this accounts for it",
+        Status::Ambiguous => "recordings and model differ; these recordings leave several explanations",
+        Status::Unexplained => "recordings and model differ, and nothing in the library accounts for it",
+    };
+    entry(out, "", sentence)?;
+    for limit in &e.limits {
+        entry(out, "limit", limit)?;
+    }
+    for named in &e.effects {
+        writeln!(out)?;
+        effect(out, named)?;
+    }
+    if let Some(f) = &e.latent_force {
+        writeln!(out)?;
+        latent(out, f)?;
+    }
+    if let Some(fit) = &e.fit {
+        writeln!(out)?;
+        entry(out, "held out", &held_out(fit))?;
+    }
+    if !e.mismatch.is_empty() {
+        writeln!(out)?;
+        differences(out, &e.mismatch)?;
+    }
+    if !e.advice.is_empty() {
+        writeln!(out)?;
+        for (n, text) in e.advice.iter().enumerate() {
+            entry(out, if n == 0 { "next" } else { "" }, text)?;
+        }
+    }
+    if steps {
+        writeln!(out)?;
+        for (n, text) in e.steps.iter().enumerate() {
+            entry(out, if n == 0 { "steps" } else { "" }, text)?;
+        }
+    }
+    Ok(())
+}
+
+/// A name and a text beside it, broken into lines.
+fn entry(out: &mut dyn Write, name: &str, text: &str) -> io::Result<()> {
+    for (n, line) in wrapped(text, WIDTH - INDENT).iter().enumerate() {
+        writeln!(out, "  {:<width$}{line}", if n == 0 { name } else { "" }, width = INDENT - 2)?;
+    }
+    Ok(())
+}
+
+fn effect(out: &mut dyn Write, named: &NamedEffect) -> io::Result<()> {
+    entry(out, "what", &format!("{} at {}", named.effect, named.place))?;
+    let others: Vec<String> =
+        named.indistinguishable_from.iter().map(|other| format!("{} at {}", other.effect, other.place)).collect();
+    let apart = if others.is_empty() { String::new() } else { format!("; not told apart from {}", others.join(", ")) };
+    entry(out, "how sure", &format!("{:.0} %{apart}", 100.0 * named.probability))?;
+    let sizes: Vec<String> = named
+        .parameters
+        .iter()
+        .map(|(name, p)| {
+            let decimals = decimals(p.sigma());
+            format!("{name} = {:.decimals$} ± {:.decimals$}", p.value(), p.sigma())
+        })
+        .collect();
+    let evidence = &named.evidence;
+    for (kind, text) in [
+        ("size", sizes.join(", ").as_str()),
+        ("where", &evidence.place),
+        ("law", &evidence.law),
+        ("support", &evidence.support),
+        ("shape", &evidence.shape),
+    ] {
+        if !text.is_empty() {
+            entry(out, kind, text)?;
+        }
+    }
+    Ok(())
+}
+
+/// The force that nobody named.
+fn latent(out: &mut dyn Write, f: &LatentForce) -> io::Result<()> {
+    let largest = f.force.iter().map(|v| v.abs()).fold(0.0, f64::max);
+    let sigma = f.sigma.first().copied().unwrap_or(f64::NAN);
+    let text = format!(
+        "a force of up to {largest:.3} ± {sigma:.2} {} that repeats every {:.4} revolutions of the input shaft accounts for it ({})",
+        f.unit, f.period_rev, f.recording
+    );
+    entry(out, "left over", &text)?;
+    for (what, exponent) in [("torque", f.load_exponent), ("speed", f.speed_exponent)] {
+        if let Some(p) = exponent {
+            entry(out, "", &format!("amplitude ∝ {what}^{p:.2}"))?;
+        }
+    }
+    entry(out, "", &format!("with this period: {}", f.period_of.join("; ")))
+}
+
+/// Decimals with which a number is printed: two digits of its uncertainty say all that is known.
+pub fn decimals(sigma: f64) -> usize {
+    if sigma > 0.0 { (1.0 - sigma.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 }
+}
+
+fn held_out(fit: &Fit) -> String {
+    let (before, after) = (fit.held_out_before, fit.held_out_after);
+    let gain =
+        if after < before { format!("{:.0} % less", 100.0 * (1.0 - after / before)) } else { "no better".into() };
+    format!(
+        "misfit of {}, which took no part in it: {before:.2} without, {after:.2} with, {gain} (repetition alone: {:.2})",
+        fit.held_out.join(", "),
+        fit.noise_floor
+    )
+}
+
+fn differences(out: &mut dyn Write, all: &[Mismatch]) -> io::Result<()> {
+    let places: Vec<String> =
+        all.iter().take(LISTED).map(|m| format!("{} {} {}", m.recording, m.channel, m.what)).collect();
+    let width = places.iter().map(|p| p.chars().count()).max().unwrap_or(0);
+    writeln!(
+        out,
+        "  {:<width$}  {:>9} {:>10} {:>10} {:>8}",
+        "they differ most at", "Hz", "measured", "before", "sigma"
+    )?;
+    for (place, m) in places.iter().zip(all) {
+        writeln!(
+            out,
+            "  {place:<width$}  {:>9.1} {:>10.4} {:>10.4} {:>+8.1}",
+            m.frequency_hz, m.measured, m.modelled, m.z
+        )?;
+    }
+    Ok(())
+}
