@@ -51,7 +51,7 @@ pub fn stranger(
     let name = &steady.recording.name;
     if speed.score < LEAST_COMB {
         let tacho = steady.tacho_angle(train).map(|t| t.1);
-        let (low, high) = range(bench, train, steady, tacho);
+        let (low, high) = range(bench, train, steady, tacho, TACHO_REACH);
         let from = match (tacho, steady.display_motor_hz.is_finite()) {
             (Some(_), _) => "the tacho",
             (None, true) => "the stated motor speed",
