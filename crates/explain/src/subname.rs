@@ -242,10 +242,14 @@ fn from_shape(
     for (_, r) in kept.iter().skip(1).take(IN_SET).filter(|k| k.0 > top + SET_SHARE.ln()) {
         f.alternatives.push((r.effect, r.place.clone()));
     }
-    f.evidence.shape = format!(
-        "of {compared} effects at this place the simulator's signature of this one, fitted together with the bench's own numbers, agrees best, {:.1} nats before the next",
-        kept.get(1).map_or(0.0, |k| top - k.0)
-    );
+    f.evidence.shape = match kept.get(1) {
+        Some(next) => format!(
+            "of {compared} effects at this place the simulator's signature of this one, fitted together with the bench's own numbers, agrees best, \
+             {:.1} nats before the next",
+            top - next.0
+        ),
+        None => "no other effect at this place agrees well enough to be compared with it".to_owned(),
+    };
     Some(f)
 }
 
