@@ -13,11 +13,6 @@ const BELIEVED_WIDE: f64 = 9.0;
 /// The same of the first order of one shaft: unchanged benches gain 2 at most, with lines a little over twice as large inside as outside.
 const BELIEVED_ORDERS: f64 = 4.0;
 const ORDERS_STAND_OUT: f64 = 2.5;
-/// The same of one higher order with few lines: a ripple may show in nothing but the order itself. On unchanged benches such lines
-/// change up to 9 times as much as the others, and gain 6 at most.
-const BELIEVED_FEW: f64 = 7.0;
-const FEW: usize = 16;
-const FEW_STAND_OUT: f64 = 10.0;
 /// Gains of the best mask on 35 unchanged benches of `gearwatch prove` (seeds 501 and 777), the yardstick of [`p_null`].
 const NULL_GAINS: [f64; 35] = [
     -0.44, -0.35, -0.33, -0.31, -0.25, -0.15, -0.13, -0.11, -0.10, -0.07, -0.06, 0.06, 0.12, 0.13, 0.23, 0.48, 0.91,
@@ -186,9 +181,6 @@ fn believed(m: &Mask, later: bool, tooth_found: bool) -> bool {
     }
     let threshold = match m.place {
         Place::ShaftOnce(_) if m.inside > ORDERS_STAND_OUT * m.outside => BELIEVED_ORDERS,
-        Place::ShaftOrder(..) | Place::MotorOrder(_) if m.cells <= FEW && m.inside > FEW_STAND_OUT * m.outside => {
-            BELIEVED_FEW
-        }
         p if wide(p) => BELIEVED_WIDE,
         _ => BELIEVED,
     };

@@ -14,6 +14,7 @@ const STANDS_OUT: f64 = 6.0;
 /// of the whole row.
 pub fn shaft_orders(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
     let mut best: Option<(f64, usize, u8)> = None;
+    let mut standing: Vec<(usize, u8, f64)> = Vec::new();
     for j in 0..q.train.shafts.len() {
         let mut rows: Vec<(u8, Vec<f64>)> = (1..=crate::lines::SHAFT_MULTIPLES).map(|k| (k, Vec::new())).collect();
         for r in q.recordings {
@@ -46,12 +47,13 @@ pub fn shaft_orders(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut V
         let mut deviations: Vec<f64> = means.iter().map(|m| m.1.abs()).collect();
         let scale = (1.4826 * median(&mut deviations)).max(0.35);
         for (k, m) in means {
+            standing.push((j, k, m / scale));
             if best.is_none_or(|b| m / scale > b.0) {
                 best = Some((m / scale, j, k));
             }
         }
     }
-    load_law(q, findings, steps);
+    load_law(q, &standing, findings, steps);
     let Some((score, j, k)) = best else { return };
     let name = &q.train.shafts[j].0;
     steps.push(format!("strongest single shaft order: {k}x of {name}, {score:.1} standard scores above its row"));
@@ -63,10 +65,12 @@ pub fn shaft_orders(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut V
 /// Least mean slope, and standard scores above the other orders, at which an order that grows with load is named.
 const GROWS: f64 = 0.6;
 const GROWS_SCORE: f64 = 4.5;
+/// It must stand above its row besides, by so many standard scores: of three dozen slopes the largest is far off by chance alone.
+const GROWS_ABOVE: f64 = 2.5;
 
 /// A shaft order that grows with the torque while its neighbours stay: ripple of a torque. Pitch errors are geometry, and give the same
 /// orders at any load; the path cancels at equal speed.
-fn load_law(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
+fn load_law(q: &Question<'_>, standing: &[(usize, u8, f64)], findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
     let mut slopes: Vec<(usize, u8, f64, usize)> = Vec::new();
     for j in 0..q.train.shafts.len() {
         for k in 1..=crate::lines::SHAFT_MULTIPLES {
@@ -112,7 +116,8 @@ fn load_law(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<Strin
         "load law of shaft orders: torque^{middle:.2} ± {scale:.2}; {}x of {} grows most, torque^{:.2}, {score:.1} standard scores",
         best.1, q.train.shafts[best.0].0, best.2
     ));
-    if best.2 > GROWS && score > GROWS_SCORE && best.1 > 1 {
+    let above = standing.iter().find(|x| (x.0, x.1) == (best.0, best.1)).map_or(0.0, |x| x.2);
+    if best.2 > GROWS && score > GROWS_SCORE && above > GROWS_ABOVE && best.1 > 1 {
         findings.push(crate::subname::ripple(q, best.0, best.1, Some(best.2)));
     }
 }
