@@ -11,6 +11,8 @@ use crate::dsp::{self, LINE_FIT_NOISE_GAIN, MAIN_LOBE_BINS, Transforms, median};
 use crate::integrity::{self, Integrity};
 use crate::lines::{self, Line};
 
+/// Distance of two listed lines from which they are told apart (bins): the joint fit pays for it with ten times the noise of a line alone.
+const SEPARABLE_BINS: f64 = 0.5;
 /// Bins on each side of a line from which its noise is read.
 const NOISE_BINS: usize = 60;
 /// Share of the sample rate up to which lines are used: below the usual anti-alias corner.
@@ -281,16 +283,16 @@ pub fn read(
     let revolutions = (angle[len - 1] - angle[0]) * len as f64 / (len - 1) as f64;
     let input_hz = revolutions * rate / len as f64;
     let start_rev = tacho.as_ref().map_or(0.0, |t| t.0[0]);
-    let lines = lines::of_train(train, bench.belt.is_some(), 1.5 / revolutions);
+    let lines = lines::of_train(train, bench.belt.is_some(), SEPARABLE_BINS / revolutions);
     let taken = occupied(len / 2 + 1, lines.iter().map(|l| l.order * revolutions));
-    let mut combs = taken.clone();
+    let mut of_shafts = taken.clone();
     for (_, order) in &train.shafts {
         // A shaft's whole comb can go where that leaves most bins free.
         let spacing = order * revolutions;
         if spacing > COMB_SPACING {
             let count = ((len / 2) as f64 / spacing) as usize;
             let whole = occupied(len / 2 + 1, (1..=count).map(|m| m as f64 * spacing));
-            combs.iter_mut().zip(whole).for_each(|(a, b)| *a |= b);
+            of_shafts.iter_mut().zip(whole).for_each(|(a, b)| *a |= b);
         }
     }
     let channels = steady
@@ -302,19 +304,28 @@ pub fn read(
             let order_spectrum = dsp::windowed_spectrum(transforms, &angle_signal);
             let highest = USABLE_BAND * rate / input_hz;
             let order_floor = floor_of(&order_spectrum, &taken);
-            let values = fit_lines(&order_spectrum, &order_floor, &lines, revolutions, highest);
+            let combs: Vec<Vec<LineValue>> = train
+                .shafts
+                .iter()
+                .map(|(_, order)| comb(&order_spectrum, &order_floor, order * revolutions, highest * revolutions))
+                .collect();
+            let fit = LineFit {
+                spectrum: &order_spectrum,
+                floor: &order_floor,
+                lines: &lines,
+                shafts: &train.shafts,
+                combs: &combs,
+                revolutions,
+            };
+            let values = fit.all(highest);
             let floor = bands(&order_spectrum, &taken, rate / len as f64, rate);
-            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &combs, &angle);
-            let remainder_floor = floor_of(&remainder, &combs);
+            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &of_shafts, &angle);
+            let remainder_floor = floor_of(&remainder, &of_shafts);
             ChannelFeatures {
                 name: (*name).to_owned(),
                 unit: (*unit).to_owned(),
                 values,
-                combs: train
-                    .shafts
-                    .iter()
-                    .map(|(_, order)| comb(&order_spectrum, &order_floor, order * revolutions, highest * revolutions))
-                    .collect(),
+                combs,
                 floor,
                 order_spectrum,
                 order_floor,
@@ -338,7 +349,7 @@ pub fn read(
         hz_per_bin: rate / len as f64,
         sample_rate_hz: rate,
         lines,
-        taken: combs,
+        taken: of_shafts,
         phase_rev: angle,
         channels,
     }
@@ -422,37 +433,70 @@ fn comb(spectrum: &[Complex64], floor: &[f64], spacing: f64, highest: f64) -> Ve
         .collect()
 }
 
-/// Amplitudes of all lines by least squares over the bins about each, jointly with the lines beside it.
-fn fit_lines(
-    spectrum: &[Complex64],
-    floor: &[f64],
-    lines: &[Line],
+/// What the lines of one spectrum are read from.
+struct LineFit<'a> {
+    spectrum: &'a [Complex64],
+    floor: &'a [f64],
+    lines: &'a [Line],
+    shafts: &'a [(String, f64)],
+    combs: &'a [Vec<LineValue>],
     revolutions: f64,
-    highest_order: f64,
-) -> Vec<Option<LineValue>> {
-    let reach = 2.0 * MAIN_LOBE_BINS as f64;
-    let usable = lines.partition_point(|l| l.order < highest_order);
-    let mut out = vec![None; lines.len()];
-    for i in 0..usable {
-        let position = lines[i].order * revolutions;
-        let bin = position.round() as usize;
-        if bin < 2 * MAIN_LOBE_BINS || bin + 2 * MAIN_LOBE_BINS >= spectrum.len() {
-            continue;
+}
+
+/// Power of a multiple of a shaft that nobody listed over the median of its neighbours on the comb.
+const UNLISTED: f64 = 4.0;
+/// Neighbours on each side.
+const BESIDE: usize = 4;
+
+impl LineFit<'_> {
+    /// Amplitudes of all lines by least squares over the bins about each, jointly with the lines beside it.
+    ///
+    /// Errors of the teeth put a little on every multiple of every shaft. Where such a multiple lies in a line's bins without being listed, it beats with the
+    /// line at a phase that differs from recording to recording; it takes part as a random amplitude of the size that its comb has there, so
+    /// that the line's noise says how far it can be told from it.
+    fn all(&self, highest_order: f64) -> Vec<Option<LineValue>> {
+        let usable = self.lines.partition_point(|l| l.order < highest_order);
+        let mut out = vec![None; self.lines.len()];
+        for (i, slot) in out.iter_mut().enumerate().take(usable) {
+            *slot = self.one(i, usable);
         }
-        let first = lines[..i].iter().rposition(|l| position - l.order * revolutions > reach).map_or(0, |k| k + 1);
-        let last =
-            lines[i..usable].iter().position(|l| l.order * revolutions - position > reach).map_or(usable, |k| i + k);
-        let group: Vec<f64> = lines[first..last].iter().map(|l| l.order * revolutions).collect();
-        let low = bin - MAIN_LOBE_BINS;
-        let high = bin + MAIN_LOBE_BINS;
+        out
+    }
+
+    fn one(&self, i: usize, usable: usize) -> Option<LineValue> {
+        let reach = 2.0 * MAIN_LOBE_BINS as f64;
+        let position = self.lines[i].order * self.revolutions;
+        let bin = position.round() as usize;
+        if bin < 2 * MAIN_LOBE_BINS || bin + 2 * MAIN_LOBE_BINS >= self.spectrum.len() {
+            return None;
+        }
+        let far = |l: &Line| (l.order * self.revolutions - position).abs() > reach;
+        let first = self.lines[..i].iter().rposition(far).map_or(0, |k| k + 1);
+        let last = self.lines[i..usable].iter().position(far).map_or(usable, |k| i + k);
+        let (low, high) = (bin - MAIN_LOBE_BINS, bin + MAIN_LOBE_BINS);
         // Only lines that reach into these bins take part.
-        let members: Vec<f64> = group.into_iter().filter(|p| *p > low as f64 - 3.0 && *p < high as f64 + 3.0).collect();
-        let Some(me) = members.iter().position(|p| (p - position).abs() < 1e-12) else { continue };
+        let reaches = |p: f64| p > low as f64 - 3.0 && p < high as f64 + 3.0;
+        // Positions, and the power of those that are random.
+        let mut members: Vec<(f64, Option<f64>)> = vec![(position, None)];
+        let listed = (first..last).filter(|k| *k != i).map(|k| self.lines[k].order * self.revolutions);
+        members.extend(listed.filter(|p| reaches(*p)).map(|p| (p, None)));
+        for ((_, order), comb) in self.shafts.iter().zip(self.combs) {
+            let spacing = order * self.revolutions;
+            let nearest = (position / spacing).round() as usize;
+            for n in nearest.saturating_sub(BESIDE).max(1)..=nearest + BESIDE {
+                let p = n as f64 * spacing;
+                let same = lines::SAME_LINE * self.revolutions;
+                if reaches(p) && members.iter().all(|m| (m.0 - p).abs() > same) {
+                    members.push((p, Some(usual_power(comb, n))));
+                }
+            }
+        }
         let n = members.len();
         let mut normal = nalgebra::DMatrix::<Complex64>::zeros(n, n);
         let mut right = nalgebra::DVector::<Complex64>::zeros(n);
-        for (k, bin_value) in spectrum.iter().enumerate().take(high + 1).skip(low) {
-            let row: Vec<Complex64> = members.iter().map(|p| dsp::window_response(k as f64 - p)).collect();
+        let mut row = vec![Complex64::ZERO; n];
+        for (k, bin_value) in self.spectrum.iter().enumerate().take(high + 1).skip(low) {
+            row.iter_mut().zip(&members).for_each(|(r, m)| *r = dsp::window_response(k as f64 - m.0));
             for a in 0..n {
                 right[a] += row[a].conj() * bin_value;
                 for b in 0..n {
@@ -460,14 +504,26 @@ fn fit_lines(
                 }
             }
         }
-        let Some(inverse) = normal.try_inverse() else { continue };
-        let amplitude = (&inverse * right)[me];
         // Alone, a line's normal equation is the energy of the window response; crowding raises the variance by this factor.
-        let alone: f64 = (low..=high).map(|k| dsp::window_response(k as f64 - position).norm_sqr()).sum();
-        let crowding = (inverse[(me, me)].re * alone).max(1.0);
-        out[i] = Some(LineValue { amplitude, noise: floor[bin] * LINE_FIT_NOISE_GAIN * crowding });
+        let alone = normal[(0, 0)].re;
+        let noise = self.floor[bin] * LINE_FIT_NOISE_GAIN;
+        for (a, (_, power)) in members.iter().enumerate() {
+            if let Some(power) = power {
+                normal[(a, a)] += noise * alone / power.max(f64::MIN_POSITIVE);
+            }
+        }
+        let inverse = normal.try_inverse()?;
+        let amplitude = (0..n).map(|a| inverse[(0, a)] * right[a]).sum();
+        let crowding = (inverse[(0, 0)].re * alone).max(1.0);
+        Some(LineValue { amplitude, noise: noise * crowding })
     }
-    out
+}
+
+/// Power that a multiple of a shaft usually has where nobody listed it: that of its neighbours.
+fn usual_power(comb: &[LineValue], n: usize) -> f64 {
+    let beside = (n.saturating_sub(BESIDE).max(1)..=n + BESIDE).filter(|k| *k != n);
+    let mut powers: Vec<f64> = beside.filter_map(|k| comb.get(k - 1)).map(|l| l.amplitude.norm_sqr()).collect();
+    if powers.is_empty() { 0.0 } else { UNLISTED * median(&mut powers) }
 }
 
 /// The value below which a quarter lies; `NaN` of nothing. Lines that nobody listed sit in the upper part of a band, its lower quartile

@@ -3,10 +3,11 @@
 use crate::comb::{self, GearChange};
 use crate::name::{Finding, Question};
 
-/// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it needs: changes of all teeth and of
-/// the train's dynamics stay below 0.7.
+/// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it needs in each recording: changes of all teeth and of
+/// the train's dynamics stay below 0.7. A pulse lights the whole comb (22 lines a recording at the faintest, mostly hundreds); a few lines on the skirt of a strong
+/// one advance evenly too.
 const ONE_TOOTH: f64 = 0.9;
-const NEIGHBOURS: usize = 12;
+const NEIGHBOURS: usize = 16;
 /// Above this, one tooth is likelier than errors of all.
 const RATHER_ONE: f64 = 0.6;
 
@@ -39,7 +40,7 @@ pub fn local_faults(q: &Question<'_>, steps: &mut Vec<String>) -> Vec<(usize, us
         let stages: Vec<usize> = (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).collect();
         let Some(&first) = stages.first() else { continue };
         let change = comb::change(q, first, j);
-        if change.coherence > ONE_TOOTH && change.neighbours >= NEIGHBOURS {
+        if change.coherence > ONE_TOOTH && change.neighbours >= NEIGHBOURS * change.aligned {
             // Of two gears on a shaft, the one about whose mesh harmonics the change gathers.
             let near = |i: &usize| comb::change(q, *i, j).near;
             let at = stages.iter().copied().max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or(first);
@@ -61,7 +62,7 @@ pub fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: 
         q.train.shafts[j].0, change.coherence, change.neighbours, change.first
     ));
     let name = gear_name(q, i, j);
-    if change.coherence > RATHER_ONE && change.neighbours >= NEIGHBOURS {
+    if change.coherence > RATHER_ONE && change.neighbours >= NEIGHBOURS * change.aligned {
         let mut f = one_tooth(name.clone(), 0.6, &change);
         f.alternatives.push(("pitch_error", name));
         return f;

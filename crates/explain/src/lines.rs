@@ -57,6 +57,9 @@ pub const SHAFT_MULTIPLES: u8 = 12;
 /// Multiples of the motor's speed.
 pub const MOTOR_MULTIPLES: u8 = 6;
 
+/// Orders that differ by less are one line: whole multiples of one shaft's revolution, up to rounding.
+pub const SAME_LINE: f64 = 1e-7;
+
 /// All lines of a train, ascending; of lines closer than `resolution` (orders) only the most likely owner stays.
 pub fn of_train(train: &Train, has_belt: bool, resolution: f64) -> Vec<Line> {
     let mut all = Vec::new();

@@ -73,7 +73,8 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
             let together = common_change(&lines, place, gaps);
             let mut best: Option<(f64, usize, usize)> = None;
             for &k0 in &usual {
-                for k1 in k0 + 1..SCALES {
+                // What lies within the usual scales is no change, however quiet the rest is.
+                for k1 in usual.len().max(k0 + 1)..SCALES {
                     let log = all[k0] - inside[k0] + prior(k0) + inside[k1];
                     if best.is_none_or(|b| log > b.0) {
                         best = Some((log, k0, k1));
