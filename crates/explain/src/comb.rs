@@ -9,7 +9,7 @@
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-use crate::dsp::{self, MAIN_LOBE_BINS, median};
+use crate::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
 use crate::features::{ChannelFeatures, LineValue, RecordingFeatures};
 use crate::locate::REPEAT_SIGMA;
 use crate::name::Question;
@@ -72,11 +72,15 @@ fn turn(a: &[&[LineValue]], b: &[&[LineValue]]) -> Option<(f64, f64)> {
         phases.iter().map(|(n, u)| (u * Complex64::from_polar(1.0, -TAU * n * psi)).re).sum::<f64>()
             / phases.len() as f64
     };
+    // All turns at once: the agreement over an even grid is a transform of the phases gathered by line.
     let count = (4.0 * highest) as usize;
-    let coarse = (0..count)
-        .map(|k| k as f64 / count as f64)
-        .map(|psi| (psi, agreement(psi)))
-        .max_by(|x, y| x.1.total_cmp(&y.1))?;
+    let mut grid = vec![Complex64::ZERO; count];
+    for (n, u) in &phases {
+        grid[*n as usize] += u;
+    }
+    Transforms::default().forward(&mut grid);
+    let coarse =
+        grid.iter().enumerate().map(|(k, sum)| (k as f64 / count as f64, sum.re)).max_by(|x, y| x.1.total_cmp(&y.1))?;
     let step = 0.05 / count as f64;
     (-20..=20)
         .map(|k| coarse.0 + f64::from(k) * step)

@@ -7,6 +7,7 @@ use gearwatch_core::recording::{Recording, Segment};
 use gearwatch_core::train::Train;
 
 use crate::angle::{self, CombField};
+use crate::carriers;
 use crate::dsp::{self, LINE_FIT_NOISE_GAIN, MAIN_LOBE_BINS, Transforms, median};
 use crate::integrity::{self, Integrity};
 use crate::lines::{self, Line};
@@ -221,6 +222,16 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
 }
 
 impl Steady<'_> {
+    /// Mean input-shaft speed by the tacho (Hz): whole pulses over the time between the first and the last.
+    pub fn tacho_hz(&self, train: &Train) -> Option<f64> {
+        let (shaft, tacho) = self.recording.tachos.iter().next()?;
+        let order = train.shaft_order(shaft)?;
+        let (first, last) = (tacho.pulse_times.first()?, tacho.pulse_times.last()?);
+        let turns = (tacho.pulse_times.len() - 1) as f64 / tacho.pulses_per_rev / order;
+        let speed = turns / ((last - first) as f64 * 1e-9);
+        (tacho.pulse_times.len() >= 4 && speed.is_finite() && speed > 0.0).then_some(speed)
+    }
+
     /// Input-shaft angle by the tacho (revolutions per sample), the mean speed that it gives (Hz), or nothing.
     pub fn tacho_angle(&self, train: &Train) -> Option<(Vec<f64>, f64)> {
         let (_, _, run) = self.channels.first()?;
@@ -269,17 +280,14 @@ pub fn read(
     let start: Vec<f64> = (0..len).map(|n| input_hz * n as f64 / rate).collect();
     let slowest = train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min) * input_hz;
     let half_width = (0.4 * slowest).min(1.5);
-    let mut mesh_orders = Vec::new();
-    for stage in &train.stages {
-        mesh_orders.extend((1..=8).map(|h| stage.mesh_order * f64::from(h)));
-    }
+    let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
     let signals: Vec<&[f64]> = steady.channels.iter().map(|c| c.2.samples.as_slice()).collect();
     // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
     let start = match &tacho {
         Some((angle, speed)) => (0..len).map(|n| at_sample(angle, n as f64 * input_hz / speed)).collect(),
         None => start,
     };
-    let (angle, carriers) = angle::refine(transforms, &signals, rate, &start, &mesh_orders, half_width);
+    let (angle, carried) = carriers::refine(transforms, &signals, rate, &start, &mesh_orders, half_width);
     let revolutions = (angle[len - 1] - angle[0]) * len as f64 / (len - 1) as f64;
     let input_hz = revolutions * rate / len as f64;
     let start_rev = tacho.as_ref().map_or(0.0, |t| t.0[0]);
@@ -343,7 +351,7 @@ pub fn read(
         input_hz,
         tacho_input_hz,
         comb_score,
-        carriers,
+        carriers: carried,
         revolutions,
         start_rev,
         hz_per_bin: rate / len as f64,

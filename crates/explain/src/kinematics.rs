@@ -50,7 +50,7 @@ pub fn stranger(
 ) -> Option<String> {
     let name = &steady.recording.name;
     if speed.score < LEAST_COMB {
-        let tacho = steady.tacho_angle(train).map(|t| t.1);
+        let tacho = steady.tacho_hz(train);
         let (low, high) = range(bench, train, steady, tacho, TACHO_REACH);
         let from = match (tacho, steady.display_motor_hz.is_finite()) {
             (Some(_), _) => "the tacho",
@@ -68,7 +68,7 @@ pub fn stranger(
             speed.score
         ));
     }
-    if steady.tacho_angle(train).is_none()
+    if steady.tacho_hz(train).is_none()
         && let Some(hz) = other_speed(sheet, field, speed)
     {
         let said = if steady.display_motor_hz.is_finite() {
@@ -225,7 +225,7 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
     all.iter()
         .zip(fields)
         .map(|(steady, field)| {
-            let tacho = steady.tacho_angle(train).map(|t| t.1);
+            let tacho = steady.tacho_hz(train);
             let (low, high) = range(bench, train, steady, tacho, CLOCK_REACH);
             let (input_hz, score) = field.search(&orders, low, high);
             Speed { input_hz, score }
@@ -246,7 +246,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
         let mut sum = 0.0;
         let mut frequencies = Vec::with_capacity(all.len());
         for (steady, field) in all.iter().zip(fields) {
-            let tacho = steady.tacho_angle(&train).map(|t| t.1);
+            let tacho = steady.tacho_hz(&train);
             let (low, high) = range(candidate, &train, steady, tacho, TACHO_REACH);
             let (hz, _) = field.search(&comb, low, high);
             sum += field.score(&orders, hz);

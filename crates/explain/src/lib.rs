@@ -4,6 +4,7 @@ pub mod against;
 pub mod alone;
 pub mod angle;
 pub mod blind;
+pub mod carriers;
 pub mod comb;
 pub mod compare;
 pub mod controls;
