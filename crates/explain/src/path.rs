@@ -5,11 +5,13 @@ use crate::locate::{self, Account, Cell, Place};
 use crate::name::{Finding, Question};
 
 /// Least misfit per background band, and least share that a path must account for, before a path is believed: on an unchanged bench
-/// background changes by less than 1 per band.
-const FLOOR_MISFIT: f64 = 2.0;
+/// background changes by less than 1 per band. Gears that change put lines between those that are known: up to 2.7; changed paths came to 4.3 at least.
+const FLOOR_MISFIT: f64 = 3.3;
 const FLOOR_SHARE: f64 = 0.55;
 /// Least share of the misfit of the channel's lines that the path accounts for.
 const LINE_SHARE: f64 = 0.4;
+/// How much worse per band one factor may fit than a resonance and still be the simpler answer.
+const ONE_FACTOR: f64 = 1.5;
 /// Largest misfit per line of the quietest other channel over that of the channel.
 const OTHERS_SHARE: f64 = 1.0;
 
@@ -130,19 +132,24 @@ pub fn path(
         1.4826 * median(&mut spread)
     };
     let profile = profile(cells, c);
+    let (mounting, resonance) = (mounting_fit(&profile), resonance_fit(&profile));
+    let level = level(&profile);
     let evidence_law = format!(
         "lines and background of {name} change together: background by {misfit:.1} per band, {:.0} % of it the same at every speed",
         100.0 * share
     );
-    if flat < 0.12 && middle.abs() > 0.15 {
+    steps.push(format!(
+        "change of {name} over frequency: misfit of one factor {level:.2} per band, of a mounting resonance {:.2}, of a resonance of the structure {:.2}",
+        mounting.left, resonance.left
+    ));
+    // Above its frequency a resonance of the structure is one factor too; what it does about its frequency tells.
+    if flat < 0.12 && middle.abs() > 0.15 && level < ONE_FACTOR + mounting.left.min(resonance.left) {
         let mut f = Finding::new("scaling", name, 0.97).with("factor", middle.exp(), 0.02 * middle.exp());
         f.evidence.law = evidence_law;
         f.evidence.place =
             format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
         return Some((Place::Gain(c), f));
     }
-    let mounting = mounting_fit(&profile);
-    let resonance = resonance_fit(&profile);
     let (first, second) = if mounting.left <= resonance.left {
         ("sensor_mounting", "structural_resonance")
     } else {
@@ -196,6 +203,13 @@ fn profile(cells: &[Cell], channel: usize) -> Vec<(f64, f64, f64)> {
         low *= ratio;
     }
     out
+}
+
+/// Misfit per band of one factor for all frequencies.
+fn level(profile: &[(f64, f64, f64)]) -> f64 {
+    let (sum, weight) = profile.iter().fold((0.0, 0.0), |(s, w), p| (s + p.1 / p.2, w + 1.0 / p.2));
+    let level = sum / weight.max(1e-12);
+    robust(profile.iter().map(|p| (p.1 - level).powi(2) / p.2))
 }
 
 struct PathFit {
