@@ -25,6 +25,8 @@ const NEARLY: f64 = 2.0;
 /// A second effect must gain this much, and change its lines this many times more than the others change.
 const SECOND_GAIN: f64 = 25.0;
 const CONCENTRATED: f64 = 2.0;
+/// Factor on the probability of a second effect: it may be what the first does elsewhere.
+const SECOND_SURE: f64 = 0.7;
 /// Beside one damaged tooth, which alters many lines, a mask must gain this much.
 const BESIDE_TOOTH: f64 = 60.0;
 /// Beside another machine's lines only a change this plain counts as the bench's own.
@@ -80,6 +82,11 @@ pub fn search(
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }
     let tooth_found = found.findings.iter().any(|f| f.effect == "tooth_breakage");
+    if tooth_found {
+        // A damaged tooth lights lines everywhere, among them those of a ghost.
+        found.findings.retain(|f| f.effect != "ghost_component");
+    }
+    let ghost_found = found.findings.iter().any(|f| f.effect == "ghost_component");
     let before = remaining.clone();
     let mut gain = None;
     let mut named: Vec<Mask> = Vec::new();
@@ -101,7 +108,7 @@ pub fn search(
         if round == 0 {
             gain = ranked.first().map(|m| m.gain);
         }
-        let later = round > 0 || path_found || tooth_found;
+        let later = round > 0 || path_found || tooth_found || ghost_found;
         if !believed(&chosen, later, tooth_found) {
             if round > 0 {
                 found.steps.push("stop: no further mask gains enough beside what was named".into());
@@ -115,6 +122,9 @@ pub fn search(
             *found.unexplained = true;
             break;
         }
+        let chosen = masks::cause_within(&remaining, &chosen, &places)
+            .filter(|_| matches!(chosen.place, Place::Gear(..)) || wide(chosen.place))
+            .unwrap_or(chosen);
         let named_one = subname::name(q, &chosen, &remaining, found.steps);
         let Some(finding) = named_one.map(|f| with_rivals(q, f, &chosen, &ranked, &remaining)) else {
             *found.unexplained = true;
@@ -124,7 +134,8 @@ pub fn search(
             break;
         }
         controls::report(q, &remaining, &places, &gaps, &chosen, found.steps);
-        found.findings.push(finding);
+        let sure = if round > 0 { SECOND_SURE } else { 1.0 };
+        found.findings.push(Finding { probability: sure * finding.probability, ..finding });
         named.push(chosen);
         remaining.retain(|c| !(locate::covers(chosen.place, c.family) && c.family.is_some()));
         if !remaining.iter().any(|c| c.family.is_some()) {

@@ -76,10 +76,10 @@ pub fn gear(q: &Question<'_>, i: usize, j: usize, exponent: Option<f64>, steps: 
         );
         return f;
     }
-    let mut f = Finding::new("pitch_error", name.clone(), 0.5);
+    let mut f = Finding::new("pitch_error", name.clone(), 0.8);
     f.evidence.support = "phases of neighbouring lines of the gear's comb have no order: all teeth differ".into();
     if exponent.is_some_and(|p| p > 0.6) {
-        f.probability = 0.5;
+        f.probability = 0.6;
         f.alternatives.push(("tooth_breakage", name));
     }
     f

@@ -16,6 +16,7 @@ pub mod explain;
 pub mod features;
 pub mod folded;
 pub mod gear;
+pub mod ghost;
 pub mod held_out;
 pub mod integrity;
 pub mod kinematics;

@@ -93,6 +93,43 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     out
 }
 
+/// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider mask to be its cause: gears and bearings that change came to 28 nats
+/// and four times at most, not both.
+const CAUSE_GAIN: f64 = 40.0;
+const CAUSE_STANDS_OUT: f64 = 4.0;
+
+/// The one order within a wider mask whose lines rise far above the rest of it: a strong ripple drags all lines of its shaft along.
+pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mask> {
+    let inside: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some() && covers(wide.place, c.family)).collect();
+    let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c.change * c.change / c.variance)).collect();
+    let sum = |of: &dyn Fn(&Cell) -> bool| {
+        let mut sums = [0.0; SCALES];
+        for (_, t) in inside.iter().zip(&tables).filter(|(c, _)| of(c)) {
+            sums.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+        }
+        (0..SCALES).map(|k| (sums[k], k)).fold((f64::NEG_INFINITY, 0), |a, b| if b.0 > a.0 { b } else { a })
+    };
+    let together = sum(&|_| true).0;
+    let orders = places.iter().filter(|p| matches!(p, Place::ShaftOrder(_, k) if *k > 1));
+    let candidates = orders.filter_map(|&place| {
+        let covered: Vec<&&Cell> = inside.iter().filter(|c| covers(place, c.family)).collect();
+        let rising = covered.iter().filter(|c| c.change > 0.0).count();
+        if covered.len() == inside.len() || 2 * rising <= covered.len() {
+            return None;
+        }
+        let ((own, k1), (rest, k0)) = (sum(&|c| covers(place, c.family)), sum(&|c| !covers(place, c.family)));
+        let gain = own + rest - together;
+        (gain > CAUSE_GAIN && scale(k1) > CAUSE_STANDS_OUT * scale(k0)).then(|| Mask {
+            place,
+            gain,
+            inside: scale(k1),
+            outside: scale(k0),
+            cells: covered.len(),
+        })
+    });
+    candidates.max_by(|a, b| a.gain.total_cmp(&b.gain))
+}
+
 /// Lines of a mask when what they have in common in each pair is taken off: log likelihood by scale, and the price of it.
 struct Together {
     likelihood: [f64; SCALES],

@@ -16,7 +16,7 @@ use crate::locate::{self, Cell};
 use crate::publish::publish;
 use crate::ratio::Ratios;
 use crate::report::{Evidence, Explanation};
-use crate::{held_out, latent, refit, strange, subname};
+use crate::{ghost, held_out, latent, refit, strange, subname};
 
 /// Everything that was measured.
 pub struct Question<'a> {
@@ -126,13 +126,15 @@ pub fn answer(
     }
     if !q.comparison.pairs.is_empty() && direct::comparable(q, &findings) {
         progress("what changed against the reference");
+        let direct = findings.len();
+        findings.extend(ghost::ghost(q, &strange));
         let before = findings.len();
         let mut found =
             Found { findings: &mut findings, unexplained: &mut unexplained, steps: &mut steps, cells: &mut own };
         let gain = against::search(q, &cells, &speeds, &strange, &mut found);
-        // A path or one tooth is found before any mask is asked.
-        p = if findings.len() > before { Some(against::p_null(f64::INFINITY)) } else { gain.map(against::p_null) };
-        if findings.len() > before || unexplained {
+        // A ghost, a path or one tooth is found before any mask is asked.
+        p = if findings.len() > direct { Some(against::p_null(f64::INFINITY)) } else { gain.map(against::p_null) };
+        if findings.len() > direct || unexplained {
             fit = held_out::held_out(q, &cells, &speeds, &findings);
         }
         // A name whose law does not carry over to the recording that was held out is none.

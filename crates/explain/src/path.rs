@@ -155,7 +155,7 @@ pub fn path(
     } else {
         ("structural_resonance", "sensor_mounting")
     };
-    let mut f = Finding::new(first, name.clone(), 0.9);
+    let mut f = Finding::new(first, name.clone(), 0.95);
     if first == "sensor_mounting" {
         // What the form of the fit leaves enters the sigmas: a second effect may lie under it.
         let doubt = (1.0 + mounting.left).sqrt();
