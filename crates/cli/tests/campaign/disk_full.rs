@@ -38,6 +38,25 @@ fn condition(bench: &Bench) -> Option<(bool, bool, String)> {
     Some((snapshot.ok, log.ok, log.detail.clone()))
 }
 
+/// How long the service gets to say how its log is.
+const LIMIT: Duration = Duration::from_secs(10);
+
+/// Waits until the log says that it is written; how long that took.
+fn log_goes_on(bench: &Bench) -> Duration {
+    let begin = Instant::now();
+    let good = |(_, ok, detail): (bool, bool, String)| (ok && detail.contains("gearwatch-")).then_some(());
+    wait_for(LIMIT, || condition(bench).and_then(good)).expect("the log says that it is written");
+    begin.elapsed()
+}
+
+/// Waits until the log and the whole service say that the disk is full; how long that took.
+fn full_disk_is_told(bench: &Bench) -> Duration {
+    let begin = Instant::now();
+    let full = |(all, ok, detail): (bool, bool, String)| (!all && !ok && detail.contains("\"full\"")).then_some(());
+    wait_for(LIMIT, || condition(bench).and_then(full)).expect("the state says that the disk is full");
+    begin.elapsed()
+}
+
 fn fill(place: &Path) {
     // Writes until nothing more goes in; what fails is the point.
     let _ = Command::new("dd").args(["if=/dev/zero", &format!("of={}", text(place)), "bs=4096"]).output();
@@ -63,22 +82,15 @@ fn conform_a_full_disk_is_told_and_counted() {
             counted.fetch_add(1, Ordering::Relaxed);
         }
     });
-    let limit = Duration::from_secs(10);
-    let good = |(_, ok, detail): (bool, bool, String)| (ok && detail.contains("gearwatch-")).then_some(());
-    wait_for(limit, || condition(&bench).and_then(good)).expect("the log begins");
+    log_goes_on(&bench);
 
     fill(&disk.0.join("ballast"));
-    let begin = Instant::now();
-    let full = |(all, ok, detail): (bool, bool, String)| (!all && !ok && detail.contains("\"full\"")).then_some(());
-    wait_for(limit, || condition(&bench).and_then(full)).expect("the state says that the disk is full");
-    let told = begin.elapsed();
+    let told = full_disk_is_told(&bench);
     let before = lines.load(Ordering::Relaxed);
     std::thread::sleep(Duration::from_secs(3));
     let during = lines.load(Ordering::Relaxed) - before;
     std::fs::remove_file(disk.0.join("ballast")).unwrap();
-    let begin = Instant::now();
-    wait_for(limit, || condition(&bench).and_then(good)).expect("logging goes on by itself");
-    let resumed = begin.elapsed();
+    let resumed = log_goes_on(&bench);
     std::thread::sleep(Duration::from_secs(1));
     signal(&child, "TERM");
     assert_eq!(ended_within(&mut child, Duration::from_secs(5)).and_then(|s| s.code()), Some(0));
@@ -112,12 +124,9 @@ fn conform_a_log_that_could_not_be_closed_is_told_by_the_exit_code() {
     let folder = disk.0.join("log");
     let config = configure(&bench, &folder, "20.0", "group_ms = 50\n");
     let mut child = start(&config);
-    let limit = Duration::from_secs(10);
-    let good = |(_, ok, detail): (bool, bool, String)| (ok && detail.contains("gearwatch-")).then_some(());
-    wait_for(limit, || condition(&bench).and_then(good)).expect("the log begins");
+    log_goes_on(&bench);
     fill(&disk.0.join("ballast"));
-    let full = |(_, ok, detail): (bool, bool, String)| (!ok && detail.contains("\"full\"")).then_some(());
-    wait_for(limit, || condition(&bench).and_then(full)).expect("the state says that the disk is full");
+    full_disk_is_told(&bench);
     signal(&child, "TERM");
     let code = ended_within(&mut child, Duration::from_secs(5)).expect("it ends in time").code();
     let words = said(&mut child);
