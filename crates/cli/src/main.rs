@@ -5,6 +5,7 @@ mod exit;
 mod format;
 mod input;
 mod page;
+mod progress;
 mod serve;
 mod signals;
 mod talk;

@@ -22,7 +22,8 @@ use num_complex::Complex64;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::explain::{Input, explain};
+use crate::error::ExplainError;
+use crate::explain::{Answer, Input, explain};
 use draw::{ALIENS, ALONE, Draw, EFFECTS};
 use machine::{Housing, real};
 use score::{Scored, score};
@@ -300,18 +301,22 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
     Some(Case { bench, recordings, reference, truth })
 }
 
+/// Answers a case, without the effect that was taken out of the library for it.
+///
+/// # Errors
+/// As [`explain`].
+pub fn answer(case: &Case) -> Result<Answer, ExplainError> {
+    let Case { bench, recordings, reference, truth } = case;
+    let removed = truth.effects.iter().filter(|_| truth.kind == Kind::Removed);
+    let without: Vec<&str> = removed.map(|e| e.effect.as_str()).collect();
+    explain(&Input { bench, recordings, reference, without: &without }, &mut |_| {})
+}
+
 /// Draws, answers and judges one case; `None` where the drawn bench has no steady state.
-pub fn prove(seed: u64, index: u64, effect: Option<&str>) -> Option<Scored> {
-    let c = case(seed, index, effect)?;
-    let removed: Vec<&str> = if c.truth.kind == Kind::Removed {
-        c.truth.effects.iter().map(|e| e.effect.as_str()).collect()
-    } else {
-        Vec::new()
-    };
-    let answer = explain(
-        &Input { bench: &c.bench, recordings: &c.recordings, reference: &c.reference, without: &removed },
-        &mut |_| {},
-    )
-    .ok()?;
-    Some(score(index, &c.truth, &answer.explanation))
+///
+/// # Errors
+/// When the finder refuses the case.
+pub fn prove(seed: u64, index: u64, effect: Option<&str>) -> Option<Result<Scored, ExplainError>> {
+    let case = case(seed, index, effect)?;
+    Some(answer(&case).map(|answer| score(index, &case.truth, &answer.explanation)))
 }

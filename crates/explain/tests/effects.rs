@@ -14,7 +14,8 @@ use gearwatch_sim::effects;
 
 /// The first cases of an effect under a seed that conceal it at a size that shows; fewer where the numbers run out.
 fn cases(seed: u64, effect: &str, count: usize, most: u64) -> Vec<Scored> {
-    (0..most).filter_map(|index| prove(seed, index, Some(effect))).take(count).collect()
+    let answers = (0..most).filter_map(|index| prove(seed, index, Some(effect)));
+    answers.map(|answer| answer.unwrap_or_else(|refusal| panic!("{effect}: {refusal}"))).take(count).collect()
 }
 
 /// What gears, sensors and speeds show: found, and the name or its set holds the truth.

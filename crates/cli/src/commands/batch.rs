@@ -14,11 +14,11 @@ use gearwatch_batch::shard::Shard;
 use gearwatch_batch::worklist::{self, Kind};
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_io::{baseline_file, bench_file};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use super::Run;
 use crate::exit::Exit;
 use crate::input::{self, InputOptions};
+use crate::progress::Progress;
 
 /// Judge many recordings, or explain many cases: one Parquet file a shard
 ///
@@ -34,7 +34,7 @@ use crate::input::{self, InputOptions};
   gearwatch batch --cases cases/ --out answers/
   duckdb -c \"select channel, rank_1x, count(*) from 'ranks/*.parquet' group by all\"
 
-Exit codes: 0 all done; 3 something was passed over (it is named on stderr), or bad input. On a full disk what was finished is kept, and the
+Exit codes: 0 all done; 3 something was passed over (it is named on stderr), or bad input. On a full disk what was finished is kept, and the \
 same command goes on with it.")]
 pub struct Batch {
     /// Recordings, or folders that are searched for them
@@ -139,16 +139,11 @@ impl Batch {
         let threads = self.jobs.map_or(cores, NonZeroUsize::get);
         let job = Job { items, shard, folder: &self.out, settings, threads };
         let mine = (0..items.len()).filter(|&position| shard.holds(position)).count();
-        let bar = ProgressBar::new(mine as u64);
-        if let Ok(style) = ProgressStyle::with_template("shard {prefix} {wide_bar} {pos}/{len} {eta}  {msg}") {
-            bar.set_style(style);
-        }
-        bar.set_prefix(shard.to_string());
+        let progress = Progress::new(format!("shard {shard}"), mine as u64);
         let summary = run(&job, work, &|path, _| {
-            bar.set_message(path.file_name().unwrap_or_default().to_string_lossy().into_owned());
-            bar.inc(1);
+            progress.finished(&path.file_name().unwrap_or_default().to_string_lossy());
         });
-        bar.finish_and_clear();
+        drop(progress);
         match summary {
             Ok(summary) => report(&summary, shard, kind),
             Err(error @ (PartError::Io { .. } | PartError::Parquet { .. })) => Err(error)

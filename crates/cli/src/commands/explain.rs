@@ -18,7 +18,7 @@ use crate::exit::Exit;
 mod blind;
 mod figures;
 mod report;
-mod summary;
+pub(super) mod summary;
 mod tables;
 
 /// Say where the simulation of a bench and its recordings differ, and which physics was left out

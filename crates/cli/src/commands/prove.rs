@@ -1,25 +1,32 @@
 //! `gearwatch prove`: the finder's own concealed benchmark.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Context;
 use clap::Args;
-use gearwatch_explain::prove::score::Scored;
-use gearwatch_explain::prove::{self, Kind};
+use gearwatch_core::bench::EffectSpec;
+use gearwatch_explain::error::ExplainError;
+use gearwatch_explain::prove::score::{Scored, score};
+use gearwatch_explain::prove::{self, Kind, Truth};
 use gearwatch_explain::report::Status;
 
 use super::Run;
+use super::explain::summary;
 use crate::exit::Exit;
+use crate::progress::Progress;
 
 /// Draw concealed cases by seed, explain them, and say how often that was right
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch prove --cases 40 --seed 7
-  gearwatch prove --cases 200 --seed 20261121 > prove.txt
+  gearwatch prove --cases 200 --seed 20261121 --list > prove.txt
+  gearwatch prove --seed 20261121 --only 17,42          the whole answers of two of them
+  gearwatch prove --cases 20 --effect tooth_wear        this effect in each
 
-A quarter of the cases conceal nothing; one in sixteen conceals an effect that was taken out of the library for it, one in sixteen
-physics that no library holds, one in sixteen two effects. The simulator that makes the cases is configured otherwise than the one that explains them. The same seed gives the same table.")]
+A quarter of the cases conceal nothing; one in sixteen conceals an effect that was taken out of the library for it, one in sixteen \
+physics that no library holds, one in sixteen two effects. The simulator that makes the cases is configured otherwise than the one \
+that explains them. The same seed gives the same table. A case takes some seconds of one core.")]
 pub struct Prove {
     /// How many cases
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -33,7 +40,13 @@ pub struct Prove {
     /// Print every case
     #[arg(long)]
     list: bool,
+    /// Only these numbers of the seed: what each conceals, and its whole answer with all steps
+    #[arg(long, value_name = "N,…", value_delimiter = ',', conflicts_with_all = ["cases", "list"])]
+    only: Vec<u64>,
 }
+
+/// The number of a case and its judged answer, or why it was refused.
+type Judged = (u64, Result<Scored, ExplainError>);
 
 impl Run for Prove {
     const NAME: &'static str = "prove";
@@ -42,9 +55,24 @@ impl Run for Prove {
         if let Some(id) = &self.effect {
             gearwatch_sim::effects::find(id)?;
         }
-        let scored = self.all();
-        let skipped = self.cases - scored.len() as u64;
         let mut out = std::io::stdout().lock();
+        if !self.only.is_empty() {
+            for &index in &self.only {
+                self.tell(&mut out, index).context("stdout")?;
+            }
+            return Ok(Exit::Ok);
+        }
+        let judged = self.all();
+        let skipped = self.cases - judged.len() as u64;
+        let mut scored = Vec::new();
+        for (index, answer) in judged {
+            match answer {
+                Ok(one) => scored.push(one),
+                Err(refusal) => {
+                    writeln!(out, "case {index} is refused and counts nowhere: {refusal}").context("stdout")?
+                }
+            }
+        }
         table(&mut out, &scored, skipped, self.list).context("stdout")?;
         Ok(Exit::Ok)
     }
@@ -52,8 +80,8 @@ impl Run for Prove {
 
 impl Prove {
     /// All cases, on all cores; each stands for itself, so the order of work does not matter.
-    fn all(&self) -> Vec<Scored> {
-        let talk = std::io::stderr().is_terminal();
+    fn all(&self) -> Vec<Judged> {
+        let progress = Progress::new("cases", self.cases);
         let next = AtomicU64::new(0);
         let work = || {
             let mut own = Vec::new();
@@ -62,27 +90,68 @@ impl Prove {
                 if index >= self.cases {
                     return own;
                 }
-                if talk {
-                    // Progress is a courtesy; a closed terminal is not an error.
-                    let _ = write!(std::io::stderr(), "\r  case {} of {}", index + 1, self.cases);
-                }
-                own.extend(prove::prove(self.seed, index, self.effect.as_deref()));
+                own.extend(prove::prove(self.seed, index, self.effect.as_deref()).map(|answer| (index, answer)));
+                progress.finished("");
             }
         };
         let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let mut scored: Vec<Scored> = std::thread::scope(|scope| {
+        let mut judged: Vec<Judged> = std::thread::scope(|scope| {
             let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
             workers
                 .into_iter()
                 .flat_map(|w| w.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
                 .collect()
         });
-        scored.sort_by_key(|s| s.index);
-        if talk {
-            let _ = writeln!(std::io::stderr());
-        }
-        scored
+        judged.sort_by_key(|one| one.0);
+        judged
     }
+
+    /// What a case conceals, and its whole answer.
+    fn tell(&self, out: &mut dyn Write, index: u64) -> std::io::Result<()> {
+        let Some(case) = prove::case(self.seed, index, self.effect.as_deref()) else {
+            return writeln!(out, "case {index}: left out, without a steady state or a visible effect\n");
+        };
+        let truth = &case.truth;
+        let reference = if truth.reference { "" } else { ", no reference" };
+        writeln!(out, "case {index}: {:?}{reference}, conceals {}", truth.kind, in_words(truth, true))?;
+        if let Some(times) = truth.visibility {
+            writeln!(out, "  its best group of lines changes {times:.1} times as much as repetition")?;
+        }
+        match prove::answer(&case) {
+            Ok(answer) => {
+                let scored = score(index, truth, &answer.explanation);
+                if !truth.effects.is_empty() {
+                    writeln!(
+                        out,
+                        "  named first {}, within the named set {}",
+                        share(scored.first.iter().sum(), scored.first.len()),
+                        share(scored.in_set.iter().filter(|x| **x).count() as f64, scored.in_set.len())
+                    )?;
+                }
+                writeln!(out)?;
+                summary::print(out, &case.bench.name, &answer.explanation, true)?;
+            }
+            Err(refusal) => writeln!(out, "  refused: {refusal}")?,
+        }
+        writeln!(out)
+    }
+}
+
+/// What a case conceals; with `sizes` also how large it is.
+fn in_words(truth: &Truth, sizes: bool) -> String {
+    let effect = |e: &EffectSpec| {
+        let named = format!("{} at {}", e.effect, e.place);
+        let size = |(name, value): (&String, &f64)| {
+            // Four digits.
+            let decimals = summary::decimals(0.01 * value.abs());
+            format!("{name} = {value:.decimals$}")
+        };
+        let sizes: Vec<String> = e.parameters.iter().filter(|_| sizes).map(size).collect();
+        if sizes.is_empty() { named } else { format!("{named} ({})", sizes.join(", ")) }
+    };
+    let mut all: Vec<String> = truth.effects.iter().map(effect).collect();
+    all.extend(truth.alien.iter().map(|a| a.kind.to_owned()));
+    if all.is_empty() { "nothing".into() } else { all.join(", ") }
 }
 
 /// Strata of concealed effects by how much more than repetition they change their best group of lines.
@@ -241,9 +310,6 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
     }
     if list {
         for s in all {
-            let mut truth: Vec<String> =
-                s.truth.effects.iter().map(|e| format!("{} at {}", e.effect, e.place)).collect();
-            truth.extend(s.truth.alien.iter().map(|a| a.kind.to_owned()));
             let named: Vec<String> = s.named.iter().map(|n| format!("{} at {} ({:.2})", n.0, n.1, n.2)).collect();
             writeln!(
                 out,
@@ -251,7 +317,7 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
                 s.index,
                 s.truth.kind,
                 if s.truth.reference { "" } else { ", no reference" },
-                truth.join(", "),
+                in_words(&s.truth, false),
                 s.status.code(),
                 named.join(", ")
             )?;

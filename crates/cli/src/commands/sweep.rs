@@ -13,12 +13,12 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_sim::scenario::{Course, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use super::Run;
 use super::simulate::{START_NS, parse_effect, read_bench};
 use crate::exit::Exit;
 use crate::input::InputOptions;
+use crate::progress::Progress;
 
 mod picture;
 mod table;
@@ -173,10 +173,7 @@ impl Sweep {
 
     /// All tasks on all cores; rows in the order of the tasks, whatever the number of threads.
     fn work(&self, bench: &Bench, pipeline: &Pipeline, tasks: &[Task<'_>]) -> (Vec<Row>, Vec<String>) {
-        let bar = ProgressBar::new(tasks.len() as u64);
-        if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} {eta}") {
-            bar.set_style(style);
-        }
+        let progress = Progress::new("points", tasks.len() as u64);
         let results: Mutex<BTreeMap<usize, Measured>> = Mutex::default();
         let next = AtomicUsize::new(0);
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -188,12 +185,12 @@ impl Sweep {
                     {
                         let result = self.one(bench, pipeline, task);
                         results.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(at, result);
-                        bar.inc(1);
+                        progress.finished(task.case());
                     }
                 });
             }
         });
-        bar.finish_and_clear();
+        drop(progress);
         let order = |case: &str| tasks.iter().position(|task| task.case() == case);
         let (mut rows, mut troubles) = (Vec::new(), Vec::new());
         let results = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);

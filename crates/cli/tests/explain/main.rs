@@ -5,6 +5,7 @@ mod bad_input;
 mod fixture;
 mod limited;
 mod load_trend;
+mod only;
 mod spectraquest;
 mod tables;
 mod walk_through;
