@@ -1,23 +1,27 @@
-//! `gearwatch config check | show | schema`.
+//! `gearwatch config check | show | schema | bench`.
 
 use std::io::Write;
 use std::path::PathBuf;
 
+use anyhow::Context;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, Subcommand};
 use gearwatch_daemon::config::{self, Config};
 use gearwatch_daemon::service::Service;
 use gearwatch_daemon::stop::Stop;
+use gearwatch_sim::shipped::BENCHES;
 
 use super::Run;
 use crate::exit::Exit;
 
-/// Check, show or describe the configuration of the service
+/// Check, show or describe the configuration of the service, and print a bench file to start from
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch config check bench-3.toml            0 if `gearwatch run` would accept it
   gearwatch config show                          the built-in configuration, all defaults written out
   gearwatch config show bench-3.toml             a file with all defaults filled in
-  gearwatch config schema > gearwatch.schema.json    for editors that check TOML while one types")]
+  gearwatch config schema > gearwatch.schema.json    for editors that check TOML while one types
+  gearwatch config bench single-pair > bench.toml    a bench file to start from (docs/bench.md)")]
 pub struct ConfigCommand {
     #[command(subcommand)]
     action: Action,
@@ -40,6 +44,18 @@ enum Action {
     /// Print the JSON schema of the configuration
     #[command(after_help = "Examples:\n  gearwatch config schema > gearwatch.schema.json")]
     Schema,
+    /// Print a bench file that comes with the program, to start one's own from
+    #[command(after_help = "Examples:\n  gearwatch config bench single-pair > bench.toml")]
+    Bench {
+        /// Which of them
+        #[arg(value_parser = shipped_names())]
+        name: String,
+    },
+}
+
+/// Names of the benches that come with the program.
+fn shipped_names() -> PossibleValuesParser {
+    PossibleValuesParser::new(BENCHES.iter().map(|shipped| PossibleValue::new(shipped.name).help(shipped.help)))
 }
 
 fn read(file: Option<&PathBuf>) -> anyhow::Result<Config> {
@@ -67,6 +83,10 @@ impl Run for ConfigCommand {
             Action::Schema => {
                 serde_json::to_writer_pretty(&mut out, &config::schema())?;
                 writeln!(out)?;
+            }
+            Action::Bench { name } => {
+                let shipped = BENCHES.iter().find(|shipped| shipped.name == name).context("no such bench")?;
+                out.write_all(shipped.text.as_bytes())?;
             }
         }
         Ok(Exit::Ok)

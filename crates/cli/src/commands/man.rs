@@ -16,7 +16,7 @@ use crate::exit::Exit;
   gearwatch man | man -l -                       read it
   gearwatch man --folder /usr/share/man/man1     install all pages")]
 pub struct Manual {
-    /// Write gearwatch.1, gearwatch-run.1 and so on here
+    /// Write gearwatch.1, gearwatch-run.1 and so on here; the folder is made where there is none
     #[arg(long, value_name = "FOLDER")]
     folder: Option<PathBuf>,
 }
@@ -32,6 +32,7 @@ impl Run for Manual {
             std::io::stdout().lock().write_all(&page)?;
             return Ok(Exit::Ok);
         };
+        std::fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
         clap_mangen::generate_to(command, &folder)
             .with_context(|| format!("{}: the pages cannot be written", folder.display()))?;
         Ok(Exit::Ok)

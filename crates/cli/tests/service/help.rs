@@ -36,6 +36,26 @@ fn conform_the_built_in_configuration_can_be_shown_checked_and_used() {
     assert_eq!(check.status.code(), Some(0), "{}", stderr(&check));
 }
 
+/// Each bench that comes with the program can be written down, and is a bench file as it stands.
+#[test]
+fn conform_a_bench_file_to_start_from() {
+    let bench = Bench::new();
+    for shipped in gearwatch_sim::shipped::BENCHES {
+        let path = bench.write("start.toml", &stdout(&output(&["config", "bench", shipped.name])));
+        let told = output(&["info", text(&path)]);
+        assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
+        assert!(stdout(&told).contains(shipped.name), "{}", stdout(&told));
+    }
+    // The least that a bench file may be, as the documentation has it.
+    let page = include_str!("../../../../docs/bench.md");
+    let least = page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+    let told = output(&["info", text(&bench.write("least.toml", least))]);
+    assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
+    let unknown = output(&["config", "bench", "lathe"]);
+    assert_eq!(unknown.status.code(), Some(3));
+    assert!(stderr(&unknown).contains("single-pair"), "{}", stderr(&unknown));
+}
+
 #[test]
 fn conform_lists_completions_and_manual() {
     let list = stdout(&output(&["list"]));
@@ -48,8 +68,7 @@ fn conform_lists_completions_and_manual() {
     }
     assert!(stdout(&output(&["man"])).starts_with(".ie"));
     let bench = Bench::new();
-    let folder = bench.path("man1");
-    std::fs::create_dir(&folder).unwrap();
+    let folder = bench.path("share/man1");
     assert_eq!(output(&["man", "--folder", text(&folder)]).status.code(), Some(0));
     for name in commands() {
         assert!(folder.join(format!("gearwatch-{name}.1")).exists(), "{name}");
