@@ -92,6 +92,9 @@ pub struct PlaceSnapshot {
     pub window: u64,
     /// Machine state.
     pub machine: String,
+    /// Why it is unknown, such as `outside_baseline`; empty where it is not.
+    #[serde(default)]
+    pub reason: String,
     /// Ranks of 1x to 5x as 0 to 5; −1 where unknown.
     pub levels: Vec<i8>,
     /// Deviations of 1x to 5x in percent, where known.
@@ -139,6 +142,7 @@ impl PlaceSnapshot {
             channel: verdict.channel.clone(),
             window: verdict.window,
             machine: verdict.machine.code().to_owned(),
+            reason: verdict.reason.code().to_owned(),
             levels: verdict.harmonics.iter().map(|h| h.rank.level()).collect(),
             deviations_percent: verdict
                 .harmonics
@@ -358,6 +362,7 @@ mod tests {
             channel: "acc".into(),
             window: 1,
             machine: "unknown".into(),
+            reason: "not_resolved".into(),
             levels: vec![-1, 5],
             deviations_percent: vec![None, Some(14.5)],
         };

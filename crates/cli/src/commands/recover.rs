@@ -47,6 +47,9 @@ impl Recover {
         if output == self.file {
             bail!("{}: the output must be another file than the input", output.display());
         }
+        if output.exists() {
+            bail!("{}: is there already; name another with --output, or remove it", output.display());
+        }
         let salvaged = recover_file(&self.file, &output)?;
         let mut out = std::io::stdout().lock();
         writeln!(out, "{}: {} messages", output.display(), salvaged.messages)?;

@@ -20,7 +20,7 @@ use crate::page::PageAccess;
   gearwatch status --socket ./status.sock --json | jq .benches[0].channels
   gearwatch status --url https://bench-3:8650 --ca-file ca.pem --token-file page.token
 
-The service answers where its configuration has service.status_socket, and at its page. Exit codes: 0 all that must go on goes on and nothing is wrong
+The service answers where its configuration has service.status_socket, and at its page. Exit codes: 0 all that must go on goes on and nothing is wrong \
 with the gears; 1 warning; 2 critical; 3 not all right, unknown, or no answer.")]
 pub struct Status {
     /// The service's socket
@@ -106,7 +106,8 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
             bench.windows_judged, bench.windows_shed, bench.windows_failed, bench.gaps, bench.samples_missing
         )?;
         for source in &bench.sources {
-            writeln!(out, "  source {}: {}, {} packets {}", source.name, source.state, source.packets, source.error)?;
+            let trouble = if source.error.is_empty() { String::new() } else { format!("; {}", source.error) };
+            writeln!(out, "  source {}: {}, {} packets{trouble}", source.name, source.state, source.packets)?;
         }
         for (channel, state) in &bench.channels {
             writeln!(out, "  channel {channel}: {state}")?;
@@ -122,7 +123,8 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
                 _ => "unknown",
             };
             let ranks: Vec<_> = place.levels.iter().map(rank).collect();
-            writeln!(out, "  {} at {}: {}, ranks {}", place.stage, place.channel, place.machine, ranks.join(" "))?;
+            let why = if place.reason.is_empty() { String::new() } else { format!(" ({})", place.reason) };
+            writeln!(out, "  {} at {}: {}{why}, ranks {}", place.stage, place.channel, place.machine, ranks.join(" "))?;
         }
         for alarm in &bench.alarms {
             let active = if alarm.active { "active" } else { "over, latched" };
@@ -133,8 +135,12 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
     for sink in &snapshot.sinks {
         writeln!(
             out,
-            "sink {}: {}, {} events, {} missed {}",
-            sink.name, sink.state, sink.offered, sink.dropped, sink.detail
+            "sink {}: {}, {} events, {} missed{}",
+            sink.name,
+            sink.state,
+            sink.offered,
+            sink.dropped,
+            if sink.detail.is_empty() { String::new() } else { format!("; {}", sink.detail) }
         )?;
     }
     Ok(())
