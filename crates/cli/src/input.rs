@@ -7,7 +7,6 @@ use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
-use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 use gearwatch_io::{ChannelOption, OpenOptions, Opened, ReadError};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -84,21 +83,6 @@ impl InputOptions {
         }
         bar.set_message(path.file_name().unwrap_or_default().to_string_lossy().into_owned());
         Ok(Watched { opened, bar, packets: 0 })
-    }
-
-    /// Reads a whole recording into memory.
-    ///
-    /// # Errors
-    /// As [`gearwatch_io::read_recording`].
-    #[expect(dead_code, reason = "for commands that need whole recordings")]
-    pub fn read_recording(&self, path: &Path) -> Result<Recording, ReadError> {
-        let mut source = self.open(path)?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let mut recording = Recording { name, ..Recording::default() };
-        while let Some(packet) = source.next_packet()? {
-            recording.push(packet);
-        }
-        Ok(recording)
     }
 }
 

@@ -14,6 +14,7 @@ use gearwatch_io::open::{OpenOptions, read_recording};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::input::InputOptions;
 
 mod blind;
 mod figures;
@@ -31,8 +32,8 @@ mod tables;
   gearwatch explain --blind-spots bench.toml
   gearwatch explain --tables simulation.csv experiment.csv
 
-Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json, a new
-bench.toml with the effects in it and pictures (SVG) are written there, and latent_force.csv where what is left is a force that nothing in
+Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json, a new \
+bench.toml with the effects in it and pictures (SVG) are written there, and latent_force.csv where what is left is a force that nothing in \
 the library makes; without, the JSON goes to stdout after the summary on stderr.
 Exit: 0 consistent, 1 something is left out (named or not), 3 nothing could be judged.")]
 pub struct Explain {
@@ -46,7 +47,8 @@ pub struct Explain {
     /// speeds and two loads
     #[arg(long)]
     blind_spots: bool,
-    /// Instead of an explanation: what two tables of amplitudes, by state and mesh harmonic, allow to say
+    /// Instead of an explanation: what two tables of amplitudes allow to say. A line a state, the normal one first; a name, then a column a
+    /// mesh harmonic
     #[arg(long, num_args = 2, value_names = ["SIMULATION.csv", "EXPERIMENT.csv"], conflicts_with_all = ["bench", "recordings", "blind_spots"])]
     tables: Vec<PathBuf>,
     /// Recordings of the same bench before, or folders of them
@@ -61,6 +63,8 @@ pub struct Explain {
     /// Also write a report: one HTML file with pictures, for a browser
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputOptions,
 }
 
 impl Run for Explain {
@@ -82,11 +86,12 @@ impl Run for Explain {
         if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !out.is_dir()) {
             bail!("{}: expected a folder for the answer, found a file", out.display());
         }
-        let recordings = load(&recording_files)?;
+        let options = self.input.open_options();
+        let recordings = load(&recording_files, &options)?;
         if self.blind_spots {
             return blind::run(&bench, &recordings);
         }
-        let reference = load(&reference_files)?;
+        let reference = load(&reference_files, &options)?;
         let talk = std::io::stderr().is_terminal();
         let mut progress = |step: &str| {
             if talk {
@@ -101,25 +106,19 @@ impl Run for Explain {
         let e = &answer.explanation;
         let mut json = serde_json::to_string_pretty(e)?;
         json.push('\n');
+        let mut written = Vec::new();
         if let Some(out) = &self.out {
             std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
             let (explanation, model) = (out.join("explanation.json"), out.join("bench.toml"));
             write(&explanation, &json)?;
             write(&model, &gearwatch_io::bench_file::to_toml(&answer.bench)?)?;
-            let mut written = vec![explanation, model];
+            written.extend([explanation, model]);
             if let Some(force) = &e.latent_force {
                 let path = out.join("latent_force.csv");
                 write(&path, &table_of(force))?;
                 written.push(path);
             }
             written.extend(figures::write(out, &Train::new(&answer.bench), e, &recordings, &reference)?);
-            let mut stdout = std::io::stdout().lock();
-            summary::print(&mut stdout, &bench.name, e, self.steps).context("stdout")?;
-            let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
-            writeln!(stdout, "\n  written   {}", written.join("\n            ")).context("stdout")?;
-        } else {
-            summary::print(&mut std::io::stderr().lock(), &bench.name, e, self.steps).context("stderr")?;
-            std::io::stdout().lock().write_all(json.as_bytes()).context("stdout")?;
         }
         if let Some(path) = &self.report {
             let mut files = vec![("bench".to_owned(), bench_file.clone())];
@@ -127,6 +126,19 @@ impl Run for Explain {
                 files.extend(paths.iter().map(|file| (what.to_owned(), file.clone())));
             }
             write(path, &report::page(&bench.name, e, &files)?)?;
+            written.push(path.clone());
+        }
+        let mut summary = Vec::new();
+        summary::print(&mut summary, &bench.name, e, self.steps)?;
+        if !written.is_empty() {
+            let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
+            writeln!(summary, "\n  written   {}", written.join("\n            "))?;
+        }
+        if self.out.is_some() {
+            std::io::stdout().lock().write_all(&summary).context("stdout")?;
+        } else {
+            std::io::stderr().lock().write_all(&summary).context("stderr")?;
+            std::io::stdout().lock().write_all(json.as_bytes()).context("stdout")?;
         }
         Ok(match e.status {
             Status::Consistent => Exit::Ok,
@@ -149,8 +161,8 @@ fn table_of(f: &LatentForce) -> String {
     text
 }
 
-fn load(files: &[PathBuf]) -> anyhow::Result<Vec<Recording>> {
-    files.iter().map(|file| read_recording(file, &OpenOptions::default()).map_err(anyhow::Error::from)).collect()
+fn load(files: &[PathBuf], options: &OpenOptions) -> anyhow::Result<Vec<Recording>> {
+    files.iter().map(|file| read_recording(file, options).map_err(anyhow::Error::from)).collect()
 }
 
 /// A file cannot be the recording and what it is compared with.

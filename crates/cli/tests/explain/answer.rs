@@ -44,8 +44,12 @@ fn conform_an_answer_can_be_used() {
     folder.session("bench.toml", "before", 1, &[]);
     folder.session("bench.toml", "again", 3, &[]);
     folder.session("bench.toml", "now", 2, &["--effect", "bearing_compliance@input:factor=0.6"]);
-    let answer = folder.explain(&["bench.toml", "now", "--reference", "before"]);
+    let answer = folder.explain(&["bench.toml", "now", "--reference", "before", "--report", "page.html"]);
     assert_eq!(answer.code, Some(1), "{}", answer.said);
+    let (_, written) = answer.said.split_once("  written ").unwrap_or_else(|| panic!("{}", answer.said));
+    for name in WRITTEN.map(|name| format!("answer/{name}")).iter().map(String::as_str).chain(["page.html"]) {
+        assert!(written.contains(name) && folder.path(name).exists(), "{name} is not in:\n{}", answer.said);
+    }
     assert!(!answer.named().is_empty(), "{}", answer.said);
     for heading in ["  what ", "  how sure ", "  where ", "  held out ", "they differ most at", "  written "] {
         assert!(answer.said.contains(heading), "{heading:?} is not in:\n{}", answer.said);
