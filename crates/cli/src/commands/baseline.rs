@@ -28,7 +28,7 @@ use crate::input::Input;
   gearwatch baseline show normal.json
   gearwatch baseline check normal.json --bench bench.toml
 
-One session understates how much a healthy machine scatters, because temperature, oil and mounting stay as they are
+One session understates how much a healthy machine scatters, because temperature, oil and mounting stay as they are \
 within it: learn several, each under its own name. docs/baseline.md explains what is kept.")]
 pub struct BaselineCommand {
     #[command(subcommand)]

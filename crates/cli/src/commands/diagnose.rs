@@ -36,9 +36,10 @@ mod table;
   gearwatch diagnose today.mcap -b bench.toml -n normal.json --report today.html   a page to be handed on
   gearwatch diagnose today.mcap -b bench.toml -n normal.json --windows             each window, as `gearwatch replay` says it
 
-Exit codes: 0 within limits; 1 warning: a deviation of rank I to III, or the path from gear to sensor changed; 2 critical: rank IV
-or V; 3 unknown: nothing resolved, no baseline here, an instrument fault, a channel missing, bad input. Of several, 2 goes before 1,
-1 before 3, 3 before 0. Colours appear on a terminal only, and never where NO_COLOR is set.")]
+Exit codes: 0 within limits; 1 warning: a deviation of rank I to III, or the path from gear to sensor changed; 2 critical: rank IV \
+or V; 3 unknown: nothing resolved, no baseline here, an instrument fault, a channel missing, bad input. Of several, 2 goes before 1, \
+1 before 3, 3 before 0. With --windows every window counts by itself: one alone resolves less than the average of all, so that a \
+healthy recording may end with 3. Colours appear on a terminal only, and never where NO_COLOR is set.")]
 pub struct Diagnose {
     #[command(flatten)]
     input: Input,

@@ -28,7 +28,7 @@ use screen::Screen;
   gearwatch fleet --once                                   how all benches are now, as a table
   gearwatch fleet --format json | jq -c 'select(.kind == \"alarm\")'
 
-Exit codes with --once: 0 all benches are normal; 1 a warning; 2 critical; 3 unknown, silent, or no answer. Otherwise it runs until it is
+Exit codes with --once: 0 all benches are normal; 1 a warning; 2 critical; 3 unknown, silent, or no answer. Otherwise it runs until it is \
 stopped.")]
 pub struct Fleet {
     /// The server: nats://host:4222, or tls://host:4222

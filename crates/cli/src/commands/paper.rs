@@ -19,7 +19,7 @@ use crate::format::{Format, wrapped};
   gearwatch paper
   gearwatch paper --format json | jq .relation.models
 
-Tables 2 (simulation) and 5 (experiment) of \"The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite
+Tables 2 (simulation) and 5 (experiment) of \"The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite \
 Fault\" are part of the program; docs/paper.md explains the figures.")]
 pub struct Paper {
     /// Text for people, or one JSON object

@@ -20,8 +20,8 @@ use crate::serve::serve;
   gearwatch run | jq -c '[.window, .stage, .rank_1x, .rank_2x]'
   gearwatch config show > my.toml                write the built-in configuration down, to start from
 
-SIGINT and SIGTERM stop in order; a second one ends at once. SIGHUP reads the configuration again: where it is good it takes
-over, otherwise the old one goes on. Exit codes: 0 stopped or all sources at their end; 3 a source or
+SIGINT and SIGTERM stop in order; a second one ends at once. SIGHUP reads the configuration again: where it is good it takes \
+over, otherwise the old one goes on. Exit codes: 0 stopped or all sources at their end; 3 a source or \
 the configuration failed, or something was lost; 70 the service must be started anew.")]
 pub struct RunService {
     /// Configuration file (see `gearwatch config`); the built-in demonstration where left out
