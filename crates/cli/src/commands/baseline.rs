@@ -22,7 +22,7 @@ use crate::input::Input;
 /// Learn, show, check and merge what is normal on a bench
 #[derive(Args)]
 #[command(after_help = "Examples:
-  gearwatch baseline learn monday-*.mcap --bench bench.toml -o monday.json --session monday --mounting first
+  gearwatch baseline learn monday-*.mcap --bench bench.toml -o monday.json --session monday
   gearwatch baseline learn run.csv.gz --bench bench.toml -o run.json --sample-rate 12800 --torque 60
   gearwatch baseline merge monday.json tuesday.json -o normal.json
   gearwatch baseline show normal.json

@@ -31,10 +31,10 @@ mod table;
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch diagnose today.mcap --bench bench.toml --baseline normal.json
-  gearwatch diagnose *.csv.gz --bench bench.toml --baseline normal.json --sample-rate 12800 --unit g --format csv
-  gearwatch diagnose today.mcap -b bench.toml -n normal.json --format nagios       for a monitoring system
-  gearwatch diagnose today.mcap -b bench.toml -n normal.json --report today.html   a page to be handed on
-  gearwatch diagnose today.mcap -b bench.toml -n normal.json --windows             each window, as `gearwatch replay` says it
+  gearwatch diagnose *.csv.gz -b bench.toml -n normal.json --sample-rate 12800 --unit g -f csv
+  gearwatch diagnose today.mcap -b bench.toml -n normal.json -f nagios             for Nagios or Icinga
+  gearwatch diagnose today.mcap -b bench.toml -n normal.json --report today.html   a page to hand on
+  gearwatch diagnose today.mcap -b bench.toml -n normal.json --windows             each window, as replay does
 
 Exit codes: 0 within limits; 1 warning: a deviation of rank I to III, or the path from gear to sensor changed; 2 critical: rank IV \
 or V; 3 unknown: nothing resolved, no baseline here, an instrument fault, a channel missing, bad input. Of several, 2 goes before 1, \

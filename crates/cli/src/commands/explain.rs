@@ -27,7 +27,7 @@ mod tables;
 #[command(after_help = "Examples:
   gearwatch explain bench.toml recordings/
   gearwatch explain bench.toml recordings/ --reference before/ --out answer/
-  gearwatch explain bench.toml recordings/ --reference before/ --out answer/ --report answer/report.html
+  gearwatch explain bench.toml recordings/ --reference before/ --report report.html
   gearwatch explain bench.toml 20hz-40nm.mcap 30hz-40nm.mcap 30hz-80nm.mcap
   gearwatch explain --blind-spots bench.toml
   gearwatch explain --tables simulation.csv experiment.csv
