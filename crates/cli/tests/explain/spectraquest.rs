@@ -41,7 +41,8 @@ fn literature_changed_paths_are_named_and_no_tooth_is_invented() {
     }
     let answer = folder.explain(&["box.toml", "broken", "--reference", "healthy"]);
     eprintln!("{}", answer.said);
-    // What is not judged is told. One may be: with the broken tooth at 10 % the second stage's mesh hardly shows beside orders of the shafts.
+    // What is not judged is told. One may be: with the broken tooth at 10 % the second stage's mesh hardly stands above other combs, and orders 4,
+    // 8, 12 … of the input shaft are taken for a pinion of 10 teeth.
     let refused: Vec<&str> = answer.limits().into_iter().filter(|limit| limit.contains("not judged")).collect();
     assert!(refused.len() <= 1, "{refused:?}");
     let named = answer.named();
