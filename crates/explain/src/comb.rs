@@ -18,6 +18,8 @@ use crate::name::Question;
 const CLEAR: f64 = 5.0;
 /// Lines on each side of a mesh harmonic that count as beside it.
 const BESIDE: usize = 5;
+/// Neighbours that a pair must show for a pattern of its teeth.
+const LEAST_NEIGHBOURS: usize = 30;
 /// Least agreement of phases (0–1) at which recording and reference count as aligned.
 const ALIGNED: f64 = 0.25;
 
@@ -181,10 +183,13 @@ fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
     (out, aligned)
 }
 
+fn clear(l: &Option<(Complex64, f64)>) -> Option<(Complex64, f64)> {
+    l.filter(|(d, n)| d.norm_sqr() > CLEAR * n)
+}
+
 /// Looks at the change of everything that repeats with a shaft; `stage` says about which mesh harmonics "near" is meant.
 pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
     let (differences, aligned) = differences(q, shaft);
-    let clear = |l: &Option<(Complex64, f64)>| l.filter(|(d, n)| d.norm_sqr() > CLEAR * n);
     let z =
         q.bench.stages.get(stage).map_or(1, |s| (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize);
     let (mut sum, mut weight, mut neighbours) = (0.0, 0.0, 0usize);
@@ -234,6 +239,66 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
         first: if firsts.is_empty() { 0.0 } else { median(&mut firsts) },
         aligned,
     }
+}
+
+/// How the change of a gear's comb goes from tooth to tooth.
+///
+/// Whatever differs from tooth to tooth gives lines `n` the discrete Fourier transform of its values over the `z` teeth, which repeats with `n`
+/// modulo `z` and is conjugate at `−n`, times what one tooth's contact and the path make of a line (Mark 1978). So products of neighbouring lines
+/// hold `(z − 1)/2` phases at most, however many lines there are: errors of all teeth give phases without order, one tooth the same for all.
+#[derive(Clone, Copy, Debug)]
+pub struct ToothPattern {
+    /// Resultant of the phases of the residues, 0 to 1.
+    pub even: f64,
+    /// Residues that it rests on, by their weights.
+    pub residues: f64,
+    /// Phases without order reach a score of `s` with probability `exp(−s)` (Rayleigh's test: residues × resultant²), mean over pairs.
+    pub score: f64,
+    /// Share of the products that lines of one residue have in common; low where the change is not one of this gear's teeth.
+    pub shared: f64,
+    /// Products of neighbouring lines.
+    pub neighbours: usize,
+}
+
+/// The pattern of the teeth in the change of a shaft's comb.
+pub fn pattern(changes: &[Difference], teeth: usize) -> Option<ToothPattern> {
+    let mut pairs: Vec<usize> = changes.iter().map(|d| d.pair).collect();
+    pairs.dedup();
+    let mut sums = ToothPattern { even: 0.0, residues: 0.0, score: 0.0, shared: 0.0, neighbours: 0 };
+    let mut count = 0.0;
+    for pair in pairs {
+        let mut residues = vec![Complex64::ZERO; teeth.div_ceil(2)];
+        let mut neighbours = 0;
+        for d in changes.iter().filter(|d| d.pair == pair) {
+            for (k, w) in d.lines.windows(2).enumerate() {
+                if let (Some((a, _)), Some((b, _))) = (clear(&w[0]), clear(&w[1])) {
+                    let product = b * a.conj();
+                    let m = (k + 1) % teeth;
+                    residues[m.min(teeth - 1 - m)] += product / product.norm();
+                    neighbours += 1;
+                }
+            }
+        }
+        let weight: f64 = residues.iter().map(|r| r.norm()).sum();
+        if neighbours < LEAST_NEIGHBOURS || weight <= 0.0 {
+            continue;
+        }
+        let even = residues.iter().sum::<Complex64>().norm() / weight;
+        let independent = weight * weight / residues.iter().map(Complex64::norm_sqr).sum::<f64>();
+        count += 1.0;
+        sums.even += even;
+        sums.residues += independent;
+        sums.score += independent * even * even;
+        sums.shared += weight / neighbours as f64;
+        sums.neighbours += neighbours;
+    }
+    (count > 0.0).then(|| ToothPattern {
+        even: sums.even / count,
+        residues: sums.residues / count,
+        score: sums.score / count,
+        shared: sums.shared / count,
+        neighbours: sums.neighbours,
+    })
 }
 
 /// Median over lines of `ln |Δ_high / Δ_low| / ln(T_high / T_low)` of pairs at one speed.

@@ -9,6 +9,8 @@ use crate::report::Fit;
 const CLOCK_PPM: f64 = 60.0;
 /// Standard deviations at which a speed ratio is believed.
 const RATIO_Z: f64 = 4.0;
+/// Log odds of belt slip against a wrong clock from which the other is not kept in the set.
+const LARGE_ODDS: f64 = 4.5;
 
 /// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before it.
 pub fn gears_on(q: &Question<'_>, shaft: usize) -> Vec<String> {
@@ -114,40 +116,44 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     if excess.abs() < RATIO_Z * sigma + 3e-4 {
         return;
     }
-    // Load: slip grows with torque, a wrong clock does not.
-    let (mut low, mut high) = (f64::INFINITY, 0.0f64);
-    for r in q.recordings {
-        low = low.min(r.brake_torque_nm);
-        high = high.max(r.brake_torque_nm);
-    }
-    let at = |torque: f64| {
-        mean_finite(
-            q.recordings
-                .iter()
-                .zip(slip)
-                .filter(|(r, _)| (r.brake_torque_nm / torque - 1.0).abs() < 0.1)
-                .map(|(_, s)| *s),
-        )
-    };
-    let loaded = at(high);
-    let grows = match (at(low), loaded) {
-        (Some(a), Some(b)) if high > 1.3 * low => {
-            (b.0 - a.0) / (DISPLAY_SIGMA * (1.0 / a.1 as f64 + 1.0 / b.1 as f64).sqrt())
-        }
-        _ => 0.0,
-    };
     if q.bench.belt.is_some() && excess > 0.0 {
-        let (value, n_high) = loaded.unwrap_or((mean, count));
-        let sure = clock_known || grows > 3.0;
-        let mut f = Finding::new("belt_slip", "belt", if sure { 0.96 } else { 0.7 }).with(
-            "slip_percent",
-            100.0 * (value - base),
-            100.0 * (DISPLAY_SIGMA.powi(2) / n_high as f64 + base_variance + 2e-4f64.powi(2)).sqrt(),
-        );
+        let (slope, constant) = (law(q, slip, base, true), law(q, slip, base, false));
+        // A clock that the tacho shows to be right leaves slip.
+        let odds = if clock_known { f64::INFINITY } else { 0.5 * (constant.misfit - slope.misfit) };
+        let slipping = 1.0 / (1.0 + (-odds).exp());
+        steps.push(format!(
+            "speed against display: slip in proportion to torque leaves χ² = {:.1}, a wrong clock {:.1} ({count} recordings)",
+            slope.misfit, constant.misfit
+        ));
+        let floor = |sigma: f64| (sigma.powi(2) + base_variance).sqrt();
+        let slipped = |p: f64| {
+            Finding::new("belt_slip", "belt", p.min(0.96)).with(
+                "slip_percent",
+                100.0 * slope.value,
+                100.0 * floor(slope.sigma).hypot(2e-4),
+            )
+        };
+        let fast_by = 1e6 * fast(constant.value);
+        let clocked = |p: f64| {
+            Finding::new("clock_offset", "acquisition", p.min(0.96)).with("ppm", fast_by, 1e6 * floor(constant.sigma))
+        };
+        let (mut f, other) = if slipping >= 0.5 {
+            (slipped(slipping), ("clock_offset", "acquisition".to_owned()))
+        } else if out.iter().any(|f| f.effect == "clock_offset") {
+            return;
+        } else {
+            (clocked(1.0 - slipping), ("belt_slip", "belt".to_owned()))
+        };
         f.evidence.place = format!("all gear orders lie {:.2} % below the motor's display", 100.0 * mean);
-        f.evidence.law = format!("change from least to highest load: {grows:.1} standard deviations");
-        if !sure {
-            f.alternatives.push(("clock_offset", "acquisition".into()));
+        f.evidence.law = if clock_known {
+            "the tacho says that the clock is right".into()
+        } else if f.effect == "belt_slip" {
+            format!("grows with the torque: likelier than constant by {:.1} nats", odds)
+        } else {
+            format!("the same at every load: likelier than in proportion to the torque by {:.1} nats", -odds)
+        };
+        if odds.abs() < LARGE_ODDS {
+            f.alternatives.push(other);
         }
         out.push(f);
     } else if !clock_known || clock.abs() * 1e6 > CLOCK_PPM {
@@ -160,6 +166,34 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     }
 }
 
+/// Speed behind the display by one law.
+struct SpeedLaw {
+    /// At the highest torque.
+    value: f64,
+    sigma: f64,
+    /// χ² that it leaves.
+    misfit: f64,
+}
+
+/// Fits the speeds behind the display: in proportion to the torque (a belt slips more the more it carries: PHYSICS 4) or all the same (a clock).
+/// Both laws have one number, so that their likelihoods may be compared as they are.
+fn law(q: &Question<'_>, slip: &[f64], base: f64, with_torque: bool) -> SpeedLaw {
+    let highest = q.recordings.iter().map(|r| r.brake_torque_nm).fold(0.0, f64::max);
+    // An unknown torque counts as the highest.
+    let share = |torque: f64| if with_torque && highest > 0.0 && torque.is_finite() { torque / highest } else { 1.0 };
+    let points: Vec<(f64, f64)> = q
+        .recordings
+        .iter()
+        .zip(slip)
+        .filter(|(_, s)| s.is_finite())
+        .map(|(r, s)| (share(r.brake_torque_nm), s - base))
+        .collect();
+    let (xy, xx) = points.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x * y, b + x * x));
+    let value = xy / xx;
+    let misfit = points.iter().map(|(x, y)| ((y - value * x) / DISPLAY_SIGMA).powi(2)).sum();
+    SpeedLaw { value, sigma: DISPLAY_SIGMA / xx.sqrt(), misfit }
+}
+
 /// Whether lines may be compared one by one: not at another speed, and not where every channel is clipped. A wrong sample clock
 /// moves no line over shaft angle.
 pub fn comparable(q: &Question<'_>, findings: &[Finding]) -> bool {
@@ -169,6 +203,10 @@ pub fn comparable(q: &Question<'_>, findings: &[Finding]) -> bool {
 
 /// What can be said without a reference beyond the direct findings.
 pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
+    if let Some(f) = crate::gear::lone_tooth(q, steps) {
+        findings.push(f);
+        return;
+    }
     crate::alone::shaft_orders(q, findings, steps);
 }
 

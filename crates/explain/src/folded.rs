@@ -57,6 +57,12 @@ pub fn scan(
     let first = (0..recordings).max_by(|a, b| features[*a].revolutions.total_cmp(&features[*b].revolutions))?;
     let mut best: Option<FoldedLine> = None;
     for (name, _, _) in &steady[first].channels {
+        // A limit that cuts the peaks makes harmonics without end, and they fold too: clipping's own echo.
+        let clipped =
+            |f: &RecordingFeatures| f.channels.iter().any(|c| c.name == *name && c.integrity.clipped_at.is_some());
+        if features[..recordings].iter().any(clipped) {
+            continue;
+        }
         let mut orders = candidates(transforms, &steady[first], &features[first], name);
         orders.truncate(FOLLOWED);
         for (order, sharper) in orders {
