@@ -203,7 +203,9 @@ pub fn comparable(q: &Question<'_>, findings: &[Finding]) -> bool {
 
 /// What can be said without a reference beyond the direct findings.
 pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
-    if let Some(f) = crate::gear::lone_tooth(q, steps) {
+    // A limit spoils phases, and slip moves the speeds apart that are subtracted.
+    let spoilt = findings.iter().any(|f| matches!(f.effect, "clipping" | "belt_slip"));
+    if !spoilt && let Some(f) = crate::gear::lone_tooth(q, steps) {
         findings.push(f);
         return;
     }

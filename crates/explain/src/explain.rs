@@ -373,4 +373,50 @@ mod tests {
         names.channels = good.channels.into_iter().map(|(k, v)| (format!("other {k}"), v)).collect();
         assert!(refuse(&[names]).contains("none of its channels"));
     }
+
+    /// Order 5 of the output shaft, 2.8 of the input and so of no other row: in proportion to the torque it is the brake's, the same at both loads a
+    /// speed that fluctuates. No reference is needed.
+    #[test]
+    fn analytic_one_order_of_a_shaft_is_named_by_its_law_over_torque() {
+        let points = [(20.0, 20.0), (20.0, 40.0), (30.0, 20.0), (30.0, 40.0)];
+        let with = |size: &dyn Fn(f64) -> f64| -> Vec<Recording> {
+            let one = |(i, &(speed, torque)): (usize, &(f64, f64))| {
+                let amplitude = size(torque);
+                let more = |_: usize, _: f64, angle: f64| amplitude * (TAU * 5.0 * 23.0 / 41.0 * angle).cos();
+                record(speed, torque, 1 + i as u64, 23.0, &more)
+            };
+            points.iter().enumerate().map(one).collect()
+        };
+        let grows = ask(&with(&|torque| 0.015 * torque), &[]);
+        assert_eq!(first(&grows), ("torque_ripple", "brake"), "{:?}", grows.steps);
+        let stays = ask(&with(&|_| 0.4), &[]);
+        assert_eq!(first(&stays), ("speed_fluctuation", "output"), "{:?}", stays.steps);
+        assert!((stays.effects[0].parameters["order"].value() - 5.0).abs() < 0.5);
+        assert!(ask(&session(1, 23.0, &nothing), &[]).effects.is_empty());
+    }
+
+    /// All speeds behind the display, without a tacho: by the same share at both loads the sample clock is off, in proportion to the torque the belt
+    /// slips. The recordings' speeds scatter by ±0.1 % as those of a drive do.
+    #[test]
+    fn analytic_slip_grows_with_the_load_and_a_wrong_clock_does_not() {
+        let mut belted = bench();
+        belted.belt = Some(Belt { ratio: 2.0, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.2 });
+        let behind = |share: &dyn Fn(f64) -> f64| -> Explanation {
+            let mut now = session(1, 23.0, &nothing);
+            for point in now.iter_mut().flat_map(|r| &mut r.operating_points) {
+                point.motor_speed_hz *= 2.0 / (1.0 - share(point.brake_torque_nm));
+            }
+            explain(&Input { bench: &belted, recordings: &now, reference: &[], without: &[] }, &mut |_| {})
+                .unwrap()
+                .explanation
+        };
+        let slips = behind(&|torque| 0.012 * torque / 40.0);
+        assert_eq!(first(&slips), ("belt_slip", "belt"), "{:?}", slips.steps);
+        let percent = slips.effects[0].parameters["slip_percent"];
+        assert!((percent.value() - 1.2).abs() < 3.0 * percent.sigma(), "{percent:?}");
+        let fast = behind(&|_| 0.006);
+        assert_eq!(first(&fast), ("clock_offset", "acquisition"), "{:?}", fast.steps);
+        let ppm = fast.effects[0].parameters["ppm"];
+        assert!((ppm.value() - 1e6 * 0.006 / 0.994).abs() < 3.0 * ppm.sigma(), "{ppm:?}");
+    }
 }

@@ -170,7 +170,7 @@ pub fn answer(
         }
     }
     strange::add_strange(q, &strange, &mut findings, &mut unexplained, &mut steps);
-    if q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
+    if q.comparison.pairs.is_empty() && !unexplained && findings.iter().all(|f| strange::leaves_shafts(f.effect)) {
         direct::without_reference(q, &mut findings, &mut steps);
     }
     if fit.is_none() {

@@ -39,6 +39,15 @@ pub struct Strange {
 /// Least mean excess (nats) of a line that is named, against a reference and without.
 const NEW_LINE: f64 = 3.0;
 const LONE_LINE: f64 = 4.5;
+/// Least excess in any recording of a line that is called foreign without a reference, and its distance (bins) from all combs.
+const LONE_LEAST: f64 = 4.0;
+const LONE_OFF: f64 = 5.0;
+/// Mean and least excess of a line of the mains without a reference.
+const LONE_MAINS: f64 = 4.0;
+const LONE_MAINS_LEAST: f64 = 3.0;
+/// As plain lines that are no mains, beside which one more is not named: multiples of the mains cover a hundredth of the axis, and gears whose far
+/// sidebands meet at two speeds make dozens of lines.
+const LONE_OTHERS: usize = 4;
 /// Standard scores of the envelope scan above which a bearing is named; scans of benches without one reach 8.
 const ENVELOPE_SCORE: f64 = 10.5;
 /// The same against a reference, where scans of 190 benches reach 6.6.
@@ -66,9 +75,15 @@ impl Strange {
             .collect()
     }
 
-    /// Several lines at fixed frequencies that are not mains, on several sensors.
+    /// Several lines at fixed frequencies that are not mains, on several sensors. Without a reference far sidebands of the bench's own gears that meet at
+    /// two speeds look alike: they lie on some shaft's comb, another machine's do not.
     pub fn foreign_machine(&self) -> bool {
-        self.against_reference && self.foreign().len() >= 2
+        let lone = |l: &&StrangeLine| l.excess > LONE_LINE && l.least > LONE_LEAST && l.off_comb > LONE_OFF;
+        if self.against_reference {
+            self.foreign().len() >= 2
+        } else {
+            self.foreign().into_iter().filter(lone).count() >= 3
+        }
     }
 }
 
@@ -121,6 +136,11 @@ pub fn strange(
     }
 }
 
+/// Effects beside which the orders of the shafts are what they are.
+pub fn leaves_shafts(effect: &str) -> bool {
+    matches!(effect, "electrical_pickup" | "clock_offset" | "belt_slip" | "clipping" | "aliasing")
+}
+
 /// Effects that leave the forces of the machine as they are.
 fn in_the_data(effect: &str) -> bool {
     matches!(effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
@@ -153,11 +173,15 @@ pub fn add_strange(
         return;
     }
     // Lines at fixed frequency.
+    let plain_others = strange.fixed.iter().filter(|l| l.excess > LONE_MAINS && mains(l.position).is_none()).count();
     let pickup = strange.fixed.iter().find(|l| {
         let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
-        let steady = l.least > if strange.against_reference { 1.0 } else { 4.0 };
-        l.excess > threshold
-            && steady
+        let plain = if strange.against_reference {
+            l.excess > NEW_LINE && l.least > 1.0
+        } else {
+            l.excess > LONE_MAINS && l.least > LONE_MAINS_LEAST && l.off_comb > 1.5 && plain_others <= LONE_OTHERS
+        };
+        plain
             && others == 0
             && several
             && (mains(l.position).is_some()
@@ -186,7 +210,7 @@ pub fn add_strange(
         f.evidence.place = format!("a line at {:.2} Hz at every speed, on this sensor alone", l.position);
         f.evidence.law = "fixed frequency, no order".into();
         findings.push(f);
-    } else if strange.foreign_machine() && !gear_changed {
+    } else if strange.foreign_machine() && (strange.against_reference || several) && !gear_changed {
         let lines = strange.foreign();
         steps.push(format!(
             "{} lines at fixed frequencies that are neither mains nor of this bench, the strongest at {:.2} Hz",
