@@ -15,6 +15,7 @@ pub mod error;
 pub mod explain;
 pub mod features;
 pub mod folded;
+pub mod friction;
 pub mod gear;
 pub mod ghost;
 pub mod held_out;

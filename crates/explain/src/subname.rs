@@ -5,7 +5,7 @@ use crate::lines::Family;
 use crate::locate::{self, Cell, Place};
 use crate::masks::{self, Mask};
 use crate::name::{Finding, Question};
-use crate::{gear, refit, shape, sizes};
+use crate::{friction, gear, refit, shape, sizes};
 
 /// Effects that alter the way from housing to samples.
 pub fn is_path(effect: &str) -> bool {
@@ -110,7 +110,12 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         steps.push(format!("load law of {}: amplitude ∝ torque^{p:.2}", describe(q, place)));
     }
     let gear_name = |i: usize, j: usize| gear::gear_name(q, i, j);
+    let friction = match place {
+        Place::ShaftOrders(_) | Place::Dynamics | Place::Stage(_) | Place::Mesh(_) => friction::friction(q, cells),
+        _ => None,
+    };
     let mut finding = match place {
+        _ if friction.is_some() => friction?,
         Place::FirstSide(i, j) => Finding::new("eccentricity", gear_name(i, j), 0.92),
         Place::ShaftOrder(j, 1) => {
             // Which of the gears on the shaft: the stage whose sidebands moved more.
