@@ -20,6 +20,9 @@ const OTHERS_SHARE: f64 = 1.0;
 const FLOOR_MISFIT_ALONE: f64 = 6.0;
 const LINE_SHARE_ALONE: f64 = 0.3;
 const STEADIER: f64 = 3.0;
+/// Where there is no other channel: gears that change move the background by 2.7 per band at most, and do not take two thirds of the lines' misfit along.
+const FLOOR_MISFIT_LONE: f64 = 12.0;
+const LINE_SHARE_LONE: f64 = 0.66;
 /// How far a line lies from the band of background that stands for it (ln).
 const BAND_SIGMA: f64 = 0.2;
 
@@ -44,6 +47,7 @@ pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<
     };
     let floors: Vec<f64> = (0..q.comparison.channels.len()).map(misfit).collect();
     let steadiest = floors.iter().copied().fold(f64::INFINITY, f64::min);
+    let lone = floors.len() == 1;
     let mut out = Vec::new();
     for (c, floor) in floors.iter().enumerate() {
         let corrected: Vec<(usize, f64)> = cells
@@ -62,14 +66,22 @@ pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<
             "one speed; background of {name}: misfit {floor:.1} per band, its change accounts for {:.0} % of the misfit of the lines",
             100.0 * share
         ));
-        if *floor < FLOOR_MISFIT_ALONE || share < LINE_SHARE_ALONE || *floor < STEADIER * steadiest {
+        let moved = match lone {
+            true => *floor > FLOOR_MISFIT_LONE && share > LINE_SHARE_LONE,
+            false => *floor > FLOOR_MISFIT_ALONE && share > LINE_SHARE_ALONE && *floor > STEADIER * steadiest,
+        };
+        if !moved {
             continue;
         }
         let mut f = Finding::new("sensor_mounting", name.clone(), 0.8);
         f.alternatives.push(("structural_resonance", name.clone()));
         f.evidence.place = format!("lines and background of {name} alone");
+        let other = match lone {
+            true => "there is no other channel to compare it with".to_owned(),
+            false => format!("that of another channel stayed at {steadiest:.1}"),
+        };
         f.evidence.law = format!(
-            "the background moved by {floor:.1} per band and took the lines along ({:.0} % of their misfit); that of another channel stayed at {steadiest:.1}",
+            "the background moved by {floor:.1} per band and took the lines along ({:.0} % of their misfit); {other}",
             100.0 * share
         );
         out.push((f, corrected));
