@@ -5,6 +5,7 @@ use gearwatch_core::train::Train;
 
 use crate::angle::CombField;
 use crate::features::{self, Steady};
+use crate::lines;
 
 /// Largest change of the teeth of one gear that is tried.
 const TEETH_REACH: i64 = 4;
@@ -88,12 +89,16 @@ pub fn stranger(
         let mut others: Vec<(f64, u32)> = Vec::new();
         for teeth in TRIED_TEETH {
             let order = kinematics.pinion_order * f64::from(teeth);
-            // Combs that share lines with a mesh of the bench say nothing.
+            // Combs that share lines with a mesh of the bench say nothing, nor do those of the low orders that every shaft makes.
             let shares = train.stages.iter().any(|s| {
                 let ratio = |a: u8, b: u8| order * f64::from(a) / (s.mesh_order * f64::from(b));
                 (1..=5).any(|a| (1..=5).any(|b| (ratio(a, b) - 1.0).abs() < 2e-3))
             });
-            if !shares {
+            let of_shaft = train.shafts.iter().any(|(_, own)| {
+                let multiple = (order / own).round();
+                multiple <= f64::from(lines::SHAFT_MULTIPLES) && (multiple * own / order - 1.0).abs() < 2e-3
+            });
+            if !shares && !of_shaft {
                 others.push((field.search(&comb(order), low, high).1, teeth));
             }
         }
