@@ -56,8 +56,11 @@ struct Order {
     law: Option<Law>,
 }
 
+/// Power and noise by recording and channel.
+type Powers = Vec<Vec<Option<(f64, f64)>>>;
+
 /// Power and noise of one multiple of a shaft by recording and channel; what clips shows its own lines.
-fn powers(q: &Question<'_>, shaft: usize, multiple: u8) -> Vec<Vec<Option<(f64, f64)>>> {
+fn powers(q: &Question<'_>, shaft: usize, multiple: u8) -> Powers {
     let clipped = |name: &str| {
         q.recordings.iter().flat_map(|r| &r.channels).any(|c| c.name == name && c.integrity.clipped_at.is_some())
     };
@@ -102,13 +105,12 @@ fn law(q: &Question<'_>, powers: &[Vec<Option<(f64, f64)>>]) -> Option<Law> {
 
 /// The multiples of a shaft from the second on; the first has causes enough of its own.
 fn row(q: &Question<'_>, shaft: usize) -> Vec<Order> {
-    let all: Vec<(u8, Vec<Vec<Option<(f64, f64)>>>)> =
-        (2..=SHAFT_MULTIPLES).map(|k| (k, powers(q, shaft, k))).collect();
+    let all: Vec<(u8, Powers)> = (2..=SHAFT_MULTIPLES).map(|k| (k, powers(q, shaft, k))).collect();
     let mut heights: Vec<Vec<f64>> = vec![Vec::new(); all.len()];
     let mut clear: Vec<Vec<f64>> = vec![Vec::new(); all.len()];
     for (i, r) in q.recordings.iter().enumerate() {
         for c in 0..r.channels.len() {
-            let at = |x: &(u8, Vec<Vec<Option<(f64, f64)>>>)| {
+            let at = |x: &(u8, Powers)| {
                 x.1[i][c].map(|(p, n)| (0.5 * p.max(n).ln() - f64::from(x.0).ln(), 0.5 * (p / n).max(1.0).ln()))
             };
             let values: Vec<Option<(f64, f64)>> = all.iter().map(at).collect();

@@ -10,6 +10,7 @@ use crate::error::ExplainError;
 use crate::features::{self, RecordingFeatures, Steady, Unused};
 use crate::folded;
 use crate::kinematics;
+use crate::last_wheel;
 use crate::limits;
 use crate::name::{self, Question};
 use crate::ratio;
@@ -87,11 +88,11 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     progress("speeds and tooth numbers");
     let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
     let other = kinematics::other_teeth(input.bench, &steady, &fields);
-    let (bench, teeth) = match other {
+    let (mut bench, mut teeth) = match other {
         Some((teeth, bench)) => (bench, Some(teeth)),
         None => (input.bench.clone(), None),
     };
-    let train = Train::new(&bench);
+    let mut train = Train::new(&bench);
     let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
     // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
     let strangers: Vec<Option<String>> = steady
@@ -106,12 +107,22 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     if judged == 0 {
         return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
     }
-    let mut all: Vec<RecordingFeatures> = Vec::with_capacity(steady.len());
     let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
     let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
-    for (s, speed) in steady.iter().zip(&speeds) {
-        progress(&format!("lines of {}", s.recording.name));
-        all.push(features::read(&mut transforms, &bench, &train, s, speed.input_hz, speed.score));
+    let mut lines = |bench: &Bench, train: &Train| -> Vec<RecordingFeatures> {
+        let one = |(s, speed): (&Steady<'_>, &kinematics::Speed)| {
+            progress(&format!("lines of {}", s.recording.name));
+            features::read(&mut transforms, bench, train, s, speed.input_hz, speed.score)
+        };
+        steady.iter().zip(&speeds).map(one).collect()
+    };
+    let mut all = lines(&bench, &train);
+    if teeth.is_none()
+        && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &all)
+    {
+        (bench, teeth) = (corrected, Some(wheel));
+        train = Train::new(&bench);
+        all = lines(&bench, &train);
     }
     let ratios = ratio::ratios(&steady, &all, &train);
     progress("lines folded about half the sample rate");
@@ -335,6 +346,20 @@ mod tests {
         let answer = ask(&session(1, 24.0, &nothing), &[]);
         assert_eq!(first(&answer), ("wrong_tooth_count", "stage1.pinion"), "{:?}", answer.steps);
         assert!((answer.effects[0].parameters["teeth"].value() - 24.0).abs() < 0.5);
+    }
+
+    /// The last wheel moves no mesh line. Two teeth more on the sheet than in the recordings show in the sidebands of its shaft alone; as many as there
+    /// are, and nothing is said.
+    #[test]
+    fn analytic_other_teeth_of_the_last_wheel_are_counted_by_its_sidebands() {
+        let mut sheet = bench();
+        sheet.stages[0].wheel.teeth = 43;
+        let now = session(1, 23.0, &nothing);
+        let answer = explain(&Input { bench: &sheet, recordings: &now, reference: &[], without: &[] }, &mut |_| {});
+        let answer = answer.unwrap().explanation;
+        assert_eq!(first(&answer), ("wrong_tooth_count", "stage1.wheel"), "{:?}", answer.steps);
+        assert!((answer.effects[0].parameters["teeth"].value() - 41.0).abs() < 0.5);
+        assert_eq!(first(&ask(&now, &[])), ("", ""));
     }
 
     /// One channel twice as large, lines and background alike.

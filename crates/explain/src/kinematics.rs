@@ -215,7 +215,8 @@ impl Moved {
     }
 }
 
-fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Bench {
+/// The bench with other teeth on one gear.
+pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Bench {
     let mut other = bench.clone();
     if let Some(s) = other.stages.get_mut(stage) {
         let gear = if pinion { &mut s.pinion } else { &mut s.wheel };

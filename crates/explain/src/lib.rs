@@ -21,6 +21,7 @@ pub mod ghost;
 pub mod held_out;
 pub mod integrity;
 pub mod kinematics;
+pub mod last_wheel;
 pub mod latent;
 pub mod least_squares;
 pub mod limits;
