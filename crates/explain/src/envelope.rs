@@ -105,7 +105,17 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
             let m = (order / o).round();
             m >= 1.0 && (order - m * o).abs() < tolerance && m <= 14.0
         };
-        train.shafts.iter().any(|s| s.1 * least_revs > 12.0 && comb(s.1)) || comb(train.motor_order)
+        // Lines of a mesh beat at its order whatever is cut out, and the sum over harmonics shows that at a half and a third of it too.
+        let mesh = |o: f64| {
+            (1..=3).any(|k| {
+                let own = f64::from(k) * order;
+                let m = (own / o).round();
+                m >= 1.0 && (own - m * o).abs() < f64::from(k) * tolerance
+            })
+        };
+        train.shafts.iter().any(|s| s.1 * least_revs > 12.0 && comb(s.1))
+            || comb(train.motor_order)
+            || train.stages.iter().any(|s| mesh(s.mesh_order))
     };
     let mut orders = Vec::new();
     let mut order = low;
