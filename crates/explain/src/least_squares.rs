@@ -2,7 +2,8 @@
 //!
 //! Minimises `Σ (ν + 1) ln(1 + r²/ν) + Σ ((x − μ)/s)²`: residuals `r` in standard deviations follow a t distribution with ν = 4, taken by
 //! iterated weights `(ν + 1)/(ν + r²)` (Lange, Little & Taylor 1989); the damped normal equations are Marquardt's (1963), scaled by the diagonal. The covariance
-//! is Laplace's: the inverse of the weighted normal matrix, priors included.
+//! is Laplace's: the inverse of the weighted normal matrix, priors included. No crate is used: `levenberg-marquardt` 0.15 is
+//! tied to an older `nalgebra` than this workspace has, and knows neither heavy tails nor a point without a model.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,8 +12,8 @@ const TAIL: f64 = 4.0;
 /// Step of the difference quotients, in standard deviations of the prior.
 const STEP: f64 = 0.05;
 /// Iterations at most, and the relative gain at which they end.
-const ITERATIONS: usize = 10;
-const SETTLED: f64 = 2e-3;
+const ITERATIONS: usize = 16;
+const SETTLED: f64 = 1e-3;
 /// How far a number may go from its prior (standard deviations).
 const FARTHEST: f64 = 4.0;
 
@@ -38,9 +39,14 @@ pub struct Solution {
     pub iterations: usize,
 }
 
-fn cost_of(r: &[f64], x: &DVector<f64>, priors: &[Prior]) -> f64 {
-    let data: f64 = r.iter().map(|r| (TAIL + 1.0) * (r * r / TAIL).ln_1p()).sum();
-    data + x.iter().zip(priors).map(|(x, p)| ((x - p.mean) / p.sigma).powi(2)).sum::<f64>()
+/// Cost of residuals: twice their negative log likelihood but for a constant; 1 each, on average (0.97), where they are Gaussian of deviation 1.
+pub fn losses(residuals: &[f64]) -> f64 {
+    residuals.iter().map(|r| (TAIL + 1.0) * (r * r / TAIL).ln_1p()).sum()
+}
+
+/// Cost of being off the priors.
+pub fn pulls(x: &DVector<f64>, priors: &[Prior]) -> f64 {
+    x.iter().zip(priors).map(|(x, p)| ((x - p.mean) / p.sigma).powi(2)).sum()
 }
 
 /// Minimises from a start. `residuals` gives `None` where there is no model at a point; the search then turns back.
@@ -52,7 +58,7 @@ pub fn minimise(
     let n = start.len();
     let mut x = start;
     let mut r = residuals(&x)?;
-    let mut cost = cost_of(&r, &x, priors);
+    let mut cost = losses(&r) + pulls(&x, priors);
     let first = cost;
     let mut damping = 1e-2;
     let mut done = 0;
@@ -72,7 +78,7 @@ pub fn minimise(
                 *v = v.clamp(p.mean - FARTHEST * p.sigma, p.mean + FARTHEST * p.sigma);
             }
             if let Some(at) = residuals(&next) {
-                let value = cost_of(&at, &next, priors);
+                let value = losses(&at) + pulls(&next, priors);
                 if value < cost {
                     better = Some((next, at, value));
                     damping = (damping * 0.2).max(1e-6);

@@ -39,6 +39,7 @@ pub mod refit;
 pub mod report;
 pub mod scan;
 pub mod shape;
+pub mod shared;
 pub mod sizes;
 pub mod strange;
 pub mod subname;

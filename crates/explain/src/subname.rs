@@ -5,7 +5,8 @@ use crate::lines::Family;
 use crate::locate::{self, Cell, Place};
 use crate::masks::{self, Mask};
 use crate::name::{Finding, Question};
-use crate::{friction, gear, refit, shape, sizes};
+use crate::shared::{self, Depth};
+use crate::{friction, gear, sizes};
 
 /// Effects that alter the way from housing to samples.
 pub fn is_path(effect: &str) -> bool {
@@ -94,15 +95,6 @@ pub fn rival(q: &Question<'_>, mask: &Mask, cells: &[Cell]) -> Option<Finding> {
     named(q, mask, cells, Depth::Shape, &mut Vec::new())
 }
 
-/// How closely effects that share a mask are compared.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Depth {
-    /// By SHAPE alone.
-    Shape,
-    /// Each with the bench's numbers fitted beside it.
-    Refit,
-}
-
 fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mut Vec<String>) -> Option<Finding> {
     let place = mask.place;
     let exponent = load_exponent(q, place, true).or_else(|| load_exponent(q, place, false));
@@ -135,7 +127,7 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         }
         Place::ShaftOnce(j) => Finding::new("unbalance", q.train.shafts[j].0.clone(), 0.8),
         Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
-        Place::ShaftOrders(_) => from_shape(q, Place::Dynamics, cells, depth, steps)?,
+        Place::ShaftOrders(_) => shared::finding(q, Place::Dynamics, cells, depth, steps)?,
         Place::ShaftOrder(j, k) => ripple(q, j, k, exponent),
         Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.62).with("order", f64::from(k), 0.2),
         // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
@@ -146,9 +138,9 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
             f.alternatives.push(("pitch_error", gear_name(i, j)));
             f
         }
-        Place::LowSide(i, _) => from_shape(q, Place::Mesh(i), cells, depth, steps)?,
+        Place::LowSide(i, _) => shared::finding(q, Place::Mesh(i), cells, depth, steps)?,
         Place::Gear(i, j) => gear::gear(q, i, j, exponent, steps),
-        Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => from_shape(q, place, cells, depth, steps)?,
+        Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => shared::finding(q, place, cells, depth, steps)?,
         Place::Gain(_) | Place::Path(_) | Place::Housing => return None,
     };
     finding.evidence.place = format!(
@@ -184,78 +176,6 @@ fn rises(cells: &[Cell], place: Place) -> bool {
     let clear = inside().filter(|c| c.change * c.change > 4.0 * c.variance);
     let (up, all) = clear.fold((0, 0), |(u, n), c| (u + usize::from(c.change > 0.0), n + 1));
     all > 0 && up * 5 >= all * 4
-}
-
-/// Shares above this were right nine times in ten, smaller ones less often than they say by this factor (53 drawn cases): a likelihood takes
-/// the model for true.
-const SHAPE_SURE: f64 = 0.95;
-const SHAPE_TRUST: f64 = 0.65;
-/// Effects that are refitted, and the least share by SHAPE that they have, of the best.
-const REFITTED: usize = 7;
-const LEAST_SHARE: f64 = 5e-4;
-/// Effects that stand in a set, and the least share that they have, of the best.
-const IN_SET: usize = 4;
-const SET_SHARE: f64 = 0.02;
-
-/// Mesh harmonics and dynamics: the simulator's own signatures decide, first by SHAPE over drawn benches, then by the joint refit of each.
-fn from_shape(
-    q: &Question<'_>,
-    place: Place,
-    cells: &[Cell],
-    depth: Depth,
-    steps: &mut Vec<String>,
-) -> Option<Finding> {
-    let mut ranked = shape::rank(q, cells);
-    ranked.retain(|r| !q.without.contains(&r.effect));
-    ranked.retain(|r| match place {
-        // Only the mesh harmonics of one stage moved: what sits elsewhere or moves every line is out.
-        Place::Mesh(i) => r.place == q.train.stages[i].name,
-        Place::Stage(i) => r.place == q.train.stages[i].name || (i..=i + 1).any(|j| r.place == q.train.shafts[j].0),
-        _ => true,
-    });
-    let largest = ranked.first()?.probability;
-    let mut kept: Vec<(f64, shape::Ranked)> = ranked
-        .into_iter()
-        .take(REFITTED)
-        .filter(|r| r.probability > LEAST_SHARE * largest)
-        .map(|r| (r.probability.ln(), r))
-        .collect();
-    let compared = kept.len();
-    if depth == Depth::Refit && compared > 1 {
-        let fits: Vec<Option<f64>> = kept.iter().map(|(_, r)| refit::evidence(q, cells, r)).collect();
-        let least = fits.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-        for ((score, r), fit) in kept.iter_mut().zip(fits) {
-            // What cannot be refitted is taken to fit as badly as the worst.
-            *score += shape::TEMPER * fit.unwrap_or(least).min(1e6);
-            let words = fit.map_or("no steady state".to_owned(), |f| format!("{f:.1} nats"));
-            steps.push(format!(
-                "shape: {} at {}: {:.2} by drawn benches, joint refit {words}",
-                r.effect, r.place, r.probability
-            ));
-        }
-        kept.sort_by(|a, b| b.0.total_cmp(&a.0));
-    }
-    let top = kept.first()?.0;
-    let sum: f64 = kept.iter().map(|k| (k.0 - top).exp()).sum();
-    let best = &kept.first()?.1;
-    let stated = match 1.0 / sum {
-        p if p > SHAPE_SURE => 0.9,
-        p => (SHAPE_TRUST * p).max(0.15),
-    };
-    let mut f = Finding::new(best.effect, best.place.clone(), stated);
-    f.parameters = best.parameters.clone();
-    for (_, r) in kept.iter().skip(1).take(IN_SET).filter(|k| k.0 > top + SET_SHARE.ln()) {
-        f.alternatives.push((r.effect, r.place.clone()));
-    }
-    f.evidence.shape = match kept.get(1) {
-        Some(next) => format!(
-            "of {compared} effects at this place the simulator's signature of this one, fitted together with the bench's own numbers, agrees best, \
-             {:.1} nats before the next",
-            top - next.0
-        ),
-        None => "no other effect at this place agrees well enough to be compared with it".to_owned(),
-    };
-    Some(f)
 }
 
 /// Ripple of a torque or speed at a multiple of a shaft.

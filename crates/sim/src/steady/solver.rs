@@ -16,6 +16,8 @@ use crate::model::TrainModel;
 
 /// Most Newton steps.
 const MOST_STEPS: usize = 25;
+/// Angle by which no gear vibrates (rad).
+const FARTHEST_RAD: f64 = 1.0;
 
 /// What is solved: which meshes move non-linearly, and over which period.
 #[derive(Clone, Debug, PartialEq)]
@@ -265,6 +267,10 @@ impl Grid {
                 .flat_map(|i| target_angle[i].iter().zip(&angle[i]))
                 .fold(0.0_f64, |w, (a, b)| w.max((a - b).abs()));
             let angle_scale = alternating(&target_angle).max(1e-9);
+            // An iteration that runs away; no phase of a mesh is defined far out.
+            if !target_angle.iter().flatten().all(|a| a.abs() < FARTHEST_RAD) {
+                return Err(SteadyError::NoConvergence);
+            }
             angle = target_angle;
             if worst <= options.tolerance * scale && angle_error <= options.tolerance * angle_scale {
                 if let Some(stage) = open {
