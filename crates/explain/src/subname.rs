@@ -223,6 +223,8 @@ pub fn mask_of(q: &Question<'_>, f: &Finding) -> Option<Place> {
             };
             order().map(|k| Place::ShaftOrder(j, k))
         }
+        // Its lines are none that were compared; what else its shaft does is not its echo.
+        "ghost_component" => None,
         "mesh_stiffness" | "damping" | "bearing_compliance" | "shaft_torsion" => Some(Place::Dynamics),
         _ => stage_at(&f.place).map(Place::Mesh),
     }
