@@ -210,9 +210,7 @@ pub fn mask_of(q: &Question<'_>, f: &Finding) -> Option<Place> {
     let order = || f.parameters.get("order").map(|o| o.value.round() as u8);
     match f.effect {
         "eccentricity" => gear().map(|(i, j)| Place::FirstSide(i, j)),
-        "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" | "ghost_component" => {
-            gear().map(|(i, j)| Place::Gear(i, j))
-        }
+        "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" => gear().map(|(i, j)| Place::Gear(i, j)),
         "unbalance" => shaft_at(&f.place).map(Place::ShaftOnce),
         "looseness" => shaft_at(&f.place).map(Place::ShaftOrders),
         "torque_ripple" | "speed_fluctuation" => {
