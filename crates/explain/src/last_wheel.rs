@@ -6,7 +6,7 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::dsp::mean;
+use crate::dsp::{mean, median};
 use crate::features::{RecordingFeatures, USABLE_BAND};
 use crate::kinematics::{self, OtherTeeth};
 
@@ -18,7 +18,7 @@ const HARMONICS: usize = 8;
 const ORDERS: usize = 12;
 /// Lines nearer than this (bins) to one that the train makes anyway say nothing.
 const APART_BINS: f64 = 3.0;
-/// Gain in mean log excess from the sheet's comb to the other's, and its standard score, at which other teeth are believed.
+/// Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean, at which other teeth are believed.
 const GAIN: f64 = 0.4;
 const SURE: f64 = 6.0;
 /// Lines on each side, in all recordings together.
@@ -63,16 +63,29 @@ fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f
     out
 }
 
+/// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.
+fn tacho_agrees(bench: &Bench, train: &Train, all: &[RecordingFeatures], teeth: u32) -> bool {
+    let last = train.shafts.last().map(|s| s.0.as_str());
+    if bench.tacho.as_ref().map(|t| t.shaft.as_str()) != last {
+        return false;
+    }
+    let mut off: Vec<f64> = all.iter().filter_map(|r| Some((r.tacho_input_hz? / r.input_hz - 1.0).abs())).collect();
+    !off.is_empty() && median(&mut off) < 0.5 / f64::from(teeth)
+}
+
 /// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the sheet says.
 pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> Option<(OtherTeeth, Bench)> {
     let stage = bench.stages.len().checked_sub(1)?;
     let (sheet, kinematic) = (bench.stages[stage].wheel.teeth, train.stages.get(stage)?);
+    if tacho_agrees(bench, train, all, sheet) {
+        return None;
+    }
     let order = |teeth: u32| kinematic.mesh_order / f64::from(teeth);
     let mut best: Option<(f64, f64, u32)> = None;
     for change in (-REACH..=REACH).filter(|c| *c != 0) {
         let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
         let (a, b) = ((order(sheet), sheet as usize), (order(teeth), teeth as usize));
-        let (old, new) = (excess(all, train, a, b), excess(all, train, b, a));
+        let (mut old, mut new) = (excess(all, train, a, b), excess(all, train, b, a));
         if old.len().min(new.len()) < LEAST_LINES {
             continue;
         }
@@ -80,8 +93,9 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> O
             let m = mean(v);
             v.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (v.len() * (v.len() - 1)) as f64
         };
-        let gain = mean(&new) - mean(&old);
-        let sure = gain / (variance(&old) + variance(&new)).sqrt().max(1e-9);
+        let sure = (mean(&new) - mean(&old)) / (variance(&old) + variance(&new)).sqrt().max(1e-9);
+        // The whole comb moves, not a few strong lines that something else makes.
+        let gain = median(&mut new) - median(&mut old);
         if best.is_none_or(|b| gain > b.0) {
             best = Some((gain, sure, teeth));
         }
