@@ -20,6 +20,8 @@ const SHARPER: f64 = 0.5;
 /// The same where the recordings' speeds are too near each other to decide: their images must lie this many bins apart.
 const SHARPER_ALONE: f64 = 2.0;
 const APART_BINS: f64 = 4.0;
+/// Ratio of the amplitudes in the recordings.
+const ALIKE: f64 = 2.0;
 /// Power over that in a reference.
 const NEW: f64 = 4.0;
 /// Turn (revolutions of the component) by which the steady part of a scan may be out of focus.
@@ -69,8 +71,14 @@ pub fn scan(
             let mut at = |i: usize| -> Option<(f64, f64)> {
                 let (s, f) = (&steady[i], &features[i]);
                 let run = s.channels.iter().find(|c| c.0 == *name)?.2;
-                (order * f.input_hz > 0.5 * f.sample_rate_hz && order * f.input_hz < f.sample_rate_hz)
-                    .then(|| crate::scan::folded_mesh(transforms, &run.samples, &f.phase_rev, order))
+                if order * f.input_hz <= 0.5 * f.sample_rate_hz || order * f.input_hz >= f.sample_rate_hz {
+                    return None;
+                }
+                let (ratio, amplitude) = crate::scan::folded_mesh(transforms, &run.samples, &f.phase_rev, order);
+                let spectrum = &f.channels.iter().find(|c| c.name == *name)?.order_spectrum;
+                let image = mirrored(spectrum, (f.sample_rate_hz / f.input_hz - order) * f.revolutions);
+                // A line that lies at the image is sharper there: a chance meeting, however strong.
+                Some((if amplitude.powi(2) > SHARPER * image { ratio } else { 0.0 }, amplitude))
             };
             let own: Vec<(f64, f64)> = (0..recordings).filter_map(&mut at).collect();
             let before = (recordings..steady.len()).filter_map(&mut at).map(|x| x.0).fold(0.0, f64::max);
@@ -84,7 +92,9 @@ pub fn scan(
             if range.1 - range.0 < APART_BINS && sharper < SHARPER_ALONE {
                 continue;
             }
-            if own.len() < 2 || least < EVERYWHERE || least < NEW * before {
+            // One component has one amplitude; lines that meet by chance have their own.
+            let (low, high) = own.iter().fold((f64::INFINITY, 0.0f64), |(l, h), x| (l.min(x.1), h.max(x.1)));
+            if own.len() < 2 || least < EVERYWHERE || least < NEW * before || high > ALIKE * low {
                 continue;
             }
             if best.as_ref().is_none_or(|b| least > b.least) {

@@ -298,8 +298,12 @@ fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
     f
 }
 
+/// Orders of the races of usual bearings, with room for slip and contact angle.
+const USUAL_RACES: std::ops::Range<f64> = 2.6..7.6;
+
 fn bearing(q: &Question<'_>, e: &EnvelopeLine, channels: &[String]) -> Finding {
-    // Inner and outer races of usual bearings lie between 2 and 12 orders of their own shaft; the sensor nearest shows them best.
+    // Inner and outer races of usual bearings (7 to 12 balls: 0.4 and 0.6 of their number) lie at 2.8 to 7.2 orders of their own shaft, of others between 2 and 12;
+    // the sensor nearest shows them best.
     let sensor_shaft =
         channels.get(e.channel).and_then(|c| q.bench.sensors.iter().find(|s| s.name == *c)).map(|s| s.shaft.clone());
     let mut shafts: Vec<(usize, f64)> = q
@@ -310,7 +314,9 @@ fn bearing(q: &Question<'_>, e: &EnvelopeLine, channels: &[String]) -> Finding {
         .map(|(j, s)| (j, e.order / s.1))
         .filter(|(_, own)| (1.8..14.0).contains(own))
         .collect();
-    shafts.sort_by_key(|(j, _)| usize::from(sensor_shaft.as_deref() != Some(q.train.shafts[*j].0.as_str())));
+    shafts.sort_by_key(|(j, own)| {
+        (!USUAL_RACES.contains(own), sensor_shaft.as_deref() != Some(q.train.shafts[*j].0.as_str()))
+    });
     let (j, own) = shafts.first().copied().unwrap_or((0, e.order));
     let mut f = Finding::new("bearing_defect", q.train.shafts[j].0.clone(), 0.7).with("order", own, 0.006 * own);
     f.alternatives.extend(shafts.iter().skip(1).map(|(k, _)| ("bearing_defect", q.train.shafts[*k].0.clone())));
