@@ -122,11 +122,19 @@ pub fn search(
             *found.unexplained = true;
             break;
         }
-        let chosen = masks::cause_within(&remaining, &chosen, &places)
-            .filter(|_| matches!(chosen.place, Place::Gear(..)) || wide(chosen.place))
-            .unwrap_or(chosen);
-        let named_one = subname::name(q, &chosen, &remaining, found.steps);
-        let Some(finding) = named_one.map(|f| with_rivals(q, f, &chosen, &ranked, &remaining)) else {
+        // A strong ripple drags all lines of its shaft along; what gains as much as they do together is then no rival of it.
+        let within = if matches!(chosen.place, Place::Gear(..)) || wide(chosen.place) {
+            masks::cause_within(&remaining, &chosen, &places)
+        } else {
+            None
+        };
+        let named_one = match &within {
+            Some(cause) => subname::name(q, cause, &remaining, found.steps),
+            None => subname::name(q, &chosen, &remaining, found.steps)
+                .map(|f| with_rivals(q, f, &chosen, &ranked, &remaining)),
+        };
+        let chosen = within.unwrap_or(chosen);
+        let Some(finding) = named_one else {
             *found.unexplained = true;
             break;
         };

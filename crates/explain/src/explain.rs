@@ -328,6 +328,30 @@ mod tests {
         assert_eq!(first(&answer), ("eccentricity", "stage1.wheel"), "{:?}", answer.steps);
     }
 
+    /// 33 waves on the flanks of 23 teeth: new lines at order 33 of the pinion and where the mesh mixes it to, all of remainder 10.
+    #[test]
+    fn analytic_new_lines_of_one_remainder_are_a_ghost() {
+        let more = |_: usize, _: f64, angle: f64| {
+            let mixed = [-1.0, 1.0].map(|h| 0.12 * (TAU * (33.0 + 23.0 * h) * angle + h).cos());
+            0.4 * (TAU * 33.0 * angle).cos() + mixed.iter().sum::<f64>()
+        };
+        let answer = ask(&session(1, 23.0, &more), &session(50, 23.0, &nothing));
+        assert_eq!(first(&answer), ("ghost_component", "stage1.pinion"), "{:?}", answer.steps);
+        let order = answer.effects[0].parameters["order"];
+        assert!((order.value() - 33.0).abs() < 2.0 * order.sigma(), "{order:?}");
+    }
+
+    /// The orders of both shafts rise and the mesh harmonics stay: friction of their teeth.
+    #[test]
+    fn analytic_orders_of_both_shafts_without_the_mesh_are_friction() {
+        let more = |_: usize, _: f64, angle: f64| {
+            let orders = (1..=12).flat_map(|k| [1.0, 23.0 / 41.0].map(|order| f64::from(k) * order));
+            orders.map(|order| 0.25 * (TAU * order * angle + 2.0 * order).cos()).sum()
+        };
+        let answer = ask(&session(1, 23.0, &more), &session(50, 23.0, &nothing));
+        assert_eq!(first(&answer), ("tooth_friction", "stage1"), "{:?}", answer.steps);
+    }
+
     /// A line that keeps its 250 Hz at both speeds on one sensor is picked up from the mains. (60 Hz would be order 3 of 20 Hz and order
     /// 2 of 30 Hz: no recording at these speeds tells it from the shaft.)
     #[test]

@@ -52,7 +52,7 @@ pub fn friction(q: &Question<'_>, cells: &[Cell]) -> Option<Finding> {
         })?;
     let name = &q.train.stages[stage].name;
     let (first, second) = (orders(cells, stage), orders(cells, stage + 1));
-    let mut f = Finding::new("tooth_friction", name.clone(), 0.85).with("coefficient", 0.1, 0.1);
+    let mut f = Finding::new("tooth_friction", name.clone(), 0.85);
     f.evidence.support = format!(
         "friction follows the normal force, across the line of action: orders of both shafts of {name} rise ({:.0} and {:.0} % of them clearly), its mesh harmonics change by {:.1} standard deviations",
         100.0 * first.1,

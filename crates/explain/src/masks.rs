@@ -164,3 +164,37 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
     }
     Some(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lines::Family;
+
+    /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard deviations; the others by less than one.
+    fn cells(loud: u8, z: f64) -> Vec<Cell> {
+        let of = |pair: usize| {
+            (1..=30u8).map(move |multiple| {
+                let z = if multiple == loud { z } else { 0.9 * (f64::from(multiple) + pair as f64).sin() };
+                let family = Some(Family::Shaft { shaft: 1, multiple });
+                Cell { pair, channel: 0, family, frequency_hz: 100.0, change: 0.1 * z, variance: 0.01 }
+            })
+        };
+        (0..12).flat_map(of).collect()
+    }
+
+    /// At the others' scale of 0.5 a change of 200 costs 5 ln(200 / 2 · 0.5) nats, at one of its own ln(200 / 0.5): twelve such lines gain 0.4 · 12 · 20, and the
+    /// order is the cause. One that falls is not added to the machine, and one that rises by 2 is no ripple that drags others along.
+    #[test]
+    fn analytic_an_order_far_above_its_mask_is_the_cause() {
+        let places: Vec<Place> = (1..=6).map(|k| Place::ShaftOrder(1, k)).collect();
+        let ask = |cells: &[Cell]| {
+            let wide = Mask { place: Place::Gear(0, 1), gain: 100.0, inside: 2.0, outside: 0.5, cells: cells.len() };
+            cause_within(cells, &wide, &places).map(|m| m.place)
+        };
+        assert_eq!(ask(&cells(3, 200.0)), Some(Place::ShaftOrder(1, 3)));
+        assert_eq!(ask(&cells(3, -200.0)), None);
+        assert_eq!(ask(&cells(3, 2.0)), None);
+        // The first order is run-out or unbalance, which have masks of their own.
+        assert_eq!(ask(&cells(1, 200.0)), None);
+    }
+}

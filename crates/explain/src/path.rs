@@ -145,17 +145,17 @@ pub fn path(
     };
     let profile = profile(cells, c);
     let (mounting, resonance) = (mounting_fit(&profile), resonance_fit(&profile));
-    let level = level(&profile);
+    let one_factor = one_factor_misfit(&profile);
     let evidence_law = format!(
         "lines and background of {name} change together: background by {misfit:.1} per band, {:.0} % of it the same at every speed",
         100.0 * share
     );
     steps.push(format!(
-        "change of {name} over frequency: misfit of one factor {level:.2} per band, of a mounting resonance {:.2}, of a resonance of the structure {:.2}",
+        "change of {name} over frequency: misfit of one factor {one_factor:.2} per band, of a mounting resonance {:.2}, of a resonance of the structure {:.2}",
         mounting.left, resonance.left
     ));
     // Above its frequency a resonance of the structure is one factor too; what it does about its frequency tells.
-    if flat < 0.12 && middle.abs() > 0.15 && level < ONE_FACTOR + mounting.left.min(resonance.left) {
+    if flat < 0.12 && middle.abs() > 0.15 && one_factor < ONE_FACTOR + mounting.left.min(resonance.left) {
         let mut f = Finding::new("scaling", name, 0.97).with("factor", middle.exp(), 0.02 * middle.exp());
         f.evidence.law = evidence_law;
         f.evidence.place =
@@ -218,7 +218,7 @@ fn profile(cells: &[Cell], channel: usize) -> Vec<(f64, f64, f64)> {
 }
 
 /// Misfit per band of one factor for all frequencies.
-fn level(profile: &[(f64, f64, f64)]) -> f64 {
+fn one_factor_misfit(profile: &[(f64, f64, f64)]) -> f64 {
     let (sum, weight) = profile.iter().fold((0.0, 0.0), |(s, w), p| (s + p.1 / p.2, w + 1.0 / p.2));
     let level = sum / weight.max(1e-12);
     robust(profile.iter().map(|p| (p.1 - level).powi(2) / p.2))

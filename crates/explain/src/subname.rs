@@ -183,16 +183,13 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
     let last = q.train.shafts.len() - 1;
     let shaft = q.train.shafts[j].0.clone();
     let steady = exponent.is_some_and(|p| p < 0.4);
+    let torque = |place: &str| ("torque_ripple", place.to_owned());
+    let mut names = if j == last { vec![torque("brake"), torque("coupling")] } else { vec![torque("motor")] };
     // Ripple of a torque is a share of that torque; a speed that fluctuates does so at any load.
-    let fluctuates: (&'static str, String) = ("speed_fluctuation", shaft.clone());
-    let torques: &[&str] = if j == last { &["brake", "coupling"] } else { &["motor"] };
-    let torques = torques.iter().map(|place| ("torque_ripple", (*place).to_owned()));
-    let mut names: Vec<(&'static str, String)> = torques.collect();
-    names.insert(usize::from(!steady), fluctuates);
-    let first = names.remove(0);
-    let others = names;
-    let mut f = Finding::new(first.0, first.1, 0.65).with("order", f64::from(k), 0.2);
-    f.alternatives = others;
+    names.insert(usize::from(!steady), ("speed_fluctuation", shaft.clone()));
+    let (effect, place) = names.remove(0);
+    let mut f = Finding::new(effect, place, 0.65).with("order", f64::from(k), 0.2);
+    f.alternatives = names;
     f.evidence.place = format!("order {k} of {shaft}");
     f
 }
