@@ -71,9 +71,9 @@ pub fn search(
     strange: &strange::Strange,
     found: &mut Found<'_>,
 ) -> Option<f64> {
-    let places = locate::places(q.train.stages.len(), q.comparison.channels.len(), q.bench.belt.is_some());
+    let places = locate::places(q.train.stages.len(), q.bench.belt.is_some());
     let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
-    let mut remaining = without_paths(q, cells, speeds, &places, found);
+    let mut remaining = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     let path_found = found.findings.iter().any(|f| subname::is_path(f.effect));
     // One tooth that differs shows in phases before it shows in amplitudes.
@@ -157,27 +157,18 @@ pub fn search(
 }
 
 /// Takes changed sensor paths off the cells: they show in the background too, by the same function of frequency at every speed.
-fn without_paths(
-    q: &Question<'_>,
-    cells: &[Cell],
-    speeds: &[f64],
-    places: &[Place],
-    found: &mut Found<'_>,
-) -> Vec<Cell> {
-    let lines = cells.iter().filter(|c| c.family.is_some()).count();
-    let ways: Vec<Place> =
-        places.iter().copied().filter(|p| matches!(p, Place::Gain(_) | Place::Path(_) | Place::Housing)).collect();
-    let (accounts, total) = locate::accounts(cells, &ways, speeds);
+fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> Vec<Cell> {
     found.steps.push(format!(
-        "{} pairs of recording and reference, {lines} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
+        "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
         speeds.len(),
-        total / lines.max(1) as f64
+        cells.iter().filter(|c| c.family.is_some()).count(),
+        locate::line_misfit(cells, None)
     ));
     let mut remaining: Vec<Cell> = cells.to_vec();
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
-    } else if let Some((place, finding)) = path::path(q, cells, speeds, &accounts, found.steps) {
-        remaining = locate::without_path(&remaining, place, speeds);
+    } else if let Some((channel, finding)) = path::path(q, cells, speeds, found.steps) {
+        remaining = locate::without_path(&remaining, channel, speeds);
         found.findings.push(finding);
     }
     remaining
@@ -279,9 +270,8 @@ fn simplicity(place: Place) -> u8 {
         Place::ShaftOrders(_) => 2,
         Place::LowSide(..) => 3,
         Place::Gear(..) => 4,
-        Place::Gain(_) | Place::Stage(_) => 5,
-        Place::Path(_) => 6,
-        Place::Dynamics | Place::Housing => 7,
+        Place::Stage(_) => 5,
+        Place::Dynamics => 6,
     }
 }
 

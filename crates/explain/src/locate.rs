@@ -1,10 +1,8 @@
 //! Where the recordings leave their reference: masks of lines, each with the misfit that it accounts for.
 //!
 //! Every line and every band of background is a cell with a log amplitude ratio `d` and a variance: noise plus the scatter with
-//! which operating points repeat. `min(d² / variance, cap)` summed over cells is the misfit. A place accounts for the
-//! cells of its mask. What it leaves, plus a price for every cell that it may move, is compared with the misfit of "nothing changed".
-//! Sensor paths are priced otherwise: they must predict a cell from cells at the same frequency at *other speeds*, so
-//! that what is locked to orders cannot pass for a path.
+//! which operating points repeat. `min(d² / variance, cap)` summed over cells is the misfit. Masks are named sets of lines. A sensor path is none: it must predict a cell
+//! from cells at the same frequency at *other speeds*, so that what is locked to orders cannot pass for a path.
 
 use crate::compare::Comparison;
 use crate::lines::Family;
@@ -18,18 +16,10 @@ const SPEED_SLOPE: f64 = 8.0;
 pub const FLOOR_SIGMA: f64 = 0.04;
 /// Largest misfit of one cell: no single line decides.
 const CAP: f64 = 30.0;
-/// Price of a cell that a mask may move: the one degree of freedom that it takes, and the misfit that chance gives it.
-pub const PRICE: f64 = 2.0;
 
-/// A mask of cells.
+/// A mask of lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// One gain for a channel.
-    Gain(usize),
-    /// A function of frequency for a channel.
-    Path(usize),
-    /// A function of frequency for every channel.
-    Housing,
     /// All lines of every channel, the background stays: the dynamics of the train.
     Dynamics,
     /// Mesh harmonics of a stage.
@@ -75,19 +65,6 @@ impl Cell {
     }
 }
 
-/// Misfit that a place accounts for.
-#[derive(Clone, Copy, Debug)]
-pub struct Account {
-    /// The mask.
-    pub place: Place,
-    /// Gain in log likelihood over "nothing changed" (nats).
-    pub gain: f64,
-    /// Share of the whole misfit that it takes away.
-    pub share: f64,
-    /// Cells in the mask.
-    pub cells: usize,
-}
-
 /// Variance of the change of a line between two recordings of one bench at one setting (ln).
 pub fn repetition(speed_gap: f64) -> f64 {
     REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * speed_gap).powi(2)
@@ -117,7 +94,6 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
 /// Whether a family lies in a mask.
 pub fn covers(place: Place, family: Option<Family>) -> bool {
     match (place, family) {
-        (Place::Gain(_) | Place::Path(_) | Place::Housing, _) => true,
         (Place::Dynamics, f) => f.is_some(),
         (_, None) => false,
         (Place::Mesh(i), Some(f)) => matches!(f, Family::Mesh { stage, .. } if stage == i),
@@ -153,15 +129,8 @@ pub fn covers(place: Place, family: Option<Family>) -> bool {
 }
 
 /// All masks of a bench.
-pub fn places(stages: usize, channels: usize, has_belt: bool) -> Vec<Place> {
-    let mut out = Vec::new();
-    for c in 0..channels {
-        out.extend([Place::Gain(c), Place::Path(c)]);
-    }
-    if channels > 1 {
-        out.push(Place::Housing);
-    }
-    out.push(Place::Dynamics);
+pub fn places(stages: usize, has_belt: bool) -> Vec<Place> {
+    let mut out = vec![Place::Dynamics];
     for i in 0..stages {
         out.extend([Place::Mesh(i), Place::Stage(i)]);
         for j in [i, i + 1] {
@@ -183,11 +152,11 @@ const NEAR: f64 = 1.06;
 /// Pairs count as at another speed from this relative difference on.
 const OTHER_SPEED: f64 = 0.1;
 
-/// Prediction of a cell from cells of the same channel at the same frequency and another speed.
-fn predict(cell: &Cell, all: &[Cell], speeds: &[f64], lines_only: bool) -> Option<(f64, f64)> {
+/// Prediction of a cell from cells of the same channel at the same frequency and another speed, and its variance.
+pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64, f64)> {
     let (mut sum, mut weight, mut square) = (0.0, 0.0, 0.0);
     for other in all {
-        if other.channel != cell.channel || (lines_only && other.family.is_none()) {
+        if other.channel != cell.channel {
             continue;
         }
         if (speeds[other.pair] / speeds[cell.pair] - 1.0).abs() < OTHER_SPEED {
@@ -210,96 +179,53 @@ fn predict(cell: &Cell, all: &[Cell], speeds: &[f64], lines_only: bool) -> Optio
     })
 }
 
-/// Subtracts what a path predicts from the cells of the channels that it may alter.
-pub fn without_path(all: &[Cell], place: Place, speeds: &[f64]) -> Vec<Cell> {
-    all.iter()
-        .map(|c| {
-            let affected = match place {
-                Place::Path(k) | Place::Gain(k) => c.channel == k,
-                _ => true,
-            };
-            match predict(c, all, speeds, false) {
-                Some((p, v)) if affected => Cell { change: c.change - p, variance: c.variance + v, ..*c },
-                _ => *c,
-            }
-        })
-        .collect()
+/// Subtracts what a channel's path predicts from its cells.
+pub fn without_path(all: &[Cell], channel: usize, speeds: &[f64]) -> Vec<Cell> {
+    let less = |c: &Cell| match path_prediction(c, all, speeds) {
+        Some((p, v)) if c.channel == channel => Cell { change: c.change - p, variance: c.variance + v, ..*c },
+        _ => *c,
+    };
+    all.iter().map(less).collect()
 }
 
 /// How much of a channel's change in background a path accounts for, and the misfit per band before.
-pub fn floor_account(all: &[Cell], channel: Option<usize>, speeds: &[f64]) -> (f64, f64) {
+pub fn floor_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64) {
     let (mut before, mut after, mut count) = (0.0, 0.0, 0usize);
-    for cell in all.iter().filter(|c| c.family.is_none() && channel.is_none_or(|k| c.channel == k)) {
+    for cell in all.iter().filter(|c| c.family.is_none() && c.channel == channel) {
         before += cell.misfit(0.0, 0.0);
-        after += predict(cell, all, speeds, false).map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v));
+        after += path_prediction(cell, all, speeds).map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v));
         count += 1;
     }
     (1.0 - after / before.max(1e-9), before / count.max(1) as f64)
 }
 
-/// Misfit per line of a channel, and the share of it that a path accounts for.
-pub fn line_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64) {
-    let (mut before, mut after, mut count) = (0.0, 0.0, 0usize);
-    for cell in all.iter().filter(|c| c.family.is_some() && c.channel == channel) {
-        before += cell.misfit(0.0, 0.0);
-        after += predict(cell, all, speeds, false).map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v));
-        count += 1;
-    }
-    (before / count.max(1) as f64, 1.0 - after / before.max(1e-9))
+/// Misfit per line, of a channel or of all.
+pub fn line_misfit(all: &[Cell], channel: Option<usize>) -> f64 {
+    let lines = all.iter().filter(|c| c.family.is_some() && channel.is_none_or(|k| c.channel == k));
+    let (sum, count) = lines.fold((0.0, 0usize), |(s, n), c| (s + c.misfit(0.0, 0.0), n + 1));
+    sum / count.max(1) as f64
 }
 
-/// What the path through other speeds predicts for a cell, and the variance of that.
-pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64, f64)> {
-    predict(cell, all, speeds, false)
-}
-
-/// Accounts of all masks over the lines, best first. The background only takes part in predicting paths: when gears
-/// change, lines that nobody listed lift it too.
-pub fn accounts(every: &[Cell], places: &[Place], speeds: &[f64]) -> (Vec<Account>, f64) {
-    let all: Vec<Cell> = every.iter().copied().filter(|c| c.family.is_some()).collect();
-    let total: f64 = all.iter().map(|c| c.misfit(0.0, 0.0)).sum();
-    let predictions: Vec<Option<(f64, f64)>> = all.iter().map(|c| predict(c, every, speeds, false)).collect();
-    let line_predictions: Vec<Option<(f64, f64)>> = all.iter().map(|c| predict(c, &all, speeds, true)).collect();
-    let several_speeds = speeds.iter().any(|s| (s / speeds[0] - 1.0).abs() >= OTHER_SPEED);
-    let mut out: Vec<Account> = places
-        .iter()
-        .map(|&place| {
-            let mut left = 0.0;
-            let mut count = 0;
-            let gain_of = match place {
-                Place::Gain(c) => {
-                    let mut changes: Vec<f64> = all.iter().filter(|x| x.channel == c).map(|x| x.change).collect();
-                    crate::dsp::median(&mut changes)
-                }
-                _ => 0.0,
-            };
-            for (i, cell) in all.iter().enumerate() {
-                let inside = covers(place, cell.family)
-                    && match place {
-                        Place::Gain(c) | Place::Path(c) => cell.channel == c,
-                        _ => true,
-                    };
-                if !inside {
-                    left += cell.misfit(0.0, 0.0);
-                    continue;
-                }
-                count += 1;
-                left += match place {
-                    Place::Gain(_) => cell.misfit(gain_of, 0.0),
-                    Place::Path(_) | Place::Housing if several_speeds => {
-                        predictions[i].map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v))
-                    }
-                    Place::Dynamics if several_speeds => {
-                        line_predictions[i].map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v))
-                    }
-                    _ => PRICE,
-                };
+/// How far the lines of a channel follow its background: the factor on the background's change at each line's frequency that predicts the change of the line best, and its standard
+/// deviation. 1 of a path, which lines and background share; 0 of noise that was added. `None` without lines beside moved background.
+pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
+    let own = |c: &&Cell| c.channel == channel;
+    let floors: Vec<&Cell> = all.iter().filter(own).filter(|c| c.family.is_none()).collect();
+    let (mut product, mut square) = (0.0, 0.0);
+    for line in all.iter().filter(own).filter(|c| c.family.is_some()) {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for f in &floors {
+            let ratio = f.frequency_hz / line.frequency_hz;
+            if (1.0 / NEAR..=NEAR).contains(&ratio) {
+                sum += f.change / f.variance;
+                weight += 1.0 / f.variance;
             }
-            let saved = total - left;
-            Account { place, gain: 0.5 * saved, share: saved / total.max(1e-9), cells: count }
-        })
-        .filter(|a| a.cells > 0)
-        .collect();
-    out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    (out, total)
+        }
+        if weight > 0.0 {
+            let moved = sum / weight;
+            product += moved * line.change / line.variance;
+            square += moved * moved / line.variance;
+        }
+    }
+    (square > 0.0).then(|| (product / square, square.sqrt().recip()))
 }

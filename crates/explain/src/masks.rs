@@ -60,7 +60,6 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     let null = usual.iter().map(|&k| all[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max);
     let mut out: Vec<Mask> = places
         .iter()
-        .filter(|p| !matches!(p, Place::Gain(_) | Place::Path(_) | Place::Housing))
         .filter_map(|&place| {
             let mut inside = [0.0; SCALES];
             let mut count = 0;

@@ -1,15 +1,17 @@
 //! A changed sensor path, gain or mounting: the same function of frequency for lines and background at every speed.
 
 use crate::dsp::median;
-use crate::locate::{self, Account, Cell, Place};
+use crate::locate::{self, Cell};
 use crate::name::{Finding, Question};
 
 /// Least misfit per background band, and least share that a path must account for, before a path is believed: on an unchanged bench
-/// background changes by less than 1 per band. Gears that change put lines between those that are known: up to 2.7; changed paths came to 4.3 at least.
-const FLOOR_MISFIT: f64 = 3.3;
+/// background changes by less than 1 per band, by 2.05 at most.
+const FLOOR_MISFIT: f64 = 2.5;
 const FLOOR_SHARE: f64 = 0.55;
-/// Least share of the misfit of the channel's lines that the path accounts for.
-const LINE_SHARE: f64 = 0.4;
+/// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
+/// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
+const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
+const CLEARLY: f64 = 5.0;
 /// How much worse per band one factor may fit than a resonance and still be the simpler answer.
 const ONE_FACTOR: f64 = 1.5;
 /// Largest misfit per line of the quietest other channel over that of the channel.
@@ -95,17 +97,11 @@ pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<
     out.into_iter().map(|(f, _)| f).collect()
 }
 
-/// A changed sensor path or gain, and what to call it.
-pub fn path(
-    q: &Question<'_>,
-    cells: &[Cell],
-    speeds: &[f64],
-    accounts: &[Account],
-    steps: &mut Vec<String>,
-) -> Option<(Place, Finding)> {
+/// The channel whose sensor path or gain changed, and what to call it.
+pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<String>) -> Option<(usize, Finding)> {
     let mut best: Option<(usize, f64, f64)> = None;
     for c in 0..q.comparison.channels.len() {
-        let (share, misfit) = locate::floor_account(cells, Some(c), speeds);
+        let (share, misfit) = locate::floor_account(cells, c, speeds);
         steps.push(format!(
             "background of {}: misfit {misfit:.2} per band, of which the same function of frequency at all speeds explains {:.0} %",
             q.comparison.channels[c],
@@ -116,23 +112,14 @@ pub fn path(
         }
     }
     let (c, misfit, share) = best?;
-    let (own, explained) = locate::line_account(cells, c, speeds);
-    let others = (0..q.comparison.channels.len())
-        .filter(|k| *k != c)
-        .map(|k| locate::line_account(cells, k, speeds).0)
-        .fold(f64::NAN, f64::min);
-    steps.push(format!(
-        "lines of {}: misfit {own:.2} per line, {:.0} % of it explained by the same function; other channels {others:.2}",
-        q.comparison.channels[c],
-        100.0 * explained
-    ));
+    let lines = |k: usize| locate::line_misfit(cells, Some(k));
+    let others = (0..q.comparison.channels.len()).filter(|k| *k != c).map(lines).fold(f64::NAN, f64::min);
+    let (own, (follows, sigma)) = (lines(c), locate::follows_background(cells, c)?);
     let name = q.comparison.channels[c].clone();
-    let gain = |place: Place| accounts.iter().find(|a| a.place == place).map_or(0.0, |a| a.gain);
-    if gain(Place::Path(c)) < 10.0 && gain(Place::Gain(c)) < 10.0 {
-        return None;
-    }
-    // What stirs up all gears lifts the background between their lines too; a path must carry its own lines.
-    if explained < LINE_SHARE || others > OTHERS_SHARE * own {
+    steps.push(format!(
+        "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
+    ));
+    if !FOLLOWS.contains(&follows) || follows < CLEARLY * sigma || others > OTHERS_SHARE * own {
         return None;
     }
     // One factor for lines and background alike?
@@ -160,7 +147,7 @@ pub fn path(
         f.evidence.law = evidence_law;
         f.evidence.place =
             format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
-        return Some((Place::Gain(c), f));
+        return Some((c, f));
     }
     let (first, second) = if mounting.left <= resonance.left {
         ("sensor_mounting", "structural_resonance")
@@ -192,7 +179,7 @@ pub fn path(
         "misfit of the change over frequency: mounting resonance {:.2}, resonance of the structure {:.2}",
         mounting.left, resonance.left
     );
-    Some((Place::Path(c), f))
+    Some((c, f))
 }
 
 /// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).

@@ -17,11 +17,7 @@ pub fn is_path(effect: &str) -> bool {
 pub fn describe(q: &Question<'_>, place: Place) -> String {
     let shaft = |j: usize| q.train.shafts.get(j).map_or("?", |s| s.0.as_str());
     let stage = |i: usize| q.train.stages.get(i).map_or("?", |s| s.name.as_str());
-    let channel = |c: usize| q.comparison.channels.get(c).map_or("?", |s| s.as_str());
     match place {
-        Place::Gain(c) => format!("one gain of {}", channel(c)),
-        Place::Path(c) => format!("path to {}", channel(c)),
-        Place::Housing => "path to all sensors".into(),
         Place::Dynamics => "all lines by frequency".into(),
         Place::Mesh(i) => format!("mesh harmonics of {}", stage(i)),
         Place::FirstSide(i, j) => format!("sidebands ±1 of {} about {}", shaft(j), stage(i)),
@@ -141,7 +137,6 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         Place::LowSide(i, _) => shared::finding(q, Place::Mesh(i), cells, depth, steps)?,
         Place::Gear(i, j) => gear::gear(q, i, j, exponent, steps),
         Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => shared::finding(q, place, cells, depth, steps)?,
-        Place::Gain(_) | Place::Path(_) | Place::Housing => return None,
     };
     finding.evidence.place = format!(
         "{}: {:.0} nats; {} lines change {:.1} times as much as repetition, the others {:.1} times",
