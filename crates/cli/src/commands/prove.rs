@@ -1,7 +1,6 @@
 //! `gearwatch prove`: the finder's own concealed benchmark.
 
 use std::io::Write;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Context;
 use clap::Args;
@@ -10,6 +9,7 @@ use gearwatch_explain::error::ExplainError;
 use gearwatch_explain::prove::score::{Scored, score};
 use gearwatch_explain::prove::{self, Kind, Truth};
 use gearwatch_explain::report::Status;
+use rayon::prelude::*;
 
 use super::Run;
 use super::explain::summary;
@@ -82,28 +82,12 @@ impl Prove {
     /// All cases, on all cores; each stands for itself, so the order of work does not matter.
     fn all(&self) -> Vec<Judged> {
         let progress = Progress::new("cases", self.cases);
-        let next = AtomicU64::new(0);
-        let work = || {
-            let mut own = Vec::new();
-            loop {
-                let index = next.fetch_add(1, Ordering::Relaxed);
-                if index >= self.cases {
-                    return own;
-                }
-                own.extend(prove::prove(self.seed, index, self.effect.as_deref()).map(|answer| (index, answer)));
-                progress.finished("");
-            }
+        let one = |index: u64| {
+            let answer = prove::prove(self.seed, index, self.effect.as_deref());
+            progress.finished("");
+            Some((index, answer?))
         };
-        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let mut judged: Vec<Judged> = std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-            workers
-                .into_iter()
-                .flat_map(|w| w.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-                .collect()
-        });
-        judged.sort_by_key(|one| one.0);
-        judged
+        (0..self.cases).into_par_iter().filter_map(one).collect()
     }
 
     /// What a case conceals, and its whole answer.

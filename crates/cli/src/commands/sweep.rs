@@ -1,9 +1,6 @@
 //! `gearwatch sweep`: statistics over speed and load, of simulations or of recordings.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, bail};
 use clap::Args;
@@ -13,6 +10,7 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_sim::scenario::{Course, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator};
+use rayon::prelude::*;
 
 use super::Run;
 use super::simulate::{START_NS, parse_effect, read_bench};
@@ -95,7 +93,7 @@ impl Run for Sweep {
         let pipeline = Pipeline::new(&bench, &PipelineConfig::default(), None)?;
         let cases = self.cases()?;
         let tasks = self.tasks(&bench, &cases)?;
-        let (rows, troubles) = self.work(&bench, &pipeline, &tasks);
+        let (rows, troubles) = self.work(&bench, &pipeline, &tasks)?;
         for trouble in &troubles {
             anstream::eprintln!("gearwatch sweep: {trouble}");
         }
@@ -172,29 +170,20 @@ impl Sweep {
     }
 
     /// All tasks on all cores; rows in the order of the tasks, whatever the number of threads.
-    fn work(&self, bench: &Bench, pipeline: &Pipeline, tasks: &[Task<'_>]) -> (Vec<Row>, Vec<String>) {
+    fn work(&self, bench: &Bench, pipeline: &Pipeline, tasks: &[Task<'_>]) -> anyhow::Result<(Vec<Row>, Vec<String>)> {
         let progress = Progress::new("points", tasks.len() as u64);
-        let results: Mutex<BTreeMap<usize, Measured>> = Mutex::default();
-        let next = AtomicUsize::new(0);
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        std::thread::scope(|scope| {
-            for _ in 0..self.jobs.map_or(cores, usize::from).min(tasks.len()) {
-                scope.spawn(|| {
-                    while let Some((at, task)) =
-                        Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, tasks.get(at)?)))
-                    {
-                        let result = self.one(bench, pipeline, task);
-                        results.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(at, result);
-                        progress.finished(task.case());
-                    }
-                });
-            }
-        });
+        let one = |task: &Task<'_>| {
+            let result = self.one(bench, pipeline, task);
+            progress.finished(task.case());
+            result
+        };
+        // 0 threads are as many as there are cores.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.jobs.map_or(0, usize::from)).build()?;
+        let results: Vec<Measured> = pool.install(|| tasks.par_iter().map(one).collect());
         drop(progress);
         let order = |case: &str| tasks.iter().position(|task| task.case() == case);
         let (mut rows, mut troubles) = (Vec::new(), Vec::new());
-        let results = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        for (task, result) in tasks.iter().zip(results.into_values()) {
+        for (task, result) in tasks.iter().zip(results) {
             match result {
                 Ok((more, refused)) => {
                     rows.extend(more);
@@ -212,7 +201,7 @@ impl Sweep {
         }
         // Stable: torque and speed stay in their order.
         rows.sort_by_cached_key(|row: &Row| (order(&row.case), row.channel.clone(), row.stage.clone()));
-        (rows, troubles)
+        Ok((rows, troubles))
     }
 
     fn one(&self, bench: &Bench, pipeline: &Pipeline, task: &Task<'_>) -> Measured {
