@@ -7,21 +7,25 @@
 //! the torque at one speed needs no model: the path is the same (PHYSICS 4: L04; stiffness lost goes with the load, geometry does not).
 
 use num_complex::Complex64;
-use std::f64::consts::TAU;
 
-use crate::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
-use crate::features::{ChannelFeatures, LineValue, RecordingFeatures};
-use crate::locate::REPEAT_SIGMA;
+use crate::align::{self, CLEAR, Twin};
+use crate::dsp::median;
+use crate::features::{ChannelFeatures, RecordingFeatures};
 use crate::name::Question;
 
-/// Power over noise from which a line's phase is used.
-const CLEAR: f64 = 5.0;
 /// Lines on each side of a mesh harmonic that count as beside it.
 const BESIDE: usize = 5;
+/// Lines over which a gain is alike (standard deviation of the weights), where they end, and the usual gain between two loads.
+const GAIN_LINES: f64 = 3.0;
+const GAIN_REACH: usize = 9;
+const USUAL_GAIN: f64 = 0.1;
 /// Neighbours that a pair must show for a pattern of its teeth.
 const LEAST_NEIGHBOURS: usize = 30;
 /// Least agreement of phases (0–1) at which recording and reference count as aligned.
 const ALIGNED: f64 = 0.25;
+
+/// `Δ_n` and its noise power.
+type Change = (Complex64, f64);
 
 /// The change of a shaft's comb at one operating point and channel.
 pub struct Difference {
@@ -30,12 +34,18 @@ pub struct Difference {
     /// Position of the channel.
     pub channel: usize,
     /// `Δ_n` and its noise power, from `n` = 1; `None` at mesh harmonics and where there is nothing to see.
-    pub lines: Vec<Option<(Complex64, f64)>>,
+    pub lines: Vec<Option<Change>>,
 }
 
 /// The changes of everything that repeats with a shaft, where recording and reference could be aligned.
 pub fn changes(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
-    differences(q, shaft).0
+    differences(q, shaft, false).0
+}
+
+/// The same without what a gain that is smooth over the comb accounts for: as much as loads differ, all lines of a bench without damage change in common with
+/// their neighbours.
+pub fn changes_beyond_gain(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
+    differences(q, shaft, true).0
 }
 
 /// What the change of a gear's comb is like.
@@ -53,41 +63,6 @@ pub struct GearChange {
     pub first: f64,
     /// Operating points that could be aligned.
     pub aligned: usize,
-}
-
-/// Turn `ψ` (revolutions) of the shaft between two recordings, and the agreement of phases there.
-fn turn(a: &[&[LineValue]], b: &[&[LineValue]]) -> Option<(f64, f64)> {
-    let mut phases: Vec<(f64, Complex64)> = Vec::new();
-    for (x, y) in a.iter().zip(b) {
-        for (n, (p, q)) in x.iter().zip(y.iter()).enumerate() {
-            if p.ratio() > CLEAR && q.ratio() > CLEAR {
-                let product = p.amplitude * q.amplitude.conj();
-                phases.push(((n + 1) as f64, product / product.norm()));
-            }
-        }
-    }
-    let highest = phases.iter().map(|p| p.0).fold(0.0, f64::max);
-    if phases.len() < 12 {
-        return None;
-    }
-    let agreement = |psi: f64| {
-        phases.iter().map(|(n, u)| (u * Complex64::from_polar(1.0, -TAU * n * psi)).re).sum::<f64>()
-            / phases.len() as f64
-    };
-    // All turns at once: the agreement over an even grid is a transform of the phases gathered by line.
-    let count = (4.0 * highest) as usize;
-    let mut grid = vec![Complex64::ZERO; count];
-    for (n, u) in &phases {
-        grid[*n as usize] += u;
-    }
-    Transforms::default().forward(&mut grid);
-    let coarse =
-        grid.iter().enumerate().map(|(k, sum)| (k as f64 / count as f64, sum.re)).max_by(|x, y| x.1.total_cmp(&y.1))?;
-    let step = 0.05 / count as f64;
-    (-20..=20)
-        .map(|k| coarse.0 + f64::from(k) * step)
-        .map(|psi| (psi, agreement(psi)))
-        .max_by(|x, y| x.1.total_cmp(&y.1))
 }
 
 /// Recordings that are compared: each with its reference, or without any reference at all each high load with the lowest at its speed.
@@ -114,28 +89,43 @@ fn twins<'a>(q: &'a Question<'a>) -> Vec<(usize, &'a RecordingFeatures, &'a Reco
     out
 }
 
-/// Share of a line's power above which what another line leaks into it spoils its phase.
-const LEAKED: f64 = 0.05;
-
-/// Whether lines of the other shafts reach into a line of a shaft's comb.
-fn crowded(q: &Question<'_>, recording: &RecordingFeatures, channel: &ChannelFeatures, shaft: usize, n: usize) -> bool {
-    let order = q.train.shafts[shaft].1 * n as f64;
-    let Some(own) = channel.combs[shaft].get(n - 1) else { return true };
-    q.train.shafts.iter().enumerate().filter(|(j, _)| *j != shaft).any(|(j, (_, o))| {
-        let k = (order / o).round();
-        let distance = (order - k * o).abs() * recording.revolutions;
-        // The line is read from the three bins about it.
-        let nearest = (distance - 1.0).max(0.0);
-        if k < 1.0 || nearest >= MAIN_LOBE_BINS as f64 {
-            return false;
-        }
-        let leak = dsp::window_response(nearest).norm_sqr() / dsp::window_response(0.0).norm_sqr();
-        let other = channel.combs[j].get(k as usize - 1).map_or(0.0, |l| l.amplitude.norm_sqr());
-        leak * other > LEAKED * own.amplitude.norm_sqr() + own.noise
-    })
+/// Lines of a shaft's comb in recording and reference that no line of another shaft reaches into.
+fn own_lines(
+    q: &Question<'_>,
+    now: (&RecordingFeatures, &ChannelFeatures),
+    before: (&RecordingFeatures, &ChannelFeatures),
+    shaft: usize,
+) -> Vec<Twin> {
+    let pairs = now.1.combs[shaft].iter().zip(&before.1.combs[shaft]);
+    pairs
+        .zip(1..)
+        .filter(|(_, n)| [now, before].iter().all(|(r, c)| !align::crowded(q, r, c, shaft, *n)))
+        .map(|((now, before), n)| Twin { n, now: *now, before: *before })
+        .collect()
 }
 
-fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
+/// Takes `g_n R_n` from each line's change, `R` the reference and `g_n` the gain that fits the changes of the lines beside it (least squares with noise, the usual
+/// gain as prior); a line has no say in its own.
+fn take_out_gain(own: &[Twin], changes: &mut [(usize, Change)]) {
+    let seen: Vec<(usize, Complex64, Complex64, f64)> = own
+        .iter()
+        .zip(changes.iter())
+        .map(|(l, (n, (delta, noise)))| (*n, l.before.amplitude, *delta, 1.0 / noise.max(f64::MIN_POSITIVE)))
+        .collect();
+    for (k, (n, (delta, _))) in changes.iter_mut().enumerate() {
+        let first = seen.partition_point(|s| s.0 + GAIN_REACH < *n);
+        let end = seen.partition_point(|s| s.0 <= *n + GAIN_REACH);
+        let (mut sum, mut weight) = (Complex64::ZERO, USUAL_GAIN.powi(-2));
+        for (m, before, change, certain) in seen[first..end].iter().filter(|s| s.0 != *n) {
+            let near = (-0.5 * (m.abs_diff(*n) as f64 / GAIN_LINES).powi(2)).exp() * certain;
+            sum += change * before.conj() * near;
+            weight += before.norm_sqr() * near;
+        }
+        *delta -= sum / weight * seen[k].1;
+    }
+}
+
+fn differences(q: &Question<'_>, shaft: usize, beyond_gain: bool) -> (Vec<Difference>, usize) {
     let mut out = Vec::new();
     let mut aligned = 0;
     let mut teeth: Vec<usize> = Vec::new();
@@ -146,37 +136,32 @@ fn differences(q: &Question<'_>, shaft: usize) -> (Vec<Difference>, usize) {
         teeth.push(s.wheel.teeth as usize);
     }
     for (p, rec, reference) in twins(q) {
-        fn of<'a>(all: &'a [ChannelFeatures], name: &str, shaft: usize) -> &'a [LineValue] {
-            all.iter().find(|c| c.name == name).and_then(|c| c.combs.get(shaft)).map_or(&[], |c| c.as_slice())
-        }
         let known = &q.comparison.channels;
-        let names: Vec<&String> =
-            rec.channels.iter().map(|c| &c.name).filter(|n| known.is_empty() || known.contains(n)).collect();
-        let a: Vec<&[LineValue]> = names.iter().map(|n| of(&rec.channels, n, shaft)).collect();
-        let b: Vec<&[LineValue]> = names.iter().map(|n| of(&reference.channels, n, shaft)).collect();
-        let Some((psi, agreement)) = turn(&a, &b) else { continue };
+        let of = |r: &'_ RecordingFeatures, name: &str| r.channels.iter().position(|c| c.name == name);
+        let channels: Vec<Vec<Twin>> = rec
+            .channels
+            .iter()
+            .filter(|c| known.is_empty() || known.contains(&c.name))
+            .filter_map(|c| Some((c, &reference.channels[of(reference, &c.name)?])))
+            // What clips makes lines of its own on the combs.
+            .filter(|(now, before)| [now, before].iter().all(|c| c.integrity.clipped_at.is_none()))
+            .map(|(now, before)| own_lines(q, (rec, now), (reference, before), shaft))
+            .collect();
+        let all: Vec<&Twin> = channels.iter().flatten().collect();
+        let Some((psi, agreement)) = align::turn(&all) else { continue };
         if agreement < ALIGNED {
             continue;
         }
         aligned += 1;
-        for (channel, (x, y)) in a.iter().zip(&b).enumerate() {
-            let lines = x
-                .iter()
-                .zip(y.iter())
-                .enumerate()
-                .map(|(k, (p, r))| {
-                    let n = k + 1;
-                    let spoilt = [rec, reference].iter().any(|r| {
-                        r.channels.iter().find(|c| c.name == *names[channel]).is_none_or(|c| crowded(q, r, c, shaft, n))
-                    });
-                    if spoilt || teeth.iter().any(|z| n % z == 0) {
-                        return None;
-                    }
-                    let delta = p.amplitude * Complex64::from_polar(1.0, -TAU * n as f64 * psi) - r.amplitude;
-                    let noise = p.noise + r.noise + 2.0 * REPEAT_SIGMA.powi(2) * r.amplitude.norm_sqr();
-                    Some((delta, noise))
-                })
-                .collect();
+        for (channel, own) in channels.iter().enumerate() {
+            let mut changes: Vec<(usize, Change)> = own.iter().map(|l| (l.n, l.change(psi))).collect();
+            if beyond_gain {
+                take_out_gain(own, &mut changes);
+            }
+            let mut lines = vec![None; own.last().map_or(0, |l| l.n)];
+            for (n, change) in changes.into_iter().filter(|(n, _)| teeth.iter().all(|z| n % z != 0)) {
+                lines[n - 1] = Some(change);
+            }
             out.push(Difference { pair: p, channel, lines });
         }
     }
@@ -189,7 +174,7 @@ fn clear(l: &Option<(Complex64, f64)>) -> Option<(Complex64, f64)> {
 
 /// Looks at the change of everything that repeats with a shaft; `stage` says about which mesh harmonics "near" is meant.
 pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
-    let (differences, aligned) = differences(q, shaft);
+    let (differences, aligned) = differences(q, shaft, false);
     let z =
         q.bench.stages.get(stage).map_or(1, |s| (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize);
     let (mut sum, mut weight, mut neighbours) = (0.0, 0.0, 0usize);
@@ -339,6 +324,7 @@ fn exponent(q: &Question<'_>, differences: &[Difference]) -> Option<(f64, f64)> 
 mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
+    use std::f64::consts::TAU;
 
     /// A comb of 8 mesh harmonics as teeth with these values make it, through a path whose phase wanders slowly from line to line.
     fn comb_of(values: &[f64], seed: u64) -> Vec<Difference> {

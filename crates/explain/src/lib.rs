@@ -1,6 +1,7 @@
 //! Explains where simulation and recordings differ: locates, names, models and judges.
 
 pub mod against;
+pub mod align;
 pub mod alone;
 pub mod angle;
 pub mod blind;
@@ -34,6 +35,7 @@ pub mod path;
 pub mod plain;
 pub mod prove;
 pub mod publish;
+pub mod pulse;
 pub mod ratio;
 pub mod refit;
 pub mod report;
