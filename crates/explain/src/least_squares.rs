@@ -11,8 +11,7 @@ use nalgebra::{DMatrix, DVector};
 const TAIL: f64 = 4.0;
 /// Step of the difference quotients, in standard deviations of the prior.
 const STEP: f64 = 0.05;
-/// Iterations at most, and the relative gain at which they end.
-const ITERATIONS: usize = 16;
+/// Relative gain at which iterations end.
 const SETTLED: f64 = 1e-3;
 /// How far a number may go from its prior (standard deviations).
 const FARTHEST: f64 = 4.0;
@@ -49,13 +48,16 @@ pub fn pulls(x: &DVector<f64>, priors: &[Prior]) -> f64 {
     x.iter().zip(priors).map(|(x, p)| ((x - p.mean) / p.sigma).powi(2)).sum()
 }
 
-/// Minimises from a start. `residuals` gives `None` where there is no model at a point; the search then turns back.
+/// Minimises from a start over the numbers listed in `free`, the others stay; at most so many iterations. `residuals` gives `None` where there is no model at
+/// a point; the search then turns back. The covariance is that of the free numbers, in their order.
 pub fn minimise(
     start: DVector<f64>,
     priors: &[Prior],
+    free: &[usize],
+    iterations: usize,
     residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
 ) -> Option<Solution> {
-    let n = start.len();
+    let n = free.len();
     let mut x = start;
     let mut r = residuals(&x)?;
     let mut cost = losses(&r) + pulls(&x, priors);
@@ -63,8 +65,8 @@ pub fn minimise(
     let mut damping = 1e-2;
     let mut done = 0;
     let mut normal = DMatrix::zeros(n, n);
-    for _ in 0..ITERATIONS {
-        let (matrix, gradient) = equations(&x, &r, priors, residuals)?;
+    for _ in 0..iterations {
+        let (matrix, gradient) = equations(&x, &r, priors, free, residuals)?;
         normal = matrix;
         let mut better = None;
         for _ in 0..5 {
@@ -73,9 +75,10 @@ pub fn minimise(
                 damped[(k, k)] *= 1.0 + damping;
             }
             let step = damped.cholesky()?.solve(&gradient);
-            let mut next = &x - step;
-            for (v, p) in next.iter_mut().zip(priors) {
-                *v = v.clamp(p.mean - FARTHEST * p.sigma, p.mean + FARTHEST * p.sigma);
+            let mut next = x.clone();
+            for (&k, by) in free.iter().zip(step.iter()) {
+                let p = priors[k];
+                next[k] = (x[k] - by).clamp(p.mean - FARTHEST * p.sigma, p.mean + FARTHEST * p.sigma);
             }
             if let Some(at) = residuals(&next) {
                 let value = losses(&at) + pulls(&next, priors);
@@ -104,11 +107,11 @@ fn equations(
     x: &DVector<f64>,
     r: &[f64],
     priors: &[Prior],
+    free: &[usize],
     residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let n = x.len();
-    let mut jacobian = DMatrix::zeros(r.len(), n);
-    for k in 0..n {
+    let mut jacobian = DMatrix::zeros(r.len(), free.len());
+    for (column, &k) in free.iter().enumerate() {
         let by = STEP * priors[k].sigma;
         let mut moved = x.clone();
         moved[k] += by;
@@ -121,7 +124,7 @@ fn equations(
             }
         };
         for (i, (a, b)) in at.iter().zip(r).enumerate() {
-            jacobian[(i, k)] = (a - b) / by;
+            jacobian[(i, column)] = (a - b) / by;
         }
     }
     let mut weighted = jacobian.clone();
@@ -131,9 +134,10 @@ fn equations(
     }
     let mut normal = jacobian.transpose() * &weighted;
     let mut gradient = weighted.transpose() * DVector::from_column_slice(r);
-    for (k, p) in priors.iter().enumerate() {
-        normal[(k, k)] += 1.0 / (p.sigma * p.sigma);
-        gradient[k] += (x[k] - p.mean) / (p.sigma * p.sigma);
+    for (column, &k) in free.iter().enumerate() {
+        let p = priors[k];
+        normal[(column, column)] += 1.0 / (p.sigma * p.sigma);
+        gradient[column] += (x[k] - p.mean) / (p.sigma * p.sigma);
     }
     Some((normal, gradient))
 }
@@ -150,19 +154,23 @@ mod tests {
         let priors = [Prior { mean: 0.0, sigma: 100.0 }; 2];
         let mut residuals =
             |x: &DVector<f64>| Some(points.iter().map(|(t, y)| (x[0] + x[1] * t - y) / 0.1).collect::<Vec<f64>>());
-        let found = minimise(DVector::from_vec(vec![1.2, 1.8]), &priors, &mut residuals).unwrap();
+        let found = minimise(DVector::from_vec(vec![1.2, 1.8]), &priors, &[0, 1], 16, &mut residuals).unwrap();
         assert!((found.x[0] - 1.0).abs() < 0.02 && (found.x[1] - 2.0).abs() < 0.02, "{found:?}");
         // Of the four good points: Σt = 6, Σt² = 14, so var(offset) = σ² 14/(4·14 − 36), over 5/4.
         let expected = 0.01 * 14.0 / 20.0 / 1.25;
         assert!((found.covariance[(0, 0)] / expected - 1.0).abs() < 0.05, "{}", found.covariance[(0, 0)]);
         assert!(found.cost.1 < found.cost.0);
+        // With the slope held where it is, the offset makes the best of it: the mean of what is left of the four good points, nearly.
+        let held = minimise(DVector::from_vec(vec![0.0, 2.1]), &priors, &[0], 16, &mut residuals).unwrap();
+        assert!(held.x[1] == 2.1 && (held.x[0] - 0.85).abs() < 0.05, "{held:?}");
+        assert_eq!(held.covariance.shape(), (1, 1));
     }
 
     /// Without data the prior is the answer.
     #[test]
     fn analytic_prior_stands_without_data() {
         let priors = [Prior { mean: 0.3, sigma: 0.2 }];
-        let found = minimise(DVector::from_vec(vec![0.0]), &priors, &mut |_| Some(Vec::new())).unwrap();
+        let found = minimise(DVector::from_vec(vec![0.0]), &priors, &[0], 16, &mut |_| Some(Vec::new())).unwrap();
         assert!((found.x[0] - 0.3).abs() < 1e-3);
         assert!((found.covariance[(0, 0)] - 0.04).abs() < 1e-9);
     }

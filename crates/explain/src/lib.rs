@@ -6,6 +6,7 @@ pub mod alone;
 pub mod angle;
 pub mod blind;
 pub mod carriers;
+pub mod classes;
 pub mod comb;
 pub mod compare;
 pub mod controls;

@@ -13,10 +13,12 @@ mod problem;
 mod publish;
 
 use gearwatch_core::bench::Bench;
+use nalgebra::DVector;
+use rayon::prelude::*;
 
 use self::library::fitted;
 pub use self::problem::Base;
-use self::problem::Problem;
+use self::problem::{Problem, Start};
 use crate::least_squares::losses;
 use crate::locate::Cell;
 use crate::name::{Finding, Question};
@@ -64,13 +66,36 @@ pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Opti
     Some(Refit { bench: problem.bench(&solution.x), steps })
 }
 
-/// How well one effect accounts for the lines with the bench's numbers free; `None` where it has no form on them or no steady state.
-pub fn fit(q: &Question<'_>, cells: &[Cell], base: &Base, effect: &str, place: &str) -> Option<Fit> {
-    let mut problem = Problem::new(q, cells, &[(effect, place)])?;
-    let s = problem.solve(base)?;
-    let volume: f64 = s.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
-    let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
+/// How much further from the lines (nats) than the nearest a candidate may be at a first look and still be fitted to the end.
+const OUT_OF_REACH: f64 = 150.0;
+
+/// How well each of some effects (id and place) accounts for the lines with the bench's numbers free; `None` where one has no form on them or no steady
+/// state. What is far out of the others' reach is judged by its first look.
+pub fn fits(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, &str)]) -> Vec<Option<Fit>> {
+    let glance = |candidate: &(&str, &str)| {
+        let mut problem = Problem::new(q, cells, &[*candidate])?;
+        let starts = problem.glance(base)?;
+        Some((problem, starts))
+    };
+    let seen: Vec<_> = candidates.par_iter().map(glance).collect();
+    let nearest = seen.iter().flatten().filter_map(|(_, s)| s.first()).map(|s| s.0).fold(f64::INFINITY, f64::min);
+    let settle = |seen: Option<(Problem<'_>, Vec<Start>)>| {
+        let (mut problem, starts) = seen?;
+        let (cost, x) = starts.first()?;
+        if *cost > nearest + 2.0 * OUT_OF_REACH {
+            return fit(&mut problem, x, -0.5 * cost);
+        }
+        let s = problem.settle(starts)?;
+        let volume: f64 = s.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
+        let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
+        fit(&mut problem, &s.x, -0.5 * s.cost.1 + volume - prior)
+    };
+    seen.into_par_iter().map(settle).collect()
+}
+
+/// What a point leaves of the changes.
+fn fit(problem: &mut Problem<'_>, x: &DVector<f64>, evidence: f64) -> Option<Fit> {
     let lines = problem.lines.len();
-    let left = losses(&problem.residuals(&s.x)?[..lines]);
-    Some(Fit { evidence: -0.5 * s.cost.1 + volume - prior, left: left / lines as f64, lines })
+    let left = losses(&problem.residuals(x)?[..lines]);
+    Some(Fit { evidence, left: left / lines as f64, lines })
 }

@@ -3,6 +3,7 @@
 use gearwatch_core::bench::EffectSpec;
 
 use super::Truth;
+use crate::classes;
 use crate::report::{Explanation, Status};
 
 /// How one case was answered.
@@ -30,13 +31,6 @@ pub struct Scored {
     pub p_null: Option<f64>,
 }
 
-/// Effects that recordings of vibration cannot tell apart, on physical grounds (PHYSICS 5.2).
-const CLASSES: &[&[&str]] = &[
-    &["tooth_breakage", "root_crack", "pitting"],
-    &["sensor_mounting", "structural_resonance"],
-    &["tip_relief", "tooth_wear"],
-];
-
 fn is_ripple(effect: &str) -> bool {
     matches!(effect, "torque_ripple" | "speed_fluctuation")
 }
@@ -46,9 +40,7 @@ pub fn is_right(truth: &EffectSpec, effect: &str, place: &str) -> bool {
     if is_ripple(&truth.effect) && is_ripple(effect) {
         return true;
     }
-    let same =
-        truth.effect == effect || CLASSES.iter().any(|c| c.contains(&truth.effect.as_str()) && c.contains(&effect));
-    same && truth.place == place
+    classes::together(&truth.effect, effect) && truth.place == place
 }
 
 /// Judges an answer.

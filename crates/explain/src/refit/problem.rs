@@ -39,9 +39,14 @@ const TREND_SIGMA: f64 = 0.35;
 pub const INDEPENDENT: f64 = 0.4;
 /// Least number of lines.
 const LEAST: usize = 8;
-/// Starts from which fits go on to a minimum, and sizes at which other phases of the usual errors are tried.
+/// Starts that are tried, by how many iterations: at first, of the best of these, and of the best of these to a minimum.
+const ROUNDS: [(usize, usize); 2] = [(10, 1), (4, 3)];
 const STARTS: usize = 2;
-const TURNED: usize = 4;
+const ITERATIONS: usize = 16;
+/// A start so much further from the lines (nats) than the best is not followed to its minimum.
+const HOPELESS: f64 = 25.0;
+/// Sizes of a changed profile error that are kept from one harmonic to the next.
+const KEPT: usize = 2;
 
 /// A number of the fit.
 #[derive(Clone, Debug)]
@@ -84,6 +89,9 @@ pub struct Problem<'a> {
     /// Only the references' trend over load counts.
     trend_only: bool,
 }
+
+/// Cost and numbers of a point.
+pub type Start = (f64, DVector<f64>);
 
 /// The bench's own numbers as the references alone show them: where fits with an effect start.
 pub struct Base(DVector<f64>);
@@ -145,38 +153,71 @@ impl<'a> Problem<'a> {
         let mut problem = Self::new(q, cells, &[])?;
         problem.trend_only = true;
         let start = DVector::from_iterator(problem.own, problem.priors.iter().map(|p| p.mean));
-        let priors = problem.priors.clone();
-        Some(Base(minimise(start, &priors, &mut |x| problem.residuals(x))?.x))
+        let cost = problem.cost(&start)?;
+        let all: Vec<usize> = (0..q.bench.stages.len()).collect();
+        let (_, start) = problem.turned(vec![(cost, start)], &all).pop()?;
+        Some(Base(problem.minimise(start, &|_| true, ITERATIONS)?.x))
+    }
+
+    /// Minimises over some of the numbers.
+    fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
+        let priors = self.priors.clone();
+        let free: Vec<usize> = (0..priors.len()).filter(|&k| free(&self.numbers[k])).collect();
+        minimise(x, &priors, &free, iterations, &mut |x| self.residuals(x))
     }
 
     /// The best fit from the most promising starts.
     pub fn solve(&mut self, base: &Base) -> Option<Solution> {
-        let priors = self.priors.clone();
-        let means = priors[self.own..].iter().map(|p| p.mean);
-        let mut x = DVector::from_iterator(priors.len(), base.0.iter().copied().chain(means));
+        let seen = self.glance(base)?;
+        self.settle(seen)
+    }
+
+    /// Promising starts, least cost first. What one is worth shows once the teeth's own numbers have followed it a little.
+    pub fn glance(&mut self, base: &Base) -> Option<Vec<Start>> {
+        let means = self.priors[self.own..].iter().map(|p| p.mean);
+        let mut x = DVector::from_iterator(self.priors.len(), base.0.iter().copied().chain(means));
         let mut tried = Vec::new();
         for member in 0..self.specs.len() {
             tried = self.scan(&x, member);
             x.clone_from(&tried.first()?.1);
         }
-        tried = self.turned(tried);
-        // Larger and smaller than before are different valleys.
+        // The teeth concerned; of what sits on a shaft, all.
+        let own = |i: &usize| self.specs.iter().any(|s| s.place == self.q.bench.stages[*i].name);
+        let all: Vec<usize> = (0..self.q.bench.stages.len()).collect();
+        let concerned: Vec<usize> = all.iter().copied().filter(own).collect();
+        let tried = self.turned(tried, if concerned.is_empty() { &all } else { &concerned });
+        let teeth = |n: &Number| !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
+        let mut seen = tried;
+        for (count, iterations) in ROUNDS {
+            let mut next: Vec<Start> = Vec::new();
+            for (_, start) in self.best(seen, count) {
+                next.extend(self.minimise(start, &teeth, iterations).map(|s| (s.cost.1, s.x)));
+            }
+            next.sort_by(|a, b| a.0.total_cmp(&b.0));
+            seen = next;
+        }
+        Some(seen)
+    }
+
+    /// The first of some points, and the first on the other side of no effect: larger and smaller than before are different valleys.
+    fn best(&self, points: Vec<Start>, count: usize) -> Vec<Start> {
         let factor = self.numbers.iter().position(|n| matches!(n, Number::Effect(_, "factor")));
         let larger = |x: &DVector<f64>| factor.is_some_and(|k| x[k] > 0.0);
-        let first = larger(&tried.first()?.1);
-        let across = tried.iter().position(|t| larger(&t.1) != first);
-        let starts: Vec<DVector<f64>> = tried
-            .into_iter()
-            .enumerate()
-            .filter(|(i, _)| *i < STARTS || Some(*i) == across)
-            .map(|(_, (_, x))| x)
-            .collect();
-        let fits = starts.into_iter().filter_map(|x| minimise(x, &priors, &mut |x| self.residuals(x)));
-        fits.min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))
+        let first = points.first().is_some_and(|p| larger(&p.1));
+        let across = points.iter().position(|p| larger(&p.1) != first);
+        points.into_iter().enumerate().filter(|(i, _)| *i < count || Some(*i) == across).map(|(_, p)| p).collect()
+    }
+
+    /// The best fit from the best of some starts.
+    pub fn settle(&mut self, seen: Vec<Start>) -> Option<Solution> {
+        let enough = seen.first()?.0 + 2.0 * HOPELESS;
+        let starts = self.best(seen, STARTS).into_iter().filter(|s| s.0 < enough);
+        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &|_| true, ITERATIONS)).collect();
+        fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))
     }
 
     /// Sizes of one member with all else as in `x`, least cost first.
-    fn scan(&mut self, x: &DVector<f64>, member: usize) -> Vec<(f64, DVector<f64>)> {
+    fn scan(&mut self, x: &DVector<f64>, member: usize) -> Vec<Start> {
         let own = |n: &Number| matches!(n, Number::Effect(m, _) if *m == member);
         let spec = self.specs[member].clone();
         let mut tried = Vec::new();
@@ -200,7 +241,7 @@ impl<'a> Problem<'a> {
                     }
                 }
                 tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-                tried.truncate(STARTS);
+                tried.truncate(KEPT);
                 let Some(best) = tried.first() else { return tried };
                 x.clone_from(&best.1);
             }
@@ -216,24 +257,25 @@ impl<'a> Problem<'a> {
         tried
     }
 
-    /// The best of some points, and the same with the first profile error of the teeth concerned turned to other phases: it adds to what
-    /// an effect does to the loaded teeth, and no fit gets from one phase to the opposite. Least cost first.
-    fn turned(&mut self, mut points: Vec<(f64, DVector<f64>)>) -> Vec<(f64, DVector<f64>)> {
-        let stage_of = |s: &EffectSpec| self.q.bench.stages.iter().position(|t| t.name == s.place);
-        let stages: Vec<usize> = self.specs.iter().filter_map(stage_of).collect();
-        for stage in stages {
+    /// Each point in the best of some phases of the first profile error of some stages: it adds to what an effect does to the loaded teeth, and no
+    /// fit gets from one phase to the opposite. Least cost first.
+    fn turned(&mut self, mut points: Vec<Start>, stages: &[usize]) -> Vec<Start> {
+        for &stage in stages {
             let own = |n: &Number| matches!(n, Number::Error(i, 0, 0) if *i == stage);
             let Some(cosine) = self.numbers.iter().position(own) else { continue };
-            for (_, x) in points.iter().take(TURNED).cloned().collect::<Vec<_>>() {
+            for point in &mut points {
+                let start = point.1.clone();
                 for k in 0..PHASES {
-                    let mut y = x.clone();
+                    let mut y = start.clone();
                     let phase = TAU * k as f64 / PHASES as f64;
                     (y[cosine], y[cosine + 1]) = (USUAL_ERROR_UM * phase.cos(), USUAL_ERROR_UM * phase.sin());
-                    points.extend(self.cost(&y).map(|c| (c, y)));
+                    if let Some(cost) = self.cost(&y).filter(|c| *c < point.0) {
+                        *point = (cost, y);
+                    }
                 }
             }
-            points.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
         points
     }
 
