@@ -1,5 +1,6 @@
 //! What changed against the reference: sensor paths first, then one tooth, then masks of lines, one effect after the other.
 
+use crate::alone;
 use crate::controls;
 use crate::locate::{self, Cell, Place};
 use crate::masks::{self, Mask};
@@ -87,6 +88,9 @@ pub fn search(
         found.findings.retain(|f| f.effect != "ghost_component");
     }
     let ghost_found = found.findings.iter().any(|f| f.effect == "ghost_component");
+    // One order that leads its row tells a ripple where the sidebands in its mask tell nothing, or pass for a gear's.
+    let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
+    let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));
     let before = remaining.clone();
     let mut gain = None;
     let mut named: Vec<Mask> = Vec::new();
@@ -128,7 +132,13 @@ pub fn search(
         } else {
             None
         };
+        let by_row = ripple_place.filter(|p| {
+            let wider = matches!(chosen.place, Place::Gear(..) | Place::LowSide(..) | Place::ShaftOrders(_));
+            chosen.place == *p || (wider && shaft_of(chosen.place) == shaft_of(*p))
+        });
+        let within = by_row.and_then(|p| ranked.iter().find(|m| m.place == p).copied()).or(within);
         let named_one = match &within {
+            Some(cause) if Some(cause.place) == ripple_place => ripple.clone(),
             Some(cause) => subname::name(q, cause, &remaining, found.steps),
             None => subname::name(q, &chosen, &remaining, found.steps)
                 .map(|f| with_rivals(q, f, &chosen, &ranked, &remaining)),
@@ -152,6 +162,11 @@ pub fn search(
     }
     if let [first, second] = named[..] {
         swap(q, &before, &places, &gaps, (first, second), found);
+    }
+    if let (Some(f), Some(place)) = (ripple, ripple_place)
+        && !found.findings.iter().any(|x| echoes(q, x, place))
+    {
+        found.findings.push(f);
     }
     gain
 }

@@ -209,7 +209,8 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
         findings.push(f);
         return;
     }
-    crate::alone::shaft_orders(q, findings, steps);
+    findings.extend(crate::ghost::lone_ghost(q, steps));
+    findings.extend(crate::alone::ripple(q, steps));
 }
 
 /// Speed ratios before and after, where the finding is one of speed.

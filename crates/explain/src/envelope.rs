@@ -8,6 +8,7 @@ use num_complex::Complex64;
 
 use crate::dsp::{Transforms, median};
 use crate::features::{ChannelFeatures, RecordingFeatures};
+use crate::scan;
 
 /// Lowest frequency that the envelope is made of (Hz): above the strong mesh lines of most benches.
 const LOWEST_HZ: f64 = 500.0;
@@ -15,6 +16,9 @@ const LOWEST_HZ: f64 = 500.0;
 const LIMIT: f64 = 3.0;
 /// Highest envelope order that is kept, of the input shaft.
 const HIGHEST_ORDER: f64 = 60.0;
+
+/// Bins from a shaft's comb at which a line of the window that is used has fallen to nothing.
+const CLEAR_OF_COMB: f64 = 2.0;
 
 /// Squared-envelope spectrum of one channel, power over local floor per bin; bin `k` is order `k / revolutions`.
 pub fn spectrum(transforms: &mut Transforms, recording: &RecordingFeatures, channel: &ChannelFeatures) -> Vec<f64> {
@@ -59,6 +63,10 @@ pub struct EnvelopeLine {
     pub channel: usize,
     /// Recordings in which the order alone stands above three times its floor.
     pub seen_in: usize,
+    /// By channel: envelope power of the order beyond the noise, in units of a bin of noise, sum over recordings; `None` of channels that were left out.
+    pub by_channel: Vec<Option<f64>>,
+    /// What noise alone scatters such a sum by.
+    pub noise: f64,
 }
 
 /// One envelope spectrum with what it belongs to.
@@ -75,17 +83,22 @@ pub struct EnvelopeSpectrum {
     pub power: Vec<f64>,
 }
 
-/// Mean log power about an order, smoothed over a part in 200 of it: rolling elements slip.
-fn at(spectrum: &EnvelopeSpectrum, order: f64) -> f64 {
+/// Bins about an order, over a part in 200 of it and `least` bins at least on each side: rolling elements slip.
+fn around(spectrum: &EnvelopeSpectrum, order: f64, least: f64) -> &[f64] {
     let centre = order * spectrum.revolutions;
-    let reach = (centre * 0.0025).max(0.5).round() as usize;
+    let reach = (centre * 0.0025).max(least).round() as usize;
     let centre = centre.round() as usize;
     let high = (centre + reach + 1).min(spectrum.power.len());
-    let low = centre.saturating_sub(reach).min(high);
-    if low >= high {
+    &spectrum.power[centre.saturating_sub(reach).min(high)..high]
+}
+
+/// Mean log power about an order.
+fn at(spectrum: &EnvelopeSpectrum, order: f64) -> f64 {
+    let bins = around(spectrum, order, 0.5);
+    if bins.is_empty() {
         return 0.0;
     }
-    let mean = spectrum.power[low..high].iter().sum::<f64>() / (high - low) as f64;
+    let mean = bins.iter().sum::<f64>() / bins.len() as f64;
     mean.max(0.05).ln().min(3.0)
 }
 
@@ -147,9 +160,39 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
             let score = (sum - middle) / scale.max(1e-9);
             if best.as_ref().is_none_or(|b| score > b.score) {
                 let seen_in = members.iter().filter(|s| at(s, order) > 3f64.ln()).count();
-                best = Some(EnvelopeLine { order, score, channel: channel.min(channels - 1), seen_in });
+                best = Some(EnvelopeLine {
+                    order,
+                    score,
+                    channel: channel.min(channels - 1),
+                    seen_in,
+                    by_channel: Vec::new(),
+                    noise: 1.0,
+                });
             }
         }
     }
-    best
+    let mut best = best?;
+    let heard = |channel: usize, order: f64| {
+        let own = spectra.iter().filter(|s| s.sign > 0.0 && s.channel == channel);
+        own.map(|s| excess(s, order)).reduce(|a, b| (a.0 + b.0, a.1 + b.1))
+    };
+    let strength = |order: f64| (0..channels).filter_map(|c| heard(c, order)).map(|x| x.0).sum::<f64>();
+    // The order itself may lie too near a shaft's comb to be scanned, and its harmonics not: passages are strongest at their own order. What lies on the comb
+    // is the gears'.
+    let apart = |o: &f64| *o > low && scan::distance_to_combs(train, *o) * revolutions > CLEAR_OF_COMB;
+    let parts = [2.0, 3.0].map(|m| best.order / m).into_iter().filter(apart);
+    best.order = std::iter::once(best.order)
+        .chain(parts)
+        .max_by(|a, b| strength(*a).total_cmp(&strength(*b)))
+        .unwrap_or(best.order);
+    let all: Vec<Option<(f64, usize)>> = (0..channels).map(|c| heard(c, best.order)).collect();
+    best.noise = all.iter().flatten().map(|x| (x.1 as f64).sqrt()).fold(1.0, f64::max);
+    best.by_channel = all.iter().map(|x| x.map(|x| x.0)).collect();
+    Some(best)
+}
+
+/// Envelope power of an order beyond what noise gives its bins, in units of a bin of noise, and the number of bins.
+fn excess(spectrum: &EnvelopeSpectrum, order: f64) -> (f64, usize) {
+    let bins = around(spectrum, order, 1.5);
+    (bins.iter().map(|p| p - 1.0).sum(), bins.len())
 }

@@ -442,6 +442,41 @@ mod tests {
         assert_eq!(first(&stays), ("speed_fluctuation", "output"), "{:?}", stays.steps);
         assert!((stays.effects[0].parameters["order"].value() - 5.0).abs() < 0.5);
         assert!(ask(&session(1, 23.0, &nothing), &[]).effects.is_empty());
+        // What the reference has too is nothing new.
+        assert_eq!(ask(&with(&|_| 0.4), &with(&|_| 0.4)).status, Status::Consistent);
+        let new = ask(&with(&|_| 0.4), &session(50, 23.0, &nothing));
+        assert_eq!(first(&new), ("speed_fluctuation", "output"), "{:?}", new.steps);
+        assert!(new.effects[0].evidence.support.contains("row"), "{:?}", new.effects[0].evidence);
+    }
+
+    /// 33 waves on the flanks of 23 teeth, without a reference: order 33 of the pinion stands above all that lies between the mesh harmonics.
+    #[test]
+    fn analytic_one_order_between_the_mesh_harmonics_is_a_ghost() {
+        let more = |_: usize, _: f64, angle: f64| 0.3 * (TAU * 33.0 * angle).cos();
+        let answer = ask(&session(1, 23.0, &more), &[]);
+        assert_eq!(first(&answer), ("ghost_component", "stage1.pinion"), "{:?}", answer.steps);
+        let order = answer.effects[0].parameters["order"];
+        assert!((order.value() - 33.0).abs() < 2.0 * order.sigma(), "{order:?}");
+    }
+
+    /// A push 3.72 times a turn of the input shaft, 6.63 of the output: both are usual races, and the sensor that hears it more tells which.
+    #[test]
+    fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
+        let place = |loud: usize| {
+            let more = move |c: usize, _: f64, angle: f64| {
+                let since = (3.72 * angle).fract() / 3.72;
+                let size = if c == loud { 6.0 } else { 1.5 };
+                size * (-since / 0.01).exp() * (TAU * 71.3 * since).sin()
+            };
+            let mut bench = bench();
+            bench.sensors[1].shaft = "output".into();
+            let recordings = session(1, 23.0, &more);
+            let input = Input { bench: &bench, recordings: &recordings, reference: &[], without: &[] };
+            let answer = explain(&input, &mut |_| {}).unwrap().explanation;
+            assert_eq!(first(&answer).0, "bearing_defect", "{:?}", answer.steps);
+            first(&answer).1.to_owned()
+        };
+        assert_eq!((place(0).as_str(), place(1).as_str()), ("input", "output"));
     }
 
     /// All speeds behind the display, without a tacho: by the same share at both loads the sample clock is off, in proportion to the torque the belt

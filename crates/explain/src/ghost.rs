@@ -2,8 +2,12 @@
 //!
 //! `n` waves a turn make a line at order `n` of the gear's shaft; the mesh, which repeats `z` times a turn, mixes it to `n + h z` and `h z − n`. So new lines on a
 //! shaft's comb that all leave the remainder `±n` by `z` are one ghost, and `z` says of which gear. Errors of the teeth leave all remainders.
+//!
+//! Without a reference nothing is new, but errors of the teeth fill the comb of a shaft evenly between two harmonics of the mesh, like Rayleigh amplitudes through a path
+//! that neighbours share, and the ghost's own order stands alone above its neighbours.
 
 use crate::direct::gears_on;
+use crate::dsp::{mean, median};
 use crate::name::{Finding, Question};
 use crate::scan::StrangeLine;
 use crate::strange::Strange;
@@ -20,6 +24,18 @@ const CONGRUENT: f64 = 0.8;
 const ON: f64 = 0.02;
 /// Sidebands up to this offset belong to usual errors of a gear, which change in themselves.
 const LOW: u32 = 6;
+
+/// Neighbours on each side that a multiple is compared with without a reference, and how many must be there.
+const BESIDE: usize = 10;
+const LEAST_BESIDE: usize = 6;
+/// Waves a turn that are looked for: above what shafts and their low harmonics make, below so many times the number of teeth.
+const FEWEST: usize = 13;
+const MOST_BY_TEETH: f64 = 2.5;
+/// ln amplitude by which the own order must lead all multiples of other remainders, and least ln amplitude over noise.
+const LEAD: f64 = 2.0;
+const CLEAR: f64 = 2.0;
+/// Lines nearer than this (bins) to one that another shaft or a mesh makes are left out.
+const OWN_BINS: f64 = 3.0;
 
 /// The multiple of a shaft that a line is, if it is one.
 fn multiple(line: &StrangeLine, order: f64) -> Option<u32> {
@@ -73,6 +89,91 @@ pub fn ghost(q: &Question<'_>, strange: &Strange) -> Option<Finding> {
     f.evidence.place = format!("a new line at order {n} of its shaft, no mesh harmonic and no low sideband");
     f.evidence.support =
         format!("{congruent} of {} new lines leave the same remainder by the number of its teeth", new.len());
+    Some(f)
+}
+
+/// A multiple of a shaft above its neighbours.
+struct Height {
+    multiple: usize,
+    /// Mean ln amplitude over the middle of its neighbours.
+    over: f64,
+    /// Least ln amplitude over noise.
+    clear: f64,
+}
+
+/// Whether a mesh, its low sidebands or another shaft makes a line at a multiple of a shaft.
+fn of_train(q: &Question<'_>, shaft: usize, multiple: usize) -> bool {
+    let order = multiple as f64 * q.train.shafts[shaft].1;
+    q.recordings.iter().any(|r| {
+        let reach = OWN_BINS / r.revolutions;
+        let first = r.lines.partition_point(|l| l.order < order - reach);
+        r.lines.get(first).is_some_and(|l| l.order < order + reach)
+    })
+}
+
+/// Heights of the multiples of a shaft that no listed line falls on, up to the highest that all recordings and sensors show.
+fn heights(q: &Question<'_>, shaft: usize, most: usize) -> Vec<Height> {
+    let combs = || q.recordings.iter().flat_map(|r| &r.channels).map(|c| &c.combs[shaft]);
+    let shown = combs().map(Vec::len).min().unwrap_or(0);
+    let free: Vec<bool> = (0..=shown).map(|m| m >= FEWEST && !of_train(q, shaft, m)).collect();
+    let one = |m: usize| {
+        let mut over = Vec::new();
+        let mut clear = f64::INFINITY;
+        for comb in combs() {
+            let level = |m: usize| 0.5 * comb[m - 1].amplitude.norm_sqr().max(comb[m - 1].noise).ln();
+            let beside = m.saturating_sub(BESIDE)..=(m + BESIDE).min(shown);
+            let mut others: Vec<f64> = beside.filter(|k| *k != m && free[*k]).map(level).collect();
+            if others.len() < LEAST_BESIDE {
+                return None;
+            }
+            over.push(level(m) - median(&mut others));
+            clear = clear.min(0.5 * comb[m - 1].ratio().max(f64::MIN_POSITIVE).ln());
+        }
+        (!over.is_empty()).then(|| Height { multiple: m, over: mean(&over), clear })
+    };
+    (FEWEST..=most.min(shown)).filter(|m| free[*m]).filter_map(one).collect()
+}
+
+/// The multiple of one shaft that leads all others of its comb, where one does.
+pub fn lone_ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
+    let mut best: Option<(f64, Height, Vec<String>)> = None;
+    for j in 0..q.train.shafts.len() {
+        let gears: Vec<(String, u32)> =
+            gears_on(q, j).into_iter().filter_map(|g| teeth_of(q, &g).map(|z| (g, z))).collect();
+        let far = |m: usize, z: u32| remainder(m as u32, z) >= LOW;
+        let most = gears.iter().map(|g| MOST_BY_TEETH * f64::from(g.1)).fold(0.0, f64::max) as usize;
+        let mut all = heights(q, j, most);
+        all.retain(|h| gears.iter().all(|g| far(h.multiple, g.1)));
+        all.sort_by(|a, b| b.over.total_cmp(&a.over));
+        if all.len() <= LEAST_BESIDE {
+            continue;
+        }
+        let own = all.remove(0);
+        // What the mesh mixes it to is no other line.
+        let rival = |z: u32| {
+            let other = |h: &&Height| remainder(h.multiple as u32, z) != remainder(own.multiple as u32, z);
+            all.iter().find(other).map_or(f64::NEG_INFINITY, |h| h.over)
+        };
+        let leads: Vec<(f64, String)> = gears.iter().map(|(g, z)| (own.over - rival(*z), g.clone())).collect();
+        let lead = leads.iter().map(|l| l.0).fold(f64::NEG_INFINITY, f64::max);
+        if own.clear > CLEAR && best.as_ref().is_none_or(|b| lead > b.0) {
+            best = Some((lead, own, leads.into_iter().filter(|l| l.0 > LEAD).map(|l| l.1).collect()));
+        }
+    }
+    let (lead, own, gears) = best?;
+    steps.push(format!(
+        "multiple of a shaft between its mesh harmonics that leads most: {}, by {lead:.1} nats, {:.1} above its neighbours",
+        own.multiple, own.over
+    ));
+    let gear = gears.first()?;
+    let mut f =
+        Finding::new("ghost_component", gear.clone(), 0.9 / gears.len() as f64).with("order", own.multiple as f64, 0.2);
+    f.alternatives.extend(gears[1..].iter().map(|g| ("ghost_component", g.clone())));
+    f.evidence.place = format!("a line at order {} of its shaft, no mesh harmonic and no low sideband", own.multiple);
+    f.evidence.support = format!(
+        "{lead:.1} nats above every other multiple of this shaft between the mesh harmonics, {:.1} above its neighbours",
+        own.over
+    );
     Some(f)
 }
 

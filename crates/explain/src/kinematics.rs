@@ -239,6 +239,14 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
         .collect()
 }
 
+/// Whether the tacho through a bench's teeth and the drive display cannot both be right: beyond what a display, a sample clock and a belt are off.
+fn against_display(bench: &Bench, steady: &Steady<'_>) -> bool {
+    let train = Train::new(bench);
+    let Some(input_hz) = steady.tacho_hz(&train).filter(|_| steady.display_motor_hz.is_finite()) else { return false };
+    let (low, high) = range(bench, &train, steady, None, 0.0);
+    !(low * (1.0 - CLOCK_REACH)..=high * (1.0 + CLOCK_REACH)).contains(&input_hz)
+}
+
 /// The bench with the one tooth number changed that fits all recordings clearly better, if there is one.
 ///
 /// Which lines move depends on where the speed is known: with a tacho on the output shaft, the pinion's teeth move nothing but the input
@@ -271,6 +279,9 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                     continue;
                 }
                 let candidate = with_teeth(bench, i, pinion, teeth);
+                if all.iter().any(|steady| against_display(&candidate, steady)) {
+                    continue;
+                }
                 let (score, frequencies) = lines(&candidate);
                 let mut moved = Moved::default();
                 for ((field, sheet), other) in fields.iter().zip(&base.1).zip(&frequencies) {

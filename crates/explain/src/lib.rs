@@ -4,6 +4,7 @@ pub mod against;
 pub mod align;
 pub mod alone;
 pub mod angle;
+pub mod bearing;
 pub mod blind;
 pub mod carriers;
 pub mod classes;

@@ -2,6 +2,7 @@
 
 use gearwatch_core::train::Train;
 
+use crate::bearing;
 use crate::compare::Comparison;
 use crate::direct::gears_on;
 use crate::dsp::{Transforms, mean};
@@ -9,7 +10,6 @@ use crate::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
 use crate::features::RecordingFeatures;
 use crate::folded::FoldedLine;
 use crate::name::{Finding, Question};
-use crate::report::Evidence;
 use crate::scan::{self, StrangeLine, Twin};
 
 /// Channels that are scanned: those of the pairs, without any those of the first recording.
@@ -107,10 +107,14 @@ pub fn strange(
     };
     let channels = &channels(recordings, comparison);
     let against_reference = twins.iter().any(|t| t.reference.is_some());
+    // A limit makes envelopes of its own.
+    let clips = |name: &String| {
+        recordings.iter().flat_map(|r| &r.channels).any(|c| c.name == *name && c.integrity.clipped_at.is_some())
+    };
     let mut spectra = Vec::new();
     let mut add = |all: &[RecordingFeatures], sign: f64| {
         for (i, r) in all.iter().enumerate() {
-            for (c, name) in channels.iter().enumerate() {
+            for (c, name) in channels.iter().enumerate().filter(|(_, name)| !clips(name)) {
                 if let Some(channel) = r.channels.iter().find(|x| x.name == *name) {
                     spectra.push(EnvelopeSpectrum {
                         revolutions: r.revolutions,
@@ -138,12 +142,12 @@ pub fn strange(
 
 /// Effects beside which the orders of the shafts are what they are.
 pub fn leaves_shafts(effect: &str) -> bool {
-    matches!(effect, "electrical_pickup" | "clock_offset" | "belt_slip" | "clipping" | "aliasing")
+    matches!(effect, "electrical_pickup" | "clock_offset" | "belt_slip" | "clipping" | "aliasing" | "bearing_defect")
 }
 
-/// Effects that leave the forces of the machine as they are.
+/// Effects that leave the forces of the machine as they are, and envelopes of other sensors.
 fn in_the_data(effect: &str) -> bool {
-    matches!(effect, "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
+    matches!(effect, "clipping" | "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
 }
 
 /// Names what the scans found.
@@ -230,7 +234,7 @@ pub fn add_strange(
         && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
     {
         *unexplained = false;
-        findings.push(bearing(q, e, &channels));
+        findings.push(bearing::finding(q, e, &channels));
     } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
         steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
         *unexplained = true;
@@ -239,9 +243,8 @@ pub fn add_strange(
     let of_mesh = |order: f64| {
         q.train.stages.iter().any(|s| ((order / s.mesh_order).round() * s.mesh_order - order).abs() < 0.02)
     };
-    let machine = findings
-        .iter()
-        .any(|f| !in_the_data(f.effect) && !matches!(f.effect, "torque_ripple" | "speed_fluctuation" | "clipping"));
+    let machine =
+        findings.iter().any(|f| !in_the_data(f.effect) && !matches!(f.effect, "torque_ripple" | "speed_fluctuation"));
     // Sidebands of a ripple that was named, however far from their carrier.
     let ripples: Vec<(usize, f64)> = findings
         .iter()
@@ -295,35 +298,5 @@ fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
         l.order, l.seen_in
     );
     f.evidence.law = "its line moves against the speed".into();
-    f
-}
-
-/// Orders of the races of usual bearings, with room for slip and contact angle.
-const USUAL_RACES: std::ops::Range<f64> = 2.6..7.6;
-
-fn bearing(q: &Question<'_>, e: &EnvelopeLine, channels: &[String]) -> Finding {
-    // Inner and outer races of usual bearings (7 to 12 balls: 0.4 and 0.6 of their number) lie at 2.8 to 7.2 orders of their own shaft, of others between 2 and 12;
-    // the sensor nearest shows them best.
-    let sensor_shaft =
-        channels.get(e.channel).and_then(|c| q.bench.sensors.iter().find(|s| s.name == *c)).map(|s| s.shaft.clone());
-    let mut shafts: Vec<(usize, f64)> = q
-        .train
-        .shafts
-        .iter()
-        .enumerate()
-        .map(|(j, s)| (j, e.order / s.1))
-        .filter(|(_, own)| (1.8..14.0).contains(own))
-        .collect();
-    shafts.sort_by_key(|(j, own)| {
-        (!USUAL_RACES.contains(own), sensor_shaft.as_deref() != Some(q.train.shafts[*j].0.as_str()))
-    });
-    let (j, own) = shafts.first().copied().unwrap_or((0, e.order));
-    let mut f = Finding::new("bearing_defect", q.train.shafts[j].0.clone(), 0.7).with("order", own, 0.006 * own);
-    f.alternatives.extend(shafts.iter().skip(1).map(|(k, _)| ("bearing_defect", q.train.shafts[*k].0.clone())));
-    f.evidence = Evidence {
-        place: format!("order {:.3} of the input shaft in the envelope, {:.1} standard scores", e.order, e.score),
-        law: "an order that no gear makes".into(),
-        ..Evidence::default()
-    };
     f
 }
