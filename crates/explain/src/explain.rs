@@ -463,10 +463,11 @@ mod tests {
     #[test]
     fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
         let place = |loud: usize| {
-            let more = move |c: usize, _: f64, angle: f64| {
+            // Bursts of noise: no lines, all envelope.
+            let more = move |c: usize, t: f64, angle: f64| {
                 let since = (3.72 * angle).fract() / 3.72;
-                let size = if c == loud { 6.0 } else { 1.5 };
-                size * (-since / 0.01).exp() * (TAU * 71.3 * since).sin()
+                let noise = (43_758.545 * (12.9898 * t * RATE_HZ).sin()).fract();
+                (if c == loud { 2.0 } else { 0.7 }) * (-since / 0.03).exp() * noise
             };
             let mut bench = bench();
             bench.sensors[1].shaft = "output".into();

@@ -28,6 +28,8 @@ const LOW: u32 = 6;
 /// Neighbours on each side that a multiple is compared with without a reference, and how many must be there.
 const BESIDE: usize = 10;
 const LEAST_BESIDE: usize = 6;
+/// Sidebands about a mesh harmonic that are not compared with.
+const FIRST_SIDES: u32 = 3;
 /// Waves a turn that are looked for: above what shafts and their low harmonics make, below so many times the number of teeth.
 const FEWEST: usize = 13;
 const MOST_BY_TEETH: f64 = 2.5;
@@ -101,11 +103,15 @@ struct Height {
     clear: f64,
 }
 
-/// Whether a mesh, its low sidebands or another shaft makes a line at a multiple of a shaft.
+/// Whether a mesh, its low sidebands or any multiple of another shaft lies at a multiple of a shaft.
 fn of_train(q: &Question<'_>, shaft: usize, multiple: usize) -> bool {
     let order = multiple as f64 * q.train.shafts[shaft].1;
     q.recordings.iter().any(|r| {
         let reach = OWN_BINS / r.revolutions;
+        let on = |other: f64| ((order / other).round() * other - order).abs() < reach;
+        if q.train.shafts.iter().enumerate().any(|(j, (_, other))| j != shaft && on(*other)) {
+            return true;
+        }
         let first = r.lines.partition_point(|l| l.order < order - reach);
         r.lines.get(first).is_some_and(|l| l.order < order + reach)
     })
@@ -115,14 +121,22 @@ fn of_train(q: &Question<'_>, shaft: usize, multiple: usize) -> bool {
 fn heights(q: &Question<'_>, shaft: usize, most: usize) -> Vec<Height> {
     let combs = || q.recordings.iter().flat_map(|r| &r.channels).map(|c| &c.combs[shaft]);
     let shown = combs().map(Vec::len).min().unwrap_or(0);
-    let free: Vec<bool> = (0..=shown).map(|m| m >= FEWEST && !of_train(q, shaft, m)).collect();
+    let turns = q.train.shafts[shaft].1;
+    // What stands about a mesh harmonic falls off to both sides of it; its first sidebands are no measure of the lines between.
+    let low_side = |m: usize| {
+        let order = m as f64 * turns;
+        q.train.stages.iter().any(|s| {
+            ((order / s.mesh_order).round() * s.mesh_order - order).abs() < (f64::from(FIRST_SIDES) + 0.5) * turns
+        })
+    };
+    let compared: Vec<bool> = (0..=shown).map(|m| m > 1 && !low_side(m)).collect();
     let one = |m: usize| {
         let mut over = Vec::new();
         let mut clear = f64::INFINITY;
         for comb in combs() {
             let level = |m: usize| 0.5 * comb[m - 1].amplitude.norm_sqr().max(comb[m - 1].noise).ln();
             let beside = m.saturating_sub(BESIDE)..=(m + BESIDE).min(shown);
-            let mut others: Vec<f64> = beside.filter(|k| *k != m && free[*k]).map(level).collect();
+            let mut others: Vec<f64> = beside.filter(|k| *k != m && compared[*k]).map(level).collect();
             if others.len() < LEAST_BESIDE {
                 return None;
             }
@@ -131,7 +145,7 @@ fn heights(q: &Question<'_>, shaft: usize, most: usize) -> Vec<Height> {
         }
         (!over.is_empty()).then(|| Height { multiple: m, over: mean(&over), clear })
     };
-    (FEWEST..=most.min(shown)).filter(|m| free[*m]).filter_map(one).collect()
+    (FEWEST..=most.min(shown)).filter(|m| !of_train(q, shaft, *m)).filter_map(one).collect()
 }
 
 /// The multiple of one shaft that leads all others of its comb, where one does.
