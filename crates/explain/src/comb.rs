@@ -31,7 +31,7 @@ type Change = (Complex64, f64);
 pub struct Difference {
     /// Position of the pair.
     pub pair: usize,
-    /// Position of the channel.
+    /// Position of the channel in the recording.
     pub channel: usize,
     /// `Δ_n` and its noise power, from `n` = 1; `None` at mesh harmonics and where there is nothing to see.
     pub lines: Vec<Option<Change>>,
@@ -42,8 +42,8 @@ pub fn changes(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
     differences(q, shaft, false).0
 }
 
-/// The same without what a gain that is smooth over the comb accounts for: as much as loads differ, all lines of a bench without damage change in common with
-/// their neighbours.
+/// The same without what a gain that is smooth over the comb accounts for: another load or stiffness changes all lines of a bench without damage in common
+/// with their neighbours.
 pub fn changes_beyond_gain(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
     differences(q, shaft, true).0
 }
@@ -66,7 +66,7 @@ pub struct GearChange {
 }
 
 /// Recordings that are compared: each with its reference, or without any reference at all each high load with the lowest at its speed.
-fn twins<'a>(q: &'a Question<'a>) -> Vec<(usize, &'a RecordingFeatures, &'a RecordingFeatures)> {
+pub fn twins<'a>(q: &'a Question<'a>) -> Vec<(usize, &'a RecordingFeatures, &'a RecordingFeatures)> {
     if !q.comparison.pairs.is_empty() {
         let pair = |(p, pair): (usize, &crate::compare::Pair)| {
             (p, &q.recordings[pair.recording], &q.references[pair.reference])
@@ -138,22 +138,23 @@ fn differences(q: &Question<'_>, shaft: usize, beyond_gain: bool) -> (Vec<Differ
     for (p, rec, reference) in twins(q) {
         let known = &q.comparison.channels;
         let of = |r: &'_ RecordingFeatures, name: &str| r.channels.iter().position(|c| c.name == name);
-        let channels: Vec<Vec<Twin>> = rec
+        let channels: Vec<(usize, Vec<Twin>)> = rec
             .channels
             .iter()
-            .filter(|c| known.is_empty() || known.contains(&c.name))
-            .filter_map(|c| Some((c, &reference.channels[of(reference, &c.name)?])))
+            .enumerate()
+            .filter(|(_, c)| known.is_empty() || known.contains(&c.name))
+            .filter_map(|(k, c)| Some((k, c, &reference.channels[of(reference, &c.name)?])))
             // What clips makes lines of its own on the combs.
-            .filter(|(now, before)| [now, before].iter().all(|c| c.integrity.clipped_at.is_none()))
-            .map(|(now, before)| own_lines(q, (rec, now), (reference, before), shaft))
+            .filter(|(_, now, before)| [now, before].iter().all(|c| c.integrity.clipped_at.is_none()))
+            .map(|(k, now, before)| (k, own_lines(q, (rec, now), (reference, before), shaft)))
             .collect();
-        let all: Vec<&Twin> = channels.iter().flatten().collect();
+        let all: Vec<&Twin> = channels.iter().flat_map(|c| &c.1).collect();
         let Some((psi, agreement)) = align::turn(&all) else { continue };
         if agreement < ALIGNED {
             continue;
         }
         aligned += 1;
-        for (channel, own) in channels.iter().enumerate() {
+        for (channel, own) in &channels {
             let mut changes: Vec<(usize, Change)> = own.iter().map(|l| (l.n, l.change(psi))).collect();
             if beyond_gain {
                 take_out_gain(own, &mut changes);
@@ -162,7 +163,7 @@ fn differences(q: &Question<'_>, shaft: usize, beyond_gain: bool) -> (Vec<Differ
             for (n, change) in changes.into_iter().filter(|(n, _)| teeth.iter().all(|z| n % z != 0)) {
                 lines[n - 1] = Some(change);
             }
-            out.push(Difference { pair: p, channel, lines });
+            out.push(Difference { pair: p, channel: *channel, lines });
         }
     }
     (out, aligned)

@@ -182,8 +182,8 @@ fn changed_shaft(q: &Question<'_>) -> Option<(f64, Vec<Comb>)> {
                 combs.push(Comb { recording, lines: Vec::new(), power: 0.0 });
                 combs.len() - 1
             });
-            let name = q.comparison.channels.get(change.channel);
-            let sensor = q.bench.sensors.iter().position(|s| Some(&s.name) == name);
+            let name = &q.recordings[recording].channels[change.channel].name;
+            let sensor = q.bench.sensors.iter().position(|s| s.name == *name);
             for (k, line) in change.lines.iter().enumerate() {
                 let Some((amplitude, noise)) = *line else { continue };
                 weight += (amplitude.norm_sqr() / noise).max(1.0).ln();

@@ -20,6 +20,7 @@ pub mod features;
 pub mod folded;
 pub mod friction;
 pub mod gear;
+pub mod gear_side;
 pub mod ghost;
 pub mod held_out;
 pub mod integrity;

@@ -9,6 +9,7 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 
 use crate::comb::Difference;
+use crate::lines::SHAFT_MULTIPLES;
 
 /// Longest distance of two lines that are multiplied. Every second line of a comb may lie under another shaft's; beyond eight lines a path's
 /// phase has turned.
@@ -87,14 +88,15 @@ impl Sums {
     }
 }
 
-/// How far the change of a shaft's comb is one pulse a turn.
+/// How far the change of a shaft's comb is one pulse a turn. The first orders take no part: what loosens or drags a shaft makes a row of them with even phases too.
 pub fn pulse(changes: &[Difference]) -> Pulse {
     let mut pairs: Vec<usize> = changes.iter().map(|d| d.pair).collect();
     pairs.dedup();
     let (mut score, mut sum, mut expected) = (0.0, 0.0, 0.0);
     for pair in &pairs {
         let mut sums = Sums::default();
-        changes.iter().filter(|d| d.pair == *pair).for_each(|d| sums.add(&d.lines));
+        let beyond = |d: &Difference| sums.add(d.lines.get(usize::from(SHAFT_MULTIPLES)..).unwrap_or(&[]));
+        changes.iter().filter(|d| d.pair == *pair).for_each(beyond);
         let best = sums.best();
         score += best / sums.variance.max(f64::MIN_POSITIVE).sqrt();
         sum += best;
@@ -153,5 +155,13 @@ mod tests {
             let found = pulse(&changes(seed, &sum));
             assert!(found.share < 0.5, "{found:?}");
         }
+    }
+
+    /// A loose shaft or friction makes a row of its first orders with even phases: no tooth.
+    #[test]
+    fn analytic_a_row_of_first_orders_is_no_pulse() {
+        let row = |n: usize| Complex64::from_polar(if n <= 12 { 5.0 } else { 0.0 }, 0.9 * n as f64);
+        let found = pulse(&changes(3, &row));
+        assert!(found.score < 8.0, "{found:?}");
     }
 }
