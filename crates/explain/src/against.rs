@@ -101,7 +101,7 @@ pub fn search(
         let Some(chosen) = choose(&ranked) else { break };
         for m in ranked.iter().take(3) {
             found.steps.push(format!(
-                "mask: {} gains {:.0} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
+                "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
                 subname::describe(q, m.place),
                 m.gain,
                 m.cells,

@@ -96,16 +96,10 @@ const LONE_SHARED: f64 = 0.55;
 /// many teeth a resultant far below reaches the score too, but that is a few teeth or none.
 const LONE_EVEN: f64 = 0.85;
 
-/// Score and share of one pulse a turn from which a damaged tooth is believed without a reference. Of 1182 shafts without such damage none had a larger share
-/// than 0.44; of 25 with damage that changes its lines ten times as much as repetition or more, 10 had.
-const LONE_PULSE_SCORE: f64 = 9.0;
-const LONE_PULSE_SHARE: f64 = 0.46;
-
 /// A damaged tooth without a reference: high load minus low load at one speed. Geometry stays as it is under load (PHYSICS 4, L04) and is
 /// gone from the difference, while stiffness that one tooth lost gives deflection in proportion to the torque.
 pub fn lone_tooth(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
-    let by_phases = lone_pattern(q, steps);
-    let (j, support) = by_phases.or_else(|| lone_pulse(q, steps))?;
+    let (j, support) = lone_pattern(q, steps)?;
     let stages: Vec<usize> = (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).collect();
     let (at, sure) = which(q, j, &stages, &comb::changes(q, j))?;
     let name = gear_name(q, at, j);
@@ -142,17 +136,6 @@ fn lone_pattern(q: &Question<'_>, steps: &mut Vec<String>) -> Option<(usize, Str
         pattern.neighbours, pattern.even
     );
     (score >= LONE_SCORE && pattern.even >= LONE_EVEN).then_some((j, support))
-}
-
-/// Shaft and evidence of a tooth that all lines of a comb together show.
-fn lone_pulse(q: &Question<'_>, steps: &mut Vec<String>) -> Option<(usize, String)> {
-    let pulses = (0..q.train.shafts.len()).map(|j| (j, pulse::pulse(&comb::changes_beyond_gain(q, j))));
-    let (j, pulse) = pulses.max_by(|a, b| a.1.share.total_cmp(&b.1.share))?;
-    steps.push(format!(
-        "high load minus low load, less what a smooth gain accounts for: one pulse a turn of {} most, {:.1} standard deviations of noise, {:.2} of the change",
-        q.train.shafts[j].0, pulse.score, pulse.share
-    ));
-    (pulse.score > LONE_PULSE_SCORE && pulse.share > LONE_PULSE_SHARE).then(|| (j, pulse_support(&pulse)))
 }
 
 /// A gear whose teeth differ from each other: many small differences (pitch) or one damaged tooth.
