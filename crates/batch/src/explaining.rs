@@ -9,7 +9,7 @@ use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, UInt32Array}
 use arrow_schema::{DataType, Field, Schema};
 use gearwatch_core::recording::Recording;
 use gearwatch_explain::explain::{Input, explain};
-use gearwatch_explain::report::Explanation;
+use gearwatch_explain::judge::report::Explanation;
 use gearwatch_io::{OpenOptions, bench_file, read_recording, sidecar_path};
 use sha2::{Digest, Sha256};
 

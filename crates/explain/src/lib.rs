@@ -1,51 +1,17 @@
 //! Explains where simulation and recordings differ: locates, names, models and judges.
+//!
+//! `read` → `change` → `name` ⇄ `fit` → `judge`; [`explain`](mod@explain) goes the whole way. Beside it: what sensors could not show (`blind`), the concealed
+//! benchmark (`prove`), and amplitude tables instead of recordings (`tables`, `paper`).
 
-pub mod against;
-pub mod align;
-pub mod alone;
-pub mod angle;
-pub mod bearing;
-pub mod blind;
-pub mod carriers;
-pub mod classes;
-pub mod comb;
-pub mod compare;
-pub mod controls;
-pub mod direct;
-pub mod dsp;
-pub mod envelope;
-pub mod error;
+pub mod change;
 pub mod explain;
-pub mod features;
-pub mod folded;
-pub mod friction;
-pub mod gear;
-pub mod gear_side;
-pub mod ghost;
-pub mod held_out;
-pub mod integrity;
-pub mod kinematics;
-pub mod last_wheel;
-pub mod latent;
-pub mod least_squares;
-pub mod limits;
-pub mod lines;
-pub mod locate;
-pub mod masks;
+pub mod fit;
+pub mod judge;
 pub mod name;
+pub mod read;
+
+pub mod blind;
+pub mod error;
 pub mod paper;
-pub mod path;
-pub mod plain;
 pub mod prove;
-pub mod publish;
-pub mod pulse;
-pub mod ratio;
-pub mod refit;
-pub mod report;
-pub mod scan;
-pub mod shape;
-pub mod shared;
-pub mod sizes;
-pub mod strange;
-pub mod subname;
 pub mod tables;

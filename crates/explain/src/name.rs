@@ -1,22 +1,37 @@
 //! From evidence to names: direct findings first (data, teeth, speeds), then sensor paths, then masks of lines, then strange lines.
 
+pub mod against;
+pub mod alone;
+pub mod bearing;
+pub mod classes;
+pub mod direct;
+pub mod friction;
+pub mod gear;
+pub mod gear_side;
+pub mod ghost;
+pub mod path;
+pub mod shared;
+pub mod strange;
+pub mod subname;
+
 use std::collections::BTreeMap;
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::train::Train;
 
-use crate::against::{self, Found};
-use crate::compare::Comparison;
-use crate::direct;
-use crate::features::RecordingFeatures;
-use crate::folded::FoldedLine;
-use crate::kinematics::OtherTeeth;
-use crate::locate::{self, Cell};
-use crate::publish::publish;
-use crate::ratio::Ratios;
-use crate::report::{Evidence, Explanation};
-use crate::{ghost, held_out, latent, refit, strange, subname};
+use self::against::Found;
+use crate::change::compare::Comparison;
+use crate::change::locate::{self, Cell};
+use crate::fit::refit;
+use crate::judge::held_out;
+use crate::judge::latent;
+use crate::judge::publish::publish;
+use crate::judge::report::{Evidence, Explanation};
+use crate::read::features::RecordingFeatures;
+use crate::read::folded::FoldedLine;
+use crate::read::kinematics::OtherTeeth;
+use crate::read::ratio::Ratios;
 
 /// Everything that was measured.
 pub struct Question<'a> {

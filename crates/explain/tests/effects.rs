@@ -7,9 +7,9 @@
 
 use std::collections::BTreeMap;
 
+use gearwatch_explain::judge::report::Status;
 use gearwatch_explain::prove::score::Scored;
 use gearwatch_explain::prove::{draw, prove};
-use gearwatch_explain::report::Status;
 use gearwatch_sim::effects;
 
 /// The first cases of an effect under a seed that conceal it at a size that shows; fewer where the numbers run out.

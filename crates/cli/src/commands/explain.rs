@@ -8,8 +8,8 @@ use clap::Args;
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 use gearwatch_explain::explain::{Input, explain};
-use gearwatch_explain::latent::LatentForce;
-use gearwatch_explain::report::Status;
+use gearwatch_explain::judge::latent::LatentForce;
+use gearwatch_explain::judge::report::Status;
 use gearwatch_io::open::{OpenOptions, read_recording};
 
 use super::Run;

@@ -6,9 +6,9 @@ use anyhow::Context;
 use clap::Args;
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_explain::error::ExplainError;
+use gearwatch_explain::judge::report::Status;
 use gearwatch_explain::prove::score::{Scored, score};
 use gearwatch_explain::prove::{self, Kind, Truth};
-use gearwatch_explain::report::Status;
 use rayon::prelude::*;
 
 use super::Run;

@@ -1,7 +1,7 @@
 //! `docs/walk-through.md` as a reader follows it: every command of the page, in its order.
 
-use gearwatch_explain::dsp::Transforms;
-use gearwatch_explain::plain;
+use gearwatch_explain::read::dsp::Transforms;
+use gearwatch_explain::read::plain;
 use gearwatch_io::OpenOptions;
 use gearwatch_io::open::read_recording;
 

@@ -3,8 +3,8 @@
 use gearwatch_core::bench::EffectSpec;
 
 use super::Truth;
-use crate::classes;
-use crate::report::{Explanation, Status};
+use crate::judge::report::{Explanation, Status};
+use crate::name::classes;
 
 /// How one case was answered.
 #[derive(Clone, Debug)]
@@ -46,8 +46,8 @@ pub fn is_right(truth: &EffectSpec, effect: &str, place: &str) -> bool {
 /// Judges an answer.
 pub fn score(index: u64, truth: &Truth, answer: &Explanation) -> Scored {
     let n = truth.effects.len();
-    let right = |t: &EffectSpec, e: &crate::report::NamedEffect| is_right(t, &e.effect, &e.place);
-    let in_set = |t: &EffectSpec, e: &crate::report::NamedEffect| {
+    let right = |t: &EffectSpec, e: &crate::judge::report::NamedEffect| is_right(t, &e.effect, &e.place);
+    let in_set = |t: &EffectSpec, e: &crate::judge::report::NamedEffect| {
         right(t, e) || e.indistinguishable_from.iter().any(|c| is_right(t, &c.effect, &c.place))
     };
     let first = truth

@@ -219,7 +219,7 @@ pub fn record(
 
 /// Adds noise through a path, and white noise behind it.
 fn coloured(d: &mut Draw, x: &mut [f64], size: f64, white_size: f64, path: impl Fn(f64) -> Complex64) {
-    let mut transforms = crate::dsp::Transforms::default();
+    let mut transforms = crate::read::dsp::Transforms::default();
     let len = x.len();
     let mut white: Vec<f64> = (0..len).map(|_| d.normal() * size).collect();
     let mut bins = transforms.forward_real(&mut white);

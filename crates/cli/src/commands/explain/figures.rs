@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
-use gearwatch_explain::dsp::Transforms;
-use gearwatch_explain::plain;
-use gearwatch_explain::report::Explanation;
+use gearwatch_explain::judge::report::Explanation;
+use gearwatch_explain::read::dsp::Transforms;
+use gearwatch_explain::read::plain;
 use gearwatch_report::{Chart, Lines, Mark, Series};
 
 use super::report;

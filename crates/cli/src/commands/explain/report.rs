@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use gearwatch_explain::latent::LatentForce;
-use gearwatch_explain::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
+use gearwatch_explain::judge::latent::LatentForce;
+use gearwatch_explain::judge::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
 use gearwatch_report::{Bars, Cell, Chart, Lines, Part, Report, Section, Series, Table, Tone};
 
 /// Lines of the mismatch table; the picture has all.

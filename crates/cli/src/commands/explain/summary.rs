@@ -2,8 +2,8 @@
 
 use std::io::{self, Write};
 
-use gearwatch_explain::latent::LatentForce;
-use gearwatch_explain::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
+use gearwatch_explain::judge::latent::LatentForce;
+use gearwatch_explain::judge::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
 
 use crate::format::wrapped;
 

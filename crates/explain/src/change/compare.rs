@@ -1,0 +1,185 @@
+//! Recordings against their reference, line by line, at the same operating point.
+
+use crate::read::features::{RecordingFeatures, USABLE_BAND};
+use crate::read::lines::Family;
+
+/// A line in a recording and in its reference.
+#[derive(Clone, Copy, Debug)]
+pub struct LineChange {
+    /// Position of the pair.
+    pub pair: usize,
+    /// Position of the channel among the sensors of the pair.
+    pub channel: usize,
+    /// Where the line belongs.
+    pub family: Family,
+    /// Order of the input shaft.
+    pub order: f64,
+    /// (Hz).
+    pub frequency_hz: f64,
+    /// Power in the recording, noise taken off, not below 0.
+    pub power: f64,
+    /// Power in the reference, likewise.
+    pub reference_power: f64,
+    /// Noise power of the stronger of both.
+    pub noise: f64,
+    /// ln of the amplitude ratio; lines below their noise count as their noise.
+    pub log_ratio: f64,
+    /// Variance of `log_ratio` from noise alone.
+    pub variance: f64,
+}
+
+/// The background of a band in a recording and in its reference.
+#[derive(Clone, Copy, Debug)]
+pub struct FloorChange {
+    /// Position of the pair.
+    pub pair: usize,
+    /// Position of the channel.
+    pub channel: usize,
+    /// (Hz).
+    pub frequency_hz: f64,
+    /// ln of the amplitude ratio.
+    pub log_ratio: f64,
+    /// Variance of `log_ratio` from the finite number of bins.
+    pub variance: f64,
+}
+
+/// A recording and the reference at the same speed and load.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair {
+    /// Position of the recording.
+    pub recording: usize,
+    /// Position of the reference.
+    pub reference: usize,
+    /// Motor speed (Hz).
+    pub speed_hz: f64,
+    /// Brake torque (N m).
+    pub torque_nm: f64,
+    /// ln of the speed in the recording over that in the reference: settings repeat to tenths of a per cent.
+    pub speed_gap: f64,
+}
+
+/// All changes between recordings and reference.
+pub struct Comparison {
+    /// Pairs at the same operating point.
+    pub pairs: Vec<Pair>,
+    /// Channel names that occur in every pair.
+    pub channels: Vec<String>,
+    /// Lines.
+    pub lines: Vec<LineChange>,
+    /// Background.
+    pub floors: Vec<FloorChange>,
+}
+
+/// Operating points count as the same within these relative differences.
+const SAME_SPEED: f64 = 0.03;
+const SAME_TORQUE: f64 = 0.05;
+
+/// ln of the ratio of speeds: by the tachos where there are two, whatever the sample clocks say.
+fn speed_gap(recording: &RecordingFeatures, reference: &RecordingFeatures) -> f64 {
+    match (recording.tacho_input_hz, reference.tacho_input_hz) {
+        (Some(a), Some(b)) => (a / b).ln(),
+        _ => (recording.input_hz / reference.input_hz).ln(),
+    }
+}
+
+/// Pairs recordings with references and compares them.
+pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures]) -> Comparison {
+    let mut pairs = Vec::new();
+    for (i, rec) in recordings.iter().enumerate() {
+        let gap = |r: &RecordingFeatures| {
+            let torque = (r.brake_torque_nm - rec.brake_torque_nm).abs() / rec.brake_torque_nm.abs().max(1e-9);
+            ((r.input_hz / rec.input_hz - 1.0).abs(), if torque.is_finite() { torque } else { 0.0 })
+        };
+        let best = references
+            .iter()
+            .enumerate()
+            .map(|(j, r)| (j, gap(r)))
+            .filter(|(_, (speed, torque))| *speed < SAME_SPEED && *torque < SAME_TORQUE)
+            .min_by(|a, b| (a.1.0 + a.1.1).total_cmp(&(b.1.0 + b.1.1)));
+        if let Some((j, _)) = best {
+            let speed_hz = if rec.display_motor_hz.is_finite() { rec.display_motor_hz } else { rec.input_hz };
+            pairs.push(Pair {
+                recording: i,
+                reference: j,
+                speed_hz,
+                torque_nm: rec.brake_torque_nm,
+                speed_gap: speed_gap(rec, &references[j]),
+            });
+        }
+    }
+    let mut channels: Vec<String> = Vec::new();
+    if let Some(first) = pairs.first() {
+        for c in &recordings[first.recording].channels {
+            let everywhere = pairs.iter().all(|p| {
+                recordings[p.recording].channels.iter().any(|d| d.name == c.name)
+                    && references[p.reference].channels.iter().any(|d| d.name == c.name)
+            });
+            if everywhere {
+                channels.push(c.name.clone());
+            }
+        }
+        // A clipped channel shows lines of its own; the others tell more without it.
+        let clipped = |name: &String| {
+            pairs.iter().any(|p| {
+                let channel = recordings[p.recording].channels.iter().find(|d| d.name == *name);
+                channel.is_some_and(|d| d.integrity.clipped_at.is_some())
+            })
+        };
+        if channels.iter().any(|c| !clipped(c)) {
+            channels.retain(|c| !clipped(c));
+        }
+    }
+    let mut out = Comparison { pairs, channels, lines: Vec::new(), floors: Vec::new() };
+    for (p, pair) in out.pairs.iter().enumerate() {
+        let (rec, reference) = (&recordings[pair.recording], &references[pair.reference]);
+        for (c, name) in out.channels.iter().enumerate() {
+            let (Some(a), Some(b)) =
+                (rec.channels.iter().find(|d| d.name == *name), reference.channels.iter().find(|d| d.name == *name))
+            else {
+                continue;
+            };
+            for (i, line) in rec.lines.iter().enumerate() {
+                let frequency_hz = rec.order_hz(line.order);
+                if frequency_hz > USABLE_BAND * rec.sample_rate_hz * 0.97 {
+                    continue;
+                }
+                let Some(j) = reference.lines.iter().position(|l| l.family == line.family) else { continue };
+                let (Some(x), Some(y)) = (a.values[i], b.values[j]) else { continue };
+                let (px, py) = (x.amplitude.norm_sqr(), y.amplitude.norm_sqr());
+                if px.max(py) < 6.0 * x.noise.max(y.noise) {
+                    continue;
+                }
+                let (ex, ey) = (px.max(x.noise), py.max(y.noise));
+                out.lines.push(LineChange {
+                    pair: p,
+                    channel: c,
+                    family: line.family,
+                    order: line.order,
+                    frequency_hz,
+                    power: (px - x.noise).max(0.0),
+                    reference_power: (py - y.noise).max(0.0),
+                    noise: x.noise.max(y.noise),
+                    log_ratio: 0.5 * (ex / ey).ln(),
+                    variance: 0.5 * (x.noise / ex + y.noise / ey),
+                });
+            }
+            for (x, y) in a.floor.iter().zip(&b.floor) {
+                let bins = x.bins.min(y.bins) as f64;
+                if bins < 12.0 || !(x.power > 0.0 && y.power > 0.0) {
+                    continue;
+                }
+                // The logarithm of the lower quartile of n exponentials varies by p/((1 − p) n ln²(1 − p)) = 4.03/n, in each of both
+                // recordings; neighbouring bins of this window go in pairs.
+                let variance = 0.25 * 2.0 * 4.03 / (bins / 2.0);
+                out.floors.push(FloorChange {
+                    pair: p,
+                    channel: c,
+                    frequency_hz: x.frequency_hz,
+                    log_ratio: 0.5 * (x.power / y.power).ln(),
+                    variance,
+                });
+            }
+        }
+    }
+    out
+}

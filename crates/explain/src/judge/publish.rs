@@ -1,0 +1,102 @@
+//! From findings to the answer that is published: status, advice, the largest mismatches.
+
+use crate::change::locate::{self, Cell};
+use crate::judge::report::{Candidate, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
+use crate::name::subname;
+use crate::name::{Finding, Question};
+
+/// The answer, most probable effect first.
+pub fn publish(
+    q: &Question<'_>,
+    mut findings: Vec<Finding>,
+    unexplained: bool,
+    cells: &[Cell],
+    fit: Option<Fit>,
+    steps: Vec<String>,
+) -> Explanation {
+    findings.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let ambiguous = findings.iter().any(|f| !f.alternatives.is_empty() && f.probability < 0.85);
+    let status = if findings.is_empty() {
+        if unexplained { Status::Unexplained } else { Status::Consistent }
+    } else if ambiguous {
+        Status::Ambiguous
+    } else {
+        Status::Explained
+    };
+    let mut advice = Vec::new();
+    for f in &findings {
+        if let Some((other, place)) = f.alternatives.first() {
+            advice.push(subname::advice(q, f.effect, &f.place, other, place));
+        }
+    }
+    if q.comparison.pairs.is_empty() {
+        advice.push(
+            "record the same operating points again after any change, with sensors and mounting untouched: against such a reference, \
+             changes of a few per cent can be named; without it only what no healthy gear makes"
+                .into(),
+        );
+    }
+    if status == Status::Unexplained {
+        advice.push("record with the motor at standstill and neighbouring machines running, then with them switched off: lines that stay are not of this bench".into());
+    }
+    let effects = findings
+        .into_iter()
+        .map(|f| NamedEffect {
+            effect: f.effect.to_owned(),
+            place: f.place,
+            probability: f.probability,
+            parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
+            indistinguishable_from: f
+                .alternatives
+                .into_iter()
+                .map(|(effect, place)| Candidate { effect: effect.to_owned(), place })
+                .collect(),
+            evidence: f.evidence,
+        })
+        .collect();
+    Explanation {
+        format: FORMAT,
+        status,
+        effects,
+        mismatch: if status == Status::Consistent { Vec::new() } else { mismatch(q, cells) },
+        fit,
+        p_null: None,
+        latent_force: None,
+        advice,
+        limits: Vec::new(),
+        steps,
+    }
+}
+
+/// Lines listed at most.
+const LISTED: usize = 20;
+
+fn mismatch(q: &Question<'_>, cells: &[Cell]) -> Vec<Mismatch> {
+    let total: f64 = cells.iter().map(|c| c.change * c.change / c.variance).sum();
+    let mut out: Vec<Mismatch> = q
+        .comparison
+        .lines
+        .iter()
+        .map(|l| {
+            let sigma_log = (l.variance + locate::REPEAT_SIGMA.powi(2)).sqrt();
+            let (measured, modelled) = (l.power.sqrt(), l.reference_power.sqrt());
+            let sigma = sigma_log * measured.max(modelled).max(l.noise.sqrt());
+            Mismatch {
+                recording: q.recordings[q.comparison.pairs[l.pair].recording].name.clone(),
+                channel: q.comparison.channels[l.channel].clone(),
+                what: l.family.describe(q.train),
+                order: l.order,
+                frequency_hz: l.frequency_hz,
+                measured,
+                modelled,
+                sigma,
+                z: l.log_ratio / sigma_log,
+                share: l.log_ratio.powi(2) / sigma_log.powi(2) / total.max(1e-9),
+            }
+        })
+        .filter(|m| m.z.abs() > 3.0)
+        .collect();
+    out.sort_by(|a, b| b.z.abs().total_cmp(&a.z.abs()));
+    out.truncate(LISTED);
+    out
+}

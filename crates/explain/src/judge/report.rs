@@ -1,0 +1,199 @@
+//! The answer: `format = "gearwatch-explanation/1"`.
+
+use std::collections::BTreeMap;
+
+use gearwatch_core::estimate::Estimate;
+use gearwatch_core::verdict::published;
+use serde::{Serialize, Serializer};
+
+use crate::judge::latent::LatentForce;
+
+/// The value of the key `format`.
+pub const FORMAT: &str = "gearwatch-explanation/1";
+
+/// What the mismatch finder says.
+#[derive(Clone, Debug, Serialize)]
+pub struct Explanation {
+    /// Always [`FORMAT`].
+    pub format: &'static str,
+    /// In one word.
+    pub status: Status,
+    /// Most probable first.
+    pub effects: Vec<NamedEffect>,
+    /// Largest first.
+    pub mismatch: Vec<Mismatch>,
+    /// How much better the model is with the effects in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fit: Option<Fit>,
+    /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub p_null: Option<f64>,
+    /// Of what has no name: the force that would account for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latent_force: Option<LatentForce>,
+    /// What to record next, and why.
+    pub advice: Vec<String>,
+    /// What these recordings keep from being told: settings that are missing, channels and recordings that could not be used.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub limits: Vec<String>,
+    /// What was found on the way, in order: data, calibration, tests.
+    pub steps: Vec<String>,
+}
+
+/// The answer in one word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// No mismatch beyond noise and calibration.
+    Consistent,
+    /// Effects are named.
+    Explained,
+    /// A set of effects that these recordings cannot tell apart.
+    Ambiguous,
+    /// A mismatch that nothing in the library accounts for.
+    Unexplained,
+}
+
+impl Status {
+    /// As written in JSON.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::Consistent => "consistent",
+            Self::Explained => "explained",
+            Self::Ambiguous => "ambiguous",
+            Self::Unexplained => "unexplained",
+        }
+    }
+}
+
+/// Effect and place.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct Candidate {
+    /// Effect id.
+    pub effect: String,
+    /// Place.
+    #[serde(rename = "where")]
+    pub place: String,
+}
+
+/// A number with its sigma, as published.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Published {
+    #[serde(serialize_with = "rounded")]
+    value: f64,
+    #[serde(serialize_with = "rounded")]
+    sigma: f64,
+}
+
+impl From<Estimate> for Published {
+    fn from(e: Estimate) -> Self {
+        Self { value: e.value, sigma: e.sigma }
+    }
+}
+
+impl Published {
+    /// Best estimate.
+    pub fn value(&self) -> f64 {
+        self.value
+    }
+
+    /// One standard deviation.
+    pub fn sigma(&self) -> f64 {
+        self.sigma
+    }
+}
+
+/// Kinds of evidence, each in a sentence.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Evidence {
+    /// Which lines.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// How the change follows load and speed.
+    pub law: String,
+    /// Which sidebands and harmonics carry it.
+    pub support: String,
+    /// How the simulator's own signature agrees.
+    pub shape: String,
+}
+
+/// An effect that is named.
+#[derive(Clone, Debug, Serialize)]
+pub struct NamedEffect {
+    /// Effect id.
+    pub effect: String,
+    /// Place.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// That effect and place are right (0–1).
+    #[serde(serialize_with = "rounded")]
+    pub probability: f64,
+    /// Estimates by parameter name.
+    pub parameters: BTreeMap<String, Published>,
+    /// What these recordings cannot tell from it.
+    pub indistinguishable_from: Vec<Candidate>,
+    /// Why.
+    pub evidence: Evidence,
+}
+
+/// A line at which recordings and model differ.
+#[derive(Clone, Debug, Serialize)]
+pub struct Mismatch {
+    /// File name.
+    pub recording: String,
+    /// Sensor name.
+    pub channel: String,
+    /// The line in words.
+    pub what: String,
+    /// Order of the input shaft.
+    #[serde(serialize_with = "rounded")]
+    pub order: f64,
+    /// (Hz).
+    #[serde(serialize_with = "rounded")]
+    pub frequency_hz: f64,
+    /// Amplitude in the channel's unit.
+    #[serde(serialize_with = "rounded")]
+    pub measured: f64,
+    /// Likewise.
+    #[serde(serialize_with = "rounded")]
+    pub modelled: f64,
+    /// Of the difference, scatter of repeated recordings included.
+    #[serde(serialize_with = "rounded")]
+    pub sigma: f64,
+    /// Difference over sigma.
+    #[serde(serialize_with = "rounded")]
+    pub z: f64,
+    /// Share of the whole misfit.
+    #[serde(serialize_with = "rounded")]
+    pub share: f64,
+}
+
+/// How much better the model is.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fit {
+    /// What the figures are.
+    pub metric: String,
+    /// Without the effects, over the recordings that were fitted.
+    #[serde(serialize_with = "rounded")]
+    pub train_before: f64,
+    /// With them.
+    #[serde(serialize_with = "rounded")]
+    pub train_after: f64,
+    /// Without the effects, over recordings that were not fitted.
+    #[serde(serialize_with = "rounded")]
+    pub held_out_before: f64,
+    /// With them.
+    #[serde(serialize_with = "rounded")]
+    pub held_out_after: f64,
+    /// What noise and repetition alone give.
+    #[serde(serialize_with = "rounded")]
+    pub noise_floor: f64,
+    /// Recordings that were not fitted.
+    pub held_out: Vec<String>,
+}
+
+fn rounded<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    // Six digits: more would be bits of the transform, not of the bench.
+    let short: f64 = if value.is_finite() { format!("{value:.5e}").parse().unwrap_or(*value) } else { *value };
+    serializer.serialize_f64(published(short))
+}

@@ -1,0 +1,277 @@
+//! A changed sensor path, gain or mounting: the same function of frequency for lines and background at every speed.
+
+use crate::change::locate::{self, Cell};
+use crate::name::{Finding, Question};
+use crate::read::dsp::median;
+
+/// Least misfit per background band, and least share that a path must account for, before a path is believed: on an unchanged bench
+/// background changes by less than 1 per band, by 2.05 at most.
+const FLOOR_MISFIT: f64 = 2.5;
+const FLOOR_SHARE: f64 = 0.55;
+/// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
+/// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
+const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
+const CLEARLY: f64 = 5.0;
+/// How much worse per band one factor may fit than a resonance and still be the simpler answer.
+const ONE_FACTOR: f64 = 1.5;
+/// Largest misfit per line of the quietest other channel over that of the channel.
+const OTHERS_SHARE: f64 = 1.0;
+
+/// The same at one speed, where only the background tells a path from the gears: least misfit per band, least share of the misfit of the
+/// lines that the background's own change accounts for, and how much less the background of some other channel must have moved.
+const FLOOR_MISFIT_ALONE: f64 = 6.0;
+const LINE_SHARE_ALONE: f64 = 0.3;
+const STEADIER: f64 = 3.0;
+/// Where there is no other channel: gears that change move the background by 2.7 per band at most, and do not take two thirds of the lines' misfit along.
+const FLOOR_MISFIT_LONE: f64 = 12.0;
+const LINE_SHARE_LONE: f64 = 0.66;
+/// How far a line lies from the band of background that stands for it (ln).
+const BAND_SIGMA: f64 = 0.2;
+
+/// What the background about a line did in the same pair and channel.
+fn floor_beside(cell: &Cell, cells: &[Cell]) -> Option<f64> {
+    cells
+        .iter()
+        .filter(|f| f.family.is_none() && f.pair == cell.pair && f.channel == cell.channel)
+        .map(|f| ((f.frequency_hz / cell.frequency_hz).ln().abs(), f.change))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .filter(|(distance, _)| *distance < 0.12)
+        .map(|(_, change)| change)
+}
+
+/// Changed paths where all recordings were made at one speed: channels whose background moved, whose lines moved along with it, while the
+/// background of another channel stayed. Takes what the background says off the lines of these channels.
+pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<String>) -> Vec<Finding> {
+    let misfit = |c: usize| {
+        let bands = cells.iter().filter(|x| x.channel == c && x.family.is_none());
+        let (sum, n) = bands.fold((0.0, 0usize), |(s, n), x| (s + x.change * x.change / x.variance, n + 1));
+        sum / n.max(1) as f64
+    };
+    let floors: Vec<f64> = (0..q.comparison.channels.len()).map(misfit).collect();
+    let steadiest = floors.iter().copied().fold(f64::INFINITY, f64::min);
+    let lone = floors.len() == 1;
+    let mut out = Vec::new();
+    for (c, floor) in floors.iter().enumerate() {
+        let corrected: Vec<(usize, f64)> = cells
+            .iter()
+            .enumerate()
+            .filter(|(_, x)| x.channel == c && x.family.is_some())
+            .filter_map(|(i, x)| Some((i, floor_beside(x, cells)?)))
+            .collect();
+        let (before, after) = corrected.iter().fold((0.0, 0.0), |(b, a), (i, by)| {
+            let x = &cells[*i];
+            (b + x.change.powi(2) / x.variance, a + (x.change - by).powi(2) / x.variance)
+        });
+        let share = 1.0 - after / before.max(1e-9);
+        let name = &q.comparison.channels[c];
+        steps.push(format!(
+            "one speed; background of {name}: misfit {floor:.1} per band, its change accounts for {:.0} % of the misfit of the lines",
+            100.0 * share
+        ));
+        let moved = match lone {
+            true => *floor > FLOOR_MISFIT_LONE && share > LINE_SHARE_LONE,
+            false => *floor > FLOOR_MISFIT_ALONE && share > LINE_SHARE_ALONE && *floor > STEADIER * steadiest,
+        };
+        if !moved {
+            continue;
+        }
+        let mut f = Finding::new("sensor_mounting", name.clone(), 0.8);
+        f.alternatives.push(("structural_resonance", name.clone()));
+        f.evidence.place = format!("lines and background of {name} alone");
+        let other = match lone {
+            true => "there is no other channel to compare it with".to_owned(),
+            false => format!("that of another channel stayed at {steadiest:.1}"),
+        };
+        f.evidence.law = format!(
+            "the background moved by {floor:.1} per band and took the lines along ({:.0} % of their misfit); {other}",
+            100.0 * share
+        );
+        out.push((f, corrected));
+    }
+    for (_, corrected) in &out {
+        for (i, by) in corrected {
+            cells[*i].change -= by;
+            cells[*i].variance += BAND_SIGMA * BAND_SIGMA;
+        }
+    }
+    out.into_iter().map(|(f, _)| f).collect()
+}
+
+/// The channel whose sensor path or gain changed, and what to call it.
+pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<String>) -> Option<(usize, Finding)> {
+    let mut best: Option<(usize, f64, f64)> = None;
+    for c in 0..q.comparison.channels.len() {
+        let (share, misfit) = locate::floor_account(cells, c, speeds);
+        steps.push(format!(
+            "background of {}: misfit {misfit:.2} per band, of which the same function of frequency at all speeds explains {:.0} %",
+            q.comparison.channels[c],
+            100.0 * share
+        ));
+        if misfit > FLOOR_MISFIT && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
+            best = Some((c, misfit, share));
+        }
+    }
+    let (c, misfit, share) = best?;
+    let lines = |k: usize| locate::line_misfit(cells, Some(k));
+    let others = (0..q.comparison.channels.len()).filter(|k| *k != c).map(lines).fold(f64::NAN, f64::min);
+    let (own, (follows, sigma)) = (lines(c), locate::follows_background(cells, c)?);
+    let name = q.comparison.channels[c].clone();
+    steps.push(format!(
+        "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
+    ));
+    if !FOLLOWS.contains(&follows) || follows < CLEARLY * sigma || others > OTHERS_SHARE * own {
+        return None;
+    }
+    // One factor for lines and background alike?
+    let mut changes: Vec<f64> = cells.iter().filter(|x| x.channel == c).map(|x| x.change).collect();
+    let middle = median(&mut changes);
+    let flat: f64 = {
+        let mut spread: Vec<f64> =
+            cells.iter().filter(|x| x.channel == c && x.variance < 0.02).map(|x| (x.change - middle).abs()).collect();
+        1.4826 * median(&mut spread)
+    };
+    let profile = profile(cells, c);
+    let (mounting, resonance) = (mounting_fit(&profile), resonance_fit(&profile));
+    let one_factor = one_factor_misfit(&profile);
+    let evidence_law = format!(
+        "lines and background of {name} change together: background by {misfit:.1} per band, {:.0} % of it the same at every speed",
+        100.0 * share
+    );
+    steps.push(format!(
+        "change of {name} over frequency: misfit of one factor {one_factor:.2} per band, of a mounting resonance {:.2}, of a resonance of the structure {:.2}",
+        mounting.left, resonance.left
+    ));
+    // Above its frequency a resonance of the structure is one factor too; what it does about its frequency tells.
+    if flat < 0.12 && middle.abs() > 0.15 && one_factor < ONE_FACTOR + mounting.left.min(resonance.left) {
+        let mut f = Finding::new("scaling", name, 0.97).with("factor", middle.exp(), 0.02 * middle.exp());
+        f.evidence.law = evidence_law;
+        f.evidence.place =
+            format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
+        return Some((c, f));
+    }
+    let (first, second) = if mounting.left <= resonance.left {
+        ("sensor_mounting", "structural_resonance")
+    } else {
+        ("structural_resonance", "sensor_mounting")
+    };
+    let mut f = Finding::new(first, name.clone(), 0.95);
+    if first == "sensor_mounting" {
+        // What the form of the fit leaves enters the sigmas: a second effect may lie under it.
+        let doubt = (1.0 + mounting.left).sqrt();
+        f = f.with("frequency_hz", mounting.frequency_hz, 0.03 * doubt * mounting.frequency_hz).with(
+            "gain",
+            mounting.gain,
+            0.08 * doubt * mounting.gain,
+        );
+    } else {
+        f = f
+            .with(
+                "frequency_hz",
+                resonance.frequency_hz,
+                0.015 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz,
+            )
+            .with("damping_ratio", resonance.damping, 0.4 * resonance.damping);
+    }
+    f.alternatives.push((second, name));
+    f.evidence.law = evidence_law;
+    f.evidence.place = "all lines and the background of one sensor".into();
+    f.evidence.shape = format!(
+        "misfit of the change over frequency: mounting resonance {:.2}, resonance of the structure {:.2}",
+        mounting.left, resonance.left
+    );
+    Some((c, f))
+}
+
+/// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).
+fn profile(cells: &[Cell], channel: usize) -> Vec<(f64, f64, f64)> {
+    let mut out = Vec::new();
+    let ratio = 2f64.powf(1.0 / 6.0);
+    let mut low = 20.0;
+    while low < 1e5 {
+        let members: Vec<&Cell> = cells
+            .iter()
+            .filter(|c| c.channel == channel && c.frequency_hz >= low && c.frequency_hz < low * ratio)
+            .collect();
+        if members.len() >= 3 {
+            let mut values: Vec<f64> = members.iter().map(|c| c.change).collect();
+            let middle = median(&mut values);
+            let mut spread: Vec<f64> = members.iter().map(|c| (c.change - middle).abs()).collect();
+            let sigma = (1.4826 * median(&mut spread)).max(0.04);
+            out.push((low * ratio.sqrt(), middle, sigma * sigma / members.len() as f64 + 0.03 * 0.03));
+        }
+        low *= ratio;
+    }
+    out
+}
+
+/// Misfit per band of one factor for all frequencies.
+fn one_factor_misfit(profile: &[(f64, f64, f64)]) -> f64 {
+    let (sum, weight) = profile.iter().fold((0.0, 0.0), |(s, w), p| (s + p.1 / p.2, w + 1.0 / p.2));
+    let level = sum / weight.max(1e-12);
+    robust(profile.iter().map(|p| (p.1 - level).powi(2) / p.2))
+}
+
+struct PathFit {
+    frequency_hz: f64,
+    damping: f64,
+    gain: f64,
+    left: f64,
+}
+
+/// `gain / |1 − (f/f0)² + 2iζ f/f0|`, the sensor on a spring (PHYSICS L11), searched on a grid.
+fn mounting_fit(profile: &[(f64, f64, f64)]) -> PathFit {
+    let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.06, gain: 1.0, left: f64::INFINITY };
+    for i in 0..120 {
+        let f0 = 300.0 * (12_000.0f64 / 300.0).powf(f64::from(i) / 119.0);
+        for damping in [0.02, 0.04, 0.06, 0.1, 0.16, 0.25] {
+            let shape = |f: f64| {
+                let r = f / f0;
+                -0.5 * ((1.0 - r * r).powi(2) + (2.0 * damping * r).powi(2)).ln()
+            };
+            let (sum, weight) =
+                profile.iter().fold((0.0, 0.0), |(s, w), p| (s + (p.1 - shape(p.0)) / p.2, w + 1.0 / p.2));
+            let level = sum / weight.max(1e-12);
+            let left = robust(profile.iter().map(|p| (p.1 - level - shape(p.0)).powi(2) / p.2));
+            if left < best.left {
+                best = PathFit { frequency_hz: f0, damping, gain: level.exp(), left };
+            }
+        }
+    }
+    best
+}
+
+/// `|1 + a H(f)|` of a mode at `f0` with complex share `a` in the response, searched on a grid.
+fn resonance_fit(profile: &[(f64, f64, f64)]) -> PathFit {
+    use num_complex::Complex64;
+    let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.03, gain: 1.0, left: f64::INFINITY };
+    for i in 0..160 {
+        let f0 = 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 159.0);
+        for damping in [0.01, 0.02, 0.03, 0.05, 0.08] {
+            for size in [0.05, 0.1, 0.2, 0.4, 0.8, 1.6] {
+                for turn in 0..8 {
+                    let a = Complex64::from_polar(size, f64::from(turn) * std::f64::consts::FRAC_PI_4);
+                    let left = robust(profile.iter().map(|p| {
+                        let r = p.0 / f0;
+                        let h = r * r / Complex64::new(1.0 - r * r, 2.0 * damping * r);
+                        let model = (Complex64::new(1.0, 0.0) + a * h).norm().max(1e-3).ln();
+                        (p.1 - model).powi(2) / p.2
+                    }));
+                    if left < best.left {
+                        best = PathFit { frequency_hz: f0, damping, gain: size, left };
+                    }
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Mean of squares, each limited: a few bands that follow something else do not decide.
+fn robust(squares: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut n) = (0.0, 0usize);
+    for s in squares {
+        sum += s.min(25.0);
+        n += 1;
+    }
+    sum / n.max(1) as f64
+}

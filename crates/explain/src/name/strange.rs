@@ -1,0 +1,302 @@
+//! Lines and envelope orders that no gear makes, and the names that they give.
+
+use gearwatch_core::train::Train;
+
+use crate::change::compare::Comparison;
+use crate::name::bearing;
+use crate::name::direct::gears_on;
+use crate::name::{Finding, Question};
+use crate::read::dsp::{Transforms, mean};
+use crate::read::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
+use crate::read::features::RecordingFeatures;
+use crate::read::folded::FoldedLine;
+use crate::read::scan::{self, StrangeLine, Twin};
+
+/// Channels that are scanned: those of the pairs, without any those of the first recording.
+fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<String> {
+    if comparison.pairs.is_empty() {
+        recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
+    } else {
+        comparison.channels.clone()
+    }
+}
+
+/// Lines and envelope orders outside the train's comb.
+#[derive(Default)]
+pub struct Strange {
+    /// At fixed frequency.
+    pub fixed: Vec<StrangeLine>,
+    /// At fixed order.
+    pub orders: Vec<StrangeLine>,
+    /// In the envelope of the rest.
+    pub envelope: Option<EnvelopeLine>,
+    /// Folded about half the sample rate.
+    pub folded: Option<FoldedLine>,
+    /// There was a reference.
+    pub against_reference: bool,
+}
+
+/// Least mean excess (nats) of a line that is named, against a reference and without.
+const NEW_LINE: f64 = 3.0;
+const LONE_LINE: f64 = 4.5;
+/// Least excess in any recording of a line that is called foreign without a reference, and its distance (bins) from all combs.
+const LONE_LEAST: f64 = 4.0;
+const LONE_OFF: f64 = 5.0;
+/// Mean and least excess of a line of the mains without a reference.
+const LONE_MAINS: f64 = 4.0;
+const LONE_MAINS_LEAST: f64 = 3.0;
+/// As plain lines that are no mains, beside which one more is not named: multiples of the mains cover a hundredth of the axis, and gears whose far
+/// sidebands meet at two speeds make dozens of lines.
+const LONE_OTHERS: usize = 4;
+/// Standard scores of the envelope scan above which a bearing is named; scans of 66 benches without one reach 5.5.
+const ENVELOPE_SCORE: f64 = 7.0;
+/// The same against a reference, where scans of 190 benches reach 6.6.
+const ENVELOPE_SCORE_AGAINST: f64 = 7.3;
+
+/// Nearest multiple of 50 or 60 Hz, where the line lies on one.
+fn mains(hz: f64) -> Option<f64> {
+    [50.0, 60.0].into_iter().find(|base| {
+        let m = (hz / base).round();
+        (1.0..=20.0).contains(&m) && (hz - m * base).abs() < 0.12 + 2e-4 * hz
+    })
+}
+
+impl Strange {
+    fn foreign(&self) -> Vec<&StrangeLine> {
+        self.fixed
+            .iter()
+            .filter(|l| {
+                let others = l.by_channel.iter().filter(|e| **e > 1.5).count();
+                l.excess > NEW_LINE
+                    && l.least > 1.5
+                    && mains(l.position).is_none()
+                    && (others > 1 || l.by_channel.len() == 1)
+            })
+            .collect()
+    }
+
+    /// Several lines at fixed frequencies that are not mains, on several sensors. Without a reference far sidebands of the bench's own gears that meet at
+    /// two speeds look alike: they lie on some shaft's comb, another machine's do not.
+    pub fn foreign_machine(&self) -> bool {
+        let lone = |l: &&StrangeLine| l.excess > LONE_LINE && l.least > LONE_LEAST && l.off_comb > LONE_OFF;
+        if self.against_reference {
+            self.foreign().len() >= 2
+        } else {
+            self.foreign().into_iter().filter(lone).count() >= 3
+        }
+    }
+}
+
+/// Scans for strange lines.
+pub fn strange(
+    recordings: &[RecordingFeatures],
+    references: &[RecordingFeatures],
+    comparison: &Comparison,
+    train: &Train,
+    transforms: &mut Transforms,
+) -> Strange {
+    let alone = comparison.pairs.is_empty();
+    let twins: Vec<Twin<'_>> = if alone {
+        recordings.iter().map(|r| Twin { recording: r, reference: None }).collect()
+    } else {
+        let pair = |p: &crate::change::compare::Pair| Twin {
+            recording: &recordings[p.recording],
+            reference: Some(&references[p.reference]),
+        };
+        comparison.pairs.iter().map(pair).collect()
+    };
+    let channels = &channels(recordings, comparison);
+    let against_reference = twins.iter().any(|t| t.reference.is_some());
+    // A limit makes envelopes of its own.
+    let clips = |name: &String| {
+        recordings.iter().flat_map(|r| &r.channels).any(|c| c.name == *name && c.integrity.clipped_at.is_some())
+    };
+    let mut spectra = Vec::new();
+    let mut add = |all: &[RecordingFeatures], sign: f64| {
+        for (i, r) in all.iter().enumerate() {
+            for (c, name) in channels.iter().enumerate().filter(|(_, name)| !clips(name)) {
+                if let Some(channel) = r.channels.iter().find(|x| x.name == *name) {
+                    spectra.push(EnvelopeSpectrum {
+                        revolutions: r.revolutions,
+                        channel: c,
+                        recording: i,
+                        sign,
+                        power: envelope::spectrum(transforms, r, channel),
+                    });
+                }
+            }
+        }
+    };
+    add(recordings, 1.0);
+    if !references.is_empty() {
+        add(references, -(recordings.len() as f64) / references.len() as f64);
+    }
+    Strange {
+        fixed: scan::fixed_lines(&twins, channels, train),
+        orders: scan::order_lines(&twins, channels, train),
+        envelope: envelope::scan(&spectra, train, channels.len()),
+        folded: None,
+        against_reference,
+    }
+}
+
+/// Effects beside which the orders of the shafts are what they are.
+pub fn leaves_shafts(effect: &str) -> bool {
+    matches!(effect, "electrical_pickup" | "clock_offset" | "belt_slip" | "clipping" | "aliasing" | "bearing_defect")
+}
+
+/// Effects that leave the forces of the machine as they are, and envelopes of other sensors.
+fn in_the_data(effect: &str) -> bool {
+    matches!(effect, "clipping" | "wrong_tooth_count" | "electrical_pickup" | "scaling" | "clock_offset" | "belt_slip")
+}
+
+/// Names what the scans found.
+pub fn add_strange(
+    q: &Question<'_>,
+    strange: &Strange,
+    findings: &mut Vec<Finding>,
+    unexplained: &mut bool,
+    steps: &mut Vec<String>,
+) {
+    let channels = channels(q.recordings, q.comparison);
+    let speeds: Vec<f64> = q.recordings.iter().map(|r| r.input_hz).collect();
+    let several = speeds.iter().any(|s| (s / speeds[0] - 1.0).abs() > 0.05);
+    let threshold = if strange.against_reference { NEW_LINE } else { LONE_LINE };
+    let gear_changed = findings.iter().any(|f| {
+        matches!(
+            f.effect,
+            "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" | "eccentricity" | "belt_slip" | "clock_offset"
+        )
+    });
+    let bearing_seen = strange
+        .envelope
+        .as_ref()
+        .is_some_and(|e| e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE });
+    if let Some(l) = &strange.folded {
+        findings.push(aliasing(q, l));
+        return;
+    }
+    // Lines at fixed frequency.
+    let plain_others = strange.fixed.iter().filter(|l| l.excess > LONE_MAINS && mains(l.position).is_none()).count();
+    let pickup = strange.fixed.iter().find(|l| {
+        let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
+        let plain = if strange.against_reference {
+            l.excess > NEW_LINE && l.least > 1.0
+        } else {
+            l.excess > LONE_MAINS && l.least > LONE_MAINS_LEAST && l.off_comb > 1.5 && plain_others <= LONE_OTHERS
+        };
+        plain
+            && others == 0
+            && several
+            && (mains(l.position).is_some()
+                || (strange.against_reference
+                    && !bearing_seen
+                    && findings.is_empty()
+                    && l.by_channel.len() > 1
+                    && l.excess > 3.5
+                    && !gear_changed
+                    && l.off_comb > 3.0))
+    });
+    if let Some(l) = pickup {
+        let on_mains = mains(l.position).is_some();
+        let amplitude = mean(&l.amplitudes);
+        let spread = l.amplitudes.iter().map(|a| (a - amplitude).abs()).fold(0.0, f64::max);
+        let mut f = Finding::new(
+            "electrical_pickup",
+            channels.get(l.channel).cloned().unwrap_or_default(),
+            if on_mains { 0.95 } else { 0.6 },
+        )
+        .with("frequency_hz", l.position, 0.05)
+        .with("amplitude", amplitude, (0.5 * spread).max(0.06 * amplitude));
+        if !on_mains {
+            f.alternatives.push(("aliasing", f.place.clone()));
+        }
+        f.evidence.place = format!("a line at {:.2} Hz at every speed, on this sensor alone", l.position);
+        f.evidence.law = "fixed frequency, no order".into();
+        findings.push(f);
+    } else if strange.foreign_machine() && (strange.against_reference || several) && !gear_changed {
+        let lines = strange.foreign();
+        steps.push(format!(
+            "{} lines at fixed frequencies that are neither mains nor of this bench, the strongest at {:.2} Hz",
+            lines.len(),
+            lines[0].position
+        ));
+        *unexplained = true;
+    }
+    // Lines at fixed order.
+    let off: Vec<&StrangeLine> =
+        strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
+    let on: Vec<&StrangeLine> =
+        strange.orders.iter().filter(|l| l.off_comb < 1.5 && l.excess > threshold && l.least > 1.5).collect();
+    let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
+    if let Some(e) = &strange.envelope
+        && bearing_seen
+        && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
+    {
+        *unexplained = false;
+        findings.push(bearing::finding(q, e, &channels));
+    } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
+        steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
+        *unexplained = true;
+    }
+    // High mesh harmonics and far sidebands are lines of the train too, though nobody listed them.
+    let of_mesh = |order: f64| {
+        q.train.stages.iter().any(|s| ((order / s.mesh_order).round() * s.mesh_order - order).abs() < 0.02)
+    };
+    let machine =
+        findings.iter().any(|f| !in_the_data(f.effect) && !matches!(f.effect, "torque_ripple" | "speed_fluctuation"));
+    // Sidebands of a ripple that was named, however far from their carrier.
+    let ripples: Vec<(usize, f64)> = findings
+        .iter()
+        .filter_map(|f| match crate::name::subname::mask_of(q, f)? {
+            crate::change::locate::Place::ShaftOrder(j, k) => Some((j, f64::from(k))),
+            _ => None,
+        })
+        .collect();
+    let of_ripple = |order: f64| {
+        ripples.iter().any(|&(j, k)| {
+            q.train.stages.iter().any(|s| {
+                let beside = (order - (order / s.mesh_order).round() * s.mesh_order) / (k * q.train.shafts[j].1);
+                (beside - beside.round()).abs() < 0.02
+            })
+        })
+    };
+    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_mesh(l.position)).collect();
+    let few = on.len() <= 6;
+    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_ripple(l.position)).collect();
+    if strange.against_reference && !on.is_empty() && few && !machine && !*unexplained {
+        let line = on[0];
+        let shaft = q
+            .train
+            .shafts
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, o))| ((line.position / o).round() * o - line.position).abs() < 0.02)
+            .max_by(|a, b| a.1.1.total_cmp(&b.1.1));
+        if let Some((j, (_, order))) = shaft {
+            let gears = gears_on(q, j);
+            let mut f = Finding::new("ghost_component", gears[0].clone(), if gears.len() == 1 { 0.75 } else { 0.5 })
+                .with("order", (line.position / order).round(), 0.2);
+            f.alternatives.extend(gears.iter().skip(1).map(|g| ("ghost_component", g.clone())));
+            f.evidence.place = format!(
+                "a new line at order {:.0} of shaft {}, no mesh harmonic and no low sideband",
+                (line.position / order).round(),
+                q.train.shafts[j].0
+            );
+            findings.push(f);
+        }
+    }
+}
+
+fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
+    let frequency_hz = l.order * q.bench.motor.speed_hz / q.train.motor_order;
+    let mut f = Finding::new("aliasing", l.channel.clone(), 0.9)
+        .with("frequency_hz", frequency_hz, 1e-3 * frequency_hz)
+        .with("amplitude", l.amplitude, 0.1 * l.amplitude);
+    f.evidence.place = format!(
+        "order {:.3} of the input shaft, above half the sample rate, seen folded on this sensor in {} recordings",
+        l.order, l.seen_in
+    );
+    f.evidence.law = "its line moves against the speed".into();
+    f
+}

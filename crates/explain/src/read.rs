@@ -1,0 +1,15 @@
+//! What was measured: speed and teeth, complex lines with their noise, and what is heard beside them.
+
+pub mod angle;
+pub mod carriers;
+pub mod dsp;
+pub mod envelope;
+pub mod features;
+pub mod folded;
+pub mod integrity;
+pub mod kinematics;
+pub mod last_wheel;
+pub mod lines;
+pub mod plain;
+pub mod ratio;
+pub mod scan;

@@ -1,0 +1,151 @@
+//! Speed of a recording from its own mesh lines by a comb search, and shaft angle from tacho pulses.
+
+use std::f64::consts::PI;
+
+use crate::read::dsp::{Transforms, median};
+
+/// Most that a line counts (nats): 43 dB over the floor.
+const MOST_EXCESS: f64 = 10.0;
+
+/// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
+pub struct CombField {
+    log_excess: Vec<f64>,
+    bin_hz: f64,
+}
+
+impl CombField {
+    /// From the Hann spectra of all channels of one recording (equal lengths and rates).
+    pub fn new(transforms: &mut Transforms, channels: &[&[f64]], sample_rate_hz: f64) -> Self {
+        let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
+        let mut log_excess = vec![0.0; len / 2 + 1];
+        for channel in channels {
+            let mut weighted: Vec<f64> = channel[..len]
+                .iter()
+                .enumerate()
+                .map(|(n, x)| x * (0.5 - 0.5 * (2.0 * PI * n as f64 / len as f64).cos()))
+                .collect();
+            let bins = transforms.forward_real(&mut weighted);
+            let power: Vec<f64> = bins.iter().map(|b| b.norm_sqr()).collect();
+            let floor = local_floor(&power, 60);
+            for ((sum, p), f) in log_excess.iter_mut().zip(&power).zip(&floor) {
+                // Capped: one huge line must not outvote a whole comb. Where little noise hides them, orders of pitch errors reach 30 dB too.
+                *sum += (p / f.max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
+            }
+        }
+        let count = channels.len().max(1) as f64;
+        log_excess.iter_mut().for_each(|v| *v /= count);
+        Self { log_excess, bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
+    }
+
+    /// Width of a bin (Hz).
+    pub fn bin_hz(&self) -> f64 {
+        self.bin_hz
+    }
+
+    /// Log excess at a frequency (Hz), the best of the bins beside it; `None` above the band.
+    pub fn at(&self, frequency_hz: f64) -> Option<f64> {
+        let bin = (frequency_hz / self.bin_hz) as usize;
+        Some(self.log_excess.get(bin)?.max(*self.log_excess.get(bin + 1)?))
+    }
+
+    /// Mean log excess over the lines of a comb at an input-shaft speed.
+    pub fn score(&self, orders: &[f64], input_hz: f64) -> f64 {
+        let mut sum = 0.0;
+        let mut count = 0usize;
+        for order in orders {
+            let position = order * input_hz / self.bin_hz;
+            let bin = position as usize;
+            if bin + 1 >= self.log_excess.len() {
+                continue;
+            }
+            let t = position - bin as f64;
+            sum += self.log_excess[bin] * (1.0 - t) + self.log_excess[bin + 1] * t;
+            count += 1;
+        }
+        if count == 0 { 0.0 } else { sum / count as f64 }
+    }
+
+    /// Best speed in a range and its score.
+    pub fn search(&self, orders: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
+        let highest = orders.iter().copied().fold(1.0, f64::max);
+        // A fifth of a bin at the highest order: finer than the main lobe of the window.
+        let step = (0.2 * self.bin_hz / highest).max(1e-9);
+        let count = (((high_hz - low_hz) / step).ceil() as usize).min(400_000);
+        let mut best = (0.5 * (low_hz + high_hz), f64::NEG_INFINITY);
+        for i in 0..=count {
+            let f = low_hz + step * i as f64;
+            let score = self.score(orders, f);
+            if score > best.1 {
+                best = (f, score);
+            }
+        }
+        best
+    }
+}
+
+/// Median of the neighbouring `half` bins on each side, evaluated in steps and interpolated.
+fn local_floor(power: &[f64], half: usize) -> Vec<f64> {
+    let step = (half / 2).max(1);
+    let mut knots = Vec::new();
+    let mut centre = 0;
+    let mut window = Vec::with_capacity(2 * half + 1);
+    while centre < power.len() + step {
+        let low = centre.saturating_sub(half);
+        let high = (centre + half + 1).min(power.len());
+        window.clear();
+        if low < high {
+            window.extend_from_slice(&power[low..high]);
+        }
+        let value = median(&mut window) / std::f64::consts::LN_2;
+        knots.push(if value.is_finite() { value } else { knots.last().copied().unwrap_or(1.0) });
+        centre += step;
+    }
+    (0..power.len())
+        .map(|i| {
+            let k = i / step;
+            let t = (i % step) as f64 / step as f64;
+            let (a, b) = (knots[k], knots[(k + 1).min(knots.len() - 1)]);
+            a * (1.0 - t) + b * t
+        })
+        .collect()
+}
+
+/// Angle of a shaft (revolutions, per sample) from its pulses: cubic through the pulse times, straight on beyond the ends.
+///
+/// `pulse_s` are seconds after the first sample. `None` with fewer than four pulses.
+pub fn from_pulses(pulse_s: &[f64], pulses_per_rev: f64, sample_rate_hz: f64, len: usize) -> Option<Vec<f64>> {
+    if pulse_s.len() < 4 {
+        return None;
+    }
+    let n = pulse_s.len();
+    let slope = |i: usize| {
+        // Three-point slope in pulses per second (Catmull–Rom on uneven steps).
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+        (b - a) as f64 / (pulse_s[b] - pulse_s[a])
+    };
+    let mut at = 0;
+    let mut out = Vec::with_capacity(len);
+    for k in 0..len {
+        let t = k as f64 / sample_rate_hz;
+        while at + 2 < n && pulse_s[at + 1] <= t {
+            at += 1;
+        }
+        let (t0, t1) = (pulse_s[at], pulse_s[at + 1]);
+        let pulses = if t <= pulse_s[0] {
+            slope(0) * (t - pulse_s[0])
+        } else if t >= pulse_s[n - 1] {
+            (n - 1) as f64 + slope(n - 1) * (t - pulse_s[n - 1])
+        } else {
+            let h = t1 - t0;
+            let u = (t - t0) / h;
+            let (m0, m1) = (slope(at) * h, slope(at + 1) * h);
+            let (u2, u3) = (u * u, u * u * u);
+            at as f64 * (2.0 * u3 - 3.0 * u2 + 1.0)
+                + m0 * (u3 - 2.0 * u2 + u)
+                + (at + 1) as f64 * (-2.0 * u3 + 3.0 * u2)
+                + m1 * (u3 - u2)
+        };
+        out.push(pulses / pulses_per_rev);
+    }
+    Some(out)
+}

@@ -1,0 +1,168 @@
+//! Lines above half the sample rate that a missing filter let fold back.
+//!
+//! A component locked to the shaft at order `o` moves, once folded, against the speed. Read at the sample times, `exp(−2πi o φ[n])` folds exactly as the
+//! component does; so orders between half the sample rate and the rate itself are scanned by turning the samples back by `o φ[n]`. What wanders
+//! with the speed in its own direction smears there: such a line must be about as sharp as its mirror image below half the rate is as an ordinary order. It must
+//! stand at this order in every recording in which that lies above half the rate (its image would be at another order in each), and be new.
+
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+use crate::read::dsp::{self, Transforms, median};
+use crate::read::features::{RecordingFeatures, Steady};
+
+/// Power over the floor beside it from which a peak is a candidate: a million bins of noise stay below 17.
+const CANDIDATE: f64 = 30.0;
+/// The same in every recording.
+const EVERYWHERE: f64 = 15.0;
+/// Power of the peak over that of its mirror image; equal where the speed does not wander, and then other recordings decide.
+const SHARPER: f64 = 0.5;
+/// The same where the recordings' speeds are too near each other to decide: their images must lie this many bins apart.
+const SHARPER_ALONE: f64 = 2.0;
+const APART_BINS: f64 = 4.0;
+/// Ratio of the amplitudes in the recordings.
+const ALIKE: f64 = 2.0;
+/// Power over that in a reference.
+const NEW: f64 = 4.0;
+/// Turn (revolutions of the component) by which the steady part of a scan may be out of focus.
+const FOCUS: f64 = 0.08;
+/// Bins about the mirror image that its smeared power may fill.
+const SMEAR: usize = 40;
+/// Bins of one floor.
+const FLOOR_BINS: usize = 128;
+/// Candidates that are followed up in each channel.
+const FOLLOWED: usize = 16;
+
+/// A folded line.
+#[derive(Clone, Debug)]
+pub struct FoldedLine {
+    /// Order of the input shaft.
+    pub order: f64,
+    /// Sensor.
+    pub channel: String,
+    /// Least power over floor among the recordings.
+    pub least: f64,
+    /// Recordings in which it is folded.
+    pub seen_in: usize,
+    /// Mean peak amplitude.
+    pub amplitude: f64,
+}
+
+/// The clearest folded line of recordings, which the references do not have. `steady` and `features` hold the recordings, then the references.
+pub fn scan(
+    transforms: &mut Transforms,
+    steady: &[Steady<'_>],
+    features: &[RecordingFeatures],
+    recordings: usize,
+) -> Option<FoldedLine> {
+    // The recording with the most revolutions fixes the order best.
+    let first = (0..recordings).max_by(|a, b| features[*a].revolutions.total_cmp(&features[*b].revolutions))?;
+    let mut best: Option<FoldedLine> = None;
+    for (name, _, _) in &steady[first].channels {
+        // A limit that cuts the peaks makes harmonics without end, and they fold too: clipping's own echo.
+        let clipped =
+            |f: &RecordingFeatures| f.channels.iter().any(|c| c.name == *name && c.integrity.clipped_at.is_some());
+        if features[..recordings].iter().any(clipped) {
+            continue;
+        }
+        let mut orders = candidates(transforms, &steady[first], &features[first], name);
+        orders.truncate(FOLLOWED);
+        for (order, sharper) in orders {
+            let mut at = |i: usize| -> Option<(f64, f64)> {
+                let (s, f) = (&steady[i], &features[i]);
+                let run = s.channels.iter().find(|c| c.0 == *name)?.2;
+                if order * f.input_hz <= 0.5 * f.sample_rate_hz || order * f.input_hz >= f.sample_rate_hz {
+                    return None;
+                }
+                let (ratio, amplitude) = crate::read::scan::folded_mesh(transforms, &run.samples, &f.phase_rev, order);
+                let spectrum = &f.channels.iter().find(|c| c.name == *name)?.order_spectrum;
+                let image = mirrored(spectrum, (f.sample_rate_hz / f.input_hz - order) * f.revolutions);
+                // A line that lies at the image is sharper there: a chance meeting, however strong.
+                Some((if amplitude.powi(2) > SHARPER * image { ratio } else { 0.0 }, amplitude))
+            };
+            let own: Vec<(f64, f64)> = (0..recordings).filter_map(&mut at).collect();
+            let before = (recordings..steady.len()).filter_map(&mut at).map(|x| x.0).fold(0.0, f64::max);
+            let least = own.iter().map(|x| x.0).fold(f64::INFINITY, f64::min);
+            let images: Vec<f64> = features[..recordings]
+                .iter()
+                .filter(|f| order * f.input_hz > 0.5 * f.sample_rate_hz)
+                .map(|f| f.sample_rate_hz / f.input_hz * features[first].revolutions)
+                .collect();
+            let range = images.iter().fold((f64::INFINITY, 0.0f64), |(l, h), i| (l.min(*i), h.max(*i)));
+            if range.1 - range.0 < APART_BINS && sharper < SHARPER_ALONE {
+                continue;
+            }
+            // One component has one amplitude; lines that meet by chance have their own.
+            let (low, high) = own.iter().fold((f64::INFINITY, 0.0f64), |(l, h), x| (l.min(x.1), h.max(x.1)));
+            if own.len() < 2 || least < EVERYWHERE || least < NEW * before || high > ALIKE * low {
+                continue;
+            }
+            if best.as_ref().is_none_or(|b| least > b.least) {
+                let amplitude = own.iter().map(|x| x.1).sum::<f64>() / own.len() as f64;
+                best = Some(FoldedLine { order, channel: (*name).to_owned(), least, seen_in: own.len(), amplitude });
+            }
+        }
+    }
+    best
+}
+
+/// Orders between half the sample rate and the rate at which something stands sharply in one channel, the sharpest against its image first.
+fn candidates(
+    transforms: &mut Transforms,
+    steady: &Steady<'_>,
+    features: &RecordingFeatures,
+    channel: &str,
+) -> Vec<(f64, f64)> {
+    let (Some(run), Some(own)) = (
+        steady.channels.iter().find(|c| c.0 == channel).map(|c| c.2),
+        features.channels.iter().find(|c| c.name == channel),
+    ) else {
+        return Vec::new();
+    };
+    let phase = &features.phase_rev;
+    let len = phase.len().min(run.samples.len());
+    let per_sample = features.input_hz / features.sample_rate_hz;
+    let wander = {
+        let off = |n: usize| phase[n] - phase[0] - per_sample * n as f64;
+        let mean = (0..len).step_by(64).map(off).sum::<f64>() / len.div_ceil(64) as f64;
+        ((0..len).step_by(64).map(|n| (off(n) - mean).powi(2)).sum::<f64>() / len.div_ceil(64) as f64).sqrt()
+    };
+    let reach = (FOCUS / wander.max(1e-6)).clamp(2.0, 40.0);
+    let top = features.sample_rate_hz / features.input_hz;
+    let mut out: Vec<(f64, f64)> = Vec::new();
+    let mut centre = 0.5 * top + reach;
+    while centre < top {
+        let mut bins: Vec<Complex64> = run.samples[..len]
+            .iter()
+            .zip(phase)
+            .enumerate()
+            .map(|(n, (x, p))| Complex64::from_polar(x * dsp::window(n, len), -TAU * (centre * p).fract()))
+            .collect();
+        transforms.forward(&mut bins);
+        let half = (reach * features.revolutions) as usize;
+        let scale = dsp::window_scale(len);
+        let power: Vec<f64> = (0..2 * half).map(|i| (bins[(i + len - half) % len] * scale).norm_sqr()).collect();
+        for (block, chunk) in power.chunks(FLOOR_BINS).enumerate() {
+            let floor = median(&mut chunk.to_vec()) / std::f64::consts::LN_2;
+            for (k, p) in chunk.iter().enumerate() {
+                let i = block * FLOOR_BINS + k;
+                let peak = i > 0 && i + 1 < power.len() && power[i - 1] < *p && power[i + 1] <= *p;
+                let order = centre + (i as f64 - half as f64) / features.revolutions;
+                let image = mirrored(&own.order_spectrum, (top - order) * features.revolutions);
+                if peak && *p > CANDIDATE * floor && *p > SHARPER * image {
+                    out.push((order, p / image.max(floor)));
+                }
+            }
+        }
+        centre += 2.0 * reach;
+    }
+    out.sort_by(|a, b| b.1.total_cmp(&a.1));
+    out
+}
+
+/// Largest power about a bin.
+fn mirrored(spectrum: &[Complex64], bin: f64) -> f64 {
+    let bin = bin.max(0.0) as usize;
+    let high = (bin + SMEAR + 1).min(spectrum.len());
+    spectrum[bin.saturating_sub(SMEAR).min(high)..high].iter().map(|b| b.norm_sqr()).fold(0.0, f64::max)
+}

@@ -1,0 +1,304 @@
+//! Speed of each recording and the tooth numbers that the lines themselves show.
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::train::Train;
+
+use crate::read::angle::CombField;
+use crate::read::features::{self, Steady};
+use crate::read::lines;
+
+/// Largest change of the teeth of one gear that is tried.
+const TEETH_REACH: i64 = 4;
+/// How far the speed may lie from the tacho's (relative): sample clocks are better than that, and where they are not, still near. While tooth
+/// numbers are in question the narrow reach holds: a tooth in a hundred is a per cent.
+const TACHO_REACH: f64 = 0.004;
+const CLOCK_REACH: f64 = 0.01;
+/// How far the speed may lie from the drive display without a belt (relative): display and sample clock.
+const DIRECT_REACH: f64 = 0.008;
+/// Belt slip that is looked for (relative).
+const SLIP_REACH: f64 = 0.04;
+/// Gain in mean log excess of all lines, or of those that another tooth number moves, at which it is believed, and how sure the latter must be
+/// (standard errors).
+///
+/// A comb on noise scores about 0.3, one on lines of 10 dB about 2.3: where the sheet's lines are to be there is nothing, and something
+/// where the other tooth number puts them.
+const TEETH_GAIN: f64 = 0.5;
+const TEETH_SURE: f64 = 4.0;
+/// Lines that must move, in all recordings together.
+const TEETH_LINES: usize = 8;
+/// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
+const APART_BINS: f64 = 6.0;
+
+/// Mean log excess of the comb below which it meets no lines: the best of some hundred speeds on noise alone reaches 1.3.
+const LEAST_COMB: f64 = 1.6;
+/// Mesh lines are those of another pinion where its comb gains so much over the bench's own, which is itself no better than so much above the upper
+/// quartile of all teeth: any integer comb meets the orders of a pitch error, and a mesh stands out from them.
+const OTHER_BENCH: f64 = 1.0;
+const NO_MESH: f64 = 0.5;
+/// The same gain of the bench's own comb at another speed.
+const OTHER_SPEED: f64 = 2.0;
+/// Teeth that are tried.
+const TRIED_TEETH: std::ops::RangeInclusive<u32> = 10..=140;
+
+/// Why a recording is not of this bench at the speed that is stated, if it is not; `train` may have a tooth number that the sheet has not.
+pub fn stranger(
+    bench: &Bench,
+    train: &Train,
+    sheet: &Train,
+    steady: &Steady<'_>,
+    field: &CombField,
+    speed: &Speed,
+) -> Option<String> {
+    let name = &steady.recording.name;
+    if speed.score < LEAST_COMB {
+        let tacho = steady.tacho_hz(train);
+        let (low, high) = range(bench, train, steady, tacho, TACHO_REACH);
+        let from = match (tacho, steady.display_motor_hz.is_finite()) {
+            (Some(_), _) => "the tacho",
+            (None, true) => "the stated motor speed",
+            (None, false) => "the nominal motor speed, none being stated,",
+        };
+        let expected: Vec<String> = train
+            .stages
+            .iter()
+            .map(|s| format!("{} at {:.1} to {:.1} Hz", s.name, s.mesh_order * low, s.mesh_order * high))
+            .collect();
+        return Some(format!(
+            "{name}: no mesh lines of this bench where {from} puts them ({}): {:.1} nats a line, noise alone reaches {LEAST_COMB}; correct speed, tacho or bench file",
+            expected.join(", "),
+            speed.score
+        ));
+    }
+    if steady.tacho_hz(train).is_none()
+        && let Some(hz) = other_speed(sheet, field, speed)
+    {
+        let said = if steady.display_motor_hz.is_finite() {
+            "that are stated"
+        } else {
+            "of the nominal speed, none being stated"
+        };
+        return Some(format!(
+            "{name}: its mesh lines are those of {hz:.2} Hz at the input shaft, not of the {:.2} Hz {said}; correct the speed or the bench file",
+            speed.input_hz
+        ));
+    }
+    let (low, high) = (speed.input_hz * (1.0 - 1e-3), speed.input_hz * (1.0 + 1e-3));
+    let comb = |order: f64| -> Vec<f64> { (1..=5).map(|h| order * f64::from(h)).collect() };
+    for (stage, kinematics) in bench.stages.iter().zip(&train.stages) {
+        let own = field.search(&comb(kinematics.mesh_order), low, high).1;
+        let mut others: Vec<(f64, u32)> = Vec::new();
+        for teeth in TRIED_TEETH {
+            let order = kinematics.pinion_order * f64::from(teeth);
+            // Combs that share lines with a mesh of the bench say nothing, nor do those of the low orders that every shaft makes.
+            let shares = train.stages.iter().any(|s| {
+                let ratio = |a: u8, b: u8| order * f64::from(a) / (s.mesh_order * f64::from(b));
+                (1..=5).any(|a| (1..=5).any(|b| (ratio(a, b) - 1.0).abs() < 2e-3))
+            });
+            let of_shaft = train.shafts.iter().any(|(_, own)| {
+                let multiple = (order / own).round();
+                multiple <= f64::from(lines::SHAFT_MULTIPLES) && (multiple * own / order - 1.0).abs() < 2e-3
+            });
+            if !shares && !of_shaft {
+                others.push((field.search(&comb(order), low, high).1, teeth));
+            }
+        }
+        others.sort_by(|a, b| b.0.total_cmp(&a.0));
+        if let (Some(best), Some(usual)) = (others.first(), others.get(others.len() / 4))
+            && best.0 > own + OTHER_BENCH
+            && own < usual.0 + NO_MESH
+        {
+            return Some(format!(
+                "{name}: its mesh lines are those of {} teeth on the pinion of {}, the bench file says {}: another bench, or a wrong tooth number",
+                best.1, stage.name, stage.pinion.teeth
+            ));
+        }
+    }
+    None
+}
+
+/// A speed far off at which the sheet's comb meets lines that are far higher.
+fn other_speed(sheet: &Train, field: &CombField, speed: &Speed) -> Option<f64> {
+    let orders = features::comb_orders(sheet);
+    let (hz, score) = [(0.33, 0.95), (1.05, 3.0)]
+        .map(|(low, high)| field.search(&orders, low * speed.input_hz, high * speed.input_hz))
+        .into_iter()
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // At simple ratios harmonics meet each other's lines.
+    let simple =
+        (1..=5).any(|a| (1..=5).any(|b| (hz / speed.input_hz * f64::from(a) / f64::from(b) - 1.0).abs() < 5e-3));
+    (score > speed.score + OTHER_SPEED && !simple).then_some(hz)
+}
+
+/// A gear with other teeth than the bench file says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OtherTeeth {
+    /// Position of the stage.
+    pub stage: usize,
+    /// Else the wheel.
+    pub pinion: bool,
+    /// Teeth that fit.
+    pub teeth: u32,
+    /// Teeth by the bench file.
+    pub sheet: u32,
+    /// Mean gain in log excess per line.
+    pub gain: f64,
+}
+
+/// Speed of one recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Speed {
+    /// Input-shaft speed (Hz).
+    pub input_hz: f64,
+    /// Mean log excess of the comb there.
+    pub score: f64,
+}
+
+/// Range of input-shaft speeds to search (Hz).
+fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64>, reach: f64) -> (f64, f64) {
+    if let Some(hz) = tacho_hz {
+        return (hz * (1.0 - reach), hz * (1.0 + reach));
+    }
+    let known = steady.display_motor_hz.is_finite();
+    let centre = if known { steady.display_motor_hz } else { bench.motor.speed_hz } / train.motor_order;
+    let spread = if known { DIRECT_REACH } else { 0.05 };
+    let slip = if bench.belt.is_some() { SLIP_REACH } else { spread };
+    (centre * (1.0 - slip.max(spread)), centre * (1.0 + spread))
+}
+
+/// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
+fn deciding_orders(train: &Train) -> Vec<f64> {
+    let mut out = features::comb_orders(train);
+    for stage in &train.stages {
+        for h in 1..=3 {
+            let centre = stage.mesh_order * f64::from(h);
+            for shaft in [stage.pinion_order, stage.wheel_order] {
+                out.extend([centre - shaft, centre + shaft]);
+            }
+        }
+    }
+    for (_, order) in &train.shafts {
+        out.extend((1..=4).map(|k| order * f64::from(k)));
+    }
+    out
+}
+
+/// What lies at the lines that only one of two sets of tooth numbers has.
+#[derive(Default)]
+struct Moved {
+    sheet: Vec<f64>,
+    other: Vec<f64>,
+}
+
+impl Moved {
+    /// Log excess at the frequencies (Hz) of each side that the other side has nothing near.
+    fn add(&mut self, field: &CombField, sheet: &[f64], other: &[f64]) {
+        let near = |all: &[f64], hz: f64| all.iter().any(|o| (o - hz).abs() < APART_BINS * field.bin_hz());
+        let lone = |of: &[f64], against: &[f64]| -> Vec<f64> {
+            of.iter().filter(|hz| !near(against, **hz)).filter_map(|hz| field.at(*hz)).collect()
+        };
+        self.sheet.extend(lone(sheet, other));
+        self.other.extend(lone(other, sheet));
+    }
+
+    /// Mean gain per line and its standard score.
+    fn gain(&self) -> (f64, f64) {
+        if self.sheet.len().min(self.other.len()) < TEETH_LINES {
+            return (0.0, 0.0);
+        }
+        let moments = |v: &[f64]| {
+            let n = v.len() as f64;
+            let mean = v.iter().sum::<f64>() / n;
+            (mean, v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n * (n - 1.0)))
+        };
+        let ((a, va), (b, vb)) = (moments(&self.sheet), moments(&self.other));
+        (b - a, (b - a) / (va + vb).sqrt().max(1e-9))
+    }
+}
+
+/// The bench with other teeth on one gear.
+pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Bench {
+    let mut other = bench.clone();
+    if let Some(s) = other.stages.get_mut(stage) {
+        let gear = if pinion { &mut s.pinion } else { &mut s.wheel };
+        gear.teeth = teeth;
+    }
+    other
+}
+
+/// Speeds of all recordings by the bench file's own teeth.
+pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombField]) -> Vec<Speed> {
+    let orders = features::comb_orders(train);
+    all.iter()
+        .zip(fields)
+        .map(|(steady, field)| {
+            let tacho = steady.tacho_hz(train);
+            let (low, high) = range(bench, train, steady, tacho, CLOCK_REACH);
+            let (input_hz, score) = field.search(&orders, low, high);
+            Speed { input_hz, score }
+        })
+        .collect()
+}
+
+/// Whether the tacho through a bench's teeth and the drive display cannot both be right: beyond what a display, a sample clock and a belt are off.
+fn against_display(bench: &Bench, steady: &Steady<'_>) -> bool {
+    let train = Train::new(bench);
+    let Some(input_hz) = steady.tacho_hz(&train).filter(|_| steady.display_motor_hz.is_finite()) else { return false };
+    let (low, high) = range(bench, &train, steady, None, 0.0);
+    !(low * (1.0 - CLOCK_REACH)..=high * (1.0 + CLOCK_REACH)).contains(&input_hz)
+}
+
+/// The bench with the one tooth number changed that fits all recordings clearly better, if there is one.
+///
+/// Which lines move depends on where the speed is known: with a tacho on the output shaft, the pinion's teeth move nothing but the input
+/// shaft's own lines. So candidates are ranked by all lines and believed by those that move.
+pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
+    // Mean score of all lines, and the frequencies of the lines by recording.
+    let lines = |candidate: &Bench| -> (f64, Vec<Vec<f64>>) {
+        let train = Train::new(candidate);
+        let orders = deciding_orders(&train);
+        let comb = features::comb_orders(&train);
+        let mut sum = 0.0;
+        let mut frequencies = Vec::with_capacity(all.len());
+        for (steady, field) in all.iter().zip(fields) {
+            let tacho = steady.tacho_hz(&train);
+            let (low, high) = range(candidate, &train, steady, tacho, TACHO_REACH);
+            let (hz, _) = field.search(&comb, low, high);
+            sum += field.score(&orders, hz);
+            frequencies.push(orders.iter().map(|o| o * hz).collect());
+        }
+        (sum / all.len().max(1) as f64, frequencies)
+    };
+    let base = lines(bench);
+    let mut best: Option<(f64, OtherTeeth, Bench)> = None;
+    for (i, stage) in bench.stages.iter().enumerate() {
+        for pinion in [true, false] {
+            let sheet = if pinion { stage.pinion.teeth } else { stage.wheel.teeth };
+            for change in -TEETH_REACH..=TEETH_REACH {
+                let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
+                if change == 0 || teeth < 5 {
+                    continue;
+                }
+                let candidate = with_teeth(bench, i, pinion, teeth);
+                if all.iter().any(|steady| against_display(&candidate, steady)) {
+                    continue;
+                }
+                let (score, frequencies) = lines(&candidate);
+                let mut moved = Moved::default();
+                for ((field, sheet), other) in fields.iter().zip(&base.1).zip(&frequencies) {
+                    moved.add(field, sheet, other);
+                }
+                let (gain, sure) = moved.gain();
+                let all_lines = score - base.0;
+                let believed = all_lines > TEETH_GAIN || (all_lines > 0.0 && gain > TEETH_GAIN && sure > TEETH_SURE);
+                if believed && best.as_ref().is_none_or(|b| score > b.0) {
+                    best = Some((
+                        score,
+                        OtherTeeth { stage: i, pinion, teeth, sheet, gain: gain.max(all_lines) },
+                        candidate,
+                    ));
+                }
+            }
+        }
+    }
+    best.map(|b| (b.1, b.2))
+}

@@ -1,0 +1,107 @@
+//! Teeth of the last wheel, by the comb of its shaft.
+//!
+//! They move no mesh line, only the output shaft's orders and sidebands, and near their carriers by less than the speed wanders. Over shaft angle, which the mesh
+//! lines have made even, lines are a bin or two wide, and a comb counted to its tenth line about eight harmonics is told from its neighbour's.
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::train::Train;
+
+use crate::read::dsp::{mean, median};
+use crate::read::features::{RecordingFeatures, USABLE_BAND};
+use crate::read::kinematics::{self, OtherTeeth};
+
+/// Largest change of the teeth that is tried.
+const REACH: i64 = 4;
+/// Sidebands on each side, mesh harmonics, and orders of the shaft that are counted: there errors of teeth gather.
+const SIDEBANDS: usize = 10;
+const HARMONICS: usize = 8;
+const ORDERS: usize = 12;
+/// Lines nearer than this (bins) to one that the train makes anyway say nothing.
+const APART_BINS: f64 = 3.0;
+/// Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean, at which other teeth are believed.
+const GAIN: f64 = 0.4;
+const SURE: f64 = 6.0;
+/// Lines on each side, in all recordings together.
+const LEAST_LINES: usize = 20;
+
+/// Multiples of the wheel's shaft that are counted.
+fn multiples(teeth: usize) -> Vec<usize> {
+    let end = HARMONICS * teeth + SIDEBANDS;
+    let beside = |n: usize| (n % teeth).min(teeth - n % teeth);
+    (1..=end)
+        .filter(|n| !n.is_multiple_of(teeth) && (*n <= ORDERS || (*n + SIDEBANDS >= teeth && beside(*n) <= SIDEBANDS)))
+        .collect()
+}
+
+/// Log excess over the floor, by recording and channel, at the lines of one tooth number that neither the other nor the rest of the train has.
+fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f64, usize)) -> Vec<f64> {
+    let mut out = Vec::new();
+    let against = multiples(other.1);
+    for r in all {
+        let highest = USABLE_BAND * r.sample_rate_hz / r.input_hz;
+        let near =
+            |order: f64, spacing: f64| (order - (order / spacing).round() * spacing).abs() * r.revolutions < APART_BINS;
+        for n in multiples(own.1) {
+            let order = n as f64 * own.0;
+            let bin = (order * r.revolutions).round() as usize;
+            let taken = train.shafts.iter().rev().skip(1).any(|s| near(order, s.1))
+                || against.iter().any(|m| (order - *m as f64 * other.0).abs() * r.revolutions < APART_BINS);
+            if order > highest || taken {
+                continue;
+            }
+            for c in &r.channels {
+                if let (Some(bins), Some(floor)) =
+                    (c.order_spectrum.get(bin.saturating_sub(1)..bin + 2), c.order_floor.get(bin))
+                    && *floor > 0.0
+                {
+                    let power = bins.iter().map(|b| b.norm_sqr()).fold(0.0, f64::max);
+                    out.push((power / floor).max(0.1).ln());
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.
+fn tacho_agrees(bench: &Bench, train: &Train, all: &[RecordingFeatures], teeth: u32) -> bool {
+    let last = train.shafts.last().map(|s| s.0.as_str());
+    if bench.tacho.as_ref().map(|t| t.shaft.as_str()) != last {
+        return false;
+    }
+    let mut off: Vec<f64> = all.iter().filter_map(|r| Some((r.tacho_input_hz? / r.input_hz - 1.0).abs())).collect();
+    !off.is_empty() && median(&mut off) < 0.5 / f64::from(teeth)
+}
+
+/// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the sheet says.
+pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> Option<(OtherTeeth, Bench)> {
+    let stage = bench.stages.len().checked_sub(1)?;
+    let (sheet, kinematic) = (bench.stages[stage].wheel.teeth, train.stages.get(stage)?);
+    if tacho_agrees(bench, train, all, sheet) {
+        return None;
+    }
+    let order = |teeth: u32| kinematic.mesh_order / f64::from(teeth);
+    let mut best: Option<(f64, f64, u32)> = None;
+    for change in (-REACH..=REACH).filter(|c| *c != 0) {
+        let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
+        let (a, b) = ((order(sheet), sheet as usize), (order(teeth), teeth as usize));
+        let (mut old, mut new) = (excess(all, train, a, b), excess(all, train, b, a));
+        if old.len().min(new.len()) < LEAST_LINES {
+            continue;
+        }
+        let variance = |v: &[f64]| {
+            let m = mean(v);
+            v.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (v.len() * (v.len() - 1)) as f64
+        };
+        let sure = (mean(&new) - mean(&old)) / (variance(&old) + variance(&new)).sqrt().max(1e-9);
+        // The whole comb moves, not a few strong lines that something else makes.
+        let gain = median(&mut new) - median(&mut old);
+        if best.is_none_or(|b| gain > b.0) {
+            best = Some((gain, sure, teeth));
+        }
+    }
+    let (gain, sure, teeth) = best?;
+    (gain > GAIN && sure > SURE).then(|| {
+        (OtherTeeth { stage, pinion: false, teeth, sheet, gain }, kinematics::with_teeth(bench, stage, false, teeth))
+    })
+}

@@ -1,0 +1,241 @@
+//! Lines that the gear train does not make: at fixed orders, at fixed frequencies, folded about the sample rate.
+//!
+//! Each scan walks over candidate positions and asks of every recording and channel how far the power there stands above its
+//! local floor and, where there is a reference, above the reference. A candidate counts by its mean logarithm over recordings,
+//! each capped, so that one recording alone cannot carry it.
+
+use gearwatch_core::train::Train;
+use num_complex::Complex64;
+
+use crate::read::dsp::Transforms;
+use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
+
+/// A recording and the reference at its operating point, where there is one.
+#[derive(Clone, Copy)]
+pub struct Twin<'a> {
+    /// The recording.
+    pub recording: &'a RecordingFeatures,
+    /// The reference.
+    pub reference: Option<&'a RecordingFeatures>,
+}
+
+/// A line outside the train's comb.
+#[derive(Clone, Debug)]
+pub struct StrangeLine {
+    /// Order of the input shaft, or frequency in Hz.
+    pub position: f64,
+    /// Position of the channel that shows it best.
+    pub channel: usize,
+    /// Mean over recordings of ln(power / what was expected), best channel.
+    pub excess: f64,
+    /// Least of them.
+    pub least: f64,
+    /// Mean excess by channel.
+    pub by_channel: Vec<f64>,
+    /// Peak amplitude by recording, in the best channel.
+    pub amplitudes: Vec<f64>,
+    /// Distance to the nearest multiple of a shaft order relative to the line width; large where the line belongs to no shaft.
+    pub off_comb: f64,
+}
+
+/// Cap of ln(power / expected) of one recording.
+const CAP: f64 = 6.0;
+/// Power over floor that makes a candidate in one spectrum.
+const CANDIDATE: f64 = 18.0;
+
+fn channel_of<'a>(recording: &'a RecordingFeatures, name: &str) -> Option<&'a ChannelFeatures> {
+    recording.channels.iter().find(|c| c.name == name)
+}
+
+fn peak(spectrum: &[Complex64], bin: f64, reach: usize) -> (f64, usize) {
+    let centre = bin.round() as usize;
+    let low = centre.saturating_sub(reach);
+    let high = (centre + reach + 1).min(spectrum.len());
+    (low..high).map(|k| (spectrum[k].norm_sqr(), k)).fold((0.0, centre), |a, b| if b.0 > a.0 { b } else { a })
+}
+
+/// Which spectrum a scan walks over.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Axis {
+    Order,
+    Time,
+}
+
+fn spectrum(channel: &ChannelFeatures, axis: Axis) -> (&[Complex64], &[f64]) {
+    match axis {
+        Axis::Order => (&channel.order_spectrum, &channel.order_floor),
+        Axis::Time => (&channel.remainder, &channel.remainder_floor),
+    }
+}
+
+fn bins_per_unit(recording: &RecordingFeatures, axis: Axis) -> f64 {
+    match axis {
+        Axis::Order => recording.revolutions,
+        Axis::Time => 1.0 / recording.hz_per_bin,
+    }
+}
+
+/// ln(power / expected) of one recording, channel and position.
+fn excess(twin: &Twin<'_>, name: &str, axis: Axis, position: f64) -> Option<(f64, f64)> {
+    let channel = channel_of(twin.recording, name)?;
+    let (bins, floor) = spectrum(channel, axis);
+    let at = position * bins_per_unit(twin.recording, axis);
+    if at + 8.0 > bins.len() as f64 {
+        return None;
+    }
+    if axis == Axis::Time && twin.recording.taken.get(at.round() as usize).copied().unwrap_or(true) {
+        return None;
+    }
+    let (power, k) = peak(bins, at, 1);
+    let mut expected = floor[k];
+    if let Some(reference) = twin.reference {
+        let other = channel_of(reference, name)?;
+        let (bins, floor) = spectrum(other, axis);
+        let at = position * bins_per_unit(reference, axis);
+        let (before, j) = peak(bins, at, 2);
+        expected = expected.max(before).max(*floor.get(j)?);
+        // A line that keeps its order (on the time axis) or its frequency (on the order axis) in the reference is an old one.
+        let (bins, floor) = spectrum(other, if axis == Axis::Time { Axis::Order } else { Axis::Time });
+        let ratio = if axis == Axis::Time { 1.0 / twin.recording.input_hz } else { twin.recording.input_hz };
+        let at = match axis {
+            Axis::Time => position * ratio * reference.revolutions,
+            Axis::Order => position * ratio / reference.hz_per_bin,
+        };
+        let (before, j) = peak(bins, at, 2);
+        expected = expected.max(before).max(*floor.get(j)?);
+    }
+    Some(((power / expected.max(f64::MIN_POSITIVE)).ln(), power.sqrt()))
+}
+
+/// Positions that stand out in one spectrum.
+fn candidates(twin: &Twin<'_>, axis: Axis, skip: &dyn Fn(&RecordingFeatures, f64) -> bool) -> Vec<f64> {
+    let mut out = Vec::new();
+    let per_unit = bins_per_unit(twin.recording, axis);
+    let highest = USABLE_BAND * twin.recording.sample_rate_hz / twin.recording.hz_per_bin;
+    for channel in &twin.recording.channels {
+        let (bins, floor) = spectrum(channel, axis);
+        let end = (bins.len().saturating_sub(8)).min(highest as usize);
+        for k in 24..end {
+            let p = bins[k].norm_sqr();
+            if p < CANDIDATE * floor[k] || p < bins[k - 1].norm_sqr() || p <= bins[k + 1].norm_sqr() {
+                continue;
+            }
+            // Vertex of the parabola through three logarithms: the position to a tenth of a bin.
+            let (a, b, c) = (bins[k - 1].norm_sqr().ln(), p.ln(), bins[k + 1].norm_sqr().ln());
+            let shift = 0.5 * (a - c) / (a - 2.0 * b + c);
+            let position = (k as f64 + if shift.is_finite() { shift } else { 0.0 }) / per_unit;
+            if skip(twin.recording, position) {
+                continue;
+            }
+            if let Some((e, _)) = excess(twin, &channel.name, axis, position)
+                && e > 2.0
+            {
+                out.push(position);
+            }
+        }
+    }
+    out
+}
+
+fn walk(
+    twins: &[Twin<'_>],
+    channels: &[String],
+    axis: Axis,
+    skip: &dyn Fn(&RecordingFeatures, f64) -> bool,
+    off_comb: &dyn Fn(f64) -> f64,
+) -> Vec<StrangeLine> {
+    let mut positions: Vec<f64> = twins.iter().flat_map(|t| candidates(t, axis, skip)).collect();
+    positions.sort_by(f64::total_cmp);
+    let width = twins.iter().map(|t| 1.0 / bins_per_unit(t.recording, axis)).fold(0.0, f64::max);
+    let mut found: Vec<StrangeLine> = Vec::new();
+    for position in positions {
+        let mut best: Option<StrangeLine> = None;
+        let mut by_channel = Vec::with_capacity(channels.len());
+        for (c, name) in channels.iter().enumerate() {
+            let cells: Vec<(f64, f64)> = twins.iter().filter_map(|t| excess(t, name, axis, position)).collect();
+            // A line above the band at the higher speed is judged where it can be seen, at two recordings at least.
+            if cells.len() < 2.min(twins.len()) {
+                by_channel.push(0.0);
+                continue;
+            }
+            let mean = cells.iter().map(|x| x.0.clamp(-1.0, CAP)).sum::<f64>() / cells.len() as f64;
+            let least = cells.iter().map(|x| x.0).fold(f64::INFINITY, f64::min);
+            by_channel.push(mean);
+            if best.as_ref().is_none_or(|b| mean > b.excess) {
+                best = Some(StrangeLine {
+                    position,
+                    channel: c,
+                    excess: mean,
+                    least,
+                    by_channel: Vec::new(),
+                    amplitudes: cells.iter().map(|x| x.1).collect(),
+                    off_comb: off_comb(position),
+                });
+            }
+        }
+        let Some(mut line) = best else { continue };
+        line.by_channel = by_channel;
+        match found.last_mut() {
+            Some(last) if position - last.position < 2.0 * width => {
+                if line.excess > last.excess {
+                    *last = line;
+                }
+            }
+            _ => found.push(line),
+        }
+    }
+    found.retain(|l| l.excess > 2.0);
+    found.sort_by(|a, b| b.excess.total_cmp(&a.excess));
+    found
+}
+
+/// Lines locked to shaft angle that are not in the train's list.
+pub fn order_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Vec<StrangeLine> {
+    let known = |r: &RecordingFeatures, order: f64| {
+        let reach = 4.0 / r.revolutions;
+        let i = r.lines.partition_point(|l| l.order < order - reach);
+        r.lines.get(i).is_some_and(|l| l.order < order + reach)
+    };
+    let width = twins.iter().map(|t| 1.0 / t.recording.revolutions).fold(0.0, f64::max);
+    let off = |order: f64| distance_to_combs(train, order) / width;
+    walk(twins, channels, Axis::Order, &known, &off)
+}
+
+/// Lines at the same frequency at every speed; needs recordings at speeds that differ, or the reference, to mean anything.
+pub fn fixed_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Vec<StrangeLine> {
+    let known =
+        |r: &RecordingFeatures, hz: f64| r.taken.get((hz / r.hz_per_bin).round() as usize).copied().unwrap_or(true);
+    let off = |hz: f64| {
+        twins
+            .iter()
+            .map(|t| distance_to_combs(train, hz / t.recording.input_hz) * t.recording.revolutions)
+            .fold(0.0, f64::max)
+    };
+    walk(twins, channels, Axis::Time, &known, &off)
+}
+
+/// Distance of an order to the nearest multiple of any shaft's order.
+pub fn distance_to_combs(train: &Train, order: f64) -> f64 {
+    train.shafts.iter().map(|(_, o)| (order / o - (order / o).round()).abs() * o).fold(f64::INFINITY, f64::min)
+}
+
+/// Mesh harmonics above half the sample rate, seen folded: power over floor of the coherent line, by channel.
+///
+/// `exp(-2πi o φ[n])` at the sample times folds exactly as the line would, so the mean of the demodulated samples is the folded line.
+pub fn folded_mesh(transforms: &mut Transforms, samples: &[f64], phase_rev: &[f64], order: f64) -> (f64, f64) {
+    let len = samples.len().min(phase_rev.len());
+    let mut bins: Vec<Complex64> = samples[..len]
+        .iter()
+        .zip(phase_rev)
+        .enumerate()
+        .map(|(n, (x, a))| {
+            let w = 0.5 - 0.5 * (2.0 * std::f64::consts::PI * n as f64 / len as f64).cos();
+            Complex64::from_polar(x * w, -2.0 * std::f64::consts::PI * (order * a).fract())
+        })
+        .collect();
+    transforms.forward(&mut bins);
+    let mut ring: Vec<f64> = (8..60).flat_map(|k| [bins[k].norm_sqr(), bins[len - k].norm_sqr()]).collect();
+    let floor = crate::read::dsp::median(&mut ring) / std::f64::consts::LN_2;
+    let line = bins[0].norm_sqr().max(bins[1].norm_sqr()).max(bins[len - 1].norm_sqr());
+    (line / floor.max(f64::MIN_POSITIVE), 4.0 * line.sqrt() / len as f64)
+}
