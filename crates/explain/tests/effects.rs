@@ -3,7 +3,7 @@
 //! Always: a few effects, one of each kind of evidence. As a campaign (`just campaign-effects`): all of them, three cases each, as a table for
 //! the documentation. Which effects count as one is said in one place, `prove::score::is_right`, with the reason in `docs/effects-found.md`.
 
-#![allow(clippy::print_stdout, reason = "the campaign prints its table")]
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "the campaign prints its table, and how far it is")]
 
 use std::collections::BTreeMap;
 
@@ -11,6 +11,7 @@ use gearwatch_explain::judge::report::Status;
 use gearwatch_explain::prove::score::Scored;
 use gearwatch_explain::prove::{draw, prove};
 use gearwatch_sim::effects;
+use rayon::prelude::*;
 
 /// The first cases of an effect under a seed that conceal it at a size that shows; fewer where the numbers run out.
 fn cases(seed: u64, effect: &str, count: usize, most: u64) -> Vec<Scored> {
@@ -45,11 +46,18 @@ fn conform_every_effect_is_drawn() {
 fn campaign_each_effect_is_concealed_and_sought() {
     let number = |name: &str, usual: u64| std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(usual);
     let (seed, count) = (number("GEARWATCH_SEED", 2_026_112_101), number("GEARWATCH_CASES", 3) as usize);
+    let tried: Vec<(&str, Vec<Scored>)> = effects::ALL
+        .par_iter()
+        .map(|effect| {
+            let found = cases(seed, effect.id(), count, 6 * count as u64);
+            eprintln!("{}: {} cases", effect.id(), found.len());
+            (effect.id(), found)
+        })
+        .collect();
     println!("| effect | cases | first | in the set | overlooked | else named | parameters inside 2 sigma |");
     println!("|---|---|---|---|---|---|---|");
     let (mut all, mut first, mut set) = (0, 0.0, 0);
-    for effect in effects::ALL {
-        let found = cases(seed, effect.id(), count, 6 * count as u64);
+    for (effect, found) in tried {
         let mut others: BTreeMap<String, usize> = BTreeMap::new();
         for named in found.iter().flat_map(|s| &s.named).filter(|n| !n.3) {
             *others.entry(named.0.clone()).or_default() += 1;
@@ -60,8 +68,7 @@ fn campaign_each_effect_is_concealed_and_sought() {
         let overlooked = found.iter().filter(|s| s.status == Status::Consistent).count();
         let sizes: Vec<bool> = found.iter().flat_map(|s| s.errors.iter().map(|e| e.2.abs() <= 2.0)).collect();
         println!(
-            "| {} | {} | {firsts} | {sets} | {overlooked} | {} | {} |",
-            effect.id(),
+            "| {effect} | {} | {firsts} | {sets} | {overlooked} | {} | {} |",
             found.len(),
             others.join(", "),
             if sizes.is_empty() {
