@@ -63,7 +63,8 @@ fn campaign_each_effect_is_concealed_and_sought() {
             *others.entry(named.0.clone()).or_default() += 1;
         }
         let others: Vec<String> = others.into_iter().map(|(id, n)| format!("{id} {n}")).collect();
-        let firsts: f64 = found.iter().flat_map(|s| &s.first).sum();
+        // The empty sum is -0.
+        let firsts = 0.0 + found.iter().flat_map(|s| &s.first).sum::<f64>();
         let sets = found.iter().flat_map(|s| &s.in_set).filter(|x| **x).count();
         let overlooked = found.iter().filter(|s| s.status == Status::Consistent).count();
         let sizes: Vec<bool> = found.iter().flat_map(|s| s.errors.iter().map(|e| e.2.abs() <= 2.0)).collect();
