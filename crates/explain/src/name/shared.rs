@@ -146,3 +146,35 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scored(effect: &'static str, place: &str, evidence: f64, left: f64) -> Scored {
+        let ranked = shape::Ranked {
+            effect,
+            place: place.to_owned(),
+            probability: 0.5,
+            log_evidence: 0.0,
+            parameters: std::collections::BTreeMap::new(),
+        };
+        Scored { score: 0.0, ranked, fit: Some(refit::Fit { evidence, left, lines: 60 }) }
+    }
+
+    /// Wear leads by what it is ahead of another class, not of relief, its own; the same effect on another stage is a rival. What 60 lines leave beyond 1
+    /// each is half of it in nats.
+    #[test]
+    fn analytic_lead_and_excess_are_in_nats() {
+        let mut all = vec![
+            scored("tooth_wear", "stage1", -40.0, 1.2),
+            scored("tip_relief", "stage1", -42.0, 1.3),
+            scored("profile_error", "stage1", -55.0, 1.9),
+        ];
+        assert_eq!(lead(&all), 15.0);
+        assert!((excess(&all[0].fit.unwrap()) - 6.0).abs() < 1e-12);
+        all.push(scored("tooth_wear", "stage2", -47.0, 1.4));
+        assert_eq!(lead(&all), 7.0);
+        assert_eq!(lead(&all[..1]), 0.0);
+    }
+}
