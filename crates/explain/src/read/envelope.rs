@@ -59,10 +59,6 @@ pub struct EnvelopeLine {
     pub order: f64,
     /// Standard scores of the summed logarithms against all other orders.
     pub score: f64,
-    /// Position of the channel that shows it best.
-    pub channel: usize,
-    /// Recordings in which the order alone stands above three times its floor.
-    pub seen_in: usize,
     /// By channel: envelope power of the order beyond the noise, in units of a bin of noise, sum over recordings; `None` of channels that were left out.
     pub by_channel: Vec<Option<f64>>,
     /// What noise alone scatters such a sum by.
@@ -138,7 +134,7 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
         }
         order += (0.5 / revolutions).max(order * 0.0005);
     }
-    let mut best: Option<EnvelopeLine> = None;
+    let mut best: Option<(f64, f64)> = None;
     for channel in 0..=channels {
         // The last turn takes all channels together.
         let members: Vec<&EnvelopeSpectrum> =
@@ -158,20 +154,12 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
         let scale = 1.4826 * median(&mut deviations);
         for (&order, &sum) in orders.iter().zip(&sums) {
             let score = (sum - middle) / scale.max(1e-9);
-            if best.as_ref().is_none_or(|b| score > b.score) {
-                let seen_in = members.iter().filter(|s| at(s, order) > 3f64.ln()).count();
-                best = Some(EnvelopeLine {
-                    order,
-                    score,
-                    channel: channel.min(channels - 1),
-                    seen_in,
-                    by_channel: Vec::new(),
-                    noise: 1.0,
-                });
+            if best.is_none_or(|b| score > b.1) {
+                best = Some((order, score));
             }
         }
     }
-    let mut best = best?;
+    let (order, score) = best?;
     let heard = |channel: usize, order: f64| {
         let own = spectra.iter().filter(|s| s.sign > 0.0 && s.channel == channel);
         own.map(|s| excess(s, order)).reduce(|a, b| (a.0 + b.0, a.1 + b.1))
@@ -180,15 +168,12 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
     // The order itself may lie too near a shaft's comb to be scanned, and its harmonics not: passages are strongest at their own order. What lies on the comb
     // is the gears'.
     let apart = |o: &f64| *o > low && scan::distance_to_combs(train, *o) * revolutions > CLEAR_OF_COMB;
-    let parts = [2.0, 3.0].map(|m| best.order / m).into_iter().filter(apart);
-    best.order = std::iter::once(best.order)
-        .chain(parts)
-        .max_by(|a, b| strength(*a).total_cmp(&strength(*b)))
-        .unwrap_or(best.order);
-    let all: Vec<Option<(f64, usize)>> = (0..channels).map(|c| heard(c, best.order)).collect();
-    best.noise = all.iter().flatten().map(|x| (x.1 as f64).sqrt()).fold(1.0, f64::max);
-    best.by_channel = all.iter().map(|x| x.map(|x| x.0)).collect();
-    Some(best)
+    let parts = [2.0, 3.0].map(|m| order / m).into_iter().filter(apart);
+    let order =
+        std::iter::once(order).chain(parts).max_by(|a, b| strength(*a).total_cmp(&strength(*b))).unwrap_or(order);
+    let all: Vec<Option<(f64, usize)>> = (0..channels).map(|c| heard(c, order)).collect();
+    let noise = all.iter().flatten().map(|x| (x.1 as f64).sqrt()).fold(1.0, f64::max);
+    Some(EnvelopeLine { order, score, by_channel: all.iter().map(|x| x.map(|x| x.0)).collect(), noise })
 }
 
 /// Envelope power of an order beyond what noise gives its bins, in units of a bin of noise, and the number of bins.
