@@ -12,6 +12,7 @@ use crate::name::strange;
 use crate::name::{self, Question};
 use crate::read::dsp::Transforms;
 use crate::read::features::{self, RecordingFeatures, Steady, Unused};
+use crate::read::fixed;
 use crate::read::folded;
 use crate::read::kinematics;
 use crate::read::last_wheel;
@@ -148,6 +149,10 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     progress("lines that no gear makes");
     let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
     strange.folded = folded;
+    strange.picked_up = fixed::fit(&mut transforms, &train, &steady, &all, &references, &strange.beside_mains())
+        .into_iter()
+        .filter(fixed::FixedLine::is_picked_up)
+        .collect();
     let question = Question {
         bench: &bench,
         train: &train,

@@ -5,6 +5,7 @@ pub mod carriers;
 pub mod dsp;
 pub mod envelope;
 pub mod features;
+pub mod fixed;
 pub mod folded;
 pub mod integrity;
 pub mod kinematics;

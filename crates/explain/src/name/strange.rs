@@ -6,9 +6,10 @@ use crate::change::compare::Comparison;
 use crate::name::bearing;
 use crate::name::direct::gears_on;
 use crate::name::{Finding, Question};
-use crate::read::dsp::{Transforms, mean};
+use crate::read::dsp::Transforms;
 use crate::read::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
 use crate::read::features::RecordingFeatures;
+use crate::read::fixed::FixedLine;
 use crate::read::folded::FoldedLine;
 use crate::read::scan::{self, StrangeLine, Twin};
 
@@ -30,6 +31,8 @@ pub struct Strange {
     pub orders: Vec<StrangeLine>,
     /// In the envelope of the rest.
     pub envelope: Option<EnvelopeLine>,
+    /// At fixed frequency on one sensor, the plainest first.
+    pub picked_up: Vec<FixedLine>,
     /// Folded about half the sample rate.
     pub folded: Option<FoldedLine>,
     /// There was a reference.
@@ -42,12 +45,11 @@ const LONE_LINE: f64 = 4.5;
 /// Least excess in any recording of a line that is called foreign without a reference, and its distance (bins) from all combs.
 const LONE_LEAST: f64 = 4.0;
 const LONE_OFF: f64 = 5.0;
-/// Mean and least excess of a line of the mains without a reference.
-const LONE_MAINS: f64 = 4.0;
-const LONE_MAINS_LEAST: f64 = 3.0;
-/// As plain lines that are no mains, beside which one more is not named: multiples of the mains cover a hundredth of the axis, and gears whose far
-/// sidebands meet at two speeds make dozens of lines.
-const LONE_OTHERS: usize = 4;
+/// Lines beside the mains that are fitted, and their distance (bins) from all combs.
+const FITTED: usize = 8;
+const FITTED_OFF: f64 = 3.0;
+/// What the amplitude of a line loses at most where its frequency is known to half a bin, relative.
+const WINDOWED: f64 = 0.1;
 /// Standard scores of the envelope scan above which a bearing is named; scans of 66 benches without one reach 5.5.
 const ENVELOPE_SCORE: f64 = 7.0;
 /// The same against a reference, where scans of 190 benches reach 6.6.
@@ -73,6 +75,14 @@ impl Strange {
                     && (others > 1 || l.by_channel.len() == 1)
             })
             .collect()
+    }
+
+    /// New lines at fixed frequencies that are not mains and may be of one sensor (Hz).
+    pub fn beside_mains(&self) -> Vec<f64> {
+        let new = |l: &&StrangeLine| {
+            l.excess > NEW_LINE && l.off_comb > FITTED_OFF && l.by_channel.len() > 1 && mains(l.position).is_none()
+        };
+        self.fixed.iter().filter(|_| self.against_reference).filter(new).take(FITTED).map(|l| l.position).collect()
     }
 
     /// Several lines at fixed frequencies that are not mains, on several sensors. Without a reference far sidebands of the bench's own gears that meet at
@@ -135,6 +145,7 @@ pub fn strange(
         fixed: scan::fixed_lines(&twins, channels, train),
         orders: scan::order_lines(&twins, channels, train),
         envelope: envelope::scan(&spectra, train, channels.len()),
+        picked_up: Vec::new(),
         folded: None,
         against_reference,
     }
@@ -177,44 +188,12 @@ pub fn add_strange(
         return;
     }
     // Lines at fixed frequency.
-    let plain_others = strange.fixed.iter().filter(|l| l.excess > LONE_MAINS && mains(l.position).is_none()).count();
-    let pickup = strange.fixed.iter().find(|l| {
-        let others = l.by_channel.iter().enumerate().filter(|(c, e)| *c != l.channel && **e > 1.2).count();
-        let plain = if strange.against_reference {
-            l.excess > NEW_LINE && l.least > 1.0
-        } else {
-            l.excess > LONE_MAINS && l.least > LONE_MAINS_LEAST && l.off_comb > 1.5 && plain_others <= LONE_OTHERS
-        };
-        plain
-            && others == 0
-            && several
-            && (mains(l.position).is_some()
-                || (strange.against_reference
-                    && !bearing_seen
-                    && findings.is_empty()
-                    && l.by_channel.len() > 1
-                    && l.excess > 3.5
-                    && !gear_changed
-                    && l.off_comb > 3.0))
-    });
-    if let Some(l) = pickup {
-        let on_mains = mains(l.position).is_some();
-        let amplitude = mean(&l.amplitudes);
-        let spread = l.amplitudes.iter().map(|a| (a - amplitude).abs()).fold(0.0, f64::max);
-        let mut f = Finding::new(
-            "electrical_pickup",
-            channels.get(l.channel).cloned().unwrap_or_default(),
-            if on_mains { 0.95 } else { 0.6 },
-        )
-        .with("frequency_hz", l.position, 0.05)
-        .with("amplitude", amplitude, (0.5 * spread).max(0.06 * amplitude));
-        if !on_mains {
-            f.alternatives.push(("aliasing", f.place.clone()));
-        }
-        f.evidence.place = format!("a line at {:.2} Hz at every speed, on this sensor alone", l.position);
-        f.evidence.law = "fixed frequency, no order".into();
-        findings.push(f);
-    } else if strange.foreign_machine() && (strange.against_reference || several) && !gear_changed {
+    let foreign = strange.foreign_machine() && (strange.against_reference || several) && !gear_changed;
+    let alone = findings.is_empty() && !*unexplained && !bearing_seen;
+    // Another machine may have a line that lies on the mains.
+    if let Some(l) = strange.picked_up.iter().find(|l| l.multiple.is_some() || alone).filter(|_| !foreign) {
+        findings.push(pickup(l));
+    } else if foreign {
         let lines = strange.foreign();
         steps.push(format!(
             "{} lines at fixed frequencies that are neither mains nor of this bench, the strongest at {:.2} Hz",
@@ -286,6 +265,20 @@ pub fn add_strange(
             findings.push(f);
         }
     }
+}
+
+fn pickup(l: &FixedLine) -> Finding {
+    let (hz, sigma_hz) = l.hz;
+    let (amplitude, sigma) = l.amplitude;
+    let mut f = Finding::new("electrical_pickup", l.channel.clone(), if l.multiple.is_some() { 0.95 } else { 0.6 })
+        .with("frequency_hz", hz, sigma_hz)
+        .with("amplitude", amplitude, sigma.hypot(WINDOWED * amplitude));
+    if l.multiple.is_none() {
+        f.alternatives.push(("aliasing", f.place.clone()));
+    }
+    f.evidence.place = format!("a line at {hz:.2} Hz at every speed, on this sensor alone");
+    f.evidence.law = "fixed frequency, no order".into();
+    f
 }
 
 fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
