@@ -140,8 +140,7 @@ impl SteadySolver {
         let all: Vec<usize> = (0..base.contacts.len()).collect();
         let mut wanted: Vec<(f64, usize, Problem)> = Vec::new();
         let mut models = vec![base];
-        let problem =
-            |active: &[usize], shaft: Option<usize>| self.problem(&setup.bench, active, shaft, first_shaft_hz);
+        let problem = |active: &[usize], shaft: Option<usize>| self.problem(setup, active, shaft, first_shaft_hz);
         match problem(&all, None).filter(|_| self.options.together) {
             Some(together) => wanted.push((1.0, 0, together)),
             None => {

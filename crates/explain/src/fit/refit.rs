@@ -3,7 +3,8 @@
 //! Data are the mesh harmonics of every pair and channel. The path from bearing to sensor gives each line, channel and speed a gain of its
 //! own; it enters the logarithm of the amplitude as a constant, so it is eliminated exactly (variable projection, Golub & Pereyra 1973): what stays is the *change*
 //! of each line between reference and recording, and the *trend* of the reference's line over the loads of one speed, less its mean.
-//! The effect's parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are coupled through their bodies, bearings and torsion of every
+//! The effect's parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are coupled through their bodies and the
+//! spacing of its teeth scatters (as pairs that alternate), bearings and torsion of every
 //! shaft, and the first three profile errors that every pair of teeth has, are fitted with priors as wide as a sheet is wrong. Recordings see the effect, references do not.
 //! Fits start from the bench's numbers as the references show them, and from the best sizes of the effect, on both sides of no effect.
 
@@ -17,7 +18,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use self::library::fitted;
-pub use self::problem::Base;
+pub use self::problem::{Base, SPACING_UM};
 use self::problem::{Problem, Start};
 use crate::change::locate::Cell;
 use crate::fit::least_squares::losses;

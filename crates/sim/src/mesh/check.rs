@@ -27,6 +27,7 @@ pub(super) fn check(
     within("the load exponent", pair.load_exponent, 0.0, 0.5, "")?;
     within("the reference load", pair.reference_load_n, crate::hertz::LEAST_LOAD_N, 1e7, " N")?;
     within("the coefficient of friction", pair.friction, 0.0, 0.5, "")?;
+    within("the alternating pitch", pair.alternating_m, 0.0, 1e-3, " m")?;
     within("the wear depth", pair.wear_m, 0.0, 1e-3, " m")?;
     for (amplitude, angle) in &pair.profile_error {
         within("a profile error's amplitude", *amplitude, -1e-3, 1e-3, " m")?;

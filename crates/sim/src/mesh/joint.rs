@@ -71,7 +71,7 @@ impl Joint {
         }
         let same = |teeth: &[(u16, f64)]| teeth.iter().all(|t| *t == (teeth[0].0, 0.0));
         // A uniform gear may have a table of its back flanks first.
-        let uniform = same(&pinion) && same(&wheel);
+        let uniform = same(&pinion) && same(&wheel) && mesh.modifications.pair.alternating_m == 0.0;
         if uniform && !tables.is_empty() {
             let kept = usize::from(pinion[0].0) * wheel_kinds + usize::from(wheel[0].0);
             tables.swap(0, kept);
@@ -107,7 +107,8 @@ impl Joint {
             } else {
                 let (p, p_gap) = self.pinion[super::tooth(n, mesh.pinion_turns)];
                 let (w, w_gap) = self.wheel[super::tooth(n, mesh.wheel_turns)];
-                (&self.tables[usize::from(p) * self.wheel_kinds + usize::from(w)], common + p_gap + w_gap)
+                let gap = common + p_gap + w_gap + mesh.alternating_gap_m(n);
+                (&self.tables[usize::from(p) * self.wheel_kinds + usize::from(w)], gap)
             };
             *pair = table.at(at - n);
             pair[2] += deviation;
@@ -130,7 +131,8 @@ impl Joint {
             let s = at - n;
             let mut found = Pair::default();
             let place = (&self.load, self.reach);
-            let touches = mesh.pair(s, s - shift.wheel, [pinion, wheel], common + p_gap + w_gap, place, &mut found);
+            let gap = common + p_gap + w_gap + mesh.alternating_gap_m(n);
+            let touches = mesh.pair(s, s - shift.wheel, [pinion, wheel], gap, place, &mut found);
             *pair = reduced(&found, mesh.coupling);
             if !touches {
                 pair[2] = NEVER_M;

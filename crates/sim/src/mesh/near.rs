@@ -47,7 +47,7 @@ impl MeshModel {
             pair.wheel_tooth = wheel_tooth;
             pair.pinion_roll_m = self.geometry.entry_roll_m + s * pitch;
             pair.wheel_roll_m = self.geometry.tangent_length_m - pair.pinion_roll_m;
-            let deviation = common + pinion_error + wheel_error;
+            let deviation = common + pinion_error + wheel_error + self.alternating_gap_m(n);
             let touches = self.pair(s, s - shift.wheel, [pinion, wheel], deviation, (load, reach), pair);
             out.keep(touches);
         }
@@ -139,6 +139,13 @@ impl MeshModel {
             }
         }
         gap
+    }
+
+    /// Part (m) of pair n in the alternation of the pairs.
+    #[inline(always)]
+    pub(super) fn alternating_gap_m(&self, n: f64) -> f64 {
+        let half = 0.5 * n;
+        self.modifications.pair.alternating_m * (2.0 * (half - half.floor()) - 0.5)
     }
 
     /// Waves (m) at a phase, by revolution of either gear.

@@ -1,7 +1,5 @@
 //! What repeats with which shaft, and over which time everything of a part repeats.
 
-use gearwatch_core::bench::Bench;
-
 use super::solver::Problem;
 use super::{SteadyError, SteadySolver};
 use crate::faults::GearModifications;
@@ -14,11 +12,12 @@ impl SteadySolver {
     /// The common period of some meshes and one shaft; `None` where it is too long.
     pub(super) fn problem(
         &self,
-        bench: &Bench,
+        setup: &SimSetup,
         active: &[usize],
         shaft: Option<usize>,
         first_shaft_hz: f64,
     ) -> Option<Problem> {
+        let bench = &setup.bench;
         // Order of each shaft as a fraction.
         let mut orders = vec![(1_u64, 1_u64)];
         for stage in &bench.stages {
@@ -30,7 +29,11 @@ impl SteadySolver {
         let mut rates: Vec<(u64, u64)> = Vec::new();
         for &stage in active {
             let (num, den) = orders[stage];
-            rates.push(reduced(num.checked_mul(u64::from(bench.stages[stage].pinion.teeth))?, den));
+            let num = num.checked_mul(u64::from(bench.stages[stage].pinion.teeth))?;
+            rates.push(reduced(num, den));
+            if setup.teeth[stage].pair.alternating_m != 0.0 {
+                rates.push(reduced(num, den.checked_mul(2)?));
+            }
         }
         rates.extend(shaft.map(|shaft| orders[shaft]));
         // P q_k whole for all q_k = n_k/d_k: P = lcm(d_k) / gcd(n_k).

@@ -149,6 +149,65 @@ fn analytic_warm_start_changes_nothing() {
     assert_ne!(first.sensors, warm.sensors);
 }
 
+/// ln of the amplitudes of the first harmonics at the first sensor.
+fn levels(setup: &SimSetup, motor_hz: f64, torque: f64, harmonics: u32) -> Vec<f64> {
+    let orders: Vec<f64> = (1..=harmonics).map(|h| 34.0 * f64::from(h)).collect();
+    let options = SteadyOptions { samples_per_cycle: 256, ..SteadyOptions::default() };
+    let lines = SteadySolver::new(options).solve(setup, motor_hz, torque, 5, &orders).unwrap();
+    lines.sensors[0].iter().map(|z| z.norm().ln()).collect()
+}
+
+/// Pairs that alternate are a pinion whose teeth do; its revolution is sampled half as densely.
+#[test]
+fn analytic_alternating_pairs_are_alternating_teeth() {
+    let mut pairs = SimSetup::nominal(&test_bench::single_stage());
+    pairs.teeth[0].pair.wear_m = 20e-6;
+    let mut teeth = pairs.clone();
+    pairs.teeth[0].pair.alternating_m = 3e-6;
+    teeth.teeth[0].pinion.pitch_error_m = (0..34).map(|k| if k % 2 == 0 { -1.5e-6 } else { 1.5e-6 }).collect();
+    let plain = levels(&SimSetup::nominal(&test_bench::single_stage()), 25.0, 120.0, 6);
+    let (pairs, teeth) = (levels(&pairs, 25.0, 120.0, 6), levels(&teeth, 25.0, 120.0, 6));
+    for (h, (a, b)) in pairs.iter().zip(&teeth).enumerate() {
+        assert!((a - b).abs() < 5e-3, "{}x: {:.1e}, and {:.2} from plain teeth", h + 1, a - b, a - plain[h]);
+    }
+}
+
+/// Scattered teeth, all of them simulated: what their spacing does to the mesh harmonics is nearly what pairs do that alternate by the same standard deviation
+/// between neighbours. In 38 states of teeth, load and speed 8 harmonics each lay 0.19 (median; 1.0 in nine of ten) from even teeth, 0.03 (0.4) from alternating
+/// ones, in ln amplitude; here the squares of what is left fall to less than a fifth.
+#[test]
+fn oracle_alternating_pairs_stand_for_scattered_teeth() {
+    let errors = |number: u64| {
+        let mut setup = SimSetup::nominal(&test_bench::single_stage());
+        for gear in ["pinion", "wheel"] {
+            let parameters = [("total_um", 12.0), ("pattern", number as f64)].map(|(k, v)| (k.to_owned(), v));
+            let (effect, place) = ("pitch_error".to_owned(), format!("stage1.{gear}"));
+            let spec = gearwatch_core::bench::EffectSpec { effect, place, parameters: parameters.into() };
+            crate::effects::apply(&spec, &mut setup).unwrap();
+        }
+        [&setup.teeth[0].pinion, &setup.teeth[0].wheel].map(|gear| gear.pitch_error_m.clone())
+    };
+    let step =
+        |e: &[f64]| e.iter().zip(e.iter().cycle().skip(1)).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / e.len() as f64;
+    let (mut without, mut with) = (0.0, 0.0);
+    for (number, wear_m) in [(77, 0.0), (1234, 15e-6), (77, 35e-6)] {
+        let mut plain = SimSetup::nominal(&test_bench::single_stage());
+        plain.mesh.body_coupling = None;
+        plain.teeth[0].pair.wear_m = wear_m;
+        let [pinion, wheel] = errors(number);
+        let mut alternating = plain.clone();
+        alternating.teeth[0].pair.alternating_m = (step(&pinion) + step(&wheel)).sqrt();
+        let mut scattered = plain.clone();
+        (scattered.teeth[0].pinion.pitch_error_m, scattered.teeth[0].wheel.pitch_error_m) = (pinion, wheel);
+        let [plain, alternating, scattered] = [plain, alternating, scattered].map(|s| levels(&s, 25.0, 130.0, 6));
+        for ((p, a), s) in plain.iter().zip(&alternating).zip(&scattered) {
+            without += (p - s).powi(2);
+            with += (a - s).powi(2);
+        }
+    }
+    assert!(with < 0.2 * without, "{with:.3} of {without:.3}");
+}
+
 /// Without load, or with a tooth missing, the teeth part: said, not computed.
 #[test]
 fn conform_contact_loss_is_reported() {
@@ -166,10 +225,10 @@ fn conform_contact_loss_is_reported() {
 /// 34/73 and 36/90: the meshes together repeat with the intermediate shaft, 73 and 36 cycles; the input shaft adds 34 cycles.
 #[test]
 fn analytic_common_periods() {
-    let bench = test_bench::two_stages();
+    let setup = SimSetup::nominal(&test_bench::two_stages());
     let solver = SteadySolver::default();
     let cycles =
-        |active: &[usize], shaft| solver.problem(&bench, active, shaft, 1.0).map(|p| (p.revolutions * 34.0).round());
+        |active: &[usize], shaft| solver.problem(&setup, active, shaft, 1.0).map(|p| (p.revolutions * 34.0).round());
     assert_eq!(cycles(&[0, 1], None), Some(73.0));
     assert_eq!(cycles(&[0], None), Some(1.0));
     assert_eq!(cycles(&[0], Some(0)), Some(34.0));

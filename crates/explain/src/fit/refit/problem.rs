@@ -23,6 +23,9 @@ const DAMPING_TOLERANCE: f64 = 0.3;
 /// it (finite elements). It decides how mean stiffness and its change over a mesh cycle go together, so no effect on the loaded teeth is told without it.
 const COUPLING: (f64, f64) = (0.6, 0.4);
 const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
+/// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
+/// relieved and worn flanks most.
+pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
 /// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
 pub const USUAL_ERROR_UM: f64 = 0.5;
 /// Profile harmonics that are fitted.
@@ -55,6 +58,8 @@ pub enum Number {
     Stiffness(usize),
     /// Factor on the coupling of tooth pairs through the bodies of a mesh.
     Coupling(usize),
+    /// Scatter of the spacing of a mesh's teeth (µm).
+    Spacing(usize),
     /// ln of the damping ratio's factor of a mesh.
     Damping(usize),
     /// ln of the bearing stiffness factor of a shaft.
@@ -109,8 +114,9 @@ impl<'a> Problem<'a> {
         for i in 0..q.bench.stages.len() {
             add(Number::Stiffness(i), 0.0, STIFFNESS_TOLERANCE);
             add(Number::Coupling(i), COUPLING.0, COUPLING.1);
+            add(Number::Spacing(i), SPACING_UM.0, SPACING_UM.1);
             add(Number::Damping(i), 0.0, DAMPING_TOLERANCE);
-            own += 3 + 2 * ERRORS;
+            own += 4 + 2 * ERRORS;
             for h in 0..ERRORS {
                 for part in 0..2 {
                     add(Number::Error(i, h, part), 0.0, USUAL_ERROR_UM / (h + 1) as f64);
@@ -142,7 +148,7 @@ impl<'a> Problem<'a> {
         if lines.len() < LEAST {
             return None;
         }
-        let options = SteadyOptions { samples_per_cycle: 256, tolerance: 1e-3, together: false };
+        let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-3, together: false };
         let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
         Some(Self { q, specs, numbers, priors, lines, own, orders, groups, solver, trend_only: false })
@@ -311,6 +317,7 @@ impl<'a> Problem<'a> {
                 Number::Coupling(i) => {
                     plain.teeth[*i].pair.coupling_factor *= value.clamp(COUPLING_RANGE.0, COUPLING_RANGE.1);
                 }
+                Number::Spacing(i) => plain.teeth[*i].pair.alternating_m = 1e-6 * value.max(0.0),
                 Number::Error(i, h, part) => errors[*i][*h][*part] += value,
                 Number::Changed(i, h, part) => changed[*i][*h][*part] += value,
                 Number::Effect(member, name) => {

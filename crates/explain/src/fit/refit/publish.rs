@@ -95,6 +95,12 @@ impl Problem<'_> {
                     moved.push(format!("coupling of tooth pairs of {stage} ×{:.2} ± {sigma:.2}", s.x[k].max(0.0)));
                     continue;
                 }
+                Number::Spacing(i) => {
+                    let stage = &self.q.bench.stages[*i].name;
+                    let sigma = s.covariance[(k, k)].sqrt();
+                    moved.push(format!("tooth spacing of {stage} scatters by {:.1} ± {sigma:.1} µm", s.x[k].max(0.0)));
+                    continue;
+                }
                 Number::Damping(i) => format!("mesh damping of {}", self.q.bench.stages[*i].name),
                 Number::Bearing(j) => format!("bearing stiffness of {}", self.q.bench.shafts[*j].name),
                 Number::Torsion(j) => format!("torsional stiffness of {}", self.q.bench.shafts[*j].name),
