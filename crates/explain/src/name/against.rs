@@ -80,9 +80,8 @@ pub fn search(
 ) -> Option<f64> {
     let places = locate::places(q.train.stages.len(), q.bench.belt.is_some());
     let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
-    let mut remaining = without_paths(q, cells, speeds, found);
+    let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
-    let path_found = found.findings.iter().any(|f| subname::is_path(f.effect));
     // One tooth that differs shows in phases before it shows in amplitudes.
     for (stage, shaft, finding) in gear::local_faults(q, found.steps) {
         found.findings.push(finding);
@@ -118,7 +117,7 @@ pub fn search(
         if round == 0 {
             gain = ranked.first().map(|m| m.gain);
         }
-        let later = round > 0 || path_found || tooth_found || ghost_found;
+        let later = round > 0 || under_path || tooth_found || ghost_found;
         if !believed(&chosen, later, tooth_found) {
             if round > 0 {
                 found.steps.push("stop: no further mask gains enough beside what was named".into());
@@ -177,8 +176,9 @@ pub fn search(
     gain
 }
 
-/// Takes changed sensor paths off the cells: they show in the background too, by the same function of frequency at every speed.
-fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> Vec<Cell> {
+/// Cells that a changed sensor path has no part in: those of the other channels, and where the path is one factor its own less that. Without another channel the path is
+/// taken off as the background tells it, and what else changed lies under it (true): a wide mask would take up what that leaves.
+fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
     found.steps.push(format!(
         "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
         speeds.len(),
@@ -186,13 +186,26 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         locate::line_misfit(cells, None)
     ));
     let mut remaining: Vec<Cell> = cells.to_vec();
+    let known = found.findings.len();
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
     } else if let Some((channel, finding)) = path::path(q, cells, speeds, found.steps) {
         remaining = locate::without_path(&remaining, channel, speeds);
         found.findings.push(finding);
     }
-    remaining
+    let paths = &found.findings[known..];
+    let changed = |c: &Cell| paths.iter().find(|f| f.place == q.comparison.channels[c.channel]);
+    if paths.is_empty() || remaining.iter().all(|c| changed(c).is_some()) {
+        return (remaining, !paths.is_empty());
+    }
+    let clear = cells.iter().filter_map(|c| match changed(c) {
+        None => Some(*c),
+        Some(f) => {
+            let factor = f.parameters.get("factor").filter(|_| f.effect == "scaling")?;
+            Some(Cell { change: c.change - factor.value.ln(), ..*c })
+        }
+    });
+    (clear.collect(), false)
 }
 
 /// Among masks that gain nearly as much as the best, the simplest.
