@@ -24,6 +24,7 @@ pub use self::model::transfer;
 use self::candidates::{Action, Candidate, grid};
 use self::model::{Model, Seen, model, responses};
 use crate::change::locate::Cell;
+use crate::fit::refit::SPACING_UM;
 use crate::name::Question;
 use crate::read::lines::Family;
 
@@ -85,6 +86,7 @@ fn drawn(bench: &Bench, rng: &mut ChaCha8Rng) -> SimSetup {
     for teeth in &mut setup.teeth {
         // Models in use couple tooth pairs through their bodies anywhere between not at all and as here.
         teeth.pair.coupling_factor *= rng.random::<f64>();
+        teeth.pair.alternating_m = 1e-6 * (SPACING_UM.0 + SPACING_UM.1 * normal(rng)).max(0.0);
     }
     setup
 }

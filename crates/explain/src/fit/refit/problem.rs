@@ -26,6 +26,8 @@ const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
 /// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
 /// relieved and worn flanks most.
 pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
+/// Scatters from which fits start: nearly none has no slope towards more, and teeth that scatter far part at light loads.
+const SPACING_STARTS_UM: [f64; 3] = [0.4, 1.8, 3.2];
 /// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
 pub const USUAL_ERROR_UM: f64 = 0.5;
 /// Profile harmonics that are fitted.
@@ -159,9 +161,9 @@ impl<'a> Problem<'a> {
         let mut problem = Self::new(q, cells, &[])?;
         problem.trend_only = true;
         let start = DVector::from_iterator(problem.own, problem.priors.iter().map(|p| p.mean));
-        let cost = problem.cost(&start)?;
         let all: Vec<usize> = (0..q.bench.stages.len()).collect();
-        let (_, start) = problem.turned(vec![(cost, start)], &all).pop()?;
+        let spaced = problem.spaced(vec![start], &all);
+        let (_, start) = problem.turned(spaced, &all).into_iter().next()?;
         Some(Base(problem.minimise(start, &|_| true, ITERATIONS)?.x))
     }
 
@@ -183,15 +185,19 @@ impl<'a> Problem<'a> {
         let means = self.priors[self.own..].iter().map(|p| p.mean);
         let mut x = DVector::from_iterator(self.priors.len(), base.0.iter().copied().chain(means));
         let mut tried = Vec::new();
-        for member in 0..self.specs.len() {
-            tried = self.scan(&x, member);
-            x.clone_from(&tried.first()?.1);
-        }
         // The teeth concerned; of what sits on a shaft, all.
         let own = |i: &usize| self.specs.iter().any(|s| s.place == self.q.bench.stages[*i].name);
         let all: Vec<usize> = (0..self.q.bench.stages.len()).collect();
-        let concerned: Vec<usize> = all.iter().copied().filter(own).collect();
-        let tried = self.turned(tried, if concerned.is_empty() { &all } else { &concerned });
+        let mut concerned: Vec<usize> = all.iter().copied().filter(own).collect();
+        if concerned.is_empty() {
+            concerned = all;
+        }
+        for member in 0..self.specs.len() {
+            let starts = self.scan(&x, member);
+            tried = self.spaced(starts, &concerned);
+            x.clone_from(&tried.first()?.1);
+        }
+        let tried = self.turned(tried, &concerned);
         let teeth = |n: &Number| !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
         let mut seen = tried;
         for (count, iterations) in ROUNDS {
@@ -222,21 +228,21 @@ impl<'a> Problem<'a> {
         fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))
     }
 
-    /// Sizes of one member with all else as in `x`, least cost first.
-    fn scan(&mut self, x: &DVector<f64>, member: usize) -> Vec<Start> {
+    /// Sizes of one member with all else as in `x`.
+    fn scan(&mut self, x: &DVector<f64>, member: usize) -> Vec<DVector<f64>> {
         let own = |n: &Number| matches!(n, Number::Effect(m, _) if *m == member);
         let spec = self.specs[member].clone();
-        let mut tried = Vec::new();
         if spec.effect == "profile_error" {
             // One harmonic after the other, the first from nothing.
-            let Some(stage) = self.q.bench.stages.iter().position(|s| s.name == spec.place) else { return tried };
+            let Some(stage) = self.q.bench.stages.iter().position(|s| s.name == spec.place) else { return Vec::new() };
             let mut x = x.clone();
+            let mut tried = Vec::new();
             for h in 0..ERRORS {
                 let part = |part: usize| {
                     let own = |n: &Number| matches!(n, Number::Changed(i, k, p) if (*i, *k, *p) == (stage, h, part));
                     self.numbers.iter().position(own)
                 };
-                let (Some(a), Some(b)) = (part(0), part(1)) else { return tried };
+                let (Some(a), Some(b)) = (part(0), part(1)) else { return Vec::new() };
                 for size in ERROR_STARTS_UM {
                     for k in 0..PHASES {
                         let mut y = x.clone();
@@ -248,19 +254,40 @@ impl<'a> Problem<'a> {
                 }
                 tried.sort_by(|a, b| a.0.total_cmp(&b.0));
                 tried.truncate(KEPT);
-                let Some(best) = tried.first() else { return tried };
+                let Some(best) = tried.first() else { return Vec::new() };
                 x.clone_from(&best.1);
             }
-            return tried;
+            return tried.into_iter().map(|(_, y)| y).collect();
         }
-        let Some(first) = self.numbers.iter().position(own) else { return tried };
-        for values in starts(fitted(&spec.effect).unwrap_or_default()) {
+        let Some(first) = self.numbers.iter().position(own) else { return Vec::new() };
+        let sized = |values: Vec<f64>| {
             let mut y = x.clone();
             y.rows_mut(first, values.len()).copy_from_slice(&values);
-            tried.extend(self.cost(&y).map(|c| (c, y)));
+            y
+        };
+        starts(fitted(&spec.effect).unwrap_or_default()).into_iter().map(sized).collect()
+    }
+
+    /// Each point as it is or with another scatter of the spacing of some stages' teeth, whichever costs least; least cost first. Points whose teeth part in every case are
+    /// left out.
+    fn spaced(&mut self, points: Vec<DVector<f64>>, stages: &[usize]) -> Vec<Start> {
+        let own = |n: &Number| matches!(n, Number::Spacing(i) if stages.contains(i));
+        let spacings: Vec<usize> = (0..self.numbers.len()).filter(|&k| own(&self.numbers[k])).collect();
+        let mut out = Vec::with_capacity(points.len());
+        for point in points {
+            let mut best = self.cost(&point).map(|c| (c, point.clone()));
+            for um in SPACING_STARTS_UM {
+                let mut y = point.clone();
+                spacings.iter().for_each(|&k| y[k] = um);
+                let cost = self.cost(&y);
+                if let Some(c) = cost.filter(|c| best.as_ref().is_none_or(|b| *c < b.0)) {
+                    best = Some((c, y));
+                }
+            }
+            out.extend(best);
         }
-        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-        tried
+        out.sort_by(|a: &Start, b: &Start| a.0.total_cmp(&b.0));
+        out
     }
 
     /// Each point in the best of some phases of the first profile error of some stages: it adds to what an effect does to the loaded teeth, and no

@@ -11,8 +11,9 @@ use super::HARMONICS;
 use crate::change::compare::Pair;
 use crate::name::Question;
 
-/// Phases of a mesh cycle at which the static transmission error is taken.
-const PHASES: usize = 48;
+/// Phases at which the static transmission error is taken, over both teeth of an alternating pair.
+const PHASES: usize = 96;
+const CYCLES: f64 = 2.0;
 
 /// The model of one set of base parameters at the operating points of all pairs.
 pub struct Model {
@@ -60,7 +61,7 @@ pub fn model(setup: &SimSetup, pairs: &[Pair]) -> Option<Model> {
             let mut harmonics = vec![Complex64::ZERO; HARMONICS];
             let mut stiffness = 0.0;
             for n in 0..PHASES {
-                let phase = n as f64 / PHASES as f64;
+                let phase = CYCLES * n as f64 / PHASES as f64;
                 let (approach, tangent) = mesh.static_point(phase, &load);
                 if !approach.is_finite() {
                     return None;
