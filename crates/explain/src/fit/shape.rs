@@ -3,7 +3,7 @@
 //! A mesh line is `A_h(T) = |H(f) k (U_h(T) + E_h)|`: `U` the static transmission error of the loaded pair by its harmonics, `E` the
 //! unknown profile error that every pair of teeth has, `k` the mean mesh stiffness, `H` the train's frequency response from
 //! mesh to sensor. In the ratio of a recording to its reference at the same speed and load all of the path behind the train cancels.
-//! Base parameters are drawn within the tolerance of a sheet, `E_h` at the size of ISO 1328 grade 5; an effect's evidence is its likelihood averaged
+//! Base parameters and the scatter of tooth spacing are drawn within the tolerance of a sheet, `E_h` at the size of ISO 1328 grade 5; an effect's evidence is its likelihood averaged
 //! over the draws and over a grid of its sizes, with a model error in proportion to the predicted change.
 
 mod candidates;
