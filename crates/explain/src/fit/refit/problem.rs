@@ -45,8 +45,10 @@ pub const INDEPENDENT: f64 = 0.4;
 /// Least number of lines.
 const LEAST: usize = 8;
 /// Starts that are tried, by how many iterations: at first, of the best of these, and of the best of these to a minimum.
-const ROUNDS: [(usize, usize); 2] = [(10, 1), (4, 3)];
+const ROUNDS: [(usize, usize); 2] = [(12, 1), (4, 3)];
 const STARTS: usize = 2;
+/// Sizes, with or without another spacing, whose teeth's errors are turned.
+const TURNED: usize = 16;
 const ITERATIONS: usize = 16;
 /// A start so much further from the lines (nats) than the best is not followed to its minimum.
 const HOPELESS: f64 = 25.0;
@@ -197,6 +199,7 @@ impl<'a> Problem<'a> {
             tried = self.spaced(starts, &concerned);
             x.clone_from(&tried.first()?.1);
         }
+        tried.truncate(TURNED);
         let tried = self.turned(tried, &concerned);
         let teeth = |n: &Number| !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
         let mut seen = tried;
@@ -268,14 +271,13 @@ impl<'a> Problem<'a> {
         starts(fitted(&spec.effect).unwrap_or_default()).into_iter().map(sized).collect()
     }
 
-    /// Each point as it is or with another scatter of the spacing of some stages' teeth, whichever costs least; least cost first. Points whose teeth part in every case are
-    /// left out.
+    /// Each point as it is, and with the best other scatter of the spacing of some stages' teeth; least cost first. What parts the teeth is left out.
     fn spaced(&mut self, points: Vec<DVector<f64>>, stages: &[usize]) -> Vec<Start> {
         let own = |n: &Number| matches!(n, Number::Spacing(i) if stages.contains(i));
         let spacings: Vec<usize> = (0..self.numbers.len()).filter(|&k| own(&self.numbers[k])).collect();
-        let mut out = Vec::with_capacity(points.len());
+        let mut out = Vec::with_capacity(2 * points.len());
         for point in points {
-            let mut best = self.cost(&point).map(|c| (c, point.clone()));
+            let mut best: Option<Start> = None;
             for um in SPACING_STARTS_UM {
                 let mut y = point.clone();
                 spacings.iter().for_each(|&k| y[k] = um);
@@ -285,6 +287,7 @@ impl<'a> Problem<'a> {
                 }
             }
             out.extend(best);
+            out.extend(self.cost(&point).map(|c| (c, point)));
         }
         out.sort_by(|a: &Start, b: &Start| a.0.total_cmp(&b.0));
         out
