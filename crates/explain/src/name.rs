@@ -142,7 +142,7 @@ pub fn answer(
     if !q.comparison.pairs.is_empty() && direct::comparable(q, &findings) {
         progress("what changed against the reference");
         let direct = findings.len();
-        findings.extend(ghost::ghost(q, &strange));
+        findings.extend(ghost::ghost(q, &mut steps));
         let before = findings.len();
         let mut found =
             Found { findings: &mut findings, unexplained: &mut unexplained, steps: &mut steps, cells: &mut own };

@@ -269,6 +269,13 @@ fn analytic_one_order_between_the_mesh_harmonics_is_a_ghost() {
     assert_eq!(first(&answer), ("ghost_component", "stage1.pinion"), "{:?}", answer.steps);
     let order = answer.effects[0].parameters["order"];
     assert!((order.value() - 33.0).abs() < 2.0 * order.sigma(), "{order:?}");
+    // The tenth component of a pitch error stands beside every mesh harmonic alike.
+    let pitch = |_: usize, _: f64, angle: f64| {
+        let beside = [10.0, 13.0, 33.0, 36.0, 56.0, 59.0].map(|order: f64| (TAU * order * angle + order).cos());
+        0.3 * beside.iter().sum::<f64>()
+    };
+    let answer = ask(&session(1, 23.0, &pitch), &[]);
+    assert!(answer.effects.iter().all(|e| e.effect != "ghost_component"), "{:?}", answer.steps);
 }
 
 /// A push 3.72 times a turn of the input shaft, 6.63 of the output: both are usual races, and the sensor that hears it more tells which.

@@ -5,6 +5,7 @@ use crate::change::masks::{self, Mask};
 use crate::judge::controls;
 use crate::name::alone;
 use crate::name::gear;
+use crate::name::ghost;
 use crate::name::path;
 use crate::name::strange;
 use crate::name::subname;
@@ -92,7 +93,12 @@ pub fn search(
         // A damaged tooth lights lines everywhere, among them those of a ghost.
         found.findings.retain(|f| f.effect != "ghost_component");
     }
-    let ghost_found = found.findings.iter().any(|f| f.effect == "ghost_component");
+    let ghost = found.findings.iter().find(|f| f.effect == "ghost_component").cloned();
+    let ghost_found = ghost.is_some();
+    if let Some(ghost) = &ghost {
+        let hz = |c: &Cell| q.recordings[q.comparison.pairs[c.pair].recording].input_hz;
+        remaining.retain(|c| c.family.is_none() || !ghost::explains(q, ghost, c.frequency_hz / hz(c)));
+    }
     // One order that leads its row tells a ripple where the sidebands in its mask tell nothing, or pass for a gear's.
     let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
     let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));

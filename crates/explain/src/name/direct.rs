@@ -209,7 +209,7 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
         findings.push(f);
         return;
     }
-    findings.extend(crate::name::ghost::lone_ghost(q, steps));
+    findings.extend(crate::name::ghost::ghost(q, steps));
     findings.extend(crate::name::alone::ripple(q, steps));
 }
 

@@ -1,198 +1,247 @@
 //! Ghost components: an undulation of the flanks with a wave number that is no tooth number.
 //!
-//! `n` waves a turn make a line at order `n` of the gear's shaft; the mesh, which repeats `z` times a turn, mixes it to `n + h z` and `h z − n`. So new lines on a
-//! shaft's comb that all leave the remainder `±n` by `z` are one ghost, and `z` says of which gear. Errors of the teeth leave all remainders.
-//!
-//! Without a reference nothing is new, but errors of the teeth fill the comb of a shaft evenly between two harmonics of the mesh, like Rayleigh amplitudes through a path
-//! that neighbours share, and the ghost's own order stands alone above its neighbours.
+//! `n` waves a turn make a line at order `n` of the gear's shaft; the mesh, which repeats `z` times a turn, mixes it to `n + h z` and `h z − n`.
+//! Errors of the teeth are there on every multiple of the shaft: their spectrum repeats about every harmonic of the mesh (Mark 1978) and runs through
+//! a path that neighbours share, like Rayleigh amplitudes. The ghost's own order alone leads its neighbours, at every speed and on all sensors, and those that it is
+//! mixed to as well. Against a reference the same is asked of what changed.
 
 use crate::name::direct::gears_on;
-use crate::name::strange::Strange;
 use crate::name::{Finding, Question};
-use crate::read::dsp::{mean, median};
-use crate::read::scan::StrangeLine;
+use crate::read::dsp::mean;
+use crate::read::features::{ChannelFeatures, RecordingFeatures};
+use crate::read::lines::SHAFT_MULTIPLES;
 
-/// Least excess over the reference (nats) of a new line, on the mean and in every recording; the latter of a line that stands alone.
-const NEW: f64 = 3.0;
-const EVERYWHERE: f64 = 1.5;
-const ALONE: f64 = 4.0;
-/// New lines beyond this number are no single ghost's.
-const MOST: usize = 40;
-/// Share of the new lines that must leave the remainder.
-const CONGRUENT: f64 = 0.8;
-/// Distance from a multiple of the shaft (orders of the input shaft).
-const ON: f64 = 0.02;
-/// Sidebands up to this offset belong to usual errors of a gear, which change in themselves.
-const LOW: u32 = 6;
-
-/// Neighbours on each side that a multiple is compared with without a reference, and how many must be there.
-const BESIDE: usize = 10;
-const LEAST_BESIDE: usize = 6;
-/// Sidebands about a mesh harmonic that are not compared with.
-const FIRST_SIDES: u32 = 3;
-/// Waves a turn that are looked for: above what shafts and their low harmonics make, below so many times the number of teeth.
-const FEWEST: usize = 13;
+/// Neighbours on each side that a multiple of a shaft must lead.
+const BESIDE: usize = 4;
+/// Waves a turn that are looked for: from where all neighbours lie above the low orders of the shaft, below so many times the number of teeth.
+const FEWEST: usize = SHAFT_MULTIPLES as usize + BESIDE + 1;
 const MOST_BY_TEETH: f64 = 2.5;
-/// ln amplitude by which the own order must lead all multiples of other remainders, those of its own, and noise at least. Of some 130 benches without a ghost one leads by 2.1, the
-/// others by 1.8 at most: a component of the pitch error that stands out does so about every mesh harmonic, a ghost at its own order.
-const LEAD: f64 = 2.2;
-const LEAD_OF_MIXED: f64 = 1.0;
-const CLEAR: f64 = 2.0;
-/// Lines nearer than this (bins) to one that another shaft or a mesh makes are left out.
-const OWN_BINS: f64 = 3.0;
+/// Multiples nearer than this to a mesh harmonic of the gear are its low sidebands.
+const LOW: usize = 6;
+/// Lines nearer than this (bins) may be one.
+const ONE_BINS: f64 = 3.0;
+/// Recordings whose speeds differ by less count as at one speed.
+const SAME_SPEED: f64 = 0.03;
+/// ln amplitude (mean over sensors, loads and speeds) by which the own order leads the highest of its neighbours, and by half as much at every speed: a resonance of the
+/// path lifts a line at one. Of 706 benches without a ghost five lead by 1.25 to 1.47, none by more; at one speed one leads by more than 2.5.
+const LEAD: f64 = 1.7;
+const LEAD_AT_ONE_SPEED: f64 = 2.5;
+/// The same of the change against a reference, where bearings light single lines too: of 527 comparisons without a ghost three lead by 1.5 to 2.1.
+const LEAD_OF_CHANGE: f64 = 2.3;
+/// The same over what the mesh mixes it to: a component of the pitch error that stands out does so about every mesh harmonic.
+const LEAD_OF_MIXED: f64 = 0.7;
+/// Mesh harmonics up to which mixed lines are looked at.
+const MIXED: usize = 3;
+/// ln amplitude by which a line is lower where another shaft's multiple is taken for its own: a third of a bin off.
+const OFF: f64 = 0.1;
+/// Scale (nats) on which the lead of the lines that a gear's teeth mix tells of two gears on a shaft.
+const MIXED_SCALE: f64 = 0.5;
+/// Distance from a whole multiple of a shaft.
+const WHOLE: f64 = 0.02;
+/// A gear this much less probable than its fellow does not stand in the set.
+const LEFT_OUT: f64 = 0.05;
 
-/// The multiple of a shaft that a line is, if it is one.
-fn multiple(line: &StrangeLine, order: f64) -> Option<u32> {
-    let n = (line.position / order).round();
-    (n >= 1.0 && (n * order - line.position).abs() < ON).then_some(n as u32)
+/// The multiples of a shaft.
+struct Comb {
+    /// Distance between multiples (orders of the input shaft).
+    order: f64,
+    /// Mean ln amplitude, from the first.
+    level: Vec<f64>,
+    /// Lead of that over the highest neighbour, and the least at one speed; `None` on mesh harmonics and where neighbours are missing.
+    lead: Vec<Option<(f64, f64)>>,
+    /// Lead that makes a ghost.
+    needed: f64,
 }
 
-/// Remainder by the tooth number, by the nearer side.
-fn remainder(n: u32, teeth: u32) -> u32 {
-    (n % teeth).min(teeth - n % teeth)
+impl Comb {
+    fn lead(&self, multiple: usize) -> Option<(f64, f64)> {
+        *self.lead.get(multiple.checked_sub(1)?)?
+    }
+
+    fn at_all_speeds(&self, multiple: usize) -> Option<f64> {
+        self.lead(multiple).map(|l| l.0)
+    }
 }
 
-/// The ghost that accounts for the new lines, where they are one's.
-pub fn ghost(q: &Question<'_>, strange: &Strange) -> Option<Finding> {
-    if !strange.against_reference {
-        return None;
-    }
-    let new: Vec<&StrangeLine> = strange.orders.iter().filter(|l| l.excess > NEW && l.least > EVERYWHERE).collect();
-    if new.is_empty() || new.len() > MOST {
-        return None;
-    }
-    // The ghost's own line is stronger than what the mesh makes of it.
-    let own = new.iter().max_by(|a, b| a.least.total_cmp(&b.least))?;
-    let mut fitting: Vec<(String, u32, usize)> = Vec::new();
-    for (j, (_, order)) in q.train.shafts.iter().enumerate() {
-        let Some(n) = multiple(own, *order) else { continue };
-        for gear in gears_on(q, j) {
-            let Some(teeth) = teeth_of(q, &gear) else { continue };
-            let k = remainder(n, teeth);
-            let congruent =
-                new.iter().filter(|l| multiple(l, *order).is_some_and(|m| remainder(m, teeth) == k)).count();
-            if k >= LOW && congruent as f64 >= CONGRUENT * new.len() as f64 {
-                fitting.push((gear, n, congruent));
-            }
-        }
-    }
-    // Of two gears whose tooth numbers both fit, the one that accounts for more.
-    fitting.sort_by_key(|f| std::cmp::Reverse(f.2));
-    let (gear, n, congruent) = fitting.first()?.clone();
-    if congruent == 1 && own.least < ALONE {
-        return None;
-    }
-    let rivals: Vec<&(String, u32, usize)> = fitting.iter().skip(1).filter(|f| f.2 == congruent).collect();
-    let probability = match (congruent, rivals.len()) {
-        (2.., 0) => 0.93,
-        (1, 0) => 0.75,
-        _ => 0.5,
-    };
-    let mut f = Finding::new("ghost_component", gear, probability).with("order", f64::from(n), 0.2);
-    f.alternatives.extend(rivals.iter().map(|r| ("ghost_component", r.0.clone())));
-    f.evidence.place = format!("a new line at order {n} of its shaft, no mesh harmonic and no low sideband");
-    f.evidence.support =
-        format!("{congruent} of {} new lines leave the same remainder by the number of its teeth", new.len());
-    Some(f)
+/// A gear that may carry the waves.
+struct Bearer {
+    gear: String,
+    /// Lead of the highest line that its teeth mix the waves to.
+    mixed: f64,
 }
 
-/// A multiple of a shaft above its neighbours.
-struct Height {
+/// A multiple that leads its neighbours.
+struct Candidate {
+    shaft: usize,
     multiple: usize,
-    /// Mean ln amplitude over the middle of its neighbours.
-    over: f64,
-    /// Least ln amplitude over noise.
-    clear: f64,
+    lead: f64,
+    level: f64,
+    bearers: Vec<Bearer>,
 }
 
-/// Whether a mesh, its low sidebands or any multiple of another shaft lies at a multiple of a shaft.
-fn of_train(q: &Question<'_>, shaft: usize, multiple: usize) -> bool {
-    let order = multiple as f64 * q.train.shafts[shaft].1;
-    q.recordings.iter().any(|r| {
-        let reach = OWN_BINS / r.revolutions;
-        let on = |other: f64| ((order / other).round() * other - order).abs() < reach;
-        if q.train.shafts.iter().enumerate().any(|(j, (_, other))| j != shaft && on(*other)) {
-            return true;
-        }
-        let first = r.lines.partition_point(|l| l.order < order - reach);
-        r.lines.get(first).is_some_and(|l| l.order < order + reach)
-    })
+/// ln amplitude, not below noise.
+fn level(channel: &ChannelFeatures, shaft: usize) -> Vec<f64> {
+    channel.combs[shaft].iter().map(|l| 0.5 * l.amplitude.norm_sqr().max(l.noise).max(f64::MIN_POSITIVE).ln()).collect()
 }
 
-/// Heights of the multiples of a shaft that no listed line falls on, up to the highest that all recordings and sensors show.
-fn heights(q: &Question<'_>, shaft: usize, most: usize) -> Vec<Height> {
-    let combs = || q.recordings.iter().flat_map(|r| &r.channels).map(|c| &c.combs[shaft]);
-    let shown = combs().map(Vec::len).min().unwrap_or(0);
-    let turns = q.train.shafts[shaft].1;
-    // What stands about a mesh harmonic falls off to both sides of it; its first sidebands are no measure of the lines between.
-    let low_side = |m: usize| {
-        let order = m as f64 * turns;
-        q.train.stages.iter().any(|s| {
-            ((order / s.mesh_order).round() * s.mesh_order - order).abs() < (f64::from(FIRST_SIDES) + 0.5) * turns
-        })
-    };
-    let compared: Vec<bool> = (0..=shown).map(|m| m > 1 && !low_side(m)).collect();
-    let one = |m: usize| {
-        let mut over = Vec::new();
-        let mut clear = f64::INFINITY;
-        for comb in combs() {
-            let level = |m: usize| 0.5 * comb[m - 1].amplitude.norm_sqr().max(comb[m - 1].noise).ln();
-            let beside = m.saturating_sub(BESIDE)..=(m + BESIDE).min(shown);
-            let mut others: Vec<f64> = beside.filter(|k| *k != m && compared[*k]).map(level).collect();
-            if others.len() < LEAST_BESIDE {
-                return None;
-            }
-            over.push(level(m) - median(&mut others));
-            clear = clear.min(0.5 * comb[m - 1].ratio().max(f64::MIN_POSITIVE).ln());
-        }
-        (!over.is_empty()).then(|| Height { multiple: m, over: mean(&over), clear })
-    };
-    (FEWEST..=most.min(shown)).filter(|m| !of_train(q, shaft, *m)).filter_map(one).collect()
-}
-
-/// The multiple of one shaft that leads all others of its comb, where one does.
-pub fn lone_ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
-    let mut best: Option<(f64, Height, Vec<String>)> = None;
-    for j in 0..q.train.shafts.len() {
-        let gears: Vec<(String, u32)> =
-            gears_on(q, j).into_iter().filter_map(|g| teeth_of(q, &g).map(|z| (g, z))).collect();
-        let far = |m: usize, z: u32| remainder(m as u32, z) >= LOW;
-        let most = gears.iter().map(|g| MOST_BY_TEETH * f64::from(g.1)).fold(0.0, f64::max) as usize;
-        let mut all = heights(q, j, most);
-        all.retain(|h| gears.iter().all(|g| far(h.multiple, g.1)));
-        all.sort_by(|a, b| b.over.total_cmp(&a.over));
-        if all.len() <= LEAST_BESIDE {
-            continue;
-        }
-        let own = all.remove(0);
-        // What the mesh mixes it to is no other line.
-        let rival = |z: u32| {
-            let other = |h: &&Height| remainder(h.multiple as u32, z) != remainder(own.multiple as u32, z);
-            all.iter().find(other).map_or(f64::NEG_INFINITY, |h| h.over)
+/// Speed and ln amplitudes of the multiples of a shaft, by recording and sensor that does not clip, each over its reference where there is one.
+fn levels(q: &Question<'_>, shaft: usize) -> Vec<(f64, Vec<f64>)> {
+    let clips = |c: &ChannelFeatures| c.integrity.clipped_at.is_some();
+    let one = |recording: &RecordingFeatures, reference: Option<&RecordingFeatures>| {
+        let channels = recording.channels.iter().filter(|c| !clips(c));
+        let change = |c: &ChannelFeatures| {
+            let own = level(c, shaft);
+            let Some(reference) = reference else { return Some(own) };
+            let before = reference.channels.iter().find(|x| x.name == c.name && !clips(x))?;
+            Some(own.iter().zip(level(before, shaft)).map(|(a, b)| a - b).collect())
         };
-        let leads: Vec<(f64, String)> = gears.iter().map(|(g, z)| (own.over - rival(*z), g.clone())).collect();
-        let lead = leads.iter().map(|l| l.0).fold(f64::NEG_INFINITY, f64::max);
-        let mixed = all.first().map_or(f64::INFINITY, |h| own.over - h.over);
-        if own.clear > CLEAR && mixed > LEAD_OF_MIXED && best.as_ref().is_none_or(|b| lead > b.0) {
-            best = Some((lead, own, leads.into_iter().filter(|l| l.0 > LEAD).map(|l| l.1).collect()));
+        let all: Vec<Vec<f64>> = channels.filter_map(change).collect();
+        (recording.input_hz, all)
+    };
+    let twins: Vec<(f64, Vec<Vec<f64>>)> = if q.comparison.pairs.is_empty() {
+        q.recordings.iter().map(|r| one(r, None)).collect()
+    } else {
+        let pairs = q.comparison.pairs.iter();
+        pairs.map(|p| one(&q.recordings[p.recording], Some(&q.references[p.reference]))).collect()
+    };
+    let each = |(hz, channels): (f64, Vec<Vec<f64>>)| channels.into_iter().map(move |c| (hz, c));
+    twins.into_iter().flat_map(each).collect()
+}
+
+/// By multiple of a shaft, how far it leads its neighbours.
+fn comb(q: &Question<'_>, shaft: usize, reach: f64) -> Comb {
+    let order = q.train.shafts[shaft].1;
+    let all = levels(q, shaft);
+    let shown = all.iter().map(|l| l.1.len()).min().unwrap_or(0);
+    let of_mesh: Vec<bool> = (1..=shown)
+        .map(|m| {
+            let own = m as f64 * order;
+            q.train.stages.iter().any(|s| {
+                let h = (own / s.mesh_order).round();
+                h >= 1.0 && (h * s.mesh_order - own).abs() < reach
+            })
+        })
+        .collect();
+    let mut speeds: Vec<(f64, Vec<&Vec<f64>>)> = Vec::new();
+    for (hz, values) in &all {
+        match speeds.iter_mut().find(|s| (s.0 / hz - 1.0).abs() < SAME_SPEED) {
+            Some(s) => s.1.push(values),
+            None => speeds.push((*hz, vec![values])),
         }
     }
-    let (lead, own, gears) = best?;
+    let means = |members: &[&Vec<f64>]| -> Vec<f64> {
+        (0..shown).map(|k| mean(&members.iter().map(|v| v[k]).collect::<Vec<_>>())).collect()
+    };
+    let by_speed: Vec<Vec<f64>> = speeds.iter().map(|(_, members)| means(members)).collect();
+    let level = means(&by_speed.iter().collect::<Vec<_>>());
+    let lead = |m: usize| {
+        let beside = m.saturating_sub(BESIDE).max(1)..=(m + BESIDE).min(shown);
+        let beside: Vec<usize> = beside.filter(|k| *k != m && !of_mesh[k - 1]).collect();
+        if of_mesh[m - 1] || beside.len() < BESIDE {
+            return None;
+        }
+        let over = |v: &Vec<f64>| v[m - 1] - beside.iter().map(|k| v[k - 1]).fold(f64::NEG_INFINITY, f64::max);
+        Some((over(&level), by_speed.iter().map(over).fold(f64::INFINITY, f64::min)))
+    };
+    let needed = match (q.comparison.pairs.is_empty(), speeds.len()) {
+        (_, ..2) => LEAD_AT_ONE_SPEED,
+        (true, _) => LEAD,
+        (false, _) => LEAD_OF_CHANGE,
+    };
+    let lead = (1..=shown).map(lead).collect();
+    Comb { order, level, lead, needed }
+}
+
+/// Distance of a multiple from the nearest multiple of the teeth.
+fn remainder(multiple: usize, teeth: usize) -> usize {
+    (multiple % teeth).min(teeth - multiple % teeth)
+}
+
+/// Multiples that the mesh mixes waves to.
+fn mixed(multiple: usize, teeth: usize) -> impl Iterator<Item = usize> {
+    let rest = multiple % teeth;
+    (0..=MIXED)
+        .flat_map(move |h| [Some(h * teeth + rest), (h * teeth).checked_sub(rest)])
+        .flatten()
+        .filter(move |m| *m > 1 && *m != multiple)
+}
+
+fn candidate(q: &Question<'_>, combs: &[Comb], shaft: usize, multiple: usize, reach: f64) -> Option<Candidate> {
+    let comb = &combs[shaft];
+    let (mut lead, mut least) = comb.lead(multiple)?;
+    // Where the line may lie on another shaft's multiple as well, it must lead there too, and be none of the low orders that ripples make.
+    for other in combs.iter().enumerate().filter(|(j, _)| *j != shaft).map(|(_, c)| c) {
+        let near = (multiple as f64 * comb.order / other.order).round() as usize;
+        let one = near >= 1 && (near as f64 * other.order - multiple as f64 * comb.order).abs() < reach;
+        if one && other.level.get(near - 1).is_some_and(|l| *l > comb.level[multiple - 1] - OFF) {
+            let (there, least_there) = other.lead(near).filter(|_| near >= FEWEST)?;
+            lead = lead.min(there);
+            least = least.min(least_there);
+        }
+    }
+    let bearer = |gear: String| {
+        let teeth = teeth_of(q, &gear)? as usize;
+        let mixed = mixed(multiple, teeth).filter_map(|m| comb.at_all_speeds(m)).fold(f64::NEG_INFINITY, f64::max);
+        let fits = remainder(multiple, teeth) >= LOW && (multiple as f64) < MOST_BY_TEETH * teeth as f64;
+        fits.then_some(Bearer { gear, mixed })
+    };
+    let mut bearers: Vec<Bearer> = gears_on(q, shaft).into_iter().filter_map(bearer).collect();
+    bearers.retain(|b| lead - b.mixed > LEAD_OF_MIXED);
+    let found = !bearers.is_empty() && lead > comb.needed && least > 0.5 * comb.needed;
+    found.then(|| Candidate { shaft, multiple, lead, level: comb.level[multiple - 1], bearers })
+}
+
+/// The multiple of one shaft that leads its neighbours, where one does.
+pub fn ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
+    let reach = q.recordings.iter().map(|r| ONE_BINS / r.revolutions).fold(0.0, f64::max);
+    let combs: Vec<Comb> = (0..q.train.shafts.len()).map(|j| comb(q, j, reach)).collect();
+    let mut all: Vec<Candidate> = Vec::new();
+    for (j, comb) in combs.iter().enumerate() {
+        all.extend((FEWEST..=comb.lead.len()).filter_map(|m| candidate(q, &combs, j, m, reach)));
+    }
+    let highest = all.iter().max_by(|a, b| a.lead.total_cmp(&b.lead))?;
+    // Multiples of two shafts that are one line: the one that it lies on.
+    let order = |c: &Candidate| c.multiple as f64 * combs[c.shaft].order;
+    let at = order(highest);
+    let mut all: Vec<Candidate> = all.into_iter().filter(|c| (order(c) - at).abs() < reach).collect();
+    all.sort_by(|a, b| b.level.total_cmp(&a.level));
+    let top = all[0].level;
+    all.retain(|c| top - c.level < OFF);
+    // Of two gears, the one whose teeth mix the waves more.
+    let strongest = all.iter().flat_map(|c| &c.bearers).map(|b| b.mixed).fold(f64::NEG_INFINITY, f64::max);
+    let mut shares: Vec<(f64, &Candidate, &Bearer)> = all
+        .iter()
+        .flat_map(|c| c.bearers.iter().map(move |b| (((b.mixed - strongest) / MIXED_SCALE).exp(), c, b)))
+        .collect();
+    let sum: f64 = shares.iter().map(|s| s.0).sum();
+    shares.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (share, own, bearer) = *shares.first()?;
     steps.push(format!(
-        "multiple of a shaft between its mesh harmonics that leads most: {}, by {lead:.1} nats, {:.1} above its neighbours",
-        own.multiple, own.over
+        "multiple of a shaft that leads its neighbours most: {} of {}, by {:.1} nats, {:.1} above what {} mixes it to",
+        own.multiple,
+        q.train.shafts[own.shaft].0,
+        own.lead,
+        own.lead - bearer.mixed,
+        bearer.gear
     ));
-    let gear = gears.first()?;
-    let mut f = Finding::new("ghost_component", gear.clone(), 0.85 / gears.len() as f64).with(
+    let new = !q.comparison.pairs.is_empty();
+    let sure = if new { 0.93 } else { 0.9 };
+    let mut f = Finding::new("ghost_component", bearer.gear.clone(), sure * share / sum).with(
         "order",
         own.multiple as f64,
         0.2,
     );
-    f.alternatives.extend(gears[1..].iter().map(|g| ("ghost_component", g.clone())));
-    f.evidence.place = format!("a line at order {} of its shaft, no mesh harmonic and no low sideband", own.multiple);
+    let others = shares[1..].iter().filter(|s| s.0 / sum > LEFT_OUT);
+    f.alternatives.extend(others.map(|s| ("ghost_component", s.2.gear.clone())));
+    f.evidence.place = format!(
+        "a {}line at order {} of its shaft, no mesh harmonic and no low sideband",
+        if new { "new " } else { "" },
+        own.multiple
+    );
     f.evidence.support = format!(
-        "{lead:.1} nats above every other multiple of this shaft between the mesh harmonics, {:.1} above its neighbours",
-        own.over
+        "{:.1} nats above the highest of its neighbours on the comb of the shaft, at every speed, {:.1} above what the mesh mixes it to",
+        own.lead,
+        own.lead - bearer.mixed
     );
     Some(f)
 }
@@ -204,6 +253,18 @@ fn teeth_of(q: &Question<'_>, gear: &str) -> Option<u32> {
     Some(if which == "pinion" { stage.pinion.teeth } else { stage.wheel.teeth })
 }
 
+/// Whether a line is a ghost's own or one that the meshes of its shaft mix it to.
+pub fn explains(q: &Question<'_>, ghost: &Finding, order: f64) -> bool {
+    let shaft = (0..q.train.shafts.len()).find(|j| gears_on(q, *j).contains(&ghost.place));
+    let (Some(shaft), Some(waves)) = (shaft, ghost.parameters.get("order")) else { return false };
+    let multiple = order / q.train.shafts[shaft].1;
+    gears_on(q, shaft).iter().filter_map(|g| teeth_of(q, g)).any(|teeth| {
+        let teeth = f64::from(teeth);
+        let off = |x: f64| (x - (x / teeth).round() * teeth).abs();
+        off(multiple - waves.value) < WHOLE || off(multiple + waves.value) < WHOLE
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -211,9 +272,9 @@ mod tests {
     /// 34 teeth, 43 waves: 43, 43 + 34 h and 34 h − 43 leave 9 from either side.
     #[test]
     fn analytic_mixed_lines_leave_one_remainder() {
-        for n in [43, 77, 111, 145, 59, 25, 229] {
-            assert_eq!(remainder(n, 34), 9, "{n}");
-        }
+        let lines: Vec<usize> = mixed(43, 34).collect();
+        assert_eq!(lines, [9, 25, 77, 59, 111, 93]);
+        assert!(lines.iter().all(|m| remainder(*m, 34) == 9));
         assert_ne!(remainder(44, 34), 9);
     }
 }

@@ -4,7 +4,6 @@ use gearwatch_core::train::Train;
 
 use crate::change::compare::Comparison;
 use crate::name::bearing;
-use crate::name::direct::gears_on;
 use crate::name::{Finding, Question};
 use crate::read::dsp::Transforms;
 use crate::read::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
@@ -205,8 +204,6 @@ pub fn add_strange(
     // Lines at fixed order.
     let off: Vec<&StrangeLine> =
         strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
-    let on: Vec<&StrangeLine> =
-        strange.orders.iter().filter(|l| l.off_comb < 1.5 && l.excess > threshold && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
     if let Some(e) = &strange.envelope
         && bearing_seen
@@ -217,53 +214,6 @@ pub fn add_strange(
     } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
         steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
         *unexplained = true;
-    }
-    // High mesh harmonics and far sidebands are lines of the train too, though nobody listed them.
-    let of_mesh = |order: f64| {
-        q.train.stages.iter().any(|s| ((order / s.mesh_order).round() * s.mesh_order - order).abs() < 0.02)
-    };
-    let machine =
-        findings.iter().any(|f| !in_the_data(f.effect) && !matches!(f.effect, "torque_ripple" | "speed_fluctuation"));
-    // Sidebands of a ripple that was named, however far from their carrier.
-    let ripples: Vec<(usize, f64)> = findings
-        .iter()
-        .filter_map(|f| match crate::name::subname::mask_of(q, f)? {
-            crate::change::locate::Place::ShaftOrder(j, k) => Some((j, f64::from(k))),
-            _ => None,
-        })
-        .collect();
-    let of_ripple = |order: f64| {
-        ripples.iter().any(|&(j, k)| {
-            q.train.stages.iter().any(|s| {
-                let beside = (order - (order / s.mesh_order).round() * s.mesh_order) / (k * q.train.shafts[j].1);
-                (beside - beside.round()).abs() < 0.02
-            })
-        })
-    };
-    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_mesh(l.position)).collect();
-    let few = on.len() <= 6;
-    let on: Vec<&StrangeLine> = on.into_iter().filter(|l| !of_ripple(l.position)).collect();
-    if strange.against_reference && !on.is_empty() && few && !machine && !*unexplained {
-        let line = on[0];
-        let shaft = q
-            .train
-            .shafts
-            .iter()
-            .enumerate()
-            .filter(|(_, (_, o))| ((line.position / o).round() * o - line.position).abs() < 0.02)
-            .max_by(|a, b| a.1.1.total_cmp(&b.1.1));
-        if let Some((j, (_, order))) = shaft {
-            let gears = gears_on(q, j);
-            let mut f = Finding::new("ghost_component", gears[0].clone(), if gears.len() == 1 { 0.75 } else { 0.5 })
-                .with("order", (line.position / order).round(), 0.2);
-            f.alternatives.extend(gears.iter().skip(1).map(|g| ("ghost_component", g.clone())));
-            f.evidence.place = format!(
-                "a new line at order {:.0} of shaft {}, no mesh harmonic and no low sideband",
-                (line.position / order).round(),
-                q.train.shafts[j].0
-            );
-            findings.push(f);
-        }
     }
 }
 
