@@ -241,5 +241,6 @@ fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
         l.order, l.seen_in
     );
     f.evidence.law = "its line moves against the speed".into();
+    f.evidence.support = format!("{:.0} times the power of anything beside it", l.above);
     f
 }

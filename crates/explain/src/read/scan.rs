@@ -1,4 +1,4 @@
-//! Lines that the gear train does not make: at fixed orders, at fixed frequencies, folded about the sample rate.
+//! Lines that the gear train does not make: at fixed orders and at fixed frequencies.
 //!
 //! Each scan walks over candidate positions and asks of every recording and channel how far the power there stands above its
 //! local floor and, where there is a reference, above the reference. A candidate counts by its mean logarithm over recordings,
@@ -7,7 +7,6 @@
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
-use crate::read::dsp::Transforms;
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 
 /// A recording and the reference at its operating point, where there is one.
@@ -217,25 +216,4 @@ pub fn fixed_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Ve
 /// Distance of an order to the nearest multiple of any shaft's order.
 pub fn distance_to_combs(train: &Train, order: f64) -> f64 {
     train.shafts.iter().map(|(_, o)| (order / o - (order / o).round()).abs() * o).fold(f64::INFINITY, f64::min)
-}
-
-/// Mesh harmonics above half the sample rate, seen folded: power over floor of the coherent line, by channel.
-///
-/// `exp(-2πi o φ[n])` at the sample times folds exactly as the line would, so the mean of the demodulated samples is the folded line.
-pub fn folded_mesh(transforms: &mut Transforms, samples: &[f64], phase_rev: &[f64], order: f64) -> (f64, f64) {
-    let len = samples.len().min(phase_rev.len());
-    let mut bins: Vec<Complex64> = samples[..len]
-        .iter()
-        .zip(phase_rev)
-        .enumerate()
-        .map(|(n, (x, a))| {
-            let w = 0.5 - 0.5 * (2.0 * std::f64::consts::PI * n as f64 / len as f64).cos();
-            Complex64::from_polar(x * w, -2.0 * std::f64::consts::PI * (order * a).fract())
-        })
-        .collect();
-    transforms.forward(&mut bins);
-    let mut ring: Vec<f64> = (8..60).flat_map(|k| [bins[k].norm_sqr(), bins[len - k].norm_sqr()]).collect();
-    let floor = crate::read::dsp::median(&mut ring) / std::f64::consts::LN_2;
-    let line = bins[0].norm_sqr().max(bins[1].norm_sqr()).max(bins[len - 1].norm_sqr());
-    (line / floor.max(f64::MIN_POSITIVE), 4.0 * line.sqrt() / len as f64)
 }
