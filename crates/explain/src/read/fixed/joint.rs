@@ -50,10 +50,9 @@ impl About {
         let first_bin = centre - REACH;
         let reach_hz = (REACH + MAIN_LOBE_BINS) as f64 * f.hz_per_bin;
         let mut orders: Vec<f64> = Vec::new();
-        // Behind a belt that slips the motor turns at a speed of its own.
+        // The motor's line where it is displayed. Without a belt that is the input shaft's, some 1e-4 beside it: the pair takes up what is wrong in its angle.
         let motor = if f.display_motor_hz.is_finite() { f.display_motor_hz / f.input_hz } else { train.motor_order };
-        let belt = (train.motor_order - 1.0).abs() > lines::SAME_LINE;
-        for order in train.shafts.iter().map(|s| s.1).chain(belt.then_some(motor)) {
+        for order in train.shafts.iter().map(|s| s.1).chain([motor]) {
             let spacing = order * f.input_hz;
             let low = ((hz - reach_hz) / spacing).ceil().max(1.0) as usize;
             let high = ((hz + reach_hz) / spacing).floor() as usize;
