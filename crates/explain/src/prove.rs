@@ -4,8 +4,8 @@
 //! no body coupling), every number of the sheet off by its tolerance, teeth of grade 5 (pitch, run-out, profile), a little unbalance and
 //! ripple, a housing of six modes that the sheet does not know, coloured noise, drifting speed, and settings that repeat to tenths of a
 //! per cent only. Gears sit on their shafts the same way in all recordings, the train starts anywhere. Signals are put together from the
-//! lines of the periodic steady state, up to ten sidebands of each mesh harmonic, twenty where there is a ghost. What changes the machine is
-//! sized so that it changes one group of its lines four to forty times as much as repetition does; what changes the signal is drawn as it is.
+//! lines of the periodic steady state, up to twenty sidebands of each mesh harmonic. What changes the machine is sized so that it changes one group of its lines four to forty times as
+//! much as repetition does; what changes the signal is drawn as it is.
 
 pub mod draw;
 pub mod machine;
@@ -27,7 +27,7 @@ use crate::explain::{Answer, Input, explain};
 use draw::{ALIENS, ALONE, Draw, EFFECTS};
 use machine::{Housing, real};
 use score::{Scored, score};
-use signal::{Alien, Order, SIDEBANDS, Session, lines, orders_of, record, sidebands};
+use signal::{Alien, Order, Session, lines, orders_of, record};
 
 /// What a case is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -216,14 +216,13 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
         effects: &[],
         alien: None,
         assembly,
-        sidebands: SIDEBANDS,
     };
     // Noise is a share of the largest line at the nominal setting, before anything was concealed.
     let train = Train::new(&truth_bench);
+    let orders = orders_of(&train);
     let (motor, torque) = (bench.motor.speed_hz, bench.brake.torque_nm);
     let mut solver = signal::solver();
     let at = |solver: &mut SteadySolver, session: &Session<'_>, motor: f64, torque: f64| {
-        let orders = orders_of(&train, session.sidebands);
         lines(solver, session, motor, torque, motor / train.motor_order, &orders)
     };
     let nominal = at(&mut solver, &session, motor, torque)?;
@@ -232,14 +231,8 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
         session.noise[c] = share * sensor.iter().map(|a| a.norm()).fold(0.0, f64::max);
         session.level[c] = (0.5 * sensor.iter().map(|a| a.norm_sqr()).sum::<f64>()).sqrt();
     }
-    // The lines of the unchanged machine and what repetition changes of them, by how many sidebands are looked at.
-    let repeated = |solver: &mut SteadySolver, session: &Session<'_>, nominal: Vec<Vec<Complex64>>| {
-        let again = at(solver, session, motor * 1.0014, torque * 0.996)?;
-        let orders = orders_of(&train, session.sidebands);
-        let scatter = changes(&nominal, &again, &orders, &session.noise);
-        Some((orders, nominal, scatter))
-    };
-    let usual = repeated(&mut solver, &session, nominal)?;
+    let again = at(&mut solver, &session, motor * 1.0014, torque * 0.996)?;
+    let scatter = changes(&nominal, &again, &orders, &session.noise);
     let mut after = before.clone();
     let mut visibility: Option<f64> = None;
     let mut effects: Vec<EffectSpec> = wrong.into_iter().collect();
@@ -259,23 +252,9 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
         let mut seen = |e: &EffectSpec| {
             let mut with = before.clone();
             effects::apply(e, &mut with).ok()?;
-            let of = |setup: SimSetup| Session {
-                setup,
-                noise: session.noise.clone(),
-                level: session.level.clone(),
-                sidebands: sidebands(std::slice::from_ref(e)),
-                ..session
-            };
-            let more = if of(with.clone()).sidebands == session.sidebands {
-                None
-            } else {
-                let unchanged = of(before.clone());
-                let nominal = at(&mut solver, &unchanged, motor, torque)?;
-                Some(repeated(&mut solver, &unchanged, nominal)?)
-            };
-            let (orders, nominal, scatter) = more.as_ref().unwrap_or(&usual);
-            let changed = at(&mut solver, &of(with), motor, torque)?;
-            changes(nominal, &changed, orders, &session.noise)
+            let (noise, level) = (session.noise.clone(), session.level.clone());
+            let changed = at(&mut solver, &Session { setup: with, noise, level, ..session }, motor, torque)?;
+            changes(&nominal, &changed, &orders, &session.noise)
                 .iter()
                 .map(|(g, c)| c / scatter.iter().find(|s| s.0 == *g).map_or(REPEAT, |s| s.1.hypot(REPEAT)))
                 .max_by(f64::total_cmp)
@@ -292,7 +271,6 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
     let speeds = [(motor * d.uniform(0.5, 0.65)).round(), motor];
     let loads = [(torque * d.uniform(0.35, 0.5)).round(), torque];
     let some_only = d.uniform(0.0, 1.0) < 0.25;
-    let held = sidebands(&effects);
     let mut run = |setup: &SimSetup,
                    effects: &[EffectSpec],
                    alien: Option<&Alien>,
@@ -304,7 +282,6 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
             alien,
             noise: session.noise.clone(),
             level: session.level.clone(),
-            sidebands: held,
             ..session
         };
         let mut out = Vec::new();

@@ -59,7 +59,7 @@ impl<'a> Campaign<'a> {
     /// `None` where the teeth part at these points, whatever their errors.
     pub fn new(bench: &Bench, points: &'a [Point]) -> Option<Self> {
         let train = Train::new(bench);
-        let orders = orders_of(&train, signal::SIDEBANDS);
+        let orders = orders_of(&train);
         ERRORS.into_iter().find_map(|errors| {
             let before = real(&mut Draw(ChaCha8Rng::seed_from_u64(0x0062_6c69_6e64)), bench, errors);
             let mut campaign = Campaign {

@@ -39,8 +39,6 @@ pub struct Session<'a> {
     pub alien: Option<&'a Alien>,
     /// Draws how the gears sit on their shafts: one number for a machine.
     pub assembly: u64,
-    /// Sidebands on each side of a mesh harmonic.
-    pub sidebands: u32,
 }
 
 /// Physics outside the library.
@@ -61,24 +59,17 @@ pub struct Alien {
 /// A line: order of the input shaft, and the group of lines that it is compared in.
 pub type Order = (f64, (u8, usize, usize));
 
-/// Sidebands of a mesh harmonic, on each side, that recordings hold.
-pub const SIDEBANDS: u32 = 10;
-/// The same of a machine with a ghost, whose own order lies up to 14 beside the first mesh harmonic: its neighbours on the comb are there as well.
-const SIDEBANDS_BESIDE_GHOST: u32 = 20;
+/// Sidebands of a mesh harmonic, on each side, that recordings hold: a ghost's own order lies up to 14 beside the first, and its neighbours on the comb are there as well.
+const SIDEBANDS: u32 = 20;
 
-/// Sidebands that recordings of a machine must hold, by what is concealed in it.
-pub fn sidebands(effects: &[EffectSpec]) -> u32 {
-    if effects.iter().any(|e| e.effect == "ghost_component") { SIDEBANDS_BESIDE_GHOST } else { SIDEBANDS }
-}
-
-/// The lines that a machine can make, ascending, with so many sidebands on each side of a mesh harmonic.
-pub fn orders_of(train: &Train, sidebands: u32) -> Vec<Order> {
+/// The lines that a machine can make, ascending.
+pub fn orders_of(train: &Train) -> Vec<Order> {
     let mut out: Vec<Order> = Vec::new();
     for (i, s) in train.stages.iter().enumerate() {
         for h in 1..=16 {
             let m = s.mesh_order * f64::from(h);
             out.push((m, (0, i, 0)));
-            for k in 1..=sidebands {
+            for k in 1..=SIDEBANDS {
                 for (shaft, o) in [(i, s.pinion_order), (i + 1, s.wheel_order)] {
                     out.push((m - o * f64::from(k), (1, i, shaft)));
                     out.push((m + o * f64::from(k), (1, i, shaft)));
@@ -148,7 +139,7 @@ pub fn record(
         + if s.sheet.belt.is_some() { d.uniform(0.0, 0.001) } else { 0.0 };
     let clock = find("clock_offset").map_or(1.0 + 2e-5 * d.uniform(-1.0, 1.0), |e| 1.0 + 1e-6 * e.parameters["ppm"]);
     let train = Train::new(&s.setup.bench);
-    let orders = orders_of(&train, s.sidebands);
+    let orders = orders_of(&train);
     let mean_hz = setting * (1.0 - slip) / train.motor_order;
     let lines = lines(solver, s, setting, torque, mean_hz, &orders)?;
     let count = (SECONDS * RATE_HZ) as usize;
@@ -365,12 +356,11 @@ mod tests {
             let Some(ghost) = draw::effect(&mut d, &bench, "ghost_component") else { panic!("no ghost") };
             let stage = train.stages.iter().find(|s| ghost.place.starts_with(&s.name)).unwrap();
             let turns = if ghost.place.ends_with("pinion") { stage.pinion_order } else { stage.wheel_order };
-            let held = orders_of(&train, sidebands(std::slice::from_ref(&ghost)));
+            let held = orders_of(&train);
             for beside in -4..=4 {
                 let order = turns * (ghost.parameters["order"] + f64::from(beside));
                 assert!(held.iter().any(|o| (o.0 - order).abs() < 1e-6), "{ghost:?} {beside:+}");
             }
         }
-        assert_eq!(sidebands(&[]), SIDEBANDS);
     }
 }
