@@ -235,25 +235,14 @@ impl Place {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::prove::draw::Draw;
     use gearwatch_core::bench::Bench;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
     use std::f64::consts::TAU;
 
     const RATE_HZ: f64 = 2048.0;
     const SECONDS: f64 = 6.0;
-
-    /// Uniform numbers by a linear congruence (Knuth's MMIX), made Gaussian after Box and Muller.
-    struct Noise(u64);
-
-    impl Noise {
-        fn uniform(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-        }
-
-        fn normal(&mut self) -> f64 {
-            (-2.0 * self.uniform().ln()).sqrt() * (TAU * self.uniform()).cos()
-        }
-    }
 
     /// A machine at a speed that wanders by a thousandth in two seconds.
     fn turning(input_hz: f64) -> RecordingFeatures {
@@ -292,8 +281,8 @@ mod tests {
     /// The cell of 50 Hz in a machine whose first shaft's line is fifty times as large, beside a pick-up of this amplitude in noise of deviation 1.
     fn cell(input_hz: f64, pickup: f64, seed: u64) -> Cell {
         let f = turning(input_hz);
-        let mut noise = Noise(seed);
-        let phase = noise.uniform();
+        let mut noise = Draw(ChaCha8Rng::seed_from_u64(seed));
+        let phase = noise.uniform(0.0, 1.0);
         let samples: Vec<f64> = f
             .phase_rev
             .iter()
