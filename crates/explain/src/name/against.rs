@@ -93,9 +93,9 @@ pub fn search(
         // A damaged tooth lights lines everywhere, among them those of a ghost.
         found.findings.retain(|f| f.effect != "ghost_component");
     }
-    let ghost = found.findings.iter().find(|f| f.effect == "ghost_component").cloned();
+    let ghost = found.findings.iter().find(|f| f.effect == "ghost_component");
     let ghost_found = ghost.is_some();
-    if let Some(ghost) = &ghost {
+    if let Some(ghost) = ghost {
         let hz = |c: &Cell| q.recordings[q.comparison.pairs[c.pair].recording].input_hz;
         remaining.retain(|c| c.family.is_none() || !ghost::explains(q, ghost, c.frequency_hz / hz(c)));
     }
