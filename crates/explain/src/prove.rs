@@ -4,8 +4,8 @@
 //! no body coupling), every number of the sheet off by its tolerance, teeth of grade 5 (pitch, run-out, profile), a little unbalance and
 //! ripple, a housing of six modes that the sheet does not know, coloured noise, drifting speed, and settings that repeat to tenths of a
 //! per cent only. Gears sit on their shafts the same way in all recordings, the train starts anywhere. Signals are put together from the
-//! lines of the periodic steady state, up to twenty sidebands of each mesh harmonic. What changes the machine is sized so that it changes one group of its lines four to forty times as
-//! much as repetition does; what changes the signal is drawn as it is.
+//! lines of the periodic steady state, up to twenty sidebands of each mesh harmonic. What changes the machine is sized so that it changes one
+//! group of its lines four to forty times as much as repetition does; what changes the signal is drawn as it is.
 
 pub mod draw;
 pub mod machine;

@@ -89,7 +89,7 @@ impl std::fmt::Debug for SteadySolver {
 }
 
 /// Frequency responses are kept while every mesh is within this factor of the mean stiffness they were made with. Beyond it the iteration from
-/// them takes as long as new ones (10 to 30 products more; at a factor of 4 some 300), and from a factor of 3 on it may not find its way.
+/// them takes as long as new ones (10 to 30 products more; at a factor of 3 some 200 to 300), and at a factor of 2 some meshes were not found.
 const NEAR_STIFFNESS: f64 = 1.25;
 
 /// The linear train that the frequency responses belong to.

@@ -165,10 +165,9 @@ fn analytic_alternating_pairs_are_alternating_teeth() {
     let mut teeth = pairs.clone();
     pairs.teeth[0].pair.alternating_m = 3e-6;
     teeth.teeth[0].pinion.pitch_error_m = (0..34).map(|k| if k % 2 == 0 { -1.5e-6 } else { 1.5e-6 }).collect();
-    let plain = levels(&SimSetup::nominal(&test_bench::single_stage()), 25.0, 120.0, 6);
     let (pairs, teeth) = (levels(&pairs, 25.0, 120.0, 6), levels(&teeth, 25.0, 120.0, 6));
     for (h, (a, b)) in pairs.iter().zip(&teeth).enumerate() {
-        assert!((a - b).abs() < 5e-3, "{}x: {:.1e}, and {:.2} from plain teeth", h + 1, a - b, a - plain[h]);
+        assert!((a - b).abs() < 5e-3, "{}x: {:.1e}", h + 1, a - b);
     }
 }
 
