@@ -56,6 +56,10 @@ campaign-overload:
 campaign-fleet:
     GEARWATCH_ROUNDS=1 cargo test --release -p gearwatch --test brokers -- --nocapture
 
+# Property tests over cases never drawn before, a million of each
+campaign-properties cases="1000000":
+    PROPTEST_CASES={{cases}} PROPTEST_RNG_SEED="$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')" cargo test -p gearwatch-io --test streams -- analytic_
+
 # An hour of eight channels on the live page, in a Chromium: first paint and long tasks
 page:
     cargo test --release -p gearwatch --test page -- --ignored --nocapture

@@ -9,6 +9,10 @@ pub(super) const MAGIC: [u8; 2] = *b"BK";
 const BEFORE: usize = 4;
 /// Size of `message_length`.
 const LENGTH: usize = 4;
+/// `header_length` with a family of the time.
+const LONG: u16 = 20;
+/// `header_length` without.
+const SHORT: u16 = 16;
 
 /// Why bytes were passed over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -16,8 +20,8 @@ pub enum Damage {
     /// No message begins here.
     #[error("no message where one must begin")]
     Magic,
-    /// Neither 20 nor 16.
-    #[error("header_length is {0}; expected 20 or 16")]
+    /// Neither 20 nor 16, or not that of the messages before it.
+    #[error("header_length is {0}; expected 20 or 16, the same in the whole stream")]
     HeaderLength(u16),
     /// Not zero where a message is looked for.
     #[error("reserved bytes are not zero")]
@@ -57,11 +61,13 @@ pub enum Decoded {
 /// Turns bytes into messages. What comes out does not depend on how the bytes were split.
 ///
 /// Holds at most one message of [`LONGEST_PAYLOAD`] and what was pushed last. A message is handed out when its last byte is there; after
-/// damage only when the next one has begun.
+/// damage, and where it is the first of short headers or nothing in it can be checked, only when the next one has begun.
 #[derive(Debug, Default)]
 pub struct Decoder {
     buffer: Vec<u8>,
     lost: Option<Lost>,
+    /// The header length of this stream, once a message has come: one bit lies between the two that there are.
+    header_length: Option<u16>,
 }
 
 /// What the bytes at hand are.
@@ -80,9 +86,10 @@ impl Decoder {
         let mut at = 0;
         loop {
             let rest = self.buffer.get(at..).unwrap_or_default();
-            match step(rest, self.lost.is_some()) {
+            match step(rest, self.lost.is_some(), self.header_length) {
                 Step::Incomplete => break,
                 Step::Message(message, used) => {
+                    self.header_length = u16_at(rest, MAGIC.len());
                     out_lost(&mut self.lost, out);
                     out(Decoded::Message(message));
                     at += used;
@@ -116,10 +123,11 @@ fn out_lost(lost: &mut Option<Lost>, out: &mut dyn FnMut(Decoded)) {
     }
 }
 
-/// Looks at the bytes where a message should begin. `strict`: after damage, when bytes must prove that they are a message.
-fn step(bytes: &[u8], strict: bool) -> Step {
-    match header(bytes, strict) {
-        Ok(Some(header)) => header.payload(bytes, strict).unwrap_or_else(Step::Damaged),
+/// Looks at the bytes where a message should begin. `strict`: after damage, when bytes must prove that they are a message. `usual`: the
+/// header length of the messages before.
+fn step(bytes: &[u8], strict: bool, usual: Option<u16>) -> Step {
+    match header(bytes, strict, usual) {
+        Ok(Some(header)) => header.payload(bytes).unwrap_or_else(Step::Damaged),
         Ok(None) => Step::Incomplete,
         Err(damage) => Step::Damaged(damage),
     }
@@ -131,14 +139,16 @@ struct Header {
     /// The payload lies here.
     start: usize,
     end: usize,
+    /// Believed only when another message follows.
+    doubtful: bool,
 }
 
-fn header(bytes: &[u8], strict: bool) -> Result<Option<Header>, Damage> {
+fn header(bytes: &[u8], strict: bool, usual: Option<u16>) -> Result<Option<Header>, Damage> {
     if !bytes.iter().zip(MAGIC).all(|(&b, m)| b == m) {
         return Err(Damage::Magic);
     }
     let Some(header_length) = u16_at(bytes, 2) else { return Ok(None) };
-    if !matches!(header_length, 16 | 20) {
+    if !matches!(header_length, LONG | SHORT) || usual.is_some_and(|usual| usual != header_length) {
         return Err(Damage::HeaderLength(header_length));
     }
     let length_at = BEFORE + usize::from(header_length);
@@ -152,7 +162,7 @@ fn header(bytes: &[u8], strict: bool) -> Result<Option<Header>, Damage> {
         return Err(Damage::Reserved);
     }
     let (family, ticks_at) = match bytes.get(12..16).and_then(|b| b.first_chunk()) {
-        Some(&family) if header_length == 20 => (family, 16),
+        Some(&family) if header_length == LONG => (family, 16),
         _ => (Time::FAMILY, 12),
     };
     let ticks = bytes.get(ticks_at..ticks_at + 8).and_then(|b| b.first_chunk()).map_or(0, |b| u64::from_le_bytes(*b));
@@ -163,15 +173,18 @@ fn header(bytes: &[u8], strict: bool) -> Result<Option<Header>, Damage> {
     let length = u32::from_le_bytes([a, b, c, d]);
     match usize::try_from(length) {
         Ok(payload) if payload <= LONGEST_PAYLOAD => {
-            Ok(Some(Header { kind: Kind::of(kind), time, start, end: start + payload }))
+            let kind = Kind::of(kind);
+            // What cannot be checked from within, and a form that one flipped bit makes of the other.
+            let doubtful = strict || kind.is_opaque() || (header_length == SHORT && usual.is_none());
+            Ok(Some(Header { kind, time, start, end: start + payload, doubtful }))
         }
         _ => Err(Damage::Length(length)),
     }
 }
 
 impl Header {
-    fn payload(self, bytes: &[u8], strict: bool) -> Result<Step, Damage> {
-        let Self { kind, time, start, end } = self;
+    fn payload(self, bytes: &[u8]) -> Result<Step, Damage> {
+        let Self { kind, time, start, end, doubtful } = self;
         let here = bytes.get(start..bytes.len().min(end)).unwrap_or_default();
         // A wrong length shows before the bytes that it promises have come, so that it holds nothing up.
         let walk = Walk { bytes: here, length: end - start };
@@ -180,8 +193,7 @@ impl Header {
             return Ok(Step::Incomplete);
         }
         let body = walk.parse(kind)?;
-        // What cannot be checked from within must at least be followed by another message.
-        if strict || kind.is_opaque() {
+        if doubtful {
             let next = bytes.get(end..).unwrap_or_default();
             if !next.iter().zip(MAGIC).all(|(&b, m)| b == m) {
                 return Err(Damage::Follows);

@@ -203,7 +203,11 @@ fn value(kind: u16, bytes: &[u8]) -> Result<Value, Damage> {
         }
         5 => {
             let (length, text) = bytes.split_first_chunk().ok_or(wrong)?;
-            let text = text.get(..usize::from(u16::from_le_bytes(*length))).ok_or(wrong)?;
+            let (text, padding) = text.split_at_checked(u16::from_le_bytes(*length).into()).ok_or(wrong)?;
+            // A longer value would have swallowed the descriptor behind it.
+            if padding.len() >= 4 {
+                return Err(wrong);
+            }
             let text = std::str::from_utf8(text).map_err(|_| Damage::Payload("a unit is no text"))?;
             Value::Unit(text.to_owned())
         }

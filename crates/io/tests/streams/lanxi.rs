@@ -1,8 +1,8 @@
 //! The stream of LAN-XI instruments.
 
 use gearwatch_io::lanxi::{
-    Body, Damage, Decoded, Decoder, Descriptor, INT24, LONGEST_PAYLOAD, Message, QualityFlags, Signal, SignalQuality,
-    Time, Value, encode,
+    Body, Damage, Decoded, Decoder, Descriptor, INT24, LONGEST_PAYLOAD, Lost, Message, QualityFlags, Signal,
+    SignalQuality, Time, Value, encode,
 };
 use proptest::prelude::*;
 
@@ -39,13 +39,16 @@ fn time() -> Time {
     Time::from_unix_ns(1_700_000_000_500_000_000)
 }
 
+fn samples() -> Message {
+    Message { time: time(), body: Body::Signals(vec![Signal { id: 1, counts: vec![1, -1, 0x40_0000] }]) }
+}
+
 /// The vectors of the protocol's description, byte for byte in both directions.
 #[test]
 fn conform_the_published_vectors_are_read_and_written_byte_for_byte() {
-    let samples = Message { time: time(), body: Body::Signals(vec![Signal { id: 1, counts: vec![1, -1, 0x40_0000] }]) };
     let flags = QualityFlags(QualityFlags::CLIPPED.0 | QualityFlags::OVERRUN.0);
     let quality = Message { time: time(), body: Body::Quality(vec![SignalQuality { id: 1, flags }]) };
-    for (hex, message) in [(SAMPLES, samples), (QUALITY, quality)] {
+    for (hex, message) in [(SAMPLES, samples()), (QUALITY, quality)] {
         assert_eq!(encoded(std::slice::from_ref(&message)), bytes(hex));
         assert_eq!(decoded(&bytes(hex), &[]), [Decoded::Message(message)]);
     }
@@ -82,13 +85,36 @@ fn conform_every_descriptor_survives_a_round_trip() {
     assert_eq!(Time::period_of(16_384.0).rate_hz(), Some(16_384.0));
 }
 
-/// The relative of header length 16 has a time without family, in ticks of 2^-32 s.
+/// The relative of header length 16 has a time without family, in ticks of 2^-32 s. Its first message waits until the second has begun.
 #[test]
 fn conform_the_short_header_is_read() {
     let mut short = bytes(SAMPLES);
     short.drain(12..16);
     short[2] = 16;
-    assert_eq!(decoded(&short, &[]), decoded(&bytes(SAMPLES), &[]));
+    let long = bytes(SAMPLES);
+    assert_eq!(decoded(&short, &[]), []);
+    assert_eq!(decoded(&short.repeat(2), &[]), decoded(&long.repeat(2), &[]));
+    // A stream is of one form.
+    let out = decoded(&[&long[..], &short, &long, &long].concat(), &[]);
+    let [Decoded::Message(_), Decoded::Lost(lost), ..] = &out[..] else { panic!("{out:?}") };
+    assert_eq!(*lost, Lost { bytes: short.len() as u64, damage: Damage::HeaderLength(16) });
+}
+
+/// One flipped bit makes a short header of a long one; at a time near 1970, which an instrument has whose clock is not set, what it then
+/// reads as a length is zero, and an interpretation may be empty.
+#[test]
+fn regress_a_flipped_header_length_is_no_message() {
+    let value = Value::Scale(0.0);
+    let message = Message {
+        time: Time { family: Time::FAMILY, ticks: 0 },
+        body: Body::Interpretation(vec![Descriptor { signal: 1, value }]),
+    };
+    let mut bytes = encoded(&[message.clone(), message.clone(), message.clone()]);
+    let one = bytes.len() / 3;
+    bytes[2] ^= 4;
+    let out = decoded(&bytes, &[]);
+    let lost = Lost { bytes: one as u64, damage: Damage::Follows };
+    assert_eq!(out, [Decoded::Lost(lost), Decoded::Message(message.clone()), Decoded::Message(message)]);
 }
 
 /// A tick of 1/(2^2 · 3 · 5 · 7) s: 420 a second.
@@ -182,6 +208,11 @@ fn same_form(a: &Message, b: &Message) -> bool {
     }
 }
 
+/// An interpretation with the first descriptors of another.
+fn begins(a: &Message, b: &Message) -> bool {
+    matches!((&a.body, &b.body), (Body::Interpretation(a), Body::Interpretation(b)) if b.starts_with(a))
+}
+
 proptest! {
     #[test]
     fn analytic_any_split_gives_the_same_messages(messages in stream(), cuts in prop::collection::vec(any::<usize>(), 0..40)) {
@@ -190,7 +221,8 @@ proptest! {
     }
 
     /// One flipped bit costs at most the message that it lies in. Either this message comes with the same form (and other content, which
-    /// no checksum protects), or a loss is told before the next one. Nothing is invented.
+    /// no checksum protects), or a loss is told before the next one. An interpretation, which does not say how many descriptors it has, may
+    /// come with the first of them before its loss is told. Nothing is invented.
     #[test]
     fn analytic_a_flipped_bit_is_told_or_changes_one_message(
         messages in stream(), bit in any::<usize>(), cuts in prop::collection::vec(any::<usize>(), 0..10),
@@ -199,7 +231,7 @@ proptest! {
         let bit = bit % (8 * bytes.len());
         bytes[bit / 8] ^= 1 << (bit % 8);
         // Two further messages, so that what follows the damage can be seen.
-        let after = [messages[0].clone(), messages[0].clone()];
+        let after = [samples(), samples()];
         bytes.extend(encoded(&after));
         let sent: Vec<_> = messages.iter().chain(&after).cloned().collect();
         let out = decoded(&bytes, &cuts);
@@ -214,9 +246,10 @@ proptest! {
         prop_assert_eq!(&came[..hit], &sent[..hit].iter().collect::<Vec<_>>()[..], "what came before the damage");
         if told {
             let place = out.iter().position(|d| matches!(d, Decoded::Lost(_))).unwrap();
-            prop_assert_eq!(place, hit, "the loss is told where it is");
+            let shortened = matches!((came.get(hit), &sent[hit]), (Some(a), b) if begins(a, b));
+            prop_assert!(place == hit || (place == hit + 1 && shortened), "the loss is told at {place}, but lies at {hit}");
             // What comes after it was sent after it: nothing twice, nothing invented.
-            let rest = &came[hit..];
+            let rest = &came[place..];
             prop_assert!(rest.iter().copied().eq(&sent[sent.len() - rest.len()..]), "{:?}", rest);
         } else {
             prop_assert!(same_form(&sent[hit], came[hit]), "{:?} became {:?}", sent[hit], came[hit]);
