@@ -92,14 +92,6 @@ impl Finding {
 
 /// Misfit per band of background above which it changed.
 const BACKGROUND: f64 = 2.5;
-/// A name is withdrawn where the law of what was named makes the recording that was held out worse by more than this factor, unless
-/// its misfit (root mean square, in standard deviations) is so plain that only the size is in doubt.
-const CARRIES_OVER: f64 = 1.02;
-const PLAIN: f64 = 3.0;
-/// A name this probable, or a mask that gains this much (nats), stands on more than the law.
-const SURE: f64 = 0.93;
-const SURE_GAIN: f64 = 40.0;
-
 /// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours' noise is not theirs.
 const FOLDED_HZ: f64 = 10.0;
 
@@ -143,7 +135,6 @@ pub fn answer(
         progress("what changed against the reference");
         let direct = findings.len();
         findings.extend(ghost::ghost(q, &mut steps));
-        let before = findings.len();
         let mut found =
             Found { findings: &mut findings, unexplained: &mut unexplained, steps: &mut steps, cells: &mut own };
         let gain = against::search(q, &cells, &speeds, &strange, &mut found);
@@ -151,25 +142,6 @@ pub fn answer(
         p = if findings.len() > direct { Some(against::p_null(f64::INFINITY)) } else { gain.map(against::p_null) };
         if findings.len() > direct || unexplained {
             fit = held_out::held_out(q, &cells, &speeds, &findings);
-        }
-        // A name whose law does not carry over to the recording that was held out is none.
-        if let Some(f) = &fit
-            && f.held_out_after > CARRIES_OVER * f.held_out_before
-            && f.held_out_before < PLAIN
-            && findings.len() == before + 1
-            && findings[before].probability < SURE
-            && gain.is_none_or(|g| g < SURE_GAIN)
-            && subname::mask_of(q, &findings[before]).is_some_and(|m| !against::wide(m))
-        {
-            steps.push(format!(
-                "{} at {} is withdrawn: its law does not carry over to {}",
-                findings[before].effect,
-                findings[before].place,
-                f.held_out.join(", ")
-            ));
-            findings.truncate(before);
-            unexplained = true;
-            fit = None;
         }
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {

@@ -59,8 +59,6 @@ pub struct GearChange {
     pub exponent: Option<(f64, f64)>,
     /// How many times more often than by chance clear lines lie beside the mesh harmonics of the stage.
     pub near: f64,
-    /// ln of the change's mean power in the first lines beside the mesh harmonics over that in the third to fifth.
-    pub first: f64,
     /// Operating points that could be aligned.
     pub aligned: usize,
 }
@@ -180,7 +178,6 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
         q.bench.stages.get(stage).map_or(1, |s| (if shaft == stage { s.pinion.teeth } else { s.wheel.teeth }) as usize);
     let (mut sum, mut weight, mut neighbours) = (0.0, 0.0, 0usize);
     let (mut near, mut all) = (0.0, 0.0);
-    let mut firsts = Vec::new();
     for d in &differences {
         let (mut phasor, mut count) = (Complex64::ZERO, 0usize);
         for w in d.lines.windows(2) {
@@ -198,16 +195,6 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
             weight += m;
             neighbours += count;
         }
-        let power_at = |which: std::ops::RangeInclusive<usize>| {
-            let at = |k: usize| (k + 1) % z;
-            let inside = |k: usize| which.contains(&at(k).min(z - at(k)));
-            let powers = d.lines.iter().enumerate().filter(|(k, _)| inside(*k)).filter_map(|(_, l)| *l);
-            let (sum, count) = powers.fold((0.0, 0usize), |(s, n), (a, noise)| (s + a.norm_sqr().max(noise), n + 1));
-            (count > 0).then(|| (sum / count as f64).ln())
-        };
-        if let (Some(a), Some(b)) = (power_at(1..=1), power_at(3..=5)) {
-            firsts.push(a - b);
-        }
         for (k, l) in d.lines.iter().enumerate().filter(|(_, l)| clear(l).is_some()) {
             let n = k + 1;
             let power = l.map_or(0.0, |(a, noise)| (a.norm_sqr() / noise).ln());
@@ -222,7 +209,6 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
         neighbours,
         exponent: exponent(q, &differences),
         near: if all > 0.0 { near / all * z as f64 / (2 * BESIDE + 1) as f64 } else { 0.0 },
-        first: if firsts.is_empty() { 0.0 } else { median(&mut firsts) },
         aligned,
     }
 }

@@ -1,6 +1,7 @@
 //! Masks of machine lines, judged by the scale of the changes inside and outside.
 
 use crate::change::locate::{Cell, Place, covers};
+use crate::read::dsp::median;
 
 /// What a mask of machine lines says.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +30,13 @@ const USUAL_SPREAD: f64 = 0.3;
 const LARGEST_USUAL: f64 = 0.85;
 /// Lines of one order in several channels and recordings share their errors: this share of them counts.
 pub(crate) const INDEPENDENT: f64 = 0.4;
+
+/// Median change of a mask's lines (standard deviations); 0 of none.
+pub fn median_change(cells: &[Cell], place: Place) -> f64 {
+    let inside = |c: &&Cell| c.family.is_some() && covers(place, c.family);
+    let mut all: Vec<f64> = cells.iter().filter(inside).map(|c| c.change.abs() / c.variance.sqrt()).collect();
+    if all.is_empty() { 0.0 } else { median(&mut all) }
+}
 
 /// Scale number `k` of the grid.
 pub(crate) fn scale(k: usize) -> f64 {

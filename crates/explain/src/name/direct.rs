@@ -209,8 +209,12 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
         findings.push(f);
         return;
     }
+    let known = findings.len();
     findings.extend(crate::name::ghost::ghost(q, steps));
     findings.extend(crate::name::alone::ripple(q, steps));
+    if !spoilt && findings.len() == known {
+        findings.extend(crate::name::gear::faint_lone_tooth(q, steps));
+    }
 }
 
 /// Speed ratios before and after, where the finding is one of speed.

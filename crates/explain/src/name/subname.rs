@@ -130,7 +130,8 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.62).with("order", f64::from(k), 0.2),
         // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
         Place::LowSide(i, j)
-            if scale_of(cells, Place::FirstSide(i, j)) > ONCE_MORE * scale_of(cells, Place::Mesh(i)) =>
+            if masks::median_change(cells, Place::FirstSide(i, j))
+                > ONCE_MORE * masks::median_change(cells, Place::Mesh(i)) =>
         {
             let mut f = Finding::new("eccentricity", gear_name(i, j), 0.8);
             f.alternatives.push(("pitch_error", gear_name(i, j)));
@@ -139,10 +140,10 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         Place::LowSide(i, _) => shared::finding(q, Place::Mesh(i), cells, depth, steps)?,
         // Errors of single teeth have no mean over a gear: the mesh harmonics change less than the sidebands (0.1 to 0.6 times on drawn benches). What concerns
         // all teeth changes the mesh harmonics, and the sidebands follow, those of the gear with clearer lines first.
-        Place::Gear(i, _) if scale_of(cells, Place::Mesh(i)) > scale_of(cells, place) => {
+        Place::Gear(i, _) if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place) => {
             shared::finding(q, Place::Stage(i), cells, depth, steps)?
         }
-        Place::Gear(i, j) => gear::gear(q, i, j, exponent, steps),
+        Place::Gear(i, j) => gear::gear(q, (i, j), cells, exponent, steps),
         Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => shared::finding(q, place, cells, depth, steps)?,
     };
     finding.evidence.place = format!(
@@ -164,13 +165,6 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
 
 /// First sidebands that change this many times as much as the mesh harmonics are the cause, not the echo.
 const ONCE_MORE: f64 = 1.6;
-
-/// Median change of a mask's lines (standard deviations); 0 of none.
-fn scale_of(cells: &[Cell], place: Place) -> f64 {
-    let inside = |c: &&Cell| c.family.is_some() && locate::covers(place, c.family);
-    let mut all: Vec<f64> = cells.iter().filter(inside).map(|c| c.change.abs() / c.variance.sqrt()).collect();
-    if all.is_empty() { 0.0 } else { median(&mut all) }
-}
 
 /// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its dynamics moves them either way.
 fn rises(cells: &[Cell], place: Place) -> bool {
