@@ -111,7 +111,8 @@ pub fn search(
         let mut ranked = masks::masks(&remaining, &places, &gaps);
         // What was named alters other lines of its shaft a little too.
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
-        let Some(mut chosen) = choose(&ranked) else { break };
+        let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
+        let Some(mut chosen) = alone.or_else(|| choose(&ranked)) else { break };
         for m in ranked.iter().take(3) {
             found.steps.push(format!(
                 "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
@@ -126,7 +127,7 @@ pub fn search(
             gain = ranked.first().map(|m| m.gain);
         }
         let later = round > 0 || under_path || tooth_found || ghost_found;
-        if !believed(&chosen, later, tooth_found) {
+        if alone.is_none() && !believed(&chosen, later, tooth_found) {
             if round > 0 {
                 found.steps.push("stop: no further mask gains enough beside what was named".into());
             }

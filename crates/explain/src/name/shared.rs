@@ -96,9 +96,11 @@ pub fn finding(
     Some(f)
 }
 
-/// What a fit leaves beyond the stated model error (nats): by so much something that the library has not would be better.
+/// What a fit leaves beyond the stated model error (nats): by so much something that the library has not would be better. Squares of `n` errors scatter by `√(2/n)` of
+/// their mean.
 fn excess(f: &refit::Fit) -> f64 {
-    0.5 * f.lines as f64 * (f.left - LEFT)
+    let lines = f.lines as f64;
+    0.5 * lines * (f.left - LEFT - (2.0 / lines).sqrt())
 }
 
 /// By how much (nats) the best effect's fit is better than that of every effect of another class. Strong effects bring out what the model has not, such as pitch errors of the size of
@@ -163,7 +165,7 @@ mod tests {
     }
 
     /// Wear leads by what it is ahead of another class, not of relief, its own; the same effect on another stage is a rival. What 60 lines leave beyond 1
-    /// each is half of it in nats.
+    /// and a scatter of √(2/60) each is half of it in nats.
     #[test]
     fn analytic_lead_and_excess_are_in_nats() {
         let mut all = vec![
@@ -172,7 +174,7 @@ mod tests {
             scored("profile_error", "stage1", -55.0, 1.9),
         ];
         assert_eq!(lead(&all), 15.0);
-        assert!((excess(&all[0].fit.unwrap()) - 6.0).abs() < 1e-12);
+        assert!((excess(&all[0].fit.unwrap()) - (6.0 - 30f64.sqrt())).abs() < 1e-12);
         all.push(scored("tooth_wear", "stage2", -47.0, 1.4));
         assert_eq!(lead(&all), 7.0);
         assert_eq!(lead(&all[..1]), 0.0);
