@@ -144,6 +144,38 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
 mod tests {
     use anyhow::Context;
 
+    /// Words of a shell's line, of which single quotes hold some together.
+    fn words(line: &str) -> Vec<String> {
+        let mut words = vec![String::new()];
+        let mut quoted = false;
+        for c in line.chars() {
+            match c {
+                '\'' => quoted = !quoted,
+                ' ' if !quoted => words.push(String::new()),
+                c => words.last_mut().unwrap().push(c),
+            }
+        }
+        words.retain(|word| !word.is_empty());
+        words
+    }
+
+    /// Every example of every help is a command line that is understood, up to a pipe, a redirection or the two spaces before its comment.
+    #[test]
+    fn conform_examples_are_understood() {
+        let mut seen = 0;
+        for command in super::command_line().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let help = help.split("\\\n").map(str::trim_start).collect::<String>();
+            for line in help.lines().filter(|line| line.trim().starts_with("gearwatch ")) {
+                let said = line.trim().split("  ").next().and_then(|said| said.split(['|', '>']).next()).unwrap();
+                let parsed = super::command_line().try_get_matches_from(words(said));
+                assert!(parsed.is_ok(), "{said}: {}", parsed.unwrap_err());
+                seen += 1;
+            }
+        }
+        assert!(seen > 50, "{seen}");
+    }
+
     /// What the system said stands once in the sentence, whether an error tells its cause or leaves that to the chain.
     #[test]
     fn regress_no_cause_is_told_twice() {

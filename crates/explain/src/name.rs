@@ -90,8 +90,10 @@ impl Finding {
     }
 }
 
-/// Misfit per band of background above which it changed.
+/// Misfit per band of background above which it changed, and the least share of that, on the best channel, which is the same function of frequency at all speeds: of 34
+/// benches with noise of another kind at least 46 %; two unchanged ones of 186 moved by 3.2 and 4.0 per band, of which 11 and 21 %.
 const BACKGROUND: f64 = 2.5;
+const BACKGROUND_SHARE: f64 = 0.33;
 /// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours' noise is not theirs.
 const FOLDED_HZ: f64 = 10.0;
 
@@ -149,7 +151,10 @@ pub fn answer(
         let (sum, count) =
             bands.fold((0.0, 0usize), |(s, n), c| (s + (c.change * c.change / c.variance).min(30.0), n + 1));
         let misfit = sum / count.max(1) as f64;
-        if misfit > BACKGROUND {
+        let one_speed = speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1);
+        let channels = 0..q.comparison.channels.len();
+        let in_hz = channels.map(|c| locate::floor_account(&cells, c, &speeds).0).fold(f64::NEG_INFINITY, f64::max);
+        if misfit > BACKGROUND && (one_speed || in_hz > BACKGROUND_SHARE) {
             steps.push(format!(
                 "the background changed ({misfit:.1} per band, below 2 on an unchanged bench) and the lines did not"
             ));

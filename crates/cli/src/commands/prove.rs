@@ -30,7 +30,7 @@ that explains them. The same seed gives the same table. A case takes some second
 pub struct Prove {
     /// How many cases
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=100_000))]
-    cases: u64,
+    cases: u32,
     /// Seed of the first
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -63,7 +63,7 @@ impl Run for Prove {
             return Ok(Exit::Ok);
         }
         let judged = self.all();
-        let skipped = self.cases - judged.len() as u64;
+        let skipped = u64::from(self.cases) - judged.len() as u64;
         let mut scored = Vec::new();
         for (index, answer) in judged {
             match answer {
@@ -79,15 +79,16 @@ impl Run for Prove {
 }
 
 impl Prove {
-    /// All cases, on all cores; each stands for itself, so the order of work does not matter.
+    /// All cases, on all cores; each stands for itself, so the order of work does not matter. One takes a second or a hundred: a core takes them one by one.
     fn all(&self) -> Vec<Judged> {
-        let progress = Progress::new("cases", self.cases);
-        let one = |index: u64| {
+        let progress = Progress::new("cases", u64::from(self.cases));
+        let one = |index: u32| {
+            let index = u64::from(index);
             let answer = prove::prove(self.seed, index, self.effect.as_deref());
             progress.finished("");
             Some((index, answer?))
         };
-        (0..self.cases).into_par_iter().filter_map(one).collect()
+        (0..self.cases).into_par_iter().with_max_len(1).filter_map(one).collect()
     }
 
     /// What a case conceals, and its whole answer.
@@ -198,14 +199,16 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
     writeln!(out, "{} cases; {skipped} numbers without a steady state or a visible effect are left out", all.len())?;
     for (what, with) in [("with a reference", true), ("without", false)] {
         let of: Vec<&Scored> = concealed.iter().copied().filter(|s| s.truth.reference == with).collect();
-        let effects = of.iter().map(|s| s.first.len()).sum();
-        writeln!(
-            out,
-            "concealed effects, {what}: named first {}, within the named set {}; said nothing {}",
-            share(of.iter().flat_map(|s| &s.first).sum(), effects),
-            share(of.iter().flat_map(|s| &s.in_set).filter(|x| **x).count() as f64, effects),
-            share(count(&of, |s| s.status == Status::Consistent), of.len())
-        )?;
+        let identified = |of: &[&Scored]| {
+            let effects = of.iter().map(|s| s.first.len()).sum();
+            let first = share(of.iter().flat_map(|s| &s.first).sum(), effects);
+            let in_set = of.iter().flat_map(|s| &s.in_set).filter(|x| **x).count() as f64;
+            format!("named first {first}, within the named set {}", share(in_set, effects))
+        };
+        let silent = share(count(&of, |s| s.status == Status::Consistent), of.len());
+        writeln!(out, "concealed effects, {what}: {}; said nothing {silent}", identified(&of))?;
+        let alone: Vec<&Scored> = of.into_iter().filter(|s| s.truth.kind == Kind::Single).collect();
+        writeln!(out, "  alone in their case: {}", identified(&alone))?;
     }
     by_strength(out, &concealed)?;
     let named_something: Vec<&&Scored> = concealed.iter().filter(|s| !s.named.is_empty()).collect();

@@ -8,6 +8,9 @@ use crate::read::dsp::median;
 /// background changes by less than 1 per band, by 2.05 at most.
 const FLOOR_MISFIT: f64 = 2.5;
 const FLOOR_SHARE: f64 = 0.55;
+/// How many times more per band the background must have changed than that of any other channel: 6.2 times at least where a path was changed on one of several sensors; gears
+/// whose sidebands reach into the background do so on all.
+const FLOOR_ALONE: f64 = 2.0;
 /// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
 /// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
 const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
@@ -100,8 +103,9 @@ pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<
 /// The channel whose sensor path or gain changed, and what to call it.
 pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<String>) -> Option<(usize, Finding)> {
     let mut best: Option<(usize, f64, f64)> = None;
-    for c in 0..q.comparison.channels.len() {
-        let (share, misfit) = locate::floor_account(cells, c, speeds);
+    let channels = 0..q.comparison.channels.len();
+    let floors: Vec<(f64, f64)> = channels.map(|c| locate::floor_account(cells, c, speeds)).collect();
+    for (c, &(share, misfit)) in floors.iter().enumerate() {
         steps.push(format!(
             "background of {}: misfit {misfit:.2} per band, of which the same function of frequency at all speeds explains {:.0} %",
             q.comparison.channels[c],
@@ -112,6 +116,9 @@ pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<St
         }
     }
     let (c, misfit, share) = best?;
+    if floors.iter().enumerate().any(|(k, (_, other))| k != c && misfit < FLOOR_ALONE * other) {
+        return None;
+    }
     let lines = |k: usize| locate::line_misfit(cells, Some(k));
     let others = (0..q.comparison.channels.len()).filter(|k| *k != c).map(lines).fold(f64::NAN, f64::min);
     let (own, (follows, sigma)) = (lines(c), locate::follows_background(cells, c)?);
