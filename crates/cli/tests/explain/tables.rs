@@ -70,8 +70,12 @@ fn oracle_a_linear_path_is_seen_and_not_resolved() {
         let said = relate(&text(&states, &simulation), &text(&states, &through_path(&simulation, 0.004, seed)));
         let finding = finding(&said);
         assert!(finding.contains("linear path"), "{finding}");
-        assert!(!said.contains("not independent"), "{said}");
+        assert!(!said.contains("not independent") && said.contains("the spectral shape differs"), "{said}");
     }
+    // One gain for all harmonics leaves the shape as it is.
+    let tenth: Vec<Vec<f64>> = simulation.iter().map(|row| row.iter().map(|a| 0.1 * a).collect()).collect();
+    let said = relate(&text(&states, &simulation), &text(&states, &tenth));
+    assert!(said.contains("the spectral shape is the same") && finding(&said).contains("linear path"), "{said}");
 }
 
 /// A single sign, and two rows, are named as what contradicts.
