@@ -26,12 +26,12 @@ use crate::{signals, talk};
 /// For trying the service without hardware, and for seeing what it does when an instrument misbehaves.
 #[derive(Args)]
 #[command(after_help = "Examples:
-  gearwatch emulate lanxi                       a LAN-XI front end at 127.0.0.1:8651, simulated
-  gearwatch emulate lanxi --file run-up.mcap    plays a recording, again and again
+  gearwatch emulate lanxi                         a LAN-XI front end at 127.0.0.1:8651, simulated
+  gearwatch emulate lanxi --file run-up.mcap      plays a recording, again and again
   gearwatch emulate lanxi --drop-every 20 --flip-every 10
-  gearwatch emulate lanxi --trouble 7           all that a network does, drawn from 7
-  gearwatch emulate tcp --listen 127.0.0.1:5511 frames for a source of kind \"tcp\"
-  gearwatch emulate udp --to 127.0.0.1:5512     frames for a source of kind \"udp\"
+  gearwatch emulate lanxi --trouble 7             all that a network does, drawn from 7
+  gearwatch emulate tcp --listen 127.0.0.1:5511   frames for a source of kind \"tcp\"
+  gearwatch emulate udp --to 127.0.0.1:5512       frames for a source of kind \"udp\"
 
 It prints the [[bench.source]] that reads it, to be put into a configuration. Ctrl-C ends it. Exit codes: 0 ended; 3 bad input.")]
 pub struct Emulate {
