@@ -29,7 +29,7 @@ physics that no library holds, one in sixteen two effects. The simulator that ma
 that explains them. The same seed gives the same table. A case takes some seconds of one core.")]
 pub struct Prove {
     /// How many cases
-    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     cases: u32,
     /// Seed of the first
     #[arg(long, default_value_t = 1)]
