@@ -8,9 +8,9 @@ use crate::read::dsp::median;
 /// background changes by less than 1 per band, by 2.05 at most.
 const FLOOR_MISFIT: f64 = 2.5;
 const FLOOR_SHARE: f64 = 0.55;
-/// How many times more per band the background must have changed than that of any other channel: 6.2 times at least where a path was changed on one of several sensors; gears
-/// whose sidebands reach into the background do so on all.
-const FLOOR_ALONE: f64 = 2.0;
+/// How many times more per band the background must have changed than that of any other channel: 6.2 times at least where a path alone was changed on one of several sensors, 1.6
+/// times beside pitch errors; gears whose sidebands reach into the background do so on all.
+const FLOOR_ALONE: f64 = 1.2;
 /// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
 /// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
 const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
