@@ -184,7 +184,7 @@ impl Pipeline {
         out.stages.resize(self.train.stages.len(), StageAnalysis::UNKNOWN);
         out.stages.fill(StageAnalysis::UNKNOWN);
         out.instrument = instrument_state(window, self.config.largest_offset);
-        if !matches!(out.instrument, InstrumentState::NotFinite | InstrumentState::FlatLine) {
+        if !matches!(out.instrument, InstrumentState::NotFinite | InstrumentState::ChannelDead) {
             self.analyse_lines(state, window, out);
         }
     }

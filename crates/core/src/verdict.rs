@@ -97,8 +97,14 @@ pub enum InstrumentState {
     Ok,
     /// The source said so, or samples pile up at the largest value.
     Overload,
-    /// The signal does not move.
+    /// One value stands for an eighth of the window or more.
     FlatLine,
+    /// The signal hardly ever changes: no line of the machine is in it.
+    ChannelDead,
+    /// Values or whole blocks come several times: a staircase, a buffer that is handed over again.
+    SamplesRepeated,
+    /// The converter has too few codes in use to show a line as large as it is.
+    QuantisationCoarse,
     /// NaN or infinite samples.
     NotFinite,
     /// Filters or transducer supply are still settling.
@@ -124,6 +130,9 @@ impl InstrumentState {
             Self::Ok => "ok",
             Self::Overload => "overload",
             Self::FlatLine => "flat_line",
+            Self::ChannelDead => "channel_dead",
+            Self::SamplesRepeated => "samples_repeated",
+            Self::QuantisationCoarse => "quantisation_coarse",
             Self::NotFinite => "not_finite",
             Self::Settling => "settling",
             Self::SensorFault => "sensor_fault",
