@@ -74,6 +74,8 @@ pub struct Simulator {
     pending: std::collections::VecDeque<Packet>,
     tacho: Option<TachoState>,
     dropped: Vec<bool>,
+    /// The count that a flat sensor stands at.
+    held: Vec<Option<i32>>,
     ended: bool,
     /// Deviation of the motor's angle at the end of the last block (rad).
     motor_rad: f64,
@@ -107,6 +109,7 @@ impl Simulator {
             names: bench.sensors.iter().map(|s| s.name.as_str().into()).collect(),
             units: bench.sensors.iter().map(|s| s.unit.as_str().into()).collect(),
             dropped: vec![false; bench.sensors.len()],
+            held: vec![None; bench.sensors.len()],
             setup,
             applied,
             stepper,
@@ -269,13 +272,17 @@ impl Simulator {
             let fault = self.config.scenario.sensor_faults.iter().find(|fault| {
                 fault.sensor == *self.names[s] && fault.start_s < end && fault.end_s.is_none_or(|e| e > begin)
             });
-            match fault.map(|fault| fault.kind) {
+            let kind = fault.map(|fault| fault.kind);
+            if kind != Some(FaultKind::Flat) {
+                self.held[s] = None;
+            }
+            match kind {
                 Some(FaultKind::Dropout) => {
                     self.dropped[s] = true;
                     continue;
                 }
                 Some(FaultKind::Flat) => {
-                    let held = counts.first().copied().unwrap_or_default();
+                    let held = *self.held[s].get_or_insert(counts.first().copied().unwrap_or_default());
                     counts.fill(held);
                 }
                 Some(FaultKind::Clipped) => {
