@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use gearwatch_core::verdict::{HARMONICS, Verdict};
+use gearwatch_core::verdict::{HARMONICS, MachineState, Verdict};
 use serde::{Serialize, Serializer};
 
 /// Windows kept per bench, stage and channel for a page that opens later: an hour of two a second, 0.5 MiB.
@@ -11,7 +11,9 @@ const KEPT: usize = 7200;
 #[derive(Clone, Copy, Debug)]
 struct Point {
     t0_ns: i64,
+    machine: MachineState,
     level: [i8; HARMONICS],
+    probability: [f32; HARMONICS],
     amplitude: [f32; HARMONICS],
     baseline: [f32; HARMONICS],
     deviation_sigma_percent: [f32; HARMONICS],
@@ -29,7 +31,9 @@ impl Past {
         verdict.unit.clone_into(&mut self.unit);
         self.keep(Point {
             t0_ns: verdict.t0,
+            machine: verdict.machine,
             level: verdict.harmonics.map(|h| h.rank.level()),
+            probability: verdict.harmonics.map(|h| h.rank_probability as f32),
             amplitude: verdict.harmonics.map(|h| h.amplitude.value as f32),
             baseline: verdict.harmonics.map(|h| h.baseline as f32),
             deviation_sigma_percent: verdict.harmonics.map(|h| h.deviation_percent.sigma as f32),
@@ -58,7 +62,9 @@ impl Past {
             channel,
             unit: &self.unit,
             t0_ns: self.points.iter().map(|p| p.t0_ns).collect(),
+            machine: self.points.iter().filter_map(|p| p.machine.code().chars().next()).collect(),
             level: std::array::from_fn(|k| self.points.iter().map(|p| letter(p.level[k])).collect()),
+            p: column(|p| &p.probability),
             amp: column(|p| &p.amplitude),
             base: column(|p| &p.baseline),
             sigma: column(|p| &p.deviation_sigma_percent),
@@ -79,8 +85,11 @@ struct Columns<'a> {
     channel: &'a str,
     unit: &'a str,
     t0_ns: Vec<i64>,
+    /// The first letter of the machine's state, one a window.
+    machine: String,
     /// One letter a window.
     level: [String; HARMONICS],
+    p: [Vec<Short>; HARMONICS],
     amp: [Vec<Short>; HARMONICS],
     base: [Vec<Short>; HARMONICS],
     sigma: [Vec<Short>; HARMONICS],
@@ -128,7 +137,9 @@ mod tests {
         let unknown = [f32::NAN; HARMONICS];
         let at = |t0_ns| Point {
             t0_ns,
+            machine: MachineState::Unknown,
             level: [-1; HARMONICS],
+            probability: unknown,
             amplitude: unknown,
             baseline: unknown,
             deviation_sigma_percent: unknown,
@@ -143,6 +154,8 @@ mod tests {
         let object: serde_json::Value = serde_json::from_str(&past.json(&key)).expect("JSON");
         assert_eq!(object["t0_ns"], serde_json::json!([1]));
         assert_eq!(object["level"][4], "?");
+        assert_eq!(object["machine"], "u");
+        assert_eq!(object["p"][0], serde_json::json!([null]));
         assert_eq!(object["amp"][0], serde_json::json!([null]));
         assert_eq!(object["channel"], "acc");
     }

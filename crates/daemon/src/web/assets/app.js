@@ -2,7 +2,7 @@
 //
 // app (link, theme) ─► state (rows, spectra, status) ─► strips · detail · spectrum · service (drawing)
 
-import { HARMONICS, RANKS, el, invalidate, node, paintWith, rankColour, rows, view } from "./state.js";
+import { LOOKS, RANKS, el, invalidate, node, paintWith, rows, shade, view } from "./state.js";
 import { drawStrip, rowOf } from "./strips.js";
 import { drawDetail } from "./detail.js";
 import { drawSpectrum, onSpectrum } from "./spectrum.js";
@@ -25,7 +25,7 @@ function changed(row) {
   if (row === view.selected) invalidate("detail");
 }
 
-const FIELDS = { level: (k) => `level_${k}x`, amp: (k) => `amp_${k}x`, base: (k) => `base_${k}x`, sigma: (k) => `dev_sigma_${k}x_percent` };
+const FIELDS = { level: (k) => `level_${k}x`, p: (k) => `p_${k}x`, amp: (k) => `amp_${k}x`, base: (k) => `base_${k}x`, sigma: (k) => `dev_sigma_${k}x_percent` };
 
 function onVerdict(v) {
   const row = rowOf(v);
@@ -34,7 +34,7 @@ function onVerdict(v) {
   // A replay that starts anew.
   if (v.t0_ns < row.past.newest) row.past.clear();
   // The newest window comes twice to a page that has just been opened: in the past, and by itself.
-  if (v.t0_ns > row.past.newest) row.past.push(v.t0_ns, (name, k) => v[FIELDS[name](k + 1)]);
+  if (v.t0_ns > row.past.newest) row.past.push(v.t0_ns, v.machine[0], (name, k) => v[FIELDS[name](k + 1)]);
   changed(row);
 }
 
@@ -43,7 +43,7 @@ function onPast(p) {
   const row = rowOf(p);
   row.unit = p.unit;
   row.past.clear();
-  p.t0_ns.forEach((t0, i) => row.past.push(t0, (name, k) => (name === "level" ? "?012345".indexOf(p.level[k][i]) - 1 : p[name][k][i])));
+  p.t0_ns.forEach((t0, i) => row.past.push(t0, p.machine[i], (name, k) => (name === "level" ? "?012345".indexOf(p.level[k][i]) - 1 : p[name][k][i])));
   changed(row);
 }
 
@@ -94,7 +94,8 @@ function theme(dark) {
   invalidate("all");
 }
 function legend() {
-  el("legend").replaceChildren(...["unknown", ...RANKS].map((r, i) => node("li", {}, node("i", { style: `background:${rankColour(i - 1)}` }), i ? `${r} ${STEPS[i - 1]}` : r)));
+  const names = ["unknown", ...RANKS.map((r, i) => `${r} ${STEPS[i]}`), "path changed"];
+  el("legend").replaceChildren(...LOOKS.map((look, i) => node("li", {}, node("i", { style: `background:${shade(look, 1)}` }), names[i])));
 }
 el("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme !== "dark"));
 theme(matchMedia("(prefers-color-scheme: dark)").matches);

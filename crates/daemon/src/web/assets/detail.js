@@ -1,6 +1,6 @@
 // The selected row: its last window as a table, its past beside the baseline, its deviations beside the nearest fault states.
 
-import { HARMONICS, RANKS, clock, css, el, fit, invalidate, known, node, percent, rankColour, text, view } from "./state.js";
+import { HARMONICS, RANKS, clock, codeOf, css, el, fit, invalidate, known, lookOf, node, percent, shade, strengthOf, text, view } from "./state.js";
 import { axis, sized } from "./plot.js";
 
 let trendPlot = null;
@@ -15,9 +15,13 @@ export function drawDetail() {
   drawPillars(last);
 }
 
+function colour(last, h) {
+  const look = lookOf(last.machine, last[`level_${h}x`]);
+  return shade(look, strengthOf(look, last[`p_${h}x`]));
+}
+
 function harmonicRow(h, last) {
-  const level = last[`level_${h}x`];
-  const badge = node("b", { style: `background:${rankColour(level)};color:${level === 0 || level === 5 ? "#fff" : "#111"}` }, last[`rank_${h}x`]);
+  const badge = node("b", { style: `background:${colour(last, h)}` }, codeOf(last, h));
   const sigma = last[`dev_sigma_${h}x_percent`];
   return node("tr", {}, node("th", { scope: "row" }, `${h}x`), node("td", { class: "rank" }, badge),
     node("td", {}, known(last[`p_${h}x`]) ? `${(100 * last[`p_${h}x`]).toFixed(0)} %` : "–"),
@@ -89,7 +93,7 @@ function drawPillars(last) {
       const d = s.dev[i];
       if (!known(d)) return;
       const x = left + i * slot + slot * 0.1 + k * bar;
-      g.fillStyle = k === 0 ? rankColour(last[`level_${h}x`]) : inks[k];
+      g.fillStyle = k === 0 ? colour(last, h) : inks[k];
       const range = s.range && s.range[i];
       if (range) {
         const [near0, far] = range.map(y);

@@ -11,28 +11,49 @@ export function lamp(id, state, words) {
 
 export function drawStatus() {
   const status = view.status;
-  const bench = (status.benches || []).find((b) => view.selected && b.name === view.selected.bench) || (status.benches || [])[0];
+  const benches = status.benches || [];
+  const bench = benches.find((b) => view.selected && b.name === view.selected.bench) || benches[0];
   if (!bench) return;
   el("bench").textContent = bench.name;
-  lamp("lamp-machine", bench.machine, bench.machine.replace("_", " "));
-  lamp("lamp-instrument", bench.instrument === "ok" ? "ok" : bench.instrument === "unknown" ? "unknown" : "not_ok", bench.instrument.replace(/_/g, " "));
+  const machine = gravest(benches, (b) => MACHINE.indexOf(b.machine));
+  lamp("lamp-machine", machine.machine, words(machine.machine, benches, (b) => b.machine === machine.machine));
+  const instrument = gravest(benches, (b) => (b.instrument === "ok" ? 0 : b.instrument === "unknown" ? 1 : 2));
+  const other = benches.filter((b) => !["ok", "unknown"].includes(b.instrument));
+  lamp("lamp-instrument", instrument.instrument === "ok" ? "ok" : instrument.instrument === "unknown" ? "unknown" : "not_ok",
+    words(instrument.instrument, benches, (b) => (other.length ? other.includes(b) : b.instrument === instrument.instrument)));
   el("op-speed").textContent = text(bench.motor_speed_hz, 5, "Hz");
   el("op-torque").textContent = text(bench.brake_torque_nm, 4, "N m");
   el("op-temperature").textContent = text(bench.temperature_c, 3, "°C");
-  el("alarms").tBodies[0].replaceChildren(...(bench.alarms.length ? bench.alarms.map(alarmRow) : [node("tr", {}, node("td", { colspan: "5" }, "none"))]));
-  el("sources").tBodies[0].replaceChildren(...bench.sources.map((s) => node("tr", {}, node("th", { scope: "row" }, s.name), node("td", {}, s.state), node("td", {}, String(s.windows)), node("td", {}, String(s.gaps)))));
+  const alarms = benches.flatMap((b) => b.alarms.map((a) => [b, a]));
+  el("alarms").tBodies[0].replaceChildren(...(alarms.length ? alarms.map(([b, a]) => alarmRow(a, benches.length > 1 ? `${b.name} · ${a.place}` : a.place)) : [node("tr", {}, node("td", { colspan: "5" }, "none"))]));
+  el("sources").tBodies[0].replaceChildren(...benches.flatMap((b) => b.sources.map((s) => node("tr", {}, node("th", { scope: "row" }, benches.length > 1 ? `${b.name} · ${s.name}` : s.name), node("td", {}, s.state), node("td", {}, String(s.windows)), node("td", {}, String(s.gaps))))));
   const facts = Object.entries(status.facts || {});
   el("log").replaceChildren(...facts.map(([k, v]) => node("div", {}, node("dt", {}, k), node("dd", {}, String(v)))));
 }
 
-function alarmRow(a) {
+// From good to grave.
+const MACHINE = ["normal", "unknown", "deviating", "path_changed", "alarm"];
+
+// The lamps speak of all benches: one that is in order must not hide another that is not.
+function gravest(benches, severity) {
+  return benches.reduce((a, b) => (severity(b) > severity(a) ? b : a));
+}
+
+// A state in words, with the benches that it is of where there are several.
+function words(state, benches, has) {
+  const of = benches.filter(has).map((b) => b.name);
+  const plain = state.replaceAll("_", " ");
+  return benches.length < 2 || of.length === benches.length ? plain : `${plain}: ${of.length > 2 ? `${of.length} of ${benches.length} benches` : of.join(", ")}`;
+}
+
+function alarmRow(a, place) {
   const button = node("button", { type: "button" }, a.acknowledged ? "Acknowledged" : "Acknowledge");
   button.disabled = a.acknowledged;
-  button.setAttribute("aria-label", `Acknowledge ${a.what} on ${a.place}`);
+  button.setAttribute("aria-label", `Acknowledge ${a.what} on ${place}`);
   button.addEventListener("click", async () => {
     button.disabled = true;
     const reply = await fetch(`/api/alarms/${encodeURIComponent(a.id)}/acknowledge`, { method: "POST", headers: { "content-type": "application/json" }, body: "{}" }).catch(() => null);
     if (!reply || !reply.ok) button.disabled = false;
   });
-  return node("tr", {}, node("td", {}, clock(a.since_ns)), node("td", {}, a.place), node("td", {}, a.what), node("td", {}, a.state), node("td", {}, button));
+  return node("tr", {}, node("td", {}, clock(a.since_ns)), node("td", {}, place), node("td", {}, a.what), node("td", {}, a.state), node("td", {}, button));
 }

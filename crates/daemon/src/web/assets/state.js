@@ -8,6 +8,7 @@ export const spectra = new Map(); // bench/channel → { last, waterfall }
 
 const KEEP = 7200; // windows kept per row, as the service does: an hour of two a second
 const WIDE = HARMONICS.length;
+const NUMBERS = ["p", "amp", "base", "sigma"]; // of each harmonic
 
 /* ---- drawing happens at most once per animation frame, and only what changed ---- */
 
@@ -37,7 +38,8 @@ export class Past {
   constructor() {
     this.t0 = new Float64Array(2 * KEEP);
     this.level = new Int8Array(2 * KEEP * WIDE);
-    for (const name of ["amp", "base", "sigma"]) this[name] = new Float32Array(2 * KEEP * WIDE);
+    this.machine = new Array(2 * KEEP);
+    for (const name of NUMBERS) this[name] = new Float32Array(2 * KEEP * WIDE);
     this.clear();
   }
 
@@ -55,18 +57,20 @@ export class Past {
   }
 
   // `of(name, k)` gives the value of harmonic k (from 0); what is not known is kept as NaN.
-  push(t0, of) {
+  push(t0, machine, of) {
     if (this.end === 2 * KEEP) {
       this.t0.copyWithin(0, this.start, this.end);
-      for (const name of ["level", "amp", "base", "sigma"]) this[name].copyWithin(0, this.start * WIDE, this.end * WIDE);
+      this.machine.copyWithin(0, this.start, this.end);
+      for (const name of ["level", ...NUMBERS]) this[name].copyWithin(0, this.start * WIDE, this.end * WIDE);
       this.end -= this.start;
       this.start = 0;
     }
     this.t0[this.end] = t0;
+    this.machine[this.end] = machine;
     for (let k = 0; k < WIDE; k++) {
       const at = this.end * WIDE + k;
       this.level[at] = of("level", k);
-      for (const name of ["amp", "base", "sigma"]) this[name][at] = of(name, k) ?? NaN;
+      for (const name of NUMBERS) this[name][at] = of(name, k) ?? NaN;
     }
     this.end++;
     this.total++;
@@ -88,7 +92,19 @@ export class Past {
 
 export const el = (id) => document.getElementById(id);
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-export const rankColour = (level) => css(level < 0 ? "--ru" : `--r${level}`);
+
+/* ---- the look of a rank: its colour says no more than the verdict, its strength how sure the rank is ---- */
+
+export const LOOKS = [-1, 0, 1, 2, 3, 4, 5, 6]; // unknown, 0 to V, path changed
+// The highest rank that each machine state (by its first letter) proves: a naked V on a stage that is called normal is no alarm.
+const PROVEN = { n: 0, d: 3, a: 5 };
+export const lookOf = (machine, level) => (level < 0 || machine[0] === "u" ? -1 : machine[0] === "p" ? 6 : Math.min(level, PROVEN[machine[0]] ?? 5));
+export const strengthOf = (look, p) => (look < 0 ? 1 : 0.2 + 0.8 * (known(p) ? p : 0));
+const inkOf = (look) => (look < 0 ? "--ru" : look === 6 ? "--rp" : `--r${look}`);
+export const shade = (look, strength) => `color-mix(in srgb, ${css(inkOf(look))} ${Math.round(100 * strength)}%, ${css("--panel")})`;
+// The rank in words, with a question mark where it is as likely wrong as right.
+export const codeOf = (v, h) => (v[`level_${h}x`] < 0 ? "?" : `${v[`rank_${h}x`]}${v[`p_${h}x`] > 0.5 ? "" : "?"}`);
+
 export const known = (x) => typeof x === "number" && Number.isFinite(x);
 export const text = (x, digits, unit) => (known(x) ? `${Number(x).toPrecision(digits)}${unit ? ` ${unit}` : ""}` : "–");
 export const percent = (x) => (known(x) ? `${x > 0 ? "+" : x < 0 ? "−" : ""}${Math.abs(x).toFixed(1)} %` : "–");

@@ -1,9 +1,10 @@
 // The rows on the left: one strip of ranks 1x–5x over time each.
 
-import { HARMONICS, Past, el, fit, invalidate, node, rankColour, rows, view } from "./state.js";
+import { HARMONICS, LOOKS, Past, codeOf, el, fit, invalidate, lookOf, node, rows, shade, strengthOf, view } from "./state.js";
 
 const WIDE = HARMONICS.length;
 const NOTHING = -2; // no window in this column
+const SHADES = 5; // steps of strength that are told apart
 const CELL = 3; // width of a column where a strip shows a span of time (px)
 
 export function rowOf(v) {
@@ -44,13 +45,27 @@ el("rows").addEventListener("keydown", (event) => {
   select(all[(all.indexOf(view.selected) + step + all.length) % all.length]);
 });
 
-// Columns of a span of time: each holds the highest level of its windows. Their borders lie at fixed times, so that a new window
+// What a strip's cells look like: the level, the look, the strength in steps, of `cells` cells.
+function cells(cells) {
+  return { level: new Int8Array(cells).fill(NOTHING), look: new Int8Array(cells).fill(NOTHING), strength: new Int8Array(cells) };
+}
+
+function put(to, at, past, i, k) {
+  const from = i * WIDE + k;
+  const look = lookOf(past.machine[i], past.level[from]);
+  to.level[at] = past.level[from];
+  to.look[at] = look;
+  to.strength[at] = Math.round(SHADES * strengthOf(look, past.p[from]));
+}
+
+// Columns of a span of time: each holds the gravest of its windows, by what the verdict proves, then by how sure the rank is. Their borders lie at fixed times, so that a new window
 // changes the last column alone; `changed` says whether it did.
 class Columns {
   constructor(span, count) {
     this.span = span;
     this.count = count;
-    this.level = new Int8Array(count * WIDE).fill(NOTHING);
+    this.cells = cells(count * WIDE);
+    this.fresh = cells(1);
     this.last = null; // number of the last column since the epoch
     this.taken = 0; // windows taken in, of those that the row ever had
     this.changed = true;
@@ -63,17 +78,20 @@ class Columns {
       const column = Math.floor(past.t0[i] / wide);
       const by = this.last === null ? 0 : column - this.last;
       if (by > 0) {
-        const cells = Math.min(by, this.count) * WIDE;
-        this.level.copyWithin(0, cells);
-        this.level.fill(NOTHING, this.level.length - cells);
+        const gone = Math.min(by, this.count) * WIDE;
+        for (const [name, empty] of [["level", NOTHING], ["look", NOTHING], ["strength", 0]]) {
+          this.cells[name].copyWithin(0, gone);
+          this.cells[name].fill(empty, this.cells[name].length - gone);
+        }
         this.changed = true;
       }
       this.last = column;
       for (let k = 0; k < WIDE; k++) {
         const at = (this.count - 1) * WIDE + k;
-        const level = past.level[i * WIDE + k];
-        if (level > this.level[at]) {
-          this.level[at] = level;
+        put(this.fresh, 0, past, i, k);
+        const graver = this.fresh.look[0] - this.cells.look[at] || this.fresh.level[0] - this.cells.level[at] || this.fresh.strength[0] - this.cells.strength[at];
+        if (graver > 0) {
+          for (const name of ["level", "look", "strength"]) this.cells[name][at] = this.fresh[name][0];
           this.changed = true;
         }
       }
@@ -82,43 +100,44 @@ class Columns {
   }
 }
 
-// The levels that a strip shows, oldest first; null if they are those of the last time.
+// The cells that a strip shows, oldest first; null if they are those of the last time.
 function shown(row, width, anew) {
   if (!view.span) {
     const cell = Math.max(2, Math.min(8, width / 60));
     const count = Math.min(row.past.length, Math.floor(width / cell));
     row.columns = null;
-    return { cell, count, level: row.past.level.subarray((row.past.end - count) * WIDE, row.past.end * WIDE) };
+    const all = cells(count * WIDE);
+    for (let i = 0; i < count; i++) for (let k = 0; k < WIDE; k++) put(all, i * WIDE + k, row.past, row.past.end - count + i, k);
+    return { cell, count, ...all };
   }
   const count = Math.floor(width / CELL);
   const kept = row.columns;
   if (!kept || kept.span !== view.span || kept.count !== count || kept.taken > row.past.total) row.columns = new Columns(view.span, count);
   row.columns.take(row.past);
-  return row.columns.changed || anew ? { cell: CELL, count, level: row.columns.level } : null;
+  return row.columns.changed || anew ? { cell: CELL, count, ...row.columns.cells } : null;
 }
 
 export function drawStrip(row, anew) {
   if (!row.last) return;
-  const codes = HARMONICS.map((h) => (row.last[`level_${h}x`] < 0 ? "?" : row.last[`rank_${h}x`])).join(" ");
+  const codes = HARMONICS.map((h) => codeOf(row.last, h)).join(" ");
   const words = row.last.instrument === "ok" ? row.last.machine : row.last.instrument;
   row.state.textContent = `${words.replaceAll("_", " ")} · ${codes}`;
 
   const what = shown(row, Math.max(1, row.canvas.clientWidth), anew);
   if (!what) return;
   const { g, width, height } = fit(row.canvas);
-  const { cell, count, level } = what;
+  const { cell, count, level, look, strength } = what;
   const lane = height / WIDE;
   const x0 = width - count * cell;
   const breadth = cell - (cell > 3 ? 1 : 0);
-  for (let colour = -1; colour <= 5; colour++) {
-    g.fillStyle = rankColour(colour);
-    // The height says the same as the colour, for those who cannot tell colours apart.
-    const tall = (colour < 0 ? 0.18 : 0.3 + 0.14 * colour) * (lane - 2);
-    for (let at = 0; at < level.length; at++) {
-      if (level[at] !== colour) continue;
-      const k = at % WIDE;
-      g.fillRect(x0 + ((at - k) / WIDE) * cell, (k + 1) * lane - 1 - tall, breadth, tall);
-    }
+  const inks = LOOKS.map((l) => Array.from({ length: SHADES + 1 }, (_, s) => shade(l, s / SHADES)));
+  for (let at = 0; at < level.length; at++) {
+    if (look[at] === NOTHING) continue;
+    const k = at % WIDE;
+    // The height says the rank, for those who cannot tell colours apart, and the rank that a verdict does not bear out.
+    const tall = (level[at] < 0 ? 0.18 : 0.3 + 0.14 * level[at]) * (lane - 2);
+    g.fillStyle = inks[look[at] + 1][strength[at]];
+    g.fillRect(x0 + ((at - k) / WIDE) * cell, (k + 1) * lane - 1 - tall, breadth, tall);
   }
 }
 
