@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::Value;
 
 use crate::page::Page;
@@ -52,11 +53,16 @@ impl Feed {
 
     /// Acknowledges an alarm and says how that went.
     pub fn acknowledge(&self, id: &str) -> String {
-        match self.page.post(&format!("/api/alarms/{id}/acknowledge")) {
+        match self.page.post(&path_of(id)) {
             Ok(_) => format!("alarm {id} acknowledged"),
             Err(error) => format!("alarm {id} could not be acknowledged: {error}"),
         }
     }
+}
+
+/// An id holds slashes between bench, stage and channel, and whatever names hold.
+fn path_of(id: &str) -> String {
+    format!("/api/alarms/{}/acknowledge", utf8_percent_encode(id, NON_ALPHANUMERIC))
 }
 
 fn read(page: &Page, out: &SyncSender<Message>) -> anyhow::Result<()> {
@@ -87,5 +93,14 @@ fn read(page: &Page, out: &SyncSender<Message>) -> anyhow::Result<()> {
                 return Ok(());
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    /// The slashes of an id are no slashes of the path: the service knew no such route.
+    #[test]
+    fn regress_an_alarm_is_one_part_of_the_path() {
+        assert_eq!(super::path_of("stage1/acc 1"), "/api/alarms/stage1%2Facc%201/acknowledge");
     }
 }

@@ -21,16 +21,56 @@ const HEIGHTS: [&str; 6] = ["▁", "▂", "▃", "▅", "▆", "█"];
 #[derive(Default)]
 struct Channel {
     last: Value,
-    /// Highest level of the five harmonics by window; −1 unknown.
-    levels: VecDeque<i64>,
+    /// The gravest look of the five harmonics by window, with the rank that it stands for.
+    looks: VecDeque<Look>,
+}
+
+/// What a rank looks like: its colour says no more than the verdict proves, and a rank that is not sure is dim.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Look {
+    /// 0 to 5; −1 unknown, 6 where the path changed.
+    colour: i64,
+    /// 0 to 5; −1 unknown.
+    level: i64,
+    sure: bool,
+}
+
+const UNKNOWN: Look = Look { colour: -1, level: -1, sure: true };
+/// Colour of a path that changed.
+const PATH: i64 = 6;
+
+impl Look {
+    /// Of a machine state, of which the first letter is enough, a level and its probability.
+    fn of(machine: &str, level: i64, probability: Option<f64>) -> Self {
+        let proven = match machine.chars().next() {
+            Some('n') => 0,
+            Some('d') => 3,
+            Some('a') => 5,
+            Some('p') => PATH,
+            _ => return Self { level, ..UNKNOWN },
+        };
+        let colour = match level {
+            ..0 => -1,
+            _ if proven == PATH => PATH,
+            _ => level.min(proven),
+        };
+        Self { colour, level, sure: probability.is_some_and(|p| p > 0.5) }
+    }
+
+    /// Of a harmonic of a verdict.
+    fn in_verdict(verdict: &Value, harmonic: &str) -> Self {
+        let level = verdict[format!("level_{harmonic}")].as_i64().unwrap_or(-1);
+        let machine = verdict["machine"].as_str().unwrap_or_default();
+        Self::of(machine, level, verdict[format!("p_{harmonic}")].as_f64())
+    }
 }
 
 impl Channel {
-    fn push(&mut self, levels: [i64; 5]) {
-        if self.levels.len() == KEEP {
-            self.levels.pop_front();
+    fn push(&mut self, looks: [Look; 5]) {
+        if self.looks.len() == KEEP {
+            self.looks.pop_front();
         }
-        self.levels.push_back(levels.into_iter().max().unwrap_or(-1));
+        self.looks.push_back(looks.into_iter().max().unwrap_or(UNKNOWN));
     }
 }
 
@@ -85,17 +125,21 @@ impl Screen {
             Message::Status(status) => self.status = status,
             Message::Past(past) => {
                 let channel = self.channel(&past);
-                channel.levels.clear();
+                channel.looks.clear();
+                let machine = past["machine"].as_str().unwrap_or_default();
                 let letters = [0, 1, 2, 3, 4].map(|h| past["level"][h].as_str().unwrap_or_default().as_bytes());
-                let windows = letters.map(<[u8]>::len).into_iter().min().unwrap_or(0);
+                let windows = letters.map(<[u8]>::len).into_iter().min().unwrap_or(0).min(machine.len());
                 // The newest window comes again by itself.
                 for window in windows.saturating_sub(KEEP)..windows.saturating_sub(1) {
-                    channel.push(letters.map(|of| char::from(of[window]).to_digit(10).map_or(-1, i64::from)));
+                    channel.push([0, 1, 2, 3, 4].map(|h| {
+                        let level = char::from(letters[h][window]).to_digit(10).map_or(-1, i64::from);
+                        Look::of(&machine[window..], level, past["p"][h][window].as_f64())
+                    }));
                 }
             }
             Message::Verdict(verdict) => {
                 let channel = self.channel(&verdict);
-                channel.push(HARMONICS.map(|h| verdict[format!("level_{h}")].as_i64().unwrap_or(-1)));
+                channel.push(HARMONICS.map(|h| Look::in_verdict(&verdict, h)));
                 channel.last = verdict;
             }
         }
@@ -127,23 +171,25 @@ impl Screen {
 
     /// Id of the selected alarm, if there is one.
     pub fn selected_alarm(&self) -> Option<String> {
-        alarms(&self.status).get(self.alarm).and_then(|alarm| alarm["id"].as_str()).map(str::to_owned)
+        alarms(&self.status).get(self.alarm).and_then(|(_, alarm)| alarm["id"].as_str()).map(str::to_owned)
     }
 
     fn ink(&self, colour: Color) -> Style {
         if self.colours { Style::new().fg(colour) } else { Style::new() }
     }
 
-    fn rank_ink(&self, level: i64) -> Style {
-        self.ink(match level {
+    fn rank_ink(&self, look: Look) -> Style {
+        let style = self.ink(match look.colour {
             0 => Color::Green,
             1 => Color::LightGreen,
             2 => Color::Yellow,
             3 => Color::LightYellow,
             4 => Color::LightRed,
             5 => Color::Red,
+            PATH => Color::Magenta,
             _ => Color::DarkGray,
-        })
+        });
+        if look.sure { style } else { style.add_modifier(Modifier::DIM) }
     }
 
     fn state_ink(&self, state: &str) -> Style {
@@ -176,11 +222,12 @@ impl Screen {
     }
 
     fn draw_head(&self, frame: &mut Frame<'_>, area: Rect) {
-        let bench = &self.status["benches"][0];
-        let text = |key: &str| bench[key].as_str().unwrap_or("unknown").to_owned();
+        let bench = self.bench_of_row();
         let number =
             |key: &str, unit: &str| bench[key].as_f64().map_or_else(|| "–".into(), |v| format!("{v:.4} {unit}"));
-        let (machine, instrument) = (text("machine"), text("instrument"));
+        // Of all benches: one that is in order must not hide another that is not.
+        let machine = gravest(&self.status, "machine", &["normal", "unknown", "deviating", "path_changed", "alarm"]);
+        let instrument = gravest(&self.status, "instrument", &["ok", "unknown"]);
         let link = match &self.link {
             Ok(()) => Span::styled("live", self.ink(Color::Green)),
             Err(why) => Span::styled(format!("lost ({why})"), self.ink(Color::Red)),
@@ -204,35 +251,50 @@ impl Screen {
         frame.render_widget(Paragraph::new(vec![first, Line::raw(second)]), area);
     }
 
+    /// The bench of the selected row.
+    fn bench_of_row(&self) -> &Value {
+        let name = self.channels.keys().nth(self.row).map(|(bench, _, _)| bench.as_str());
+        let all = benches(&self.status);
+        all.iter().find(|bench| bench["name"].as_str() == name).or(all.first()).unwrap_or(&Value::Null)
+    }
+
     fn draw_rows(&self, frame: &mut Frame<'_>, area: Rect) {
-        let strip = usize::from(area.width.saturating_sub(58));
-        let lines = self.channels.iter().enumerate().map(|(i, ((_, stage, name), channel))| {
+        let several = benches(&self.status).len() > 1;
+        let place = |bench: &str, stage: &str, name: &str| match several {
+            true => format!("{bench} · {stage} · {name}"),
+            false => format!("{stage} · {name}"),
+        };
+        let lengths = self.channels.keys().map(|(bench, stage, name)| place(bench, stage, name).chars().count());
+        let longest = u16::try_from(lengths.max().unwrap_or(0)).unwrap_or(u16::MAX).clamp(22, area.width / 2);
+        let strip = usize::from(area.width.saturating_sub(longest + 41));
+        let lines = self.channels.iter().enumerate().map(|(i, ((bench, stage, name), channel))| {
             let v = &channel.last;
             let instrument = v["instrument"].as_str().unwrap_or("unknown");
             let machine = v["machine"].as_str().unwrap_or("unknown");
             let state = if instrument == "ok" { machine } else { instrument };
             let mut cells = vec![
-                Cell::from(format!("{stage} · {name}")),
+                Cell::from(place(bench, stage, name)),
                 Cell::from(Span::styled(
                     state.replace('_', " "),
                     self.state_ink(if instrument == "ok" { machine } else { "" }),
                 )),
             ];
             for h in HARMONICS {
-                let level = v[format!("level_{h}")].as_i64().unwrap_or(-1);
-                let code = if level < 0 { "?" } else { v[format!("rank_{h}")].as_str().unwrap_or("?") };
-                cells.push(Cell::from(Span::styled(code.to_owned(), self.rank_ink(level))));
+                let look = Look::in_verdict(v, h);
+                let code = if look.level < 0 { "?" } else { v[format!("rank_{h}")].as_str().unwrap_or("?") };
+                let doubt = if look.level < 0 || look.sure { "" } else { "?" };
+                cells.push(Cell::from(Span::styled(format!("{code}{doubt}"), self.rank_ink(look))));
             }
-            let skip = channel.levels.len().saturating_sub(strip);
+            let skip = channel.looks.len().saturating_sub(strip);
             let spans: Vec<_> =
-                channel.levels.iter().skip(skip).map(|&l| Span::styled(height(l), self.rank_ink(l))).collect();
+                channel.looks.iter().skip(skip).map(|&l| Span::styled(height(l.level), self.rank_ink(l))).collect();
             cells.push(Cell::from(Line::from(spans)));
             let chosen = i == self.row && self.focus == Focus::Rows;
             Row::new(cells).style(if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() })
         });
-        let widths = [Constraint::Length(22), Constraint::Length(13)]
+        let widths = [Constraint::Length(longest), Constraint::Length(13)]
             .into_iter()
-            .chain([Constraint::Length(3); 5])
+            .chain([Constraint::Length(4); 5])
             .chain([Constraint::Min(10)]);
         let head = Row::new(["stage · channel", "state", "1x", "2x", "3x", "4x", "5x", "highest rank over time"]);
         let table = Table::new(lines, widths).header(head.style(Style::new().add_modifier(Modifier::BOLD)));
@@ -240,14 +302,14 @@ impl Screen {
     }
 
     fn draw_detail(&self, frame: &mut Frame<'_>, area: Rect) {
-        let Some(((_, stage, name), channel)) = self.channels.iter().nth(self.row) else { return };
+        let Some(((bench, stage, name), channel)) = self.channels.iter().nth(self.row) else { return };
         let v = &channel.last;
         let half = usize::from(area.width.saturating_sub(46)) / 2;
         let lines: Vec<_> = HARMONICS
             .iter()
             .map(|h| {
                 let number = |key: String| v[key].as_f64();
-                let level = v[format!("level_{h}")].as_i64().unwrap_or(-1);
+                let look = Look::in_verdict(v, h);
                 let figures = match (number(format!("dev_{h}_percent")), number(format!("dev_sigma_{h}_percent"))) {
                     (Some(d), Some(s)) => format!("{d:+7.2} ± {s:4.2} %"),
                     _ => "      –        ".into(),
@@ -257,28 +319,27 @@ impl Screen {
                 let deviation = number(format!("dev_{h}_percent")).unwrap_or(0.0);
                 Line::from(vec![
                     Span::raw(format!("{h}  ")),
-                    Span::styled(
-                        format!("{:>7}", v[format!("rank_{h}")].as_str().unwrap_or("?")),
-                        self.rank_ink(level),
-                    ),
+                    Span::styled(format!("{:>7}", v[format!("rank_{h}")].as_str().unwrap_or("?")), self.rank_ink(look)),
                     Span::raw(format!("  {figures}  p {probability} % ")),
-                    Span::styled(bar(deviation, half), self.rank_ink(level)),
+                    Span::styled(bar(deviation, half), self.rank_ink(look)),
                 ])
             })
             .collect();
-        let title = format!(" {stage} · {name}: deviations, full width ±20 % ");
+        let title = format!(" {bench} · {stage} · {name}: deviations, full width ±20 % ");
         frame.render_widget(Paragraph::new(lines).block(Block::new().borders(Borders::TOP).title(title)), area);
     }
 
     fn draw_alarms(&self, frame: &mut Frame<'_>, area: Rect) {
+        let several = benches(&self.status).len() > 1;
         let lines: Vec<_> = alarms(&self.status)
             .iter()
             .enumerate()
-            .map(|(i, alarm)| {
+            .map(|(i, (bench, alarm))| {
                 let text = |key: &str| alarm[key].as_str().unwrap_or_default().to_owned();
                 let seen =
                     if alarm["acknowledged"].as_bool() == Some(true) { "acknowledged" } else { "not acknowledged" };
-                let line = format!("{:<24} {:<40} {} ({seen})", text("place"), text("what"), text("state"));
+                let place = if several { format!("{bench} · {}", text("place")) } else { text("place") };
+                let line = format!("{place:<24} {:<40} {} ({seen})", text("what"), text("state"));
                 let chosen = i == self.alarm && self.focus == Focus::Alarms;
                 Line::styled(line, if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() })
             })
@@ -289,8 +350,26 @@ impl Screen {
     }
 }
 
-fn alarms(status: &Value) -> &[Value] {
-    status["benches"][0]["alarms"].as_array().map_or(&[], Vec::as_slice)
+fn benches(status: &Value) -> &[Value] {
+    status["benches"].as_array().map_or(&[], Vec::as_slice)
+}
+
+/// All alarms, each with the name of its bench.
+fn alarms(status: &Value) -> Vec<(&str, &Value)> {
+    benches(status)
+        .iter()
+        .flat_map(|bench| {
+            let name = bench["name"].as_str().unwrap_or_default();
+            bench["alarms"].as_array().into_iter().flatten().map(move |alarm| (name, alarm))
+        })
+        .collect()
+}
+
+/// The gravest state of all benches; what is not in the list, from good to grave, is the gravest.
+fn gravest(status: &Value, key: &str, order: &[&str]) -> String {
+    let states = benches(status).iter().map(|bench| bench[key].as_str().unwrap_or("unknown"));
+    let severity = |state: &&str| order.iter().position(|known| known == state).unwrap_or(order.len());
+    states.max_by_key(severity).unwrap_or("unknown").to_owned()
 }
 
 fn height(level: i64) -> &'static str {
@@ -318,6 +397,41 @@ mod tests {
         assert_eq!(bar(10.0, 4), "    │██");
         assert_eq!(bar(-20.0, 4), "████│    ");
         assert_eq!(bar(99.0, 4), "    │████");
+    }
+
+    /// One bench in order must not hide another that is not; rows and alarms say whose they are.
+    #[test]
+    fn regress_the_lamps_speak_of_all_benches() {
+        let mut screen = Screen::new("http://bench".into());
+        screen.take(Message::Link(Ok(())));
+        let alarm = serde_json::json!({"id": "stage1/acc", "place": "stage1/acc", "what": "rank V", "state": "active"});
+        screen.take(Message::Status(serde_json::json!({"benches": [
+            {"name": "north", "machine": "normal", "instrument": "ok", "alarms": []},
+            {"name": "south", "machine": "alarm", "instrument": "flat_line", "alarms": [alarm]},
+        ]})));
+        for bench in ["north", "south"] {
+            screen.take(Message::Verdict(
+                serde_json::json!({"bench": bench, "stage": "stage1", "channel": "acc", "machine": "normal", "instrument": "ok"}),
+            ));
+        }
+        let mut terminal = Terminal::new(TestBackend::new(140, 30)).unwrap();
+        terminal.draw(|frame| screen.draw(frame)).unwrap();
+        let text = terminal.backend().to_string();
+        assert!(text.contains("machine alarm") && text.contains("instrument flat_line"), "{text}");
+        for place in ["north · stage1 · acc", "south · stage1 · acc", "south · stage1/acc"] {
+            assert!(text.contains(place), "{place}: {text}");
+        }
+        assert_eq!(screen.selected_alarm().as_deref(), Some("stage1/acc"));
+    }
+
+    /// A naked V on a stage that is called normal is green and dim, and a question.
+    #[test]
+    fn regress_the_colour_says_no_more_than_the_verdict() {
+        let of = |machine, p| Look::of(machine, 5, Some(p));
+        assert!(of("normal", 0.3) == Look { colour: 0, level: 5, sure: false });
+        assert!(of("deviating", 0.8) == Look { colour: 3, level: 5, sure: true });
+        assert!(of("alarm", 0.9) == Look { colour: 5, level: 5, sure: true });
+        assert!(of("path_changed", 0.9).colour == PATH && of("unknown", 0.9).colour == -1);
     }
 
     /// A lost link must not go on showing a machine in order.
