@@ -325,10 +325,7 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
 /// # Errors
 /// When the file cannot be read.
 pub fn sha256_of(path: &Path) -> Result<String, PartError> {
-    let mut hasher = Sha256::new();
-    let mut file = File::open(path).map_err(io_at(path))?;
-    io::copy(&mut file, &mut hasher).map_err(io_at(path))?;
-    Ok(hex(&hasher.finalize()))
+    gearwatch_io::digest::sha256_of_file(path).map_err(io_at(path))
 }
 
 #[cfg(test)]

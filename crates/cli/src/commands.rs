@@ -4,11 +4,14 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::{Args, Command};
+use anyhow::bail;
+use clap::{Arg, Args, Command};
+use gearwatch_daemon::kinds::with_feature;
 
 use crate::exit::Exit;
 
 mod baseline;
+#[cfg(feature = "batch")]
 mod batch;
 mod completions;
 mod config;
@@ -16,13 +19,18 @@ mod convert;
 mod diagnose;
 mod doctor;
 mod emulate;
+#[cfg(feature = "explain")]
 mod explain;
+#[cfg(feature = "brokers")]
 mod fleet;
 mod info;
 mod layout;
 mod list;
+#[cfg(feature = "manual")]
 mod man;
+#[cfg(feature = "explain")]
 mod paper;
+#[cfg(feature = "explain")]
 mod prove;
 mod recover;
 mod replay;
@@ -30,7 +38,9 @@ mod run;
 mod signatures;
 mod simulate;
 mod status;
+#[cfg(feature = "batch")]
 mod sweep;
+#[cfg(feature = "terminal")]
 mod top;
 
 /// All commands, in the order of `gearwatch --help`.
@@ -40,25 +50,49 @@ const COMMANDS: &[Kind] = &[
     kind::<replay::Replay>(),
     kind::<simulate::Simulate>(),
     kind::<emulate::Emulate>(),
+    #[cfg(feature = "terminal")]
     kind::<top::Top>(),
+    #[cfg(not(feature = "terminal"))]
+    left_out("top", "terminal"),
+    #[cfg(feature = "brokers")]
     kind::<fleet::Fleet>(),
+    #[cfg(not(feature = "brokers"))]
+    left_out("fleet", "brokers"),
     kind::<baseline::BaselineCommand>(),
+    #[cfg(feature = "explain")]
     kind::<paper::Paper>(),
+    #[cfg(not(feature = "explain"))]
+    left_out("paper", "explain"),
     kind::<diagnose::Diagnose>(),
     kind::<signatures::SignaturesCommand>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
+    #[cfg(feature = "batch")]
     kind::<batch::Batch>(),
+    #[cfg(not(feature = "batch"))]
+    left_out("batch", "batch"),
+    #[cfg(feature = "batch")]
     kind::<sweep::Sweep>(),
+    #[cfg(not(feature = "batch"))]
+    left_out("sweep", "batch"),
+    #[cfg(feature = "explain")]
     kind::<explain::Explain>(),
+    #[cfg(not(feature = "explain"))]
+    left_out("explain", "explain"),
+    #[cfg(feature = "explain")]
     kind::<prove::Prove>(),
+    #[cfg(not(feature = "explain"))]
+    left_out("prove", "explain"),
     kind::<recover::Recover>(),
     kind::<doctor::Doctor>(),
     kind::<layout::Layout>(),
     kind::<list::List>(),
     kind::<config::ConfigCommand>(),
     kind::<completions::Completions>(),
+    #[cfg(feature = "manual")]
     kind::<man::Manual>(),
+    #[cfg(not(feature = "manual"))]
+    left_out("man", "manual"),
 ];
 
 /// A command: what the user may write, and what is then done.
@@ -75,6 +109,8 @@ pub trait Run: Args + Send {
 
 struct Kind {
     name: &'static str,
+    /// The cargo feature that a build without this command lacks.
+    lacks: Option<&'static str>,
     build: fn() -> Command,
     run: fn(&clap::ArgMatches) -> anyhow::Result<Exit>,
 }
@@ -82,8 +118,32 @@ struct Kind {
 const fn kind<T: Run>() -> Kind {
     Kind {
         name: T::NAME,
+        lacks: None,
         build: || T::augment_args(Command::new(T::NAME)),
         run: |matches| T::from_arg_matches(matches)?.run(),
+    }
+}
+
+/// A command that this build has left out: it stands in the help and takes any arguments, so that whoever tries it learns what it needs.
+#[allow(dead_code, reason = "not used where nothing was left out")]
+const fn left_out(name: &'static str, feature: &'static str) -> Kind {
+    Kind { name, lacks: Some(feature), build: || Command::new(""), run: |_| Ok(Exit::Unknown) }
+}
+
+impl Kind {
+    fn command(&self) -> Command {
+        let Some(feature) = self.lacks else { return (self.build)() };
+        Command::new(self.name)
+            .about(format!("(not in this build: {})", with_feature(feature)))
+            .disable_help_flag(true)
+            .arg(Arg::new("any").num_args(0..).trailing_var_arg(true).allow_hyphen_values(true).hide(true))
+    }
+
+    fn run(&self, matches: &clap::ArgMatches) -> anyhow::Result<Exit> {
+        match self.lacks {
+            Some(feature) => bail!("this build has left it out; {}", with_feature(feature)),
+            None => (self.run)(matches),
+        }
     }
 }
 
@@ -94,7 +154,7 @@ pub fn command_line() -> Command {
         .about("Watches, replays, diagnoses, simulates and explains a gear test bench")
         .subcommand_required(true)
         .arg_required_else_help(true)
-        .subcommands(COMMANDS.iter().map(|kind| (kind.build)()))
+        .subcommands(COMMANDS.iter().map(Kind::command))
 }
 
 /// Parses the arguments, runs the command, and says what went wrong.
@@ -111,7 +171,7 @@ pub fn dispatch(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let Some(kind) = COMMANDS.iter().find(|kind| kind.name == name) else {
         return ExitCode::from(Exit::Unknown as u8);
     };
-    match (kind.run)(matches) {
+    match kind.run(matches) {
         Ok(exit) => ExitCode::from(exit as u8),
         // `gearwatch list | head -1`: whoever read has all he wanted.
         Err(error) if is_closed_pipe(&error) => ExitCode::from(Exit::Ok as u8),

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use clap::Args;
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
@@ -96,6 +97,14 @@ pub fn pipeline(bench: &Bench, baseline: Option<Baseline>, signatures: Option<&P
         Some(path) => pipeline.with_signatures(gearwatch_io::signature_file::read_for(path, bench)?),
         None => pipeline,
     })
+}
+
+/// SHA-256 of a file, for a report that says what it was made from.
+///
+/// # Errors
+/// With the file, when it cannot be read.
+pub fn sha256_of(path: &Path) -> anyhow::Result<String> {
+    gearwatch_io::digest::sha256_of_file(path).with_context(|| format!("{} cannot be read", path.display()))
 }
 
 /// Files below this size are read before a bar could be seen (bytes).

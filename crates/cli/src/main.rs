@@ -1,24 +1,14 @@
 //! The command `gearwatch`.
 
-mod commands;
-mod exit;
-mod format;
-mod input;
-mod page;
-mod progress;
-mod serve;
-mod signals;
-mod talk;
-
 use std::process::ExitCode;
 
 /// The system's allocator gives every thread an arena of its own out of sixteen and more, and keeps there what the thread has freed: with each
 /// reload other threads leave their peaks in other arenas, and resident memory creeps up although no more is in use. This one gives back what
 /// was not needed for ten seconds.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[cfg(all(feature = "jemalloc", target_os = "linux", target_env = "gnu"))]
 #[global_allocator]
 static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
 
 fn main() -> ExitCode {
-    commands::dispatch(std::env::args_os())
+    gearwatch::dispatch(std::env::args_os())
 }

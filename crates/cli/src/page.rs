@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use clap::Args;
-use gearwatch_daemon::tls::Trust;
 use ureq::http::Response;
 use ureq::{Agent, Body};
 
@@ -37,16 +36,24 @@ impl PageAccess {
             Ok::<_, anyhow::Error>(text.lines().next().unwrap_or_default().trim().to_owned())
         });
         // A service on this machine or this network: nothing for a proxy.
-        let mut config =
+        let config =
             Agent::config_builder().proxy(None).timeout_connect(Some(patience)).timeout_recv_response(Some(patience));
+        #[cfg(feature = "tls")]
+        let config = if url.starts_with("https:") {
+            let trust = gearwatch_daemon::tls::Trust::read(self.ca_file.as_deref()).map_err(anyhow::Error::msg)?;
+            config.tls_config(trust.of_requests())
+        } else {
+            config
+        };
+        #[cfg(not(feature = "tls"))]
         if url.starts_with("https:") {
-            let trust = Trust::read(self.ca_file.as_deref()).map_err(|e| anyhow!(e))?;
-            config = config.tls_config(trust.of_requests());
+            anyhow::bail!("{url}: this build has left out https; {}", gearwatch_daemon::kinds::with_feature("tls"));
         }
         Ok(Page { agent: config.build().into(), url, token: token.transpose()? })
     }
 }
 
+#[cfg_attr(not(feature = "terminal"), allow(dead_code, reason = "`top` does more than ask"))]
 impl Page {
     /// Its address.
     pub fn url(&self) -> &str {

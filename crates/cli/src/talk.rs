@@ -3,17 +3,18 @@
 //! A thread of its own writes it. Whoever speaks never waits for whoever reads: lines that find no room are left out, and counted.
 
 use std::io::{IsTerminal, Write};
-use std::os::unix::fs::MetadataExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use tracing::{Event, Level, Subscriber};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::fmt::format::{Format, Full, Writer, format};
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields, MakeWriter};
+use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Lines that may wait for stderr.
 const WAITING: usize = 4096;
@@ -37,33 +38,38 @@ impl Drop for Talk {
 /// Sends log lines to stderr. `GEARWATCH_LOG` sets what is told (such as `debug` or `gearwatch_daemon=trace`); `info` where it is not set.
 pub fn start() -> Talk {
     let asked = std::env::var("GEARWATCH_LOG").unwrap_or_default();
-    let filter =
-        EnvFilter::try_new(if asked.is_empty() { "info" } else { &asked }).unwrap_or_else(|_| EnvFilter::new("info"));
+    let usual = || Targets::new().with_default(LevelFilter::INFO);
+    let filter: Targets = if asked.is_empty() { usual() } else { asked.parse().unwrap_or_else(|_| usual()) };
     // What the client of a broker says of each try, the sink says in better words.
-    let filter = match "async_nats=off".parse() {
-        Ok(quiet) if !asked.contains("async_nats") => filter.add_directive(quiet),
-        _ => filter,
-    };
+    let filter = if asked.contains("async_nats") { filter } else { filter.with_target("async_nats", LevelFilter::OFF) };
     let to_terminal = std::io::stderr().is_terminal();
     let pen = Pen::start();
     let talk = Talk { left: pen.left.clone() };
-    let lines = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(pen)
         .with_target(false)
         .with_ansi(to_terminal && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()));
+    let filtered = tracing_subscriber::registry().with(filter);
     if is_read_by_journal() {
-        let _ = lines.event_format(ForJournal(format().without_time().with_level(false).with_target(false))).try_init();
+        let for_journal = ForJournal(format().without_time().with_level(false).with_target(false));
+        let _ = filtered.with(lines.event_format(for_journal)).try_init();
     } else {
-        let _ = lines.try_init();
+        let _ = filtered.with(lines).try_init();
     }
     talk
 }
 
 /// Stderr leads to the journal, which says so by device and inode of its end (systemd.exec(5), `JOURNAL_STREAM`).
+#[cfg(target_os = "linux")]
 fn is_read_by_journal() -> bool {
+    use std::os::unix::fs::MetadataExt;
     let told = std::env::var("JOURNAL_STREAM").unwrap_or_default();
     std::fs::metadata("/proc/self/fd/2").is_ok_and(|end| told == format!("{}:{}", end.dev(), end.ino()))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn is_read_by_journal() -> bool {
+    false
 }
 
 /// Lines as the journal takes them from stderr: the priority in front, in place of time and level (sd-daemon(3)). Its own socket would make

@@ -41,6 +41,18 @@ impl<C: ?Sized> Kind<C> {
     }
 }
 
+/// What to do about a part of the program that a build has left out.
+pub fn with_feature(feature: &str) -> String {
+    format!(
+        "it needs the cargo feature {feature:?} (cargo install --path crates/cli --features {feature}; \"full\" has them all)"
+    )
+}
+
+/// A sentence for the problems of a kind whose code is compiled with a feature, where it was not.
+pub(crate) fn left_out(what: &str, feature: &str, compiled: bool) -> Option<String> {
+    (!compiled).then(|| format!("this build has left out {what}; {}", with_feature(feature)))
+}
+
 /// Reads keys into the type that describes a kind, and fills in the defaults.
 pub(crate) fn read_keys<T: DeserializeOwned + Serialize>(keys: toml::Table) -> Result<(T, toml::Table), String> {
     let config: T = keys.try_into().map_err(|e: toml::de::Error| one_line(&e))?;

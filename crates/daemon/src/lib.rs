@@ -18,5 +18,6 @@ pub mod sink;
 pub mod snapshot;
 pub mod source;
 pub mod stop;
+#[cfg(feature = "tls")]
 pub mod tls;
 pub mod web;

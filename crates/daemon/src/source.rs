@@ -113,6 +113,12 @@ impl SourceContext {
     }
 }
 
+/// A kind whose code was not compiled; the check of its values has said so before.
+#[allow(dead_code, reason = "not used where nothing was left out")]
+fn not_in_this_build(kind: &str, feature: &str) -> SourceError {
+    SourceError::Peer { peer: kind.to_owned(), message: crate::kinds::with_feature(feature) }
+}
+
 /// Pulls the next packet; `None` at the end.
 pub type Pull = Box<dyn FnMut() -> Result<Option<Packet>, SourceError> + Send>;
 

@@ -10,6 +10,7 @@
 mod guard;
 mod hub;
 mod past;
+#[cfg(feature = "tls")]
 mod tls;
 mod token;
 
@@ -29,6 +30,7 @@ use tokio::sync::{Semaphore, broadcast};
 
 pub use guard::AllowedHosts;
 pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, Status};
+#[cfg(feature = "tls")]
 pub use tls::{TlsListener, acceptor};
 pub use token::Token;
 

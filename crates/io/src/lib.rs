@@ -4,6 +4,7 @@ pub mod baseline_file;
 pub mod bench_file;
 mod blocks;
 mod columns;
+pub mod digest;
 pub mod formats;
 pub mod frames;
 pub mod lanxi;

@@ -9,15 +9,21 @@ use futures_util::FutureExt;
 use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::sync::watch;
-use tokio_rustls::TlsAcceptor;
 
 use super::Backoff;
-use crate::config::ServiceConfig;
+use crate::config::{PageTls, ServiceConfig};
 use crate::snapshot::Snapshot;
-use crate::web::{self, Hub, TlsListener, Token};
+use crate::web::{self, Hub, Token};
 
 /// A client that does not take its answer within this time is left.
 const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
+
+/// With what the page proves who it is.
+#[cfg(feature = "tls")]
+type Identity = tokio_rustls::TlsAcceptor;
+/// A build without TLS has none.
+#[cfg(not(feature = "tls"))]
+type Identity = std::convert::Infallible;
 
 /// How the page is reached. Read at build, so that a wrong file is found before anything runs.
 #[derive(Clone)]
@@ -25,7 +31,7 @@ pub(super) struct PageAccess {
     address: SocketAddr,
     hosts: Vec<String>,
     token: Option<Token>,
-    tls: Option<TlsAcceptor>,
+    tls: Option<Identity>,
 }
 
 impl std::fmt::Debug for PageAccess {
@@ -44,11 +50,20 @@ impl PageAccess {
             let token = Token::new(text.lines().next().unwrap_or_default().trim());
             token.map_err(|e| format!("{}: {e}", path.display()))
         });
-        let tls =
-            config.page_tls.as_ref().map(|tls| web::acceptor(&folder.join(&tls.certificate), &folder.join(&tls.key)));
+        let tls = config.page_tls.as_ref().map(|tls| identity(tls, folder));
         let hosts = config.page_hosts.clone();
         Ok(Some(Self { address, hosts, token: token.transpose()?, tls: tls.transpose()? }))
     }
+}
+
+#[cfg(feature = "tls")]
+fn identity(files: &PageTls, folder: &Path) -> Result<Identity, String> {
+    web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key))
+}
+
+#[cfg(not(feature = "tls"))]
+fn identity(_: &PageTls, _: &Path) -> Result<Identity, String> {
+    Err(format!("service.page_tls: this build has left out TLS; {}", crate::kinds::with_feature("tls")))
 }
 
 /// Runs a task for as long as the service does: what ends or panics is begun anew after a while.
@@ -94,7 +109,10 @@ pub(super) async fn serve_page(
         router = web::with_token(router, token);
     }
     let served = match access.tls {
-        Some(tls) => axum::serve(TlsListener::new(listener, tls), router).await,
+        #[cfg(feature = "tls")]
+        Some(tls) => axum::serve(web::TlsListener::new(listener, tls), router).await,
+        #[cfg(not(feature = "tls"))]
+        Some(none) => match none {},
         None => axum::serve(listener, router).await,
     };
     if let Err(e) = served {

@@ -10,18 +10,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Drain, SinkConfig, SinkContext, SinkError, kind};
-use crate::kinds::Kind;
+use crate::kinds::{self, Kind};
 
 #[cfg(feature = "foxglove")]
 mod serve;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Foxglove>(
     "foxglove",
-    if cfg!(feature = "foxglove") {
-        "a live view of ranks, gaps and raw data for Foxglove (ws://, loopback only)"
-    } else {
-        "a live view for Foxglove (not in this build: compile with --features foxglove)"
-    },
+    "a live view of ranks, gaps and raw data for Foxglove (ws://, loopback only)",
     r#"
 address = "127.0.0.1:8765"
 raw = true                          # the samples too
@@ -47,9 +43,7 @@ impl Default for Foxglove {
 impl SinkConfig for Foxglove {
     fn problems(&self) -> Vec<String> {
         let mut out = Vec::new();
-        if !cfg!(feature = "foxglove") {
-            out.push("this build has no Foxglove server; compile with --features foxglove".to_owned());
-        }
+        out.extend(kinds::left_out("the Foxglove server", "foxglove", cfg!(feature = "foxglove")));
         if !self.address.ip().is_loopback() {
             out.push(format!(
                 "address is {}, which other machines can reach; expected a loopback address such as 127.0.0.1:8765",
@@ -71,7 +65,6 @@ impl SinkConfig for Foxglove {
 
     #[cfg(not(feature = "foxglove"))]
     fn open(&self, _: &SinkContext) -> Result<Drain, SinkError> {
-        let source = std::io::Error::new(std::io::ErrorKind::Unsupported, "this build has no Foxglove server");
-        Err(SinkError::Io { place: self.address.to_string(), source })
+        Err(super::not_in_this_build("foxglove", "foxglove"))
     }
 }

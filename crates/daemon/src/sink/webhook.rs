@@ -9,13 +9,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use ureq::Agent;
 
-use super::broker::{broker_error, secret};
+use super::broker::secret;
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
 use crate::health::Alarm;
-use crate::kinds::Kind;
+use crate::kinds::{self, Kind};
 use crate::service::Backoff;
-use crate::tls::Trust;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Webhook>(
     "webhook",
@@ -60,6 +59,9 @@ impl SinkConfig for Webhook {
         if !parsed.is_ok_and(|uri| matches!(uri.scheme_str(), Some("http" | "https")) && uri.host().is_some()) {
             out.push(format!("url is {:?}; expected https://host:port/path, or http", self.url));
         }
+        if self.is_https() {
+            out.extend(kinds::left_out("https", "tls", cfg!(feature = "tls")));
+        }
         if self.ca_file.is_some() && !self.is_https() {
             out.push("ca_file goes with an https url".to_owned());
         }
@@ -71,14 +73,18 @@ impl SinkConfig for Webhook {
 
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let token = self.token_file.as_ref().map(|file| secret(&context.folder, file)).transpose()?;
-        let mut config = Agent::config_builder()
+        let config = Agent::config_builder()
             .timeout_global(Some(Duration::from_secs_f64(self.timeout_secs)))
             .http_status_as_error(false);
-        if self.is_https() {
+        #[cfg(feature = "tls")]
+        let config = if self.is_https() {
             let ca_file = self.ca_file.as_ref().map(|file| context.folder.join(file));
-            let trust = Trust::read(ca_file.as_deref()).map_err(|e| broker_error(&self.url, e))?;
-            config = config.tls_config(trust.of_requests());
-        }
+            let trust =
+                crate::tls::Trust::read(ca_file.as_deref()).map_err(|e| super::broker::broker_error(&self.url, e))?;
+            config.tls_config(trust.of_requests())
+        } else {
+            config
+        };
         let hook = Hook { agent: config.build().into(), url: self.url.clone(), token, counts: Arc::default() };
         let counts = hook.counts.clone();
         context.voice.answer_with(move || counts.standing());

@@ -26,6 +26,10 @@ pub(super) struct Linear {
     pub(super) offset: f64,
 }
 
+#[cfg_attr(
+    not(any(feature = "brokers", feature = "modbus")),
+    allow(dead_code, reason = "only these sources set values")
+)]
 impl Linear {
     pub(super) fn problem(self) -> Option<String> {
         let usable = self.scale.is_finite() && self.scale != 0.0 && self.offset.is_finite();
@@ -41,11 +45,19 @@ impl Linear {
 
 /// What is known of a bench's operating point. Clones are the same.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(
+    not(any(feature = "brokers", feature = "modbus")),
+    allow(dead_code, reason = "only these sources set values")
+)]
 pub struct Readings(Arc<Mutex<[Option<Reading>; 3]>>);
 
 /// A value, and until when it holds.
 type Reading = (f64, Instant);
 
+#[cfg_attr(
+    not(any(feature = "brokers", feature = "modbus")),
+    allow(dead_code, reason = "only these sources set values")
+)]
 impl Readings {
     /// A value that holds for so long; a `NaN` is unknown at once.
     pub(super) fn set(&self, quantity: Quantity, value: f64, holds: Duration) {

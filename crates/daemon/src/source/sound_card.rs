@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::inputs::{self, NumberedInput};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
+use crate::kinds::{self, Kind};
 
 #[cfg(any(feature = "sound-card", test))]
 mod calibration;
@@ -14,11 +14,7 @@ mod capture;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<SoundCard>(
     "sound_card",
-    if cfg!(feature = "sound-card") {
-        "a sound card or USB accelerometer (Digiducer 333D01 and its kin bring their calibration along)"
-    } else {
-        "a sound card or USB accelerometer (not in this build: compile with --features sound-card)"
-    },
+    "a sound card or USB accelerometer (Digiducer 333D01 and its kin bring their calibration along)",
     r#"
 device = "333D01"                   # part of the device's name; its calibration stands there too
 sample_rate_hz = 48000.0
@@ -63,6 +59,7 @@ const MOST_INPUTS: u16 = 256;
 impl SourceConfig for SoundCard {
     fn problems(&self) -> Vec<String> {
         let mut out = Vec::new();
+        out.extend(kinds::left_out("sound cards", "sound-card", cfg!(feature = "sound-card")));
         if self.device.is_empty() {
             out.push("device is empty; expected a part of the device's name".to_owned());
         }
@@ -91,7 +88,6 @@ impl SourceConfig for SoundCard {
 
     #[cfg(not(feature = "sound-card"))]
     fn open(&self, _: &SourceContext) -> Result<Feed, SourceError> {
-        let message = "this build cannot read sound cards; compile gearwatch with --features sound-card".to_owned();
-        Err(SourceError::Peer { peer: self.device.clone(), message })
+        Err(super::not_in_this_build("sound_card", "sound-card"))
     }
 }

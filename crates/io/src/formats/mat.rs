@@ -6,7 +6,7 @@ use gearwatch_core::block::Samples;
 
 use crate::blocks::{Whole, WholeSource};
 use crate::columns::{self, Column};
-use crate::mat::{Numbers, Parsed, Variable, v5, v73};
+use crate::mat::{Numbers, Parsed, Variable, v5};
 use crate::open::{Bytes, OpenOptions, Reader, read_all};
 use crate::problem::Problem;
 use crate::timing;
@@ -63,7 +63,7 @@ impl Format for Mat {
         let hdf5 = is_hdf5(&head);
         let all = read_all(Box::new(std::io::Cursor::new(head).chain(bytes)))?;
         let parsed = if hdf5 {
-            v73::parse(all)?
+            parse_hdf5(all)?
         } else if all.starts_with(b"MATLAB 5.0") {
             v5::parse(&all, v5::MOST_BYTES)?
         } else {
@@ -74,6 +74,19 @@ impl Format for Mat {
         };
         Ok(Box::new(assemble(parsed, options)?))
     }
+}
+
+#[cfg(feature = "hdf5")]
+fn parse_hdf5(all: Vec<u8>) -> Result<Parsed, Problem> {
+    crate::mat::v73::parse(all)
+}
+
+#[cfg(not(feature = "hdf5"))]
+fn parse_hdf5(_: Vec<u8>) -> Result<Parsed, Problem> {
+    Err(Problem::unsupported(
+        "HDF5, which MATLAB writes as version 7.3,",
+        "this build has left it out; it needs the cargo feature \"hdf5\" (\"full\" has them all). Or save it with save(name, '-v7')",
+    ))
 }
 
 /// HDF5 begins at byte 0, or behind a block of the user's own, which in MATLAB has 512 bytes.

@@ -1,6 +1,7 @@
 //! MATLAB files: version 5 (to 7) by a reader of its own, version 7.3 as HDF5.
 
 pub mod v5;
+#[cfg(feature = "hdf5")]
 pub mod v73;
 
 /// A numeric array of a file, wherever in structs it lies.

@@ -371,7 +371,7 @@ fn provenance(
     out.push(("command".into(), format!("gearwatch {}", arguments.join(" "))));
     let recordings = all.iter().map(|one| ("recording", Path::new(&one.recording)));
     for (what, path) in files.iter().copied().chain(recordings) {
-        let sha256 = gearwatch_batch::part::sha256_of(path)?;
+        let sha256 = crate::input::sha256_of(path)?;
         out.push((what.to_owned(), format!("{}, SHA-256 {sha256}", path.display())));
     }
     let config = pipeline.config();

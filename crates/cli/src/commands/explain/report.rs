@@ -27,7 +27,7 @@ pub(super) fn page(bench: &str, e: &Explanation, files: &[(String, PathBuf)]) ->
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     provenance.push(("command".into(), format!("gearwatch {}", arguments.join(" "))));
     for (what, path) in files {
-        let sha256 = gearwatch_batch::part::sha256_of(path)?;
+        let sha256 = crate::input::sha256_of(path)?;
         provenance.push((what.clone(), format!("{}, SHA-256 {sha256}", path.display())));
     }
     let tone = match e.status {

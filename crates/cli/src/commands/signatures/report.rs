@@ -235,7 +235,7 @@ fn method(all: &[Signatures]) -> Section {
 fn provenance(path: &Path, bench: &Bench, ranks: &RankConfig) -> anyhow::Result<Vec<(String, String)>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let file = if path.exists() {
-        format!("{}, SHA-256 {}", path.display(), gearwatch_batch::part::sha256_of(path)?)
+        format!("{}, SHA-256 {}", path.display(), crate::input::sha256_of(path)?)
     } else {
         format!("{}, which comes with the program", path.display())
     };

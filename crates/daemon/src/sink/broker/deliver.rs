@@ -1,0 +1,107 @@
+//! From events to letters, from letters to the spool, and from there to the broker: in order, and each until it is confirmed.
+
+use std::convert::Infallible;
+use std::future::Future;
+use std::path::PathBuf;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::io_error;
+use super::letter::Secretary;
+use super::outbox::Outbox;
+use super::spool::Spool;
+use crate::service::Backoff;
+use crate::sink::{Events, SinkContext, SinkError};
+
+/// Letters that are under way to a broker at once.
+pub(in crate::sink) const WINDOW: usize = 64;
+/// How often the spool is made durable and its cursor written down.
+const TICK: Duration = Duration::from_millis(500);
+/// At the end a connected broker gets so long to take what waits; the rest goes out after the next start.
+const FAREWELL: Duration = Duration::from_secs(1);
+
+/// Connects and delivers what the outbox hands out, until something goes wrong.
+pub(in crate::sink) trait Carrier: Send + Sync {
+    /// Ends only with an error: the connection is then given up, and what was not confirmed is handed out again at the next call.
+    fn deliver<'a>(&'a self, outbox: &'a Outbox) -> Delivery<'a>;
+}
+
+/// What [`Carrier::deliver`] gives.
+pub(in crate::sink) type Delivery<'a> = Pin<Box<dyn Future<Output = Result<Infallible, SinkError>> + Send + 'a>>;
+
+/// Where and how much is spooled.
+#[derive(Clone, Debug)]
+pub(in crate::sink) struct SpoolPlace {
+    pub folder: PathBuf,
+    pub most_bytes: u64,
+    /// Time between two letters that only say that a bench is still there.
+    pub heartbeat: Duration,
+}
+
+/// Spools events and delivers them until there are no more and all are delivered, or the service ends.
+pub(in crate::sink) async fn run(
+    events: Events,
+    context: SinkContext,
+    place: SpoolPlace,
+    carrier: Arc<dyn Carrier>,
+) -> Result<(), SinkError> {
+    let failed = |e: std::io::Error| io_error(&place.folder, e);
+    let outbox = Arc::new(Outbox::new(Spool::open(&place.folder, place.most_bytes).map_err(failed)?));
+    let seen = outbox.clone();
+    context.voice.answer_with(move || seen.standing());
+    let deliver = keep_delivering(&outbox, &*carrier);
+    tokio::pin!(deliver);
+    tokio::select! {
+        () = collect(&events, &outbox, place.heartbeat) => {}
+        _ = &mut deliver => {}
+        _ = keep_ticking(&outbox) => {}
+    }
+    // No more comes in. What waits may still go out; what does not stays on disk for the next start.
+    if outbox.is_connected() {
+        tokio::select! {
+            () = outbox.emptied() => {}
+            _ = &mut deliver => {}
+            () = context.stop.given() => {}
+            () = tokio::time::sleep(FAREWELL) => {}
+        }
+    }
+    outbox.close();
+    Ok(())
+}
+
+async fn collect(events: &Events, outbox: &Outbox, heartbeat: Duration) {
+    let mut secretary = Secretary::new(heartbeat);
+    while let Ok(event) = events.recv().await {
+        crate::fail::point("sink-broker");
+        if let Some(letter) = secretary.write(&event, Instant::now()) {
+            let lost = outbox.put(&letter);
+            if lost > 0 {
+                outbox.put(&secretary.write_lost(&event, lost));
+            }
+        }
+    }
+}
+
+async fn keep_ticking(outbox: &Outbox) -> Infallible {
+    let mut tick = tokio::time::interval(TICK);
+    tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+    loop {
+        tick.tick().await;
+        outbox.tick();
+    }
+}
+
+async fn keep_delivering(outbox: &Outbox, carrier: &dyn Carrier) -> Infallible {
+    let mut backoff = Backoff::default();
+    loop {
+        let began = Instant::now();
+        let Err(error) = carrier.deliver(outbox).await;
+        let was_connected = outbox.disconnected(&error);
+        let wait = backoff.next_wait(began);
+        if was_connected {
+            tracing::warn!("{error}; letters wait on disk, next try in {wait:.1?}");
+        }
+        tokio::time::sleep(wait).await;
+    }
+}
