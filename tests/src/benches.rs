@@ -45,6 +45,7 @@ pub fn bench(motor_hz: f64, teeth: &[(u32, u32)]) -> Bench {
         tacho: None,
         acquisition: Acquisition::default(),
         effects: vec![],
+        terms: vec![],
     }
 }
 

@@ -7,6 +7,10 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub mod term;
+
+pub use term::Term;
+
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-bench/1";
 
@@ -50,6 +54,9 @@ pub struct Bench {
     /// Physics beyond the nominal model, faults among it, in the words of the explanation contract.
     #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
+    /// Physics beyond the nominal model that no effect has a name for.
+    #[serde(default, rename = "term", skip_serializing_if = "Vec::is_empty")]
+    pub terms: Vec<Term>,
 }
 
 /// The drive: `T = T_n - slope (ω - ω_n)` about the nominal speed.
@@ -414,6 +421,7 @@ impl Bench {
                 out.push(format!("tacho.pulses_per_rev is {}; it must be above 0", tacho.pulses_per_rev));
             }
         }
+        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
         out
     }
 }

@@ -114,6 +114,7 @@ mod tests {
             tacho: None,
             acquisition: Acquisition::default(),
             effects: vec![],
+            terms: vec![],
         };
         assert_eq!(bench.problems(), Vec::<String>::new());
         let train = Train::new(&bench);

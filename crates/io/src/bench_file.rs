@@ -146,6 +146,17 @@ shaft = "input"
 effect = "eccentricity"
 where = "stage1.pinion"
 parameters = { runout_um = 20.0 }
+
+[[term]]
+expression = "e(theta)"
+place = "stage1.pinion"
+parameters = { cos_1_m = 2.0e-6, "sin_2.5_m" = 1.0e-7 }
+speed_exponent = 0.5
+
+[[term]]
+expression = "clearance(u)"
+place = "output.bearing"
+parameters = { gap_m = 1.0e-5 }
 "#;
 
     fn error(text: &str) -> String {
@@ -157,6 +168,22 @@ parameters = { runout_um = 20.0 }
         let bench = parse(SMALL, Path::new("b.toml")).unwrap();
         let text = to_toml(&bench).unwrap();
         assert_eq!(parse(&text, Path::new("b.toml")).unwrap(), bench, "{text}");
+    }
+
+    #[test]
+    fn conform_a_term_is_checked_with_its_place() {
+        for (from, to, says) in [
+            ("e(theta)", "e(t)", "is not an expression; expected one of \"e(theta)\""),
+            ("cos_1_m = 2.0e-6", "cos_1_m = 2.0", "cos_1_m is 2; expected -0.001 to 0.001 m"),
+            ("cos_1_m = 2.0e-6", "cos_1_um = 2.0", "expected cos_N_m and sin_N_m"),
+            ("place = \"stage1.pinion\"", "place = \"pinion\"", "one of stage1, stage1.pinion, stage1.wheel"),
+            ("speed_exponent = 0.5", "speed_exponent = 9.0", "speed_exponent is 9; expected -4 to 4"),
+            ("gap_m = 1.0e-5", "gap_rad = 1.0e-5", "the parameter gap_m (m) is missing"),
+            ("output.bearing", "output", "output.bearing, output.torsion"),
+        ] {
+            let text = error(&SMALL.replace(from, to));
+            assert!(text.contains("term ") && text.contains(says), "{text}");
+        }
     }
 
     #[test]

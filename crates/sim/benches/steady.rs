@@ -59,6 +59,7 @@ fn rig() -> Bench {
         tacho: None,
         acquisition: Acquisition::default(),
         effects: vec![],
+        terms: vec![],
     }
 }
 

@@ -137,7 +137,7 @@ pub fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError>
     effect.apply(&values, setup)
 }
 
-/// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order.
+/// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order, then its `[[term]]` tables.
 ///
 /// # Errors
 /// As [`apply`].
@@ -145,6 +145,9 @@ pub fn setup(bench: &Bench, further: &[EffectSpec]) -> Result<SimSetup, EffectEr
     let mut setup = SimSetup::nominal(bench);
     for spec in bench.effects.iter().chain(further) {
         apply(spec, &mut setup)?;
+    }
+    for term in &bench.terms {
+        crate::terms::apply(term, &mut setup)?;
     }
     Ok(setup)
 }

@@ -121,6 +121,11 @@ impl<const L: usize> Etd<L> {
         if models.iter().any(|m| m.contacts.iter().any(|c| c.impact().is_some())) {
             return Err(ModelError::Bench("the impact law is stepped by Runge–Kutta, not exponentially".into()));
         }
+        if models.iter().any(|m| m.has_springs()) {
+            return Err(ModelError::Bench(
+                "terms that are not linear are stepped by Runge–Kutta, not exponentially".into(),
+            ));
+        }
         let friction = models.iter().any(|m| m.contacts.iter().any(|c| c.friction != 0.0));
         let states: Vec<Vec<f64>> = models.iter().map(|m| m.static_state()).collect::<Result<_, _>>()?;
         let make = |step_s: f64| -> Result<Vec<Plan>, ModelError> {

@@ -5,6 +5,8 @@
 
 use std::collections::BTreeMap;
 
+use gearwatch_core::bench::term::Harmonic;
+
 use crate::geometry::GearGeometry;
 
 /// How a tooth is broken.
@@ -108,6 +110,8 @@ pub struct GearModifications {
     pub eccentricity_phase_rad: f64,
     /// Waves that repeat each revolution.
     pub waves: Vec<Wave>,
+    /// The stiffness of pairs goes with 1 + Σ over the turn of the gear, tooth 0 entering at 0.
+    pub stiffness_waves: Vec<Harmonic>,
     /// Material taken off at the tips.
     pub tip_relief: Option<TipRelief>,
 }
@@ -153,6 +157,8 @@ pub struct PairModifications {
     pub friction: f64,
     /// Change of the operating centre distance (m).
     pub centre_shift_m: f64,
+    /// The stiffness of pairs goes with 1 + Σ over the mesh cycle, 0 where a pair is at the pitch point.
+    pub stiffness_waves: Vec<Harmonic>,
 }
 
 impl Default for PairModifications {
@@ -168,6 +174,7 @@ impl Default for PairModifications {
             reference_load_n: 1000.0,
             friction: 0.0,
             centre_shift_m: 0.0,
+            stiffness_waves: Vec::new(),
         }
     }
 }

@@ -22,7 +22,10 @@ pub mod setup;
 pub mod shipped;
 pub mod signatures;
 pub mod source;
+mod springs;
 pub mod steady;
+mod stepper;
+pub mod terms;
 pub mod tooth;
 
 #[cfg(test)]

@@ -185,6 +185,22 @@ impl LinearTrain {
         gears.filter(|gear| gear.shaft == shaft).collect()
     }
 
+    /// Housing coordinates with the generalised force on each per unit force (x, y) that a shaft's bearing passes on.
+    pub(crate) fn bearing_to_housing(&self, bench: &Bench, shaft: usize) -> Vec<(usize, [f64; 2])> {
+        let directions = distinct_directions(bench);
+        let name = &bench.shafts[shaft].name;
+        let of_mode = |(r, mode): (usize, &gearwatch_core::bench::HousingMode)| {
+            let shape = mode.shape.get(name).copied().unwrap_or(0.0);
+            let first = self.structural + r * directions.len();
+            let along = directions.iter().enumerate().map(move |(d, direction)| {
+                let (sin, cos) = direction.to_radians().sin_cos();
+                (first + d, [shape * cos, shape * sin])
+            });
+            along.collect::<Vec<_>>()
+        };
+        bench.housing_modes.iter().enumerate().flat_map(of_mode).collect()
+    }
+
     /// The train with a linear spring and damper in each mesh, for eigenfrequencies and for the exactly stepped part.
     pub fn with_meshes(&self, stiffness_n_per_m: &[f64], damping_n_s_per_m: &[f64]) -> Self {
         let mut out = self.clone();

@@ -94,6 +94,8 @@ pub struct MeshModel {
     shifts: ShiftFactors,
     pinion_turns: Turns,
     wheel_turns: Turns,
+    /// Stiffness follows the turn of a gear or the mesh cycle beyond what the teeth do.
+    varies: bool,
     warnings: Vec<String>,
 }
 
@@ -179,6 +181,9 @@ impl MeshModel {
             shifts: ShiftFactors::new(&geometry),
             pinion_turns: Turns::new(geometry.pinion.teeth),
             wheel_turns: Turns::new(geometry.wheel.teeth),
+            varies: !(teeth.pair.stiffness_waves.is_empty()
+                && teeth.pinion.stiffness_waves.is_empty()
+                && teeth.wheel.stiffness_waves.is_empty()),
             geometry,
             warnings,
         };

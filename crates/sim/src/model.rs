@@ -5,6 +5,7 @@
 mod operating_point;
 mod outside;
 mod rows;
+mod springs;
 
 use std::f64::consts::TAU;
 
@@ -16,11 +17,14 @@ use rand_chacha::ChaCha8Rng;
 use self::operating_point::check_operating_point;
 use self::outside::External;
 use self::rows::SparseRows;
+use self::springs::{fold_terms, take_mesh_dampers};
 use crate::contact::{Contact, StageContact};
 use crate::linear::LinearTrain;
 use crate::mesh::{MeshError, MeshModel, Pairs};
 use crate::rotation::{Profile, Rotation};
 use crate::setup::{SimSetup, TorqueRipple};
+use crate::springs::Spring;
+use crate::terms::teeth_with_terms;
 
 /// A bench that cannot be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -61,6 +65,9 @@ pub struct TrainModel {
     /// Static mesh force per N m of brake torque (1/m).
     pub force_per_torque: Vec<f64>,
     rows: SparseRows,
+    temperature_c: Profile,
+    /// Springs and dampers that are not linear, or whose size changes in the run.
+    springs: Vec<Spring>,
 }
 
 impl TrainModel {
@@ -79,7 +86,8 @@ impl TrainModel {
         }
         check_operating_point(setup, &motor_hz, &torque_nm)?;
         let train = Train::new(bench);
-        let linear = LinearTrain::new(bench);
+        let mut linear = LinearTrain::new(bench);
+        let mut springs = fold_terms(setup, &mut linear, &torque_nm, &motor_hz)?;
         let torque = torque_nm.at(0.0);
         let last = linear.shaft_orders.last().copied().unwrap_or(1.0);
         let force_per_torque: Vec<f64> = linear
@@ -92,15 +100,22 @@ impl TrainModel {
         let mut friction_vectors = Vec::new();
         let mut initial_phases = Vec::new();
         for (i, stage) in linear.stages.iter().enumerate() {
-            let teeth = setup.teeth.get(i).cloned().unwrap_or_default();
+            let teeth = teeth_with_terms(setup, i, &torque_nm, &motor_hz)?;
             let mesh = MeshModel::new(bench, i, &setup.mesh, &teeth)?;
             let force = torque * force_per_torque[i];
-            let shift = static_displacement(setup, &linear, i, torque, &force_per_torque);
+            let shift = static_displacement(&linear, i, torque, &force_per_torque);
             let mut contact = StageContact::new(mesh, setup.impact, force, shift);
             if setup.impact.is_none() {
                 let k = contact.mean_stiffness_n_per_m;
                 contact.damping_n_s_per_m =
                     2.0 * bench.stages[i].mesh_damping_ratio * (k * stage.effective_mass_kg).sqrt();
+            }
+            contact.damping_n_s_per_m += take_mesh_dampers(&mut springs, i, setup, &torque_nm, &motor_hz);
+            if contact.damping_n_s_per_m < 0.0 {
+                return Err(ModelError::Bench(format!(
+                    "the terms leave the mesh of stage {:?} a damping of {:.3e} N s/m; it must stay at 0 or above",
+                    bench.stages[i].name, contact.damping_n_s_per_m
+                )));
             }
             let mut vectors = std::array::from_fn(|_| DVector::zeros(linear.names.len()));
             for (axis, component) in stage.tangent.into_iter().enumerate() {
@@ -138,6 +153,8 @@ impl TrainModel {
             ripples: setup.torque_ripples.clone(),
             motor_order: train.motor_order,
             rows: SparseRows::new(&linear),
+            temperature_c: setup.temperature_c.clone(),
+            springs,
             linear,
             contacts,
             friction_vectors,
@@ -223,6 +240,7 @@ impl TrainModel {
                 add(out_v, &external.vector, value, &self.linear.mass);
             }
         }
+        let scales = externals.get(self.externals.len()..).unwrap_or_default();
         for stage in 0..self.contacts.len() {
             let (contact, rate) = self.contact(stage, reference_rad, state, pairs);
             let force = self.mesh_force(stage, &contact, rate);
@@ -232,6 +250,16 @@ impl TrainModel {
                 for (vector, value) in self.friction_vectors[stage].iter().zip(contact.friction) {
                     add(out_v, vector, friction * value, &self.linear.mass);
                 }
+            }
+            for (spring, scale) in self.springs.iter().zip(scales).filter(|(s, _)| s.stage == Some(stage)) {
+                let force = self.mesh_spring_force(spring, stage, &contact, state) * scale;
+                add(out_v, &spring.inputs[0], force, &self.linear.mass);
+            }
+        }
+        for (spring, scale) in self.springs.iter().zip(scales).filter(|(s, _)| s.stage.is_none()) {
+            let (u, v) = spring.motion(state);
+            for (input, force) in spring.inputs.iter().zip(spring.force.at(u, v).force) {
+                add(out_v, input, force * scale, &self.linear.mass);
             }
         }
     }
@@ -244,8 +272,16 @@ impl TrainModel {
         for i in 0..n {
             sum += row.position[i] * state[i] + row.velocity[i] * state[n + i];
         }
+        let mut externals = Vec::new();
+        if !self.springs.is_empty() {
+            self.external_values(t, &mut externals);
+            for (spring, scale) in self.springs.iter().zip(&externals[self.externals.len()..]) {
+                let (u, v) = spring.motion(state);
+                sum += scale * spring.reading(sensor, spring.force.at(u, v).force);
+            }
+        }
         if row.acceleration.iter().any(|&factor| factor != 0.0) {
-            let (mut externals, mut slope) = (Vec::new(), vec![0.0; 2 * n]);
+            let mut slope = vec![0.0; 2 * n];
             self.external_values(t, &mut externals);
             self.derivative(self.rotation.at(t).0, state, &externals, &mut Pairs::default(), &mut slope);
             sum += row.acceleration.iter().zip(&slope[n..]).map(|(factor, a)| factor * a).sum::<f64>();
@@ -268,13 +304,16 @@ impl TrainModel {
             let approach = contact.static_approach(self.phase(stage, reference, 0.0), force);
             load += &self.linear.mesh[stage] * (contact.mean_stiffness_n_per_m * approach - force);
         }
-        let q = k.lu().solve(&load).ok_or_else(|| {
+        let q = k.clone().lu().solve(&load).ok_or_else(|| {
             ModelError::Bench(
                 "the train has no position of rest; every shaft needs a torsion and a bearing stiffness".into(),
             )
         })?;
         let mut state = vec![0.0; 2 * n];
         state[..n].copy_from_slice(q.as_slice());
+        if !self.springs.is_empty() {
+            self.settle_springs(&k, &load, &mut state);
+        }
         Ok(state)
     }
 }
@@ -294,17 +333,12 @@ fn creep_share(torque: f64, nominal: f64) -> f64 {
 }
 
 /// Static displacement of the pinion's axis relative to the wheel's under the mesh forces, in the stage's local frame (m).
-fn static_displacement(
-    setup: &SimSetup,
-    linear: &LinearTrain,
-    stage: usize,
-    torque: f64,
-    force_per_torque: &[f64],
-) -> [f64; 2] {
+fn static_displacement(linear: &LinearTrain, stage: usize, torque: f64, force_per_torque: &[f64]) -> [f64; 2] {
     let geometry = &linear.stages[stage];
     let force = torque * force_per_torque[stage];
-    let soft = 1.0 / setup.bench.shafts[geometry.pinion.shaft].bearing_n_per_m
-        + 1.0 / setup.bench.shafts[geometry.wheel.shaft].bearing_n_per_m;
+    // The bearing alone acts on a gear's axis; terms at it are in the matrix.
+    let stiffness = |x: usize| 0.5 * (linear.stiffness[(x, x)] + linear.stiffness[(x + 1, x + 1)]);
+    let soft = 1.0 / stiffness(geometry.pinion.x) + 1.0 / stiffness(geometry.wheel.x);
     // Pushed apart along the line of action, whose local direction is (sin α, cos α).
     let (sin, cos) = geometry.pressure_angle_rad.sin_cos();
     [-force * soft * sin, -force * soft * cos]

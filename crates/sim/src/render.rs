@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use crate::etd::Etd;
 use crate::model::TrainModel;
 use crate::path::Channel;
 use crate::rotation::Profile;
 use crate::setup::{Rate, SimSetup};
 use crate::source::SimError;
+use crate::stepper::Stepper;
 
 /// What a run gives.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Rendered {
 /// rounding is added; all else that lies between bearing and record is.
 ///
 /// # Errors
-/// As [`crate::source::Simulator::new`]; the impact law is not rendered.
+/// As [`crate::source::Simulator::new`].
 pub fn steady(
     setup: &SimSetup,
     motor_hz: f64,
@@ -43,7 +43,7 @@ pub fn steady(
             Channel::new(&quiet, &sensor.unit, rate, seed)
         })
         .collect();
-    let mut etd = Etd::sampled(model.clone(), rate)?;
+    let mut stepper = Stepper::new(&model, rate)?;
     let lead = (settle_s * rate).round() as usize;
     let count = (duration_s * rate).round() as usize;
     let mut out = Rendered {
@@ -52,7 +52,7 @@ pub fn steady(
         samples: vec![Vec::with_capacity(count); channels.len()],
     };
     for n in 0..lead + count {
-        etd.step_sample(rate, &mut channels)?;
+        stepper.advance(&model, rate, n as u64, &mut channels)?;
         // The filter hands out what went in this much earlier.
         let time = (n + 1) as f64 / rate - f64::from(Channel::DELAY_SAMPLES) / rate;
         let angle = model.rotation.at(time).0;

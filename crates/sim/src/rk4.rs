@@ -165,6 +165,8 @@ impl Switched for Train<'_> {
         for (stage, out) in (0..self.model.contacts.len()).zip(&mut out) {
             *out = self.model.contact(stage, reference, state, self.pairs).0.touching;
         }
+        // The last place is beyond the most stages of a train.
+        out[7] = self.model.free_springs(state);
         out
     }
 }
@@ -284,5 +286,9 @@ impl<'a> Rk4<'a> {
 fn fastest_mode(model: &TrainModel) -> Result<f64, ModelError> {
     let stiffness: Vec<f64> = model.contacts.iter().map(|c| 1.5 * c.mean_stiffness_n_per_m).collect();
     let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
-    Ok(Modes::new(&model.linear.with_meshes(&stiffness, &damping))?.fastest())
+    let meshed = model.linear.with_meshes(&stiffness, &damping);
+    if model.has_springs() {
+        return Ok(Modes::new(&model.steepest(&meshed, &model.static_state()?))?.fastest());
+    }
+    Ok(Modes::new(&meshed)?.fastest())
 }

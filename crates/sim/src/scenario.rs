@@ -25,6 +25,10 @@ pub struct Scenario {
     /// Brake torque (N m): a number, or points `[time in s, torque]`; the bench's nominal one where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake_torque_nm: Option<Course>,
+    /// Temperature (°C): a number, or points `[time in s, temperature]`; terms of the bench may follow it, and recordings carry it. 20 °C, which no
+    /// recording says, where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<Course>,
     /// White noise of the machine at all sensors, ahead of their paths: standard deviation a sample (m/s²); the 4 mm/s² of a quiet one where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background_m_per_s2: Option<f64>,
@@ -102,6 +106,7 @@ impl Default for Scenario {
             duration_s: None,
             motor_speed_hz: None,
             brake_torque_nm: None,
+            temperature_c: None,
             background_m_per_s2: None,
             events: Vec::new(),
             sensor_faults: Vec::new(),
@@ -148,6 +153,11 @@ impl Scenario {
         Some((speed, torque))
     }
 
+    /// Temperature over time (°C), where the scenario says one.
+    pub fn temperature(&self) -> Option<Profile> {
+        self.temperature_c.as_ref().and_then(Course::profile)
+    }
+
     /// What is wrong with the scenario on a bench, one sentence each.
     pub fn problems(&self, bench: &Bench) -> Vec<String> {
         let mut out = Vec::new();
@@ -160,7 +170,11 @@ impl Scenario {
         if let Some(b) = self.background_m_per_s2.filter(|b| !(b.is_finite() && *b >= 0.0)) {
             out.push(format!("background_m_per_s2 is {b}; expected 0 m/s² or more"));
         }
-        for (name, course) in [("motor_speed_hz", &self.motor_speed_hz), ("brake_torque_nm", &self.brake_torque_nm)] {
+        for (name, course) in [
+            ("motor_speed_hz", &self.motor_speed_hz),
+            ("brake_torque_nm", &self.brake_torque_nm),
+            ("temperature_c", &self.temperature_c),
+        ] {
             if course.as_ref().is_some_and(|c| c.profile().is_none()) {
                 out.push(format!(
                     "{name}: expected a number, or points [time, value] with ascending times and finite values"

@@ -4,10 +4,12 @@
 //! integrator, and composite effects go through one model instead of being added up.
 
 use gearwatch_core::bench::Bench;
+use gearwatch_core::bench::term::{PathMode, ResolvedTerm};
 
 use crate::faults::ToothModifications;
 use crate::impact::Impact;
 use crate::mesh::MeshOptions;
+use crate::rotation::Profile;
 
 /// How often something repeats.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,6 +107,15 @@ pub enum ResonanceKind {
     Mounting,
 }
 
+/// The path to a sensor as modes side by side: `H = direct + Σ gain (f/f₀)² / (1 − (f/f₀)² + 2iζ f/f₀)`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModalFilter {
+    /// What goes past the modes.
+    pub direct: f64,
+    /// The modes.
+    pub modes: Vec<PathMode>,
+}
+
 /// A tone that is added to a sensor's signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
@@ -121,6 +132,8 @@ pub struct SensorSetup {
     pub gain: f64,
     /// In the order of application.
     pub resonances: Vec<Resonance>,
+    /// Behind the resonances, one after the other.
+    pub modal_filters: Vec<ModalFilter>,
     /// Added before the converter.
     pub tones: Vec<Tone>,
     /// Level at which the amplifier clips, in the sensor's unit.
@@ -145,6 +158,7 @@ impl SensorSetup {
         Self {
             gain: 1.0,
             resonances: Vec::new(),
+            modal_filters: Vec::new(),
             tones: Vec::new(),
             clip_level: None,
             background_m_per_s2: 4e-3,
@@ -164,6 +178,9 @@ pub fn metres_per_second2_to(unit: &str) -> f64 {
         _ => 1.0,
     }
 }
+
+/// Temperature of a bench of which nobody says one (°C).
+pub const ROOM_C: f64 = 20.0;
 
 /// Everything that is simulated.
 #[derive(Clone, Debug, PartialEq)]
@@ -190,13 +207,18 @@ pub struct SimSetup {
     pub clock_ppm: f64,
     /// Standard deviation of a tacho edge (s).
     pub tacho_jitter_s: f64,
+    /// Terms of the equations of motion that no effect has a name for, those of the paths left out: they are in `sensors`.
+    pub terms: Vec<ResolvedTerm>,
+    /// Temperature over time (°C), which terms may follow.
+    pub temperature_c: Profile,
 }
 
 impl SimSetup {
-    /// The bench as its file says, its own `[[effect]]` tables not yet applied.
+    /// The bench as its file says, its own `[[effect]]` and `[[term]]` tables not yet applied.
     pub fn nominal(bench: &Bench) -> Self {
         let mut bench = bench.clone();
         bench.effects.clear();
+        bench.terms.clear();
         Self {
             sensors: bench.sensors.iter().map(|sensor| SensorSetup::typical(&sensor.unit)).collect(),
             mesh: MeshOptions::default(),
@@ -209,6 +231,8 @@ impl SimSetup {
             shaft_forces: Vec::new(),
             clock_ppm: 0.0,
             tacho_jitter_s: 2e-6,
+            terms: Vec::new(),
+            temperature_c: Profile::constant(ROOM_C),
         }
     }
 }

@@ -1,6 +1,5 @@
 //! The simulator as a source: packets of 0.1 s, as fast as they can be made; the host paces them.
 
-mod stepper;
 mod tacho;
 
 use std::f64::consts::TAU;
@@ -10,14 +9,15 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock, UnixNanos};
 use gearwatch_core::source::Source;
 
-use self::stepper::Stepper;
 use self::tacho::TachoState;
 use crate::effects::{self, EffectError};
 use crate::model::{ModelError, TrainModel};
 use crate::path::Channel;
 use crate::rk4::{Diverged, StepperError};
+use crate::rotation::Profile;
 use crate::scenario::{FaultKind, Scenario};
 use crate::setup::{Rate, SimSetup};
+use crate::stepper::Stepper;
 
 /// Length of a block (s).
 pub const BLOCK_S: f64 = 0.1;
@@ -80,6 +80,8 @@ pub struct Simulator {
     /// Deviation of the motor's angle at the end of the last block (rad).
     motor_rad: f64,
     motor_order: f64,
+    /// What the recording says of the temperature.
+    temperature_c: Option<Profile>,
     scratch: Vec<f64>,
 }
 
@@ -122,6 +124,7 @@ impl Simulator {
             ended: false,
             motor_rad: 0.0,
             motor_order,
+            temperature_c: config.scenario.temperature(),
             scratch: Vec::new(),
             config,
         };
@@ -245,7 +248,7 @@ impl Simulator {
             t: t0,
             motor_speed_hz: self.model.rotation.motor_hz(middle) + slip_hz,
             brake_torque_nm: self.model.brake_torque_nm(middle),
-            temperature_c: f64::NAN,
+            temperature_c: self.temperature_c.as_ref().map_or(f64::NAN, |course| course.at(begin)),
         };
         let stamp = |seconds: f64| self.config.t0 + (1e9 * seconds).round() as UnixNanos;
         self.pending.push_back(Packet::OperatingPoint(point));
@@ -349,6 +352,10 @@ fn make_setup(config: &SimConfig, events: &[Option<EffectSpec>]) -> Result<SimSe
     let mut setup = effects::setup(&config.bench, &further)?;
     // The clock is one for the whole recording.
     setup.bench.acquisition = config.bench.acquisition.clone();
+    if let Some(course) = config.scenario.temperature() {
+        let rate_hz = config.bench.acquisition.sample_rate_hz * (1.0 + 1e-6 * setup.clock_ppm);
+        setup.temperature_c = course.delayed(Simulator::offset_s(rate_hz));
+    }
     if let Some(background) = config.scenario.background_m_per_s2 {
         setup.sensors.iter_mut().for_each(|sensor| sensor.background_m_per_s2 = background);
     }

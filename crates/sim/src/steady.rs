@@ -8,6 +8,9 @@
 //! lines = healthy meshes together + Σ over shafts (with what repeats on that shaft − without)
 //! ```
 //!
+//! Springs and dampers that are not linear (terms of the bench file) are further unknowns of each part, and the meshes are then taken together where
+//! their common period allows it.
+//!
 //! Left out: products of what two shafts add (second order), what one mesh does to another beyond its mean stiffness unless
 //! [`SteadyOptions::together`] asks for it, and what never repeats, such as the impacts of a bearing defect. Contact loss is found and
 //! reported, since then only stepping gives the answer.
@@ -19,6 +22,7 @@ mod gmres;
 mod periods;
 mod response;
 mod solver;
+mod springs;
 #[cfg(test)]
 mod tests;
 
@@ -145,7 +149,7 @@ impl SteadySolver {
         let mut wanted: Vec<(f64, usize, Problem)> = Vec::new();
         let mut models = vec![base];
         let problem = |active: &[usize], shaft: Option<usize>| self.problem(setup, active, shaft, first_shaft_hz);
-        match problem(&all, None).filter(|_| self.options.together) {
+        match problem(&all, None).filter(|_| self.options.together || models[0].has_springs()) {
             Some(together) => wanted.push((1.0, 0, together)),
             None => {
                 for &stage in &all {
@@ -254,6 +258,9 @@ impl Cache {
                         out[k] += sign * self.response.at(sensor, input, omega) * amplitude;
                     }
                 }
+            }
+            for (direct, out) in solution.direct.iter().zip(out.iter_mut()) {
+                out[k] += sign * direct[bin as usize];
             }
         }
     }

@@ -18,6 +18,7 @@ pub(crate) fn single_stage() -> Bench {
         tacho: Some(Tacho { shaft: "input".into(), pulses_per_rev: 1.0 }),
         acquisition: Acquisition::default(),
         effects: vec![],
+        terms: vec![],
     }
 }
 

@@ -53,6 +53,7 @@ fn bench() -> Bench {
         tacho: None,
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
         effects: vec![],
+        terms: vec![],
     }
 }
 

@@ -154,6 +154,7 @@ pub fn bench(d: &mut Draw) -> Bench {
         tacho,
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
         effects: vec![],
+        terms: vec![],
     }
 }
 

@@ -74,6 +74,12 @@ pub enum EffectError {
         /// Unit.
         unit: &'static str,
     },
+    /// A `[[term]]` that cannot be.
+    #[error("{problem}")]
+    Term {
+        /// What is wrong and what would be right.
+        problem: String,
+    },
     /// Values or place that do not suit this bench.
     #[error("effect {effect}: {problem}")]
     Unsuitable {

@@ -29,6 +29,10 @@ pub(super) fn check(
     within("the coefficient of friction", pair.friction, 0.0, 0.5, "")?;
     within("the alternating pitch", pair.alternating_m, 0.0, 1e-3, " m")?;
     within("the wear depth", pair.wear_m, 0.0, 1e-3, " m")?;
+    for waves in [&pair.stiffness_waves, &teeth.pinion.stiffness_waves, &teeth.wheel.stiffness_waves] {
+        let sum: f64 = waves.iter().map(|h| h.cos.hypot(h.sin)).sum();
+        within("the sum of the stiffness terms' amplitudes", sum, 0.0, 0.9, "")?;
+    }
     for (amplitude, angle) in &pair.profile_error {
         within("a profile error's amplitude", *amplitude, -1e-3, 1e-3, " m")?;
         within("a profile error's phase", *angle, -1e3, 1e3, " rad")?;

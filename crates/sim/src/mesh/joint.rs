@@ -113,7 +113,7 @@ impl Joint {
             *pair = table.at(at - n);
             pair[2] += deviation;
         }
-        Touch { newest, pairs }
+        Touch { newest, pairs: stiffened(mesh, phase, pairs) }
     }
 
     /// As [`Self::find`], each flank from its own table.
@@ -138,7 +138,7 @@ impl Joint {
                 pair[2] = NEVER_M;
             }
         }
-        Touch { newest, pairs }
+        Touch { newest, pairs: stiffened(mesh, phase, pairs) }
     }
 
     /// The pairs near contact at a mesh phase in full, with the numbers of [`Self::find`].
@@ -162,6 +162,19 @@ impl Joint {
             out.keep(gap < 0.5 * NEVER_M);
         }
     }
+}
+
+/// Compliances divided by what [`MeshModel::stiffness_at`] says.
+#[inline(always)]
+fn stiffened(mesh: &MeshModel, phase: f64, mut pairs: [[f64; 3]; SLOTS]) -> [[f64; 3]; SLOTS] {
+    if mesh.varies {
+        let factor = mesh.stiffness_at(phase);
+        for [w, g, _] in &mut pairs {
+            *w *= factor;
+            *g /= factor.sqrt();
+        }
+    }
+    pairs
 }
 
 /// `w`, `g` and the gap of a pair.

@@ -2,9 +2,16 @@
 
 use std::f64::consts::TAU;
 
+use gearwatch_core::bench::term::Harmonic;
+
 use super::tables::ToothTable;
 use super::{CORNER_REACH, LoadPoint, MeshModel, MeshState, Pair, Pairs};
+use crate::geometry::GearGeometry;
 use crate::hertz::Hertz;
+use crate::terms::series;
+
+/// Least factor on the stiffness of the pairs: several terms together must not turn the teeth inside out.
+const LEAST_STIFFNESS: f64 = 0.02;
 
 impl MeshModel {
     /// Pairs in contact or near it at mesh phase `phase` under a mesh force of about `load_n` (N).
@@ -31,6 +38,7 @@ impl MeshModel {
         out.clear();
         out.coupling = self.coupling;
         let common = self.profile_gap_m(state.phase) + self.wave_gap_m(state.phase) + shift.gap_m + load.offset_m;
+        let softer = 1.0 / self.stiffness_at(state.phase);
         let at = state.phase + shift.pinion;
         let mut index = (at + reach).floor();
         while at - index <= self.geometry.contact_ratio + reach {
@@ -49,6 +57,8 @@ impl MeshModel {
             pair.wheel_roll_m = self.geometry.tangent_length_m - pair.pinion_roll_m;
             let deviation = common + pinion_error + wheel_error + self.alternating_gap_m(n);
             let touches = self.pair(s, s - shift.wheel, [pinion, wheel], deviation, (load, reach), pair);
+            pair.compliance_m_per_n *= softer;
+            pair.foundation_m_per_n *= softer;
             out.keep(touches);
         }
     }
@@ -163,6 +173,24 @@ impl MeshModel {
             }
         }
         gap
+    }
+
+    /// Factor on the stiffness of all pairs at a phase.
+    #[inline(always)]
+    pub(super) fn stiffness_at(&self, phase: f64) -> f64 {
+        if self.varies { self.stiffness_waves(phase) } else { 1.0 }
+    }
+
+    #[inline(never)]
+    fn stiffness_waves(&self, phase: f64) -> f64 {
+        let (pinion, wheel) = (&self.modifications.pinion, &self.modifications.wheel);
+        let pair = &self.modifications.pair.stiffness_waves;
+        let of = |waves: &[Harmonic], turns: f64| series(waves, TAU * turns);
+        let z = |gear: &GearGeometry| f64::from(gear.teeth);
+        let sum = of(pair, phase - self.geometry.pitch_phase())
+            + of(&pinion.stiffness_waves, phase / z(&self.geometry.pinion))
+            + of(&wheel.stiffness_waves, phase / z(&self.geometry.wheel));
+        (1.0 + sum).max(LEAST_STIFFNESS)
     }
 
     /// Smallest phase beyond that of `state` at which a pair nominally enters or leaves (a broken tooth has its own places). With

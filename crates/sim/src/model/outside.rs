@@ -2,11 +2,13 @@
 
 use std::f64::consts::TAU;
 
+use gearwatch_core::bench::term::{Entry, Harmonic, Turning};
 use nalgebra::DVector;
 use rand_chacha::ChaCha8Rng;
 
 use super::TrainModel;
 use crate::setup::{RippleAt, ShaftForce, SimSetup};
+use crate::terms::{Scale, series};
 
 /// Duration of the push of a rolling element over a defect (s).
 const IMPACT_S: f64 = 0.4e-3;
@@ -34,6 +36,8 @@ enum ExternalKind {
     Unbalance { amount: f64, order: f64, sine: bool },
     /// Pushes at times that the cage's slip has been drawn for.
     Impacts { force: f64, angles: Vec<f64>, width_s: f64 },
+    /// A series over the turn of something, times how it follows load and speed.
+    Series { harmonics: Vec<Harmonic>, order: f64, scale: Box<Scale> },
     /// `force · w(θ)`, one push per revolution.
     Knock { force: f64, order: f64 },
 }
@@ -89,7 +93,38 @@ impl TrainModel {
                 }
             }
         }
+        for term in &setup.terms {
+            let scale = || Box::new(Scale::new(term, setup));
+            let (vector, order, harmonics) = match &term.entry {
+                Entry::Torque(at, harmonics) => {
+                    let (vector, order) = self.turning(*at);
+                    (vector, order, harmonics)
+                }
+                Entry::Force { shaft, direction_rad, harmonics } => {
+                    let (sin, cos) = direction_rad.sin_cos();
+                    let vector = &self.linear.bearing_x[*shaft] * cos + &self.linear.bearing_y[*shaft] * sin;
+                    (vector, self.linear.shaft_orders[*shaft], harmonics)
+                }
+                _ => continue,
+            };
+            push(&vector, ExternalKind::Series { harmonics: harmonics.clone(), order, scale: scale() });
+        }
         self.externals = externals;
+    }
+
+    /// Generalised force of a unit torque in the sense of rotation, and the speed of the part / that of the first shaft.
+    fn turning(&self, at: Turning) -> (DVector<f64>, f64) {
+        let last = self.linear.shaft_orders.last().copied().unwrap_or(1.0);
+        match at {
+            Turning::Motor => (self.linear.motor.clone(), self.motor_order),
+            Turning::Brake => (-&self.linear.brake, last),
+            Turning::Shaft(shaft) => {
+                let mut vector = DVector::zeros(self.linear.names.len());
+                let (driven, driving) = self.linear.shaft_angles[shaft];
+                (vector[driven], vector[driving]) = (0.5, 0.5);
+                (vector, self.linear.shaft_orders[shaft])
+            }
+        }
     }
 
     /// Direction in which the mesh forces press a shaft into its bearings (unit vector); x where they cancel.
@@ -122,7 +157,7 @@ impl TrainModel {
             && self.externals.iter().all(held)
     }
 
-    /// Values of all outside forces at a time, in the order of [`Self::external_vectors`].
+    /// Values of all outside forces at a time, in the order of [`Self::external_vectors`], then the factors on the springs.
     pub fn external_values(&self, t: f64, out: &mut Vec<f64>) {
         let (angle, omega, alpha) = self.rotation.at(t);
         let ripple = |at: RippleAt, theta: f64| -> f64 {
@@ -149,11 +184,20 @@ impl TrainModel {
                 let since = i.checked_sub(1).map_or(f64::INFINITY, |i| (angle - angles[i]) / omega);
                 if since < *width_s { 0.5 * force * (1.0 - (TAU * since / width_s).cos()) } else { 0.0 }
             }
+            ExternalKind::Series { harmonics, order, scale } => {
+                let (torque, motor_hz) = (self.torque_nm.at(t), self.rotation.motor_hz(t));
+                scale.at(torque, motor_hz, self.temperature_c.at(t), t) * series(harmonics, order * angle)
+            }
             ExternalKind::Knock { force, order } => {
                 // ((1 + cos θ)/2)⁴: one push per revolution, harmonics 1 to 4 in the ratio 56 : 28 : 8 : 1.
                 let half = 0.5 * (1.0 + (order * angle).cos());
                 force * half * half * half * half
             }
         }));
+        if !self.springs.is_empty() {
+            let (torque, motor_hz, celsius) =
+                (self.torque_nm.at(t), self.rotation.motor_hz(t), self.temperature_c.at(t));
+            out.extend(self.springs.iter().map(|spring| spring.scale.at(torque, motor_hz, celsius, t)));
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! What repeats with which shaft, and over which time everything of a part repeats.
 
+use gearwatch_core::bench::term::{Entry, Flanks, Harmonic, ResolvedTerm, Turning};
+
 use super::solver::Problem;
 use super::{SteadyError, SteadySolver};
 use crate::faults::GearModifications;
@@ -73,6 +75,15 @@ pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, S
             }
         }
     }
+    for term in &setup.terms {
+        match shaft_of(term, setup) {
+            Repeats::Always => {}
+            Repeats::With(shaft, everywhere, harmonics) if harmonics.iter().all(|h| h.order.fract() == 0.0) => {
+                add(shaft, everywhere);
+            }
+            _ => return Err(SteadyError::NotPeriodic(format!("the term {:?}", term.entry))),
+        }
+    }
     for force in &setup.shaft_forces {
         match *force {
             ShaftForce::Unbalance { shaft, .. } | ShaftForce::LooseSeat { shaft, .. } => add(shaft, false),
@@ -107,11 +118,48 @@ pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, S
     Ok(out)
 }
 
+/// What a term repeats with.
+enum Repeats<'a> {
+    /// With the meshes, or it does not change at all.
+    Always,
+    /// With a shaft; whether it reaches all meshes.
+    With(usize, bool, &'a [Harmonic]),
+    Never,
+}
+
+fn shaft_of<'a>(term: &'a ResolvedTerm, setup: &SimSetup) -> Repeats<'a> {
+    match &term.entry {
+        Entry::Geometry(Flanks::Gear { stage, wheel }, harmonics)
+        | Entry::Stiffness(Flanks::Gear { stage, wheel }, harmonics) => {
+            Repeats::With(stage + usize::from(*wheel), false, harmonics)
+        }
+        Entry::Geometry(Flanks::Mesh(_), harmonics) | Entry::Stiffness(Flanks::Mesh(_), harmonics) => {
+            if harmonics.iter().all(|h| h.order.fract() == 0.0) { Repeats::Always } else { Repeats::Never }
+        }
+        Entry::Force { shaft, harmonics, .. } => Repeats::With(*shaft, false, harmonics),
+        Entry::Torque(at, harmonics) => match at {
+            Turning::Shaft(shaft) => Repeats::With(*shaft, true, harmonics),
+            Turning::Brake => Repeats::With(setup.bench.shafts.len().saturating_sub(1), true, harmonics),
+            Turning::Motor if setup.bench.belt.is_none() => Repeats::With(0, true, harmonics),
+            Turning::Motor => Repeats::Never,
+        },
+        Entry::Spring { growth, .. } => {
+            if growth.rise_s > 0.0 {
+                Repeats::Never
+            } else {
+                Repeats::Always
+            }
+        }
+        Entry::Path { .. } => Repeats::Always,
+    }
+}
+
 fn repeats_by_revolution(gear: &GearModifications) -> bool {
     !gear.teeth.is_empty()
         || gear.pitch_error_m.iter().any(|&error| error != 0.0)
         || gear.eccentricity_m != 0.0
         || !gear.waves.is_empty()
+        || !gear.stiffness_waves.is_empty()
 }
 
 /// The setup with only what repeats with one shaft's revolution, or with none's.
@@ -129,6 +177,10 @@ pub(super) fn only(setup: &SimSetup, shaft: Option<usize>) -> SimSetup {
             }
         }
     }
+    out.terms.retain(|term| match shaft_of(term, setup) {
+        Repeats::With(on, ..) => shaft == Some(on),
+        Repeats::Always | Repeats::Never => true,
+    });
     out.shaft_forces.retain(|force| match *force {
         ShaftForce::Unbalance { shaft: on, .. }
         | ShaftForce::LooseSeat { shaft: on, .. }

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use super::gmres;
 use super::response::{Input, Output, Response};
+use super::springs::{Motion, Springs};
 use super::{SteadyError, SteadyOptions};
 use crate::mesh::Pairs;
 use crate::model::TrainModel;
@@ -40,10 +41,12 @@ pub(super) struct Grid {
     /// Approach of active stage i to mesh input j: `approach[i * J + j][bin]`; pinion angle likewise.
     approach: Vec<Vec<Complex<f64>>>,
     angle: Vec<Vec<Complex<f64>>>,
-    /// Outputs of the active stages, and mesh inputs.
+    /// Outputs of the active stages and springs, and their inputs.
     approach_rows: Vec<Output>,
     angle_rows: Vec<Output>,
-    pub(super) mesh_inputs: Vec<Input>,
+    inputs: Vec<Input>,
+    /// Springs that are not linear; their lines come behind the active stages.
+    springs: Springs,
 }
 
 /// A force on the linear train: where it acts, and its spectrum.
@@ -53,11 +56,13 @@ type Force = (Input, Vec<Complex<f64>>);
 pub(super) struct Solution {
     /// Amplitudes of the forces of each input (peak; bin 0 is the mean).
     pub(super) forces: Vec<Force>,
-    /// Approach of each active stage at each sample (m).
+    /// What springs add to the reading of each sensor: by sensor the amplitude (peak).
+    pub(super) direct: Vec<Vec<Complex<f64>>>,
+    /// Approach of each active stage and deflection of each spring's line at each sample (m or rad).
     pub(super) approach: Vec<Vec<f64>>,
     /// Deviation of each active stage's pinion (rad).
     angle: Vec<Vec<f64>>,
-    /// Approach without any vibration (m), by active stage and sample.
+    /// The same without any vibration.
     resting: Vec<Vec<f64>>,
     /// Products with the linear train that were needed.
     pub(super) iterations: usize,
@@ -69,7 +74,9 @@ impl Grid {
         let mut planner = RealFftPlanner::new();
         let zero = DVector::zeros(model.coordinates());
         let rows = |row: &DVector<f64>| response.output(row, &zero, None);
-        let approach_rows: Vec<_> = problem.active.iter().map(|&s| rows(&model.linear.mesh[s])).collect();
+        let springs = Springs::new(model, &problem.active);
+        let meshes = problem.active.iter().map(|&s| &model.linear.mesh[s]);
+        let approach_rows: Vec<_> = meshes.clone().chain(springs.rows(model)).map(rows).collect();
         let angle_rows: Vec<_> = problem
             .active
             .iter()
@@ -79,30 +86,33 @@ impl Grid {
                 rows(&row)
             })
             .collect();
-        let mesh_inputs: Vec<_> = problem.active.iter().map(|&s| response.input(&-&model.linear.mesh[s])).collect();
+        let mut inputs: Vec<_> = meshes.map(|mesh| response.input(&-mesh)).collect();
+        inputs.extend(springs.inputs(model).map(|input| response.input(input)));
         let bins = n / 2 + 1;
-        let count = problem.active.len();
+        let stages = problem.active.len();
+        let count = inputs.len();
         let mut out = Self {
             forward: planner.plan_fft_forward(n),
             backward: planner.plan_fft_inverse(n),
             approach: vec![Vec::with_capacity(bins); count * count],
-            angle: vec![Vec::with_capacity(bins); count * count],
+            angle: vec![Vec::with_capacity(bins); stages * count],
             approach_rows,
             angle_rows,
-            mesh_inputs,
+            inputs,
+            springs,
             problem,
         };
         let mut poles = Vec::new();
         for bin in 0..bins {
             let omega = std::f64::consts::TAU * bin as f64 / out.problem.period_s;
             response.poles(omega, &mut poles);
-            for i in 0..count {
-                for j in 0..count {
-                    for (rows, table) in [(&out.approach_rows, &mut out.approach), (&out.angle_rows, &mut out.angle)] {
+            for (rows, table) in [(&out.approach_rows, &mut out.approach), (&out.angle_rows, &mut out.angle)] {
+                for (i, row) in rows.iter().enumerate() {
+                    for (j, input) in out.inputs.iter().enumerate() {
                         table[i * count + j].push(if bin == 0 {
-                            Complex::new(response.constant(&rows[i], &out.mesh_inputs[j]), 0.0)
+                            Complex::new(response.constant(row, input), 0.0)
                         } else {
-                            response.at_poles(&rows[i], &out.mesh_inputs[j], &poles)
+                            response.at_poles(row, input, &poles)
                         });
                     }
                 }
@@ -132,6 +142,15 @@ impl Grid {
         Ok(out)
     }
 
+    /// Derivative of a signal by time.
+    fn rate(&self, signal: &[f64]) -> Result<Vec<f64>, SteadyError> {
+        let mut spectrum = self.spectrum(signal)?;
+        for (bin, z) in spectrum.iter_mut().enumerate() {
+            *z *= Complex::new(0.0, std::f64::consts::TAU * bin as f64 / self.problem.period_s);
+        }
+        self.signal(spectrum)
+    }
+
     /// `out_i = Σ_j table_ij ∗ signals_j`.
     fn convolve(
         &self,
@@ -139,7 +158,7 @@ impl Grid {
         spectra: &[Vec<Complex<f64>>],
     ) -> Result<Vec<Vec<f64>>, SteadyError> {
         let count = spectra.len();
-        (0..count)
+        (0..table.len() / count)
             .map(|i| {
                 let mut sum = vec![Complex::ZERO; spectra[0].len()];
                 for (j, spectrum) in spectra.iter().enumerate() {
@@ -162,13 +181,13 @@ impl Grid {
         start: Option<&Solution>,
     ) -> Result<Solution, SteadyError> {
         let Problem { active, samples: n, period_s, .. } = &self.problem;
-        let (n, period_s, count) = (*n, *period_s, active.len());
+        let (n, period_s, stages, count) = (*n, *period_s, active.len(), self.inputs.len());
         // The angle of the first shaft at every sample, and what acts from outside.
         let times: Vec<f64> = (0..n).map(|k| period_s * k as f64 / n as f64).collect();
         let angles: Vec<f64> = times.iter().map(|&t| model.rotation.at(t).0).collect();
         let mut forces = self.outside_forces(model, response, &times)?;
         let (outside, outside_angle) = self.outside_motion(response, &forces)?;
-        let resting: Vec<Vec<f64>> = active
+        let mut resting: Vec<Vec<f64>> = active
             .iter()
             .map(|&s| {
                 let force = model.brake_torque_nm(0.0) * model.force_per_torque[s];
@@ -176,6 +195,11 @@ impl Grid {
                 angles.iter().map(|&a| contact.static_approach(model.phase(s, a, 0.0), force)).collect()
             })
             .collect();
+        let scales = self.springs.scales(model);
+        if count > stages {
+            let rest = model.static_state()?;
+            resting.extend(self.springs.deflections(model, &rest).map(|u| vec![u; n]));
+        }
         let start = start.filter(|start| start.resting.len() == count && start.resting[0].len() == n);
         // The vibration of the neighbour about its own rest.
         let mut approach = resting.clone();
@@ -186,14 +210,16 @@ impl Grid {
                 }
             }
         }
-        let mut angle = start.map_or_else(|| vec![vec![0.0; n]; count], |start| start.angle.clone());
+        let mut angle = start.map_or_else(|| vec![vec![0.0; n]; stages], |start| start.angle.clone());
         let mut iterations = 0;
         let mut scratch = Pairs::default();
         let mut friction_spectra: Vec<Force> = Vec::new();
         for _ in 0..MOST_STEPS {
             // Forces at the present approach.
             let mut rest = vec![vec![0.0; n]; count];
-            let mut slope = vec![vec![0.0; n]; count];
+            // Derivatives by approach or deflection, and by its rate, of a channel by another.
+            let mut slope: Vec<(usize, usize, Vec<f64>)> = (0..stages).map(|i| (i, i, vec![0.0; n])).collect();
+            let mut rate_slope: Vec<(usize, usize, Vec<f64>)> = Vec::new();
             let mut friction: Vec<[Vec<f64>; 3]> = Vec::new();
             let mut open = None;
             for (i, &stage) in active.iter().enumerate() {
@@ -210,7 +236,7 @@ impl Grid {
                         open = Some(stage);
                     }
                     rest[i][sample] = now.force_n - k_mean * delta;
-                    slope[i][sample] = now.stiffness_n_per_m - k_mean;
+                    slope[i].2[sample] = now.stiffness_n_per_m - k_mean;
                     if rubs {
                         for (signal, value) in rubbing.iter_mut().zip(now.friction) {
                             signal.push(contact.friction * value);
@@ -220,6 +246,11 @@ impl Grid {
                 if rubs {
                     friction.push(rubbing);
                 }
+            }
+            if !self.springs.is_empty() {
+                let rates = approach.iter().map(|motion| self.rate(motion)).collect::<Result<Vec<_>, _>>()?;
+                let motion = Motion { deflection: &approach, rate: &rates };
+                self.springs.forces(model, &scales, motion, &mut rest, &mut slope, &mut rate_slope);
             }
             let mut spectra = Vec::with_capacity(count);
             for rest in &rest {
@@ -245,10 +276,13 @@ impl Grid {
             let mut target = self.convolve(&self.approach, &spectra)?;
             let mut target_angle = self.convolve(&self.angle, &spectra)?;
             let (rubbed, rubbed_angle) = self.outside_motion(response, &friction_spectra)?;
-            for i in 0..count {
-                for sample in 0..n {
-                    target[i][sample] += outside[i][sample] + rubbed[i][sample];
-                    target_angle[i][sample] += outside_angle[i][sample] + rubbed_angle[i][sample];
+            for (sum, parts) in
+                [(&mut target, [&outside, &rubbed]), (&mut target_angle, [&outside_angle, &rubbed_angle])]
+            {
+                for part in parts {
+                    for (sum, part) in sum.iter_mut().flatten().zip(part.iter().flatten()) {
+                        *sum += part;
+                    }
                 }
             }
             // Residual of δ = e − H R, and Newton's step (1 + H (k − k̄)) d = −residual; H carries its sign.
@@ -261,9 +295,17 @@ impl Grid {
                 .zip(&resting)
                 .map(|(approach, resting)| approach.iter().zip(resting).map(|(a, r)| a - r).collect())
                 .collect();
-            let scale = alternating(&vibration).max(1e-3 * alternating(&approach)).max(1e-12);
-            let worst = residual.iter().fold(0.0_f64, |w, r| w.max(r.abs()));
-            let angle_error = (0..count)
+            let scale_of = |channels: std::ops::Range<usize>| {
+                alternating(&vibration[channels.clone()]).max(1e-3 * alternating(&approach[channels])).max(1e-12)
+            };
+            let scale = scale_of(0..stages);
+            let worst_of = |channels: std::ops::Range<usize>| {
+                residual[channels.start * n..channels.end * n].iter().fold(0.0_f64, |w, r| w.max(r.abs()))
+            };
+            let worst = worst_of(0..stages);
+            // Springs in torsion deflect by angles: each line is held against its own motion.
+            let unsettled = (stages..count).map(|i| worst_of(i..i + 1) / scale_of(i..i + 1)).fold(0.0, f64::max);
+            let angle_error = (0..stages)
                 .flat_map(|i| target_angle[i].iter().zip(&angle[i]))
                 .fold(0.0_f64, |w, (a, b)| w.max((a - b).abs()));
             let angle_scale = alternating(&target_angle).max(1e-9);
@@ -272,28 +314,37 @@ impl Grid {
                 return Err(SteadyError::NoConvergence);
             }
             angle = target_angle;
-            if worst <= options.tolerance * scale && angle_error <= options.tolerance * angle_scale {
+            if worst.max(unsettled * scale) <= options.tolerance * scale
+                && angle_error <= options.tolerance * angle_scale
+            {
                 if let Some(stage) = open {
                     return Err(SteadyError::ContactLost { stage });
                 }
                 forces.extend(friction_spectra);
-                for (input, spectrum) in self.mesh_inputs.iter().zip(spectra) {
+                let mut direct = self.springs.direct(model, &spectra[stages..]);
+                direct.iter_mut().flat_map(|spectrum| spectrum.iter_mut().skip(1)).for_each(|z| *z *= 2.0);
+                for (input, spectrum) in self.inputs.iter().zip(spectra) {
                     forces.push((input.clone(), spectrum));
                 }
                 for (_, spectrum) in &mut forces {
                     spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
                 }
-                return Ok(Solution { forces, approach, angle, resting, iterations });
+                return Ok(Solution { forces, direct, approach, angle, resting, iterations });
             }
-            let inner = (0.1 * options.tolerance * scale / worst).clamp(1e-6, 0.03);
+            let inner = (0.1 * options.tolerance / (worst / scale).max(unsettled)).clamp(1e-6, 0.03);
             let mut broken = None;
             let solved = gmres::solve(&residual, inner, |v, out| {
                 let product = (|| {
-                    let mut spectra = Vec::with_capacity(count);
-                    for (i, slope) in slope.iter().enumerate() {
-                        let part: Vec<f64> = v[i * n..(i + 1) * n].iter().zip(slope).map(|(v, k)| v * k).collect();
-                        spectra.push(self.spectrum(&part)?);
+                    let mut parts = vec![vec![0.0; n]; count];
+                    for (to, from, slope) in &slope {
+                        let v = &v[from * n..(from + 1) * n];
+                        parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, k))| *part += v * k);
                     }
+                    for (to, from, slope) in &rate_slope {
+                        let v = self.rate(&v[from * n..(from + 1) * n])?;
+                        parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, c))| *part += v * c);
+                    }
+                    let spectra = parts.iter().map(|part| self.spectrum(part)).collect::<Result<Vec<_>, _>>()?;
                     self.convolve(&self.approach, &spectra)
                 })();
                 match product {
@@ -346,7 +397,7 @@ impl Grid {
         Ok(out)
     }
 
-    /// Approach and pinion angle of the active stages that some forces bring about.
+    /// Approach of the active stages and deflection of the springs, and pinion angle of the stages, that some forces bring about.
     #[expect(clippy::type_complexity, reason = "approach and angle, each by stage and sample")]
     fn outside_motion(
         &self,

@@ -118,6 +118,7 @@ fn drawn(seed: u64) -> Bench {
         tacho: None,
         acquisition: Acquisition::default(),
         effects: vec![],
+        terms: vec![],
     }
 }
 

@@ -1,17 +1,17 @@
-//! The integrator that suits the mesh law.
+//! The integrator that suits the laws of meshes and springs.
 
 use std::sync::Arc;
 
-use super::SimError;
 use crate::etd::Etd;
 use crate::model::TrainModel;
 use crate::path::Channel;
 use crate::rk4::{Rk4, Scratch};
+use crate::source::SimError;
 
 /// One of two integrators.
-pub(super) enum Stepper {
+pub(crate) enum Stepper {
     Exponential(Box<Etd<1>>),
-    /// Impact law: Runge–Kutta with located events, `parts` steps per half sample.
+    /// Impact law and springs that are not linear: Runge–Kutta with located events, `parts` steps per half sample.
     RungeKutta {
         state: Vec<f64>,
         parts: u32,
@@ -20,11 +20,13 @@ pub(super) enum Stepper {
 }
 
 impl Stepper {
-    pub(super) fn new(model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
-        if model.contacts.iter().any(|contact| contact.impact().is_some()) {
+    pub(crate) fn new(model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
+        let impact = model.contacts.iter().any(|contact| contact.impact().is_some());
+        if impact || model.has_springs() {
             // Damping of the impact law grows with depth and is not in the matrices: steps well inside the border of stability.
+            let share = if impact { 0.25 } else { 0.5 };
             let longest = Rk4::longest_stable_step(model)?;
-            let parts = (0.5 / rate_hz / (0.25 * longest)).ceil().max(1.0) as u32;
+            let parts = (0.5 / rate_hz / (share * longest)).ceil().max(1.0) as u32;
             let scratch = Box::new(Scratch::new(model));
             return Ok(Self::RungeKutta { state: model.static_state()?, parts, scratch });
         }
@@ -32,7 +34,7 @@ impl Stepper {
     }
 
     /// The same for a model that changed under way, with steps as long as before: an effect that grows does so many times a second.
-    pub(super) fn renewed(&self, model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
+    pub(crate) fn renewed(&self, model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
         match self {
             Self::Exponential(etd) => Ok(Self::Exponential(Box::new(Etd::new([model.clone()], etd.step_s())?))),
             Self::RungeKutta { .. } => Self::new(model, rate_hz),
@@ -40,7 +42,7 @@ impl Stepper {
     }
 
     /// Steps sample `sample` and pushes its two readings, at half and full time, into the channels.
-    pub(super) fn advance(
+    pub(crate) fn advance(
         &mut self,
         model: &TrainModel,
         rate_hz: f64,
@@ -68,7 +70,7 @@ impl Stepper {
     }
 
     /// The state `(q, q̇)`, `scratch` being room for it.
-    pub(super) fn state<'a>(&'a mut self, scratch: &'a mut Vec<f64>) -> &'a [f64] {
+    pub(crate) fn state<'a>(&'a mut self, scratch: &'a mut Vec<f64>) -> &'a [f64] {
         match self {
             Self::Exponential(etd) => {
                 etd.state(0, scratch);
@@ -79,7 +81,7 @@ impl Stepper {
     }
 
     /// Goes on from a state at a time (s).
-    pub(super) fn go_on(&mut self, t: f64, from: &[f64]) {
+    pub(crate) fn go_on(&mut self, t: f64, from: &[f64]) {
         match self {
             Self::Exponential(etd) => {
                 etd.set_time(t);
