@@ -6,6 +6,7 @@ use gearwatch_core::train::Train;
 
 use crate::change::compare;
 use crate::error::ExplainError;
+use crate::instrument;
 use crate::judge::limits;
 use crate::judge::report::Explanation;
 use crate::name::strange;
@@ -38,11 +39,25 @@ pub struct Answer {
     pub bench: Bench,
 }
 
-/// Explains recordings. `progress` hears one sentence before each long step.
+/// Explains recordings: the instrument first, then the physics of what is left. `progress` hears one sentence before each long step.
 ///
 /// # Errors
 /// When bench file and recordings cannot be compared at all; the message says why.
 pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
+    progress("sensors, cables and converters");
+    let examined = instrument::examine(input.bench, input.recordings, input.reference);
+    let rest = Input { recordings: &examined.recordings, reference: &examined.reference, ..*input };
+    match physics(&rest, progress) {
+        Ok(mut answer) => {
+            examined.before(&mut answer.explanation);
+            Ok(answer)
+        }
+        Err(error) => Ok(Answer { explanation: examined.alone(error)?, bench: input.bench.clone() }),
+    }
+}
+
+/// Explains recordings whose instrument is in order.
+fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
     let problems = input.bench.problems();
     if !problems.is_empty() {
         return Err(ExplainError::Bench(problems.join("; ")));

@@ -17,6 +17,7 @@ use crate::exit::Exit;
 use crate::input::InputOptions;
 
 mod blind;
+mod drill;
 mod figures;
 mod report;
 pub(super) mod summary;
@@ -30,6 +31,7 @@ mod tables;
   gearwatch explain bench.toml recordings/ --reference before/ --report report.html
   gearwatch explain bench.toml 20hz-40nm.mcap 30hz-40nm.mcap 30hz-80nm.mcap
   gearwatch explain --blind-spots bench.toml
+  gearwatch explain --drill bench.toml recordings/ --out drill/
   gearwatch explain --tables simulation.csv experiment.csv
 
 Folders stand for all recordings in them. A reference is the same bench, sensors and mounting before. With --out, explanation.json, a new \
@@ -47,6 +49,11 @@ pub struct Explain {
     /// speeds and two loads
     #[arg(long)]
     blind_spots: bool,
+    /// Instead of an explanation: puts known changes into these recordings and says from which size on they are named; against the
+    /// reference, without one in the second half of each recording against its first. With --out also drill.md, drill.csv and drill.svg
+    #[arg(long, value_name = "CHANGES", num_args = 0..=1, require_equals = true, default_missing_value = "all",
+        conflicts_with_all = ["blind_spots", "tables", "report"])]
+    drill: Option<drill::Changes>,
     /// Instead of an explanation: what two tables of amplitudes allow to say. A line a state, the normal one first; a name, then a column a
     /// mesh harmonic
     #[arg(long, num_args = 2, value_names = ["SIMULATION.csv", "EXPERIMENT.csv"], conflicts_with_all = ["bench", "recordings", "blind_spots"])]
@@ -92,6 +99,9 @@ impl Run for Explain {
             return blind::run(&bench, &recordings);
         }
         let reference = load(&reference_files, &options)?;
+        if let Some(changes) = self.drill {
+            return drill::run(&bench, &recordings, &reference, changes, self.out.as_deref());
+        }
         let talk = std::io::stderr().is_terminal();
         let mut progress = |step: &str| {
             if talk {

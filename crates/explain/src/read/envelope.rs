@@ -122,7 +122,18 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
                 m >= 1.0 && (own - m * o).abs() < f64::from(k) * tolerance
             })
         };
-        train.shafts.iter().any(|s| s.1 * least_revs > 12.0 && comb(s.1))
+        // What two shafts modulate beats at the sums and differences of their orders, and shows at a half and a third of them too.
+        let mixed = |a: f64, b: f64| {
+            (1..=3).any(|k| {
+                let own = f64::from(k) * order;
+                [(1.0, 1.0), (1.0, 2.0), (2.0, 1.0)].iter().any(|(m, n)| {
+                    [m * a + n * b, (m * a - n * b).abs()].iter().any(|o| (own - o).abs() < f64::from(k) * tolerance)
+                })
+            })
+        };
+        let pairs = || train.shafts.iter().enumerate().flat_map(|(i, a)| train.shafts[..i].iter().map(move |b| (a.1, b.1)));
+        pairs().any(|(a, b)| mixed(a, b))
+            || train.shafts.iter().any(|s| s.1 * least_revs > 12.0 && comb(s.1))
             || comb(train.motor_order)
             || train.stages.iter().any(|s| mesh(s.mesh_order))
     };

@@ -49,7 +49,7 @@ pub fn write(
 }
 
 /// A chart under the first clause of its caption.
-fn titled(chart: &Chart) -> anyhow::Result<String> {
+pub(super) fn titled(chart: &Chart) -> anyhow::Result<String> {
     let svg = chart.svg()?;
     let title = chart.caption().split(';').next().unwrap_or_default();
     let title = title.replace('&', "&amp;").replace('<', "&lt;");

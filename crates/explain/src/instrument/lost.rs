@@ -1,0 +1,292 @@
+//! Samples that are missing without a mark: every line's phase steps by its frequency times the time that is missing, all at one instant.
+//!
+//! The lines are the narrow peaks of the recording itself, so that a wrong sheet cannot make a gap. Before and after each instant the phase of each line is read over
+//! half a second. A wander of the speed turns all phases in proportion to frequency too, but slowly: as if some few samples were missing, everywhere a little.
+
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+use super::samples::BY_CHANCE;
+use crate::read::dsp::{self, Transforms, median};
+
+/// Length over which phases are read before and after an instant (s).
+const SIDE_S: f64 = 0.4;
+/// Samples gathered at a time (s): the grid of instants.
+const BLOCK_S: f64 = 0.005;
+/// Lines of a channel that are used, their least power over the background, and their least distance (Hz): the window tells them apart.
+const LINES: usize = 24;
+const ABOVE: f64 = 30.0;
+const APART_HZ: f64 = 6.0;
+/// Highest line (Hz): above it the wander of the speed smears phases over half a second.
+const HIGHEST_HZ: f64 = 2500.0;
+/// Longest stretch that is sought (s).
+const LONGEST_S: f64 = 0.4;
+/// Relative wander of the speed over half a second that an unchanged bench has; a gap that looks like less is none.
+const WANDER: f64 = 1.5e-3;
+/// Lines of all channels step together: their phases' noise is in part the same.
+const TEMPER: f64 = 0.5;
+/// How much of the agreement that the lines have elsewhere must come back with the gap in place.
+const RESTORED: f64 = 0.6;
+/// Most that the phase of one line counts, and nats within which two lengths of a gap are the same.
+const MOST_SURE: f64 = 30.0;
+const AS_WELL: f64 = 5.0;
+/// Instants that are looked at closely, each farther than a side from the others.
+const LOOKED_AT: usize = 6;
+
+/// A gap without a mark.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gap {
+    /// First sample after it, within [`Gap::within`] samples.
+    pub at: usize,
+    /// Standard deviation of `at`.
+    pub within: usize,
+    /// Samples that are missing, and the standard deviation of that.
+    pub samples: (f64, f64),
+    /// Nats over no gap.
+    pub gain: f64,
+}
+
+/// A narrow line of a channel.
+struct Line {
+    hz: f64,
+    /// Sums over blocks, turned back by its own frequency.
+    blocks: Vec<Complex64>,
+}
+
+/// Narrow peaks of a channel, the plainest first.
+fn peaks(transforms: &mut Transforms, samples: &[f64], rate: f64) -> Vec<f64> {
+    let spectrum = dsp::windowed_spectrum(transforms, samples);
+    let bin_hz = rate / samples.len() as f64;
+    let power: Vec<f64> = spectrum.iter().map(|b| b.norm_sqr()).collect();
+    let half = ((20.0 / bin_hz) as usize).max(20);
+    let last = ((HIGHEST_HZ.min(0.4 * rate)) / bin_hz) as usize;
+    let first = (15.0 / bin_hz) as usize + 1;
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    for k in first.max(1)..last.min(power.len().saturating_sub(2)) {
+        if power[k] < power[k - 1] || power[k] < power[k + 1] {
+            continue;
+        }
+        let mut about: Vec<f64> = power[k.saturating_sub(half)..(k + half).min(power.len())].to_vec();
+        let floor = median(&mut about);
+        if power[k] > ABOVE * floor {
+            // Parabola through the logarithms about the peak.
+            let (a, b, c) = (power[k - 1].ln(), power[k].ln(), power[k + 1].ln());
+            let shift = 0.5 * (a - c) / (a - 2.0 * b + c);
+            let offset = if shift.is_finite() { shift.clamp(-0.5, 0.5) } else { 0.0 };
+            found.push(((k as f64 + offset) * bin_hz, power[k] / floor));
+        }
+    }
+    found.sort_by(|x, y| y.1.total_cmp(&x.1));
+    let mut kept: Vec<f64> = Vec::new();
+    for (hz, _) in found {
+        if kept.len() < LINES && kept.iter().all(|k| (k - hz).abs() > APART_HZ) {
+            kept.push(hz);
+        }
+    }
+    kept
+}
+
+fn line(samples: &[f64], hz: f64, rate: f64, block: usize) -> Line {
+    let step = Complex64::from_polar(1.0, -TAU * hz / rate);
+    let blocks = samples
+        .chunks(block)
+        .enumerate()
+        .map(|(k, part)| {
+            let mut turn = Complex64::from_polar(1.0, -TAU * (hz * (k * block) as f64 / rate).fract());
+            part.iter().fold(Complex64::ZERO, |sum, x| {
+                let next = sum + turn * x;
+                turn *= step;
+                next
+            })
+        })
+        .collect();
+    Line { hz, blocks }
+}
+
+/// Phase steps of all lines at each instant.
+struct Steps {
+    hz: Vec<f64>,
+    /// By instant, then line.
+    phases: Vec<Vec<f64>>,
+    /// Concentration of each line's phase steps where nothing happens.
+    weight: Vec<f64>,
+}
+
+impl Steps {
+    fn of(lines: &[Line], side: usize) -> Option<Self> {
+        let count = lines.first()?.blocks.len();
+        if count < 4 * side {
+            return None;
+        }
+        // Half a Hann window that falls to nothing away from the instant: neighbours 2.5 Hz off are told apart, and what is near the instant counts most.
+        let window: Vec<f64> = (0..side).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / side as f64).cos()).collect();
+        let phases: Vec<Vec<f64>> = (side..count - side)
+            .map(|at| {
+                lines
+                    .iter()
+                    .map(|l| {
+                        let sum = |blocks: &[Complex64]| {
+                            blocks.iter().zip(&window).map(|(b, w)| b * w).sum::<Complex64>()
+                        };
+                        (sum(&l.blocks[at..at + side]) * sum(&l.blocks[at - side..at]).conj()).arg()
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut out = Self { hz: lines.iter().map(|l| l.hz).collect(), weight: vec![1.0; lines.len()], phases };
+        // Beside a gap the peak of a line is not at its frequency: what its steps have in common is that error, and is taken off. Weights by what is left, in the
+        // median, so that the instants about a gap do not count; both again with the wander that they give.
+        for _ in 0..3 {
+            let wander: Vec<f64> = (0..out.phases.len()).map(|k| out.best(k, 0.0, wander_s()).0).collect();
+            for l in 0..out.hz.len() {
+                let turn = |k: usize, off: f64| wrapped(out.phases[k][l] - TAU * out.hz[l] * wander[k] - off);
+                let count = out.phases.len();
+                let mean = (0..count).map(|k| Complex64::from_polar(1.0, turn(k, 0.0))).sum::<Complex64>().arg();
+                let mut left: Vec<f64> = (0..count).map(|k| turn(k, mean)).collect();
+                let off = mean + median(&mut left);
+                let mut squares: Vec<f64> = (0..count).map(|k| turn(k, off).powi(2)).collect();
+                // The median of a squared normal deviate is 0.455 of its variance.
+                out.weight[l] = (0.455 / median(&mut squares).max(1e-6)).min(MOST_SURE);
+                out.phases.iter_mut().for_each(|p| p[l] = wrapped(p[l] - off));
+            }
+        }
+        Some(out)
+    }
+
+    /// Log likelihood of all steps when so much time is missing.
+    fn agreement(&self, at: usize, missing_s: f64) -> f64 {
+        let phases = self.phases[at].iter().zip(&self.hz);
+        phases.zip(&self.weight).map(|((p, hz), w)| w * (p - TAU * hz * missing_s).cos()).sum()
+    }
+
+    /// The time that is missing (s), from `least` on, and its log likelihood; from 0 on either way. Of times that agree as well, the machine's own period apart, the
+    /// shortest.
+    fn best(&self, at: usize, least_s: f64, most_s: f64) -> (f64, f64) {
+        let highest = self.hz.iter().copied().fold(1.0, f64::max);
+        let step = 1.0 / (10.0 * highest);
+        let count = (most_s / step).ceil() as i64;
+        let first = if least_s > 0.0 { (least_s / step).ceil() as i64 } else { -count };
+        let all: Vec<(f64, f64)> =
+            (first..=count).map(|k| k as f64 * step).map(|x| (x, self.agreement(at, x))).collect();
+        let most = all.iter().map(|x| x.1).fold(f64::NEG_INFINITY, f64::max);
+        if least_s <= 0.0 {
+            return all.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, most));
+        }
+        let Some(near) = all.iter().position(|x| TEMPER * (most - x.1) < AS_WELL) else { return (0.0, most) };
+        // Up to the top of that peak.
+        let top = near + (5).min(all.len() - 1 - near);
+        all[near..=top].iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, most))
+    }
+}
+
+/// An angle within half a turn.
+fn wrapped(x: f64) -> f64 {
+    x - TAU * (x / TAU).round()
+}
+
+/// Time by which the wander of the speed moves lines over a side (s).
+fn wander_s() -> f64 {
+    WANDER * SIDE_S
+}
+
+/// Gaps without a mark in a run of all channels, in the order of time.
+pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<Gap> {
+    let block = ((BLOCK_S * rate) as usize).max(1);
+    let side = (SIDE_S / BLOCK_S).round() as usize;
+    let lines: Vec<Line> = channels
+        .iter()
+        .flat_map(|x| {
+            let whole = x.len() / block * block;
+            peaks(transforms, &x[..whole], rate).into_iter().map(|hz| line(&x[..whole], hz, rate, block)).collect::<Vec<_>>()
+        })
+        .collect();
+    if lines.len() < 4 {
+        return Vec::new();
+    }
+    let Some(steps) = Steps::of(&lines, side) else { return Vec::new() };
+    let usual: Vec<f64> = (0..steps.phases.len()).map(|k| steps.best(k, 0.0, wander_s()).1).collect();
+    let middle = median(&mut usual.clone());
+    let mut order: Vec<usize> = (0..usual.len()).collect();
+    order.sort_by(|a, b| usual[*a].total_cmp(&usual[*b]));
+    let mut looked: Vec<usize> = Vec::new();
+    for k in order {
+        if looked.len() < LOOKED_AT && looked.iter().all(|l| l.abs_diff(k) > side / 2) {
+            looked.push(k);
+        }
+    }
+    // Instants and lengths that were tried, against the probability that any of them wins by chance.
+    let tried = steps.phases.len() as f64 * LONGEST_S * rate;
+    let needed = (tried / BY_CHANCE).ln();
+    let mut out: Vec<Gap> = Vec::new();
+    for k in looked {
+        let about = k.saturating_sub(side / 4)..(k + side / 4).min(usual.len());
+        let Some((at, missing, likelihood)) = about
+            .step_by(2)
+            .map(|at| {
+                let (x, likelihood) = steps.best(at, wander_s(), LONGEST_S);
+                (at, x, likelihood)
+            })
+            .max_by(|a, b| (a.2 - usual[a.0]).total_cmp(&(b.2 - usual[b.0])))
+        else {
+            continue;
+        };
+        let gain = TEMPER * (likelihood - usual[at]);
+        if gain > needed && likelihood > RESTORED * middle {
+            let information: f64 = steps.hz.iter().zip(&steps.weight).map(|(hz, w)| w * (TAU * hz).powi(2)).sum();
+            let sigma = (TEMPER * information).sqrt().recip().hypot(0.25 * wander_s());
+            out.push(Gap {
+                at: (at + side) * block,
+                within: 3 * block,
+                samples: (missing * rate, sigma * rate),
+                gain,
+            });
+        }
+    }
+    out.sort_by_key(|g| g.at);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    const RATE_HZ: f64 = 8192.0;
+
+    /// Lines of two shafts with a wander of a thousandth, in noise.
+    fn run(len: usize, seed: u64) -> Vec<f64> {
+        let mut state = seed;
+        let mut even = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..len)
+            .map(|n| {
+                let t = n as f64 / RATE_HZ;
+                let turn = 29.7 * (t + 2e-4 * (PI * t).sin() / PI);
+                let lines: f64 = [(1.0, 1.0), (23.0, 2.0), (46.0, 1.0), (22.44, 0.7), (33.6, 0.6), (9.2, 0.4)]
+                    .iter()
+                    .map(|(order, a)| a * (TAU * order * turn + order * order).cos())
+                    .sum();
+                lines + 2.0 * (even() + even() + even() - 1.5)
+            })
+            .collect()
+    }
+
+    /// Cut out of the middle, 40 to 3000 samples are found where they were and counted; nothing is cut out of a run that wanders.
+    #[test]
+    fn regress_lost_samples_are_counted_and_placed() {
+        for lost in [40usize, 300, 512, 3000] {
+            let mut x = run(5 * 8192, lost as u64);
+            x.drain(20_000..20_000 + lost);
+            let found = gaps(&mut Transforms::default(), &[&x], RATE_HZ);
+            assert_eq!(found.len(), 1, "{lost}: {found:?}");
+            assert!(found[0].at.abs_diff(20_000) < 400, "{lost}: {found:?}");
+            assert!((found[0].samples.0 - lost as f64).abs() < 4.0 * found[0].samples.1, "{lost}: {found:?}");
+        }
+        for seed in 0..5 {
+            let found = gaps(&mut Transforms::default(), &[&run(5 * 8192, 100 + seed)], RATE_HZ);
+            assert!(found.is_empty(), "{found:?}");
+        }
+    }
+}

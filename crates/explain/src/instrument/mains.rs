@@ -1,0 +1,251 @@
+//! Mains that entered behind the machine, at one speed too: narrow lines exactly at multiples of 50 or 60 Hz that the reference has not.
+
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+use super::samples::BY_CHANCE;
+use crate::read::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
+
+/// Public mains (Hz), and the multiples that are looked at.
+const MAINS_HZ: [f64; 2] = [50.0, 60.0];
+const MULTIPLES: u32 = 8;
+/// How far the mains' frequency may be off (relative): 50 mHz in 50 Hz, the standard range of European grids, and the sample clock.
+const DEVIATION: f64 = 1e-3;
+/// A line is new where it has so many times the power that the reference has there.
+const NEW: f64 = 4.0;
+/// Nearer than so many bins, and the wander of its speed (relative), a line may be a shaft's.
+const OF_SHAFT_BINS: f64 = 1.5;
+const WANDER: f64 = 3e-4;
+/// Half width of the neighbourhood that gives the background (bins).
+const BESIDE: usize = 60;
+
+/// A line of the mains on one channel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hum {
+    /// (Hz), and its standard deviation.
+    pub hz: (f64, f64),
+    /// Peak amplitude and its standard deviation.
+    pub amplitude: (f64, f64),
+    /// Power over the background.
+    pub above: f64,
+    /// Phase at the first sample (rad), to take it out.
+    phase: f64,
+}
+
+/// A narrow peak.
+struct Peak {
+    position: f64,
+    above: f64,
+}
+
+struct Spectrum {
+    bins: Vec<Complex64>,
+    power: Vec<f64>,
+    bin_hz: f64,
+}
+
+impl Spectrum {
+    fn of(transforms: &mut Transforms, samples: &[f64], rate: f64) -> Self {
+        let bins = dsp::windowed_spectrum(transforms, samples);
+        let power = bins.iter().map(|b| b.norm_sqr()).collect();
+        Self { bins, power, bin_hz: rate / samples.len() as f64 }
+    }
+
+    fn floor(&self, bin: usize) -> f64 {
+        let mut about: Vec<f64> =
+            self.power[bin.saturating_sub(BESIDE).max(1)..(bin + BESIDE).min(self.power.len())].to_vec();
+        median(&mut about) / std::f64::consts::LN_2
+    }
+
+    /// Largest power within some hertz of a frequency.
+    fn most_about(&self, hz: f64, reach_hz: f64) -> f64 {
+        let first = ((hz - reach_hz) / self.bin_hz).floor().max(1.0) as usize;
+        let last = (((hz + reach_hz) / self.bin_hz).ceil() as usize).min(self.power.len().saturating_sub(1));
+        (first..=last).map(|k| self.power[k]).fold(0.0, f64::max)
+    }
+
+    /// Peaks that stand out of the background beyond chance and that the reference has not.
+    fn new_peaks(&self, reference: &Self, highest_hz: f64) -> Vec<Peak> {
+        let last = ((highest_hz / self.bin_hz) as usize).min(self.power.len().saturating_sub(2));
+        let needed = (last as f64 / BY_CHANCE).ln();
+        // Another gain makes no line new.
+        let level = |s: &Self| median(&mut s.power[2 * MAIN_LOBE_BINS..].to_vec());
+        let louder = level(self) / level(reference).max(f64::MIN_POSITIVE) * reference.bin_hz / self.bin_hz;
+        let mut out = Vec::new();
+        for k in 2 * MAIN_LOBE_BINS..last {
+            if self.power[k] < self.power[k - 1] || self.power[k] < self.power[k + 1] {
+                continue;
+            }
+            let above = self.power[k] / self.floor(k);
+            if above < needed {
+                continue;
+            }
+            let (a, b, c) = (self.power[k - 1].ln(), self.power[k].ln(), self.power[k + 1].ln());
+            let shift = (0.5 * (a - c) / (a - 2.0 * b + c)).clamp(-0.5, 0.5);
+            let position = k as f64 + if shift.is_finite() { shift } else { 0.0 };
+            // Runs of the machine differ in speed by some per mille; lines of the mains do not move.
+            let reach = (2e-3 * position * self.bin_hz).max(2.0 * self.bin_hz.max(reference.bin_hz));
+            if self.power[k] > NEW * louder.max(1.0) * reference.most_about(position * self.bin_hz, reach) {
+                out.push(Peak { position, above });
+            }
+        }
+        out
+    }
+}
+
+/// Whether a frequency is a multiple of a mains, within its deviation and the resolution, and not one of a shaft (Hz): what may be of the machine is.
+fn multiple(hz: f64, bin_hz: f64, shafts_hz: &[f64]) -> Option<f64> {
+    let of_shaft = |shaft: &f64| (hz - (hz / shaft).round() * shaft).abs() < OF_SHAFT_BINS * bin_hz + WANDER * hz;
+    if shafts_hz.iter().any(of_shaft) {
+        return None;
+    }
+    MAINS_HZ.into_iter().find_map(|base| {
+        let m = (hz / base).round();
+        let off = (hz - m * base).abs();
+        ((1.0..=f64::from(MULTIPLES)).contains(&m) && off < DEVIATION * hz + 0.3 * bin_hz).then_some(m * base)
+    })
+}
+
+/// New lines of the mains in a run, the strongest first. Where other new lines lie beside the mains' frequencies, a machine that changed may have put one there by
+/// chance: so many lines of the mains must have been unlikely among that many new ones.
+///
+/// `shafts_hz` are the speeds of the shafts, all multiples of which are the machine's.
+pub fn hum(
+    transforms: &mut Transforms,
+    samples: &[f64],
+    reference: &[f64],
+    rate: f64,
+    shafts_hz: &[f64],
+) -> Vec<Hum> {
+    let now = Spectrum::of(transforms, samples, rate);
+    let before = Spectrum::of(transforms, reference, rate);
+    let highest = (f64::from(MULTIPLES) + 0.5) * MAINS_HZ[1];
+    let highest = highest.min(0.4 * rate);
+    let peaks = now.new_peaks(&before, highest);
+    let (on, off): (Vec<&Peak>, Vec<&Peak>) =
+        peaks.iter().partition(|p| multiple(p.position * now.bin_hz, now.bin_hz, shafts_hz).is_some());
+    if on.is_empty() {
+        return Vec::new();
+    }
+    // Share of the band that the multiples cover.
+    let covered: f64 = MAINS_HZ
+        .iter()
+        .flat_map(|b| (1..=MULTIPLES).map(move |m| b * f64::from(m)))
+        .filter(|hz| *hz < highest)
+        .map(|hz| 2.0 * (DEVIATION * hz + 0.3 * now.bin_hz))
+        .sum::<f64>()
+        / highest;
+    let by_chance = at_least(on.len(), on.len() + off.len(), covered);
+    // One new line alone on the mains is of the mains; a machine makes families.
+    let allowed = if off.is_empty() { 0.2 } else { 1e-3 };
+    if by_chance > allowed {
+        return Vec::new();
+    }
+    let sigma_bins = |above: f64| (3.0 / (2.0 * above)).sqrt() / std::f64::consts::PI;
+    let mut out: Vec<Hum> = on
+        .iter()
+        .map(|p| {
+            let k = p.position.round() as usize;
+            let value = now.bins[k] / dsp::window_response(k as f64 - p.position);
+            Hum {
+                hz: (p.position * now.bin_hz, (sigma_bins(p.above).max(0.02)) * now.bin_hz),
+                amplitude: (value.norm(), value.norm() * (dsp::LINE_FIT_NOISE_GAIN / (2.0 * p.above)).sqrt().max(0.01)),
+                above: p.above,
+                phase: value.arg(),
+            }
+        })
+        .collect();
+    out.sort_by(|a, b| b.amplitude.0.total_cmp(&a.amplitude.0));
+    out
+}
+
+/// Probability of at least `k` of `n` at chance `p` each.
+fn at_least(k: usize, n: usize, p: f64) -> f64 {
+    let mut term = (1.0 - p).powi(n as i32);
+    let mut below = 0.0;
+    for i in 0..k {
+        below += term;
+        term *= (n - i) as f64 / (i + 1) as f64 * p / (1.0 - p);
+    }
+    (1.0 - below).clamp(0.0, 1.0)
+}
+
+/// Takes the lines out of the samples.
+pub fn take_out(samples: &mut [f64], lines: &[Hum], rate: f64) {
+    for l in lines {
+        // The frequency is refined where it matters: amplitude and phase by halves of the run.
+        let (hz, amplitude, phase) = refine(samples, l, rate);
+        for (n, x) in samples.iter_mut().enumerate() {
+            *x -= amplitude * (TAU * (hz * n as f64 / rate).fract() + phase).cos();
+        }
+    }
+}
+
+/// Frequency, amplitude and phase of a line by the phases of the two halves of the run (Hann windows), twice.
+fn refine(samples: &[f64], l: &Hum, rate: f64) -> (f64, f64, f64) {
+    let (mut hz, mut amplitude, mut phase) = (l.hz.0, l.amplitude.0, l.phase);
+    let len = samples.len();
+    let value = |from: usize, count: usize, hz: f64| -> Complex64 {
+        let weight = |n: usize| 0.5 - 0.5 * (TAU * (n as f64 + 0.5) / count as f64).cos();
+        let sum: Complex64 = (0..count)
+            .map(|n| {
+                let turn = -TAU * (hz * (from + n) as f64 / rate).fract();
+                Complex64::from_polar(samples[from + n] * weight(n), turn)
+            })
+            .sum();
+        sum * (4.0 / count as f64)
+    };
+    for _ in 0..2 {
+        let half = len / 2;
+        let step = (value(half, half, hz) * value(0, half, hz).conj()).arg();
+        let shift = step / TAU * rate / half as f64;
+        if shift.abs() < rate / half as f64 {
+            hz += shift;
+        }
+        let whole = value(0, len, hz);
+        (amplitude, phase) = (whole.norm(), whole.arg());
+    }
+    (hz, amplitude, phase)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATE_HZ: f64 = 8192.0;
+
+    fn run(hum: &[(f64, f64)], machine: f64, seed: u64) -> Vec<f64> {
+        let mut state = seed;
+        let mut even = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..4 * 8192)
+            .map(|n| {
+                let t = n as f64 / RATE_HZ;
+                let lines: f64 = (1..20).map(|k| (TAU * 29.7 * machine * f64::from(k) * t + f64::from(k)).cos()).sum();
+                let hum: f64 = hum.iter().map(|(hz, a)| a * (TAU * hz * t + 0.7).cos()).sum();
+                lines + hum + even() + even() + even() - 1.5
+            })
+            .collect()
+    }
+
+    /// 50 and 100 Hz that are new are named, the strongest first, and taken out to the noise; none of an unchanged run, none where the reference has them.
+    #[test]
+    fn regress_mains_at_one_speed_are_named_and_taken_out() {
+        let mut transforms = Transforms::default();
+        let before = run(&[], 1.0, 1);
+        for deviation in [1.0, 1.0005, 0.9995] {
+            let mut x = run(&[(50.0 * deviation, 0.5), (100.0 * deviation, 0.3)], 1.0005, 2);
+            let found = hum(&mut transforms, &x, &before, RATE_HZ, &[29.7]);
+            assert_eq!(found.len(), 2, "{found:?}");
+            assert!((found[0].hz.0 - 50.0 * deviation).abs() < 0.05 && (found[0].amplitude.0 - 0.5).abs() < 0.05, "{found:?}");
+            assert!(hum(&mut transforms, &run(&[(50.0, 0.5)], 1.0, 3), &x, RATE_HZ, &[29.7]).is_empty());
+            take_out(&mut x, &found, RATE_HZ);
+            assert!(hum(&mut transforms, &x, &before, RATE_HZ, &[29.7]).is_empty());
+        }
+        for seed in 10..20 {
+            assert!(hum(&mut transforms, &run(&[], 1.001, seed), &before, RATE_HZ, &[29.7]).is_empty());
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Swapped cables and turned sensors: how the channels of a recording came to their places.
+
+use super::cross::{Against, Cross, Wiring};
+
+/// Relative amplitude by which cross-spectra differ from session to session on an unchanged bench; it limits what averages can say.
+const REPETITION: f64 = 0.2;
+/// Share of frequencies that must agree with the reference, once the cables are put right: most. What changed besides, a path or a gear, spoils the rest.
+const MOST: f64 = 0.5;
+/// Odds against one swap or turned sensor before anything was recorded.
+const PRIOR: f64 = 1e-3;
+/// Neighbouring bins of Hann windows are not independent.
+const TEMPER: f64 = 0.5;
+
+/// Another wiring than the reference has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rewired {
+    /// How it is.
+    pub wiring: Wiring,
+    /// That it is so.
+    pub probability: f64,
+    /// Share of the frequencies that agree with the reference as recorded, and wired so.
+    pub agrees: (f64, f64),
+    /// Wirings that cannot be told from it: two channels have one relation, whichever of them was turned.
+    pub same: Vec<Wiring>,
+}
+
+/// Share of frequencies that agree, and the log likelihood, of each wiring.
+struct Judged {
+    wiring: Wiring,
+    agrees: f64,
+    ln_likelihood: f64,
+}
+
+/// No swap or one, no sensor turned or one.
+fn candidates(n: usize) -> Vec<Wiring> {
+    let mut orders = vec![Wiring::straight(n)];
+    for i in 0..n {
+        for j in i + 1..n {
+            let mut w = Wiring::straight(n);
+            w.from.swap(i, j);
+            orders.push(w);
+        }
+    }
+    let mut out = Vec::new();
+    for order in orders {
+        out.push(order.clone());
+        for i in 0..n {
+            let mut w = order.clone();
+            w.sign[i] = -1.0;
+            out.push(w);
+        }
+    }
+    out
+}
+
+/// Judges one recording against its reference. Each frequency either agrees, by the Wishart likelihood of its cross-spectra, or is anything, which costs the
+/// `n²/2 ln K` of its free numbers (Schwarz 1978): what changed at some frequencies outvotes nothing.
+fn judge(recording: &Cross, against: &Against<'_>, averages: f64) -> Vec<Judged> {
+    let n = recording.channels.len();
+    let counted = 1.0 / (1.0 / recording.averages + 1.0 / averages + REPETITION * REPETITION);
+    let anything = 0.5 * (n * n) as f64 * counted.max(3.0).ln() + (n * n) as f64;
+    candidates(n)
+        .into_iter()
+        .map(|wiring| {
+            let costs: Vec<f64> =
+                against.divergence(recording, &wiring).into_iter().map(|d| counted * d.max(0.0)).collect();
+            let agrees = costs.iter().filter(|c| **c < anything).count() as f64 / costs.len().max(1) as f64;
+            let ln_likelihood = -TEMPER * costs.iter().map(|c| c.min(anything)).sum::<f64>();
+            Judged { wiring, agrees, ln_likelihood }
+        })
+        .collect()
+}
+
+/// How well a recording agrees with a reference under its best wiring; to choose among references.
+pub fn likeness(recording: &Cross, reference: &Cross) -> Option<f64> {
+    let against = Against::new(reference)?;
+    judge(recording, &against, reference.averages).into_iter().map(|j| j.ln_likelihood).max_by(f64::total_cmp)
+}
+
+/// Another wiring than the reference's, if there is one.
+pub fn rewired(recording: &Cross, reference: &Cross) -> Option<Rewired> {
+    if recording.channels.len() < 2 || !recording.is_like(reference) {
+        return None;
+    }
+    let judged = judge(recording, &Against::new(reference)?, reference.averages);
+    let straight = judged.first()?;
+    let best = judged.iter().max_by(|a, b| a.ln_likelihood.total_cmp(&b.ln_likelihood))?;
+    if best.wiring == straight.wiring || best.agrees < MOST {
+        return None;
+    }
+    // Against staying as it was; what else it could be shares the odds.
+    let near = |j: &&Judged| j.wiring != best.wiring && best.ln_likelihood - j.ln_likelihood < 3.0;
+    let same: Vec<Wiring> = judged.iter().filter(near).map(|j| j.wiring.clone()).collect();
+    let odds = PRIOR * (best.ln_likelihood - straight.ln_likelihood).min(700.0).exp();
+    let probability = odds / (1.0 + odds);
+    (probability > 0.5).then(|| Rewired {
+        wiring: best.wiring.clone(),
+        probability: (probability / (1.0 + same.len() as f64)).min(0.99),
+        agrees: (straight.agrees, best.agrees),
+        same,
+    })
+}
