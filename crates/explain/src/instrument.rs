@@ -145,7 +145,8 @@ fn channels(recording: &Recording, sensors: &[&str]) -> Channels {
     let rate = run.first().and_then(|(name, _)| recording.channels.get(*name)).map_or(f64::NAN, |c| c.sample_rate_hz);
     // What is not finite is refused later, with file and place.
     let finite = run.iter().all(|(_, x)| !x.is_empty() && x.iter().all(|x| x.is_finite()));
-    let facts = if finite { run.iter().map(|(name, x)| ((*name).to_owned(), Facts::of(x))).collect() } else { BTreeMap::new() };
+    let facts =
+        if finite { run.iter().map(|(name, x)| ((*name).to_owned(), Facts::of(x))).collect() } else { BTreeMap::new() };
     Channels { rate, facts }
 }
 
@@ -194,7 +195,8 @@ impl Asked<'_> {
         let dead = dead(seen);
         for name in &dead {
             let f = &seen.facts[name];
-            let why = format!("{name} shows {} different values with a standard deviation of {:.3e}", f.distinct, f.rms);
+            let why =
+                format!("{name} shows {} different values with a standard deviation of {:.3e}", f.distinct, f.rms);
             self.faults.push(Fault::new("channel_dead", name, SEEN, why));
             self.leave_out(name, "is dead");
         }
@@ -261,9 +263,11 @@ impl Asked<'_> {
         }
         for (place, (samples, blocks)) in totals {
             let why = format!("{blocks} blocks, {samples} samples together, are exact copies of earlier ones");
-            self.faults.push(
-                Fault::new("samples_repeated", place, SEEN, why).with("samples", samples as f64, 0.5 * blocks as f64),
-            );
+            self.faults.push(Fault::new("samples_repeated", place, SEEN, why).with(
+                "samples",
+                samples as f64,
+                0.5 * blocks as f64,
+            ));
         }
         if cuts.is_empty() {
             let run = common_run(self.recording, self.sensors);
@@ -272,10 +276,8 @@ impl Asked<'_> {
             if !gaps.is_empty() {
                 let (samples, variance) =
                     gaps.iter().fold((0.0, 0.0), |(s, v), g| (s + g.samples.0, v + g.samples.1.powi(2)));
-                let places: Vec<String> = gaps
-                    .iter()
-                    .map(|g| format!("{:.0} samples at {:.2} s", g.samples.0, g.at as f64 / rate))
-                    .collect();
+                let places: Vec<String> =
+                    gaps.iter().map(|g| format!("{:.0} samples at {:.2} s", g.samples.0, g.at as f64 / rate)).collect();
                 let why = format!("the phases of all lines step together: {}", places.join(", "));
                 let gain = gaps.iter().map(|g| g.gain).fold(f64::INFINITY, f64::min);
                 self.steps.push(format!("{}: {why}; {gain:.0} nats over none", self.recording.name));
@@ -315,7 +317,9 @@ impl Asked<'_> {
     fn nearest<'r>(&mut self, eligible: &[&'r Recording]) -> Option<(Cross, Cross, &'r Recording)> {
         let mut best: Option<(f64, Cross, Cross, &Recording)> = None;
         for reference in eligible {
-            let Some((now, before)) = crosses(self.transforms, self.recording, reference, self.sensors) else { continue };
+            let Some((now, before)) = crosses(self.transforms, self.recording, reference, self.sensors) else {
+                continue;
+            };
             let likeness = match eligible.len() {
                 1 => 0.0,
                 _ => wiring::likeness(&now, &before).unwrap_or(f64::NEG_INFINITY),
@@ -402,7 +406,8 @@ impl Asked<'_> {
         // Without a speed a line of the mains is not told from one of a shaft.
         let Ok(input_hz) = speed(self.bench, self.train, self.recording) else { return };
         let shafts_hz: Vec<f64> = self.train.shafts.iter().map(|s| s.1 * input_hz).collect();
-        let names: Vec<String> = self.recording.channels.keys().filter(|k| self.sensors.contains(&k.as_str())).cloned().collect();
+        let names: Vec<String> =
+            self.recording.channels.keys().filter(|k| self.sensors.contains(&k.as_str())).cloned().collect();
         for name in names {
             let (now, before) = (common_run(self.recording, &[&name]), common_run(reference, &[&name]));
             let (Some((_, now)), Some((_, before))) = (now.first(), before.first()) else { continue };
@@ -412,9 +417,11 @@ impl Asked<'_> {
             let all: Vec<String> = lines.iter().map(|l| format!("{:.2} Hz", l.hz.0)).collect();
             let why = format!("lines of the mains that the reference has not: {}", all.join(", "));
             self.faults.push(
-                Fault::new("electrical_pickup", &name, 0.95, why)
-                    .with("frequency_hz", first.hz.0, first.hz.1)
-                    .with("amplitude", first.amplitude.0, first.amplitude.1),
+                Fault::new("electrical_pickup", &name, 0.95, why).with("frequency_hz", first.hz.0, first.hz.1).with(
+                    "amplitude",
+                    first.amplitude.0,
+                    first.amplitude.1,
+                ),
             );
             if let Some(segment) = self
                 .recording
@@ -516,10 +523,7 @@ fn merged(all: Vec<Fault>, recordings: usize) -> Vec<Fault> {
 }
 
 fn total(values: &[Estimate]) -> Estimate {
-    Estimate::new(
-        values.iter().map(|v| v.value).sum(),
-        values.iter().map(|v| v.sigma.powi(2)).sum::<f64>().sqrt(),
-    )
+    Estimate::new(values.iter().map(|v| v.value).sum(), values.iter().map(|v| v.sigma.powi(2)).sum::<f64>().sqrt())
 }
 
 /// Weighted mean; its sigma by the larger of what the parts say and how they scatter.

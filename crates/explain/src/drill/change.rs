@@ -141,7 +141,10 @@ impl Kind {
                     let gears = gears_on(bench, k);
                     let of_gears = gears.iter().flat_map(|g| ["eccentricity", "pitch_error"].map(|e| Truth::new(e, g)));
                     of_gears
-                        .chain(["speed_fluctuation", "torque_ripple", "bearing_compliance"].map(|e| Truth::new(e, &s.name)))
+                        .chain(
+                            ["speed_fluctuation", "torque_ripple", "bearing_compliance"]
+                                .map(|e| Truth::new(e, &s.name)),
+                        )
                         .collect()
                 })
                 .collect(),
@@ -153,9 +156,7 @@ impl Kind {
             Self::Ghost => bench
                 .stages
                 .iter()
-                .map(|s| {
-                    ["pinion", "wheel"].map(|g| Truth::new("ghost_component", format!("{}.{g}", s.name))).into()
-                })
+                .map(|s| ["pinion", "wheel"].map(|g| Truth::new("ghost_component", format!("{}.{g}", s.name))).into())
                 .collect(),
             Self::Sheet => gears(bench).into_iter().map(|g| vec![Truth::new("wrong_tooth_count", g)]).collect(),
         }
@@ -285,7 +286,8 @@ impl Change {
             }
             Kind::Tooth => {
                 let (stage, pinion) = (self.place / 2, self.place.is_multiple_of(2));
-                let order = train.stages.get(stage).map_or(1.0, |s| if pinion { s.pinion_order } else { s.wheel_order });
+                let order =
+                    train.stages.get(stage).map_or(1.0, |s| if pinion { s.pinion_order } else { s.wheel_order });
                 let period_s = 1.0 / (order * input_hz);
                 let times: Vec<f64> = (0..10_000).map(|k| (f64::from(k) + PHASE) * period_s).collect();
                 pulses(recording, &sensors, &times, 0.01 * size);

@@ -125,9 +125,8 @@ impl Steps {
                 lines
                     .iter()
                     .map(|l| {
-                        let sum = |blocks: &[Complex64]| {
-                            blocks.iter().zip(&window).map(|(b, w)| b * w).sum::<Complex64>()
-                        };
+                        let sum =
+                            |blocks: &[Complex64]| blocks.iter().zip(&window).map(|(b, w)| b * w).sum::<Complex64>();
                         (sum(&l.blocks[at..at + side]) * sum(&l.blocks[at - side..at]).conj()).arg()
                     })
                     .collect()
@@ -197,7 +196,10 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
         .iter()
         .flat_map(|x| {
             let whole = x.len() / block * block;
-            peaks(transforms, &x[..whole], rate).into_iter().map(|hz| line(&x[..whole], hz, rate, block)).collect::<Vec<_>>()
+            peaks(transforms, &x[..whole], rate)
+                .into_iter()
+                .map(|hz| line(&x[..whole], hz, rate, block))
+                .collect::<Vec<_>>()
         })
         .collect();
     if lines.len() < 4 {
@@ -234,12 +236,7 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
         if gain > needed && likelihood > RESTORED * middle {
             let information: f64 = steps.hz.iter().zip(&steps.weight).map(|(hz, w)| w * (TAU * hz).powi(2)).sum();
             let sigma = (TEMPER * information).sqrt().recip().hypot(0.25 * wander_s());
-            out.push(Gap {
-                at: (at + side) * block,
-                within: 3 * block,
-                samples: (missing * rate, sigma * rate),
-                gain,
-            });
+            out.push(Gap { at: (at + side) * block, within: 3 * block, samples: (missing * rate, sigma * rate), gain });
         }
     }
     out.sort_by_key(|g| g.at);

@@ -110,13 +110,7 @@ fn multiple(hz: f64, bin_hz: f64, shafts_hz: &[f64]) -> Option<f64> {
 /// chance: so many lines of the mains must have been unlikely among that many new ones.
 ///
 /// `shafts_hz` are the speeds of the shafts, all multiples of which are the machine's.
-pub fn hum(
-    transforms: &mut Transforms,
-    samples: &[f64],
-    reference: &[f64],
-    rate: f64,
-    shafts_hz: &[f64],
-) -> Vec<Hum> {
+pub fn hum(transforms: &mut Transforms, samples: &[f64], reference: &[f64], rate: f64, shafts_hz: &[f64]) -> Vec<Hum> {
     let now = Spectrum::of(transforms, samples, rate);
     let before = Spectrum::of(transforms, reference, rate);
     let highest = (f64::from(MULTIPLES) + 0.5) * MAINS_HZ[1];
@@ -239,7 +233,10 @@ mod tests {
             let mut x = run(&[(50.0 * deviation, 0.5), (100.0 * deviation, 0.3)], 1.0005, 2);
             let found = hum(&mut transforms, &x, &before, RATE_HZ, &[29.7]);
             assert_eq!(found.len(), 2, "{found:?}");
-            assert!((found[0].hz.0 - 50.0 * deviation).abs() < 0.05 && (found[0].amplitude.0 - 0.5).abs() < 0.05, "{found:?}");
+            assert!(
+                (found[0].hz.0 - 50.0 * deviation).abs() < 0.05 && (found[0].amplitude.0 - 0.5).abs() < 0.05,
+                "{found:?}"
+            );
             assert!(hum(&mut transforms, &run(&[(50.0, 0.5)], 1.0, 3), &x, RATE_HZ, &[29.7]).is_empty());
             take_out(&mut x, &found, RATE_HZ);
             assert!(hum(&mut transforms, &x, &before, RATE_HZ, &[29.7]).is_empty());

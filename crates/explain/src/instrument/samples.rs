@@ -148,7 +148,10 @@ fn repeats(samples: &[f64]) -> Vec<Repeat> {
     let mut at: BTreeMap<usize, usize> = BTreeMap::new();
     for pair in hashed.windows(2) {
         let ((h, a), (g, b)) = (pair[0], pair[1]);
-        if h == g && samples[a..a + BLOCK] == samples[b..b + BLOCK] && samples[a..a + BLOCK].iter().any(|x| *x != samples[a]) {
+        if h == g
+            && samples[a..a + BLOCK] == samples[b..b + BLOCK]
+            && samples[a..a + BLOCK].iter().any(|x| *x != samples[a])
+        {
             at.insert(b, b - a);
         }
     }
@@ -224,7 +227,9 @@ mod tests {
     fn analytic_noise_is_none_of_these() {
         for seed in 0..200 {
             let facts = Facts::of(&noise(8192, seed));
-            assert!(facts.clipped.is_none() && facts.repeats.is_empty() && !facts.is_coarse() && facts.held().is_none());
+            assert!(
+                facts.clipped.is_none() && facts.repeats.is_empty() && !facts.is_coarse() && facts.held().is_none()
+            );
         }
     }
 
@@ -243,7 +248,8 @@ mod tests {
         let block = x[8000..8512].to_vec();
         x.splice(8512..8512, block);
         assert_eq!(Facts::of(&x).repeats, [Repeat { start: 8512, len: 512, lag: 512 }]);
-        let periodic: Vec<f64> = (0..20_000).map(|n| (std::f64::consts::TAU * f64::from(n % 100) / 100.0).cos()).collect();
+        let periodic: Vec<f64> =
+            (0..20_000).map(|n| (std::f64::consts::TAU * f64::from(n % 100) / 100.0).cos()).collect();
         assert!(Facts::of(&periodic).repeats.is_empty());
     }
 

@@ -9,6 +9,8 @@ use crate::read::ratio::{CREEP, DISPLAY_SIGMA};
 const CLOCK_PPM: f64 = 60.0;
 /// Standard deviations at which a speed ratio is believed.
 const RATIO_Z: f64 = 4.0;
+/// Slip of an induction motor at full load, at most (relative): design B of NEMA MG 1.
+const MOST_SLIP: f64 = 0.05;
 /// Log odds of belt slip against a wrong clock from which the other is not kept in the set.
 const LARGE_ODDS: f64 = 4.5;
 
@@ -159,6 +161,14 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     } else if !clock_known || clock.abs() * 1e6 > CLOCK_PPM {
         if out.iter().any(|f| f.effect == "clock_offset") {
             return;
+        }
+        // Behind the display without a reference: a motor that slips, in proportion to its torque, unless the loads say that it does not.
+        if q.bench.belt.is_none() && excess > 0.0 && excess < MOST_SLIP && reference.is_none() {
+            let odds = 0.5 * (law(q, slip, base, true).misfit - law(q, slip, base, false).misfit);
+            steps.push(format!("behind the display by {:.2} %: the slip of the motor, unless the clock is likelier by {LARGE_ODDS} nats; it is by {odds:.1}", 100.0 * excess));
+            if odds < LARGE_ODDS {
+                return;
+            }
         }
         let mut f = Finding::new("clock_offset", "acquisition", 0.85).with("ppm", 1e6 * fast(excess), 1e6 * sigma);
         f.evidence.place = format!("all gear lines lie {:.2} % off the drive display", -100.0 * excess);

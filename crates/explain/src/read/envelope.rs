@@ -122,16 +122,14 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
                 m >= 1.0 && (own - m * o).abs() < f64::from(k) * tolerance
             })
         };
-        // What two shafts modulate beats at the sums and differences of their orders, and shows at a half and a third of them too.
+        // What two shafts modulate beats at the sums and differences of their orders, and the sum over harmonics shows that of the first orders at their half too.
         let mixed = |a: f64, b: f64| {
-            (1..=3).any(|k| {
-                let own = f64::from(k) * order;
-                [(1.0, 1.0), (1.0, 2.0), (2.0, 1.0)].iter().any(|(m, n)| {
-                    [m * a + n * b, (m * a - n * b).abs()].iter().any(|o| (own - o).abs() < f64::from(k) * tolerance)
-                })
-            })
+            let beats = [(a, b), (a, 2.0 * b), (2.0 * a, b)].into_iter().flat_map(|(a, b)| [a + b, (a - b).abs()]);
+            let first = [a + b, (a - b).abs()];
+            beats.chain(first.map(|o| 0.5 * o)).any(|o| (order - o).abs() < tolerance)
         };
-        let pairs = || train.shafts.iter().enumerate().flat_map(|(i, a)| train.shafts[..i].iter().map(move |b| (a.1, b.1)));
+        let pairs =
+            || train.shafts.iter().enumerate().flat_map(|(i, a)| train.shafts[..i].iter().map(move |b| (a.1, b.1)));
         pairs().any(|(a, b)| mixed(a, b))
             || train.shafts.iter().any(|s| s.1 * least_revs > 12.0 && comb(s.1))
             || comb(train.motor_order)

@@ -15,6 +15,8 @@ const TACHO_REACH: f64 = 0.004;
 const CLOCK_REACH: f64 = 0.01;
 /// How far the speed may lie from the drive display without a belt (relative): display and sample clock.
 const DIRECT_REACH: f64 = 0.008;
+/// How far a sample rate may be off that is told from other teeth (relative), where nothing but the drive display says so: a rate that was typed in.
+const RATE_REACH: f64 = 0.02;
 /// Belt slip that is looked for (relative).
 const SLIP_REACH: f64 = 0.04;
 /// Gain in mean log excess of all lines, or of those that another tooth number moves, at which it is believed, and how sure the latter must be
@@ -231,12 +233,29 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
     all.iter()
         .zip(fields)
         .map(|(steady, field)| {
-            let tacho = steady.tacho_hz(train);
-            let (low, high) = range(bench, train, steady, tacho, CLOCK_REACH);
-            let (input_hz, score) = field.search(&orders, low, high);
+            let (input_hz, score) = own_speed(bench, train, steady, field, &orders, CLOCK_REACH);
             Speed { input_hz, score }
         })
         .collect()
+}
+
+/// Speed by the bench's own teeth and its score. Where all lines lie together a little farther off than the display may be, the rate is wrong or the motor slips.
+fn own_speed(
+    bench: &Bench,
+    train: &Train,
+    steady: &Steady<'_>,
+    field: &CombField,
+    comb: &[f64],
+    reach: f64,
+) -> (f64, f64) {
+    let tacho = steady.tacho_hz(train);
+    let (low, high) = range(bench, train, steady, tacho, reach);
+    let near = field.search(comb, low, high);
+    if tacho.is_some() || !steady.display_motor_hz.is_finite() || bench.belt.is_some() {
+        return near;
+    }
+    let far = field.search(comb, low * (1.0 - RATE_REACH), high * (1.0 + RATE_REACH));
+    if far.1 > near.1 + TEETH_GAIN { far } else { near }
 }
 
 /// Whether the tacho through a bench's teeth and the drive display cannot both be right: beyond what a display, a sample clock and a belt are off.
@@ -253,22 +272,25 @@ fn against_display(bench: &Bench, steady: &Steady<'_>) -> bool {
 /// shaft's own lines. So candidates are ranked by all lines and believed by those that move.
 pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
     // Mean score of all lines, and the frequencies of the lines by recording.
-    let lines = |candidate: &Bench| -> (f64, Vec<Vec<f64>>) {
+    let lines = |candidate: &Bench, own: bool| -> (f64, Vec<Vec<f64>>) {
         let train = Train::new(candidate);
         let orders = deciding_orders(&train);
         let comb = features::comb_orders(&train);
         let mut sum = 0.0;
         let mut frequencies = Vec::with_capacity(all.len());
         for (steady, field) in all.iter().zip(fields) {
-            let tacho = steady.tacho_hz(&train);
-            let (low, high) = range(candidate, &train, steady, tacho, TACHO_REACH);
-            let (hz, _) = field.search(&comb, low, high);
+            let hz = if own {
+                own_speed(candidate, &train, steady, field, &comb, TACHO_REACH).0
+            } else {
+                let (low, high) = range(candidate, &train, steady, steady.tacho_hz(&train), TACHO_REACH);
+                field.search(&comb, low, high).0
+            };
             sum += field.score(&orders, hz);
             frequencies.push(orders.iter().map(|o| o * hz).collect());
         }
         (sum / all.len().max(1) as f64, frequencies)
     };
-    let base = lines(bench);
+    let base = lines(bench, true);
     let mut best: Option<(f64, OtherTeeth, Bench)> = None;
     for (i, stage) in bench.stages.iter().enumerate() {
         for pinion in [true, false] {
@@ -282,7 +304,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                 if all.iter().any(|steady| against_display(&candidate, steady)) {
                     continue;
                 }
-                let (score, frequencies) = lines(&candidate);
+                let (score, frequencies) = lines(&candidate, false);
                 let mut moved = Moved::default();
                 for ((field, sheet), other) in fields.iter().zip(&base.1).zip(&frequencies) {
                     moved.add(field, sheet, other);

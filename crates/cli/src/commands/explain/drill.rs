@@ -50,7 +50,12 @@ pub fn run(
     let done = |through: usize, all: usize| {
         if talk || (10 * through / all) > (10 * (through - 1) / all) {
             // Progress is a courtesy; a closed terminal is not an error.
-            let _ = write!(std::io::stderr(), "{}  {through} of {all} runs{}", if talk { "\r" } else { "" }, if talk { "" } else { "\n" });
+            let _ = write!(
+                std::io::stderr(),
+                "{}  {through} of {all} runs{}",
+                if talk { "\r" } else { "" },
+                if talk { "" } else { "\n" }
+            );
         }
     };
     let outcomes = drill(&Question { bench, recordings, reference, kinds: &kinds }, &done)?;

@@ -92,7 +92,9 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
     if high > low * (1.0 + RUN_UP) {
         return Err(Unused::RunUp);
     }
-    let display = mean(&speeds);
+    // The nominal speed typed in is no reading: an induction motor slips behind it, by how much nobody said.
+    let nominal = |hz: f64| (hz / bench.motor.speed_hz - 1.0).abs() < 1e-9 && bench.belt.is_none();
+    let display = Some(mean(&speeds)).filter(|hz| !nominal(*hz) || !recording.tachos.is_empty()).unwrap_or(f64::NAN);
     let guess = if display.is_finite() { display } else { bench.motor.speed_hz } / train.motor_order;
     let shortest = channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
     let revolutions = shortest as f64 / rate * guess;

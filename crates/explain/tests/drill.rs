@@ -1,0 +1,93 @@
+//! Known changes in real recordings of a two-stage box (`../shared/data/gfd_spectraquest` beside the checkout; skipped where it is missing).
+
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "the table is shown with --nocapture, and what was skipped is told"
+)]
+
+use std::io::Read;
+use std::path::PathBuf;
+
+use flate2::read::GzDecoder;
+use gearwatch_core::bench::{Bench, Sensor};
+use gearwatch_core::block::{OperatingPoint, Quality};
+use gearwatch_core::recording::{Channel, Recording, Segment};
+use gearwatch_explain::drill::change::Kind;
+use gearwatch_explain::drill::{Outcome, Question, drill, table};
+
+/// Inferred from the lines in the recordings (README there).
+const RATE_HZ: f64 = 12_800.0;
+/// Where the drive display stands: the motor turns at 29.6 to 29.8 Hz.
+const MOTOR_HZ: f64 = 29.7;
+
+/// The shipped bench of that kind with the four sensors of the recordings, whose unit and places nobody stated.
+fn bench() -> Bench {
+    let shipped = gearwatch_sim::shipped::BENCHES.iter().find(|b| b.name == "spectraquest-like").unwrap().text;
+    let mut bench: Bench = toml::from_str(shipped).unwrap();
+    bench.sensors = [("a1", "input"), ("a2", "intermediate"), ("a3", "output"), ("a4", "output")]
+        .map(|(name, shaft)| Sensor { name: name.into(), shaft: shaft.into(), direction_deg: 90.0, unit: "1".into() })
+        .into();
+    bench.housing_modes.clear();
+    bench.effects.clear();
+    bench.tacho = None;
+    bench.acquisition.sample_rate_hz = RATE_HZ;
+    bench
+}
+
+/// Recordings by state (`h`, `b`) and load (%); none where the data is missing.
+fn recordings(states: &str, loads: &[u32]) -> Vec<Recording> {
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/gfd_spectraquest"));
+    if !folder.is_dir() {
+        eprintln!("skipped: there is no {}", folder.display());
+        return Vec::new();
+    }
+    let names = states.chars().flat_map(|s| loads.iter().map(move |l| (format!("{s}30hz{l}"), *l)));
+    names
+        .map(|(name, load)| {
+            let mut text = String::new();
+            let file = std::fs::File::open(folder.join(format!("{name}.csv.gz"))).unwrap();
+            GzDecoder::new(file).read_to_string(&mut text).unwrap();
+            let rows: Vec<Vec<f64>> =
+                text.lines().skip(1).map(|l| l.split(',').map(|f| f.trim().parse().unwrap()).collect()).collect();
+            let mut out = Recording { name, ..Recording::default() };
+            for c in 0..4 {
+                let samples = rows.iter().map(|r| r[c]).collect();
+                let segment = Segment { t0: 0, first_sample_index: 0, samples, quality: Quality::GOOD };
+                let channel = Channel { sample_rate_hz: RATE_HZ, unit: "1".into(), segments: vec![segment] };
+                out.channels.insert(format!("a{}", c + 1), channel);
+            }
+            let brake_torque_nm = f64::from(load);
+            let point = OperatingPoint { motor_speed_hz: MOTOR_HZ, brake_torque_nm, ..OperatingPoint::UNKNOWN };
+            out.operating_points.push(point);
+            out
+        })
+        .collect()
+}
+
+fn run(recordings: &[Recording], kinds: &[Kind]) -> Vec<Outcome> {
+    let outcomes = drill(&Question { bench: &bench(), recordings, reference: &[], kinds }, &|_, _| {}).unwrap();
+    for o in outcomes.iter().filter(|o| !o.is_right()) {
+        println!("{} {:?} place {} size {}: {:?}", o.recording, o.change.kind, o.change.place, o.change.size, o.named);
+    }
+    for row in table(&outcomes) {
+        println!("{row:?}");
+    }
+    outcomes
+}
+
+/// Kinds by name from `GEARWATCH_KINDS`, recordings from `GEARWATCH_LOADS` and `GEARWATCH_STATES`; all without.
+#[test]
+#[ignore = "minutes: GEARWATCH_KINDS=Swap,Lost cargo test -p gearwatch-explain --test drill -- --ignored --nocapture"]
+fn campaign_changes_in_real_recordings() {
+    let asked = |name: &str, usual: &str| std::env::var(name).unwrap_or_else(|_| usual.into());
+    let kinds = asked("GEARWATCH_KINDS", "");
+    let all = std::iter::once(Kind::Nothing).chain(Kind::INSTRUMENT).chain(Kind::MACHINE);
+    let kinds: Vec<Kind> =
+        all.filter(|k| kinds.is_empty() || kinds.split(',').any(|n| n == format!("{k:?}"))).collect();
+    let loads: Vec<u32> = asked("GEARWATCH_LOADS", "0,10,30,50,70,90").split(',').map(|l| l.parse().unwrap()).collect();
+    let recordings = recordings(&asked("GEARWATCH_STATES", "hb"), &loads);
+    if !recordings.is_empty() {
+        run(&recordings, &kinds);
+    }
+}
