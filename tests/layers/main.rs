@@ -10,6 +10,10 @@ const FORBIDDEN: &[(&str, &[&str])] = &[
         &["gearwatch-sim", "gearwatch-io", "gearwatch-explain", "gearwatch-daemon", "tokio", "mcap", "clap"],
     ),
     ("gearwatch-sim", &["gearwatch-io", "gearwatch-explain", "gearwatch-daemon", "tokio", "mcap", "clap"]),
+    (
+        "gearwatch-check",
+        &["gearwatch-sim", "gearwatch-io", "gearwatch-explain", "gearwatch-daemon", "tokio", "mcap", "clap"],
+    ),
     ("gearwatch-io", &["gearwatch-sim", "gearwatch-explain", "gearwatch-daemon", "tokio", "clap"]),
     ("gearwatch-explain", &["gearwatch-io", "gearwatch-daemon", "tokio", "mcap", "clap"]),
     ("gearwatch-daemon", &["clap"]),
@@ -53,7 +57,7 @@ fn conform_no_crate_looks_upward() {
 #[test]
 fn conform_pure_crates_touch_no_outside_world() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("workspace root");
-    for name in ["core", "sim", "explain"] {
+    for name in ["core", "check", "sim", "explain"] {
         let mut folders = vec![root.join("crates").join(name).join("src")];
         while let Some(folder) = folders.pop() {
             for entry in std::fs::read_dir(&folder).expect("source folder") {

@@ -46,6 +46,7 @@ pub fn bench(motor_hz: f64, teeth: &[(u32, u32)]) -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        check: Default::default(),
     }
 }
 

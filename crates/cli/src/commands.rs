@@ -13,6 +13,7 @@ use crate::exit::Exit;
 mod baseline;
 #[cfg(feature = "batch")]
 mod batch;
+mod check;
 mod completions;
 mod config;
 mod convert;
@@ -65,6 +66,7 @@ const COMMANDS: &[Kind] = &[
     left_out("paper", "explain"),
     kind::<diagnose::Diagnose>(),
     kind::<signatures::SignaturesCommand>(),
+    kind::<check::CheckBench>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     #[cfg(feature = "batch")]

@@ -9,6 +9,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::source::Source;
+use gearwatch_core::speed::parse_speed_hz;
 use gearwatch_io::{ChannelOption, OpenOptions, Opened, ReadError};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -46,8 +47,8 @@ pub struct InputOptions {
     /// Text files write 1,5 for one and a half
     #[arg(long, help_heading = "Recordings")]
     decimal_comma: bool,
-    /// Motor speed of the recording
-    #[arg(long, value_name = "HZ", help_heading = "Recordings")]
+    /// Motor speed of the recording, in Hz or as 1500rpm
+    #[arg(long, value_name = "HZ|RPM", value_parser = parse_speed_hz, help_heading = "Recordings")]
     motor_speed: Option<f64>,
     /// Torque at the brake
     #[arg(long, value_name = "NM", allow_negative_numbers = true, help_heading = "Recordings")]
@@ -65,6 +66,7 @@ impl InputOptions {
             delimiter: self.delimiter,
             decimal_comma: self.decimal_comma.then_some(true),
             motor_speed_hz: self.motor_speed,
+            motor_speed_rpm: None,
             brake_torque_nm: self.torque,
             channels: self.channels.clone(),
         }

@@ -12,12 +12,14 @@ use crate::verdict::HARMONICS;
 
 mod cells;
 mod learner;
+mod mixed;
 mod moderated;
 mod surface;
 
 pub use cells::{Cell, Reference};
 pub use learner::{LearnError, Learner, Origin};
 pub(crate) use learner::{Series, split};
+pub use mixed::MixedCell;
 pub use moderated::ScatterPrior;
 pub use surface::{Place, Surface};
 

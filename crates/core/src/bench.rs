@@ -57,20 +57,61 @@ pub struct Bench {
     /// Physics beyond the nominal model that no effect has a name for.
     #[serde(default, rename = "term", skip_serializing_if = "Vec::is_empty")]
     pub terms: Vec<Term>,
+    /// What is known of the bench's doubts.
+    #[serde(default, skip_serializing_if = "Check::is_empty")]
+    pub check: Check,
+}
+
+/// Doubts that somebody has looked into and found to be none.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Check {
+    /// Words of findings, such as `band`, that are told as notes from now on.
+    pub cleared: Vec<String>,
+}
+
+impl Check {
+    fn is_empty(&self) -> bool {
+        self.cleared.is_empty()
+    }
 }
 
 /// The drive: `T = T_n - slope (ω - ω_n)` about the nominal speed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "MotorKeys")]
 pub struct Motor {
-    /// Nominal speed (Hz, > 0).
+    /// Nominal speed (Hz, > 0); a file may say `speed_rpm` in its place.
     pub speed_hz: f64,
     /// Rotor inertia (kg m², > 0).
-    #[serde(default = "defaults::motor_inertia_kg_m2")]
     pub inertia_kg_m2: f64,
     /// Torque lost per rad/s of slip near the operating point (N m s/rad, > 0).
-    #[serde(default = "defaults::slip_slope_nm_s_per_rad")]
     pub slip_slope_nm_s_per_rad: f64,
+}
+
+/// As a file says it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MotorKeys {
+    speed_hz: Option<f64>,
+    speed_rpm: Option<f64>,
+    #[serde(default = "defaults::motor_inertia_kg_m2")]
+    inertia_kg_m2: f64,
+    #[serde(default = "defaults::slip_slope_nm_s_per_rad")]
+    slip_slope_nm_s_per_rad: f64,
+}
+
+impl TryFrom<MotorKeys> for Motor {
+    type Error = &'static str;
+
+    fn try_from(keys: MotorKeys) -> Result<Self, Self::Error> {
+        let speed_hz = match (keys.speed_hz, keys.speed_rpm) {
+            (Some(hz), None) => hz,
+            (None, Some(rpm)) => rpm / crate::speed::RPM_PER_HZ,
+            (None, None) => return Err("missing field `speed_hz` (or `speed_rpm`)"),
+            (Some(_), Some(_)) => return Err("speed_hz and speed_rpm are both given; expected one of them"),
+        };
+        Ok(Self { speed_hz, inertia_kg_m2: keys.inertia_kg_m2, slip_slope_nm_s_per_rad: keys.slip_slope_nm_s_per_rad })
+    }
 }
 
 /// The belt between motor and input shaft.

@@ -61,7 +61,7 @@ impl Deviation {
     ///
     /// The variance adds up: the scatter of what was measured (for one window that of a healthy machine, and what more
     /// noise it has now than then; for an average its own, steadied by the sensor's other lines), the uncertainty of
-    /// the normal mean, the spread between sessions where it is known, and the error of interpolating between cells.
+    /// the normal mean, the spread between sessions and between runs where it is known, and the error of interpolating between cells.
     pub fn new(observed: Observed, normal: &Reference, prior: ScatterPrior) -> Self {
         let mut budget = Budget::default();
         let ln = match observed {
@@ -82,6 +82,8 @@ impl Deviation {
             // This recording is a session more, and the normal mean is one of `sessions` of them.
             budget.add(between * (1.0 + 1.0 / sessions), sessions - 1.0);
         }
+        // And a run more, of which the normal mean holds `runs`.
+        budget.add(normal.run_variance * (1.0 + 1.0 / f64::from(normal.runs.max(1))), normal.run_freedom);
         budget.add(normal.interpolation_variance, normal.interpolation_freedom);
         Self { ln: ln - normal.ln, variance: budget.variance, freedom: budget.freedom() }
     }
@@ -106,6 +108,9 @@ mod tests {
             noise_variance: 0.0016,
             between_variance: None,
             sessions: 1,
+            run_variance: 0.0,
+            run_freedom: f64::INFINITY,
+            runs: 1,
             interpolation_variance: 0.0,
             interpolation_freedom: f64::INFINITY,
         }

@@ -1,6 +1,7 @@
 //! From what was measured in a window, or averaged over many, to the verdict.
 
 use std::fmt::Write;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -8,6 +9,7 @@ use crate::aggregate::Average;
 use crate::analysis::{StageAnalysis, WindowAnalysis};
 use crate::baseline::{Baseline, Place, ScatterPrior, Surface};
 use crate::deviation::{Deviation, Observed};
+use crate::doubts::Doubts;
 use crate::estimate::Estimate;
 use crate::rank::RankConfig;
 use crate::signature::{SignatureTable, Signatures};
@@ -49,6 +51,7 @@ pub struct Judge {
     stages: Vec<String>,
     normal: Option<Surface>,
     signatures: Signatures,
+    doubts: Doubts,
 }
 
 /// What was measured of a line and of the floor beside it.
@@ -72,12 +75,22 @@ impl Judge {
         if let Some(baseline) = baseline.filter(|b| b.stages != stages) {
             return Err(JudgeError::Stages { baseline: baseline.stages.clone(), bench: stages });
         }
-        Ok(Self { config, stages, normal, signatures: Signatures::Everywhere(signatures) })
+        Ok(Self { config, stages, normal, signatures: Signatures::Everywhere(signatures), doubts: Doubts::default() })
     }
 
     /// Compares with other states from now on.
     pub fn set_signatures(&mut self, signatures: Signatures) {
         self.signatures = signatures;
+    }
+
+    /// The doubts that verdicts carry; setting them holds for all that share this judge.
+    pub fn doubts(&self) -> &Doubts {
+        &self.doubts
+    }
+
+    /// Another judge of the same kind may carry other doubts.
+    pub fn doubt_anew(&mut self) {
+        self.doubts = Doubts::default();
     }
 
     /// The states that verdicts are matched with.
@@ -125,7 +138,10 @@ impl Judge {
             Some(normal) => match normal.unit(&window.sensor) {
                 None => Err(Reason::ChannelNotInBaseline),
                 Some(unit) if *unit != *window.unit => Err(Reason::OtherUnit),
-                Some(_) => normal.locate(window.input_speed_hz.value, torque).ok_or(Reason::OutsideBaseline),
+                Some(_) => normal.locate(window.input_speed_hz.value, torque).ok_or_else(|| match torque {
+                    None if normal.knows_torque() => Reason::TorqueMissing,
+                    _ => Reason::OutsideBaseline,
+                }),
             },
         };
         let deviations = |index: usize, normal: &Surface, place: &Place| {
@@ -173,12 +189,20 @@ impl Judge {
         verdict.instrument = window.instrument;
         verdict.resolvable = false;
         verdict.reason = Reason::None;
+        verdict.doubts.clone_from(self.doubts.words());
         verdict.windows = windows;
         verdict.baseline_sessions = 0;
         verdict.state_fit = StateFit::NotCompared;
         verdict.states.clear();
-        for (harmonic, line) in verdict.harmonics.iter_mut().zip(&window.stages[index].harmonics) {
-            *harmonic = HarmonicVerdict { amplitude: line.amplitude, floor: line.floor, ..HarmonicVerdict::UNKNOWN };
+        let stage = &window.stages[index];
+        for (k, harmonic) in verdict.harmonics.iter_mut().enumerate() {
+            let line = &stage.harmonics[k];
+            *harmonic = HarmonicVerdict {
+                amplitude: line.amplitude,
+                floor: line.floor,
+                shared: stage.shared[k],
+                ..HarmonicVerdict::UNKNOWN
+            };
         }
     }
 
@@ -200,7 +224,8 @@ impl Judge {
         let judged = |h: &&HarmonicVerdict| h.deviation_percent.is_known();
         verdict.resolvable = verdict.harmonics.iter().filter(judged).all(|h| h.rank_probability > 0.5);
         if verdict.machine == MachineState::Unknown {
-            verdict.reason = Reason::NotResolved;
+            let torn = self.config.state.is_path_or_gear(&self.config.rank, &deviations.lines, path);
+            verdict.reason = if torn { Reason::PathOrGear } else { Reason::NotResolved };
         }
         if verdict.machine != MachineState::PathChanged {
             let percents: [Estimate; HARMONICS] = std::array::from_fn(|h| verdict.harmonics[h].deviation_percent);
@@ -276,6 +301,7 @@ fn blank() -> Verdict {
         instrument: InstrumentState::Ok,
         resolvable: false,
         reason: Reason::None,
+        doubts: Arc::from(""),
         windows: 0,
         baseline_sessions: 0,
         state_fit: StateFit::NotCompared,

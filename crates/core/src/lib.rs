@@ -16,6 +16,7 @@ pub mod baseline;
 pub mod bench;
 pub mod block;
 pub mod deviation;
+pub mod doubts;
 pub mod estimate;
 pub mod health;
 pub mod judge;

@@ -139,6 +139,14 @@ impl Pipeline {
         self
     }
 
+    /// The same with doubts of its own, which all verdicts carry: words of findings with a space between.
+    #[must_use]
+    pub fn with_doubts(mut self, words: &str) -> Self {
+        self.judge.doubt_anew();
+        self.judge.doubts().set(words);
+        self
+    }
+
     /// The bench that the plan was made for.
     pub fn bench(&self) -> &Bench {
         &self.bench
@@ -268,6 +276,10 @@ impl Pipeline {
         }
         let angle = KnownAngle { track, variance: found.angle_variance };
         plan.lines(buffers, &self.train, angle, highest_bin, &mut out.stages);
+        // One speed for all that is published: the mean from end to end differs from the efficient estimate by the bend, which is noise.
+        for (stage, kinematics) in out.stages.iter_mut().zip(&self.train.stages) {
+            stage.mesh_hz = kinematics.mesh_order * out.input_speed_hz.value;
+        }
         let seen = out.stages.iter().flat_map(|s| &s.harmonics).any(|l| l.amplitude.is_known());
         if !seen && out.instrument == InstrumentState::Ok {
             out.instrument = InstrumentState::OutOfBand;

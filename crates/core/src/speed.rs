@@ -64,3 +64,51 @@ impl SpeedConfig {
         out
     }
 }
+
+/// Revolutions per minute in one per second.
+pub const RPM_PER_HZ: f64 = 60.0;
+
+/// A speed as people type it: `25`, `25Hz` or `1500rpm` (Hz; 1/min, min-1 and U/min say rpm too).
+///
+/// # Errors
+/// In a sentence that says what was expected.
+pub fn parse_speed_hz(text: &str) -> Result<f64, String> {
+    const UNITS: [(&str, f64); 6] = [
+        ("rpm", RPM_PER_HZ),
+        ("1/min", RPM_PER_HZ),
+        ("min-1", RPM_PER_HZ),
+        ("u/min", RPM_PER_HZ),
+        ("hz", 1.0),
+        ("", 1.0),
+    ];
+    let lower = text.trim().to_ascii_lowercase();
+    let (number, per_hz) =
+        UNITS.iter().find_map(|&(unit, per_hz)| Some((lower.strip_suffix(unit)?, per_hz))).unwrap_or((&lower, 1.0));
+    let value: Result<f64, _> = number.trim_end().parse();
+    value.map(|value| value / per_hz).map_err(|_| format!("{text:?} is no speed; expected such as 25, 25Hz or 1500rpm"))
+}
+
+#[cfg(test)]
+mod unit_tests {
+    use super::parse_speed_hz;
+
+    #[test]
+    fn conform_speeds_are_typed_in_hz_or_rpm() {
+        for (text, hz) in [
+            ("25", 25.0),
+            ("25 Hz", 25.0),
+            ("29.745hz", 29.745),
+            ("1e2", 100.0),
+            ("1500rpm", 25.0),
+            ("1500 RPM", 25.0),
+            ("1500 1/min", 25.0),
+            ("1500 min-1", 25.0),
+            ("1500 U/min", 25.0),
+        ] {
+            assert_eq!(parse_speed_hz(text), Ok(hz), "{text}");
+        }
+        for text in ["", "rpm", "25 m", "fast", "25 rad/s"] {
+            assert!(parse_speed_hz(text).is_err(), "{text}");
+        }
+    }
+}

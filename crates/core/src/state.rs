@@ -35,7 +35,8 @@ impl StateConfig {
     ///
     /// - *Deviating*: some harmonic's deviation is larger than the first rank step, proven by Student's t test at the
     ///   false-alarm probability shared out over the harmonics (Šidák). *Alarm*: larger than the step of rank IV.
-    /// - *Path changed*: deviating, and the path did change ([`Path::changed`]).
+    /// - *Path changed*: deviating, and the path did change ([`Path::changed`]). Where it may have ([`Path::may_have_changed`]) nothing is
+    ///   resolved: a single window must not call a gear faulty where the average over all of them calls the path changed.
     /// - *Normal*: not deviating, and rank IV or V is less probable than not in each harmonic that can be judged at all,
     ///   of which there must be one. A harmonic whose deviation is so uncertain that rank IV or V would be more
     ///   probable than not even at 0 (sigma above 1.48 times the step of rank IV) says nothing for or against.
@@ -44,6 +45,9 @@ impl StateConfig {
         if self.exceeds(lines, deviating) {
             if path.changed(self) {
                 return MachineState::PathChanged;
+            }
+            if path.may_have_changed(self) {
+                return MachineState::Unknown;
             }
             return if self.exceeds(lines, alarm) { MachineState::Alarm } else { MachineState::Deviating };
         }
@@ -57,6 +61,11 @@ impl StateConfig {
         } else {
             MachineState::Unknown
         }
+    }
+
+    /// Deviating, but it cannot be told whether the path or the gear changed.
+    pub fn is_path_or_gear(&self, ranks: &RankConfig, lines: &[Option<Deviation>; HARMONICS], path: &Path) -> bool {
+        self.exceeds(lines, ranks.steps_percent[0]) && !path.changed(self) && path.may_have_changed(self)
     }
 
     /// Some deviation is proven to be larger than the limit.
@@ -111,6 +120,8 @@ pub struct Path {
     floors: u32,
     /// The least probable of the floors, if none had moved by a rank step.
     least_p: Option<f64>,
+    /// The least probable of the lines less their floors, if none had moved by a rank step beside its floor.
+    least_residual_p: Option<f64>,
 }
 
 impl Path {
@@ -127,6 +138,13 @@ impl Path {
             self.least_p = Some(self.least_p.map_or(p, |least| least.min(p)));
         }
         for (line, floor) in lines.iter().zip(floors).filter_map(|(d, f)| Some(((*d)?, (*f)?))) {
+            let residual = Deviation {
+                ln: line.ln - floor.ln,
+                variance: line.variance + floor.variance,
+                freedom: line.freedom.min(floor.freedom),
+            };
+            let p = residual.p_within(ranks.steps_percent[0]);
+            self.least_residual_p = Some(self.least_residual_p.map_or(p, |least| least.min(p)));
             self.lines_alone += line.ln.powi(2);
             self.beside_floors += (line.ln - floor.ln).powi(2);
             self.pairs += 1;
@@ -135,9 +153,23 @@ impl Path {
 
     /// A floor is proven to have moved by more than the first rank step, and the floors explain how the lines moved.
     pub fn changed(&self, config: &StateConfig) -> bool {
-        let moved = self.least_p.is_some_and(|p| p < config.share(self.floors));
-        let ratio = f64::from(self.pairs) / 2.0 * (self.lines_alone / self.beside_floors).ln();
-        moved && self.pairs >= 2 && ratio > -config.false_alarm.ln()
+        self.have_floors_moved(config) && self.pairs >= 2 && self.ln_ratio() > -config.false_alarm.ln()
+    }
+
+    /// A floor is proven to have moved, the floors explain the lines no worse than a changed gear does, and no line is proven to have moved
+    /// beside its floor: too little is known to say which.
+    pub fn may_have_changed(&self, config: &StateConfig) -> bool {
+        let none_beside = self.least_residual_p.is_some_and(|p| p >= config.share(self.pairs));
+        self.have_floors_moved(config) && self.pairs >= 2 && self.ln_ratio() > 0.0 && none_beside
+    }
+
+    fn have_floors_moved(&self, config: &StateConfig) -> bool {
+        self.least_p.is_some_and(|p| p < config.share(self.floors))
+    }
+
+    /// ln of the likelihood of a changed path over that of a changed gear.
+    fn ln_ratio(&self) -> f64 {
+        f64::from(self.pairs) / 2.0 * (self.lines_alone / self.beside_floors).ln()
     }
 }
 
@@ -226,6 +258,20 @@ mod tests {
             both.changed(&StateConfig::default())
         };
         assert!(!short(0.5, 5) && story([1.0; 5], [0.5; 5]) && !story([1.0; 5], STILL));
+    }
+
+    /// Lines and floors that move by half, known to 20 % in a window: the floors explain the lines, but not a hundred times better. That is no
+    /// gear alarm; a gear whose lines move far beyond what its floors do still is one, however little the floors moved.
+    #[test]
+    fn regress_a_window_that_cannot_tell_path_from_gear_calls_no_gear() {
+        let (lines, floors) = ([0.9, 0.2, 0.8, 0.3, 0.9], [0.5, 0.6, 0.4, 0.7, 0.5]);
+        let judge = |lines: [f64; 5], floors: [f64; 5], line_sigma: f64, floor_sigma: f64| {
+            let (lines, floors) = (deviations(lines, line_sigma), deviations(floors, floor_sigma));
+            StateConfig::default().machine(&RankConfig::default(), &lines, &path(&lines, &floors))
+        };
+        assert_eq!(judge(lines, floors, 0.2, 0.05), MachineState::Unknown);
+        assert_eq!(judge([1.2, 0.9, 1.0, 1.1, 0.8], [0.1; 5], 0.2, 0.02), MachineState::Alarm);
+        assert_eq!(judge(lines, STILL, 0.2, 0.05), MachineState::Alarm);
     }
 
     /// Gear faults of 6 dB on lines whose floors wander by as much, independently: called a changed path in fewer than 1 %

@@ -115,6 +115,7 @@ mod tests {
             acquisition: Acquisition::default(),
             effects: vec![],
             terms: vec![],
+            check: Default::default(),
         };
         assert_eq!(bench.problems(), Vec::<String>::new());
         let train = Train::new(&bench);

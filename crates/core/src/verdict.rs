@@ -159,10 +159,14 @@ pub enum Reason {
     ChannelNotInBaseline,
     /// The baseline knows this channel in another unit.
     OtherUnit,
-    /// The baseline has not seen this speed and torque (or one of them is unknown, and was known when it was learned).
+    /// The baseline has not seen this speed and torque.
     OutsideBaseline,
+    /// The torque at the brake is not stated, and the baseline tells loads apart by it.
+    TorqueMissing,
     /// The baseline has too few windows here to say how much a healthy machine scatters.
     BaselineTooSmall,
+    /// The lines deviate, and so do the floors beside them: too little is known to say whether the gear or the path to the sensor changed.
+    PathOrGear,
     /// Neither a deviation nor its absence is resolved: the healthy scatter is as wide as the rank steps.
     NotResolved,
 }
@@ -177,7 +181,9 @@ impl Reason {
             Self::ChannelNotInBaseline => "channel_not_in_baseline",
             Self::OtherUnit => "other_unit",
             Self::OutsideBaseline => "outside_baseline",
+            Self::TorqueMissing => "torque_missing",
             Self::BaselineTooSmall => "baseline_too_small",
+            Self::PathOrGear => "path_or_gear",
             Self::NotResolved => "not_resolved",
         }
     }
@@ -236,6 +242,8 @@ pub struct HarmonicVerdict {
     pub deviation_percent: Estimate,
     /// Rank of the absolute deviation.
     pub rank: Rank,
+    /// A line of another stage falls on this one: amplitude and deviation are those of both together.
+    pub shared: bool,
     /// Probability that this rank is right, given the sigma of the deviation (0–1), `NaN` where unknown.
     pub rank_probability: f64,
 }
@@ -248,6 +256,7 @@ impl HarmonicVerdict {
         baseline: f64::NAN,
         deviation_percent: Estimate::UNKNOWN,
         rank: Rank::Unknown,
+        shared: false,
         rank_probability: f64::NAN,
     };
 }
@@ -287,6 +296,9 @@ pub struct Verdict {
     pub resolvable: bool,
     /// Why the machine's state is unknown.
     pub reason: Reason,
+    /// Words of what is doubtful about sheet, recording or baseline, with a space between; empty where nothing is. `unchecked` as long as
+    /// nobody has looked.
+    pub doubts: Arc<str>,
     /// Windows that were averaged: 1 for a live verdict.
     pub windows: u32,
     /// Sessions that the baseline knows here. With 1 the spread between sessions is unknown, and the sigmas of the
@@ -371,6 +383,48 @@ const STATE_NAMES: [[&str; 3]; NEAREST_STATES] = [
     ["state_3", "state_3_probability", "state_3_goodness"],
 ];
 
+/// Harmonics that lines of other stages fall on, by their bits.
+const SHARED: [&str; 1 << HARMONICS] = [
+    "",
+    "1x",
+    "2x",
+    "1x 2x",
+    "3x",
+    "1x 3x",
+    "2x 3x",
+    "1x 2x 3x",
+    "4x",
+    "1x 4x",
+    "2x 4x",
+    "1x 2x 4x",
+    "3x 4x",
+    "1x 3x 4x",
+    "2x 3x 4x",
+    "1x 2x 3x 4x",
+    "5x",
+    "1x 5x",
+    "2x 5x",
+    "1x 2x 5x",
+    "3x 5x",
+    "1x 3x 5x",
+    "2x 3x 5x",
+    "1x 2x 3x 5x",
+    "4x 5x",
+    "1x 4x 5x",
+    "2x 4x 5x",
+    "1x 2x 4x 5x",
+    "3x 4x 5x",
+    "1x 3x 4x 5x",
+    "2x 3x 4x 5x",
+    "1x 2x 3x 4x 5x",
+];
+
+impl Verdict {
+    fn shared_bits(&self) -> usize {
+        self.harmonics.iter().enumerate().map(|(k, h)| usize::from(h.shared) << k).sum()
+    }
+}
+
 /// The flat JSON object of stdout and of `/gear/<stage>/rank`: scalars only, so that any viewer can plot each field.
 /// Numbers that are not known are `null`.
 impl Serialize for Verdict {
@@ -386,6 +440,7 @@ impl Serialize for Verdict {
         map.serialize_entry("instrument", self.instrument.code())?;
         map.serialize_entry("resolvable", &self.resolvable)?;
         map.serialize_entry("reason", self.reason.code())?;
+        map.serialize_entry("doubts", &*self.doubts)?;
         map.serialize_entry("windows", &self.windows)?;
         map.serialize_entry("baseline_sessions", &self.baseline_sessions)?;
         map.serialize_entry("input_speed_hz", &published(self.input_speed_hz.value))?;
@@ -394,6 +449,7 @@ impl Serialize for Verdict {
         map.serialize_entry("brake_torque_nm", &published(self.brake_torque_nm))?;
         map.serialize_entry("cell", &self.cell)?;
         map.serialize_entry("unit", &self.unit)?;
+        map.serialize_entry("shared", SHARED[self.shared_bits()])?;
         for (h, names) in self.harmonics.iter().zip(&NAMES) {
             map.serialize_entry(names[0], h.rank.code())?;
             map.serialize_entry(names[1], &h.rank.level())?;

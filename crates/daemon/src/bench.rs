@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use gearwatch_check::{self as check, Look};
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::pipeline::Pipeline;
 
+use crate::checking;
 use crate::config::{BenchConfig, DEMO_BENCH};
 use crate::source::SourceContext;
 use crate::stop::Stop;
@@ -26,6 +28,8 @@ pub struct WatchedBench {
     pub pipeline: Arc<Pipeline>,
     /// What is normal, for the log.
     pub baseline: Option<Baseline>,
+    /// All its sources are recordings, which were checked before the first verdict.
+    pub checked: bool,
 }
 
 /// Why a bench cannot be watched.
@@ -47,6 +51,14 @@ pub enum BenchError {
         bench: String,
         /// What does not fit.
         source: gearwatch_core::pipeline::PipelineError,
+    },
+    /// Sheet, recordings or baseline are wrong for sure.
+    #[error("bench {bench:?}: {refusal}")]
+    Check {
+        /// Name of the bench.
+        bench: String,
+        /// What is wrong, expected, and to be done.
+        refusal: String,
     },
     /// The baseline could not be learned.
     #[error("bench {bench:?}: learn_from: {source}")]
@@ -104,6 +116,24 @@ impl WatchedBench {
         if baseline.is_none() {
             tracing::warn!(bench = bench.name, "there is no baseline: every rank will be unknown");
         }
-        Ok(Self { name: bench.name.as_str().into(), pipeline: Arc::new(plan(baseline.clone())?), baseline, bench })
+        let looks: Vec<Look> = config.sources.iter().filter_map(|entry| entry.config.look(folder)).collect();
+        let checked = check::check(&bench, &looks, baseline.as_ref());
+        let all = looks.len() == config.sources.len();
+        if let Some(refusal) = checked.refusal() {
+            return Err(BenchError::Check { bench: bench.name.clone(), refusal });
+        }
+        if all {
+            checking::tell(&bench.name, &checked);
+        }
+        let mut pipeline = plan(baseline.clone())?;
+        if all {
+            let words: Vec<String> = looks.iter().map(|look| checked.doubts(look.name())).collect();
+            let mut words: Vec<&str> = words.iter().flat_map(|words| words.split_whitespace()).collect();
+            words.sort_unstable();
+            words.dedup();
+            pipeline = pipeline.with_doubts(&words.join(" "));
+        }
+        let name = bench.name.as_str().into();
+        Ok(Self { name, pipeline: Arc::new(pipeline), baseline, bench, checked: all })
     }
 }

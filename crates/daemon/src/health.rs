@@ -293,6 +293,7 @@ mod tests {
             resolvable: false,
             reason: Reason::None,
             windows: 1,
+            doubts: "".into(),
             baseline_sessions: 1,
             state_fit: StateFit::NotCompared,
             states: vec![],

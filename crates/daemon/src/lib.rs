@@ -1,6 +1,7 @@
 //! The service: sources, workers, sinks, log and health on tokio.
 
 pub mod bench;
+pub mod checking;
 pub mod config;
 pub mod emulate;
 pub mod engine;

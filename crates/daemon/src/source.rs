@@ -18,6 +18,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use gearwatch_check::Look;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::block::Packet;
 
@@ -213,6 +214,11 @@ pub trait SourceConfig: std::fmt::Debug + Send + Sync {
     /// Time goes on whether or not anybody listens. A live source is never held up: under overload whole windows are shed and
     /// counted, and it is opened again after an error. One that is not live waits, loses nothing, and ends at its first error.
     fn is_live(&self) -> bool;
+
+    /// What a recording shows before anything of it is judged; `None` where looking would take something away, or nothing can be read.
+    fn look(&self, _folder: &std::path::Path) -> Option<Look> {
+        None
+    }
 
     /// Opens it; called again after an error of a live source.
     ///

@@ -1,14 +1,12 @@
 //! What was measured: speed and teeth, complex lines with their noise, and what is heard beside them.
 
-pub mod angle;
+pub use gearwatch_check::{angle, dsp, integrity, kinematics};
+
 pub mod carriers;
-pub mod dsp;
 pub mod envelope;
 pub mod features;
 pub mod fixed;
 pub mod folded;
-pub mod integrity;
-pub mod kinematics;
 pub mod last_wheel;
 pub mod lines;
 pub mod plain;

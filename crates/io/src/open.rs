@@ -143,10 +143,10 @@ pub fn open_bytes(path: &Path, bytes: Bytes, options: &OpenOptions) -> Result<Op
     let counted = Counted { inner: bytes, progress: progress.clone() };
     let (format, reader) = find(path, counted, options).map_err(|problem| problem.in_file(path))?;
     let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
-    let point = (options.motor_speed_hz.is_some() || options.brake_torque_nm.is_some()).then_some(OperatingPoint {
+    let point = (options.motor_hz().is_some() || options.brake_torque_nm.is_some()).then_some(OperatingPoint {
         // Set to the time of the first packet.
         t: UnixNanos::MIN,
-        motor_speed_hz: given(options.motor_speed_hz),
+        motor_speed_hz: given(options.motor_hz()),
         brake_torque_nm: given(options.brake_torque_nm),
         temperature_c: f64::NAN,
     });

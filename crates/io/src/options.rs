@@ -26,6 +26,8 @@ pub struct OpenOptions {
     pub decimal_comma: Option<bool>,
     /// Motor speed of the recording (Hz); goes before what the file says.
     pub motor_speed_hz: Option<f64>,
+    /// The same in revolutions per minute; one of the two.
+    pub motor_speed_rpm: Option<f64>,
     /// Torque at the brake (N m); goes before what the file says.
     pub brake_torque_nm: Option<f64>,
     /// Which channels are read, and what they are called; all where empty.
@@ -95,10 +97,25 @@ impl OpenOptions {
             time_column: self.time_column.clone().or(said.time_column),
             delimiter: self.delimiter.or(said.delimiter),
             decimal_comma: self.decimal_comma.or(said.decimal_comma),
-            motor_speed_hz: self.motor_speed_hz.or(said.motor_speed_hz),
+            // Either spelling on the command line goes before either in the sidecar file.
+            motor_speed_hz: if self.motor_speed_rpm.is_some() {
+                None
+            } else {
+                self.motor_speed_hz.or(said.motor_speed_hz)
+            },
+            motor_speed_rpm: if self.motor_speed_hz.is_some() {
+                None
+            } else {
+                self.motor_speed_rpm.or(said.motor_speed_rpm)
+            },
             brake_torque_nm: self.brake_torque_nm.or(said.brake_torque_nm),
             channels: if self.channels.is_empty() { said.channels } else { self.channels.clone() },
         })
+    }
+
+    /// The motor speed that is given, in either spelling (Hz).
+    pub fn motor_hz(&self) -> Option<f64> {
+        self.motor_speed_hz.or(self.motor_speed_rpm.map(|rpm| rpm / gearwatch_core::speed::RPM_PER_HZ))
     }
 
     /// Refuses values that no recording can have.
@@ -114,6 +131,10 @@ impl OpenOptions {
         };
         positive("--sample-rate", self.sample_rate_hz)?;
         positive("--motor-speed", self.motor_speed_hz)?;
+        positive("motor_speed_rpm", self.motor_speed_rpm)?;
+        if self.motor_speed_hz.is_some() && self.motor_speed_rpm.is_some() {
+            return Err(Problem::option("motor_speed_rpm", "motor_speed_hz is given too; expected one of them"));
+        }
         let scales = self.channels.iter().map(|c| c.scale).chain([self.scale]).flatten();
         for scale in scales {
             if !scale.is_finite() || scale == 0.0 {

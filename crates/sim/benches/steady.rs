@@ -60,6 +60,7 @@ fn rig() -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        check: Default::default(),
     }
 }
 

@@ -19,6 +19,7 @@ pub(crate) fn single_stage() -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        check: Default::default(),
     }
 }
 

@@ -133,10 +133,22 @@ impl Learn {
         let sha256 = baseline_file::bench_sha256(&bench);
         let mut baseline = Baseline::new(&bench, sha256, config.window.length_s, cells);
         baseline.rank_steps_percent = config.rank.steps_percent;
+        super::check::before("baseline learn", &bench, &self.input.files, &self.input.options, None)?;
         for path in &self.input.files {
             self.learn_one(path, &pipeline, &mut baseline)?;
         }
         let Some(problem) = baseline.problems().into_iter().next() else {
+            for cell in baseline.mixed_cells() {
+                talk(&format!(
+                    "the {} runs at {:.2} Hz{} differ by {:.0} %, {:.1} times what their own scatter explains: {}",
+                    cell.runs,
+                    cell.input_speed_hz,
+                    cell.brake_torque_nm.map_or(", torque unstated,".to_owned(), |t| format!(", {t:.1} N m,")),
+                    cell.between_percent,
+                    cell.times,
+                    if cell.brake_torque_nm.is_none() { "state the torque of each" } else { "something else differed" }
+                ));
+            }
             baseline_file::write(&baseline, &self.output)?;
             say(&format!("{}\n{}", self.output.display(), summary(&baseline)?))?;
             return Ok(Exit::Ok);

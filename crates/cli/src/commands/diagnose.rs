@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use gearwatch_check::{Checked, Severity};
 use gearwatch_core::aggregate::Aggregate;
 use gearwatch_core::assemble::Counters;
 use gearwatch_core::baseline::{Baseline, BaselineConfig};
@@ -13,6 +14,7 @@ use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::source::Source;
 use gearwatch_core::verdict::{MachineState, Verdict};
+use gearwatch_daemon::checking;
 use gearwatch_daemon::engine::Told;
 use gearwatch_daemon::oneshot;
 
@@ -89,6 +91,8 @@ pub(super) struct Diagnosis {
     worst_window: Option<Exit>,
     /// What is incomplete or doubtful, one sentence each.
     notes: Vec<String>,
+    /// Windows by sensor.
+    windows: BTreeMap<String, u64>,
     /// Something is missing, so that no verdict can mean that all is well.
     incomplete: bool,
     /// For the report.
@@ -115,14 +119,24 @@ impl Run for Diagnose {
             Some(path) => Some(gearwatch_io::baseline_file::read_for(path, &bench, config.window.length_s)?),
             None => None,
         };
+        let files = &self.input.files;
+        let checked = super::check::before("diagnose", &bench, files, &self.input.options, baseline.as_ref())?;
         let expected = expected_channels(&bench, baseline.as_ref());
         let tolerances = baseline.as_ref().map_or_else(BaselineConfig::default, |baseline| baseline.config);
-        let pipeline = Arc::new(input::pipeline(&bench, baseline, self.signatures.as_deref())?);
+        let learned_from = baseline.clone();
+        let pipeline = input::pipeline(&bench, baseline, self.signatures.as_deref())?;
         let mut all = Vec::new();
         let mut failed = None;
         for path in &self.input.files {
+            let doubts = checked.doubts(&checking::name_of(path));
+            let pipeline = Arc::new(pipeline.clone().with_doubts(&doubts));
             match self.diagnose(path, &pipeline, &expected, tolerances) {
-                Ok(diagnosis) => all.push(diagnosis),
+                Ok(mut diagnosis) => {
+                    diagnosis.note_findings(path, &checked);
+                    diagnosis.note_the_baseline_itself(learned_from.as_ref());
+                    diagnosis.note_what_is_short(learned_from.as_ref());
+                    all.push(diagnosis);
+                }
                 // The other files are diagnosed all the same.
                 Err(error) if self.input.files.len() > 1 => {
                     let _ = writeln!(std::io::stderr(), "gearwatch diagnose: {error:#}");
@@ -180,6 +194,7 @@ impl Diagnose {
             recording: path.display().to_string(),
             verdicts: Vec::new(),
             worst_window: None,
+            windows: collected.by_sensor.clone(),
             notes: source.opened().warnings(),
             incomplete: false,
             pictures: None,
@@ -281,6 +296,58 @@ impl Diagnosis {
         if collected.failed > 0 {
             self.incomplete = true;
             self.notes.push(format!("{} windows could not be analysed: a fault of this program", collected.failed));
+        }
+    }
+
+    /// What the check of the bench found doubtful, beside the verdicts.
+    fn note_findings(&mut self, path: &Path, checked: &Checked) {
+        let name = checking::name_of(path);
+        let of_it = checked.of(Severity::Doubtful).filter(|f| f.recording.is_empty() || f.recording == name);
+        self.notes.extend(of_it.map(|finding| format!("doubtful: {finding}")));
+    }
+
+    /// A channel that ends before the others, and a recording of half the length of those that the baseline knows: what is missing was not judged.
+    fn note_what_is_short(&mut self, baseline: Option<&Baseline>) {
+        let longest = self.windows.values().copied().max().unwrap_or(0);
+        for (sensor, &windows) in &self.windows {
+            if windows + 2 < longest && 10 * windows < 9 * longest {
+                self.incomplete = true;
+                self.notes.push(format!(
+                    "channel {sensor:?} has {windows} windows where another has {longest}: what is missing of it was not judged"
+                ));
+            }
+        }
+        let runs = baseline.into_iter().flat_map(|baseline| &baseline.runs);
+        let usual = runs.flat_map(|run| run.channels.values()).map(|channel| u64::from(channel.windows)).min();
+        if let Some(usual) = usual.filter(|usual| longest > 0 && 10 * longest < 6 * usual) {
+            self.notes.push(format!(
+                "it has {longest} windows, the shortest recording of the baseline {usual}: if it was cut short, its end was not judged"
+            ));
+        }
+    }
+
+    /// A recording that is judged by itself deviates by nothing, whatever its machine is like.
+    fn note_the_baseline_itself(&mut self, baseline: Option<&Baseline>) {
+        let runs = baseline.into_iter().flat_map(|baseline| &baseline.runs);
+        let stages = baseline.map(|baseline| baseline.stages.as_slice()).unwrap_or_default();
+        let same = |run: &&gearwatch_core::baseline::Run| {
+            let known = self.verdicts.iter().filter_map(|verdict| {
+                let stage = stages.iter().position(|name| *name == verdict.stage)?;
+                let lines = run.channels.get(&verdict.channel)?.stages.get(stage)?;
+                Some(verdict.harmonics.iter().zip(lines))
+            });
+            let mut equal = known.flatten().filter_map(|(now, then)| {
+                let then = then.as_ref()?;
+                now.amplitude.is_known().then(|| (now.amplitude.value / then.amplitude - 1.0).abs() < 1e-9)
+            });
+            // All its lines, to the last digit.
+            equal.next() == Some(true) && equal.all(|same| same)
+        };
+        if let Some(run) = runs.into_iter().find(same) {
+            self.notes.push(format!(
+                "it is in the baseline itself ({}, session {:?}): it is judged by what was learned from it, and says nothing",
+                run.recording, run.session
+            ));
         }
     }
 

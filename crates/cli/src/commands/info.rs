@@ -6,6 +6,9 @@ use std::path::Path;
 
 use anyhow::Context;
 use clap::Args;
+use gearwatch_check::{self as check, Severity};
+use gearwatch_core::speed::RPM_PER_HZ;
+use gearwatch_daemon::checking;
 use gearwatch_io::summary::{ChannelSummary, Summary};
 use serde_json::{Value, json};
 
@@ -14,7 +17,7 @@ use crate::exit::Exit;
 use crate::format::Format;
 use crate::input::Input;
 
-/// Say what recordings, bench files and baselines hold
+/// Say what recordings, bench files and baselines hold, and whether they belong together
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch info run.mcap
@@ -58,10 +61,50 @@ impl Run for Info {
                 writeln!(std::io::stderr(), "gearwatch info: {error:#}").context("stderr")?;
             }
         }
-        Ok(exit)
+        Ok(self.fit()?.map_or(exit, |_| Exit::Unknown))
     }
 }
 
+impl Info {
+    /// A bench file among the files is checked with the recordings beside it; hands back what is wrong, if anything.
+    fn fit(&self) -> anyhow::Result<Option<String>> {
+        let of = |kind: Kind| self.input.files.iter().filter(move |path| kind_of(path) == kind);
+        let Some(bench) = of(Kind::Bench).find_map(|path| gearwatch_io::bench_file::read(path).ok()) else {
+            return Ok(None);
+        };
+        let baseline = of(Kind::Json).find_map(|path| gearwatch_io::baseline_file::read(path).ok());
+        let open = self.input.options.open_options();
+        let looks: Vec<_> = of(Kind::Recording).filter_map(|path| checking::look(path, &open).ok()).collect();
+        let checked = check::check(&bench, &looks, baseline.as_ref());
+        let mut out = std::io::stdout().lock();
+        match self.format {
+            Format::Text if checked.findings.is_empty() => {}
+            Format::Text => {
+                writeln!(out, "check of {:?}", bench.name).context("stdout")?;
+                checked
+                    .findings
+                    .iter()
+                    .try_for_each(|f| writeln!(out, "  {}: {f}", word(f.severity)))
+                    .context("stdout")?;
+            }
+            Format::Json if checked.findings.is_empty() && looks.is_empty() => {}
+            Format::Json => {
+                writeln!(out, "{}", json!({ "check": bench.name, "findings": checked.findings })).context("stdout")?
+            }
+        }
+        Ok(checked.refusal())
+    }
+}
+
+const fn word(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Wrong => "wrong",
+        Severity::Doubtful => "doubtful",
+        Severity::Note => "note",
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Bench,
     Json,
@@ -86,8 +129,12 @@ fn bench(path: &Path) -> anyhow::Result<Said> {
     let mut text = format!("{}: bench {:?}\n", path.display(), bench.name);
     writeln!(
         text,
-        "  motor {:.4} Hz, input shaft {:.4} Hz at {:.4} Hz of the motor, sample rate {} Hz",
-        bench.motor.speed_hz, train.nominal_input_hz, bench.motor.speed_hz, bench.acquisition.sample_rate_hz
+        "  motor {:.4} Hz ({:.1} rpm), input shaft {:.4} Hz at {:.4} Hz of the motor, sample rate {} Hz",
+        bench.motor.speed_hz,
+        RPM_PER_HZ * bench.motor.speed_hz,
+        train.nominal_input_hz,
+        bench.motor.speed_hz,
+        bench.acquisition.sample_rate_hz
     )?;
     let mut stages = Vec::new();
     for stage in &train.stages {

@@ -40,8 +40,8 @@ pub struct SignaturesCommand {
     /// Teeth that the pits sit on
     #[arg(long, value_enum, default_value_t)]
     pits: WhichTeeth,
-    /// Motor speed in Hz, may be repeated; the bench's own where left out
-    #[arg(long = "speed", value_name = "HZ")]
+    /// Motor speed, in Hz or as 1500rpm, may be repeated; the bench's own where left out
+    #[arg(long = "speed", value_name = "HZ|RPM", value_parser = gearwatch_core::speed::parse_speed_hz)]
     speeds: Vec<f64>,
     /// Brake torque in N m, may be repeated; the bench's own where left out
     #[arg(long = "torque", value_name = "NM")]

@@ -41,8 +41,8 @@ pub struct Simulate {
     /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value
     #[arg(long, value_name = "EFFECT")]
     effect: Vec<String>,
-    /// Motor speed (Hz); the bench's nominal one where left out
-    #[arg(long, value_name = "HZ")]
+    /// Motor speed, in Hz or as 1500rpm; the bench's nominal one where left out
+    #[arg(long, value_name = "HZ|RPM", value_parser = gearwatch_core::speed::parse_speed_hz)]
     speed: Option<f64>,
     /// Brake torque (N m); the bench's nominal one where left out
     #[arg(long, value_name = "NM")]

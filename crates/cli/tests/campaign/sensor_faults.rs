@@ -176,3 +176,49 @@ fn conform_no_clean_window_is_flagged() {
     println!("{flagged} of {seen} clean windows flagged");
     assert_eq!(flagged, 0);
 }
+
+/// The sensor faults of the simulator's own scenarios, one after another, on a simulated bench: from the second window after each onset on the
+/// faulty channel has no rank, and the other one is judged as before. A minute of each; the campaign does an hour.
+#[test]
+fn conform_the_simulators_faults_give_no_rank() {
+    let bench = Bench::new();
+    let (file, baseline) = (bench.path("bench.toml"), bench.path("baseline.json"));
+    let secs = if rounds(0) > 0 { 3600 } else { 60 };
+    let simulate = |name: &str, seed: &str, further: &[&str]| {
+        let recording = bench.path(name);
+        let made = output(&[&["simulate", text(&file), "--seed", seed, "-o", text(&recording)], further].concat());
+        assert_eq!(made.status.code(), Some(0), "{}", crate::fixture::stderr(&made));
+        recording
+    };
+    let healthy = simulate("healthy.mcap", "1", &["--duration", "40"]);
+    let learned = output(&["baseline", "learn", text(&healthy), "-b", text(&file), "-o", text(&baseline)]);
+    assert_eq!(learned.status.code(), Some(0), "{}", crate::fixture::stderr(&learned));
+    let onset = secs / 3;
+    for kind in ["flat", "clipped", "dropout"] {
+        let scenario = format!(
+            "format = \"gearwatch-scenario/1\"\nduration_s = {secs}.0\n[[sensor_fault]]\nsensor = \"acc_1\"\nkind = \"{kind}\"\nstart_s = {onset}.0\n"
+        );
+        let scenario = bench.write("scenario.toml", &scenario);
+        let recording = simulate("fault.mcap", "2", &["--scenario", text(&scenario)]);
+        let all = ["diagnose", text(&recording), "--windows", "--bench", text(&file), "--baseline", text(&baseline)];
+        let said = stdout(&output(&all));
+        let (mut ranks, mut late, mut other) = (0, 0, 0);
+        for line in said.lines() {
+            let object: serde_json::Value = serde_json::from_str(line).unwrap();
+            let first = object["first_sample_index"].as_u64().unwrap();
+            if object["channel"] != "acc_1" {
+                other += u64::from(object["instrument"] == "ok");
+            } else if first >= onset * RATE + HOP {
+                late += 1;
+                ranks += u64::from(
+                    object["instrument"] == "ok" || (1..=5).any(|k| object[format!("rank_{k}x")] != "unknown"),
+                );
+            }
+        }
+        println!("{kind}: {ranks} ranks in {late} windows of the faulty channel; the other has {other} sound ones");
+        assert!(
+            ranks == 0 && (late > 0 || kind == "dropout") && other >= 2 * (secs - 2),
+            "{kind}: {ranks} of {late}, {other}"
+        );
+    }
+}

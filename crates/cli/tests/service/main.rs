@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
 
 mod bad_input;
+mod checks;
 mod exit_codes;
 mod fixture;
 mod help;

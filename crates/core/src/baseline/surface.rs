@@ -19,11 +19,18 @@ pub struct Place {
     speed_span_squared: f64,
     /// (T−a)(b−T) between lines of equal torque.
     torque_span: f64,
+    /// A cell lies within the tolerances: its own runs say what a run there scatters by.
+    in_cell: bool,
 }
 
 impl Place {
     fn corners(&self) -> &[(usize, f64)] {
         &self.corners[..self.count]
+    }
+
+    /// Σ w²
+    fn weights(&self) -> f64 {
+        self.corners().iter().map(|(_, weight)| weight * weight).sum()
     }
 }
 
@@ -35,10 +42,15 @@ struct Series {
     torque_bend: Bend,
 }
 
-/// Mean square of the second derivative, from leaving out each inner cell in turn.
+/// What leaving out each inner cell in turn says of the error of interpolating. Two causes would explain it: a surface that bends, whose
+/// error shrinks with the gap between the cells, and cells that are rough from run to run, whose error does not. Few cells do not tell them
+/// apart, so that the larger error of the two is stated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Bend {
+    /// Mean square of the second derivative, if all were bend.
     mean_square: f64,
+    /// Variance of a cell, if all were roughness.
+    roughness: f64,
     residuals: f64,
 }
 
@@ -109,9 +121,13 @@ impl Surface {
                 let variances: Vec<_> = stage.iter().flatten().flatten().map(|g| (g.variance, g.freedom)).collect();
                 ScatterPrior::learn(&variances)
             };
-            let series = |gathered: &[Option<Gathered>], prior: ScatterPrior| {
+            let run_prior = |stage: &[Vec<Option<Gathered>>]| {
+                let squares = stage.iter().flatten().flatten().map(|g| (g.run_mean_square, g.run_freedom));
+                ScatterPrior::learn(&squares.collect::<Vec<_>>())
+            };
+            let series = |gathered: &[Option<Gathered>], (prior, run_prior): (ScatterPrior, ScatterPrior)| {
                 let reference = |g: &Gathered| {
-                    let reference = g.reference(prior);
+                    let reference = g.reference(prior, run_prior);
                     (reference.scatter_freedom + 1.0 >= config.least_windows).then_some(reference)
                 };
                 let cells: Vec<_> = gathered.iter().map(|g| g.as_ref().and_then(reference)).collect();
@@ -126,9 +142,10 @@ impl Surface {
                 .zip(&floors)
                 .map(|(lines, floors)| {
                     let (line_prior, floor_prior) = (prior(lines), prior(floors));
+                    let (line_runs, floor_runs) = (run_prior(lines), run_prior(floors));
                     StageSurface {
-                        lines: std::array::from_fn(|h| series(&lines[h], line_prior)),
-                        floors: std::array::from_fn(|h| series(&floors[h], floor_prior)),
+                        lines: std::array::from_fn(|h| series(&lines[h], (line_prior, line_runs))),
+                        floors: std::array::from_fn(|h| series(&floors[h], (floor_prior, floor_runs))),
                         line_prior,
                         floor_prior,
                     }
@@ -137,6 +154,11 @@ impl Surface {
             surface.channels.insert(name.clone(), ChannelSurface { unit: unit.clone(), stages });
         }
         surface
+    }
+
+    /// A torque is known of some operating point.
+    pub fn knows_torque(&self) -> bool {
+        self.torque_lines.iter().any(|(torque, _)| torque.is_some())
     }
 
     /// The operating points that the baseline has seen.
@@ -170,17 +192,27 @@ impl Surface {
         let below = candidates().rfind(|(t, _)| *t <= wanted);
         let above = candidates().find(|(t, _)| *t >= wanted);
         if let (Some((low, a)), Some((high, b)), true) = (below, above, self.interpolates_torque) {
-            return Some(if low == high {
+            let place = if low == high {
                 Place::new(&[(a, 1.0)], 0.0)
             } else {
                 let share = (wanted - low) / (high - low);
                 Place::new(&[(a, 1.0 - share), (b, share)], (wanted - low) * (high - wanted))
-            });
+            };
+            return Some(Place { in_cell: self.is_in_cell(&place, input_speed_hz, brake_torque_nm), ..place });
         }
         let nearest = candidates().min_by(|(s, _), (t, _)| (s - wanted).abs().total_cmp(&(t - wanted).abs()))?;
         self.config
             .torque_matches(brake_torque_nm, brake_torque_nm.map(|_| nearest.0))
             .then(|| Place::new(&[(nearest.1, 1.0)], 0.0))
+            .map(|place| Place { in_cell: self.is_in_cell(&place, input_speed_hz, brake_torque_nm), ..place })
+    }
+
+    /// One of the cells that serve lies within the tolerances.
+    fn is_in_cell(&self, place: &Place, speed_hz: f64, torque_nm: Option<f64>) -> bool {
+        place.corners().iter().map(|(cell, _)| &self.cells[*cell]).any(|cell| {
+            self.config.speed_matches(cell.input_speed_hz, speed_hz)
+                && self.config.torque_matches(cell.brake_torque_nm, torque_nm)
+        })
     }
 
     /// Where a speed lies on a line of equal torque.
@@ -233,7 +265,8 @@ impl Surface {
         Bend::from_misfits(triples.iter().filter_map(|(cell, along)| {
             let guess =
                 along.cells[0].1 * values[along.cells[0].0]?.ln + along.cells[1].1 * values[along.cells[1].0]?.ln;
-            Some((values[*cell]?.ln - guess, along.span))
+            let weights = along.cells[0].1.powi(2) + along.cells[1].1.powi(2);
+            Some(Misfit { ln: values[*cell]?.ln - guess, span: along.span, weights })
         }))
     }
 
@@ -243,7 +276,7 @@ impl Surface {
             for &(corner, weight) in place.corners() {
                 guess += weight * values[corner]?.ln;
             }
-            Some((values[*cell]?.ln - guess, place.torque_span))
+            Some(Misfit { ln: values[*cell]?.ln - guess, span: place.torque_span, weights: place.weights() })
         }))
     }
 
@@ -290,7 +323,8 @@ fn between(a: usize, b: usize, low_hz: f64, high_hz: f64, speed_hz: f64) -> Alon
 
 impl Place {
     fn new(lines: &[(Along, f64)], torque_span: f64) -> Self {
-        let mut place = Self { corners: [(0, 0.0); CORNERS], count: 0, speed_span_squared: 0.0, torque_span };
+        let corners = [(0, 0.0); CORNERS];
+        let mut place = Self { corners, count: 0, speed_span_squared: 0.0, torque_span, in_cell: false };
         for (along, weight) in lines {
             for &(cell, share) in &along.cells {
                 if share * weight != 0.0 && place.count < CORNERS {
@@ -304,20 +338,36 @@ impl Place {
     }
 }
 
+/// By how much a cell misses what its neighbours say of it.
+struct Misfit {
+    ln: f64,
+    /// (x−a)(b−x)
+    span: f64,
+    /// Σ w² of the neighbours.
+    weights: f64,
+}
+
 impl Bend {
-    /// Linear interpolation misses a curve of second derivative k by k/2 (x−a)(b−x).
-    fn from_misfits(misfits: impl Iterator<Item = (f64, f64)>) -> Self {
+    /// Linear interpolation misses a curve of second derivative k by k/2 (x−a)(b−x); of cells that are off by a variance ρ each, a cell
+    /// misses its neighbours by ρ (1 + Σ w²).
+    fn from_misfits(misfits: impl Iterator<Item = Misfit>) -> Self {
         let mut bend = Self::default();
-        for (misfit, span) in misfits {
-            if span > 0.0 {
-                bend.mean_square += (2.0 * misfit / span).powi(2);
-                bend.residuals += 1.0;
-            }
+        for misfit in misfits.filter(|misfit| misfit.span > 0.0) {
+            bend.mean_square += (2.0 * misfit.ln / misfit.span).powi(2);
+            bend.roughness += misfit.ln.powi(2) / (1.0 + misfit.weights);
+            bend.residuals += 1.0;
         }
         if bend.residuals > 0.0 {
             bend.mean_square /= bend.residuals;
+            bend.roughness /= bend.residuals;
         }
         bend
+    }
+
+    /// Variance of what is interpolated over a squared span, with these weights.
+    fn variance(&self, span_squared: f64, place: &Place) -> f64 {
+        let bend = self.mean_square / 4.0 * span_squared;
+        if place.in_cell { bend } else { bend.max(self.roughness * (1.0 + place.weights())) }
     }
 }
 
@@ -331,6 +381,9 @@ impl Series {
             noise_variance: 0.0,
             between_variance: Some(0.0),
             sessions: u32::MAX,
+            run_variance: 0.0,
+            run_freedom: f64::INFINITY,
+            runs: u32::MAX,
             interpolation_variance: 0.0,
             interpolation_freedom: f64::INFINITY,
         };
@@ -345,6 +398,9 @@ impl Series {
             // A session is off in the same direction at neighbouring cells, so that its sigmas add, not its variances.
             between_sigma = between_sigma.zip(corner.between_variance).map(|(sum, v)| sum + weight * v.sqrt());
             out.sessions = out.sessions.min(corner.sessions);
+            out.run_variance += weight * corner.run_variance;
+            out.run_freedom = out.run_freedom.min(corner.run_freedom);
+            out.runs = out.runs.min(corner.runs);
         }
         out.between_variance = between_sigma.map(|sigma| sigma * sigma);
         for (bend, span_squared) in
@@ -354,7 +410,7 @@ impl Series {
                 if bend.residuals < 1.0 {
                     return None;
                 }
-                out.interpolation_variance += bend.mean_square / 4.0 * span_squared;
+                out.interpolation_variance += bend.variance(span_squared, place);
                 out.interpolation_freedom = out.interpolation_freedom.min(bend.residuals);
             }
         }

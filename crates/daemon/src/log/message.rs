@@ -231,6 +231,7 @@ fn verdict_example() -> Verdict {
         baseline: 0.5,
         deviation_percent: estimate,
         rank: Rank::Zero,
+        shared: false,
         rank_probability: 0.5,
     };
     Verdict {
@@ -251,6 +252,7 @@ fn verdict_example() -> Verdict {
         resolvable: false,
         reason: Reason::default(),
         windows: 1,
+        doubts: "".into(),
         baseline_sessions: 1,
         state_fit: StateFit::default(),
         states: vec![NearState { name: "".into(), probability: 0.5, goodness: 0.5 }; NEAREST_STATES],

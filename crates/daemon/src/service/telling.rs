@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use gearwatch_core::signature::{Expected, Signatures};
 use gearwatch_core::verdict::{Reason, Verdict};
 
+use crate::checking::{self, Examiner};
 use crate::engine::Told;
 use crate::event::{Event, Fanout};
 use crate::health::Health;
@@ -29,6 +30,8 @@ pub(super) struct Teller {
     signatures: Signatures,
     /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
     told: BTreeSet<(String, &'static str)>,
+    /// `None` where the bench was checked before its start.
+    examiner: Option<Examiner>,
 }
 
 impl Teller {
@@ -40,14 +43,21 @@ impl Teller {
         page: Option<Arc<Hub>>,
         viewer: Viewer,
         signatures: Signatures,
+        examiner: Option<Examiner>,
     ) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
-        Self { bench, label, fanout, health, page, viewer, signatures, told: BTreeSet::new() }
+        Self { bench, label, fanout, health, page, viewer, signatures, told: BTreeSet::new(), examiner }
     }
 
     pub(super) fn tell(&mut self, told: Told<'_>) {
         match told {
-            Told::Window(window, analysis) => self.viewer.offer(window, analysis),
+            Told::Window(window, analysis) => {
+                self.viewer.offer(window, analysis);
+                if let Some(checked) = self.examiner.as_mut().and_then(|examiner| examiner.push(window)) {
+                    checking::tell(&self.bench, &checked);
+                    self.examiner = None;
+                }
+            }
             Told::Verdict(verdict) => {
                 self.explain(verdict);
                 self.watch(verdict);

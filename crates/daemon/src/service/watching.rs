@@ -14,6 +14,7 @@ use super::feeding::{self, SourceMonitor};
 use super::notify::LaneProgress;
 use super::{ServiceError, telling, viewing};
 use crate::bench::WatchedBench;
+use crate::checking::Examiner;
 use crate::config::BenchConfig;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
 use crate::event::Fanout;
@@ -70,6 +71,7 @@ pub(super) fn start_bench(
         ends.page.cloned(),
         ends.views.of(watched.name.clone(), Train::new(&watched.bench)),
         lane.pipeline.judging().signatures().clone(),
+        (!watched.checked).then(|| Examiner::new(watched.bench.clone(), lane.pipeline.judging().doubts().clone())),
     );
     let lane = lane.start(pool, packets.clone(), move |told| teller.tell(told))?;
     let (mut sources, mut live_threads) = (Vec::new(), Vec::new());

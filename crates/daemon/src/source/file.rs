@@ -1,13 +1,16 @@
 //! Recordings of any format that can be read, at full speed or as they were recorded.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gearwatch_core::source::Source as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use gearwatch_check::Look;
+
 use super::pace::{Pacer, Speed};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
+use crate::checking;
 use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<File>(
@@ -38,6 +41,11 @@ impl SourceConfig for File {
     /// A file waits, also when it is replayed at a given speed.
     fn is_live(&self) -> bool {
         false
+    }
+
+    fn look(&self, folder: &Path) -> Option<Look> {
+        // What cannot be read is told by whoever reads it.
+        checking::look(&folder.join(&self.path), &gearwatch_io::OpenOptions::default()).ok()
     }
 
     fn open(&self, context: &SourceContext) -> Result<Feed, SourceError> {

@@ -22,6 +22,7 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         baseline: 1.0,
         deviation_percent: estimate,
         rank: level,
+        shared: false,
         rank_probability: 0.9,
     };
     let verdict = Verdict {
@@ -42,6 +43,7 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         resolvable: true,
         reason: Reason::None,
         windows: 1,
+        doubts: "".into(),
         baseline_sessions: 2,
         state_fit: StateFit::NotCompared,
         states: Vec::new(),

@@ -54,6 +54,7 @@ fn bench() -> Bench {
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
         effects: vec![],
         terms: vec![],
+        check: Default::default(),
     }
 }
 

@@ -155,6 +155,7 @@ pub fn bench(d: &mut Draw) -> Bench {
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
         effects: vec![],
         terms: vec![],
+        check: Default::default(),
     }
 }
 

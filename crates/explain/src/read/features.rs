@@ -2,7 +2,6 @@
 
 mod background;
 mod line_fit;
-mod steady;
 
 use num_complex::Complex64;
 
@@ -16,7 +15,8 @@ use crate::read::lines::{self, Line};
 
 pub use self::background::FloorBand;
 pub use self::line_fit::LineValue;
-pub use self::steady::{Steady, Unused, steady};
+pub use gearwatch_check::kinematics::comb_orders;
+pub use gearwatch_check::steady::{Steady, Unused, steady};
 
 use self::background::{bands, floor_of, occupied};
 use self::line_fit::{LineFit, comb};
@@ -98,15 +98,6 @@ impl RecordingFeatures {
     pub fn order_bin(&self, order: f64) -> f64 {
         order * self.revolutions
     }
-}
-
-/// Orders of the comb that finds the speed: the first mesh harmonics of every stage and the first orders of every shaft.
-pub fn comb_orders(train: &Train) -> Vec<f64> {
-    let mut out = Vec::new();
-    for stage in &train.stages {
-        out.extend((1..=5).map(|h| stage.mesh_order * f64::from(h)));
-    }
-    out
 }
 
 /// Reads one steady recording, given the input-shaft speed that the comb search found.

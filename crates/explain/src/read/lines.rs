@@ -52,8 +52,7 @@ pub const MESH_HARMONICS: u8 = 12;
 pub const SIDE_HARMONICS: u8 = 8;
 /// Sidebands on each side.
 pub const SIDE_OFFSETS: i8 = 5;
-/// Multiples of each shaft's speed.
-pub const SHAFT_MULTIPLES: u8 = 12;
+pub use gearwatch_check::kinematics::SHAFT_MULTIPLES;
 /// Multiples of the motor's speed.
 pub const MOTOR_MULTIPLES: u8 = 6;
 

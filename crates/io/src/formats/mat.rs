@@ -17,10 +17,17 @@ use super::Format;
 pub(super) struct Mat;
 
 const HDF5: [u8; 8] = [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1A, b'\n'];
+/// Rates of one file that differ by less are one (relative): a rate and a printed step.
+const SAME_RATE: f64 = 1e-4;
 /// Arrays below this length are parameters, not recordings.
 const SHORTEST: usize = 64;
 /// Names under which files store their sample rate, in lower case.
-const RATE_NAMES: [&str; 10] = [
+const RATE_NAMES: [&str; 15] = [
+    "sampfreq",
+    "samp_freq",
+    "samplefrequency",
+    "samplingfreq",
+    "sampling_frequency",
     "fs",
     "sr",
     "f_s",
@@ -32,6 +39,8 @@ const RATE_NAMES: [&str; 10] = [
     "sample_rate_hz",
     "samplingfrequency",
 ];
+/// Names under which they store the time from one sample to the next (s).
+const STEP_NAMES: [&str; 7] = ["xinc", "x_inc", "xincrement", "x_increment", "increment", "deltat", "delta_t"];
 
 impl Format for Mat {
     fn name(&self) -> &'static str {
@@ -150,7 +159,22 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
     Ok(WholeSource::new(whole.collect(), warnings))
 }
 
-/// The sample rate of an array and where it was found: an array of times, or a number in the same struct, else at the top.
+/// The sample rate that a number says by its name (Hz).
+fn stated_rate(variable: &Variable) -> Option<f64> {
+    let name = variable.path.rsplit('.').next().unwrap_or_default().to_lowercase();
+    let value = variable.numbers.get(0).filter(|_| variable.numbers.len() == 1)?;
+    let rate = if RATE_NAMES.contains(&name.as_str()) {
+        value
+    } else if STEP_NAMES.contains(&name.as_str()) {
+        1.0 / value
+    } else {
+        return None;
+    };
+    (rate.is_finite() && rate > 0.0).then_some(rate)
+}
+
+/// The sample rate of an array and where it was found: an array of times, or a number in the same struct, else at the top, else anywhere, such as
+/// in a head of its own, where all that are there agree.
 fn rate(
     variable: &Variable,
     time: Option<&Variable>,
@@ -171,14 +195,16 @@ fn rate(
         return Ok((Some(1.0 / period), None));
     }
     let group = variable.path.rsplit_once('.').map_or("", |(group, _)| group);
-    let scalar = |wanted: &str| {
-        all.iter().find(|v| {
-            let (place, name) = v.path.rsplit_once('.').unwrap_or(("", &v.path));
-            v.numbers.len() == 1 && place == wanted && RATE_NAMES.contains(&name.to_lowercase().as_str())
-        })
+    let stated = || all.iter().filter_map(|v| Some((stated_rate(v)?, v.path.as_str())));
+    let place = |path: &str| path.rsplit_once('.').map_or(String::new(), |(place, _)| place.to_owned());
+    let here =
+        stated().find(|(_, path)| place(path) == group).or_else(|| stated().find(|(_, path)| place(path).is_empty()));
+    let anywhere = || {
+        let first = stated().next()?;
+        stated().all(|(rate, _)| (rate / first.0 - 1.0).abs() < SAME_RATE).then_some(first)
     };
-    let found = scalar(group).or_else(|| scalar("")).and_then(|v| v.numbers.get(0).map(|rate| (rate, v.path.clone())));
-    Ok(found.map_or((None, None), |(rate, path)| (Some(rate), Some(path))))
+    let found = here.or_else(anywhere);
+    Ok(found.map_or((None, None), |(rate, path)| (Some(rate), Some(path.to_owned()))))
 }
 
 fn names(variables: &[Variable]) -> String {

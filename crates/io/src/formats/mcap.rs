@@ -1,6 +1,6 @@
 //! MCAP, gearwatch's own recordings and foreign ones.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use gearwatch_core::block::{Packet, Samples};
 use gearwatch_core::source::Source;
@@ -35,7 +35,13 @@ impl Format for Mcap {
 
     fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
         let source = McapSource::new(bytes, Limits::default()).with_sample_rate(options.sample_rate_hz);
-        Ok(Box::new(Chosen { source, options: options.clone(), seen: BTreeSet::new(), changed: BTreeSet::new() }))
+        Ok(Box::new(Chosen {
+            source,
+            options: options.clone(),
+            seen: BTreeSet::new(),
+            changed: BTreeSet::new(),
+            other_rate: BTreeMap::new(),
+        }))
     }
 }
 
@@ -47,6 +53,8 @@ struct Chosen {
     seen: BTreeSet<String>,
     /// Sensors whose stated unit gave way to that of the options.
     changed: BTreeSet<String>,
+    /// Sensors whose stated rate did, with that rate (Hz).
+    other_rate: BTreeMap<String, f64>,
 }
 
 impl Source for Chosen {
@@ -72,6 +80,10 @@ impl Chosen {
         let wanted = self.options.channels.iter().find(|c| *c.column == *block.sensor);
         if wanted.is_none() && !self.options.channels.is_empty() {
             return false;
+        }
+        if let Some(rate) = self.options.sample_rate_hz.filter(|rate| *rate != block.sample_rate_hz) {
+            self.other_rate.insert(block.sensor.to_string(), block.sample_rate_hz);
+            block.sample_rate_hz = rate;
         }
         let unit = wanted.and_then(|w| w.unit.as_ref()).or(self.options.unit.as_ref());
         let mut scale = wanted.and_then(|w| w.scale).or(self.options.scale).unwrap_or(1.0);
@@ -116,6 +128,10 @@ impl Reader for Chosen {
         let mut warnings = self.source.warnings();
         for sensor in &self.changed {
             warnings.push(format!("{sensor}: the unit of the options stands in place of that in the file"));
+        }
+        for (sensor, rate) in &self.other_rate {
+            warnings
+                .push(format!("{sensor}: the sample rate of the options stands in place of the {rate} Hz in the file"));
         }
         warnings
     }

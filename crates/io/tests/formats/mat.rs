@@ -61,3 +61,29 @@ fn oracle_bearing_file_opens() {
     assert_eq!(values(&packets, "bearing.gs").len(), 146_484);
     assert!(warnings.iter().any(|w| w.contains("bearing.sr")), "{warnings:?}");
 }
+
+/// Rates that stand in a head of their own, as a rate or as a step; two that contradict each other say nothing.
+#[test]
+fn regress_rates_in_heads_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let scalar = |x: f64| matrix("", 1, 1, 9, &x.to_le_bytes());
+    let data = || matrix("data", 70, 1, 9, &doubles(70));
+    let rate_of = |heads: &[Vec<u8>]| {
+        let file: Vec<Vec<u8>> = heads.iter().cloned().chain([data()]).collect();
+        let path = put(folder.path(), "t.mat", &mat_file(&file, true));
+        read(&path, &OpenOptions { unit: Some("g".into()), ..OpenOptions::default() }).map(|(packets, _)| {
+            packets.iter().find_map(|packet| match packet {
+                gearwatch_core::block::Packet::Vibration(block) => Some(block.sample_rate_hz),
+                _ => None,
+            })
+        })
+    };
+    let rate = structure("File_Header", &[("SampFreq", scalar(12_800.0))]);
+    let step = structure("Head", &[("XInc", scalar(1.0 / 12_800.0))]);
+    for heads in [vec![rate.clone()], vec![step.clone()], vec![rate.clone(), step]] {
+        let found = rate_of(&heads).unwrap().expect("samples");
+        assert!((found / 12_800.0 - 1.0).abs() < 1e-12, "{found}");
+    }
+    let other = structure("Other", &[("fs", scalar(25_600.0))]);
+    assert!(rate_of(&[rate, other]).unwrap_err().to_string().contains("--sample-rate"));
+}

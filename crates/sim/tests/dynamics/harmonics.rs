@@ -119,6 +119,7 @@ fn drawn(seed: u64) -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        check: Default::default(),
     }
 }
 

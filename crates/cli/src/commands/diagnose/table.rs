@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use anstyle::{AnsiColor, Style};
+use gearwatch_core::speed::RPM_PER_HZ;
 use gearwatch_core::verdict::{HarmonicVerdict, MachineState, Rank, StateFit, Verdict};
 
 use super::Diagnosis;
@@ -44,7 +45,8 @@ pub(super) fn operating_point(verdict: &Verdict) -> String {
         "" => "no baseline here".to_owned(),
         cell => format!("baseline {cell} from {} session(s)", verdict.baseline_sessions),
     };
-    format!("input shaft {:.3} Hz{torque}; {cell}", verdict.input_speed_hz.value)
+    let hz = verdict.input_speed_hz.value;
+    format!("input shaft {hz:.3} Hz ({:.1} rpm){torque}; {cell}", RPM_PER_HZ * hz)
 }
 
 fn verdict_table(out: &mut impl Write, verdict: &Verdict) -> std::io::Result<()> {
@@ -84,13 +86,14 @@ fn verdict_table(out: &mut impl Write, verdict: &Verdict) -> std::io::Result<()>
         let style = rank_style(harmonic.rank);
         writeln!(
             out,
-            "  {}x  {:>9.2} {amplitude:>22} {:>11} {deviation:>16}  {style}{}  {}{style:#}{}",
+            "  {}x  {:>9.2} {amplitude:>22} {:>11} {deviation:>16}  {style}{}  {}{style:#}{}{}",
             k + 1,
             order * verdict.mesh_hz,
             figure(harmonic.baseline),
             bar(harmonic),
             harmonic.rank.code(),
-            probability(harmonic)
+            probability(harmonic),
+            if harmonic.shared { "  shared with a line of another stage" } else { "" }
         )?;
     }
     Ok(())

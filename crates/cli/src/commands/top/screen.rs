@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use gearwatch_core::speed::RPM_PER_HZ;
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyCode;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -54,7 +55,9 @@ impl Look {
             _ if proven == PATH => PATH,
             _ => level.min(proven),
         };
-        Self { colour, level, sure: probability.is_some_and(|p| p > 0.5) }
+        // A rank above 0 on a stage that is called normal is not borne out, however probable it is by itself.
+        let borne_out = colour != 0 || level == 0;
+        Self { colour, level, sure: borne_out && probability.is_some_and(|p| p > 0.5) }
     }
 
     /// Of a harmonic of a verdict.
@@ -242,8 +245,9 @@ impl Screen {
             Span::raw("   link "),
             link,
         ]);
+        let rpm = bench["motor_speed_hz"].as_f64().map_or(String::new(), |hz| format!(" ({:.0} rpm)", RPM_PER_HZ * hz));
         let second = format!(
-            "motor {}   brake {}   {}",
+            "motor {}{rpm}   brake {}   {}",
             number("motor_speed_hz", "Hz"),
             number("brake_torque_nm", "N m"),
             number("temperature_c", "°C")
@@ -428,7 +432,7 @@ mod tests {
     #[test]
     fn regress_the_colour_says_no_more_than_the_verdict() {
         let of = |machine, p| Look::of(machine, 5, Some(p));
-        assert!(of("normal", 0.3) == Look { colour: 0, level: 5, sure: false });
+        assert!(of("normal", 0.7) == Look { colour: 0, level: 5, sure: false });
         assert!(of("deviating", 0.8) == Look { colour: 3, level: 5, sure: true });
         assert!(of("alarm", 0.9) == Look { colour: 5, level: 5, sure: true });
         assert!(of("path_changed", 0.9).colour == PATH && of("unknown", 0.9).colour == -1);

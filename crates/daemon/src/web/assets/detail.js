@@ -10,20 +10,23 @@ export function drawDetail() {
   const last = row.last;
   if (!last) return;
   el("h-detail").textContent = `${row.stage} · ${row.channel}, window ${last.window}, ${clock(last.t0_ns)}, mesh ${text(last.mesh_hz, 6, "Hz")}`;
+  el("doubts").hidden = !last.doubts;
+  el("doubts").textContent = `Doubtful: ${(last.doubts || "").replaceAll(" ", ", ").replaceAll("_", " ")} (gearwatch check says what to do)`;
   el("ranks").tBodies[0].replaceChildren(...HARMONICS.map((h) => harmonicRow(h, last)));
   drawTrend(row);
   drawPillars(last);
 }
 
 function colour(last, h) {
-  const look = lookOf(last.machine, last[`level_${h}x`]);
-  return shade(look, strengthOf(look, last[`p_${h}x`]));
+  const level = last[`level_${h}x`];
+  const look = lookOf(last.machine, level);
+  return shade(look, strengthOf(look, level, last[`p_${h}x`]));
 }
 
 function harmonicRow(h, last) {
   const badge = node("b", { style: `background:${colour(last, h)}` }, codeOf(last, h));
   const sigma = last[`dev_sigma_${h}x_percent`];
-  return node("tr", {}, node("th", { scope: "row" }, `${h}x`), node("td", { class: "rank" }, badge),
+  return node("tr", {}, node("th", { scope: "row" }, (last.shared || "").includes(`${h}x`) ? `${h}x, shared` : `${h}x`), node("td", { class: "rank" }, badge),
     node("td", {}, known(last[`p_${h}x`]) ? `${(100 * last[`p_${h}x`]).toFixed(0)} %` : "–"),
     node("td", {}, `${percent(last[`dev_${h}x_percent`])} ± ${known(sigma) ? sigma.toFixed(1) : "–"}`),
     node("td", {}, text(last[`amp_${h}x`], 4, last.unit)), node("td", {}, text(last[`base_${h}x`], 4)), node("td", {}, text(last[`floor_${h}x`], 2)));

@@ -1,6 +1,6 @@
 // The service itself: lamps, operating point, alarms, sources, facts.
 
-import { clock, el, node, text, view } from "./state.js";
+import { clock, el, known, node, text, view } from "./state.js";
 
 export function lamp(id, state, words) {
   const n = el(id);
@@ -21,7 +21,7 @@ export function drawStatus() {
   const other = benches.filter((b) => !["ok", "unknown"].includes(b.instrument));
   lamp("lamp-instrument", instrument.instrument === "ok" ? "ok" : instrument.instrument === "unknown" ? "unknown" : "not_ok",
     words(instrument.instrument, benches, (b) => (other.length ? other.includes(b) : b.instrument === instrument.instrument)));
-  el("op-speed").textContent = text(bench.motor_speed_hz, 5, "Hz");
+  el("op-speed").textContent = known(bench.motor_speed_hz) ? `${text(bench.motor_speed_hz, 5, "Hz")} (${(60 * bench.motor_speed_hz).toFixed(0)} rpm)` : "–";
   el("op-torque").textContent = text(bench.brake_torque_nm, 4, "N m");
   el("op-temperature").textContent = text(bench.temperature_c, 3, "°C");
   const alarms = benches.flatMap((b) => b.alarms.map((a) => [b, a]));

@@ -99,11 +99,17 @@ export const LOOKS = [-1, 0, 1, 2, 3, 4, 5, 6]; // unknown, 0 to V, path changed
 // The highest rank that each machine state (by its first letter) proves: a naked V on a stage that is called normal is no alarm.
 const PROVEN = { n: 0, d: 3, a: 5 };
 export const lookOf = (machine, level) => (level < 0 || machine[0] === "u" ? -1 : machine[0] === "p" ? 6 : Math.min(level, PROVEN[machine[0]] ?? 5));
-export const strengthOf = (look, p) => (look < 0 ? 1 : 0.2 + 0.8 * (known(p) ? p : 0));
+// A rank above 0 on a stage that is called normal is not borne out, however probable it is by itself.
+const borneOut = (look, level) => look !== 0 || level <= 0;
+export const strengthOf = (look, level, p) => (look < 0 ? 1 : 0.2 + 0.8 * (known(p) && borneOut(look, level) ? p : 0));
 const inkOf = (look) => (look < 0 ? "--ru" : look === 6 ? "--rp" : `--r${look}`);
 export const shade = (look, strength) => `color-mix(in srgb, ${css(inkOf(look))} ${Math.round(100 * strength)}%, ${css("--panel")})`;
 // The rank in words, with a question mark where it is as likely wrong as right.
-export const codeOf = (v, h) => (v[`level_${h}x`] < 0 ? "?" : `${v[`rank_${h}x`]}${v[`p_${h}x`] > 0.5 ? "" : "?"}`);
+export function codeOf(v, h) {
+  const level = v[`level_${h}x`];
+  if (level < 0) return "?";
+  return `${v[`rank_${h}x`]}${v[`p_${h}x`] > 0.5 && borneOut(lookOf(v.machine, level), level) ? "" : "?"}`;
+}
 
 export const known = (x) => typeof x === "number" && Number.isFinite(x);
 export const text = (x, digits, unit) => (known(x) ? `${Number(x).toPrecision(digits)}${unit ? ` ${unit}` : ""}` : "–");

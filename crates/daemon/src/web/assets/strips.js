@@ -55,7 +55,7 @@ function put(to, at, past, i, k) {
   const look = lookOf(past.machine[i], past.level[from]);
   to.level[at] = past.level[from];
   to.look[at] = look;
-  to.strength[at] = Math.round(SHADES * strengthOf(look, past.p[from]));
+  to.strength[at] = Math.round(SHADES * strengthOf(look, past.level[from], past.p[from]));
 }
 
 // Columns of a span of time: each holds the gravest of its windows, by what the verdict proves, then by how sure the rank is. Their borders lie at fixed times, so that a new window

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use crate::read::dsp::{Transforms, median};
+use crate::dsp::{Transforms, median};
 
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;

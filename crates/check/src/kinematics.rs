@@ -3,9 +3,16 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::read::angle::CombField;
-use crate::read::features::{self, Steady};
-use crate::read::lines;
+use crate::angle::CombField;
+use crate::steady::Steady;
+
+/// Multiples of each shaft's speed that shafts make.
+pub const SHAFT_MULTIPLES: u8 = 12;
+
+/// Orders of the comb that finds the speed: the first mesh harmonics of every stage.
+pub fn comb_orders(train: &Train) -> Vec<f64> {
+    train.stages.iter().flat_map(|stage| (1..=5).map(|h| stage.mesh_order * f64::from(h))).collect()
+}
 
 /// Largest change of the teeth of one gear that is tried.
 const TEETH_REACH: i64 = 4;
@@ -98,7 +105,7 @@ pub fn stranger(
             });
             let of_shaft = train.shafts.iter().any(|(_, own)| {
                 let multiple = (order / own).round();
-                multiple <= f64::from(lines::SHAFT_MULTIPLES) && (multiple * own / order - 1.0).abs() < 2e-3
+                multiple <= f64::from(SHAFT_MULTIPLES) && (multiple * own / order - 1.0).abs() < 2e-3
             });
             if !shares && !of_shaft {
                 others.push((field.search(&comb(order), low, high).1, teeth));
@@ -120,7 +127,7 @@ pub fn stranger(
 
 /// A speed far off at which the sheet's comb meets lines that are far higher.
 fn other_speed(sheet: &Train, field: &CombField, speed: &Speed) -> Option<f64> {
-    let orders = features::comb_orders(sheet);
+    let orders = comb_orders(sheet);
     let (hz, score) = [(0.33, 0.95), (1.05, 3.0)]
         .map(|(low, high)| field.search(&orders, low * speed.input_hz, high * speed.input_hz))
         .into_iter()
@@ -169,7 +176,7 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64
 
 /// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
 fn deciding_orders(train: &Train) -> Vec<f64> {
-    let mut out = features::comb_orders(train);
+    let mut out = comb_orders(train);
     for stage in &train.stages {
         for h in 1..=3 {
             let centre = stage.mesh_order * f64::from(h);
@@ -229,7 +236,7 @@ pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Benc
 
 /// Speeds of all recordings by the bench file's own teeth.
 pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombField]) -> Vec<Speed> {
-    let orders = features::comb_orders(train);
+    let orders = comb_orders(train);
     all.iter()
         .zip(fields)
         .map(|(steady, field)| {
@@ -275,7 +282,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
     let lines = |candidate: &Bench, own: bool| -> (f64, Vec<Vec<f64>>) {
         let train = Train::new(candidate);
         let orders = deciding_orders(&train);
-        let comb = features::comb_orders(&train);
+        let comb = comb_orders(&train);
         let mut sum = 0.0;
         let mut frequencies = Vec::with_capacity(all.len());
         for (steady, field) in all.iter().zip(fields) {

@@ -4,11 +4,12 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::recording::{Recording, Segment};
 use gearwatch_core::train::Train;
 
-use crate::read::angle::{self, CombField};
-use crate::read::dsp::Transforms;
-use crate::read::integrity;
+use crate::angle::{self, CombField};
+use crate::dsp::Transforms;
+use crate::integrity;
 
 /// Samples of a recording that belong together: the longest gap-free run of every channel.
+#[derive(Clone)]
 pub struct Steady<'a> {
     /// The recording.
     pub recording: &'a Recording,

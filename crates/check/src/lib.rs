@@ -1,0 +1,132 @@
+//! Whether sheet, recordings and baseline belong together: asked before the first verdict.
+//!
+//! A wrong number in the sheet or in the set-up of the acquisition makes a healthy machine look faulty, or a faulty one look well. Each
+//! [`Finding`] says what was found, what was expected and what to do. What is wrong for sure is refused by whoever asks; what is doubtful goes
+//! along with every verdict until somebody has cleared it (`[check] cleared` of the bench file).
+//!
+//! Below that lies how a recording's speed and tooth numbers are read from its lines ([`steady`], [`angle`], [`kinematics`]), which explanations
+//! begin with too.
+
+use std::fmt;
+
+use gearwatch_core::baseline::Baseline;
+use gearwatch_core::bench::Bench;
+use serde::Serialize;
+
+pub mod angle;
+pub mod dsp;
+pub mod integrity;
+pub mod kinematics;
+pub mod steady;
+
+mod channels;
+mod look;
+mod normal;
+mod sheet;
+mod speed;
+mod teeth;
+
+pub use look::Look;
+
+/// How sure a finding is, and what it means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// Worth knowing; it changes no verdict. So is what was doubtful and has been cleared.
+    Note,
+    /// It may be wrong: it goes along with every verdict.
+    Doubtful,
+    /// It is wrong: nothing is judged.
+    Wrong,
+}
+
+/// Something that does not fit.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What kind of thing, such as `tooth_number`; the word by which it is cleared.
+    pub id: &'static str,
+    /// How sure.
+    pub severity: Severity,
+    /// File name of the recording; empty where the sheet alone says it.
+    pub recording: String,
+    /// A stage, a sensor, `tacho`, `motor`, `acquisition` and the like.
+    pub place: String,
+    /// What was found.
+    pub found: String,
+    /// What was expected.
+    pub expected: String,
+    /// What to do.
+    pub advice: String,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.recording.is_empty() {
+            write!(f, "{}: ", self.recording)?;
+        }
+        write!(f, "{}: {}; expected {}; {} [{}]", self.place, self.found, self.expected, self.advice, self.id)
+    }
+}
+
+/// All that was found, the gravest first.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Checked {
+    /// The findings.
+    pub findings: Vec<Finding>,
+}
+
+impl Checked {
+    /// The gravest; none where all fits.
+    pub fn worst(&self) -> Option<Severity> {
+        self.findings.iter().map(|finding| finding.severity).max()
+    }
+
+    /// Findings of a severity.
+    pub fn of(&self, severity: Severity) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(move |finding| finding.severity == severity)
+    }
+
+    /// Why nothing may be judged, one sentence after the other; `None` where something may.
+    pub fn refusal(&self) -> Option<String> {
+        let wrong: Vec<String> = self.of(Severity::Wrong).map(Finding::to_string).collect();
+        (!wrong.is_empty()).then(|| wrong.join("; "))
+    }
+
+    /// The words of what is doubtful (or wrong) about one recording, as verdicts carry them: sorted, each once, with a space between.
+    pub fn doubts(&self, recording: &str) -> String {
+        let of_it = |finding: &&Finding| finding.recording.is_empty() || finding.recording == recording;
+        let mut ids: Vec<&str> = self
+            .findings
+            .iter()
+            .filter(|finding| finding.severity > Severity::Note)
+            .filter(of_it)
+            .map(|finding| finding.id)
+            .collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids.join(" ")
+    }
+}
+
+/// Checks a bench with what was looked at of its recordings, and with the baseline that is to judge them.
+pub fn check(bench: &Bench, looks: &[Look], baseline: Option<&Baseline>) -> Checked {
+    let mut findings = sheet::findings(bench, looks);
+    for look in looks {
+        findings.extend(channels::findings(bench, look, baseline));
+    }
+    let heard = speed::hear(bench, looks);
+    findings.extend(speed::findings(bench, &heard));
+    findings.extend(teeth::findings(bench, &heard));
+    findings.extend(normal::findings(bench, looks, &heard, baseline));
+    for finding in &mut findings {
+        if finding.severity == Severity::Doubtful && bench.check.cleared.iter().any(|id| id == finding.id) {
+            finding.severity = Severity::Note;
+        }
+    }
+    // Stable: within a severity the order is that of the questions.
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    Checked { findings }
+}
+
+#[cfg(test)]
+mod tests;

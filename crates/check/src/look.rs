@@ -1,0 +1,137 @@
+//! What is looked at of a recording: its first half minute, and what its time stamps say of the rest.
+
+use std::collections::BTreeMap;
+
+use gearwatch_core::block::{Packet, UnixNanos};
+use gearwatch_core::recording::Recording;
+use gearwatch_core::window::Window;
+
+/// Most that is kept of each channel (s, samples).
+const MOST_S: f64 = 30.0;
+const MOST_SAMPLES: usize = 1 << 19;
+
+/// The first seconds of a recording.
+#[derive(Clone, Debug, Default)]
+pub struct Look {
+    /// What was kept.
+    pub(crate) recording: Recording,
+    stamps: BTreeMap<String, Stamps>,
+    begin: Option<UnixNanos>,
+}
+
+/// The first and the last time stamp of a channel.
+#[derive(Clone, Copy, Debug)]
+struct Stamps {
+    first: (UnixNanos, u64),
+    last: (UnixNanos, u64),
+    stated_hz: f64,
+}
+
+/// A rate that the time stamps say.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StampedRate {
+    pub(crate) stated_hz: f64,
+    pub(crate) stamped_hz: f64,
+    /// From the first stamp to the last (s).
+    pub(crate) span_s: f64,
+}
+
+impl Look {
+    /// Nothing yet, of a recording of this name.
+    pub fn new(name: &str) -> Self {
+        Self { recording: Recording { name: name.to_owned(), ..Recording::default() }, ..Self::default() }
+    }
+
+    /// The recording's name.
+    pub fn name(&self) -> &str {
+        &self.recording.name
+    }
+
+    /// Takes in a packet. What lies beyond the first half minute only leaves its time stamp.
+    pub fn push(&mut self, packet: &Packet) {
+        let t0 = match packet {
+            Packet::Vibration(block) => block.t0,
+            Packet::Tacho(block) => block.t0,
+            Packet::OperatingPoint(point) => point.t,
+        };
+        if let Packet::Vibration(block) = packet {
+            let now = (block.t0, block.first_sample_index);
+            let fresh = Stamps { first: now, last: now, stated_hz: block.sample_rate_hz };
+            self.stamps.entry(block.sensor.to_string()).or_insert(fresh).last = now;
+        }
+        if self.within(t0) && !self.is_full_for(packet) {
+            self.recording.push(packet.clone());
+        }
+    }
+
+    /// Takes in a window of a running service: its samples that were not in the one before; its pulses are those of this shaft.
+    pub fn push_window(&mut self, window: &Window, tacho_shaft: Option<&str>) {
+        use gearwatch_core::block::{Block, Quality, Samples, TachoBlock};
+        let known = self.recording.channels.get(&*window.sensor).and_then(|channel| channel.segments.last());
+        let next = known.map_or(0, |last| last.first_sample_index + last.samples.len() as u64);
+        let skip = usize::try_from(next.saturating_sub(window.first_sample_index)).unwrap_or(usize::MAX);
+        let Some(new) = window.samples.get(skip.min(window.samples.len())..).filter(|new| !new.is_empty()) else {
+            return;
+        };
+        let at = |samples: usize| (samples as f64 / window.sample_rate_hz * 1e9).round() as i64;
+        let t0 = window.t0.saturating_add(at(skip));
+        let end = window.t0.saturating_add(at(window.samples.len()));
+        if self.recording.channels.keys().next().is_none_or(|first| **first == *window.sensor) {
+            self.push(&Packet::OperatingPoint(window.operating_point));
+            let pulses = window.pulses.times_s.iter().map(|t| window.t0.saturating_add((t * 1e9).round() as i64));
+            let pulse_times: Vec<UnixNanos> = pulses.filter(|t| (t0..end).contains(t)).collect();
+            if let (Some(shaft), false) = (tacho_shaft, pulse_times.is_empty()) {
+                self.push(&Packet::Tacho(TachoBlock {
+                    shaft: shaft.into(),
+                    t0,
+                    pulses_per_rev: window.pulses.pulses_per_rev,
+                    pulse_times,
+                    quality: Quality::GOOD,
+                }));
+            }
+        }
+        self.push(&Packet::Vibration(Block {
+            sensor: window.sensor.clone(),
+            t0,
+            sample_rate_hz: window.sample_rate_hz,
+            first_sample_index: window.first_sample_index + skip as u64,
+            unit: window.unit.clone(),
+            samples: Samples::Physical(new.iter().map(|x| *x as f32).collect()),
+            quality: window.quality,
+        }));
+    }
+
+    /// Nothing more of what comes will be kept, but for time stamps.
+    pub fn is_full(&self) -> bool {
+        let full = |seconds: f64, samples: usize| seconds >= MOST_S || samples >= MOST_SAMPLES;
+        let mut channels = self.recording.channels.values().peekable();
+        channels.peek().is_some() && channels.all(|c| full(c.len() as f64 / c.sample_rate_hz, c.len()))
+    }
+
+    fn within(&mut self, t: UnixNanos) -> bool {
+        let begin = *self.begin.get_or_insert(t);
+        (t.saturating_sub(begin)) as f64 * 1e-9 < MOST_S
+    }
+
+    fn is_full_for(&self, packet: &Packet) -> bool {
+        let Packet::Vibration(block) = packet else { return false };
+        self.recording.channels.get(&*block.sensor).is_some_and(|channel| channel.len() >= MOST_SAMPLES)
+    }
+
+    /// Stated and stamped rates, by sensor, where there are stamps over a second or more.
+    pub(crate) fn stamped_rates(&self) -> impl Iterator<Item = (&str, StampedRate)> {
+        self.stamps.iter().filter_map(|(sensor, stamps)| {
+            let span_s = stamps.last.0.saturating_sub(stamps.first.0) as f64 * 1e-9;
+            let samples = stamps.last.1.saturating_sub(stamps.first.1) as f64;
+            let known = span_s >= 1.0 && samples > 0.0;
+            known.then(|| {
+                (sensor.as_str(), StampedRate { stated_hz: stamps.stated_hz, stamped_hz: samples / span_s, span_s })
+            })
+        })
+    }
+
+    /// Torques at the brake that are stated (N m).
+    pub(crate) fn torques(&self) -> impl Iterator<Item = f64> {
+        self.recording.operating_points.iter().map(|point| point.brake_torque_nm).filter(|torque| torque.is_finite())
+    }
+}

@@ -1,0 +1,199 @@
+use std::sync::OnceLock;
+
+use gearwatch_core::block::{OperatingPoint, Packet, Samples};
+use gearwatch_core::source::Source;
+use gearwatch_sim::scenario::Scenario;
+use gearwatch_sim::shipped;
+use gearwatch_sim::source::{SimConfig, Simulator};
+
+use super::*;
+
+/// Eight seconds of a shipped bench, healthy.
+fn packets(name: &str) -> Vec<Packet> {
+    let bench = shipped::bench(name).expect("a shipped bench");
+    let scenario = Scenario { duration_s: Some(8.0), ..Scenario::default() };
+    let config = SimConfig { bench, effects: Vec::new(), scenario, seed: 5, t0: 1_000_000_000 };
+    let mut source = Simulator::new(config).expect("a simulator");
+    std::iter::from_fn(|| source.next_packet().expect("simulated")).collect()
+}
+
+/// The one that most cases use, simulated once.
+fn pair() -> &'static [Packet] {
+    static PACKETS: OnceLock<Vec<Packet>> = OnceLock::new();
+    PACKETS.get_or_init(|| packets("single-pair"))
+}
+
+fn sheet() -> Bench {
+    shipped::bench("single-pair").expect("a shipped bench")
+}
+
+fn look(packets: &[Packet], mut change: impl FnMut(&mut Packet)) -> Look {
+    let mut look = Look::new("run.mcap");
+    for packet in packets {
+        let mut packet = packet.clone();
+        change(&mut packet);
+        look.push(&packet);
+    }
+    look
+}
+
+fn found(checked: &Checked) -> Vec<(&'static str, Severity)> {
+    checked.findings.iter().filter(|f| f.severity > Severity::Note).map(|f| (f.id, f.severity)).collect()
+}
+
+fn without_tacho(packets: &[Packet]) -> Vec<Packet> {
+    packets.iter().filter(|packet| !matches!(packet, Packet::Tacho(_))).cloned().collect()
+}
+
+/// Healthy recordings of all shipped benches, with and without their tacho: nothing is doubtful but what the sheet itself says of the band.
+#[test]
+fn conform_healthy_recordings_raise_no_doubt() {
+    for shipped in shipped::BENCHES {
+        let all = packets(shipped.name);
+        let bench = shipped::bench(shipped.name).expect("a shipped bench");
+        for packets in [&all, &without_tacho(&all)] {
+            let checked = check(&bench, &[look(packets, |_| {})], None);
+            let doubts: Vec<_> = found(&checked).into_iter().filter(|(id, _)| *id != "band").collect();
+            assert_eq!(doubts, [], "{}: {:#?}", shipped.name, checked.findings);
+        }
+    }
+}
+
+/// A tooth too many in the sheet, with a tacho and without: never silence.
+#[test]
+fn regress_a_wrong_tooth_number_is_found_with_a_tacho_too() {
+    let mut bench = sheet();
+    bench.stages[0].pinion.teeth += 1;
+    for packets in [pair().to_vec(), without_tacho(pair())] {
+        let checked = check(&bench, &[look(&packets, |_| {})], None);
+        let finding =
+            checked.findings.iter().find(|f| f.id == "tooth_number").unwrap_or_else(|| panic!("{checked:#?}"));
+        assert_eq!(finding.place, format!("{}.pinion", bench.stages[0].name));
+        assert!(finding.found.contains(&format!("{} teeth", bench.stages[0].pinion.teeth - 1)), "{finding}");
+    }
+}
+
+/// Twice the rate on the command line against that of the sheet: refused, with and without a tacho.
+#[test]
+fn regress_a_wrong_rate_is_refused() {
+    let bench = sheet();
+    let twice = |packet: &mut Packet| {
+        if let Packet::Vibration(block) = packet {
+            block.sample_rate_hz *= 2.0;
+        }
+    };
+    for packets in [pair().to_vec(), without_tacho(pair())] {
+        let checked = check(&bench, &[look(&packets, twice)], None);
+        assert!(found(&checked).contains(&("sample_rate", Severity::Wrong)), "{checked:#?}");
+        assert!(checked.refusal().is_some_and(|said| said.contains("correct the stated sample rate")));
+    }
+}
+
+/// rpm typed as Hz: in a recording, where the lines say so, and in a sheet, where the band says so.
+#[test]
+fn regress_rpm_for_hz_is_named() {
+    let bench = sheet();
+    let rpm = |packet: &mut Packet| {
+        if let Packet::OperatingPoint(point) = packet {
+            point.motor_speed_hz *= 60.0;
+        }
+    };
+    let checked = check(&bench, &[look(&without_tacho(pair()), rpm)], None);
+    let finding = checked.findings.iter().find(|f| f.id == "speed_unit").unwrap_or_else(|| panic!("{checked:#?}"));
+    assert!(finding.severity == Severity::Wrong && finding.advice.contains("rpm"), "{finding}");
+    let mut wrong = sheet();
+    wrong.motor.speed_hz = 1500.0;
+    let checked = check(&wrong, &[], None);
+    assert!(found(&checked).contains(&("speed_unit", Severity::Wrong)), "{checked:#?}");
+}
+
+/// Pulses per revolution that the tacho does not have.
+#[test]
+fn analytic_wrong_pulses_per_revolution_are_counted() {
+    let bench = sheet();
+    let pulses = |packet: &mut Packet| {
+        if let Packet::Tacho(block) = packet {
+            block.pulses_per_rev *= 4.0;
+        }
+    };
+    let checked = check(&bench, &[look(pair(), pulses)], None);
+    let finding = checked.findings.iter().find(|f| f.id == "tacho_pulses").unwrap_or_else(|| panic!("{checked:#?}"));
+    assert!(finding.severity == Severity::Wrong && finding.advice.starts_with("1 pulses per revolution"), "{finding}");
+}
+
+/// No torque stated; a sensor that hears noise alone; one that stands still; one that is missing. What was looked into is a note from then on.
+#[test]
+fn conform_what_is_missing_or_deaf_is_told() {
+    let mut bench = sheet();
+    let mut random = 1_u64;
+    let sensors: Vec<String> = bench.sensors.iter().map(|sensor| sensor.name.clone()).collect();
+    let change = |packet: &mut Packet| match packet {
+        Packet::OperatingPoint(point) => *point = OperatingPoint { brake_torque_nm: f64::NAN, ..*point },
+        Packet::Vibration(block) if *block.sensor == *sensors[1] => {
+            let noise = (0..block.samples.len()).map(|_| {
+                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                ((random >> 40) as f32 / (1 << 24) as f32) - 0.5
+            });
+            block.samples = Samples::Physical(noise.collect());
+        }
+        _ => {}
+    };
+    let one = look(pair(), change);
+    let checked = check(&bench, std::slice::from_ref(&one), None);
+    let doubts = found(&checked);
+    for id in ["torque_missing", "sensor_blind"] {
+        assert!(doubts.contains(&(id, Severity::Doubtful)), "{id}: {checked:#?}");
+    }
+    assert_eq!(checked.doubts("run.mcap"), "sensor_blind torque_missing");
+    assert_eq!(checked.refusal(), None);
+    bench.check.cleared = vec!["torque_missing".into(), "sensor_blind".into()];
+    assert_eq!(check(&bench, &[one], None).doubts("run.mcap"), "");
+
+    let dead = look(pair(), |packet| {
+        if let Packet::Vibration(block) = packet
+            && *block.sensor == *sensors[0]
+        {
+            block.samples = Samples::Physical(vec![0.25; block.samples.len()]);
+        }
+    });
+    assert!(found(&check(&sheet(), &[dead], None)).contains(&("channel_dead", Severity::Doubtful)));
+    let missing: Vec<Packet> = pair()
+        .iter()
+        .filter(|packet| !matches!(packet, Packet::Vibration(block) if *block.sensor == *sensors[0]))
+        .cloned()
+        .collect();
+    assert!(
+        found(&check(&sheet(), &[look(&missing, |_| {})], None)).contains(&("channel_missing", Severity::Doubtful))
+    );
+}
+
+/// A belt ratio that the bench does not have.
+#[test]
+fn analytic_a_wrong_belt_ratio_is_measured() {
+    let all = packets("paper-rig");
+    let mut bench = shipped::bench("paper-rig").expect("a shipped bench");
+    let belt = bench.belt.as_mut().expect("a belt");
+    let (true_ratio, wrong) = (belt.ratio, 2.5);
+    belt.ratio = wrong;
+    let checked = check(&bench, &[look(&without_tacho(&all), |_| {})], None);
+    let finding = checked.findings.iter().find(|f| f.id == "belt_ratio").unwrap_or_else(|| panic!("{checked:#?}"));
+    let stated: f64 = finding.advice.split_whitespace().nth(4).and_then(|word| word.parse().ok()).expect("a ratio");
+    // The belt of the simulated rig slips by a few per cent at most.
+    assert!((stated / true_ratio - 1.0).abs() < 0.04, "{finding}");
+}
+
+/// Lines of two stages that no window tells apart, and lines beyond the band.
+#[test]
+fn regress_coinciding_lines_and_lines_beyond_the_band_are_told() {
+    let mut bench = shipped::bench("spectraquest-like").expect("a shipped bench");
+    // 3x of 30 teeth is 90 orders; 5x of 36 teeth on a shaft of half the speed is 90 too.
+    (bench.stages[0].pinion.teeth, bench.stages[0].wheel.teeth) = (30, 60);
+    bench.stages[1].pinion.teeth = 36;
+    let checked = check(&bench, &[], None);
+    let together = checked.findings.iter().find(|f| f.id == "coinciding_lines").expect("told");
+    assert!(together.found.starts_with("3x of the one and 5x of the other"), "{together}");
+    bench.acquisition.sample_rate_hz = 4000.0;
+    let band = check(&bench, &[], None);
+    let band = band.findings.iter().find(|f| f.id == "band").expect("told");
+    assert!(band.severity == Severity::Doubtful && band.place == bench.stages[0].name, "{band}");
+}

@@ -1,0 +1,101 @@
+//! The check of a bench before its first verdict: what is looked at of files and of running sources.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use gearwatch_check::{self as check, Checked, Look, Severity};
+use gearwatch_core::bench::Bench;
+use gearwatch_core::doubts::Doubts;
+use gearwatch_core::source::Source;
+use gearwatch_core::window::Window;
+use gearwatch_io::{OpenOptions, ReadError};
+
+/// Looks at a recording: its first half minute.
+///
+/// # Errors
+/// As [`gearwatch_io::open()`], and when what is looked at is damaged.
+pub fn look(path: &Path, options: &OpenOptions) -> Result<Look, ReadError> {
+    let mut look = Look::new(&name_of(path));
+    let mut opened = gearwatch_io::open(path, options)?;
+    while let Some(packet) = opened.next_packet()? {
+        look.push(&packet);
+        if look.is_full() {
+            break;
+        }
+    }
+    Ok(look)
+}
+
+/// The name by which findings speak of a recording.
+pub fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Seconds of windows after the last that is looked at, from which on the judging thread waits for the answer: it is there by then, and every
+/// replay says so at the same window.
+const ANSWER_AFTER: u64 = 20;
+
+/// Looks at the first windows of a running source, asks on a thread of its own, and tells the verdicts from then on.
+#[derive(Debug)]
+pub struct Examiner {
+    bench: Arc<Bench>,
+    doubts: Doubts,
+    stage: Stage,
+}
+
+#[derive(Debug)]
+enum Stage {
+    Looking(Box<Look>),
+    Asking { answer: JoinHandle<Checked>, windows: u64 },
+    Done,
+}
+
+impl Examiner {
+    /// For a bench whose verdicts carry these doubts.
+    pub fn new(bench: Arc<Bench>, doubts: Doubts) -> Self {
+        Self { bench, doubts, stage: Stage::Looking(Box::new(Look::new(""))) }
+    }
+
+    /// Takes in a window; hands the answer over when it is there.
+    pub fn push(&mut self, window: &Window) -> Option<Checked> {
+        match &mut self.stage {
+            Stage::Looking(look) => {
+                look.push_window(window, self.bench.tacho.as_ref().map(|tacho| tacho.shaft.as_str()));
+                if look.is_full() {
+                    let (bench, look) = (self.bench.clone(), std::mem::take(&mut **look));
+                    let asking = std::thread::Builder::new().name("gw-check".to_owned());
+                    self.stage = match asking.spawn(move || check::check(&bench, &[look], None)) {
+                        Ok(answer) => Stage::Asking { answer, windows: 0 },
+                        // Without a thread there is no check, and nothing else is the worse for it.
+                        Err(_) => Stage::Done,
+                    };
+                }
+                None
+            }
+            Stage::Asking { windows, .. } if *windows < ANSWER_AFTER => {
+                *windows += 1;
+                None
+            }
+            Stage::Asking { .. } => {
+                let Stage::Asking { answer, .. } = std::mem::replace(&mut self.stage, Stage::Done) else { return None };
+                // A check that panicked is told by the thread itself; the bench is watched all the same.
+                let checked = answer.join().ok()?;
+                self.doubts.set(&checked.doubts(""));
+                Some(checked)
+            }
+            Stage::Done => None,
+        }
+    }
+}
+
+/// Tells what a check found in the log of the service.
+pub fn tell(bench: &str, checked: &Checked) {
+    for finding in &checked.findings {
+        match finding.severity {
+            Severity::Wrong => tracing::error!(bench, "wrong: {finding}"),
+            Severity::Doubtful => tracing::warn!(bench, "doubtful: {finding}"),
+            Severity::Note => tracing::info!(bench, "{finding}"),
+        }
+    }
+}
