@@ -124,6 +124,8 @@ fn analytic_wrong_pulses_per_revolution_are_counted() {
 /// No torque stated; a sensor that hears noise alone; one that stands still; one that is missing. What was looked into is a note from then on.
 #[test]
 fn conform_what_is_missing_or_deaf_is_told() {
+    let all = packets("paper-rig");
+    let sheet = || shipped::bench("paper-rig").expect("a shipped bench");
     let mut bench = sheet();
     let mut random = 1_u64;
     let sensors: Vec<String> = bench.sensors.iter().map(|sensor| sensor.name.clone()).collect();
@@ -138,7 +140,7 @@ fn conform_what_is_missing_or_deaf_is_told() {
         }
         _ => {}
     };
-    let one = look(pair(), change);
+    let one = look(&all, change);
     let checked = check(&bench, std::slice::from_ref(&one), None);
     let doubts = found(&checked);
     for id in ["torque_missing", "sensor_blind"] {
@@ -149,7 +151,7 @@ fn conform_what_is_missing_or_deaf_is_told() {
     bench.check.cleared = vec!["torque_missing".into(), "sensor_blind".into()];
     assert_eq!(check(&bench, &[one], None).doubts("run.mcap"), "");
 
-    let dead = look(pair(), |packet| {
+    let dead = look(&all, |packet| {
         if let Packet::Vibration(block) = packet
             && *block.sensor == *sensors[0]
         {
@@ -157,7 +159,7 @@ fn conform_what_is_missing_or_deaf_is_told() {
         }
     });
     assert!(found(&check(&sheet(), &[dead], None)).contains(&("channel_dead", Severity::Doubtful)));
-    let missing: Vec<Packet> = pair()
+    let missing: Vec<Packet> = all
         .iter()
         .filter(|packet| !matches!(packet, Packet::Vibration(block) if *block.sensor == *sensors[0]))
         .cloned()
