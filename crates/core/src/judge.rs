@@ -429,7 +429,7 @@ mod tests {
         }
         reasons(&with, &window(0, 31.0, 50.0, NORMAL, FLOORS), Reason::OutsideBaseline);
         reasons(&with, &window(0, 30.0, 60.0, NORMAL, FLOORS), Reason::OutsideBaseline);
-        reasons(&with, &window(0, 30.0, f64::NAN, NORMAL, FLOORS), Reason::OutsideBaseline);
+        reasons(&with, &window(0, 30.0, f64::NAN, NORMAL, FLOORS), Reason::TorqueMissing);
         reasons(&judge(Some(&learned(1, 0.05, &mut random))), &sound, Reason::BaselineTooSmall);
         let mut elsewhere = baseline.clone();
         let channel = elsewhere.runs[0].channels.remove("acc").expect("acc");
