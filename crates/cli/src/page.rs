@@ -69,12 +69,12 @@ impl Page {
         request.call()
     }
 
-    /// Sends an empty object to a path.
-    pub fn post(&self, path: &str) -> Result<Response<Body>, ureq::Error> {
+    /// Sends a JSON object to a path.
+    pub fn post(&self, path: &str, object: &serde_json::Value) -> Result<Response<Body>, ureq::Error> {
         let mut request = self.agent.post(format!("{}{path}", self.url)).header("content-type", "application/json");
         if let Some(token) = &self.token {
             request = request.header("authorization", format!("Bearer {token}"));
         }
-        request.send("{}")
+        request.send(object.to_string())
     }
 }

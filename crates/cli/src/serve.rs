@@ -53,7 +53,7 @@ fn say(summary: &Summary) {
         tracing::warn!(sink, lost, "it was too slow for some of its events");
     }
     for sink in &summary.unfinished {
-        tracing::error!(sink, "the time to stop was over before it had written all it had");
+        tracing::error!(sink, "it could not write all it had and close it before the time to stop was over");
     }
     let how = if summary.stopped { "stopped" } else { "all sources have ended" };
     tracing::info!(windows = summary.judged, windows_lost = summary.windows_lost, "{how}");

@@ -7,7 +7,7 @@ use gearwatch_core::verdict::Verdict;
 
 use serde::Serialize;
 
-use crate::health::Alarm;
+use crate::health::{Acknowledgement, Alarm};
 use crate::log::{Clock, Gap};
 use crate::queue::Outlet;
 
@@ -30,12 +30,14 @@ pub enum Event {
         /// What.
         gap: Gap,
     },
-    /// An alarm came, went or grew worse.
+    /// An alarm came, went or grew worse, or somebody has seen it.
     Alarm {
         /// Name of the bench.
         bench: Arc<str>,
         /// How it is now.
         alarm: Alarm,
+        /// Who has seen it, where that is what happened.
+        seen: Option<Arc<Acknowledgement>>,
     },
     /// How a bench is: about once a second, and once more when the service stops.
     State {

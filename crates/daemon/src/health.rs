@@ -57,7 +57,7 @@ impl AlarmConfig {
 }
 
 /// How bad it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
     /// Rank I to III, or the path from gear to sensor changed.
@@ -77,7 +77,7 @@ impl Severity {
 }
 
 /// One alarm.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Alarm {
     /// Names it: `<stage>@<channel>`.
     pub id: String,
@@ -95,6 +95,21 @@ pub struct Alarm {
     pub active: bool,
     /// Somebody has seen it.
     pub acknowledged: bool,
+    /// It neither holds nor waits for somebody to see it.
+    pub over: bool,
+}
+
+/// Who has seen an alarm, and what they said of it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Acknowledgement {
+    /// Their name, as they gave it.
+    pub who: String,
+    /// Their reason.
+    pub why: String,
+    /// Where the request came from: an address.
+    pub from: String,
+    /// When (ns since the epoch).
+    pub t_ns: i64,
 }
 
 /// A channel's instrument.
@@ -186,18 +201,26 @@ impl Health {
         self.instruments.clear();
     }
 
-    /// Somebody has seen it; `false` where there is no such alarm. One that holds no longer is over then.
-    pub fn acknowledge(&mut self, id: &str) -> bool {
+    /// Somebody has seen it; how it is then, `None` where there is no such alarm. One that holds no longer is over then.
+    pub fn acknowledge(&mut self, id: &str) -> Option<Alarm> {
         for place in self.places.values_mut() {
             if let Some(alarm) = place.alarm.as_mut().filter(|alarm| alarm.id == id) {
                 alarm.acknowledged = true;
-                if !alarm.active {
+                alarm.over = !alarm.active;
+                let seen = alarm.clone();
+                if seen.over {
                     place.alarm = None;
                 }
-                return true;
+                return Some(seen);
             }
         }
-        false
+        None
+    }
+
+    /// An alarm of before the start, which still stands. Of a stage or channel that the bench no longer has, nobody will hear: it is latched.
+    pub fn restore(&mut self, alarm: Alarm, is_watched: bool) {
+        let place = self.places.entry((alarm.stage.clone(), alarm.channel.clone())).or_default();
+        place.alarm = Some(Alarm { active: alarm.active && is_watched, over: false, ..alarm });
     }
 
     /// Alarms that hold, or are not acknowledged.
@@ -242,6 +265,7 @@ impl Place {
                     t_ns: verdict.t0,
                     active: true,
                     acknowledged: false,
+                    over: false,
                 });
                 self.alarm.clone()
             }
@@ -256,9 +280,10 @@ impl Place {
             (Some(alarm), _) if alarm.active && self.normal_in_a_row >= config.clear => {
                 alarm.active = false;
                 alarm.t_ns = verdict.t0;
+                alarm.over = alarm.acknowledged || !config.latch;
                 let gone = alarm.clone();
                 self.recent.clear();
-                if alarm.acknowledged || !config.latch {
+                if gone.over {
                     self.alarm = None;
                 }
                 Some(gone)
@@ -340,17 +365,37 @@ mod tests {
         feed(&mut health, "dddnnnn");
         let alarm = health.alarms().next().unwrap().clone();
         assert!(!alarm.active && !alarm.acknowledged);
-        assert!(!health.acknowledge("stage9@acc_1"));
-        assert!(health.acknowledge(&alarm.id));
+        assert!(health.acknowledge("stage9@acc_1").is_none());
+        assert!(health.acknowledge(&alarm.id).is_some_and(|alarm| alarm.over));
         assert_eq!(health.alarms().count(), 0);
         // Acknowledged while it holds: it goes by itself later, and an alarm that grows worse must be seen again.
         feed(&mut health, "ddd");
-        assert!(health.acknowledge(&alarm.id));
+        assert!(health.acknowledge(&alarm.id).is_some_and(|alarm| !alarm.over));
         feed(&mut health, "aaa");
         assert!(!health.alarms().next().unwrap().acknowledged);
-        assert!(health.acknowledge(&alarm.id));
+        assert!(health.acknowledge(&alarm.id).is_some());
         feed(&mut health, "nnnn");
         assert_eq!(health.alarms().count(), 0);
+    }
+
+    /// A latched alarm of before the start stays; one that held goes on, and ends by normal windows as any other; one of a place that is no longer
+    /// watched waits for somebody to see it.
+    #[test]
+    fn regress_a_restart_forgets_no_alarm() {
+        let mut before = health();
+        feed(&mut before, "dddaaa");
+        let held = before.alarms().next().unwrap().clone();
+        let mut after = health();
+        after.restore(held.clone(), true);
+        assert_eq!(after.alarms().next(), Some(&held));
+        assert_eq!(feed(&mut after, "nnn"), []);
+        assert_eq!(feed(&mut after, "n"), [(0, false, Severity::Critical)]);
+        assert!(!after.alarms().next().unwrap().acknowledged, "latched");
+        let mut elsewhere = health();
+        elsewhere.restore(held.clone(), false);
+        assert!(elsewhere.alarms().next().is_some_and(|alarm| !alarm.active));
+        assert!(elsewhere.acknowledge(&held.id).is_some_and(|alarm| alarm.over));
+        assert_eq!(elsewhere.alarms().count(), 0);
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub mod kinds;
 pub mod log;
 pub mod oneshot;
 pub mod queue;
+pub mod secret;
 pub mod selftest;
 pub mod service;
 pub mod sink;

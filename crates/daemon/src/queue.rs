@@ -42,17 +42,27 @@ impl QueueCounters {
     }
 }
 
+/// Learns of each item that a policy drops.
+type OnDrop<T> = Arc<dyn Fn(&T) + Send + Sync>;
+
 /// The end where items are put in.
-#[derive(Debug)]
 pub struct Outlet<T> {
     sender: async_channel::Sender<T>,
     when_full: WhenFull,
     counters: Arc<QueueCounters>,
+    on_drop: Option<OnDrop<T>>,
+}
+
+impl<T> std::fmt::Debug for Outlet<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Outlet").field("when_full", &self.when_full).finish_non_exhaustive()
+    }
 }
 
 impl<T> Clone for Outlet<T> {
     fn clone(&self) -> Self {
-        Self { sender: self.sender.clone(), when_full: self.when_full, counters: self.counters.clone() }
+        let on_drop = self.on_drop.clone();
+        Self { sender: self.sender.clone(), when_full: self.when_full, counters: self.counters.clone(), on_drop }
     }
 }
 
@@ -67,10 +77,16 @@ pub struct Closed;
 /// A queue of at most `capacity` items (at least 1).
 pub fn bounded<T>(capacity: usize, when_full: WhenFull) -> (Outlet<T>, Inlet<T>) {
     let (sender, receiver) = async_channel::bounded(capacity.max(1));
-    (Outlet { sender, when_full, counters: Arc::default() }, receiver)
+    (Outlet { sender, when_full, counters: Arc::default(), on_drop: None }, receiver)
 }
 
 impl<T> Outlet<T> {
+    /// Tells `on_drop` of each item that the policy drops.
+    pub fn telling_drops(mut self, on_drop: impl Fn(&T) + Send + Sync + 'static) -> Self {
+        self.on_drop = Some(Arc::new(on_drop));
+        self
+    }
+
     /// Puts an item in from a thread; waits only under [`WhenFull::Block`].
     ///
     /// # Errors
@@ -106,17 +122,20 @@ impl<T> Outlet<T> {
         self.counters.entered.fetch_add(1, Ordering::Relaxed);
         let dropped = match self.when_full {
             WhenFull::DropOldest => match self.sender.force_send(item) {
-                Ok(oldest) => oldest.is_some(),
+                Ok(oldest) => oldest,
                 Err(_) => return Err(self.closed()),
             },
             WhenFull::Block | WhenFull::DropNewest => match self.sender.try_send(item) {
-                Ok(()) => false,
+                Ok(()) => None,
                 Err(Shut(_)) => return Err(self.closed()),
                 Err(Full(item)) if self.when_full == WhenFull::Block => return Ok(Some(item)),
-                Err(Full(_)) => true,
+                Err(Full(item)) => Some(item),
             },
         };
-        if dropped {
+        if let Some(item) = dropped {
+            if let Some(tell) = &self.on_drop {
+                tell(&item);
+            }
             self.counters.dropped.fetch_add(1, Ordering::Relaxed);
         }
         Ok(None)
@@ -130,7 +149,7 @@ impl<T> Outlet<T> {
 
     /// Another end into the same queue, with a policy and counters of its own.
     pub fn branch(&self, when_full: WhenFull) -> Self {
-        Self { sender: self.sender.clone(), when_full, counters: Arc::default() }
+        Self { sender: self.sender.clone(), when_full, counters: Arc::default(), on_drop: None }
     }
 
     /// Closes the queue: nothing more goes in, what is in it can still be taken out.

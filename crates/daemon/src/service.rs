@@ -3,11 +3,18 @@
 //! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files and baselines, but starts nothing;
 //! [`Service::run`] owns all threads and returns when all have ended.
 
+use std::collections::BTreeSet;
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use tokio::runtime::Runtime;
 
 use crate::bench::{BenchError, WatchedBench};
 use crate::config::Config;
+use crate::log::AlarmRecord;
 use crate::selftest::SelfTestError;
 use crate::sink::SinkError;
 use crate::stop::Stop;
@@ -29,7 +36,7 @@ pub use draining::{SinkMonitor, SinkState};
 pub use feeding::{SourceMonitor, SourceState};
 
 use edge::PageAccess;
-use running::Running;
+use running::{Next, Running};
 
 /// Why the service cannot start, or had to end.
 #[derive(Debug, thiserror::Error)]
@@ -48,6 +55,12 @@ pub enum ServiceError {
     /// Token, certificate or key of the page.
     #[error("the page: {0}")]
     Page(String),
+    /// Two benches of one name: nobody could tell their ranks and alarms apart.
+    #[error("two benches are called {0:?}; give one another `name` in its bench file")]
+    SameName(String),
+    /// The status socket.
+    #[error("status_socket: {0}")]
+    Status(String),
     /// The self test.
     #[error(transparent)]
     SelfTest(#[from] SelfTestError),
@@ -71,7 +84,7 @@ pub struct Summary {
     pub windows_lost: u64,
     /// Events that a sink missed, by sink; sinks whose reader has gone are not counted.
     pub events_lost: Vec<(String, u64)>,
-    /// Sinks that must write all they have, and had not when the time to stop was over: logs.
+    /// Sinks that must write all they have and close it, and could not, or had not when the time to stop was over: logs.
     pub unfinished: Vec<String>,
 }
 
@@ -90,13 +103,17 @@ impl Service {
     /// # Errors
     /// When a file cannot be used or things do not fit each other.
     pub fn build(config: Config, stop: &Stop) -> Result<Self, ServiceError> {
-        let benches = config
+        let benches: Vec<WatchedBench> = config
             .benches
             .iter()
             .map(|bench| WatchedBench::build(bench, &config.folder, config.service.worker_count(), stop))
             .collect::<Result<_, _>>()
             .map_err(|e| ServiceError::Bench(Box::new(e)))?;
         let page = PageAccess::read(&config.service, &config.folder).map_err(ServiceError::Page)?;
+        let mut names = BTreeSet::new();
+        if let Some(twice) = benches.iter().find(|bench| !names.insert(bench.name.clone())) {
+            return Err(ServiceError::SameName(twice.name.to_string()));
+        }
         Ok(Self { config, benches, page, ends_with_sinks: false })
     }
 
@@ -104,6 +121,34 @@ impl Service {
     pub fn ending_with_sinks(mut self) -> Self {
         self.ends_with_sinks = true;
         self
+    }
+
+    /// Tries the ends that the configuration names, and leaves them as they are: folders that must be written, files with secrets and certificates, the
+    /// address of the page, which may be in use where it is `held` already.
+    ///
+    /// # Errors
+    /// When one cannot be used.
+    pub fn try_out(&self, held: Option<SocketAddr>) -> Result<(), ServiceError> {
+        for entry in &self.config.sinks {
+            let tried = entry.config.try_out(&self.config.folder);
+            tried.map_err(|source| ServiceError::Sink { name: entry.name.clone(), source })?;
+        }
+        if let Some(path) = &self.config.service.status_socket {
+            let path = self.config.folder.join(path);
+            edge::try_out(&path).map_err(|e| ServiceError::Status(format!("{}: {e}", path.display())))?;
+        }
+        let Some(address) = self.page_address() else { return Ok(()) };
+        match std::net::TcpListener::bind(address) {
+            Err(e) if e.kind() != std::io::ErrorKind::AddrInUse || held != Some(address) => {
+                Err(ServiceError::Page(format!("{address}: {e}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Address of its page.
+    pub fn page_address(&self) -> Option<SocketAddr> {
+        self.config.service.page
     }
 
     /// Runs until all sources have ended, or `stop` is given.
@@ -128,19 +173,69 @@ impl Service {
         let again: Again = Arc::new(again);
         let runtime =
             tokio::runtime::Builder::new_multi_thread().worker_threads(2).thread_name("gw-net").enable_all().build()?;
-        let mut service = self;
+        let mut last_good = Written::of(&self.config);
+        let mut running = Running::start(self, &runtime, stop, Vec::new())?;
         let summary = loop {
-            let running = Running::start(service, &runtime, stop)?;
-            match running.until_end(stop, reload, &again) {
+            let Next { service, alarms } = match running.until_end(stop, reload, &again) {
                 (summary, None) => break summary,
-                (_, Some(next)) => service = *next,
-            }
+                (_, Some(next)) => next,
+            };
+            let written = Written::of(&service.config);
+            running = match Running::start(*service, &runtime, stop, alarms.clone()) {
+                Ok(running) => {
+                    last_good = written;
+                    running
+                }
+                Err(e) => {
+                    tracing::error!("the new configuration cannot start, the old one goes on: {e}");
+                    last_good.start(&runtime, stop, &alarms)?
+                }
+            };
         };
         // Tasks that do not end by themselves are no reason to wait.
         runtime.shutdown_background();
         Ok(summary)
     }
 }
+
+/// A configuration that has run, to go back to.
+struct Written {
+    text: String,
+    name: String,
+    folder: PathBuf,
+}
+
+impl Written {
+    fn of(config: &Config) -> Self {
+        Self { text: config.shown(), name: config.name.clone(), folder: config.folder.clone() }
+    }
+
+    /// Starts it again; what is in the way now may not be a moment later, and nobody watches meanwhile.
+    fn start(&self, runtime: &Runtime, stop: &Stop, alarms: &[AlarmRecord]) -> Result<Running, ServiceError> {
+        loop {
+            let built = Config::parse(&self.text, &self.name, &self.folder)
+                .map_err(|e| ServiceError::Page(e.to_string()))
+                .and_then(|config| Service::build(config, stop))
+                .and_then(|service| Running::start(service, runtime, stop, alarms.to_vec()));
+            match built {
+                Err(e) if stop.sleep(RETRY) => tracing::error!("{}: cannot be started again: {e}", self.name),
+                done => return done,
+            }
+        }
+    }
+}
+
+/// What a peer made somebody say, no longer than anybody reads.
+pub(crate) fn short(text: &str) -> String {
+    const LONGEST: usize = 500;
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{} … ({} bytes more)", &text[..end], text.len() - end),
+        None => text.to_owned(),
+    }
+}
+
+/// How often a configuration that has run is tried again.
+const RETRY: Duration = Duration::from_secs(1);
 
 /// Asks a running service to read its configuration again.
 #[derive(Clone, Debug, Default)]

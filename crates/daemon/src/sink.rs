@@ -10,7 +10,7 @@
 //! A verdict whose rank is unknown must stay recognisable as such in whatever the sink writes: never as rank 0, never as normal.
 
 use std::future::Future;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ use serde::de::DeserializeOwned;
 use crate::event::Event;
 use crate::kinds::{Kind, read_keys};
 use crate::log::Context;
-use crate::queue::Inlet;
+use crate::queue::{Inlet, QueueCounters};
 use crate::stop::Stop;
 
 mod broker;
@@ -33,7 +33,7 @@ mod standing;
 mod stdout;
 mod webhook;
 
-pub use standing::{Standing, Voice};
+pub use standing::{Missed, Remembered, Standing, Voice};
 
 /// All kinds of sinks.
 pub const KINDS: &[Kind<dyn SinkConfig>] =
@@ -61,6 +61,12 @@ pub struct SinkContext {
     pub log_context: Arc<Context>,
     /// What the sink says of itself.
     pub voice: Voice,
+    /// Tells the sink of events that its queue had no room for.
+    pub missed: Missed,
+    /// Where a sink that knows them puts the alarms of before the start.
+    pub remembered: Remembered,
+    /// What the sink was offered and what it missed; it counts there what it took and could not pass on.
+    pub counters: Arc<QueueCounters>,
 }
 
 /// A kind whose code was not compiled; the check of its values has said so before.
@@ -128,6 +134,15 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
     /// The service has not ended well before this sink has written all it had.
     fn must_finish(&self) -> bool {
         false
+    }
+
+    /// Tries what it needs to be opened, and leaves it as it is; relative paths start at `folder`. What only the other end can tell is not tried.
+    ///
+    /// # Errors
+    /// When it could not be opened.
+    fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
+        let _ = folder;
+        Ok(())
     }
 
     /// Opens it.

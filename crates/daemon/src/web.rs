@@ -7,6 +7,7 @@
 //!
 //! The page never touches the pipeline: it sees what the [`Hub`] was told. A slow page loses events, never ranks.
 
+mod gate;
 mod guard;
 mod hub;
 mod past;
@@ -19,19 +20,25 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Router;
-use axum::extract::{Path, State};
+use axum::body::Bytes;
+use axum::extract::{ConnectInfo, Path, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use axum::{Extension, Router};
 use futures_util::stream::{self, Stream, StreamExt};
+use serde::Deserialize;
 use tokio::sync::{Semaphore, broadcast};
 
+use crate::health::Acknowledgement;
+use crate::source::now_unix_ns;
+
+pub use gate::{Gate, Peer};
 pub use guard::AllowedHosts;
 pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, Status};
 #[cfg(feature = "tls")]
-pub use tls::{TlsListener, acceptor};
+pub use tls::{Secured, acceptor};
 pub use token::Token;
 
 /// Pages that may listen at once; one more is refused with 503.
@@ -62,7 +69,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// Acknowledges an alarm by its id; false where there is no such alarm.
-pub type Acknowledge = Arc<dyn Fn(&str) -> bool + Send + Sync>;
+pub type Acknowledge = Arc<dyn Fn(&str, Acknowledgement) -> bool + Send + Sync>;
 
 /// What the service says of itself at this moment.
 pub type Text = Arc<dyn Fn() -> String + Send + Sync>;
@@ -139,8 +146,39 @@ async fn status(State(shared): State<Shared>) -> Response {
     json(shared.hub.status_json())
 }
 
-async fn acknowledge_alarm(State(shared): State<Shared>, Path(id): Path<String>) -> StatusCode {
-    if (shared.acknowledge)(&id) { StatusCode::NO_CONTENT } else { StatusCode::NOT_FOUND }
+/// What somebody says who has seen an alarm.
+#[derive(Deserialize)]
+struct Seen {
+    who: String,
+    why: String,
+}
+
+/// Longest name, and longest reason (characters).
+const LONGEST: (usize, usize) = (100, 1000);
+
+async fn acknowledge_alarm(
+    State(shared): State<Shared>,
+    Path(id): Path<String>,
+    peer: Option<Extension<ConnectInfo<Peer>>>,
+    body: Bytes,
+) -> Response {
+    let seen = serde_json::from_slice(&body).ok().map(|Seen { who, why }| (plain(&who), plain(&why)));
+    let fits = |text: &str, longest: usize| !text.is_empty() && text.chars().count() <= longest;
+    let Some((who, why)) = seen.filter(|(who, why)| fits(who, LONGEST.0) && fits(why, LONGEST.1)) else {
+        let help =
+            "an acknowledgement says who and why: {\"who\": \"…\", \"why\": \"…\"}, at most 100 and 1000 characters\n";
+        return (StatusCode::BAD_REQUEST, help).into_response();
+    };
+    let from = peer.map_or_else(String::new, |Extension(ConnectInfo(Peer(address)))| address.to_string());
+    let seen = Acknowledgement { who, why, from, t_ns: now_unix_ns() };
+    // A sink may make whoever tells it wait.
+    let told = tokio::task::spawn_blocking(move || (shared.acknowledge)(&id, seen)).await;
+    if told.unwrap_or(false) { StatusCode::NO_CONTENT } else { StatusCode::NOT_FOUND }.into_response()
+}
+
+/// On one line, without characters that a terminal obeys.
+fn plain(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
 async fn events(State(shared): State<Shared>) -> Response {

@@ -75,8 +75,10 @@ impl Run for ConfigCommand {
                 let config = read(file.as_ref())?;
                 let name = config.name.clone();
                 let (benches, sinks) = (config.benches.len(), config.sinks.len());
-                // Building opens what the configuration names and starts nothing.
-                Service::build(config, &Stop::default())?;
+                // Building reads what the configuration names and starts nothing; then folders, secrets and addresses are tried.
+                let service = Service::build(config, &Stop::default())?;
+                // A service that runs with this configuration holds its address.
+                service.try_out(service.page_address())?;
                 writeln!(out, "{name}: good ({benches} bench(es), {sinks} sink(s))")?;
             }
             Action::Show { file } => out.write_all(read(file.as_ref())?.shown().as_bytes())?,

@@ -8,9 +8,10 @@ use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use gearwatch_daemon::fleet::{self, Access, Fleet as View, From, Notice, Told};
+use gearwatch_daemon::secret::{Secret, carries_secret, place};
 
 use super::Run;
 use crate::exit::Exit;
@@ -95,7 +96,14 @@ impl Run for Fleet {
     const NAME: &'static str = "fleet";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let secret = self.secret_file.as_ref().map(first_line).transpose()?;
+        if carries_secret(&self.server) {
+            bail!(
+                "{} is given with a user or password, which every process can read; use --user and --secret-file",
+                place(&self.server)
+            );
+        }
+        let read = |file: &PathBuf| Secret::read(file).with_context(|| format!("{}: cannot be read", file.display()));
+        let secret = self.secret_file.as_ref().map(read).transpose()?;
         let access = Access { user: self.user.clone(), secret, ca_file: self.ca_file.clone() };
         let from = self.since.map_or(From::Beginning, From::Ago);
         if let Some(address) = self.page {
@@ -109,12 +117,6 @@ impl Run for Fleet {
             form => live(&notices, form.unwrap_or(Form::Lines)),
         }
     }
-}
-
-fn first_line(file: impl AsRef<std::path::Path>) -> anyhow::Result<String> {
-    let text = std::fs::read_to_string(file.as_ref())
-        .with_context(|| format!("{}: cannot be read", file.as_ref().display()))?;
-    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
 }
 
 /// Follows the stream on a thread of its own. The channel is bounded: who reads slowly makes the stream wait.

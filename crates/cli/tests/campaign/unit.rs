@@ -2,6 +2,15 @@
 
 use std::process::Command;
 
+/// It is started again for ever, has descriptors for its connections and files, and cannot take all memory of the machine.
+#[test]
+fn regress_the_unit_has_its_limits() {
+    let unit = include_str!("../../../../packaging/gearwatch.service");
+    for line in ["StartLimitIntervalSec=0", "LimitNOFILE=4096", "MemoryMax=1G", "TasksMax=512", "Restart=on-failure"] {
+        assert!(unit.lines().any(|found| found == line), "{line}");
+    }
+}
+
 #[test]
 fn conform_the_unit_is_hardened() {
     let unit = concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/gearwatch.service");

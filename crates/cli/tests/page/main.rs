@@ -85,6 +85,15 @@ fn conform_the_page_shows_a_fault_and_heals() {
     let grave = "[...document.querySelectorAll('#alarms tbody tr')].filter((r) => r.innerText.includes('critical')).length === 2";
     browser.wait("two grave alarms", grave);
     browser.value("document.querySelector('#alarms button:not(:disabled)').click()");
+    // Without a name and a reason it stays unseen.
+    browser.value("document.querySelector('#acknowledge .send').click()");
+    browser
+        .wait("what is missing", "document.querySelector('#acknowledge [role=status]').innerText.includes('needed')");
+    browser.value(
+        "{ const of = (name) => document.querySelector(`#acknowledge input[name=${name}]`); \
+           of('who').value = 'A. Smith'; of('why').value = 'wheel is being changed'; \
+           document.querySelector('#acknowledge .send').click(); 0 }",
+    );
     browser.wait(
         "acknowledged",
         "[...document.querySelectorAll('#alarms button')].some((b) => b.innerText === 'Acknowledged')",

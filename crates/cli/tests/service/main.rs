@@ -6,6 +6,7 @@ mod bad_input;
 mod checks;
 mod exit_codes;
 mod fixture;
+mod hardening;
 mod help;
 mod identity;
 mod operation;

@@ -9,6 +9,7 @@ use async_nats::{Client, ConnectOptions};
 use tokio::sync::Notify;
 
 use super::PATIENCE;
+use crate::secret::Secret;
 
 /// Who we are to the server, and how we know it.
 #[derive(Clone, Default)]
@@ -16,7 +17,7 @@ pub struct Access {
     /// User name; none where the secret is a token, or there is none.
     pub user: Option<String>,
     /// Password, or token.
-    pub secret: Option<String>,
+    pub secret: Option<Secret>,
     /// Certificate of the authority that signed the server's.
     pub ca_file: Option<PathBuf>,
 }
@@ -30,8 +31,8 @@ impl std::fmt::Debug for Access {
 impl Access {
     fn apply(&self, options: ConnectOptions) -> ConnectOptions {
         let options = match (&self.user, &self.secret) {
-            (Some(user), Some(secret)) => options.user_and_password(user.clone(), secret.clone()),
-            (None, Some(token)) => options.token(token.clone()),
+            (Some(user), Some(secret)) => options.user_and_password(user.clone(), secret.expose().to_owned()),
+            (None, Some(token)) => options.token(token.expose().to_owned()),
             _ => options,
         };
         match &self.ca_file {

@@ -135,7 +135,7 @@ pub async fn page(
     tokio::select! {
         _ = follow(server, access, stream, from, |notice| lock().take(notice)) => Ok(()),
         () = told => Ok(()),
-        served = axum::serve(listener, router(receiver, bound)).into_future() => served,
+        served = axum::serve(web::Gate::new(listener), router(receiver, bound)).into_future() => served,
     }
 }
 

@@ -22,7 +22,8 @@ pub struct LogConfig {
     pub rotate_secs: u64,
     /// Oldest files are removed when all together take more than this (bytes).
     pub keep_bytes: u64,
-    /// Files that began longer ago than this are removed (s).
+    /// Files since whose beginning the log has been written for longer than this are removed (s). What counts is the time in which the service
+    /// ran, not the date: a clock that is set wrong for a moment removes nothing.
     pub keep_secs: u64,
     /// Results that may wait for the disk; beyond it they are shed and counted.
     pub queue_records: usize,

@@ -4,7 +4,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use super::storage::{Storage, StorageFile};
+use super::storage::{Marker, Storage, StorageFile};
 
 /// Name of the file whose lock says that a process owns the folder.
 const LOCK: &str = ".lock";
@@ -13,8 +13,13 @@ const LOCK: &str = ".lock";
 pub struct Disk {
     folder: PathBuf,
     /// Held as long as the value lives; the system gives it back even after `kill -9`.
-    _lock: File,
+    lock: File,
+    /// Descriptors for the moment when the process has no more: the log must be able to begin a new file then.
+    reserve: Vec<File>,
 }
+
+/// So many descriptors a rotation may need at once: the new file, the folder, a listing, an old file that is closed.
+const RESERVED: usize = 4;
 
 /// Whether a process writes to the folder.
 pub(super) fn is_locked(folder: &Path) -> bool {
@@ -30,17 +35,50 @@ impl Disk {
     pub fn open(folder: &Path) -> io::Result<Self> {
         let place =
             |error: io::Error| io::Error::new(error.kind(), format!("log folder {}: {error}", folder.display()));
+        let lock = lock(folder).map_err(place)?;
+        let mut disk = Self { folder: folder.to_owned(), lock, reserve: Vec::new() };
+        disk.refill();
+        Ok(disk)
+    }
+
+    /// Says whether a log could be written in this folder, and leaves it as it is. A folder that a process writes to counts as one that can be.
+    ///
+    /// # Errors
+    /// When it cannot be made or written.
+    pub fn try_out(folder: &Path) -> io::Result<()> {
+        let place =
+            |error: io::Error| io::Error::new(error.kind(), format!("log folder {}: {error}", folder.display()));
         fs::create_dir_all(folder).map_err(place)?;
-        let lock =
-            OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(LOCK)).map_err(place)?;
-        lock.try_lock().map_err(|error| match error {
-            fs::TryLockError::WouldBlock => io::Error::new(
-                ErrorKind::ResourceBusy,
-                format!("log folder {}: another process writes to it", folder.display()),
-            ),
-            fs::TryLockError::Error(error) => place(error),
-        })?;
-        Ok(Self { folder: folder.to_owned(), _lock: lock })
+        let trial = folder.join(format!(".trial-{}", std::process::id()));
+        OpenOptions::new().create(true).truncate(true).write(true).open(&trial).map_err(place)?;
+        fs::remove_file(&trial).map_err(place)
+    }
+
+    /// Makes the folder anew where somebody has removed it, and owns it again.
+    fn make_folder(&mut self) -> io::Result<()> {
+        if !self.folder.is_dir() {
+            self.lock = lock(&self.folder)?;
+        }
+        Ok(())
+    }
+
+    fn refill(&mut self) {
+        while self.reserve.len() < RESERVED
+            && let Ok(spare) = self.lock.try_clone()
+        {
+            self.reserve.push(spare);
+        }
+    }
+
+    /// Does what needs descriptors; where the process has no more, those that were kept back are given up for it.
+    fn with_reserve<T>(&mut self, mut act: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+        let mut result = act();
+        if result.as_ref().is_err_and(is_out_of_descriptors) {
+            self.reserve.clear();
+            result = act();
+        }
+        self.refill();
+        result
     }
 
     fn path(&self, name: &str) -> io::Result<PathBuf> {
@@ -56,21 +94,24 @@ impl Disk {
 
 impl Storage for Disk {
     fn create(&mut self, name: &str) -> io::Result<Box<dyn StorageFile>> {
-        Ok(Box::new(DiskFile(OpenOptions::new().create_new(true).write(true).open(self.path(name)?)?)))
+        let path = self.path(name)?;
+        self.make_folder()?;
+        self.with_reserve(|| DiskFile::open(OpenOptions::new().create_new(true), &path))
     }
 
     fn open(&mut self, name: &str) -> io::Result<Box<dyn StorageFile>> {
-        let mut file = OpenOptions::new().write(true).open(self.path(name)?)?;
-        file.seek(SeekFrom::End(0))?;
-        Ok(Box::new(DiskFile(file)))
+        let path = self.path(name)?;
+        self.with_reserve(|| DiskFile::open(&mut OpenOptions::new(), &path))
     }
 
     fn read(&mut self, name: &str) -> io::Result<Vec<u8>> {
-        fs::read(self.path(name)?)
+        let path = self.path(name)?;
+        self.with_reserve(|| fs::read(&path))
     }
 
     fn read_end(&mut self, name: &str, count: usize) -> io::Result<Vec<u8>> {
-        let mut file = File::open(self.path(name)?)?;
+        let path = self.path(name)?;
+        let mut file = self.with_reserve(|| File::open(&path))?;
         let length = file.seek(SeekFrom::End(0))?;
         file.seek(SeekFrom::Start(length.saturating_sub(count as u64)))?;
         let mut end = Vec::new();
@@ -87,12 +128,14 @@ impl Storage for Disk {
     }
 
     fn sync_dir(&mut self) -> io::Result<()> {
-        File::open(&self.folder)?.sync_all()
+        let folder = self.folder.clone();
+        self.with_reserve(|| File::open(&folder))?.sync_all()
     }
 
     fn list(&mut self) -> io::Result<Vec<(String, u64)>> {
         let mut files = Vec::new();
-        for entry in fs::read_dir(&self.folder)? {
+        let folder = self.folder.clone();
+        for entry in self.with_reserve(|| fs::read_dir(&folder))? {
             let entry = entry?;
             // A file that somebody removes meanwhile is not there; a name that is not text is not ours.
             let Ok(metadata) = entry.metadata() else { continue };
@@ -103,25 +146,109 @@ impl Storage for Disk {
         Ok(files)
     }
 
+    fn marker(&mut self) -> Box<dyn Marker> {
+        let file = OpenOptions::new().create(true).truncate(false).write(true).open(self.folder.join(NUMBERS));
+        Box::new(Numbers { file: file.ok(), boot: boot() })
+    }
+
+    fn marked(&mut self) -> Option<u64> {
+        let text = fs::read_to_string(self.folder.join(NUMBERS)).ok()?;
+        let (boot_then, seq) = text.trim_end().split_once(' ')?;
+        // What a machine wrote before its power was cut may be older than what it gave out.
+        if boot_then != boot()? { None } else { seq.parse().ok() }
+    }
+
     fn free_space(&mut self) -> io::Result<u64> {
         let stat = rustix::fs::statvfs(&self.folder)?;
         Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
     }
 }
 
-struct DiskFile(File);
+/// Name of the file that holds the highest number that may have been given out, and the start of the machine in which it was written.
+const NUMBERS: &str = ".numbers";
+
+/// Names the running start of the machine.
+fn boot() -> Option<String> {
+    fs::read_to_string("/proc/sys/kernel/random/boot_id").ok().map(|id| id.trim().to_owned())
+}
+
+struct Numbers {
+    file: Option<File>,
+    boot: Option<String>,
+}
+
+impl Marker for Numbers {
+    fn mark(&mut self, seq: u64) {
+        let (Some(file), Some(boot)) = (&mut self.file, &self.boot) else { return };
+        let written =
+            file.seek(SeekFrom::Start(0)).and_then(|_| file.write_all(format!("{boot} {seq:020}\n").as_bytes()));
+        if written.is_err() {
+            // Nothing is better than a number that is too low.
+            let _ = file.set_len(0);
+        }
+    }
+}
+
+/// Makes the folder if need be and locks it.
+fn lock(folder: &Path) -> io::Result<File> {
+    fs::create_dir_all(folder)?;
+    let lock = OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(LOCK))?;
+    lock.try_lock().map_err(|error| match error {
+        fs::TryLockError::WouldBlock => io::Error::new(ErrorKind::ResourceBusy, "another process writes to it"),
+        fs::TryLockError::Error(error) => error,
+    })?;
+    Ok(lock)
+}
+
+/// The process or the system has no more descriptors (EMFILE, ENFILE).
+fn is_out_of_descriptors(error: &io::Error) -> bool {
+    let code = error.raw_os_error();
+    code == Some(rustix::io::Errno::MFILE.raw_os_error()) || code == Some(rustix::io::Errno::NFILE.raw_os_error())
+}
+
+struct DiskFile {
+    file: File,
+    path: PathBuf,
+}
+
+impl DiskFile {
+    /// Always writes at the end as it is then: bytes behind a hole that somebody cut would look like a whole file.
+    fn open(options: &mut OpenOptions, path: &Path) -> io::Result<Box<dyn StorageFile>> {
+        Ok(Box::new(Self { file: options.append(true).open(path)?, path: path.to_owned() }))
+    }
+}
+
+/// Both are the same file, not only files of one name.
+#[cfg(unix)]
+fn same(a: &fs::Metadata, b: &fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (a.dev(), a.ino()) == (b.dev(), b.ino())
+}
+
+#[cfg(not(unix))]
+fn same(a: &fs::Metadata, b: &fs::Metadata) -> bool {
+    a.len() == b.len()
+}
 
 impl StorageFile for DiskFile {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.0.write_all(bytes)
+        self.file.write_all(bytes)
     }
 
     fn sync(&mut self) -> io::Result<()> {
-        self.0.sync_data()
+        self.file.sync_data()
+    }
+
+    fn length(&mut self) -> io::Result<Option<u64>> {
+        let held = self.file.metadata()?;
+        match fs::symlink_metadata(&self.path) {
+            Ok(named) => Ok(same(&held, &named).then_some(held.len())),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error),
+        }
     }
 
     fn truncate(&mut self, length: u64) -> io::Result<()> {
-        self.0.set_len(length)?;
-        self.0.seek(SeekFrom::Start(length)).map(|_| ())
+        self.file.set_len(length)
     }
 }

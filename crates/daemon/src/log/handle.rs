@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use gearwatch_core::block::UnixNanos;
 use tokio::sync::watch;
@@ -15,6 +15,7 @@ use super::recover::Recovery;
 use super::state::LogState;
 use super::stepper::{Now, Stepper};
 use super::storage::Storage;
+use super::watch::Watch;
 
 /// Why the log cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +36,7 @@ pub struct LogHandle {
     state: watch::Receiver<LogState>,
     recovery: Arc<Recovery>,
     thread: Arc<Mutex<Option<JoinHandle<bool>>>>,
+    start: Instant,
 }
 
 /// Recovers what the last end left, then starts the owner's thread.
@@ -58,7 +60,7 @@ pub fn spawn(config: LogConfig, context: Arc<Context>, storage: Box<dyn Storage>
         }
     };
     let thread = std::thread::Builder::new().name("gearwatch-log".into()).spawn(run)?;
-    Ok(LogHandle { queue, durable, state, recovery, thread: Arc::new(Mutex::new(Some(thread))) })
+    Ok(LogHandle { queue, durable, state, recovery, thread: Arc::new(Mutex::new(Some(thread))), start })
 }
 
 fn wall_ns() -> UnixNanos {
@@ -72,7 +74,23 @@ fn wall_ns() -> UnixNanos {
 impl LogHandle {
     /// Hands a record over. Never waits: what the queue has no room for is shed, and a gap record will say so.
     pub fn send(&self, record: Record) -> Sent {
-        self.queue.send(record, wall_ns())
+        self.queue.send(record, self.now())
+    }
+
+    fn now(&self) -> Now {
+        Now { wall_ns: wall_ns(), mono: self.start.elapsed() }
+    }
+
+    /// Accounts for a record that was lost on its way to the log.
+    pub fn miss(&self, record: &Record) {
+        self.queue.miss(record);
+    }
+
+    /// What the supervisor sees of the log, and the clock that it is asked with.
+    pub fn watch(&self) -> (Watch, impl Fn() -> Duration + Send + use<>) {
+        let start = self.start;
+        let watch = Watch::new(Arc::clone(&self.queue), self.durable.clone(), self.state.clone());
+        (watch, move || start.elapsed())
     }
 
     /// Of the numbers that this log gave out since its start, everything up to this one survives a power cut. Numbers of an earlier start are

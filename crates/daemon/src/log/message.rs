@@ -19,6 +19,8 @@ pub const GROUP_TOPIC: &str = "/log/group";
 pub const GAP_TOPIC: &str = "/gap";
 /// Topic of clock records.
 pub const CLOCK_TOPIC: &str = "/clock";
+/// Topic of alarms and acknowledgements.
+pub const ALARM_TOPIC: &str = "/alarm";
 /// Topic of notes.
 pub const NOTE_TOPIC: &str = "/log";
 
@@ -96,6 +98,10 @@ pub(crate) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Mes
         Record::Note(note) => (NOTE_TOPIC.into(), &*NOTE_SCHEMA, note.t_ns, json_bytes(&foxglove_log(note))),
         Record::Spectrum(frame) => {
             (format!("/spectrum/{}", frame.channel), &*SPECTRUM_SCHEMA, frame.t0_ns, json_bytes(&Spectrum::of(frame)))
+        }
+        Record::Alarm(alarm) => {
+            let when = alarm.alarm.t_ns.max(alarm.acknowledged_ns);
+            (ALARM_TOPIC.into(), &*ALARM_SCHEMA, when, json_bytes(&**alarm))
         }
         Record::Raw(packet) => return super::raw::encode(packet, now_ns),
         Record::Context(_) => return None,
@@ -178,6 +184,20 @@ static CLOCK_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let clock = super::record::Clock { wall_ns: 1, mono_ns: 1, clock_epoch: 1, step_ns: 1, boot_id };
     schema_of("gearwatch.Clock", &clock)
 });
+static ALARM_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let alarm = crate::health::Alarm {
+        id: String::new(),
+        stage: String::new(),
+        channel: String::new(),
+        severity: crate::health::Severity::Warning,
+        since_ns: 1,
+        t_ns: 1,
+        active: true,
+        acknowledged: false,
+        over: false,
+    };
+    schema_of("gearwatch.Alarm", &super::record::AlarmRecord::new("", &alarm, None))
+});
 static NOTE_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let note = Note { t_ns: 1, level: super::record::Level::Info, name: String::new(), message: String::new() };
     schema_of("foxglove.Log", &foxglove_log(&note))
@@ -190,6 +210,7 @@ pub(super) fn schema_for_topic(topic: &str) -> Option<&'static Schema> {
         GAP_TOPIC => Some(&GAP_SCHEMA),
         CLOCK_TOPIC => Some(&CLOCK_SCHEMA),
         NOTE_TOPIC => Some(&NOTE_SCHEMA),
+        ALARM_TOPIC => Some(&ALARM_SCHEMA),
         _ if topic.starts_with("/spectrum/") => Some(&SPECTRUM_SCHEMA),
         _ if topic.starts_with("/gear/") && topic.ends_with("/rank") => Some(&VERDICT_SCHEMA),
         _ => super::raw::schema_for_topic(topic),

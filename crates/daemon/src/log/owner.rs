@@ -3,7 +3,7 @@
 //! A group is acknowledged in this order: chunk appended, file synced, `durable_seq` published. After a failed append or sync the file is cut back to what was
 //! acknowledged and never written again; the group stays in memory and goes to a new file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,14 +16,21 @@ use super::keeper::Keeper;
 use super::message::{Group, Message, encode, unsigned};
 use super::names::FileName;
 use super::queue::{Fill, Item, ShedCounts};
-use super::record::{Context, Record};
+use super::record::{AlarmRecord, Cause, Context, Gap, Level, Note, Record};
 use super::recover::{Recovery, close_open_files, log_files};
+use super::standing::Standing;
 use super::state::{Condition, LogState};
 use super::stepper::Now;
 use super::storage::{Storage, StorageFile};
 
 /// How long to wait after a failure before the disk is tried again.
 const RETRY: Duration = Duration::from_millis(500);
+
+/// How often the file that is written is looked at, to see that it is still there.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// How often the end is tried: a write that fails once must not cost the footer.
+const LAST_TRIES: usize = 3;
 
 /// Free space that must be there before a full disk is tried again (bytes), beside the group that waits.
 const FREE_MARGIN: u64 = 64 << 10;
@@ -36,6 +43,24 @@ struct Open {
     durable_bytes: u64,
     groups: u64,
     opened: Duration,
+    /// Number of the first result that can be in it.
+    seq_first: u64,
+}
+
+/// At most one in so many files is removed at once, whatever makes them look old or much: a mistake must not empty a folder.
+const MOST_REMOVED_SHARE: u64 = 4;
+
+/// How long the log has been written since each of its files began (s). The order of the files is that of their numbers. A file is written for
+/// at most `rotate_secs`, so no step of the wall clock counts for more than that, and a time in which nothing ran does not count.
+fn ages(files: &[FileName], now_s: i64, rotate_secs: u64) -> Vec<u64> {
+    let ends = files.iter().skip(1).map(|file| file.start_s).chain([now_s]);
+    let written =
+        |(file, end): (&FileName, i64)| end.saturating_sub(file.start_s).max(0).unsigned_abs().min(rotate_secs);
+    let mut ages: Vec<u64> = files.iter().zip(ends).map(written).collect();
+    for older in (1..ages.len()).rev() {
+        ages[older - 1] += ages[older];
+    }
+    ages
 }
 
 /// A group that is written even if it is empty.
@@ -72,8 +97,17 @@ pub(super) struct Owner {
     retry_at: Option<Duration>,
     /// Some file has no footer because something failed.
     unclosed: bool,
+    /// The start found a file that nobody can close; that is told, and no fault of this run.
+    left_before: bool,
     keeper: Keeper,
     refused: u64,
+    write_failures: u64,
+    files_lost: u64,
+    looked: Duration,
+    /// What the log has to say of itself, on its way into the queue.
+    own_records: VecDeque<Record>,
+    /// Alarms that stand with what was taken so far.
+    alarms: Standing,
     durable: watch::Sender<u64>,
     state: watch::Sender<LogState>,
 }
@@ -93,6 +127,8 @@ impl Owner {
         (durable, state): (watch::Sender<u64>, watch::Sender<LogState>),
     ) -> Self {
         durable.send_replace(recovery.last_seq);
+        let mut alarms = Standing::default();
+        recovery.alarms.iter().cloned().for_each(|alarm| alarms.take(alarm));
         Self {
             keeper: Keeper::new(config.raw.clone()),
             config,
@@ -115,7 +151,13 @@ impl Owner {
             beginning,
             retry_at: None,
             unclosed: !recovery.left.is_empty(),
+            left_before: !recovery.left.is_empty(),
             refused: 0,
+            write_failures: 0,
+            files_lost: 0,
+            looked: Duration::ZERO,
+            own_records: VecDeque::new(),
+            alarms,
             durable,
             state,
         }
@@ -180,6 +222,9 @@ impl Owner {
     fn result(&mut self, item: &Item, now: Now) {
         self.last_seq = item.seq;
         self.results += 1;
+        if let Record::Alarm(alarm) = &item.record {
+            self.alarms.take(AlarmRecord::clone(alarm));
+        }
         if let Some(message) = encode(item.seq, &item.record, now.wall_ns) {
             self.result_bytes += message.data.len() + message.topic.len();
             self.push(message, now);
@@ -211,7 +256,26 @@ impl Owner {
         if old && self.pending.is_empty() {
             self.close(now);
         }
+        if now.mono >= self.looked + LOOK {
+            self.looked = now.mono;
+            self.look(now);
+        }
         self.publish(shed);
+    }
+
+    /// What the log has to say of itself next; to be put into the queue, which gives out the numbers.
+    pub fn take_own_record(&mut self) -> Option<Record> {
+        self.own_records.pop_front()
+    }
+
+    /// Gives the open file up where it is no longer what was written. An error tells nothing: the next write will.
+    fn look(&mut self, now: Now) {
+        let Some(open) = &mut self.open else { return };
+        if let Ok(length) = open.file.length()
+            && length != Some(open.durable_bytes)
+        {
+            self.abandon(now);
+        }
     }
 
     /// When [`Owner::step`] has something to do again, measured from now.
@@ -241,11 +305,22 @@ impl Owner {
 
     /// Writes what waits, closes the file in good order, and says whether everything is durable.
     pub fn finish(&mut self, now: Now, shed: ShedCounts) -> bool {
-        if self.started {
-            self.commit(now, Mark::End);
+        for _ in 0..LAST_TRIES {
+            if self.started {
+                self.commit(now, Mark::End);
+            }
+            if self.retry_at.is_none() {
+                break;
+            }
         }
-        let good = self.started && self.pending.is_empty() && self.retry_at.is_none();
-        self.close(now);
+        let durable = self.started && self.pending.is_empty() && self.retry_at.is_none();
+        for _ in 0..LAST_TRIES {
+            self.close(now);
+            if !self.unclosed {
+                break;
+            }
+        }
+        let good = durable && (!self.unclosed || self.left_before);
         self.state.send_modify(|state| state.condition = Condition::Stopped);
         self.publish(shed);
         good
@@ -255,7 +330,8 @@ impl Owner {
         // A failure of the file at hand says nothing of a new one, so that is tried at once; after that the disk gets time.
         let mut result = self.try_commit(now, mark);
         if result.is_err() && self.open.is_some() {
-            self.abandon();
+            self.write_failures += 1;
+            self.abandon(now);
             result = self.try_commit(now, mark);
         }
         match result {
@@ -264,7 +340,8 @@ impl Owner {
                 self.set_condition(Condition::Ok);
             }
             Err(error) => {
-                self.abandon();
+                self.write_failures += 1;
+                self.abandon(now);
                 self.retry_at = Some(now.mono + RETRY);
                 self.set_condition(Condition::of(&error));
             }
@@ -277,6 +354,7 @@ impl Owner {
             return Ok(());
         }
         self.wait_for_space()?;
+        self.look(now);
         let mut open = match self.open.take() {
             Some(open) => open,
             None => self.create(now)?,
@@ -306,12 +384,13 @@ impl Owner {
         let name = FileName::new(self.next_number, self.next_group, now.wall_ns);
         self.next_number += 1;
         let mut layout = Layout::default();
-        let facts: BTreeMap<String, String> = [
+        let mut facts: BTreeMap<String, String> = [
             ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
             ("file".to_owned(), name.number.to_string()),
             ("first_group".to_owned(), name.first_group.to_string()),
         ]
         .into();
+        facts.extend(self.alarms.fact());
         let opening = layout.opening(&self.context, &facts, unsigned(now.wall_ns));
         let mut made = || {
             let mut file = self.storage.create(&name.name)?;
@@ -323,7 +402,8 @@ impl Owner {
         match made() {
             Ok(file) => {
                 let durable_bytes = layout.position;
-                Ok(Open { name, file, layout, durable_bytes, groups: 0, opened: now.mono })
+                let seq_first = self.last_seq + 1 - self.results as u64;
+                Ok(Open { name, file, layout, durable_bytes, groups: 0, opened: now.mono, seq_first })
             }
             Err(error) => {
                 // Nothing is in it; if it cannot be removed, the next start does it.
@@ -349,6 +429,9 @@ impl Owner {
         self.pending.remove(0);
         open.file.append(&bytes?)?;
         open.file.sync()?;
+        if open.file.length()? != Some(open.layout.position) {
+            return Err(io::Error::other("the file was removed, replaced or cut while it was written"));
+        }
         open.durable_bytes = open.layout.position;
         open.groups += 1;
         Ok(())
@@ -368,9 +451,12 @@ impl Owner {
     }
 
     /// Gives a file up after a failure: cut back to what was acknowledged, or removed if that is nothing.
-    fn abandon(&mut self) {
+    fn abandon(&mut self, now: Now) {
         let Some(mut open) = self.open.take() else { return };
-        if open.groups == 0 {
+        let gone = open.file.length().is_ok_and(|length| length.is_none_or(|length| length < open.durable_bytes));
+        if gone && open.groups > 0 {
+            self.miss(&open, now);
+        } else if open.groups == 0 {
             drop(open.file);
             // What cannot be removed now is removed at the next start.
             let _ = self.storage.remove(&open.name.name);
@@ -378,6 +464,35 @@ impl Owner {
             // If it cannot be cut either: what is too much in it stands in the next file too, and is cut off when this one is closed.
             let _ = open.file.truncate(open.durable_bytes);
             self.unclosed = true;
+        }
+    }
+
+    /// Somebody took away what was acknowledged. What is left of it is kept as it is, and closed as after a crash.
+    fn miss(&mut self, open: &Open, now: Now) {
+        self.files_lost += 1;
+        self.unclosed = true;
+        let (first, last) = (open.seq_first, *self.durable.borrow());
+        let message = format!(
+            "{} was removed, replaced or cut while it was written: up to {} acknowledged results from number {first} on are lost",
+            open.name.name,
+            (last + 1).saturating_sub(first),
+        );
+        self.own_records.push_back(Record::Note(Note {
+            t_ns: now.wall_ns,
+            level: Level::Error,
+            name: "log".into(),
+            message,
+        }));
+        if last >= first {
+            let (channel, count) = (Gap::LOG.to_owned(), last + 1 - first);
+            self.own_records.push_back(Record::Gap(Gap {
+                channel,
+                first,
+                last,
+                count,
+                cause: Cause::Damage,
+                t_ns: now.wall_ns,
+            }));
         }
     }
 
@@ -400,13 +515,15 @@ impl Owner {
     fn prune(&mut self, now: Now) -> io::Result<()> {
         let lengths: BTreeMap<String, u64> = self.storage.list()?.into_iter().collect();
         let mut files = log_files(&mut *self.storage)?;
+        let now_s = now.wall_ns.div_euclid(1_000_000_000);
+        let ages = ages(&files, now_s, self.config.rotate_secs);
         // The newest stays: it says where the numbers go on.
         files.pop();
         let mut total: u64 = lengths.values().sum();
-        let oldest = now.wall_ns.div_euclid(1_000_000_000).saturating_sub_unsigned(self.config.keep_secs);
         let mut removed = 0;
-        for file in files {
-            if total <= self.config.keep_bytes && file.start_s >= oldest {
+        let most = (files.len() as u64).div_ceil(MOST_REMOVED_SHARE);
+        for (file, age_s) in files.into_iter().zip(ages) {
+            if removed >= most || (total <= self.config.keep_bytes && age_s <= self.config.keep_secs) {
                 break;
             }
             self.storage.remove(&file.name)?;
@@ -437,6 +554,8 @@ impl Owner {
             file: self.open.as_ref().map_or_else(String::new, |open| open.name.name.clone()),
             file_bytes: self.open.as_ref().map_or(0, |open| open.durable_bytes),
             files_removed: state.files_removed,
+            write_failures: self.write_failures,
+            files_lost: self.files_lost,
         };
         self.state.send_if_modified(|state| {
             let next = new(state);

@@ -5,9 +5,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use gearwatch_core::block::{Packet, Samples, UnixNanos};
+use gearwatch_core::block::{Packet, Samples};
 
 use super::record::{Cause, Gap, Record};
+use super::stepper::Now;
+use super::storage::Marker;
 
 /// What became of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +30,12 @@ pub enum Sent {
     /// The log has been stopped.
     Stopped,
 }
+
+/// Numbers that are marked ahead: each mark costs a call to the system.
+const MARKED_AHEAD: u64 = 63;
+
+/// The times at which numbers were given out are noted so often.
+const MARK_EVERY: Duration = Duration::from_millis(50);
 
 /// A record with its number; 0 for raw data.
 pub(super) struct Item {
@@ -54,6 +62,11 @@ struct Inner {
     results: usize,
     raw_bytes: usize,
     next_seq: u64,
+    /// Numbers with the time at which they were given out, oldest first, one for each [`MARK_EVERY`]; those that are durable go.
+    marks: VecDeque<(u64, Duration)>,
+    /// Keeps the highest number that may be given out, so that a start after a kill knows how much was lost at most.
+    marker: Box<dyn Marker>,
+    marked: u64,
     runs: BTreeMap<String, Run>,
     shed: ShedCounts,
     /// Numbers may be given out: the log has written that it began.
@@ -70,17 +83,22 @@ pub(super) struct Queue {
 }
 
 impl Queue {
-    pub fn new(max_results: usize, max_raw_bytes: usize, first_seq: u64) -> Self {
-        let inner = Inner {
+    pub fn new(max_results: usize, max_raw_bytes: usize, first_seq: u64, marker: Box<dyn Marker>) -> Self {
+        let mut inner = Inner {
             items: VecDeque::new(),
             results: 0,
             raw_bytes: 0,
             next_seq: first_seq,
+            marks: VecDeque::new(),
+            marker,
+            marked: 0,
             runs: BTreeMap::new(),
             shed: ShedCounts::default(),
             open: false,
             stopping: false,
         };
+        // The owner's own first records have the numbers before.
+        inner.allow(first_seq);
         Self { inner: Mutex::new(inner), filled: Condvar::new(), max_results, max_raw_bytes }
     }
 
@@ -90,7 +108,7 @@ impl Queue {
     }
 
     /// Never waits for more than another sender's push.
-    pub fn send(&self, record: Record, now_ns: UnixNanos) -> Sent {
+    pub fn send(&self, record: Record, now: Now) -> Sent {
         let mut inner = self.lock();
         if inner.stopping {
             return Sent::Stopped;
@@ -103,7 +121,7 @@ impl Queue {
             if inner.raw_bytes.saturating_add(size) > self.max_raw_bytes {
                 return inner.shed(&record);
             }
-            inner.flush_runs(now_ns, self.max_results);
+            inner.flush_runs(now, self.max_results);
             inner.raw_bytes += size;
             inner.items.push_back(Item { seq: 0, record });
             self.filled.notify_one();
@@ -114,15 +132,38 @@ impl Queue {
         if inner.results >= self.max_results && !urgent {
             return inner.shed(&record);
         }
-        inner.flush_runs(now_ns, self.max_results);
+        inner.flush_runs(now, self.max_results);
         if urgent {
             inner.items.push_back(Item { seq: 0, record });
             self.filled.notify_one();
             return Sent::Buffered;
         }
-        let seq = inner.push(record);
+        let seq = inner.push(record, now);
         self.filled.notify_one();
         Sent::Queued { seq }
+    }
+
+    /// A result would not be shed.
+    pub fn has_room(&self) -> bool {
+        let inner = self.lock();
+        inner.open && inner.results < self.max_results
+    }
+
+    /// A record was lost before it came here; it is accounted for as one that found no room.
+    pub fn miss(&self, record: &Record) {
+        self.lock().shed(record);
+    }
+
+    /// How long the oldest result waits that is not durable, to within [`MARK_EVERY`]; zero where none waits.
+    pub fn oldest_wait(&self, durable: u64, mono: Duration) -> Duration {
+        let mut inner = self.lock();
+        if inner.next_seq <= durable + 1 {
+            inner.marks.clear();
+        }
+        while inner.marks.get(1).is_some_and(|(seq, _)| *seq <= durable + 1) {
+            inner.marks.pop_front();
+        }
+        inner.marks.front().map_or(Duration::ZERO, |(_, at)| mono.saturating_sub(*at))
     }
 
     /// Results that can be on their way at once, in the queue and in the owner's hands, which hold at most as many each; one more
@@ -155,13 +196,13 @@ impl Queue {
 
     /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says that it is enough.
     /// Says whether the end was asked for and nothing is left.
-    pub fn take(&self, timeout: Duration, now_ns: impl Fn() -> UnixNanos, mut out: impl FnMut(Item) -> Fill) -> bool {
+    pub fn take(&self, timeout: Duration, now: impl Fn() -> Now, mut out: impl FnMut(Item) -> Fill) -> bool {
         let mut inner = self.lock();
         if inner.items.is_empty() && inner.runs.is_empty() && !inner.stopping {
             inner = self.filled.wait_timeout(inner, timeout).unwrap_or_else(PoisonError::into_inner).0;
         }
         if inner.items.is_empty() {
-            inner.flush_runs(now_ns(), self.max_results);
+            inner.flush_runs(now(), self.max_results);
         }
         while let Some(item) = inner.items.pop_front() {
             match &item.record {
@@ -194,12 +235,24 @@ pub(super) enum Fill {
 }
 
 impl Inner {
-    fn push(&mut self, record: Record) -> u64 {
+    fn push(&mut self, record: Record, now: Now) -> u64 {
         let seq = self.next_seq;
+        if seq > self.marked {
+            self.allow(seq);
+        }
+        if self.marks.back().is_none_or(|(_, at)| now.mono >= *at + MARK_EVERY) {
+            self.marks.push_back((seq, now.mono));
+        }
         self.next_seq += 1;
         self.results += 1;
         self.items.push_back(Item { seq, record });
         seq
+    }
+
+    /// Notes that numbers from this one on are given out.
+    fn allow(&mut self, seq: u64) {
+        self.marked = seq + MARKED_AHEAD;
+        self.marker.mark(self.marked);
     }
 
     fn shed(&mut self, record: &Record) -> Sent {
@@ -223,7 +276,7 @@ impl Inner {
     }
 
     /// Gap records go before the record that ends the run, where there is room for records.
-    fn flush_runs(&mut self, now_ns: UnixNanos, max_results: usize) {
+    fn flush_runs(&mut self, now: Now, max_results: usize) {
         while self.results < max_results
             && let Some((channel, run)) = self.runs.pop_first()
         {
@@ -233,9 +286,9 @@ impl Inner {
                 last: run.last,
                 count: run.count,
                 cause: Cause::LogQueueFull,
-                t_ns: now_ns,
+                t_ns: now.wall_ns,
             };
-            self.push(Record::Gap(gap));
+            self.push(Record::Gap(gap), now);
         }
     }
 }
@@ -257,6 +310,7 @@ fn extent(record: &Record, shed: u64) -> (String, u64, u64, u64) {
         Record::Clock(_) => ("clock".into(), shed, shed, 1),
         Record::Spectrum(_) => ("spectrum".into(), shed, shed, 1),
         Record::Note(_) => ("log_note".into(), shed, shed, 1),
+        Record::Alarm(_) => ("alarm".into(), shed, shed, 1),
         Record::Context(_) => ("context".into(), shed, shed, 1),
     }
 }

@@ -8,6 +8,7 @@ use gearwatch_core::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 use crate::event::SpectrumFrame;
+use crate::health::{Acknowledgement, Alarm};
 
 /// One thing to be logged.
 #[derive(Clone, Debug)]
@@ -29,6 +30,8 @@ pub enum Record {
     Clock(Clock),
     /// A sentence for people, on `/log`.
     Note(Note),
+    /// An alarm came, went, grew worse or was acknowledged, on `/alarm`.
+    Alarm(Arc<AlarmRecord>),
     /// Configuration, baseline and calibration from now on. A new file begins with them.
     Context(Arc<Context>),
 }
@@ -54,6 +57,45 @@ pub struct Gap {
 impl Gap {
     /// Channel name of gaps in the log's own sequence numbers.
     pub const LOG: &str = "log";
+}
+
+/// An alarm, as it is after what happened at `t_ns`. A file begins with those that stand, so that a start knows them from the newest file alone.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AlarmRecord {
+    /// Name of the bench.
+    pub bench: String,
+    /// How it is now.
+    #[serde(flatten)]
+    pub alarm: Alarm,
+    /// What happened: `raised`, `ended` or `acknowledged`.
+    pub event: String,
+    /// Who acknowledged it; empty otherwise.
+    pub who: String,
+    /// Why; empty otherwise.
+    pub why: String,
+    /// Where the request came from; empty otherwise.
+    pub from: String,
+    /// When somebody acknowledged it (ns since the epoch); 0 otherwise.
+    pub acknowledged_ns: UnixNanos,
+}
+
+impl AlarmRecord {
+    /// Of what happened to an alarm.
+    pub fn new(bench: &str, alarm: &Alarm, seen: Option<&Acknowledgement>) -> Self {
+        let event = match seen {
+            Some(_) => "acknowledged",
+            None if alarm.active => "raised",
+            None => "ended",
+        };
+        let Acknowledgement { who, why, from, t_ns } = seen.cloned().unwrap_or_default();
+        let (bench, event) = (bench.to_owned(), event.to_owned());
+        Self { bench, alarm: alarm.clone(), event, who, why, from, acknowledged_ns: t_ns }
+    }
+
+    /// Names the alarm within the log.
+    pub(super) fn key(&self) -> (String, String) {
+        (self.bench.clone(), self.alarm.id.clone())
+    }
 }
 
 /// Why something is missing.

@@ -6,6 +6,7 @@ use super::codec::{MAGIC, RECORD_HEAD, Take, op};
 use super::examine::{Ending, Examined, GoodChunk, Rules, examine};
 use super::message::Group;
 use super::names::{FileName, TEMPORARY};
+use super::record::AlarmRecord;
 use super::salvage::salvage_as;
 use super::storage::Storage;
 
@@ -33,6 +34,8 @@ pub struct Recovery {
     pub last_group: u64,
     /// At most so many results were lost with the last end.
     pub lost_max: u64,
+    /// Alarms that stood when the log ended.
+    pub alarms: Vec<AlarmRecord>,
     /// Number of the newest file.
     pub(super) last_number: u64,
 }
@@ -83,6 +86,12 @@ pub(super) fn recover(storage: &mut dyn Storage) -> io::Result<Recovery> {
         // A start so short that no group of it became durable: its numbers may have been given out all the same.
         report.unclean = true;
         report.lost_max = report.lost_max.max(MOST_UNWRITTEN);
+    }
+    // What was marked in this start of the machine is nearer to what was lost than what could be lost at most.
+    if report.unclean
+        && let Some(lost) = storage.marked().and_then(|marked| marked.checked_sub(report.last_seq))
+    {
+        report.lost_max = report.lost_max.min(lost);
     }
     if unreadable {
         // How far the newest file went nobody knows: farther than this it cannot have been.

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::storage::{Storage, StorageFile};
+use super::storage::{Marker, Storage, StorageFile};
 
 /// Bytes that a disk writes whole or not at all.
 const SECTOR: usize = 512;
@@ -85,6 +85,26 @@ struct Inner {
     crashed: bool,
     capacity: Option<u64>,
     random: u64,
+    meanwhile: Option<Meanwhile>,
+    /// In the memory of the machine.
+    marked: Option<u64>,
+    witness: Witness,
+}
+
+/// What happens elsewhere while the disk is at work.
+type Meanwhile = Arc<dyn Fn() + Send + Sync>;
+
+/// What the disk itself saw of faults, whoever asked for them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Witness {
+    /// Calls that ended with an I/O error.
+    pub io_errors: u64,
+    /// Calls that found the disk full.
+    pub found_full: u64,
+    /// Bytes that were in a file before a power cut and not after it, or other ones.
+    pub torn_bytes: u64,
+    /// Files that somebody removed or cut behind the service's back.
+    pub taken: u64,
 }
 
 /// The disk. Clones are the same disk; it outlives the service that crashed.
@@ -108,6 +128,16 @@ impl Simulated {
         let mut inner = self.lock();
         inner.plan = plan;
         inner.calls = 0;
+    }
+
+    /// While the disk makes something durable, `meanwhile` happens: time passes, others go on.
+    pub fn set_meanwhile(&self, meanwhile: impl Fn() + Send + Sync + 'static) {
+        self.lock().meanwhile = Some(Arc::new(meanwhile));
+    }
+
+    /// What the disk itself saw of faults.
+    pub fn witness(&self) -> Witness {
+        self.lock().witness
     }
 
     /// Calls since the last [`Simulated::plan`].
@@ -137,6 +167,7 @@ impl Simulated {
         let mut inner = self.lock();
         inner.crashed = false;
         inner.plan = None;
+        inner.marked = None;
         let changes = std::mem::take(&mut inner.name_changes);
         let kept = inner.below(changes.len() + 1);
         let mut names = inner.durable_names.clone();
@@ -147,6 +178,8 @@ impl Simulated {
         for id in ids {
             let Some(file) = inner.files.get(&id).cloned() else { continue };
             let torn = inner.tear(&file);
+            let kept = torn.iter().zip(&file.current).filter(|(after, before)| after == before).count();
+            inner.witness.torn_bytes += file.current.len().saturating_sub(kept) as u64;
             inner.files.insert(id, File::of(torn));
         }
     }
@@ -156,6 +189,27 @@ impl Simulated {
         let inner = self.lock();
         let content = |id: &u64| inner.files.get(id).map_or_else(Vec::new, |file| file.current.clone());
         inner.names.iter().map(|(name, id)| (name.clone(), content(id))).collect()
+    }
+
+    /// Somebody removes a file while the service runs, and syncs the folder.
+    pub fn take_away(&self, name: &str) {
+        let mut inner = self.lock();
+        inner.witness.taken += u64::from(inner.names.remove(name).is_some());
+        inner.durable_names = inner.names.clone();
+        inner.name_changes.clear();
+    }
+
+    /// Somebody cuts a file while the service runs; what is appended later follows there.
+    pub fn cut(&self, name: &str, length: usize) {
+        let mut inner = self.lock();
+        if let Some(id) = inner.names.get(name).copied()
+            && let Some(file) = inner.files.get_mut(&id)
+        {
+            let shorter = file.current.len() > length;
+            file.current.truncate(length);
+            *file = File::of(std::mem::take(&mut file.current));
+            inner.witness.taken += u64::from(shorter);
+        }
     }
 
     /// Changes a file behind everybody's back.
@@ -203,6 +257,11 @@ impl Inner {
         }
         self.calls += 1;
         let hit = self.plan.filter(|plan| plan.call == self.calls || (plan.for_good && self.calls > plan.call));
+        match hit.map(|plan| plan.fault) {
+            Some(Fault::Io) => self.witness.io_errors += 1,
+            Some(Fault::Full) => self.witness.found_full += 1,
+            _ => {}
+        }
         match hit.map(|plan| plan.fault) {
             Some(Fault::CrashBefore) => {
                 self.crashed = true;
@@ -276,6 +335,7 @@ impl Inner {
         }
         Self::refuse(fault)?;
         self.after(fault)?;
+        self.witness.found_full += u64::from(full);
         if full { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
     }
 
@@ -298,6 +358,14 @@ impl Inner {
         }
         Self::refuse(fault)?;
         self.after(fault)
+    }
+
+    fn length(&mut self, id: u64) -> io::Result<Option<u64>> {
+        let fault = self.call()?;
+        Self::refuse(fault.filter(|fault| *fault == Fault::Io))?;
+        self.after(fault)?;
+        let named = self.names.values().any(|named| *named == id);
+        Ok(self.files.get(&id).filter(|_| named).map(|file| file.current.len() as u64))
     }
 
     fn truncate(&mut self, id: u64, length: u64) -> io::Result<()> {
@@ -397,6 +465,14 @@ impl Storage for Simulated {
         Ok(inner.names.iter().map(|(name, id)| (name.clone(), length(id))).collect())
     }
 
+    fn marker(&mut self) -> Box<dyn Marker> {
+        Box::new(self.clone())
+    }
+
+    fn marked(&mut self) -> Option<u64> {
+        self.lock().marked
+    }
+
     fn free_space(&mut self) -> io::Result<u64> {
         let mut inner = self.lock();
         let fault = inner.call()?;
@@ -404,6 +480,15 @@ impl Storage for Simulated {
         inner.after(fault)?;
         let used = inner.used();
         Ok(inner.capacity.map_or(u64::MAX, |capacity| capacity.saturating_sub(used)))
+    }
+}
+
+impl Marker for Simulated {
+    fn mark(&mut self, seq: u64) {
+        let mut inner = self.lock();
+        if !inner.crashed {
+            inner.marked = Some(seq);
+        }
     }
 }
 
@@ -418,7 +503,15 @@ impl StorageFile for SimulatedFile {
     }
 
     fn sync(&mut self) -> io::Result<()> {
+        let meanwhile = self.disk.lock().meanwhile.clone();
+        if let Some(meanwhile) = meanwhile {
+            meanwhile();
+        }
         self.disk.lock().sync(self.id)
+    }
+
+    fn length(&mut self) -> io::Result<Option<u64>> {
+        self.disk.lock().length(self.id)
     }
 
     fn truncate(&mut self, length: u64) -> io::Result<()> {

@@ -48,4 +48,8 @@ pub struct LogState {
     pub file_bytes: u64,
     /// Files removed since the start because they were too old or too much.
     pub files_removed: u64,
+    /// Writes that failed since the start: groups that could not be made durable at the first try.
+    pub write_failures: u64,
+    /// Files that somebody removed, replaced or cut while they were written; what was acknowledged in them is a gap.
+    pub files_lost: u64,
 }

@@ -12,8 +12,10 @@ use super::owner::{Owner, first_seq};
 use super::queue::{Queue, Sent};
 use super::record::{Cause, Context, Gap, Level, Note, Record};
 use super::recover::{Recovery, recover};
+use super::standing::Standing;
 use super::state::LogState;
 use super::storage::Storage;
+use super::watch::Watch;
 
 /// Both clocks, read together.
 #[derive(Clone, Copy, Debug)]
@@ -46,10 +48,11 @@ impl Stepper {
         now: Now,
     ) -> Result<Self, LogError> {
         config.check()?;
-        let recovery = recover(&mut *storage)?;
+        let mut recovery = recover(&mut *storage)?;
+        recovery.alarms = Standing::read(&mut *storage).alarms();
         let beginning = start_records(&recovery, now.wall_ns);
         let first_seq = first_seq(&recovery) + beginning.len() as u64;
-        let queue = Arc::new(Queue::new(config.queue_records, config.raw_queue_bytes, first_seq));
+        let queue = Arc::new(Queue::new(config.queue_records, config.raw_queue_bytes, first_seq, storage.marker()));
         let (durable_sender, durable) = watch::channel(0);
         let (state_sender, state) = watch::channel(LogState::default());
         let unwritten_max = queue.unwritten_max();
@@ -70,7 +73,12 @@ impl Stepper {
 
     /// As [`super::LogHandle::send`].
     pub fn send(&self, record: Record, now: Now) -> Sent {
-        self.queue.send(record, now.wall_ns)
+        self.queue.send(record, now)
+    }
+
+    /// A way in for others, while the log itself is at work.
+    pub fn sender(&self) -> Sender {
+        Sender(Arc::clone(&self.queue))
     }
 
     /// Everything up to this sequence number survives a power cut.
@@ -81,6 +89,11 @@ impl Stepper {
     /// How the log stands.
     pub fn state(&self) -> LogState {
         self.state.borrow().clone()
+    }
+
+    /// What the supervisor sees of it.
+    pub fn watch(&self) -> Watch {
+        Watch::new(Arc::clone(&self.queue), self.durable.clone(), self.state.clone())
     }
 
     /// What was found at the start.
@@ -121,7 +134,7 @@ impl Stepper {
         }
         let ended = if self.owner.has_room() {
             let owner = &mut self.owner;
-            self.queue.take(idle, || now().wall_ns, |item| owner.accept(item, now()))
+            self.queue.take(idle, &now, |item| owner.accept(item, now()))
         } else {
             // A full group cannot be written at the moment: what comes now waits in the queue or is shed there. At the end there
             // is one last try.
@@ -132,7 +145,24 @@ impl Stepper {
             return Some(durable && self.queue.is_empty());
         }
         self.owner.step(now(), self.queue.shed());
+        // What the log says of itself waits until there is room: nobody else would say it.
+        while self.queue.has_room()
+            && let Some(record) = self.owner.take_own_record()
+        {
+            self.queue.send(record, now());
+        }
         None
+    }
+}
+
+/// Hands records to a log.
+#[derive(Clone)]
+pub struct Sender(Arc<Queue>);
+
+impl Sender {
+    /// As [`super::LogHandle::send`].
+    pub fn send(&self, record: Record, now: Now) -> Sent {
+        self.0.send(record, now)
     }
 }
 

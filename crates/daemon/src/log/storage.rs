@@ -30,6 +30,18 @@ pub trait Storage: Send {
 
     /// Bytes that can still be written.
     fn free_space(&mut self) -> io::Result<u64>;
+
+    /// Keeps the highest number that may have been given out, where it survives a kill.
+    fn marker(&mut self) -> Box<dyn Marker>;
+
+    /// What the last [`Marker`] kept; `None` where nobody can tell, as after a power cut.
+    fn marked(&mut self) -> Option<u64>;
+}
+
+/// A note of the highest number that may have been given out. It need not survive a power cut, but must not be believed after one.
+pub trait Marker: Send {
+    /// Numbers up to this one may be given out from now on.
+    fn mark(&mut self, seq: u64);
 }
 
 /// A file that only grows, or is cut back to what is known to be good.
@@ -40,6 +52,9 @@ pub trait StorageFile: Send {
     /// Makes the content durable. After an error nobody knows what of the bytes since the last success reached the disk, and asking again
     /// does not tell (on Linux a second `fsync` reports success for pages that were dropped): the file must not be trusted with more.
     fn sync(&mut self) -> io::Result<()>;
+
+    /// Length of what the file's name stands for (bytes); `None` where the name stands for another file, or for none. An error where nobody can tell.
+    fn length(&mut self) -> io::Result<Option<u64>>;
 
     /// Cuts the file to `length` bytes; later appends follow there.
     fn truncate(&mut self, length: u64) -> io::Result<()>;

@@ -1,6 +1,7 @@
 //! Runs one sink: hands it its queue, opens it again after an error, disables it when its reader has gone.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -38,11 +39,19 @@ pub struct SinkMonitor {
     pub counters: Arc<QueueCounters>,
     state: Mutex<SinkState>,
     voice: Voice,
+    /// It failed when nothing more came in: what it had to finish is not finished as it should be.
+    end_failed: AtomicBool,
 }
 
 impl SinkMonitor {
     pub(super) fn new(name: &str, counters: Arc<QueueCounters>, voice: Voice) -> Self {
-        Self { name: name.to_owned(), counters, state: Mutex::new(SinkState::Running), voice }
+        Self {
+            name: name.to_owned(),
+            counters,
+            state: Mutex::new(SinkState::Running),
+            voice,
+            end_failed: AtomicBool::new(false),
+        }
     }
 
     /// How it is.
@@ -51,7 +60,7 @@ impl SinkMonitor {
     }
 
     pub(super) fn snapshot(&self) -> SinkSnapshot {
-        let none = |ok, detail| Standing { ok, detail, figures: Vec::new() };
+        let none = |ok, detail| Standing { ok, detail, ..Standing::default() };
         let (state, standing) = match self.state() {
             SinkState::Running => ("running", self.voice.ask()),
             SinkState::Waiting { error } => ("waiting", none(false, error)),
@@ -67,6 +76,16 @@ impl SinkMonitor {
             detail: standing.detail,
             figures: standing.figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect(),
         }
+    }
+
+    /// Its end failed.
+    pub(super) fn has_end_failed(&self) -> bool {
+        self.end_failed.load(Ordering::Relaxed)
+    }
+
+    /// It does not go on, and does not say why.
+    pub(super) fn is_stalled(&self) -> bool {
+        self.state() == SinkState::Running && self.voice.ask().stalled
     }
 
     fn set(&self, state: SinkState) {
@@ -103,9 +122,11 @@ pub(super) fn drain(
                 forget(events, monitor);
                 return monitor.set(SinkState::Disabled);
             }
-            Ok(Err(e)) => e.to_string(),
+            Ok(Err(e)) => super::short(&e.to_string()),
             Err(_) => "its code panicked".to_owned(),
         };
+        // What failed while no more came in was the end of it; a later try may tidy up, but makes nothing good.
+        monitor.end_failed.fetch_or(events.is_closed(), Ordering::Relaxed);
         let wait = backoff.next_wait(began);
         tracing::error!(sink = entry.name, "{error}; next try in {wait:.1?}");
         monitor.set(SinkState::Waiting { error });

@@ -135,6 +135,7 @@ pub(super) fn feed(
         monitor.opened.fetch_add(1, Ordering::Relaxed);
         let end = catch_unwind(AssertUnwindSafe(|| feed_once(entry, context, outlet, monitor, (raw, runtime))))
             .unwrap_or_else(|_| End::Failed("its code panicked".to_owned()));
+        let end = if let End::Failed(error) = end { End::Failed(super::short(&error)) } else { end };
         match end {
             End::Ended | End::Stopped => return monitor.set(SourceState::Ended),
             // What a stop interrupts is no failure.

@@ -52,8 +52,15 @@ impl Notifier {
         say(&[NotifyState::Stopping]);
     }
 
-    /// Feeds the watchdog when it is time, if all lanes went on since the last time and the self test has not failed.
-    pub(super) fn tick(&mut self, now: Instant, progress: impl FnOnce() -> Vec<LaneProgress>, self_test: &str) {
+    /// Feeds the watchdog when it is time, if all lanes went on since the last time, the self test has not failed, and no sink stands still without
+    /// saying why. A disk that is full or fails, and says so, is no reason to be started anew.
+    pub(super) fn tick(
+        &mut self,
+        now: Instant,
+        progress: impl FnOnce() -> Vec<LaneProgress>,
+        self_test: &str,
+        stalled: impl FnOnce() -> bool,
+    ) {
         let Some(period) = self.period else { return };
         if now.saturating_duration_since(self.last) < period / 2 {
             return;
@@ -61,11 +68,12 @@ impl Notifier {
         self.last = now;
         let current = progress();
         let went_on = self.before.is_empty() || all_went_on(&self.before, &current);
-        if went_on && matches!(self_test, "right" | "not_yet") {
+        let stalled = stalled();
+        if went_on && !stalled && matches!(self_test, "right" | "not_yet") {
             say(&[NotifyState::Watchdog]);
             self.before = current;
         } else {
-            tracing::error!(self_test, went_on, "no progress: the watchdog is not fed");
+            tracing::error!(self_test, went_on, stalled, "no progress: the watchdog is not fed");
         }
     }
 }

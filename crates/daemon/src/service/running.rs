@@ -1,5 +1,6 @@
 //! All that runs: built in order, looked after, ended in order.
 
+use std::net::SocketAddr;
 use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -17,10 +18,11 @@ use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
 use crate::config::SinkEntry;
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
+use crate::log::AlarmRecord;
 use crate::queue::{self, WhenFull};
 use crate::selftest::SelfTest;
-use crate::sink::SinkContext;
-use crate::snapshot::Snapshot;
+use crate::sink::{Remembered, SinkContext};
+use crate::snapshot::{SinkSnapshot, Snapshot};
 use crate::source::{SourceContext, now_unix_ns};
 use crate::stop::Stop;
 use crate::web::{self, Hub};
@@ -37,6 +39,14 @@ struct RunningSink {
     monitor: Arc<SinkMonitor>,
     must_finish: bool,
     thread: JoinHandle<()>,
+    /// As it was told last.
+    was_ok: bool,
+}
+
+/// What takes over.
+pub(super) struct Next {
+    pub(super) service: Box<Service>,
+    pub(super) alarms: Vec<AlarmRecord>,
 }
 
 /// All that runs.
@@ -56,6 +66,8 @@ pub(super) struct Running {
     benches: Vec<RunningBench>,
     sinks: Vec<RunningSink>,
     drain_secs: f64,
+    /// Address of the page.
+    page: Option<SocketAddr>,
     ends_with_sinks: bool,
     /// Ends the sources; a child of the signal that the service was given.
     sources_stop: Stop,
@@ -64,7 +76,13 @@ pub(super) struct Running {
 }
 
 impl Running {
-    pub(super) fn start(service: Service, runtime: &Runtime, stop: &Stop) -> Result<Self, ServiceError> {
+    /// `carried` are the alarms of the configuration before this one.
+    pub(super) fn start(
+        service: Service,
+        runtime: &Runtime,
+        stop: &Stop,
+        carried: Vec<AlarmRecord>,
+    ) -> Result<Self, ServiceError> {
         let Service { config, benches, page, ends_with_sinks } = service;
         let sinks_stop = Stop::default();
         let log_context = Arc::new(log_context(&config, &benches));
@@ -76,14 +94,20 @@ impl Running {
         let mut state_queues = Vec::new();
         let (mut spectrum_queues, mut spectra_every_secs) = (Vec::new(), f64::INFINITY);
         let mut sinks = Vec::new();
+        let remembered = Remembered::default();
+        remembered.put(carried);
         for (entry, policy) in config.sinks.into_iter().zip(policies) {
             let (outlet, events) = queue::bounded(entry.queue, policy);
             let context = SinkContext {
                 folder: config.folder.clone(),
                 stop: sinks_stop.clone(),
                 log_context: log_context.clone(),
+                counters: outlet.counters().clone(),
+                remembered: remembered.clone(),
                 ..SinkContext::default()
             };
+            let missed = context.missed.clone();
+            let outlet = outlet.telling_drops(move |event: &Arc<Event>| missed.tell(event));
             let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone(), context.voice.clone()));
             if entry.config.wants_raw() {
                 raw_queues.push(outlet.clone());
@@ -112,18 +136,24 @@ impl Running {
         let shown = page.is_some().then_some(&hub);
         let sources_stop = stop.child();
         let mut running = Vec::new();
+        let mut alarms = remembered.take();
         for (watched, bench) in benches.into_iter().zip(config.benches) {
             let context = SourceContext::new(watched.bench.clone(), config.folder.clone(), sources_stop.clone());
             let sizes = (config.service.packet_queue, config.service.windows_per_worker);
             let label = several.then(|| watched.name.clone());
             let ends = Ends { fanout: &fanout, raw: &raw, page: shown, views: &views, label };
-            running.push(start_bench(watched, bench, sizes, context, &pool, ends, runtime.handle())?);
+            let of_bench = |alarm: &mut AlarmRecord| alarm.bench == *watched.name;
+            let ours = alarms.extract_if(.., of_bench).map(|alarm| alarm.alarm).collect();
+            running.push(start_bench(watched, bench, (sizes, ours), context, &pool, ends, runtime.handle())?);
+        }
+        for AlarmRecord { bench, alarm, .. } in alarms {
+            tracing::warn!(bench, alarm = alarm.id, "an alarm stands at a bench that the configuration does not name");
         }
         let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };
         let (snapshots, seen) = watch::channel(Arc::new(Snapshot::default()));
         let mut edge = tokio::task::JoinSet::new();
         if let Some(access) = page {
-            let acknowledge = acknowledge(&running);
+            let acknowledge = acknowledge(&running, &fanout);
             let (hub, seen) = (hub.clone(), seen.clone());
             let serve = move || edge::serve_page(access.clone(), hub.clone(), acknowledge.clone(), seen.clone());
             edge.spawn_on(edge::keep("page", serve), runtime.handle());
@@ -150,6 +180,7 @@ impl Running {
             benches: running,
             sinks,
             drain_secs: config.service.drain_secs,
+            page: config.service.page,
             ends_with_sinks,
             sources_stop,
             sinks_stop,
@@ -157,7 +188,7 @@ impl Running {
     }
 
     /// Looks after everything until the end, and ends it in order: sources, lanes, sinks.
-    pub(super) fn until_end(mut self, stop: &Stop, reload: &Reload, again: &Again) -> (Summary, Option<Box<Service>>) {
+    pub(super) fn until_end(mut self, stop: &Stop, reload: &Reload, again: &Again) -> (Summary, Option<Next>) {
         let mut last_load = Instant::now();
         let mut last_snapshot = last_load;
         let mut died = Vec::new();
@@ -173,9 +204,14 @@ impl Running {
                 break;
             }
             if reload.take() && building.is_none() {
-                let again = again.clone();
+                let (again, held) = (again.clone(), self.page);
+                let again = move || {
+                    let service = again()?;
+                    service.try_out(held).map_err(|e| e.to_string())?;
+                    Ok(service)
+                };
                 let builder = std::thread::Builder::new().name("gw-reload".to_owned());
-                building = builder.spawn(move || again()).map_err(|e| tracing::error!("no reload: {e}")).ok();
+                building = builder.spawn(again).map_err(|e| tracing::error!("no reload: {e}")).ok();
             }
             if building.as_ref().is_some_and(JoinHandle::is_finished) {
                 next = building.take().and_then(built);
@@ -194,7 +230,8 @@ impl Running {
             }
             let self_test = self.self_test_state(now);
             let benches = &self.benches;
-            self.notifier.tick(now, || benches.iter().map(RunningBench::progress).collect(), self_test);
+            let stalled = || self.sinks.iter().any(|sink| sink.monitor.is_stalled());
+            self.notifier.tick(now, || benches.iter().map(RunningBench::progress).collect(), self_test, stalled);
             if now.duration_since(last_load) >= LOAD_PERIOD {
                 last_load = now;
                 self.look_at_load(now);
@@ -240,7 +277,17 @@ impl Running {
         self.sinks_stop.now();
         // The next configuration may want the same address.
         self.runtime.block_on(self.edge.shutdown());
+        let next = next.map(|service| Next { service, alarms: self.alarms() });
         (self.summary(stopped, died), next)
+    }
+
+    /// Alarms that stand, for the next configuration.
+    fn alarms(&self) -> Vec<AlarmRecord> {
+        let of_bench = |bench: &RunningBench| {
+            let health = bench.health.lock().unwrap_or_else(PoisonError::into_inner);
+            health.alarms().map(|alarm| AlarmRecord::new(&bench.name, alarm, None)).collect::<Vec<_>>()
+        };
+        self.benches.iter().flat_map(of_bench).collect()
     }
 
     /// Tells the sinks how all benches are.
@@ -272,12 +319,13 @@ impl Running {
     }
 
     /// Tells observers how all is.
-    fn publish(&self, now: Instant) {
+    fn publish(&mut self, now: Instant) {
         let self_test = self.self_test_state(now);
         let benches: Vec<_> = self.benches.iter().map(RunningBench::snapshot).collect();
         let sinks: Vec<_> = self.sinks.iter().map(|sink| sink.monitor.snapshot()).collect();
         let delivering = |state: &str| matches!(state, "running" | "opening" | "ended");
         let sources_ok = benches.iter().flat_map(|bench| &bench.sources).all(|source| delivering(&source.state));
+        self.tell_changes(&sinks);
         let sinks_ok = sinks.iter().all(|sink| sink.ok);
         let snapshot = Arc::new(Snapshot {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -289,6 +337,17 @@ impl Running {
             sinks,
         });
         self.snapshots.send_replace(snapshot);
+    }
+
+    /// Says on stderr which sinks are no longer all right, and which are again.
+    fn tell_changes(&mut self, sinks: &[SinkSnapshot]) {
+        for (running, now) in self.sinks.iter_mut().zip(sinks) {
+            match (std::mem::replace(&mut running.was_ok, now.ok), now.ok) {
+                (true, false) => tracing::error!(sink = now.name, "it is not all right: {}", now.detail),
+                (false, true) => tracing::info!(sink = now.name, "it is all right again"),
+                _ => {}
+            }
+        }
     }
 
     fn nobody_listens(&self) -> bool {
@@ -325,7 +384,7 @@ impl Running {
             }
         }
         for sink in &self.sinks {
-            if sink.must_finish && !sink.thread.is_finished() {
+            if sink.must_finish && (!sink.thread.is_finished() || sink.monitor.has_end_failed()) {
                 summary.unfinished.push(sink.monitor.name.clone());
             }
             let waiting = u64::from(!sink.thread.is_finished());
@@ -353,14 +412,20 @@ fn built(building: JoinHandle<Result<Service, String>>) -> Option<Box<Service>> 
     }
 }
 
-/// Acknowledges alarms of all benches; an id is `<bench>/<stage>@<channel>`.
-fn acknowledge(benches: &[RunningBench]) -> web::Acknowledge {
-    let all: Vec<_> = benches.iter().map(|bench| (format!("{}/", bench.name), bench.health.clone())).collect();
-    Arc::new(move |id| {
-        all.iter().any(|(prefix, health)| {
-            id.strip_prefix(prefix.as_str())
-                .is_some_and(|id| health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id))
-        })
+/// Acknowledges alarms of all benches, and tells the sinks; an id is `<bench>/<stage>@<channel>`.
+fn acknowledge(benches: &[RunningBench], sinks: &Fanout) -> web::Acknowledge {
+    let all: Vec<_> = benches.iter().map(|bench| (bench.name.clone(), bench.health.clone())).collect();
+    let sinks = sinks.clone();
+    Arc::new(move |id, seen| {
+        let found = all.iter().find_map(|(bench, health)| {
+            let id = id.strip_prefix(&**bench)?.strip_prefix('/')?;
+            let alarm = health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id)?;
+            Some((bench.clone(), alarm))
+        });
+        let Some((bench, alarm)) = found else { return false };
+        tracing::info!(bench = &*bench, alarm = alarm.id, who = seen.who, from = seen.from, "alarm acknowledged");
+        sinks.tell(Event::Alarm { bench, alarm, seen: Some(Arc::new(seen)) });
+        true
     })
 }
 
@@ -376,5 +441,5 @@ fn start_sink(
     let thread = std::thread::Builder::new()
         .name("gw-sink".to_owned())
         .spawn(move || draining::drain(&entry, first, &context, &events, &seen, &runtime))?;
-    Ok(RunningSink { monitor, must_finish, thread })
+    Ok(RunningSink { monitor, must_finish, thread, was_ok: true })
 }

@@ -118,7 +118,7 @@ impl Teller {
     fn watch(&self, verdict: &Verdict) {
         let changed = self.health.lock().unwrap_or_else(PoisonError::into_inner).take(verdict);
         if let Some(alarm) = changed {
-            self.fanout.tell(Event::Alarm { bench: self.bench.clone(), alarm: alarm.clone() });
+            self.fanout.tell(Event::Alarm { bench: self.bench.clone(), alarm: alarm.clone(), seen: None });
             let severity = alarm.severity.code();
             let how = if alarm.active { "alarm" } else { "alarm over" };
             tracing::warn!(bench = &*self.bench, alarm = alarm.id, severity, window = verdict.window, "{how}");

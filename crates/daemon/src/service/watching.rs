@@ -52,7 +52,7 @@ pub(super) struct Ends<'a> {
 pub(super) fn start_bench(
     watched: WatchedBench,
     config: BenchConfig,
-    (packet_queue, windows_per_worker): (usize, usize),
+    ((packet_queue, windows_per_worker), alarms): ((usize, usize), Vec<Alarm>),
     context: SourceContext,
     pool: &Pool,
     ends: Ends<'_>,
@@ -62,7 +62,15 @@ pub(super) fn start_bench(
     let live = config.sources.iter().any(|source| source.config.is_live());
     let overloaded = if live { Overloaded::Shed } else { Overloaded::Wait };
     let lane = Lane { pipeline: watched.pipeline, overloaded, windows_per_worker };
-    let health = Arc::new(Mutex::new(Health::new(config.alarm)));
+    let mut health = Health::new(config.alarm);
+    for alarm in alarms {
+        tracing::warn!(bench = &*watched.name, alarm = alarm.id, "an alarm of before the start stands");
+        let (stages, sensors) = (&watched.bench.stages, &watched.bench.sensors);
+        let is_watched =
+            stages.iter().any(|s| s.name == alarm.stage) && sensors.iter().any(|s| s.name == alarm.channel);
+        health.restore(alarm, is_watched);
+    }
+    let health = Arc::new(Mutex::new(health));
     let mut teller = telling::Teller::new(
         watched.name.clone(),
         ends.label,

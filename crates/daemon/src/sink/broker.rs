@@ -30,6 +30,7 @@ pub(super) use {
 };
 
 use super::SinkError;
+use crate::secret::Secret;
 
 /// Smallest spool (bytes): some segments of some letters.
 pub(super) const LEAST_SPOOL_BYTES: u64 = 256 << 10;
@@ -56,14 +57,17 @@ fn io_error(place: &Path, source: std::io::Error) -> SinkError {
 }
 
 /// An error of a broker.
-#[cfg(feature = "tls")]
 pub(super) fn broker_error(place: &str, error: impl ToString) -> SinkError {
     SinkError::Io { place: place.to_owned(), source: std::io::Error::other(error.to_string()) }
 }
 
 /// A secret from a file: its first line.
-pub(super) fn secret(folder: &Path, file: &Path) -> Result<String, SinkError> {
+pub(super) fn secret(folder: &Path, file: &Path) -> Result<Secret, SinkError> {
     let path = folder.join(file);
-    let text = std::fs::read_to_string(&path).map_err(|e| io_error(&path, e))?;
-    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
+    Secret::read(&path).map_err(|e| io_error(&path, e))
+}
+
+/// Says whether a spool could be kept in this folder.
+pub(super) fn try_folder(folder: &Path) -> Result<(), SinkError> {
+    crate::log::Disk::try_out(folder).map_err(|e| io_error(folder, e))
 }

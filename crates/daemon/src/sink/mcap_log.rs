@@ -1,12 +1,13 @@
 //! The crash-safe MCAP log as a sink: verdicts on `/gear/<stage>/rank`, gaps, and raw data where wanted.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
-use crate::health::{Alarm, Severity};
+use crate::health::{Acknowledgement, Alarm, Severity};
 use crate::kinds::Kind;
-use crate::log::{self, Condition, Disk, Level, LogConfig, LogHandle, LogState, Note, RawPolicy, Record};
+use crate::log::{self, AlarmRecord, Disk, Judgement, Level, LogConfig, LogHandle, Note, RawPolicy, Record};
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",
@@ -35,6 +36,11 @@ impl SinkConfig for LogConfig {
         true
     }
 
+    fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
+        let folder = folder.join(&self.folder);
+        Disk::try_out(&folder).map_err(|source| SinkError::Io { place: folder.display().to_string(), source })
+    }
+
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let folder = context.folder.join(&self.folder);
         let place = folder.display().to_string();
@@ -43,11 +49,19 @@ impl SinkConfig for LogConfig {
         let config = Self { folder, ..self.clone() };
         let handle = log::spawn(config, context.log_context.clone(), Box::new(disk))
             .map_err(|e| failed(std::io::Error::other(e)))?;
-        let state = handle.state();
-        context.voice.answer_with(move || match state.has_changed() {
-            Ok(_) => standing(&state.borrow()),
-            // Whoever writes the state has gone: what it says is not so any more.
-            Err(_) => Standing { ok: false, detail: "the thread of the log has ended".to_owned(), figures: Vec::new() },
+        context.remembered.put(handle.recovery().alarms.clone());
+        let (mut watch, clock) = handle.watch();
+        context.voice.answer_with(move || {
+            if watch.has_ended() {
+                // Whoever writes the state has gone: what it says is not so any more.
+                let detail = "the thread of the log has ended".to_owned();
+                return Standing { ok: false, detail, ..Standing::default() };
+            }
+            standing(&watch.look(clock()))
+        });
+        let counting = handle.clone();
+        context.missed.count_with(move |event| {
+            records(event).for_each(|record| counting.miss(&record));
         });
         Ok(Drain::Thread(Box::new(move |events| write(&events, &handle, place))))
     }
@@ -62,28 +76,49 @@ pub(super) fn record(event: &Event) -> Option<Record> {
         Event::Gap { gap, .. } => Record::Gap(gap.clone()),
         Event::Raw(packet) => Record::Raw(Arc::clone(packet)),
         Event::Spectrum(frame) => Record::Spectrum(Arc::clone(frame)),
-        Event::Alarm { bench, alarm } => Record::Note(note(bench, alarm)),
+        Event::Alarm { bench, alarm, seen } => Record::Note(note(bench, alarm, seen.as_deref())),
         Event::Clock(clock) => Record::Clock(clock.clone()),
         Event::State { .. } => return None,
     })
 }
 
-fn note(bench: &str, alarm: &Alarm) -> Note {
+/// All that the log keeps of an event: of an alarm the sentence for people, and the alarm itself for the next start.
+fn records(event: &Event) -> impl Iterator<Item = Record> {
+    let alarm = match event {
+        Event::Alarm { bench, alarm, seen } => {
+            Some(Record::Alarm(Arc::new(AlarmRecord::new(bench, alarm, seen.as_deref()))))
+        }
+        _ => None,
+    };
+    record(event).into_iter().chain(alarm)
+}
+
+fn note(bench: &str, alarm: &Alarm, seen: Option<&Acknowledgement>) -> Note {
+    if let Some(Acknowledgement { who, why, from, t_ns }) = seen {
+        let message = format!("alarm acknowledged at bench {bench}: {}, by {who} ({from}): {why}", alarm.id);
+        return Note { t_ns: *t_ns, level: Level::Info, name: "alarm".to_owned(), message };
+    }
     let level = if alarm.severity == Severity::Critical { Level::Error } else { Level::Warning };
     let how = if alarm.active { "alarm" } else { "alarm over" };
     let message = format!("{how} at bench {bench}: {}, {}", alarm.id, alarm.severity.code());
     Note { t_ns: alarm.t_ns, level, name: "alarm".to_owned(), message }
 }
 
-fn standing(state: &LogState) -> Standing {
+fn standing(judged: &Judgement) -> Standing {
+    let state = &judged.state;
+    let said = serde_json::to_string(state).unwrap_or_default();
     Standing {
-        ok: state.condition == Condition::Ok,
-        detail: serde_json::to_string(state).unwrap_or_default(),
+        ok: judged.ok,
+        stalled: judged.stalled,
+        detail: if judged.ok { said } else { format!("{}; {said}", judged.why) },
         figures: vec![
             ("durable_seq", state.durable_seq as f64),
             ("unlogged_records", state.unlogged_records as f64),
             ("unlogged_windows", state.unlogged_windows as f64),
             ("unlogged_raw", state.unlogged_raw as f64),
+            ("waiting_secs", judged.waits.as_secs_f64()),
+            ("write_failures", state.write_failures as f64),
+            ("files_lost", state.files_lost as f64),
             ("file_bytes", state.file_bytes as f64),
         ],
     }
@@ -107,8 +142,8 @@ fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkE
         if state.has_changed().is_err() {
             return Err(SinkError::Io { place, source: std::io::Error::other("the thread of the log has died") });
         }
-        if let Some(record) = record(&event) {
-            // Never waits; what the log has no room for it counts itself, and writes a gap record.
+        // Never waits; what the log has no room for it counts itself, and writes a gap record.
+        for record in records(&event) {
             handle.send(record);
         }
     }

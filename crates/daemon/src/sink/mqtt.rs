@@ -2,7 +2,7 @@
 //!
 //! The state of a bench is retained, so that who subscribes knows at once how it is; a last will says when the service is gone.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{Drain, SinkConfig, SinkContext, SinkError, broker, kind};
 use crate::fleet;
 use crate::kinds::{self, Kind};
+use crate::secret::{carries_secret, place};
 
 #[cfg(feature = "brokers")]
 mod carry;
@@ -82,6 +83,12 @@ impl SinkConfig for Mqtt {
     fn problems(&self) -> Vec<String> {
         let mut out = broker::spool_problems(self.spool_bytes, self.heartbeat_secs);
         out.extend(kinds::left_out("an MQTT client", "brokers", cfg!(feature = "brokers")));
+        if carries_secret(&self.host) {
+            out.push(format!(
+                "host is {} with a user or password; put them into `user` and a file that `secret_file` names",
+                place(&self.host)
+            ));
+        }
         if self.host.is_empty() {
             out.push("host is empty".to_owned());
         }
@@ -100,6 +107,15 @@ impl SinkConfig for Mqtt {
 
     fn wants_states(&self) -> bool {
         true
+    }
+
+    fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
+        self.secret_file.as_ref().map(|file| broker::secret(folder, file)).transpose()?;
+        #[cfg(feature = "tls")]
+        if let Some(file) = &self.ca_file {
+            crate::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker::broker_error("ca_file", e))?;
+        }
+        broker::try_folder(&folder.join(&self.spool))
     }
 
     #[cfg(feature = "brokers")]

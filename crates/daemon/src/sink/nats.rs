@@ -1,6 +1,6 @@
 //! Publishes to NATS JetStream: every letter is confirmed by the stream, and a repetition is recognised there by its `Nats-Msg-Id`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{Drain, SinkConfig, SinkContext, SinkError, broker, kind};
 use crate::fleet;
 use crate::kinds::{self, Kind};
+use crate::secret::{carries_secret, place};
 
 #[cfg(feature = "brokers")]
 mod carry;
@@ -76,8 +77,19 @@ impl SinkConfig for Nats {
         if self.servers.is_empty() {
             out.push("servers is empty; expected at least one address".to_owned());
         }
+        for server in self.servers.iter().filter(|server| carries_secret(server)) {
+            out.push(format!(
+                "servers: {} is given with a user or password; put the user into `user` and the password into a file that `secret_file` names",
+                place(server)
+            ));
+        }
         #[cfg(feature = "brokers")]
-        out.extend(self.servers.iter().filter_map(|server| carry::address_problem(server)));
+        out.extend(
+            self.servers
+                .iter()
+                .filter(|server| !carries_secret(server))
+                .filter_map(|server| carry::address_problem(server)),
+        );
         out.extend(fleet::name_problems(&self.stream, &self.prefix));
         if !(0.1..=1e6).contains(&self.keep_hours) {
             out.push(format!("keep_hours is {}; expected 0.1 to 1000000", self.keep_hours));
@@ -90,6 +102,15 @@ impl SinkConfig for Nats {
 
     fn wants_states(&self) -> bool {
         true
+    }
+
+    fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
+        self.secret_file.as_ref().map(|file| broker::secret(folder, file)).transpose()?;
+        #[cfg(feature = "tls")]
+        if let Some(file) = &self.ca_file {
+            crate::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker::broker_error("ca_file", e))?;
+        }
+        broker::try_folder(&folder.join(&self.spool))
     }
 
     #[cfg(feature = "brokers")]

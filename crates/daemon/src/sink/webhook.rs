@@ -1,6 +1,6 @@
 //! Alarms as HTTP POST with a JSON body; tried again with growing waits until the receiver takes them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -9,11 +9,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use ureq::Agent;
 
-use super::broker::secret;
+use super::broker::{broker_error, secret};
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
 use crate::health::Alarm;
 use crate::kinds::{self, Kind};
+use crate::secret::{Secret, carries_secret, place};
 use crate::service::Backoff;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Webhook>(
@@ -30,7 +31,11 @@ timeout_secs = 10.0
 #[serde(deny_unknown_fields)]
 struct Webhook {
     /// Where alarms go: `https://…`, or `http://…`.
-    url: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    url: Option<String>,
+    /// File whose first line is the address, where the address itself is a secret.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    url_file: Option<PathBuf>,
     /// The receiver must answer within this time (s, 0.1–60).
     #[serde(default = "timeout_secs")]
     timeout_secs: f64,
@@ -43,9 +48,53 @@ struct Webhook {
 }
 
 impl Webhook {
-    fn is_https(&self) -> bool {
-        self.url.get(..6).is_some_and(|scheme| scheme.eq_ignore_ascii_case("https:"))
+    /// The address, from the configuration or its file.
+    fn address(&self, folder: &Path) -> Result<Secret, SinkError> {
+        let Some(file) = &self.url_file else { return Ok(Secret::new(self.url.clone().unwrap_or_default())) };
+        let address = secret(folder, file)?;
+        if is_address(address.expose()) {
+            return Ok(address);
+        }
+        Err(broker_error(
+            &folder.join(file).display().to_string(),
+            "its first line is no address such as https://host:port/path",
+        ))
     }
+
+    /// Reads what the configuration names; the address, how to ask it, and the token.
+    fn agent(&self, folder: &Path) -> Result<(Secret, Agent, Option<Secret>), SinkError> {
+        let address = self.address(folder)?;
+        let token = self.token_file.as_ref().map(|file| secret(folder, file)).transpose()?;
+        let config = Agent::config_builder()
+            .timeout_global(Some(Duration::from_secs_f64(self.timeout_secs)))
+            // Followed, a redirect turns the POST into a GET elsewhere: an alarm that nobody has got would count as posted.
+            .max_redirects(0)
+            .max_redirects_will_error(false)
+            .http_status_as_error(false);
+        #[cfg(feature = "tls")]
+        let config = if is_https(address.expose()) {
+            let ca_file = self.ca_file.as_ref().map(|file| folder.join(file));
+            let trust =
+                crate::tls::Trust::read(ca_file.as_deref()).map_err(|e| broker_error(&place(address.expose()), e))?;
+            config.tls_config(trust.of_requests())
+        } else {
+            config
+        };
+        #[cfg(not(feature = "tls"))]
+        if is_https(address.expose()) {
+            return Err(broker_error(&place(address.expose()), kinds::with_feature("tls")));
+        }
+        Ok((address, config.build().into(), token))
+    }
+}
+
+fn is_https(url: &str) -> bool {
+    url.get(..6).is_some_and(|scheme| scheme.eq_ignore_ascii_case("https:"))
+}
+
+fn is_address(url: &str) -> bool {
+    let parsed = url.parse::<ureq::http::Uri>();
+    parsed.is_ok_and(|uri| matches!(uri.scheme_str(), Some("http" | "https")) && uri.host().is_some())
 }
 
 fn timeout_secs() -> f64 {
@@ -55,14 +104,22 @@ fn timeout_secs() -> f64 {
 impl SinkConfig for Webhook {
     fn problems(&self) -> Vec<String> {
         let mut out = Vec::new();
-        let parsed = self.url.parse::<ureq::http::Uri>();
-        if !parsed.is_ok_and(|uri| matches!(uri.scheme_str(), Some("http" | "https")) && uri.host().is_some()) {
-            out.push(format!("url is {:?}; expected https://host:port/path, or http", self.url));
+        match &self.url {
+            Some(_) if self.url_file.is_some() => out.push("url and url_file exclude each other; leave one out".to_owned()),
+            Some(url) if carries_secret(url) => out.push(format!(
+                "url holds what looks like a secret (at {}); put the whole address into a file and name that in url_file",
+                place(url)
+            )),
+            Some(url) if !is_address(url) => {
+                out.push(format!("url is {url:?}; expected https://host:port/path, or http"));
+            }
+            None if self.url_file.is_none() => out.push("url or url_file is missing".to_owned()),
+            _ => {}
         }
-        if self.is_https() {
+        if self.url.as_ref().is_some_and(|url| is_https(url)) {
             out.extend(kinds::left_out("https", "tls", cfg!(feature = "tls")));
         }
-        if self.ca_file.is_some() && !self.is_https() {
+        if self.ca_file.is_some() && self.url.as_ref().is_some_and(|url| !is_https(url)) {
             out.push("ca_file goes with an https url".to_owned());
         }
         if !(0.1..=60.0).contains(&self.timeout_secs) {
@@ -71,21 +128,13 @@ impl SinkConfig for Webhook {
         out
     }
 
+    fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
+        self.agent(folder).map(drop)
+    }
+
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
-        let token = self.token_file.as_ref().map(|file| secret(&context.folder, file)).transpose()?;
-        let config = Agent::config_builder()
-            .timeout_global(Some(Duration::from_secs_f64(self.timeout_secs)))
-            .http_status_as_error(false);
-        #[cfg(feature = "tls")]
-        let config = if self.is_https() {
-            let ca_file = self.ca_file.as_ref().map(|file| context.folder.join(file));
-            let trust =
-                crate::tls::Trust::read(ca_file.as_deref()).map_err(|e| super::broker::broker_error(&self.url, e))?;
-            config.tls_config(trust.of_requests())
-        } else {
-            config
-        };
-        let hook = Hook { agent: config.build().into(), url: self.url.clone(), token, counts: Arc::default() };
+        let (url, agent, token) = self.agent(&context.folder)?;
+        let hook = Hook { agent, url, token, counts: Arc::default() };
         let counts = hook.counts.clone();
         context.voice.answer_with(move || counts.standing());
         let context = context.clone();
@@ -112,6 +161,7 @@ impl Counts {
         Standing {
             // An alarm that nobody takes is not all right, however long it waits.
             ok: refused == 0 && trying == 0,
+            stalled: false,
             detail: format!("{posted} alarms posted, {refused} refused, {tries_failed} tries failed"),
             figures: vec![
                 ("posted", posted as f64),
@@ -134,8 +184,8 @@ enum Outcome {
 
 struct Hook {
     agent: Agent,
-    url: String,
-    token: Option<String>,
+    url: Secret,
+    token: Option<Secret>,
     counts: Arc<Counts>,
 }
 
@@ -143,7 +193,8 @@ impl Hook {
     fn post_all(&self, events: &Events, context: &SinkContext) {
         while let Ok(event) = events.recv_blocking() {
             crate::fail::point("sink-webhook");
-            let Event::Alarm { bench, alarm } = &*event else { continue };
+            // That somebody has seen it is no news for whoever must come.
+            let Event::Alarm { bench, alarm, seen: None } = &*event else { continue };
             if !self.deliver(&body(bench, alarm), context) {
                 return;
             }
@@ -162,14 +213,14 @@ impl Hook {
                     return true;
                 }
                 Outcome::Refused(why) => {
-                    tracing::error!("{}: an alarm is refused: {why}", self.url);
+                    tracing::error!("{}: an alarm is refused: {why}", place(self.url.expose()));
                     self.counts.refused.fetch_add(1, Ordering::Relaxed);
                     self.counts.trying.store(0, Ordering::Relaxed);
                     return true;
                 }
                 Outcome::Failed(why) => {
                     let wait = backoff.next_wait(began);
-                    tracing::warn!("{}: an alarm waits: {why}; next try in {wait:.1?}", self.url);
+                    tracing::warn!("{}: an alarm waits: {why}; next try in {wait:.1?}", place(self.url.expose()));
                     self.counts.tries_failed.fetch_add(1, Ordering::Relaxed);
                     self.counts.trying.store(1, Ordering::Relaxed);
                     if !context.stop.sleep(wait) {
@@ -181,15 +232,19 @@ impl Hook {
     }
 
     fn post(&self, body: &str) -> Outcome {
-        let mut request = self.agent.post(&self.url).header("Content-Type", "application/json");
+        let mut request = self.agent.post(self.url.expose()).header("Content-Type", "application/json");
         if let Some(token) = &self.token {
-            request = request.header("Authorization", format!("Bearer {token}"));
+            request = request.header("Authorization", format!("Bearer {}", token.expose()));
         }
         match request.send(body) {
             Ok(answer) => {
                 let status = answer.status();
                 // Too early, too often, timed out: said of the moment, not of the request.
-                if status.is_success() {
+                if status.is_redirection() {
+                    Outcome::Failed(format!(
+                        "{status}: it points elsewhere; put the address that it points to into the configuration"
+                    ))
+                } else if status.is_success() {
                     Outcome::Taken
                 } else if status.is_client_error() && !matches!(status.as_u16(), 408 | 425 | 429) {
                     Outcome::Refused(status.to_string())
@@ -197,9 +252,14 @@ impl Hook {
                     Outcome::Failed(status.to_string())
                 }
             }
-            Err(error) => Outcome::Failed(error.to_string()),
+            Err(error) => Outcome::Failed(without(&error.to_string(), self.url.expose())),
         }
     }
+}
+
+/// What went wrong, without the address, which may be a secret.
+fn without(words: &str, address: &str) -> String {
+    words.replace(address, &place(address))
 }
 
 fn body(bench: &str, alarm: &Alarm) -> String {

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
 
 use gearwatch_core::block::Packet;
 use gearwatch_io::frames::datagram;
@@ -62,6 +63,8 @@ impl SourceConfig for Udp {
             buffer: vec![0; LONGEST],
             unusable: 0,
             foreign: 0,
+            sender: None,
+            patience: context.data_deadline,
         };
         Ok(socket::feed(context.stop.clone(), move |ready| reading.read(ready)))
     }
@@ -75,14 +78,24 @@ struct Reading {
     buffer: Vec<u8>,
     unusable: u64,
     foreign: u64,
+    /// Who is heard, and when they were heard last. Somebody else beside them is not, until they have been silent for the data deadline: two
+    /// streams at once would make each look full of holes.
+    sender: Option<(SocketAddr, Instant)>,
+    patience: Duration,
 }
 
 impl Reading {
+    fn is_heard(&self, peer: SocketAddr) -> bool {
+        let named = self.from.is_none_or(|from| from == peer.ip().to_canonical());
+        let other = self.sender.is_some_and(|(sender, heard)| sender != peer && heard.elapsed() < self.patience);
+        named && !other
+    }
+
     /// There is no connection that could end; silence shows in the state of the source.
     fn read(&mut self, ready: &mut VecDeque<Packet>) -> Result<(), SourceError> {
         let error = |message: String| SourceError::Peer { peer: self.name.to_string(), message };
         match self.socket.recv_from(&mut self.buffer) {
-            Ok((_, peer)) if self.from.is_some_and(|from| from != peer.ip().to_canonical()) => {
+            Ok((_, peer)) if !self.is_heard(peer) => {
                 self.foreign += 1;
                 // Told ever more rarely: whoever sends must not be able to fill the log.
                 if self.foreign.is_power_of_two() {
@@ -90,7 +103,10 @@ impl Reading {
                 }
             }
             Ok((n, peer)) => match datagram(self.buffer.get(..n).unwrap_or_default()) {
-                Ok(frame) => self.reader.take(frame, ready).map_err(error)?,
+                Ok(frame) => {
+                    self.sender = Some((peer, Instant::now()));
+                    self.reader.take(frame, ready).map_err(error)?;
+                }
                 Err(damage) => {
                     self.unusable += 1;
                     if self.unusable.is_power_of_two() {

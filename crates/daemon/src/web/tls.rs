@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::serve::Listener;
-use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -14,10 +13,10 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::{ServerConfig, crypto};
 use tokio_rustls::server::TlsStream;
 
+use super::gate::{Gate, Guest};
+
 /// A client must have shaken hands within this time.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Clients that shake hands at once; further ones wait in the system's queue.
-const MOST_HANDSHAKES: usize = 64;
 
 /// Reads a certificate chain and its key (PEM).
 ///
@@ -40,22 +39,22 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, String> {
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// Accepts connections that have shaken hands; one that dawdles holds up nobody else.
-pub struct TlsListener {
-    tcp: TcpListener,
+/// Hands on connections that have shaken hands; one that dawdles holds up nobody else.
+pub struct Secured {
+    gate: Gate,
     acceptor: TlsAcceptor,
-    handshakes: JoinSet<Option<(TlsStream<TcpStream>, SocketAddr)>>,
+    handshakes: JoinSet<Option<(TlsStream<Guest>, SocketAddr)>>,
 }
 
-impl TlsListener {
-    /// On a bound listener.
-    pub fn new(tcp: TcpListener, acceptor: TlsAcceptor) -> Self {
-        Self { tcp, acceptor, handshakes: JoinSet::new() }
+impl Secured {
+    /// Behind a gate.
+    pub fn new(gate: Gate, acceptor: TlsAcceptor) -> Self {
+        Self { gate, acceptor, handshakes: JoinSet::new() }
     }
 }
 
-impl Listener for TlsListener {
-    type Io = TlsStream<TcpStream>;
+impl Listener for Secured {
+    type Io = TlsStream<Guest>;
     type Addr = SocketAddr;
 
     async fn accept(&mut self) -> (Self::Io, Self::Addr) {
@@ -66,22 +65,18 @@ impl Listener for TlsListener {
                         return ready;
                     }
                 }
-                connection = self.tcp.accept(), if self.handshakes.len() < MOST_HANDSHAKES => match connection {
-                    Ok((stream, address)) => {
-                        let acceptor = self.acceptor.clone();
-                        self.handshakes.spawn(async move {
-                            let shaken = tokio::time::timeout(PATIENCE, acceptor.accept(stream)).await;
-                            Some((shaken.ok()?.ok()?, address))
-                        });
-                    }
-                    // Out of descriptors: others must have time to give some back.
-                    Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
-                },
+                (stream, address) = self.gate.accept() => {
+                    let acceptor = self.acceptor.clone();
+                    self.handshakes.spawn(async move {
+                        let shaken = tokio::time::timeout(PATIENCE, acceptor.accept(stream)).await;
+                        Some((shaken.ok()?.ok()?, address))
+                    });
+                }
             }
         }
     }
 
     fn local_addr(&self) -> std::io::Result<Self::Addr> {
-        self.tcp.local_addr()
+        self.gate.local_addr()
     }
 }

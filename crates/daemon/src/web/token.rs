@@ -3,10 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{Request, State};
+use axum::extract::{ConnectInfo, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+
+use super::gate::Peer;
 
 /// A shorter token can be guessed.
 const SHORTEST: usize = 16;
@@ -15,7 +17,11 @@ const PENALTY: Duration = Duration::from_millis(300);
 
 /// The token.
 #[derive(Clone)]
-pub struct Token(Arc<str>);
+pub struct Token {
+    text: Arc<str>,
+    /// Whoever guesses waits in one row: many connections at once guess no faster than one.
+    guesses: Arc<tokio::sync::Mutex<u64>>,
+}
 
 impl std::fmt::Debug for Token {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -33,21 +39,21 @@ impl Token {
         if length < SHORTEST {
             return Err(format!("the token has {length} characters; expected at least {SHORTEST}"));
         }
-        Ok(Self(text.into()))
+        Ok(Self { text: text.into(), guesses: Arc::default() })
     }
 
     fn admits(&self, headers: &HeaderMap) -> bool {
         let given = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
         let Some((scheme, rest)) = given.and_then(|text| text.split_once(' ')) else { return false };
         if scheme.eq_ignore_ascii_case("bearer") {
-            return same(rest.trim().as_bytes(), self.0.as_bytes());
+            return same(rest.trim().as_bytes(), self.text.as_bytes());
         }
         if !scheme.eq_ignore_ascii_case("basic") {
             return false;
         }
         let Some(decoded) = base64(rest.trim()) else { return false };
         let password = decoded.iter().position(|&byte| byte == b':').map(|colon| &decoded[colon + 1..]);
-        password.is_some_and(|password| same(password, self.0.as_bytes()))
+        password.is_some_and(|password| same(password, self.text.as_bytes()))
     }
 }
 
@@ -83,7 +89,16 @@ pub async fn check(State(token): State<Token>, request: Request, next: Next) -> 
     if token.admits(request.headers()) {
         return next.run(request).await;
     }
-    tokio::time::sleep(PENALTY).await;
+    let peer = request.extensions().get::<ConnectInfo<Peer>>().map(|ConnectInfo(Peer(address))| address.ip());
+    let asked = request.headers().contains_key(header::AUTHORIZATION);
+    // A browser asks without a token first, which is no guess.
+    if asked {
+        let mut guesses = token.guesses.lock().await;
+        *guesses += 1;
+        let from = peer.map_or_else(|| "somebody".to_owned(), |ip| ip.to_string());
+        tracing::warn!(guesses = *guesses, "{from} has asked the page with a wrong token");
+        tokio::time::sleep(PENALTY).await;
+    }
     let challenge = HeaderValue::from_static("Basic realm=\"gearwatch\", charset=\"UTF-8\"");
     (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, challenge)], "the token is missing or wrong\n")
         .into_response()

@@ -206,6 +206,34 @@ fn conform_a_file_whose_sync_failed_is_never_acknowledged_again() {
     assert!(seen > 20, "only {seen} failures led to a new file");
 }
 
+/// Killed with five results that are not durable: the gap record speaks of those, and of what is marked ahead, not of all that a queue could hold. After a
+/// power cut nobody knows so much.
+#[test]
+fn regress_a_kill_does_not_claim_that_a_whole_queue_was_lost() {
+    for (power, most) in [(false, 5 + 64), (true, 2 * (64 + 1))] {
+        let disk = Simulated::new(11);
+        let mut log = Stepper::start(small(), context(), Box::new(disk.clone()), at(0)).unwrap();
+        for window in 0..200 {
+            log.send(verdict(window, Rank::Zero), at(window * 20));
+            log.step(at(window * 20 + 15));
+        }
+        let durable = log.durable_seq();
+        for window in 200..205 {
+            log.send(verdict(window, Rank::Zero), at(4000));
+        }
+        drop(log);
+        if power {
+            disk.power_cut()
+        } else {
+            disk.restart()
+        }
+        let log = Stepper::start(small(), context(), Box::new(disk.clone()), at(9_000)).unwrap();
+        let recovery = log.recovery();
+        assert_eq!(recovery.last_seq, durable);
+        assert!((5..=most).contains(&recovery.lost_max), "power {power}: {}", recovery.lost_max);
+    }
+}
+
 /// The machine stops, starts, and stops again before the second group of that start is written: what the first stop took must not be a hole
 /// that no gap record explains. The first group says it.
 #[test]

@@ -2,6 +2,7 @@
 //! log's own code.
 
 mod damage;
+mod judged;
 mod kills;
 mod start_and_stop;
 mod support;

@@ -51,9 +51,12 @@ impl Feed {
         Ok(feed)
     }
 
-    /// Acknowledges an alarm and says how that went.
+    /// Acknowledges an alarm in the name of whoever is logged in, and says how that went.
     pub fn acknowledge(&self, id: &str) -> String {
-        match self.page.post(&path_of(id)) {
+        let who = ["USER", "LOGNAME", "USERNAME"].iter().find_map(|name| std::env::var(name).ok());
+        let who = who.filter(|who| !who.is_empty()).unwrap_or_else(|| "somebody at a terminal".to_owned());
+        let seen = serde_json::json!({ "who": who, "why": "seen in gearwatch top" });
+        match self.page.post(&path_of(id), &seen) {
             Ok(_) => format!("alarm {id} acknowledged"),
             Err(error) => format!("alarm {id} could not be acknowledged: {error}"),
         }

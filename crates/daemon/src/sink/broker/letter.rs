@@ -9,6 +9,7 @@ use rand::RngExt;
 use serde::Serialize;
 
 use crate::event::{BenchState, Event};
+use crate::health::{Acknowledgement, Alarm};
 use crate::log::{Cause, Gap};
 
 /// What a letter is about.
@@ -75,6 +76,27 @@ pub(in crate::sink) fn escape(name: &str) -> String {
     if out.is_empty() { "%".to_owned() } else { out }
 }
 
+/// An alarm, and who has seen it where that is the news.
+#[derive(Serialize)]
+struct AlarmLetter<'a> {
+    #[serde(flatten)]
+    alarm: &'a Alarm,
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    seen: Option<Seen<'a>>,
+}
+
+#[derive(Serialize)]
+struct Seen<'a> {
+    who: &'a str,
+    why: &'a str,
+}
+
+impl<'a> Seen<'a> {
+    fn of(seen: &'a Acknowledgement) -> Self {
+        Self { who: &seen.who, why: &seen.why }
+    }
+}
+
 /// Numbers letters and writes them.
 pub(in crate::sink) struct Secretary {
     /// Never the same twice, so that a number of this run is never that of another letter.
@@ -99,9 +121,10 @@ impl Secretary {
                 let place = [verdict.stage.as_str(), verdict.channel.as_str()];
                 Some(self.letter(bench, Kind::Verdict, &place, &**verdict))
             }
-            Event::Alarm { bench, alarm } => {
+            Event::Alarm { bench, alarm, seen } => {
                 let place = [alarm.stage.as_str(), alarm.channel.as_str()];
-                Some(self.letter(bench, Kind::Alarm, &place, alarm))
+                let seen = seen.as_deref().map(Seen::of);
+                Some(self.letter(bench, Kind::Alarm, &place, &AlarmLetter { alarm, seen }))
             }
             Event::Gap { bench, gap } => Some(self.letter(bench, Kind::Gap, &[], gap)),
             Event::State { bench, state } => {

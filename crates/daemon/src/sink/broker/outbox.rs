@@ -118,7 +118,7 @@ impl Outbox {
     pub fn disconnected(&self, error: &SinkError) -> bool {
         let mut inner = self.lock();
         inner.spool.rewind();
-        inner.error = error.to_string();
+        inner.error = crate::service::short(&error.to_string());
         std::mem::replace(&mut inner.connected, false)
     }
 
@@ -161,6 +161,7 @@ impl Outbox {
         Standing {
             // A broker that is away costs nothing as long as letters can wait.
             ok: lost == 0,
+            stalled: false,
             detail,
             figures: vec![
                 ("connected", f64::from(u8::from(inner.connected))),

@@ -34,7 +34,7 @@ pub(super) async fn serve(address: SocketAddr, events: Events, voice: Voice) -> 
     voice.answer_with(move || {
         let viewers = seen.upgrade().map_or(0, |server| server.client_count());
         let detail = format!("{viewers} viewers at ws://{address}");
-        Standing { ok: true, detail, figures: vec![("viewers", viewers as f64)] }
+        Standing { detail, figures: vec![("viewers", viewers as f64)], ..Standing::default() }
     });
     let mut channels = BTreeMap::new();
     while let Ok(event) = events.recv().await {

@@ -9,6 +9,7 @@ use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Ou
 use tokio::sync::Notify;
 
 use super::Mqtt;
+use crate::secret::Secret;
 use crate::sink::broker::{
     self, Carrier, Delivery, Kind as LetterKind, Outbox, Position, SpoolPlace, WINDOW, broker_error, secret,
 };
@@ -38,7 +39,7 @@ pub(super) fn open(config: &Mqtt, context: &SinkContext) -> Result<Drain, SinkEr
 struct Courier {
     config: Mqtt,
     client_id: String,
-    secret: Option<String>,
+    secret: Option<Secret>,
     trust: Option<Trust>,
 }
 
@@ -71,7 +72,7 @@ impl Courier {
         options.set_inflight(WINDOW as u16);
         options.set_last_will(LastWill::new(self.service_topic(), "{\"online\":false}", QoS::AtLeastOnce, true));
         if let (Some(user), Some(secret)) = (&self.config.user, &self.secret) {
-            options.set_credentials(user, secret.clone());
+            options.set_credentials(user, secret.expose().to_owned());
         }
         if let Some(trust) = &self.trust {
             trust.carry(&mut options)?;

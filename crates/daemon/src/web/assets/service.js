@@ -46,14 +46,41 @@ function words(state, benches, has) {
   return benches.length < 2 || of.length === benches.length ? plain : `${plain}: ${of.length > 2 ? `${of.length} of ${benches.length} benches` : of.join(", ")}`;
 }
 
+// Who has seen an alarm, and why it may be acknowledged: both stand in the log.
+function ask(a, place) {
+  const who = node("input", { type: "text", name: "who", maxlength: "100", autocomplete: "name" });
+  who.value = localStorage.getItem("gearwatch-who") || "";
+  const why = node("input", { type: "text", name: "why", maxlength: "1000" });
+  const said = node("p", { role: "status" });
+  const send = node("button", { type: "button", class: "send" }, "Acknowledge");
+  const leave = node("button", { type: "button" }, "Cancel");
+  const dialog = node("dialog", { id: "acknowledge", "aria-label": `Acknowledge ${a.what} on ${place}` },
+    node("p", {}, `${a.what} on ${place}`), node("label", {}, "Your name ", who), node("label", {}, "Reason ", why), said, node("div", { class: "buttons" }, send, leave));
+  dialog.addEventListener("close", () => dialog.remove());
+  leave.addEventListener("click", () => dialog.close());
+  send.addEventListener("click", async () => {
+    if (!who.value.trim() || !why.value.trim()) {
+      said.textContent = "Name and reason are needed.";
+      return;
+    }
+    const body = JSON.stringify({ who: who.value, why: why.value });
+    const reply = await fetch(`/api/alarms/${encodeURIComponent(a.id)}/acknowledge`, { method: "POST", headers: { "content-type": "application/json" }, body }).catch(() => null);
+    if (reply && reply.ok) {
+      localStorage.setItem("gearwatch-who", who.value);
+      dialog.close();
+    } else {
+      said.textContent = !reply ? "The service does not answer." : "There is no such alarm any more.";
+    }
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+  (who.value ? why : who).focus();
+}
+
 function alarmRow(a, place) {
   const button = node("button", { type: "button" }, a.acknowledged ? "Acknowledged" : "Acknowledge");
   button.disabled = a.acknowledged;
   button.setAttribute("aria-label", `Acknowledge ${a.what} on ${place}`);
-  button.addEventListener("click", async () => {
-    button.disabled = true;
-    const reply = await fetch(`/api/alarms/${encodeURIComponent(a.id)}/acknowledge`, { method: "POST", headers: { "content-type": "application/json" }, body: "{}" }).catch(() => null);
-    if (!reply || !reply.ok) button.disabled = false;
-  });
+  button.addEventListener("click", () => ask(a, place));
   return node("tr", {}, node("td", {}, clock(a.since_ns)), node("td", {}, place), node("td", {}, a.what), node("td", {}, a.state), node("td", {}, button));
 }

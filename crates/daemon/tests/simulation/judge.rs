@@ -1,0 +1,136 @@
+//! Judges a world by what its disk holds in the end, read by the `mcap` crate.
+
+use std::collections::BTreeMap;
+
+use gearwatch_daemon::log::{AlarmRecord, Cause, Gap, Group, Sent};
+
+use crate::trouble::Fault;
+use crate::world::{What, World};
+
+#[path = "../log/support.rs"]
+#[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
+pub mod support;
+
+/// What a log holds.
+#[derive(Default)]
+struct Content {
+    groups: Vec<Group>,
+    /// Topic and payload by number.
+    results: BTreeMap<u64, (String, Vec<u8>)>,
+    gaps: Vec<Gap>,
+}
+
+fn content(label: &str, files: &BTreeMap<String, Vec<u8>>) -> Content {
+    let mut content = Content::default();
+    for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".mcap")) {
+        assert!(mcap::Summary::read(bytes).is_ok_and(|s| s.is_some()), "{label}: {name} is not closed");
+        let mut seq = 0;
+        for message in support::read(name, bytes) {
+            if message.topic == "/log/group" {
+                let group: Group = serde_json::from_slice(&message.data).unwrap();
+                seq = group.seq_first;
+                content.groups.push(group);
+                continue;
+            }
+            if message.topic == "/gap" {
+                content.gaps.push(serde_json::from_slice(&message.data).unwrap());
+            }
+            let twice = content.results.insert(seq, (message.topic, message.data));
+            assert!(twice.is_none(), "{label}: {name}: result {seq} is there twice");
+            seq += 1;
+        }
+    }
+    content
+}
+
+/// Panics with the seed where something was lost, doubled or said wrongly; else the figures of the world.
+pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
+    let label = format!("seed {seed}");
+    let content = content(&label, &world.disk().contents());
+    let lost = |seq: u64, causes: &[Cause]| {
+        content
+            .gaps
+            .iter()
+            .any(|gap| gap.channel == Gap::LOG && causes.contains(&gap.cause) && (gap.first..=gap.last).contains(&seq))
+    };
+    let (mut logged, mut shed, mut tails) = (0, 0, 0);
+    let mut stands: BTreeMap<String, AlarmRecord> = BTreeMap::new();
+    world.at(|outside| {
+        assert!(outside.lies.is_empty(), "{label}: {:?}", outside.lies.first());
+        for offered in &outside.offered {
+            let crashed = world.crashed.contains(&offered.start);
+            let kept = match offered.sent {
+                Sent::Queued { seq } => match content.results.get(&seq) {
+                    Some((_, data)) => {
+                        if let What::Window(window, line) = &offered.what {
+                            assert_eq!(data, line, "{label}: window {window} is not what was said of it");
+                        }
+                        logged += 1;
+                        true
+                    }
+                    None => {
+                        let tail = lost(seq, &[Cause::UncleanEnd]);
+                        // Who takes away the file and kills the service before it could say so, or takes away the next one too, leaves nobody
+                        // to tell.
+                        let times = world.taken.iter().filter(|start| **start == offered.start).count();
+                        let untellable = times > 1 || (times == 1 && crashed);
+                        assert!(
+                            tail || untellable || lost(seq, &[Cause::Damage]),
+                            "{label}: number {seq} is lost, and no gap says so"
+                        );
+                        tails += 1;
+                        !tail
+                    }
+                },
+                Sent::Shed { .. } => {
+                    if let What::Window(window, _) = &offered.what {
+                        let told = content.gaps.iter().any(|gap| {
+                            gap.cause == Cause::LogQueueFull
+                                && gap.channel == "acc_1/stage1"
+                                && (gap.first..=gap.last).contains(window)
+                        });
+                        let unclean = content.gaps.iter().any(|gap| gap.channel == Gap::LOG);
+                        assert!(
+                            told || (crashed && unclean) || taken(&content),
+                            "{label}: window {window} was shed, and no gap says so"
+                        );
+                        shed += 1;
+                    }
+                    false
+                }
+                _ => false,
+            };
+            if let (What::Alarm(alarm), true) = (&offered.what, kept) {
+                if alarm.alarm.over {
+                    stands.remove(&alarm.alarm.id);
+                } else {
+                    stands.insert(alarm.alarm.id.clone(), alarm.clone());
+                }
+            }
+        }
+    });
+    // Everything in the log was sent, once: windows that stand in it twice would have two numbers.
+    let mut windows: Vec<&Vec<u8>> =
+        content.results.values().filter(|(topic, _)| topic.starts_with("/gear/")).map(|(_, data)| data).collect();
+    let all = windows.len();
+    windows.sort();
+    windows.dedup();
+    assert_eq!(windows.len(), all, "{label}: a window is in the log twice");
+    let restored: Vec<&AlarmRecord> = world.restored.iter().collect();
+    assert_eq!(restored, stands.values().collect::<Vec<_>>(), "{label}: alarms that stand");
+    // A clock that jumped stands in the groups: wall and monotonic time part.
+    let differences = content.groups.windows(2).filter(|pair| {
+        let of = |group: &Group| group.wall_ns - group.mono_ns as i64;
+        (of(&pair[0]) - of(&pair[1])).abs() > 500_000_000
+    });
+    let jumps = differences.count() as u64;
+    world.witness_of_lasting();
+    world.at(|outside| outside.witness(Fault::Clock, jumps));
+    let (looks, ok) = world.at(|outside| (outside.looks, outside.looks_ok));
+    vec![("results logged", logged), ("windows shed", shed), ("in gaps", tails), ("looks", looks), ("said ok", ok)]
+}
+
+/// A file was taken away: gap records that stood in it are gone too.
+fn taken(content: &Content) -> bool {
+    content.gaps.iter().any(|gap| gap.cause == Cause::Damage)
+}

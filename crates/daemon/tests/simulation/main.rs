@@ -1,0 +1,57 @@
+//! The service in a world that one seed makes: its clock, its disk, its sources, the people who acknowledge alarms, and the order of it all. What runs
+//! in it are the service's own log, its supervisor and its alarms; only threads and the disk are played. A seed that fails fails again in the
+//! same way: `GEARWATCH_SEED=<seed> cargo test -p gearwatch-daemon --test simulation`.
+//!
+//! Judged is, at every moment, that nobody says `ok` while something older than two seconds is not durable; and at the end of each world, with the reader of
+//! the `mcap` crate, that each window is in the log once, or in a gap record, and that every alarm stands that nobody has seen.
+//!
+//! Every kind of fault has a witness that shares nothing with whoever injected it: a campaign in which a fault was never seen has not tried it.
+
+#![expect(clippy::print_stdout, reason = "campaigns tell figures")]
+
+mod judge;
+mod trouble;
+mod world;
+
+use std::collections::BTreeMap;
+
+use trouble::Fault;
+use world::World;
+
+/// Seconds that a world lasts.
+const WORLD_SECS: u64 = 500;
+
+fn seeds() -> std::ops::Range<u64> {
+    let number = |key: &str| std::env::var(key).ok().and_then(|text| text.parse::<u64>().ok());
+    match number("GEARWATCH_SEED") {
+        Some(seed) => seed..seed + 1,
+        None => 0..number("GEARWATCH_ROUNDS").unwrap_or(60),
+    }
+}
+
+#[test]
+fn conform_no_world_makes_the_service_lose_or_lie() {
+    let mut totals = trouble::Totals::default();
+    let mut figures: BTreeMap<&'static str, u64> = BTreeMap::new();
+    for seed in seeds() {
+        let world = World::live(seed, WORLD_SECS);
+        for (name, count) in judge::judge(seed, &world) {
+            *figures.entry(name).or_default() += count;
+        }
+        totals.add(&world.totals());
+    }
+    println!("{} worlds of {WORLD_SECS} s: {figures:?}", seeds().count());
+    for fault in Fault::ALL {
+        let (injected, witnessed) = totals.of(fault);
+        println!("{fault:?}: injected {injected}, witnessed {witnessed}");
+        assert!(seeds().count() < 30 || witnessed > 0, "{fault:?} was never seen by anybody but its injector");
+    }
+}
+
+/// The same seed makes the same world, byte for byte; another one makes another.
+#[test]
+fn conform_a_seed_replays_exactly() {
+    let files = |seed| World::live(seed, WORLD_SECS).disk().contents();
+    assert_eq!(files(7), files(7));
+    assert_ne!(files(7), files(8));
+}

@@ -1,0 +1,96 @@
+//! Faults, what they do, and who else saw them.
+
+use std::collections::BTreeMap;
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fault {
+    /// A call that makes data durable does not come back for seconds.
+    Hang,
+    /// Every such call takes a second or so, for a while.
+    Slow,
+    /// The disk is full for a while.
+    Full,
+    /// Calls to the disk fail for a while.
+    Io,
+    /// The process is killed.
+    Kill,
+    /// The power is cut.
+    PowerCut,
+    /// Somebody removes or cuts the file that is written.
+    Taken,
+    /// Somebody sets the wall clock.
+    Clock,
+    /// The configuration is read again.
+    Reload,
+    /// A source is silent for a while.
+    Outage,
+    /// The gears are damaged for a while.
+    Gears,
+    /// Somebody acknowledges the alarms that stand.
+    Seen,
+}
+
+impl Fault {
+    pub const ALL: [Self; 12] = [
+        Self::Hang,
+        Self::Slow,
+        Self::Full,
+        Self::Io,
+        Self::Kill,
+        Self::PowerCut,
+        Self::Taken,
+        Self::Clock,
+        Self::Reload,
+        Self::Outage,
+        Self::Gears,
+        Self::Seen,
+    ];
+}
+
+/// How often each fault was injected, and how often somebody else saw it.
+#[derive(Clone, Debug, Default)]
+pub struct Totals(BTreeMap<Fault, (u64, u64)>);
+
+impl Totals {
+    pub fn injected(&mut self, fault: Fault) {
+        self.0.entry(fault).or_default().0 += 1;
+    }
+
+    pub fn witnessed(&mut self, fault: Fault, count: u64) {
+        self.0.entry(fault).or_default().1 += count;
+    }
+
+    pub fn of(&self, fault: Fault) -> (u64, u64) {
+        self.0.get(&fault).copied().unwrap_or_default()
+    }
+
+    pub fn add(&mut self, other: &Self) {
+        for (fault, (injected, witnessed)) in &other.0 {
+            let sum = self.0.entry(*fault).or_default();
+            *sum = (sum.0 + injected, sum.1 + witnessed);
+        }
+    }
+}
+
+/// Chance that follows from a seed (SplitMix64; Steele, Lea, Flood 2014).
+pub struct Chance(u64);
+
+impl Chance {
+    pub fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5851_f42d_4c95_7f2d)
+    }
+
+    /// A number below `bound`.
+    pub fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ (z >> 31)) % bound.max(1)
+    }
+
+    pub fn between(&mut self, least: u64, most: u64) -> u64 {
+        least + self.below(most - least + 1)
+    }
+}

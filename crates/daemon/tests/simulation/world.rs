@@ -1,0 +1,448 @@
+//! One world: what happens in it follows from its seed alone.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use gearwatch_core::verdict::{MachineState, Rank};
+use gearwatch_daemon::health::{Acknowledgement, AlarmConfig, Health};
+use gearwatch_daemon::log::simulated::{Fault as DiskFault, Plan, Simulated};
+use gearwatch_daemon::log::{AlarmRecord, Cause, Gap, LogConfig, Now, Record, Sender, Sent, Stepper, Watch};
+
+use crate::judge::support::{context, verdict};
+use crate::trouble::{Chance, Fault, Totals};
+
+/// The world goes on in steps of this (ms). A bench says a window each second, the supervisor looks four times a second.
+const STEP_MS: u64 = 250;
+const WINDOW_MS: u64 = 1000;
+/// When the wall clock of a world begins (ns since 1970).
+const BEGINNING_NS: i64 = 1_795_228_800_000_000_000;
+
+/// What was handed to the log.
+pub struct Offered {
+    pub sent: Sent,
+    /// Which start of the service it was handed to.
+    pub start: usize,
+    pub what: What,
+}
+
+pub enum What {
+    /// A window, and its line.
+    Window(u64, Vec<u8>),
+    Gap,
+    Alarm(AlarmRecord),
+}
+
+/// All but the log itself, which is at work on the disk while the rest goes on.
+pub struct Outside {
+    mono_ms: u64,
+    /// How far the wall clock was set (ms).
+    wall_ms: i64,
+    log: Option<(Sender, Watch)>,
+    health: Health,
+    next_window: u64,
+    /// Window time up to which the source is silent, and the first window that is missing.
+    silent: Option<(u64, u64)>,
+    damaged_until: u64,
+    pub offered: Vec<Offered>,
+    pub start: usize,
+    /// (number, when it was accepted) of results that are not durable yet.
+    waiting: Vec<(u64, u64)>,
+    /// Something was wrong with the disk or the log until then.
+    trouble_until: u64,
+    /// The next call that makes something durable takes so long; those up to a time take so long.
+    hang_ms: u64,
+    slow: (u64, u64),
+    asleep_ms: u64,
+    pub looks: u64,
+    pub looks_ok: u64,
+    pub lies: Vec<String>,
+    totals: Totals,
+}
+
+pub struct World {
+    outside: Arc<Mutex<Outside>>,
+    disk: Simulated,
+    chance: Chance,
+    config: LogConfig,
+    log: Option<Stepper>,
+    /// The disk is put right then.
+    mend_at: Option<u64>,
+    /// Starts that ended by a kill or a power cut.
+    pub crashed: Vec<usize>,
+    /// Starts whose file was taken away, once for each time.
+    pub taken: Vec<usize>,
+    /// Alarms that the last start found, and those that should stand by what was kept.
+    pub restored: Vec<AlarmRecord>,
+}
+
+fn now_of(mono_ms: u64, wall_ms: i64) -> Now {
+    let wall_ns = BEGINNING_NS + (mono_ms as i64 + wall_ms) * 1_000_000;
+    Now { wall_ns, mono: Duration::from_millis(mono_ms) }
+}
+
+impl Outside {
+    fn now(&self) -> Now {
+        now_of(self.mono_ms, self.wall_ms)
+    }
+
+    /// Time passes, with all that happens meanwhile but the log's own work.
+    fn pass(&mut self, ms: u64) {
+        let end = self.mono_ms + ms;
+        while self.mono_ms < end {
+            self.mono_ms = (self.mono_ms / STEP_MS + 1) * STEP_MS;
+            if self.mono_ms.is_multiple_of(WINDOW_MS) {
+                self.window();
+            }
+            self.look();
+        }
+    }
+
+    fn offer(&mut self, what: What, record: Record) {
+        let Some((sender, _)) = &self.log else { return };
+        let sent = sender.send(record, self.now());
+        if let Sent::Queued { seq } = sent {
+            self.waiting.push((seq, self.mono_ms));
+        }
+        self.offered.push(Offered { sent, start: self.start, what });
+    }
+
+    fn window(&mut self) {
+        if self.log.is_none() {
+            return;
+        }
+        let window = self.next_window;
+        self.next_window += 1;
+        if let Some((until, first)) = self.silent {
+            if self.mono_ms < until {
+                return;
+            }
+            self.silent = None;
+            let (channel, last, count) = ("acc_1 windows".to_owned(), window - 1, window - first);
+            if count > 0 {
+                let t_ns = self.now().wall_ns;
+                let gap = Gap { channel, first, last, count, cause: Cause::Overload, t_ns };
+                self.totals.witnessed(Fault::Outage, 1);
+                self.offer(What::Gap, Record::Gap(gap));
+            }
+        }
+        let Record::Verdict { verdict, .. } = verdict(window, Rank::Zero) else { unreachable!("it is a verdict") };
+        let mut verdict = verdict.as_ref().clone();
+        if self.mono_ms < self.damaged_until {
+            verdict.machine = MachineState::Alarm;
+        }
+        let line = serde_json::to_string(&verdict).unwrap();
+        let changed = self.health.take(&verdict);
+        let record = Record::Verdict { verdict: Arc::new(verdict), line: line.as_str().into() };
+        self.offer(What::Window(window, line.into_bytes()), record);
+        if let Some(alarm) = changed {
+            self.totals.witnessed(Fault::Gears, u64::from(alarm.active));
+            self.alarm(AlarmRecord::new("bench", &alarm, None));
+        }
+    }
+
+    fn alarm(&mut self, alarm: AlarmRecord) {
+        self.offer(What::Alarm(alarm.clone()), Record::Alarm(Arc::new(alarm)));
+    }
+
+    /// The supervisor looks, and is checked by what this world knows itself.
+    fn look(&mut self) {
+        let Some((_, watch)) = &mut self.log else { return };
+        let judged = watch.look(Duration::from_millis(self.mono_ms));
+        let durable = judged.state.durable_seq;
+        self.waiting.retain(|(seq, _)| *seq > durable);
+        let oldest_ms = self.waiting.first().map_or(0, |(_, since)| self.mono_ms - since);
+        self.looks += 1;
+        self.looks_ok += u64::from(judged.ok);
+        if judged.ok && oldest_ms > 2000 {
+            self.lies.push(format!("at {} ms ok, while a result waits for {oldest_ms} ms", self.mono_ms));
+        }
+        if judged.state.files_removed > 0 {
+            self.lies.push(format!("at {} ms a file was removed, though all are to be kept", self.mono_ms));
+        }
+        // Twelve seconds after the last trouble everything is all right again, and must be said to be.
+        if !judged.ok && oldest_ms < 1900 && self.mono_ms > self.trouble_until + 12_000 {
+            self.lies.push(format!("at {} ms not ok without a reason: {}", self.mono_ms, judged.why));
+        }
+    }
+
+    /// Somebody other than the injector saw a fault.
+    pub fn witness(&mut self, fault: Fault, count: u64) {
+        self.totals.witnessed(fault, count);
+    }
+
+    fn trouble(&mut self, ms: u64) {
+        self.trouble_until = self.trouble_until.max(self.mono_ms + ms);
+    }
+}
+
+impl World {
+    /// Lets a world be for so long, then ends it in good order.
+    pub fn live(seed: u64, secs: u64) -> Self {
+        let mut chance = Chance::new(seed);
+        let config = LogConfig {
+            group_ms: [50, 200, 1000][chance.below(3) as usize],
+            queue_records: [4, 8, 64][chance.below(3) as usize],
+            rotate_bytes: [8 << 10, 64 << 10][chance.below(2) as usize],
+            rotate_secs: 60,
+            keep_secs: 400 * 86_400,
+            ..LogConfig::default()
+        };
+        let disk = Simulated::new(seed);
+        let outside = Outside {
+            mono_ms: 0,
+            wall_ms: 0,
+            log: None,
+            health: health(),
+            next_window: 0,
+            silent: None,
+            damaged_until: 0,
+            offered: Vec::new(),
+            start: 0,
+            waiting: Vec::new(),
+            trouble_until: 0,
+            hang_ms: 0,
+            slow: (0, 0),
+            asleep_ms: 0,
+            looks: 0,
+            looks_ok: 0,
+            lies: Vec::new(),
+            totals: Totals::default(),
+        };
+        let outside = Arc::new(Mutex::new(outside));
+        let meanwhile = outside.clone();
+        disk.set_meanwhile(move || {
+            let mut outside = meanwhile.lock().unwrap();
+            let slow = if outside.mono_ms < outside.slow.0 { outside.slow.1 } else { 0 };
+            let ms = std::mem::take(&mut outside.hang_ms) + slow;
+            outside.asleep_ms += ms;
+            if ms > 0 {
+                outside.trouble(ms);
+                outside.pass(ms);
+            }
+        });
+        let mut world = Self {
+            outside,
+            disk,
+            chance,
+            config,
+            log: None,
+            mend_at: None,
+            crashed: Vec::new(),
+            taken: Vec::new(),
+            restored: Vec::new(),
+        };
+        world.start();
+        while world.at(|outside| outside.mono_ms) < secs * 1000 {
+            world.step();
+        }
+        world.mend();
+        world.calm();
+        world.stop();
+        world.start();
+        world.stop();
+        world
+    }
+
+    pub fn disk(&self) -> &Simulated {
+        &self.disk
+    }
+
+    pub fn totals(&self) -> Totals {
+        self.at(|outside| outside.totals.clone())
+    }
+
+    pub fn at<T>(&self, ask: impl FnOnce(&mut Outside) -> T) -> T {
+        ask(&mut self.outside.lock().unwrap())
+    }
+
+    fn now(&self) -> Now {
+        self.at(|outside| outside.now())
+    }
+
+    fn step(&mut self) {
+        if self.chance.below(40) == 0 {
+            self.inject();
+        }
+        self.at(|outside| outside.pass(STEP_MS));
+        if self.mend_at.is_some_and(|at| self.at(|outside| outside.mono_ms) >= at) {
+            self.mend();
+        }
+        let now = self.now();
+        match &mut self.log {
+            Some(log) => log.step(now),
+            // A disk that fails can keep a start from reading the folder; it is tried again.
+            None => self.start(),
+        }
+    }
+
+    fn mend(&mut self) {
+        self.mend_at = None;
+        self.disk.plan(None);
+        self.disk.set_capacity(None);
+        self.at(|outside| outside.trouble(1000));
+    }
+
+    /// Nothing goes wrong for a while.
+    fn calm(&mut self) {
+        self.at(|outside| (outside.slow, outside.hang_ms) = ((0, 0), 0));
+        for _ in 0..120 {
+            self.at(|outside| outside.pass(STEP_MS));
+            let now = self.now();
+            match &mut self.log {
+                Some(log) => log.step(now),
+                None => self.start(),
+            }
+        }
+    }
+
+    fn start(&mut self) {
+        let started = Stepper::start(self.config.clone(), context(), Box::new(self.disk.clone()), self.now());
+        let Ok(log) = started else { return };
+        self.restored = log.recovery().alarms.clone();
+        let (sender, watch) = (log.sender(), log.watch());
+        let restored = self.restored.clone();
+        self.at(|outside| {
+            outside.start += 1;
+            outside.waiting.clear();
+            outside.health = health();
+            restored.into_iter().for_each(|record| outside.health.restore(record.alarm, true));
+            outside.log = Some((sender, watch));
+            outside.trouble(0);
+        });
+        self.log = Some(log);
+    }
+
+    /// Ends the log in good order, if the disk lets it.
+    fn stop(&mut self) {
+        let now = self.now();
+        let Some(log) = self.log.take() else { return };
+        let closed = log.stop(now);
+        let start = self.at(|outside| {
+            outside.log = None;
+            outside.start
+        });
+        if !closed {
+            self.crashed.push(start);
+        }
+    }
+
+    fn crash(&mut self) {
+        self.log = None;
+        let start = self.at(|outside| {
+            outside.log = None;
+            (outside.hang_ms, outside.slow) = (0, (0, 0));
+            outside.start
+        });
+        self.crashed.push(start);
+    }
+
+    fn inject(&mut self) {
+        let fault = Fault::ALL[self.chance.below(Fault::ALL.len() as u64) as usize];
+        let (mono_ms, running) = self.at(|outside| (outside.mono_ms, outside.log.is_some()));
+        if !running || (self.mend_at.is_some() && matches!(fault, Fault::Full | Fault::Io | Fault::Taken)) {
+            return;
+        }
+        let for_ms = self.chance.between(1, 15) * 1000;
+        let before = self.disk.witness();
+        self.at(|outside| outside.totals.injected(fault));
+        match fault {
+            Fault::Hang => self.at(|outside| outside.hang_ms = for_ms),
+            Fault::Slow => {
+                let each_ms = self.chance.between(300, 1500);
+                self.at(|outside| outside.slow = (mono_ms + 2 * for_ms, each_ms));
+            }
+            Fault::Full => {
+                let used = self.disk.contents().values().map(|file| file.len() as u64).sum::<u64>();
+                self.disk.set_capacity(Some(used + self.chance.below(600)));
+                self.mend_at = Some(mono_ms + for_ms);
+                self.at(|outside| outside.trouble(for_ms + 3000));
+            }
+            Fault::Io => {
+                let for_good = self.chance.below(2) == 0;
+                let call = self.chance.between(1, 6);
+                self.disk.plan(Some(Plan { call, fault: DiskFault::Io, for_good }));
+                self.mend_at = Some(mono_ms + for_ms);
+                self.at(|outside| outside.trouble(for_ms + 3000));
+            }
+            Fault::Kill => {
+                self.crash();
+                self.disk.restart();
+                self.start();
+                // Whoever starts next finds that nobody closed the log.
+                let unclean = self.log.as_ref().is_some_and(|log| log.recovery().unclean);
+                self.at(|outside| outside.totals.witnessed(fault, u64::from(unclean)));
+            }
+            Fault::PowerCut => {
+                self.crash();
+                self.disk.power_cut();
+                let torn = self.disk.witness().torn_bytes > before.torn_bytes;
+                self.at(|outside| outside.totals.witnessed(fault, u64::from(torn)));
+                self.start();
+            }
+            Fault::Taken => self.take_away(),
+            Fault::Clock => {
+                const DAY_MS: i64 = 86_400_000;
+                let by_ms = [3_600_000, -DAY_MS, 401 * DAY_MS, -1000, -300 * DAY_MS][self.chance.below(5) as usize];
+                self.at(|outside| outside.wall_ms += by_ms);
+            }
+            Fault::Reload => {
+                self.stop();
+                self.start();
+                let found = self.log.as_ref().is_some_and(|log| !log.recovery().unclean);
+                self.at(|outside| outside.totals.witnessed(fault, u64::from(found)));
+            }
+            Fault::Outage => {
+                self.at(|outside| outside.silent = Some((mono_ms + for_ms, outside.next_window)));
+            }
+            Fault::Gears => self.at(|outside| outside.damaged_until = mono_ms + 2 * for_ms),
+            Fault::Seen => self.acknowledge(),
+        }
+    }
+
+    fn take_away(&mut self) {
+        let Some(file) = self.log.as_ref().map(|log| log.state().file).filter(|file| !file.is_empty()) else { return };
+        let before = self.disk.witness().taken;
+        if self.chance.below(2) == 0 {
+            self.disk.take_away(&file);
+        } else {
+            let length = self.disk.contents().get(&file).map_or(0, Vec::len) as u64;
+            self.disk.cut(&file, self.chance.below(length) as usize);
+        }
+        let taken = self.disk.witness().taken - before;
+        self.at(|outside| {
+            outside.totals.witnessed(Fault::Taken, taken);
+            outside.trouble(3000);
+        });
+        let start = self.at(|outside| outside.start);
+        self.taken.push(start);
+    }
+
+    fn acknowledge(&mut self) {
+        self.at(|outside| {
+            let ids: Vec<String> = outside.health.alarms().map(|alarm| alarm.id.clone()).collect();
+            for id in ids {
+                let Some(alarm) = outside.health.acknowledge(&id) else { continue };
+                let t_ns = outside.now().wall_ns;
+                let seen = Acknowledgement { who: "somebody".into(), why: "seen".into(), from: "here".into(), t_ns };
+                outside.totals.witnessed(Fault::Seen, 1);
+                outside.alarm(AlarmRecord::new("bench", &alarm, Some(&seen)));
+            }
+        });
+    }
+
+    /// What the world as a whole saw of faults that last.
+    pub fn witness_of_lasting(&self) {
+        let disk = self.disk.witness();
+        self.at(|outside| {
+            let asleep = outside.asleep_ms;
+            outside.totals.witnessed(Fault::Io, disk.io_errors);
+            outside.totals.witnessed(Fault::Full, disk.found_full);
+            outside.totals.witnessed(Fault::Hang, asleep / 1000);
+            outside.totals.witnessed(Fault::Slow, asleep / 1000);
+        });
+    }
+}
+
+fn health() -> Health {
+    Health::new(AlarmConfig { needed: 3, of: 5, clear: 4, latch: true, earn: 3 })
+}
