@@ -51,4 +51,4 @@ pub use salvage::{Missing, Salvaged, salvage};
 pub use state::{Condition, LogState};
 pub use stepper::{Now, Sender, Stepper};
 pub use storage::{Marker, Storage, StorageFile};
-pub use watch::{Judgement, Watch};
+pub use watch::{DURABLE_WITHIN, Judgement, Watch};
