@@ -30,7 +30,7 @@ const RETRY: Duration = Duration::from_millis(500);
 const LOOK: Duration = Duration::from_millis(500);
 
 /// How often the end is tried: a write that fails once must not cost the footer.
-const LAST_TRIES: usize = 3;
+pub(super) const LAST_TRIES: usize = 3;
 
 /// Free space that must be there before a full disk is tried again (bytes), beside the group that waits.
 const FREE_MARGIN: u64 = 64 << 10;
@@ -303,17 +303,19 @@ impl Owner {
         self.retry_at.is_none()
     }
 
-    /// Writes what waits, closes the file in good order, and says whether everything is durable.
-    pub fn finish(&mut self, now: Now, shed: ShedCounts) -> bool {
+    /// Writes what waits, closes the file in good order, and says whether everything is durable. Where not all was taken that the queue held, the log
+    /// must not say that its end was a good one: the next start has to tell what is missing.
+    pub fn finish(&mut self, now: Now, shed: ShedCounts, all_taken: bool) -> bool {
+        let mark = if all_taken { Mark::End } else { Mark::None };
         for _ in 0..LAST_TRIES {
             if self.started {
-                self.commit(now, Mark::End);
+                self.commit(now, mark);
             }
             if self.retry_at.is_none() {
                 break;
             }
         }
-        let durable = self.started && self.pending.is_empty() && self.retry_at.is_none();
+        let durable = all_taken && self.started && self.pending.is_empty() && self.retry_at.is_none();
         for _ in 0..LAST_TRIES {
             self.close(now);
             if !self.unclosed {

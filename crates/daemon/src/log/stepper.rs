@@ -8,7 +8,7 @@ use tokio::sync::watch;
 
 use super::config::LogConfig;
 use super::handle::LogError;
-use super::owner::{Owner, first_seq};
+use super::owner::{LAST_TRIES, Owner, first_seq};
 use super::queue::{Queue, Sent};
 use super::record::{Cause, Context, Gap, Level, Note, Record};
 use super::recover::{Recovery, recover};
@@ -137,12 +137,13 @@ impl Stepper {
             self.queue.take(idle, &now, |item| owner.accept(item, now()))
         } else {
             // A full group cannot be written at the moment: what comes now waits in the queue or is shed there. At the end there
-            // is one last try.
-            self.queue.wait_for_stop(idle) && !self.owner.flush(now())
+            // are some last tries.
+            self.queue.wait_for_stop(idle) && !(0..LAST_TRIES).any(|_| self.owner.flush(now()))
         };
         if ended {
-            let durable = self.owner.finish(now(), self.queue.shed());
-            return Some(durable && self.queue.is_empty());
+            // What the disk does not take any more stays in the queue, and is lost: that is no good end.
+            let all_taken = self.queue.is_empty();
+            return Some(self.owner.finish(now(), self.queue.shed(), all_taken));
         }
         self.owner.step(now(), self.queue.shed());
         // What the log says of itself waits until there is room: nobody else would say it.
