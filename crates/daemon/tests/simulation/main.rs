@@ -25,7 +25,7 @@ fn seeds() -> std::ops::Range<u64> {
     let number = |key: &str| std::env::var(key).ok().and_then(|text| text.parse::<u64>().ok());
     match number("GEARWATCH_SEED") {
         Some(seed) => seed..seed + 1,
-        None => 0..number("GEARWATCH_ROUNDS").unwrap_or(60),
+        None => 0..number("GEARWATCH_ROUNDS").unwrap_or(1),
     }
 }
 
