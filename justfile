@@ -106,3 +106,33 @@ prove cases="200" seed="20261":
 # Each effect of the library concealed and sought: the table of docs/effects-found.md
 campaign-effects cases="3" seed="2026112101":
     GEARWATCH_CASES={{cases}} GEARWATCH_SEED={{seed}} cargo test --release -p gearwatch-explain --test effects -- --ignored --nocapture
+
+# Where the time of a build from empty goes: `target/cargo-timings/`
+build-times *args:
+    cargo build --timings {{args}}
+
+# The Python wheel, into target/wheels (pip install maturin)
+wheel *args:
+    packaging/wheel.sh {{args}}
+
+# The Python package in an empty environment: beside the command line and SciPy
+python-test:
+    packaging/python-test.sh
+
+# The same, and the notebooks run from their first cell to their last
+notebooks:
+    packaging/python-test.sh notebooks
+
+# The Debian package, into target/release-files
+deb:
+    cargo build --release --locked --package gearwatch --features full
+    packaging/deb.sh target/release/gearwatch target/release-files
+    packaging/deb-test.sh target/release-files/gearwatch_*.deb
+
+# One file that runs on any x86-64 Linux (musl-tools)
+static:
+    packaging/static.sh
+
+# All files of a release with their checksums, into target/release-files
+release:
+    packaging/release.sh
