@@ -28,11 +28,5 @@ if command -v musl-gcc >/dev/null && rustc --print target-libdir --target x86_64
 else
   echo "left out: the static build (musl-tools, rustup target add x86_64-unknown-linux-musl)"
 fi
-if command -v maturin >/dev/null; then
-  packaging/wheel.sh
-  cp target/wheels/gearwatch-"$version"-*.whl "$out"
-else
-  echo "left out: the wheel (pip install maturin)"
-fi
 (cd "$out" && sha256sum -- * > SHA256SUMS)
 cat "$out/SHA256SUMS"

@@ -12,6 +12,7 @@ use crate::verdict::HARMONICS;
 
 mod cells;
 mod learner;
+mod machine;
 mod mixed;
 mod moderated;
 mod surface;
@@ -19,6 +20,7 @@ mod surface;
 pub use cells::{Cell, Reference};
 pub use learner::{LearnError, Learner, Origin};
 pub(crate) use learner::{Series, split};
+pub use machine::{Change, Machine, Mounted, Rebinding, Teeth};
 pub use mixed::MixedCell;
 pub use moderated::ScatterPrior;
 pub use surface::{Place, Surface};
@@ -100,8 +102,14 @@ pub struct Baseline {
     pub format: String,
     /// Name of the bench, for people.
     pub bench: String,
-    /// SHA-256 of the bench's content, lower-case hexadecimal: a baseline belongs to one bench.
+    /// SHA-256 of the bench's content when it was learned, lower-case hexadecimal.
     pub bench_sha256: String,
+    /// What of the bench it rests on; files of before 2026-11-22 do not say, and belong to the whole bench file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<Machine>,
+    /// When it was tied to a changed bench by hand, and why; in order of time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub history: Vec<Rebinding>,
     /// Length of the windows (s). Floors and scatter depend on it.
     pub window_s: f64,
     /// Rank steps that were in force when it was learned (percent).
@@ -208,6 +216,12 @@ pub enum MergeError {
         /// In the second.
         right: String,
     },
+    /// They were learned on machines that differ.
+    #[error("{change}; only baselines of one machine can be joined")]
+    Machine {
+        /// The first field that differs.
+        change: String,
+    },
     /// The same recording stands in both, with other content.
     #[error(
         "recording {recording:?} of session {session:?}, mounting {mounting:?}, is in both with different content; \
@@ -240,6 +254,8 @@ impl Baseline {
             format: FORMAT.to_owned(),
             bench: bench.name.clone(),
             bench_sha256,
+            machine: Some(Machine::of(bench)),
+            history: Vec::new(),
             window_s,
             rank_steps_percent: crate::rank::RankConfig::default().steps_percent,
             config,
@@ -264,6 +280,8 @@ impl Baseline {
             format: self.format.clone(),
             bench: self.bench.clone(),
             bench_sha256: self.bench_sha256.clone(),
+            machine: self.machine.clone(),
+            history: self.history.clone(),
             stages: self.stages.clone(),
             runs: Vec::new(),
             ..*self
@@ -278,8 +296,17 @@ impl Baseline {
         let different = |what, left: &dyn std::fmt::Debug, right: &dyn std::fmt::Debug| {
             Err(MergeError::Different { what, left: format!("{left:?}"), right: format!("{right:?}") })
         };
-        if self.bench_sha256 != other.bench_sha256 {
-            return different("the bench (SHA-256)", &self.bench_sha256, &other.bench_sha256);
+        match (&self.machine, &other.machine) {
+            (Some(left), Some(right)) => {
+                if let Some(change) = left.changes(right).into_iter().chain(right.changes(left)).next() {
+                    return Err(MergeError::Machine { change: change.sentence });
+                }
+            }
+            // One does not say what it rests on: then the whole bench file counts.
+            _ if self.bench_sha256 != other.bench_sha256 => {
+                return different("the bench (SHA-256)", &self.bench_sha256, &other.bench_sha256);
+            }
+            _ => {}
         }
         if self.window_s != other.window_s {
             return different("the window length (s)", &self.window_s, &other.window_s);
@@ -294,6 +321,14 @@ impl Baseline {
             return different("the list of stages", &self.stages, &other.stages);
         }
         let mut merged = self.clone();
+        if other.bench_sha256 < self.bench_sha256 {
+            // Either will do, as long as it does not depend on the order.
+            (merged.bench, merged.bench_sha256) = (other.bench.clone(), other.bench_sha256.clone());
+        }
+        merged.machine = self.machine.clone().or_else(|| other.machine.clone());
+        merged.history.extend_from_slice(&other.history);
+        merged.history.sort();
+        merged.history.dedup();
         for group in other.runs.chunk_by(|a, b| a.origin() == b.origin()) {
             let mine: Vec<&Run> = self.runs.iter().filter(|run| run.origin() == group[0].origin()).collect();
             if mine.is_empty() {

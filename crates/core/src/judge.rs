@@ -335,6 +335,8 @@ mod tests {
             format: FORMAT.into(),
             bench: "test".into(),
             bench_sha256: String::new(),
+            machine: None,
+            history: Vec::new(),
             window_s: 1.0,
             rank_steps_percent: RankConfig::default().steps_percent,
             config: BaselineConfig::default(),

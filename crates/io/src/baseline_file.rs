@@ -6,7 +6,7 @@
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use gearwatch_core::baseline::{Baseline, FORMAT};
+use gearwatch_core::baseline::{Baseline, Change, FORMAT, Machine, Rebinding};
 use gearwatch_core::bench::Bench;
 
 use crate::sealed::{self, Broken, sha256_of};
@@ -71,22 +71,33 @@ pub enum BaselineFileError {
         /// One sentence each.
         problems: Vec<String>,
     },
-    /// Made for another bench.
+    /// Made for another machine.
     #[error(
-        "{path}: belongs to bench {baseline:?} with hash {expected}, but this bench, {bench:?}, has {found}; a baseline is \
-         valid for the bench file that it was learned with: learn it again"
+        "{path}: was learned on bench {baseline:?}, but this bench, {bench:?}, is another: {}; {}",
+        sentences(changes),
+        advice(changes)
     )]
     OtherBench {
         /// The file.
         path: PathBuf,
         /// Bench of the baseline.
         baseline: String,
-        /// Its hash.
-        expected: String,
         /// The bench in use.
         bench: String,
-        /// Its hash.
-        found: String,
+        /// The fields that differ.
+        changes: Vec<Change>,
+    },
+    /// Made before baselines said what they rest on, with another bench file.
+    #[error(
+        "{path}: was learned with another bench file than this of {bench:?}, and does not say what it rests on. Where teeth, ratios, \
+         sensors and units are the same, tie it to this bench: gearwatch baseline rebind {path} --bench BENCH --reason TEXT; otherwise learn it \
+         again"
+    )]
+    OtherFile {
+        /// The file.
+        path: PathBuf,
+        /// The bench in use.
+        bench: String,
     },
     /// Made with windows of another length.
     #[error(
@@ -101,6 +112,18 @@ pub enum BaselineFileError {
         /// In use (s).
         found: f64,
     },
+}
+
+fn sentences(changes: &[Change]) -> String {
+    changes.iter().map(|change| change.sentence.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+fn advice(changes: &[Change]) -> &'static str {
+    if changes.iter().any(|change| change.new_lines) {
+        "what was learned means something else there: learn it again"
+    } else {
+        "where it holds all the same, say why with `gearwatch baseline rebind --reason`; otherwise learn it again"
+    }
 }
 
 /// Hash of a bench's content, lower-case hexadecimal: SHA-256 of the bench as compact JSON. Comments, spacing and defaults
@@ -168,15 +191,17 @@ pub fn read_for(path: &Path, bench: &Bench, window_s: f64) -> Result<Baseline, B
 /// # Errors
 /// When it does not.
 pub fn check_use(baseline: &Baseline, path: &Path, bench: &Bench, window_s: f64) -> Result<(), BaselineFileError> {
-    let found = bench_sha256(bench);
-    if baseline.bench_sha256 != found {
-        return Err(BaselineFileError::OtherBench {
-            path: path.to_owned(),
-            baseline: baseline.bench.clone(),
-            expected: baseline.bench_sha256.clone(),
-            bench: bench.name.clone(),
-            found,
-        });
+    match &baseline.machine {
+        Some(machine) => {
+            let changes = machine.changes(&Machine::of(bench));
+            if !changes.is_empty() {
+                return Err(other_bench(baseline, path, bench, changes));
+            }
+        }
+        None if baseline.bench_sha256 != bench_sha256(bench) => {
+            return Err(BaselineFileError::OtherFile { path: path.to_owned(), bench: bench.name.clone() });
+        }
+        None => {}
     }
     let same = (baseline.window_s - window_s).abs() <= WINDOW_TOLERANCE * baseline.window_s;
     if !same {
@@ -187,6 +212,50 @@ pub fn check_use(baseline: &Baseline, path: &Path, bench: &Bench, window_s: f64)
         });
     }
     Ok(())
+}
+
+fn other_bench(baseline: &Baseline, path: &Path, bench: &Bench, changes: Vec<Change>) -> BaselineFileError {
+    let (path, baseline, bench) = (path.to_owned(), baseline.bench.clone(), bench.name.clone());
+    BaselineFileError::OtherBench { path, baseline, bench, changes }
+}
+
+/// Ties a baseline to a bench that it still holds for, and notes why. `t_ns` is now. Gives what had changed.
+///
+/// # Errors
+/// When the lines that were learned mean something else on this bench: other teeth, ratios, stages or units.
+pub fn rebind(
+    baseline: &mut Baseline,
+    path: &Path,
+    bench: &Bench,
+    reason: &str,
+    t_ns: i64,
+) -> Result<Vec<Change>, BaselineFileError> {
+    let now = Machine::of(bench);
+    let mut changes = baseline.machine.as_ref().map_or_else(Vec::new, |machine| machine.changes(&now));
+    // A file that does not say what it rests on still names its stages, and the unit of each channel.
+    let is: Vec<&String> = bench.stages.iter().map(|stage| &stage.name).collect();
+    if baseline.stages.iter().ne(is.iter().copied()) {
+        let sentence = format!("the stages were {:?}, are {is:?}", baseline.stages);
+        changes.push(Change { sentence, new_lines: true });
+    }
+    for (name, channel) in baseline.runs.iter().flat_map(|run| &run.channels) {
+        let unit = bench.sensors.iter().find(|sensor| &sensor.name == name).map(|sensor| &sensor.unit);
+        if let Some(unit) = unit.filter(|unit| **unit != channel.unit) {
+            let sentence = format!("sensor {name:?}: unit was {}, is {unit}", channel.unit);
+            if changes.iter().all(|change| change.sentence != sentence) {
+                changes.push(Change { sentence, new_lines: true });
+            }
+        }
+    }
+    if changes.iter().any(|change| change.new_lines) {
+        return Err(other_bench(baseline, path, bench, changes));
+    }
+    let sentences = changes.iter().map(|change| change.sentence.clone()).collect();
+    baseline.history.push(Rebinding { t_ns, reason: reason.to_owned(), changes: sentences });
+    baseline.machine = Some(now);
+    baseline.bench.clone_from(&bench.name);
+    baseline.bench_sha256 = bench_sha256(bench);
+    Ok(changes)
 }
 
 /// Writes a baseline file: first beside its place, then moved there, so that there is always a whole one.
@@ -301,12 +370,71 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
             |bench: &Bench, window_s| check_use(&baseline(), path, bench, window_s).expect_err("refused").to_string();
         let other = bench(&BENCH.replace("teeth = 40", "teeth = 41"));
         let text = refused(&other, 1.0);
-        assert!(text.contains("normal.json") && text.contains(&bench_sha256(&other)), "{text}");
+        assert!(text.contains("normal.json") && text.contains("stage \"s\": wheel.teeth was 40, is 41"), "{text}");
+        assert!(text.ends_with("learn it again") && !text.contains("rebind"), "{text}");
         let text = refused(&bench(BENCH), 0.5);
         assert!(text.contains("windows of 1 s") && text.contains("now 0.5 s"), "{text}");
         // Comments and defaults written out are not another bench.
         let same = bench(&format!("# a comment\n{}", BENCH.replace("speed_hz = 30.0", "speed_hz = 30")));
         assert_eq!(bench_sha256(&same), bench_sha256(&bench(BENCH)));
+    }
+
+    /// A name, a stiffness, a damping or an effect is nothing that lines are measured by.
+    #[test]
+    fn conform_what_does_not_matter_keeps_a_baseline() {
+        let path = Path::new("normal.json");
+        for (from, to) in [
+            ("name = \"b\"", "name = \"bench 3\""),
+            ("speed_hz = 30.0", "speed_hz = 25.0"),
+            ("{ name = \"in\" }", "{ name = \"in\", bearing_n_per_m = 2e8 }"),
+            ("teeth = 20 }", "teeth = 20, bore_mm = 12.0 }"),
+        ] {
+            assert!(BENCH.contains(from), "{from}");
+            let changed = bench(&BENCH.replace(from, to));
+            assert_ne!(bench_sha256(&changed), bench_sha256(&bench(BENCH)));
+            check_use(&baseline(), path, &changed, 1.0).expect(to);
+        }
+    }
+
+    /// What matters and is no other line is named, and kept with a reason; what makes other lines is not kept for any reason.
+    #[test]
+    fn conform_a_baseline_is_tied_anew_with_a_reason() {
+        let path = Path::new("normal.json");
+        let tacho = bench(&format!("{BENCH}tacho = {{ shaft = \"in\" }}\n"));
+        let text = check_use(&baseline(), path, &tacho, 1.0).expect_err("refused").to_string();
+        assert!(
+            text.contains("tacho was none, is 1 pulses per revolution of \"in\"") && text.contains("rebind"),
+            "{text}"
+        );
+        let mut bound = baseline();
+        let changes = rebind(&mut bound, path, &tacho, "the tacho was there all along", 7).expect("tied");
+        assert_eq!(changes.len(), 1);
+        check_use(&bound, path, &tacho, 1.0).expect("it holds now");
+        assert_eq!(bound.history.len(), 1);
+        assert_eq!((bound.history[0].t_ns, bound.history[0].reason.as_str()), (7, "the tacho was there all along"));
+        // It survives the file, and with it why.
+        assert_eq!(parse(&to_text(&bound, path).expect("text"), path).expect("read"), bound);
+        let teeth = bench(&BENCH.replace("teeth = 40", "teeth = 41"));
+        let error = rebind(&mut baseline(), path, &teeth, "because", 7).expect_err("other lines");
+        assert!(error.to_string().contains("wheel.teeth was 40, is 41"), "{error}");
+    }
+
+    /// Files of before baselines said what they rest on: good for the very same bench file, and told how to go on with a changed one.
+    #[test]
+    fn conform_older_files_are_read_and_can_be_tied() {
+        let path = Path::new("normal.json");
+        let mut old = baseline();
+        old.machine = None;
+        let text = to_text(&old, path).expect("text");
+        assert!(!text.contains("\"machine\"") && !text.contains("\"history\""), "{text}");
+        let old = parse(&text, path).expect("an older file");
+        check_use(&old, path, &bench(BENCH), 1.0).expect("the same bench file");
+        let renamed = bench(&BENCH.replace("name = \"b\"", "name = \"c\""));
+        let error = check_use(&old, path, &renamed, 1.0).expect_err("another file").to_string();
+        assert!(error.contains("gearwatch baseline rebind normal.json"), "{error}");
+        let mut tied = old.clone();
+        assert_eq!(rebind(&mut tied, path, &renamed, "renamed", 1).expect("tied"), []);
+        check_use(&tied, path, &renamed, 1.0).expect("it holds now");
     }
 
     #[test]

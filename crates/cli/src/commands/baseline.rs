@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
@@ -27,6 +28,7 @@ use crate::input::Input;
   gearwatch baseline merge monday.json tuesday.json -o normal.json
   gearwatch baseline show normal.json
   gearwatch baseline check normal.json --bench bench.toml
+  gearwatch baseline rebind normal.json --bench bench.toml --reason 'acc_2 was always at 90 degrees'
 
 One session understates how much a healthy machine scatters, because temperature, oil and mounting stay as they are \
 within it: learn several, each under its own name. docs/baseline.md explains what is kept.")]
@@ -45,6 +47,10 @@ enum Action {
     Check(Check),
     /// Join baselines of one bench
     Merge(Merge),
+    /// Tie a baseline to a changed bench file that it still holds for, with a reason that stays in it
+    ///
+    /// A baseline rests on teeth, ratios, sensors, their units and the tacho. Where other teeth, ratios or units make other lines of them it is refused.
+    Rebind(Rebind),
 }
 
 #[derive(Args)]
@@ -108,6 +114,18 @@ struct Merge {
     force: bool,
 }
 
+#[derive(Args)]
+struct Rebind {
+    /// Baseline file; it is written anew
+    file: PathBuf,
+    /// Bench file that it holds for
+    #[arg(short, long, value_name = "FILE")]
+    bench: PathBuf,
+    /// Why it still holds, for whoever reads it later
+    #[arg(short, long, value_name = "TEXT")]
+    reason: String,
+}
+
 impl Run for BaselineCommand {
     const NAME: &'static str = "baseline";
 
@@ -117,6 +135,7 @@ impl Run for BaselineCommand {
             Action::Show(show) => show.run(),
             Action::Check(check) => check.run(),
             Action::Merge(merge) => merge.run(),
+            Action::Rebind(rebind) => rebind.run(),
         }
     }
 }
@@ -227,6 +246,26 @@ impl Merge {
     }
 }
 
+impl Rebind {
+    fn run(self) -> anyhow::Result<Exit> {
+        if self.reason.trim().is_empty() {
+            bail!("--reason is empty; say why the baseline still holds");
+        }
+        let mut baseline = baseline_file::read(&self.file)?;
+        let bench = bench_file::read(&self.bench)?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let t_ns = i64::try_from(now.as_nanos()).unwrap_or(i64::MAX);
+        let changes = baseline_file::rebind(&mut baseline, &self.file, &bench, self.reason.trim(), t_ns)?;
+        baseline_file::write(&baseline, &self.file)?;
+        let mut text = format!("{}: tied to {}\n", self.file.display(), self.bench.display());
+        for change in &changes {
+            writeln!(text, "  {}", change.sentence)?;
+        }
+        say(&text)?;
+        Ok(Exit::Ok)
+    }
+}
+
 fn refuse_overwriting(path: &Path, force: bool) -> anyhow::Result<()> {
     if path.exists() && !force {
         bail!("{}: is there already; --force overwrites it", path.display());
@@ -248,7 +287,19 @@ fn summary(baseline: &Baseline) -> Result<String, std::fmt::Error> {
     let mut out = String::new();
     let surface = Surface::new(baseline);
     writeln!(out, "  bench {:?}, stages {}", baseline.bench, baseline.stages.join(", "))?;
-    writeln!(out, "  bench hash {}", baseline.bench_sha256)?;
+    match &baseline.machine {
+        Some(machine) => {
+            let teeth = machine.stages.iter().map(|s| format!("{} {}/{}", s.name, s.pinion, s.wheel));
+            let sensors = machine.sensors.iter().map(|s| format!("{} ({})", s.name, s.unit));
+            writeln!(out, "  rests on teeth {}", teeth.collect::<Vec<_>>().join(", "))?;
+            writeln!(out, "  belt ratio {}, sensors {}", machine.belt_ratio, sensors.collect::<Vec<_>>().join(", "))?;
+        }
+        None => writeln!(out, "  rests on the bench file with hash {}", baseline.bench_sha256)?,
+    }
+    for entry in &baseline.history {
+        let changes = if entry.changes.is_empty() { String::new() } else { format!(" ({})", entry.changes.join("; ")) };
+        writeln!(out, "  rebound: {}{changes}", entry.reason)?;
+    }
     writeln!(
         out,
         "  windows of {} s, {} runs, {} cells",

@@ -1,11 +1,13 @@
 //! `gearwatch simulate BENCH`: a simulated recording, with and without effects.
 
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use clap::Args;
+use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
+use clap::{Arg, Args, Command};
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
@@ -39,7 +41,7 @@ pub struct Simulate {
     /// Bench file, or the name of a bench that comes with the program
     bench: PathBuf,
     /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value
-    #[arg(long, value_name = "EFFECT")]
+    #[arg(long, value_name = "EFFECT", value_parser = EffectText, hide_possible_values = true)]
     effect: Vec<String>,
     /// Motor speed, in Hz or as 1500rpm; the bench's nominal one where left out
     #[arg(long, value_name = "HZ|RPM", value_parser = gearwatch_core::speed::parse_speed_hz)]
@@ -65,6 +67,22 @@ pub struct Simulate {
     /// Picture of waveform, order spectrum and mesh stiffness to write (.svg or .html)
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+}
+
+/// Any text, read later with its bench; a shell that completes it offers the ids of the effects.
+#[derive(Clone)]
+struct EffectText;
+
+impl TypedValueParser for EffectText {
+    type Value = String;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+        StringValueParser::new().parse_ref(command, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(gearwatch_sim::effects::ALL.iter().map(|e| PossibleValue::new(e.id()).help(e.help()))))
+    }
 }
 
 impl Run for Simulate {

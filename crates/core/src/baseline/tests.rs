@@ -12,6 +12,8 @@ fn empty() -> Baseline {
         format: FORMAT.into(),
         bench: "test".into(),
         bench_sha256: "0".repeat(64),
+        machine: None,
+        history: Vec::new(),
         window_s: 1.0,
         rank_steps_percent: crate::rank::RankConfig::default().steps_percent,
         config: BaselineConfig::default(),
