@@ -29,6 +29,7 @@ mod layout;
 mod list;
 #[cfg(feature = "manual")]
 mod man;
+mod modes;
 #[cfg(feature = "explain")]
 mod paper;
 #[cfg(feature = "explain")]
@@ -67,6 +68,7 @@ const COMMANDS: &[Kind] = &[
     kind::<diagnose::Diagnose>(),
     kind::<signatures::SignaturesCommand>(),
     kind::<check::CheckBench>(),
+    kind::<modes::Modes>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     #[cfg(feature = "batch")]

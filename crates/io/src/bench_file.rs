@@ -61,6 +61,22 @@ pub fn to_toml(bench: &Bench) -> Result<String, toml::ser::Error> {
     toml::to_string_pretty(bench)
 }
 
+/// Keys that mean another kind of gear, and what to say of them.
+const OTHER_GEARS: [(&[&str], &str); 3] = [
+    (
+        &["helix_angle_deg", "helix_deg", "beta_deg", "hand", "overlap_ratio"],
+        "gears are external spur gears; a helical pair has other mesh lines and stiffness, and is not simulated as if it were spur",
+    ),
+    (
+        &["planets", "sun", "ring", "carrier", "planetary", "kind", "internal"],
+        "each [[stage]] is one external spur pair that joins two shafts; planetary and internal stages are not known",
+    ),
+    (
+        &["profile_shift", "profile_shift_x", "addendum_modification", "centre_distance_mm", "tip_diameter_mm"],
+        "gears have no profile shift and run at the centre distance m (z1 + z2)/2; leave the key out where only ranks are wanted, which need tooth numbers alone",
+    ),
+];
+
 /// Line and table of an error, and the known key that is nearest to an unknown one.
 fn explain(text: &str, error: &toml::de::Error) -> String {
     let message = error.message();
@@ -76,6 +92,9 @@ fn explain(text: &str, error: &toml::de::Error) -> String {
     if message.starts_with("unknown field")
         && let Some(unknown) = quoted.next()
     {
+        if let Some(sentence) = OTHER_GEARS.iter().find(|(keys, _)| keys.contains(&unknown)).map(|(_, says)| says) {
+            return format!("{place}: the key {unknown:?} is not supported: {sentence}");
+        }
         let known: Vec<&str> = quoted.collect();
         let nearest = known.iter().map(|key| (distance(unknown, key), *key)).min();
         let hint = match nearest {
@@ -168,6 +187,18 @@ parameters = { gap_m = 1.0e-5 }
         let bench = parse(SMALL, Path::new("b.toml")).unwrap();
         let text = to_toml(&bench).unwrap();
         assert_eq!(parse(&text, Path::new("b.toml")).unwrap(), bench, "{text}");
+    }
+
+    #[test]
+    fn conform_a_key_of_another_kind_of_gear_is_refused_with_what_is_supported() {
+        for (key, says) in [
+            ("helix_angle_deg = 12.0", "external spur gears"),
+            ("planets = 3", "planetary and internal stages are not known"),
+            ("centre_distance_mm = 200.0", "no profile shift"),
+        ] {
+            let text = error(&SMALL.replace("name = \"stage1\"", &format!("name = \"stage1\"\n{key}")));
+            assert!(text.contains("is not supported") && text.contains(says) && text.contains("[[stage]]"), "{text}");
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use gearwatch_core::bench::{Bench, EffectSpec};
 
 use crate::setup::SimSetup;
+use crate::signatures;
 
 mod place;
 pub mod signature;
@@ -128,13 +129,30 @@ pub fn resolve(spec: &EffectSpec, bench: &Bench) -> Result<(&'static dyn Effect,
     Ok((effect, Values::new(effect, place, &spec.parameters)?))
 }
 
-/// Switches an effect on.
+/// Switches an effect on, or one of the rank paper's states by its name ([`signatures::STATES`]).
 ///
 /// # Errors
 /// As [`resolve`], and where the effect does not suit the bench.
 pub fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError> {
+    if let Some(state) = signatures::state(&spec.effect) {
+        return apply_state(state, spec, setup);
+    }
     let (effect, values) = resolve(spec, &setup.bench)?;
     effect.apply(&values, setup)
+}
+
+/// Puts one of the rank paper's states on a gear: breakage and pits of one tooth together.
+fn apply_state(state: signatures::State, spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError> {
+    let gears = Place::all(PlaceKind::Gear, &setup.bench);
+    let problem = |problem: String| EffectError::Unsuitable { effect: state.name, problem };
+    let Some(&(_, Place::Gear { stage, wheel })) = gears.iter().find(|(name, _)| *name == spec.place) else {
+        let known: Vec<&str> = gears.iter().map(|(name, _)| name.as_str()).collect();
+        return Err(problem(format!("{:?} is no gear; it sits on one of {}", spec.place, known.join(", "))));
+    };
+    if let Some(name) = spec.parameters.keys().next() {
+        return Err(problem(format!("a state of the rank paper has no parameter {name:?}; its sizes are the paper's")));
+    }
+    signatures::damage(setup, stage, wheel, state).map_err(|error| problem(error.to_string()))
 }
 
 /// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order, then its `[[term]]` tables.

@@ -80,6 +80,9 @@ struct Lane {
     ahead: [Split; 2],
     weights: Weights,
     external_values: Vec<f64>,
+    /// Mesh force at the start of the last step, and carried on to the middle of this one, by stage; for eccentric gears.
+    mesh_forces: [Option<f64>; MOST_STAGES],
+    carried: [f64; MOST_STAGES],
     held_values: Vec<f64>,
     /// `Σ b v` of the held forces.
     forcing: Split,
@@ -157,6 +160,8 @@ impl<const L: usize> Etd<L> {
                 ahead: [Split::zeros(plan.len), Split::zeros(plan.len)],
                 weights: plan.full.clone(),
                 external_values: Vec::new(),
+                mesh_forces: [None; MOST_STAGES],
+                carried: [0.0; MOST_STAGES],
                 held_values: vec![f64::NAN; plan.externals.len()],
                 forcing: Split::zeros(plan.len),
                 terms: vec![[0.0; 3]; plan.sensors.len()],

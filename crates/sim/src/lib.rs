@@ -1,5 +1,6 @@
 //! Simulator of the gear bench: mesh stiffness, faults, dynamics, effects, sensors.
 
+pub mod campbell;
 pub mod contact;
 pub mod effects;
 pub mod etd;

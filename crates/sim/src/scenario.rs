@@ -32,12 +32,32 @@ pub struct Scenario {
     /// White noise of the machine at all sensors, ahead of their paths: standard deviation a sample (m/s²); the 4 mm/s² of a quiet one where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background_m_per_s2: Option<f64>,
+    /// Law of the tooth contacts.
+    #[serde(default, skip_serializing_if = "ContactLaw::is_elastic")]
+    pub contact_law: ContactLaw,
     /// Effects that set in under way.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<Event>,
     /// Sensors that fail.
     #[serde(default, rename = "sensor_fault", skip_serializing_if = "Vec::is_empty")]
     pub sensor_faults: Vec<SensorFault>,
+}
+
+/// Law of the tooth contacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ContactLaw {
+    /// Elastic tooth pairs.
+    #[default]
+    Elastic,
+    /// IMPACT of multibody programs, with the usual parameters for each pair ([`crate::impact`]): what the rank paper simulated with.
+    Impact,
+}
+
+impl ContactLaw {
+    fn is_elastic(&self) -> bool {
+        *self == Self::Elastic
+    }
 }
 
 /// A number, or a course over time.
@@ -108,6 +128,7 @@ impl Default for Scenario {
             brake_torque_nm: None,
             temperature_c: None,
             background_m_per_s2: None,
+            contact_law: ContactLaw::default(),
             events: Vec::new(),
             sensor_faults: Vec::new(),
         }

@@ -66,20 +66,22 @@ pub enum ShaftForce {
         /// Mass × eccentricity (kg m).
         amount_kg_m: f64,
     },
-    /// One short push per passage of a rolling element over a defect, towards the loaded side, with cage slip.
+    /// One short push per passage of a rolling element over a defect, along the radius of the defect and with the load there, with cage slip.
     Impacts {
         /// Index of the shaft.
         shaft: usize,
         /// Passages per revolution of the shaft.
         order: f64,
-        /// Peak force (N).
+        /// Peak force (N) in the middle of the load zone at the bench's own brake torque.
         force_n: f64,
+        /// The defect turns with the shaft through the load zone; otherwise it stands in the middle of it.
+        inner_race: bool,
     },
-    /// The seat of the bearing is out of round by the gap: the shaft is let go and caught once per revolution.
+    /// Radial play of the bearing in its seat: its spring and damper act beyond the gap only.
     LooseSeat {
         /// Index of the shaft.
         shaft: usize,
-        /// Radial play (m).
+        /// Play to either side (m).
         gap_m: f64,
     },
 }
@@ -193,6 +195,8 @@ pub struct SimSetup {
     pub teeth: Vec<ToothModifications>,
     /// The contact law of multibody programs in place of elastic tooth pairs, for all meshes.
     pub impact: Option<Impact>,
+    /// The same, with the usual parameters of each pair.
+    pub usual_impact: bool,
     /// Creep of the belt at the bench's nominal torque (1); it grows with the torque.
     pub belt_creep: f64,
     /// Uneven reference rotation.
@@ -224,6 +228,7 @@ impl SimSetup {
             mesh: MeshOptions::default(),
             teeth: vec![ToothModifications::default(); bench.stages.len()],
             impact: None,
+            usual_impact: false,
             bench,
             belt_creep: 0.0,
             speed_fluctuations: Vec::new(),

@@ -63,6 +63,22 @@ pub const STATES: [State; 14] = {
     ]
 };
 
+/// The state with a name.
+pub fn state(name: &str) -> Option<State> {
+    STATES.into_iter().find(|state| state.name == name)
+}
+
+/// Puts a state on a gear of a setup.
+///
+/// # Errors
+/// Where there is no such stage, or the gear cannot be.
+pub fn damage(setup: &mut SimSetup, stage: usize, wheel: bool, state: State) -> Result<(), SignatureError> {
+    let conditions = Conditions { stage, wheel, pits_on_all: false, motor_hz: 0.0, torque_nm: 0.0 };
+    let scale = fitting_pits(&setup.bench, conditions)?;
+    *setup = damaged(setup, conditions, state, scale);
+    Ok(())
+}
+
 /// Which gear bears the faults, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {

@@ -15,7 +15,7 @@ use crate::model::{ModelError, TrainModel};
 use crate::path::Channel;
 use crate::rk4::{Diverged, StepperError};
 use crate::rotation::Profile;
-use crate::scenario::{FaultKind, Scenario};
+use crate::scenario::{ContactLaw, FaultKind, Scenario};
 use crate::setup::{Rate, SimSetup};
 use crate::stepper::Stepper;
 
@@ -352,6 +352,7 @@ fn make_setup(config: &SimConfig, events: &[Option<EffectSpec>]) -> Result<SimSe
     let mut setup = effects::setup(&config.bench, &further)?;
     // The clock is one for the whole recording.
     setup.bench.acquisition = config.bench.acquisition.clone();
+    setup.usual_impact |= config.scenario.contact_law == ContactLaw::Impact;
     if let Some(course) = config.scenario.temperature() {
         let rate_hz = config.bench.acquisition.sample_rate_hz * (1.0 + 1e-6 * setup.clock_ppm);
         setup.temperature_c = course.delayed(Simulator::offset_s(rate_hz));

@@ -23,6 +23,9 @@ use crate::terms::Scale;
 /// A number along each of the lines of a spring; the second is 0 where there is one line.
 pub(crate) type Pair = [f64; 2];
 
+/// Derivative of the force along each line by the deflection along each (N/m or N m/rad).
+pub(crate) type SpringSlope = [Pair; 2];
+
 /// Form and size of the force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ForceLaw {
@@ -148,6 +151,18 @@ impl Spring {
     /// What a force along the lines adds to the reading of a sensor (m/s²).
     pub(crate) fn reading(&self, sensor: usize, force: Pair) -> f64 {
         self.feeds.iter().zip(force).map(|(feed, f)| feed.get(sensor).copied().unwrap_or(0.0) * f).sum()
+    }
+
+    /// Adds a slope to the matrices and sensors of a train.
+    pub(crate) fn fold_slope(&self, slope: &SpringSlope, linear: &mut LinearTrain) {
+        for (a, (input, feed)) in self.inputs.iter().zip(&self.feeds).enumerate() {
+            for (b, row) in self.rows.iter().enumerate() {
+                linear.stiffness.ger(-slope[a][b], input, row, 1.0);
+                for (sensor, &feed) in linear.sensors.iter_mut().zip(feed) {
+                    sensor.position.axpy(slope[a][b] * feed, row, 1.0);
+                }
+            }
+        }
     }
 
     /// Adds a factor on the linear law to the matrices and sensors of a train; false where the law is not linear.

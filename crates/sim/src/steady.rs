@@ -30,11 +30,12 @@ use nalgebra::Complex;
 
 use self::periods::{modulated_shafts, only};
 use self::response::{Output, Response};
-use self::solver::{Grid, Problem, Solution};
+use self::solver::{Grid, Linear, Problem, Solution};
 use crate::linear::LinearTrain;
 use crate::model::{ModelError, TrainModel};
 use crate::rotation::Profile;
 use crate::setup::SimSetup;
+use crate::springs::SpringSlope;
 
 /// How well the steady state is solved for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +102,8 @@ struct Cache {
     linear: LinearTrain,
     /// Mean stiffness and damping of each mesh in it.
     meshes: Vec<(f64, f64)>,
+    /// Slope of each spring that is part of it.
+    slopes: Vec<SpringSlope>,
     response: Response,
     sensors: Vec<Output>,
 }
@@ -194,7 +197,8 @@ impl SteadySolver {
                 Some((grid, solution)) if grid.problem == problem => (grid, Some(solution)),
                 _ => (Grid::new(problem, model, &cache.response), None),
             };
-            let solve = |start| grid.solve(model, &cache.response, &cache.meshes, &self.options, start);
+            let linear = Linear { response: &cache.response, meshes: &cache.meshes, slopes: &cache.slopes };
+            let solve = |start| grid.solve(model, linear, &self.options, start);
             let solution = match solve(start.as_ref()) {
                 // A neighbour that is too far off, as a broken tooth is from a pitted one.
                 Err(SteadyError::NoConvergence) if start.is_some() => solve(None),
@@ -213,21 +217,26 @@ impl SteadySolver {
         let meshes: Vec<(f64, f64)> =
             base.contacts.iter().map(|c| (c.mean_stiffness_n_per_m, c.damping_n_s_per_m)).collect();
         let near = |(a, b): (&(f64, f64), &(f64, f64))| a.0.max(b.0) <= NEAR_STIFFNESS * a.0.min(b.0);
-        let keeps = |cache: &Cache| cache.linear == base.linear && cache.meshes.iter().zip(&meshes).all(near);
+        let slopes = base.spring_slopes()?;
+        let keeps = |cache: &Cache| {
+            cache.linear == base.linear && cache.slopes == slopes && cache.meshes.iter().zip(&meshes).all(near)
+        };
         if self.cache.as_ref().is_some_and(keeps) {
             return Ok(());
         }
         self.parts.clear();
         let (stiffness, damping): (Vec<f64>, Vec<f64>) = meshes.iter().copied().unzip();
-        let meshed = base.linear.with_meshes(&stiffness, &damping);
+        let mut meshed = base.linear.with_meshes(&stiffness, &damping);
+        for (spring, slope) in base.springs().iter().zip(&slopes) {
+            spring.fold_slope(slope, &mut meshed);
+        }
         let response = Response::new(&meshed, base.motor_order())?;
-        let sensors = base
-            .linear
+        let sensors = meshed
             .sensors
             .iter()
             .map(|row| response.output(&row.position, &row.velocity, Some(&row.acceleration)))
             .collect();
-        self.cache = Some(Cache { linear: base.linear.clone(), meshes, response, sensors });
+        self.cache = Some(Cache { linear: base.linear.clone(), meshes, slopes, response, sensors });
         Ok(())
     }
 }

@@ -56,6 +56,17 @@ impl Scale {
         }
     }
 
+    /// A factor of 1.
+    pub(crate) fn fixed(setup: &SimSetup) -> Self {
+        Self {
+            load_exponent: 0.0,
+            speed_exponent: 0.0,
+            growth: Growth::default(),
+            reference_nm: 1.0,
+            reference_hz: setup.bench.motor.speed_hz,
+        }
+    }
+
     /// Factor on the term at a torque (N m), a motor speed (Hz), a temperature (°C) and a time since the start (s).
     pub(crate) fn at(&self, torque_nm: f64, motor_hz: f64, temperature_c: f64, t: f64) -> f64 {
         let mut out = power(torque_nm / self.reference_nm, self.load_exponent)

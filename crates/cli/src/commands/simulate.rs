@@ -12,7 +12,7 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
-use gearwatch_sim::scenario::{Course, Scenario};
+use gearwatch_sim::scenario::{ContactLaw, Course, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator};
 
 use super::Run;
@@ -40,7 +40,7 @@ Benches that come with the program: single-pair, paper-rig, spectraquest-like.
 pub struct Simulate {
     /// Bench file, or the name of a bench that comes with the program
     bench: PathBuf,
-    /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value
+    /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value. Also a state of the rank paper: compound_3@stage1.pinion
     #[arg(long, value_name = "EFFECT", value_parser = EffectText, hide_possible_values = true)]
     effect: Vec<String>,
     /// Motor speed, in Hz or as 1500rpm; the bench's nominal one where left out
@@ -55,6 +55,9 @@ pub struct Simulate {
     /// White noise of the machine at every sensor (m/s², standard deviation a sample); the scenario's, or the 0.004 of a quiet one
     #[arg(long, value_name = "M_PER_S2")]
     background: Option<f64>,
+    /// Law of the tooth contacts; the scenario's, or elastic. impact is that of the rank paper's simulation
+    #[arg(long, value_enum)]
+    contact: Option<Contact>,
     /// Draws tooth positions, noise and jitter; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -82,6 +85,25 @@ impl TypedValueParser for EffectText {
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
         Some(Box::new(gearwatch_sim::effects::ALL.iter().map(|e| PossibleValue::new(e.id()).help(e.help()))))
+    }
+}
+
+/// Law of the tooth contacts, as typed.
+#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+pub(super) enum Contact {
+    /// Elastic tooth pairs
+    #[default]
+    Elastic,
+    /// ADAMS' IMPACT with the usual parameters
+    Impact,
+}
+
+impl Contact {
+    pub(super) fn law(self) -> ContactLaw {
+        match self {
+            Self::Elastic => ContactLaw::Elastic,
+            Self::Impact => ContactLaw::Impact,
+        }
     }
 }
 
@@ -147,6 +169,9 @@ impl Simulate {
             scenario.brake_torque_nm = Some(Course::Constant(nm));
         }
         scenario.background_m_per_s2 = self.background.or(scenario.background_m_per_s2);
+        if let Some(contact) = self.contact {
+            scenario.contact_law = contact.law();
+        }
         scenario.duration_s = Some(self.duration.or(scenario.duration_s).unwrap_or(DEFAULT_DURATION_S));
         Ok(SimConfig { bench, effects, scenario, seed: self.seed, t0: START_NS })
     }

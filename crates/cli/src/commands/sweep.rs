@@ -13,7 +13,7 @@ use gearwatch_sim::source::{SimConfig, Simulator};
 use rayon::prelude::*;
 
 use super::Run;
-use super::simulate::{START_NS, parse_effect, read_bench};
+use super::simulate::{Contact, START_NS, parse_effect, read_bench};
 use crate::exit::Exit;
 use crate::input::InputOptions;
 use crate::progress::Progress;
@@ -46,12 +46,15 @@ pub struct Sweep {
     /// Motor speeds in Hz: 20,30 or FROM:TO:STEP; the bench's own where left out
     #[arg(long, value_name = "HZ", value_parser = values, conflicts_with = "recordings")]
     speeds: Option<Values>,
-    /// Brake torques in N m, in the same form; the bench's own where left out
-    #[arg(long, value_name = "NM", value_parser = values, conflicts_with = "recordings")]
+    /// Brake torques in N m, in the same form, 0 among them; the bench's own where left out
+    #[arg(long, value_name = "NM", value_parser = loads, conflicts_with = "recordings")]
     torques: Option<Values>,
-    /// A case beside the healthy one: its name and its effects, joined by +
+    /// A case beside the healthy one: its name and its effects, joined by +; also a state of the rank paper, as compound_3@stage1.pinion
     #[arg(long = "case", value_name = "NAME=EFFECT[+EFFECT]", conflicts_with = "recordings")]
     cases: Vec<String>,
+    /// Law of the tooth contacts; impact is that of the rank paper's simulation
+    #[arg(long, value_enum, default_value_t, conflicts_with = "recordings")]
+    contact: Contact,
     /// Length of each simulation (s)
     #[arg(long, value_name = "S", default_value_t = 5.0, conflicts_with = "recordings")]
     duration: f64,
@@ -216,6 +219,7 @@ impl Sweep {
                     motor_speed_hz: Some(Course::Constant(*speed_hz)),
                     brake_torque_nm: Some(Course::Constant(*torque_nm)),
                     duration_s: Some(self.duration),
+                    contact_law: self.contact.law(),
                     ..Scenario::default()
                 };
                 let effects = effects.to_vec();
@@ -247,16 +251,25 @@ impl Task<'_> {
 
 /// `20,30,40` or `20:40:10`.
 fn values(text: &str) -> Result<Values, String> {
+    list(text, |value| if value > 0.0 { Ok(value) } else { Err(format!("{value} must be above 0")) })
+}
+
+/// As [`values`], 0 allowed: a brake may stand open.
+fn loads(text: &str) -> Result<Values, String> {
+    list(text, |value| if value >= 0.0 { Ok(value) } else { Err(format!("{value} must be 0 or above")) })
+}
+
+fn list(text: &str, check: fn(f64) -> Result<f64, String>) -> Result<Values, String> {
     let number = |text: &str| {
         let value: f64 = text.trim().parse().map_err(|_| format!("{text:?} is not a number"))?;
-        if value.is_finite() && value > 0.0 { Ok(value) } else { Err(format!("{value} must be above 0")) }
+        if value.is_finite() { check(value) } else { Err(format!("{value} is not finite")) }
     };
     let parts: Vec<&str> = text.split(':').collect();
     let values = match parts[..] {
         [list] => list.split(',').map(number).collect::<Result<_, _>>()?,
         [from, to, step] => {
             let (from, to, step) = (number(from)?, number(to)?, number(step)?);
-            let count = (to - from) / step;
+            let count = if step > 0.0 { (to - from) / step } else { f64::NAN };
             if !(0.0..=MOST_POINTS as f64).contains(&count) {
                 return Err(format!(
                     "{text}: from {from} to {to} in steps of {step} is no reasonable number of values"
@@ -272,7 +285,16 @@ fn values(text: &str) -> Result<Values, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::values;
+    use super::{loads, values};
+
+    #[test]
+    fn analytic_a_brake_may_stand_open() {
+        assert_eq!(loads("0,110,202").expect("a list").0, [0.0, 110.0, 202.0]);
+        assert_eq!(loads("0:20:10").expect("a range").0, [0.0, 10.0, 20.0]);
+        for wrong in ["-1", "0:10:0", "nan"] {
+            assert!(loads(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn analytic_ranges_include_their_ends() {

@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::shaft_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::{ShaftForce, SimSetup};
 
 /// Loose bearing seat.
@@ -16,7 +16,7 @@ impl Effect for Looseness {
     }
 
     fn help(&self) -> &'static str {
-        "A bearing is loose in its seat: once per revolution the shaft is let go by the gap and caught again, which gives a series of shaft harmonics."
+        "A bearing has play in its seat: its spring acts beyond the gap only. A steady load holds the shaft to one side; what shakes it across or lifts it (unbalance, run-out, light load) makes harmonics of the shaft, and below a load also halves of them."
     }
 
     fn places(&self) -> &'static [PlaceKind] {
@@ -37,9 +37,13 @@ impl Effect for Looseness {
     fn signature(&self, values: &Values, bench: &Bench) -> Signature {
         let Place::Shaft(shaft) = values.place() else { return Signature::nothing() };
         Signature {
-            lines: shaft_lines(&Train::new(bench), shaft, 6),
+            lines: {
+                let train = Train::new(bench);
+                let halves = (0..6).map(|k| Line::Order((f64::from(k) + 0.5) * train.shafts[shaft].1));
+                shaft_lines(&train, shaft, 6).into_iter().chain(halves).collect()
+            },
             change: Change::Rises,
-            load: Law::Independent,
+            load: Law::Mixed,
             speed: SpeedLaw::Resonances,
         }
     }

@@ -16,7 +16,7 @@ impl Effect for TipRelief {
     }
 
     fn help(&self) -> &'static str {
-        "The tips of both gears are relieved: the double contact shrinks at light load, and there is a load at which the mesh lines are weakest."
+        "The tips of both gears are relieved: below the load that bends the teeth by the depth, the double contact shrinks. Each mesh harmonic goes its own way with the load; only some of them have a minimum."
     }
 
     fn places(&self) -> &'static [PlaceKind] {

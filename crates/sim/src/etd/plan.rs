@@ -80,8 +80,10 @@ pub(super) struct Plan {
     pub(super) inputs: Vec<Split>,
     /// Outputs that the remainder needs: approaches by stage, then pinion angles by stage.
     pub(super) outputs: Vec<Split>,
-    /// Inputs of outside forces.
+    /// Inputs of outside forces, then of the moments of [`Self::levers`].
     pub(super) externals: Vec<Split>,
+    /// Moments of the mesh forces about eccentric gears: stage, pinion or wheel, coordinate.
+    pub(super) levers: Vec<(usize, usize, usize)>,
     /// Sensors of the bench (m/s²).
     pub(super) sensors: Vec<Split>,
     /// Per degree: `(λh)^k / k!`.
@@ -178,11 +180,21 @@ impl Plan {
                 inputs.iter().map(of_input).collect()
             })
             .collect();
+        let levers = model.levers();
+        let lever_vectors: Vec<_> = levers
+            .iter()
+            .map(|&(_, _, at)| {
+                let mut vector = zero.clone();
+                vector[at] = 1.0;
+                vector
+            })
+            .collect();
         let mut plan = Self {
             len,
             step_s,
             stiffness,
-            externals: model.external_vectors().map(|vector| split(modes.input(vector))).collect(),
+            externals: model.external_vectors().chain(&lever_vectors).map(|v| split(modes.input(v))).collect(),
+            levers,
             inputs,
             outputs,
             sensors,
@@ -190,7 +202,7 @@ impl Plan {
             kernels,
             moments: node_moments(),
             late: Late::default(),
-            held_for_ever: model.externals_are_constant(),
+            held_for_ever: model.externals_are_constant() && lever_vectors.is_empty(),
             joints: model.contacts.iter().map(|contact| contact.joint()).collect(),
             full: Weights {
                 decay: [Split::zeros(len), Split::zeros(len)],

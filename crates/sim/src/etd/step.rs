@@ -4,9 +4,9 @@ use pulp::{Simd, WithSimd};
 
 use super::bank::GROUP;
 use super::cut::Open;
-use super::nodes::MOST_STAGES;
-use super::plan::NODES;
-use super::{Etd, node_of_state, readings};
+use super::nodes::{MOST_STAGES, Node};
+use super::plan::{NODES, Plan};
+use super::{Etd, Lane, node_of_state, readings};
 use crate::rk4::{Diverged, LARGEST_APPROACH_M};
 
 /// `|λ| h` of the Runge–Kutta steps in free flight.
@@ -192,6 +192,10 @@ impl<const L: usize> Etd<L> {
             return;
         }
         plan.model.external_values(t, &mut lane.external_values);
+        if !plan.levers.is_empty() {
+            let start = self.nodes.as_ref().map_or(lane.start, |nodes| nodes.begin(plan.stiffness.len(), l));
+            lane.add_levers(plan, &start, t);
+        }
         if lane.external_values == lane.held_values {
             return;
         }
@@ -256,6 +260,25 @@ impl<const L: usize> Etd<L> {
         }
         self.bank.z.set(l, &lane.z);
         Ok(())
+    }
+}
+
+impl Lane {
+    /// Moments about eccentric gears in the middle of a step (`t`). They are a thousandth of the mesh's own, so the force is carried on from the last two
+    /// steps instead of being solved for.
+    fn add_levers(&mut self, plan: &Plan, start: &Node, t: f64) {
+        let reference = plan.model.rotation.angle(t);
+        for &(stage, gear, _) in &plan.levers {
+            let force = start.remainder[stage] + plan.stiffness[stage] * start.approach[stage];
+            if gear == 0 {
+                let before = self.mesh_forces[stage].unwrap_or(force);
+                self.carried[stage] = force + 0.5 * (force - before);
+                self.mesh_forces[stage] = Some(force);
+            }
+            let phase = plan.model.phase(stage, reference, start.pinion_rad[stage]);
+            let lever = plan.model.contacts[stage].mesh().lever_m(phase)[gear];
+            self.external_values.push(-lever * self.carried[stage]);
+        }
     }
 }
 

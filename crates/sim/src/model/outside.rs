@@ -1,6 +1,7 @@
 //! Forces that the outside exerts on the train: drive, brake, ripple, unbalance, impacts.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use gearwatch_core::bench::term::{Entry, Harmonic, Turning};
 use nalgebra::DVector;
@@ -14,6 +15,34 @@ use crate::terms::{Scale, series};
 const IMPACT_S: f64 = 0.4e-3;
 /// Random slip of the cage, standard deviation of one passage's period (1).
 const CAGE_SLIP: f64 = 0.01;
+
+/// Where a defect on a race stands against the load of the bearing.
+///
+/// # Formula
+/// An element under the angle ψ from the load carries `cos^1.5 ψ` of the most loaded one, and nothing in the other half (Stribeck's distribution without
+/// clearance and with point contact; Harris & Kotzalas, Rolling Bearing Analysis). The push is along the radius of the defect and goes with that load.
+#[derive(Clone, Copy, Debug)]
+struct LoadZone {
+    /// Direction of the load (rad).
+    loaded_rad: f64,
+    /// Revolutions of the defect per revolution of the first shaft: 0 on the race that stands still.
+    order: f64,
+    /// 1 where its shaft turns counter-clockwise, seen from the motor.
+    sense: f64,
+    /// Torque at which the push has its nominal size (N m); 0 for any.
+    nominal_nm: f64,
+}
+
+impl LoadZone {
+    /// Component in x or y of a unit push at an angle of the first shaft (rad) and a brake torque (N m).
+    fn factor(&self, angle: f64, torque_nm: f64, sine: bool) -> f64 {
+        let from_load = self.sense * self.order * angle;
+        let share = from_load.cos().max(0.0).powf(1.5);
+        let load = if self.nominal_nm > 0.0 { torque_nm / self.nominal_nm } else { 1.0 };
+        let (sin, cos) = (self.loaded_rad + from_load).sin_cos();
+        share * load * if sine { sin } else { cos }
+    }
+}
 
 /// A force that the outside exerts on the coordinates.
 #[derive(Clone, Debug)]
@@ -35,11 +64,9 @@ enum ExternalKind {
     /// `amount · Ω²` along cos or sin of the shaft's angle.
     Unbalance { amount: f64, order: f64, sine: bool },
     /// Pushes at times that the cage's slip has been drawn for.
-    Impacts { force: f64, angles: Vec<f64>, width_s: f64 },
+    Impacts { force: f64, angles: Arc<[f64]>, zone: LoadZone, sine: bool },
     /// A series over the turn of something, times how it follows load and speed.
     Series { harmonics: Vec<Harmonic>, order: f64, scale: Box<Scale> },
-    /// `force · w(θ)`, one push per revolution.
-    Knock { force: f64, order: f64 },
 }
 
 impl TrainModel {
@@ -62,35 +89,34 @@ impl TrainModel {
                         push(vector, ExternalKind::Unbalance { amount: amount_kg_m * order * order, order, sine });
                     }
                 }
-                ShaftForce::Impacts { shaft, order, force_n } => {
+                ShaftForce::Impacts { shaft, order, force_n, inner_race } => {
                     // Angles of the first shaft at which an element passes, for an hour at 50 Hz; the slip is a random walk.
                     let step = TAU / (order * self.linear.shaft_orders[shaft]);
                     let count = ((3600.0 * 50.0 * TAU / step) as usize).min(4_000_000);
                     let mut angle = 0.0;
-                    let angles = (0..count)
+                    let angles: Arc<[f64]> = (0..count)
                         .map(|_| {
                             let slip: f64 = rand_distr::Distribution::sample(&rand_distr::StandardNormal, random);
                             angle += step * (1.0 + CAGE_SLIP * slip.clamp(-4.0, 4.0));
                             angle
                         })
                         .collect();
-                    let (x, y) = (self.linear.bearing_x[shaft].clone(), self.linear.bearing_y[shaft].clone());
-                    let direction = self.loaded_direction(shaft);
-                    push(
-                        &(x * direction[0] + y * direction[1]),
-                        ExternalKind::Impacts { force: force_n, angles, width_s: IMPACT_S },
-                    );
+                    let [x, y] = self.loaded_direction(shaft);
+                    let nominal_nm = setup.bench.brake.torque_nm;
+                    for (sine, vector) in
+                        [(false, &self.linear.bearing_x[shaft]), (true, &self.linear.bearing_y[shaft])]
+                    {
+                        let zone = LoadZone {
+                            loaded_rad: y.atan2(x),
+                            order: if inner_race { self.linear.shaft_orders[shaft] } else { 0.0 },
+                            sense: if shaft % 2 == 0 { 1.0 } else { -1.0 },
+                            nominal_nm,
+                        };
+                        push(vector, ExternalKind::Impacts { force: force_n, angles: angles.clone(), zone, sine });
+                    }
                 }
-                ShaftForce::LooseSeat { shaft, gap_m } => {
-                    // A seat displacement g(t) acts through the bearing as the force k g.
-                    let force = gap_m * setup.bench.shafts[shaft].bearing_n_per_m;
-                    let gears = self.linear.gears_on(shaft).len().max(1) as f64;
-                    let direction = self.loaded_direction(shaft);
-                    let vector = (self.linear.bearing_x[shaft].clone() * direction[0]
-                        + self.linear.bearing_y[shaft].clone() * direction[1])
-                        * gears;
-                    push(&vector, ExternalKind::Knock { force, order: self.linear.shaft_orders[shaft] });
-                }
+                // A clearance of the bearing's spring, among the springs.
+                ShaftForce::LooseSeat { .. } => {}
             }
         }
         for term in &setup.terms {
@@ -177,21 +203,21 @@ impl TrainModel {
                 let (sin, cos) = (order * angle).sin_cos();
                 amount * omega * omega * if *sine { sin } else { cos }
             }
-            ExternalKind::Impacts { force, angles, width_s } => {
+            ExternalKind::Impacts { force, angles, zone, sine } => {
                 // The drawn sequence repeats after its hour.
-                let angle = angle.rem_euclid(angles.last().copied().unwrap_or(1.0));
-                let i = angles.partition_point(|&passage| passage <= angle);
-                let since = i.checked_sub(1).map_or(f64::INFINITY, |i| (angle - angles[i]) / omega);
-                if since < *width_s { 0.5 * force * (1.0 - (TAU * since / width_s).cos()) } else { 0.0 }
+                let within = angle.rem_euclid(angles.last().copied().unwrap_or(1.0));
+                let i = angles.partition_point(|&passage| passage <= within);
+                let since = i.checked_sub(1).map_or(f64::INFINITY, |i| (within - angles[i]) / omega);
+                if since < IMPACT_S {
+                    let push = 0.5 * force * (1.0 - (TAU * since / IMPACT_S).cos());
+                    push * zone.factor(angle - since * omega, self.torque_nm.at(t), *sine)
+                } else {
+                    0.0
+                }
             }
             ExternalKind::Series { harmonics, order, scale } => {
                 let (torque, motor_hz) = (self.torque_nm.at(t), self.rotation.motor_hz(t));
                 scale.at(torque, motor_hz, self.temperature_c.at(t), t) * series(harmonics, order * angle)
-            }
-            ExternalKind::Knock { force, order } => {
-                // ((1 + cos θ)/2)⁴: one push per revolution, harmonics 1 to 4 in the ratio 56 : 28 : 8 : 1.
-                let half = 0.5 * (1.0 + (order * angle).cos());
-                force * half * half * half * half
             }
         }));
         if !self.springs.is_empty() {

@@ -7,8 +7,8 @@ use super::{ModelError, TrainModel};
 use crate::contact::Contact;
 use crate::linear::LinearTrain;
 use crate::rotation::Profile;
-use crate::setup::SimSetup;
-use crate::springs::{self, Spring};
+use crate::setup::{ShaftForce, SimSetup};
+use crate::springs::{self, ForceLaw, Spring, SpringSlope};
 use crate::terms::Scale;
 
 /// Newton steps towards the position of rest.
@@ -16,6 +16,8 @@ const MOST_STEPS: usize = 60;
 /// Rates and deflections at which a law's slope is looked for, beside those at rest: no part of a train vibrates faster or farther as a rule.
 const FAST: f64 = 0.1;
 const FAR: f64 = 2e-5;
+/// Largest part of a place's own stiffness that a spring may take from the linear train of the steady solver.
+const LARGEST_LOSS: f64 = 0.95;
 
 /// Takes the constant linear terms into the matrices and returns all other springs.
 pub(super) fn fold_terms(
@@ -33,6 +35,13 @@ pub(super) fn fold_terms(
             if !(constant && spring.stage.is_none() && spring.fold(factor, linear)) {
                 out.push(spring);
             }
+        }
+    }
+    for force in &setup.shaft_forces {
+        if let ShaftForce::LooseSeat { shaft, gap_m } = *force {
+            let law =
+                ForceLaw { law: SpringLaw::Clearance, coefficient: 1.0, gap: gap_m, corner: 0.0, own: (0.0, 0.0) };
+            out.extend(springs::bearings(law, &Scale::fixed(setup), &setup.bench, linear, shaft, None));
         }
     }
     for (at, name) in linear.names.iter().enumerate() {
@@ -60,8 +69,10 @@ pub(super) fn take_mesh_dampers(
     let mut sum = 0.0;
     springs.retain(|spring| {
         let linear = spring.force.law == SpringLaw::Rate && spring.stage == Some(stage);
-        let taken =
-            linear && setup.impact.is_none() && spring.scale.is_constant(torque_nm, motor_hz, &setup.temperature_c);
+        let taken = linear
+            && setup.impact.is_none()
+            && !setup.usual_impact
+            && spring.scale.is_constant(torque_nm, motor_hz, &setup.temperature_c);
         if taken {
             sum += spring.force.coefficient
                 * spring.scale.at(torque_nm.at(0.0), motor_hz.at(0.0), setup.temperature_c.at(0.0), 0.0);
@@ -107,6 +118,27 @@ impl TrainModel {
         let mut values = Vec::new();
         self.external_values(t, &mut values);
         values.split_off(self.externals.len())
+    }
+
+    /// Slope of each spring at rest; 0 for those of meshes, whose stiffness the linear train has anyway.
+    pub(crate) fn spring_slopes(&self) -> Result<Vec<SpringSlope>, ModelError> {
+        if self.springs.is_empty() {
+            return Ok(Vec::new());
+        }
+        let rest = self.static_state()?;
+        let of = |(spring, scale): (&Spring, f64)| {
+            if spring.stage.is_some() {
+                return SpringSlope::default();
+            }
+            let u = spring.motion(&rest).0;
+            let mut slope = spring.force.at(u, [0.0; 2]).by_deflection.map(|row| row.map(|by| scale * by));
+            // Within a clearance nothing would hold: the linear train keeps a part of what is there.
+            for (axis, row) in slope.iter_mut().enumerate() {
+                row[axis] = row[axis].max(-LARGEST_LOSS * spring.force.own.0);
+            }
+            slope
+        };
+        Ok(self.springs.iter().zip(self.spring_scales(0.0)).map(of).collect())
     }
 
     /// Moves a position of rest to where the springs hold it too; left as it is where none is found.

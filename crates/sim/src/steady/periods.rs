@@ -86,7 +86,9 @@ pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, S
     }
     for force in &setup.shaft_forces {
         match *force {
-            ShaftForce::Unbalance { shaft, .. } | ShaftForce::LooseSeat { shaft, .. } => add(shaft, false),
+            ShaftForce::Unbalance { shaft, .. } => add(shaft, false),
+            // A clearance is there at any angle.
+            ShaftForce::LooseSeat { .. } => {}
             ShaftForce::Impacts { .. } => return Err(SteadyError::NotPeriodic("a bearing defect".into())),
         }
     }
@@ -182,9 +184,8 @@ pub(super) fn only(setup: &SimSetup, shaft: Option<usize>) -> SimSetup {
         Repeats::Always | Repeats::Never => true,
     });
     out.shaft_forces.retain(|force| match *force {
-        ShaftForce::Unbalance { shaft: on, .. }
-        | ShaftForce::LooseSeat { shaft: on, .. }
-        | ShaftForce::Impacts { shaft: on, .. } => shaft == Some(on),
+        ShaftForce::Unbalance { shaft: on, .. } | ShaftForce::Impacts { shaft: on, .. } => shaft == Some(on),
+        ShaftForce::LooseSeat { .. } => true,
     });
     out.speed_fluctuations.retain(|fluctuation| match fluctuation.rate {
         Rate::PerRevolution { shaft: on, .. } => shaft == Some(on.unwrap_or(0)),

@@ -14,6 +14,7 @@ use super::springs::{Motion, Springs};
 use super::{SteadyError, SteadyOptions};
 use crate::mesh::Pairs;
 use crate::model::TrainModel;
+use crate::springs::SpringSlope;
 
 /// Most Newton steps.
 const MOST_STEPS: usize = 25;
@@ -66,6 +67,16 @@ pub(super) struct Solution {
     resting: Vec<Vec<f64>>,
     /// Products with the linear train that were needed.
     pub(super) iterations: usize,
+}
+
+/// What stands in the linear train for the meshes and springs, and its responses.
+#[derive(Clone, Copy)]
+pub(super) struct Linear<'a> {
+    pub(super) response: &'a Response,
+    /// Mean stiffness and damping of each mesh.
+    pub(super) meshes: &'a [(f64, f64)],
+    /// Slope of each spring.
+    pub(super) slopes: &'a [SpringSlope],
 }
 
 impl Grid {
@@ -175,8 +186,7 @@ impl Grid {
     pub(super) fn solve(
         &self,
         model: &TrainModel,
-        response: &Response,
-        linear: &[(f64, f64)],
+        Linear { response, meshes: linear, slopes }: Linear<'_>,
         options: &SteadyOptions,
         start: Option<&Solution>,
     ) -> Result<Solution, SteadyError> {
@@ -222,10 +232,13 @@ impl Grid {
             let mut rate_slope: Vec<(usize, usize, Vec<f64>)> = Vec::new();
             let mut friction: Vec<[Vec<f64>; 3]> = Vec::new();
             let mut open = None;
+            let mut levers: Vec<(usize, Vec<f64>)> = Vec::new();
             for (i, &stage) in active.iter().enumerate() {
                 let contact = &model.contacts[stage];
                 let (k_mean, _) = linear[stage];
                 let rubs = contact.friction != 0.0;
+                let runs_out = contact.mesh().is_eccentric();
+                let mut moments: [Vec<f64>; 2] = Default::default();
                 let width = (model.phase(stage, angles[1], 0.0) - model.phase(stage, angles[0], 0.0)).abs();
                 let mut rubbing: [Vec<f64>; 3] = Default::default();
                 for sample in 0..n {
@@ -237,6 +250,11 @@ impl Grid {
                     }
                     rest[i][sample] = now.force_n - k_mean * delta;
                     slope[i].2[sample] = now.stiffness_n_per_m - k_mean;
+                    if runs_out {
+                        for (moment, lever) in moments.iter_mut().zip(contact.mesh().lever_m(phase)) {
+                            moment.push(-lever * now.force_n);
+                        }
+                    }
                     if rubs {
                         for (signal, value) in rubbing.iter_mut().zip(now.friction) {
                             signal.push(contact.friction * value);
@@ -246,11 +264,15 @@ impl Grid {
                 if rubs {
                     friction.push(rubbing);
                 }
+                if runs_out {
+                    let geometry = &model.linear.stages[stage];
+                    levers.extend([geometry.pinion.angle, geometry.wheel.angle].into_iter().zip(moments));
+                }
             }
             if !self.springs.is_empty() {
                 let rates = approach.iter().map(|motion| self.rate(motion)).collect::<Result<Vec<_>, _>>()?;
                 let motion = Motion { deflection: &approach, rate: &rates };
-                self.springs.forces(model, &scales, motion, &mut rest, &mut slope, &mut rate_slope);
+                self.springs.forces(model, (&scales, slopes), motion, &mut rest, &mut slope, &mut rate_slope);
             }
             let mut spectra = Vec::with_capacity(count);
             for rest in &rest {
@@ -272,6 +294,11 @@ impl Grid {
                 for (signal, vector) in signals.iter().zip(&model.friction_vectors[stage]) {
                     friction_spectra.push((response.input(vector), self.spectrum(signal)?));
                 }
+            }
+            for (at, moment) in &levers {
+                let mut vector = DVector::zeros(model.coordinates());
+                vector[*at] = 1.0;
+                friction_spectra.push((response.input(&vector), self.spectrum(moment)?));
             }
             let mut target = self.convolve(&self.approach, &spectra)?;
             let mut target_angle = self.convolve(&self.angle, &spectra)?;

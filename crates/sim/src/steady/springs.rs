@@ -3,7 +3,7 @@
 use nalgebra::{Complex, DVector};
 
 use crate::model::TrainModel;
-use crate::springs::Spring;
+use crate::springs::{Spring, SpringSlope};
 
 /// Which springs take part, and which channel each line of theirs is.
 pub(super) struct Springs {
@@ -72,7 +72,7 @@ impl Springs {
     pub(super) fn forces(
         &self,
         model: &TrainModel,
-        scales: &[f64],
+        (scales, slopes): (&[f64], &[SpringSlope]),
         motion: Motion<'_>,
         rest: &mut [Vec<f64>],
         slope: &mut Vec<Slope>,
@@ -82,6 +82,8 @@ impl Springs {
         for (&(i, first), &scale) in self.items.iter().zip(scales) {
             let spring = &model.springs()[i];
             let lines = spring.rows.len();
+            // What is in the linear train is taken off.
+            let linear = if first >= self.stages { slopes[i] } else { SpringSlope::default() };
             let mut by = vec![vec![0.0; samples]; 2 * lines * lines];
             for sample in 0..samples {
                 let (mut u, mut v) = ([0.0; 2], [0.0; 2]);
@@ -92,7 +94,8 @@ impl Springs {
                 for a in 0..lines {
                     rest[first + a][sample] += scale * at.force[a];
                     for b in 0..lines {
-                        by[a * lines + b][sample] = scale * at.by_deflection[a][b];
+                        rest[first + a][sample] -= linear[a][b] * u[b];
+                        by[a * lines + b][sample] = scale * at.by_deflection[a][b] - linear[a][b];
                         by[lines * lines + a * lines + b][sample] = scale * at.by_rate[a][b];
                     }
                 }

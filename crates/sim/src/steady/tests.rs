@@ -246,7 +246,7 @@ fn conform_contact_loss_is_reported() {
     let error = solve(&setup, 60.0).unwrap_err();
     assert!(matches!(error, SteadyError::ContactLost { stage: 0 } | SteadyError::NoConvergence), "{error}");
     setup = SimSetup::nominal(&test_bench::single_stage());
-    setup.shaft_forces.push(ShaftForce::Impacts { shaft: 0, order: 3.6, force_n: 10.0 });
+    setup.shaft_forces.push(ShaftForce::Impacts { shaft: 0, order: 3.6, force_n: 10.0, inner_race: false });
     assert!(solve(&setup, 60.0).unwrap_err().to_string().contains("bearing defect"));
 }
 

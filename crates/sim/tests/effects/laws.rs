@@ -138,7 +138,11 @@ fn check_at(effect: &'static dyn Effect, place: &str, bench: &Bench) {
     let sensor = sensor_for(place, bench);
     match id {
         "backlash" => return check_backlash(&setup, &base, &runs, &signature.lines),
-        "bearing_defect" => return check_passages(id, sensor, &runs, &signature.lines),
+        "bearing_defect" => {
+            check_passages(id, sensor, &runs, &signature.lines);
+            return check_load_zone(&values, bench, sensor);
+        }
+        "looseness" => return check_play(place, bench, sensor, &signature.lines),
         _ => {}
     }
     match signature.change {
@@ -230,6 +234,63 @@ fn check_passages(id: &str, sensor: usize, runs: &Runs, lines: &[Line]) {
             part(beside * order)
         );
     }
+}
+
+/// What a defect adds goes with the load; on the inner race it comes and goes with the turns of the shaft, on the outer race it does not.
+fn check_load_zone(values: &Values, bench: &Bench, sensor: usize) {
+    let Place::Shaft(shaft) = values.place() else { panic!("a shaft") };
+    let train = Train::new(bench);
+    let (turns, order) = (train.shafts[shaft].1, values.get("order") * train.shafts[shaft].1);
+    let power = |inner: f64, torque_nm: f64| {
+        let mut setup = SimSetup::nominal(bench);
+        let parameters = [("inner".to_owned(), inner)].into();
+        let place = bench.shafts[shaft].name.clone();
+        effects::apply(&EffectSpec { effect: "bearing_defect".into(), place, parameters }, &mut setup)
+            .expect("applies");
+        let runs = Runs::new(&setup, &SimSetup::nominal(bench), MOTOR_HZ, torque_nm);
+        let square: Vec<f64> = runs.with.samples[sensor]
+            .iter()
+            .zip(&runs.without.samples[sensor])
+            .map(|(a, b)| (a - b) * (a - b))
+            .collect();
+        let mean = square.iter().sum::<f64>() / square.len() as f64;
+        let part = |order: f64| line(&square, &runs.with.angles_rad, order).norm() / mean;
+        (mean.sqrt(), part(turns), part(order - turns).max(part(order + turns)))
+    };
+    let (outer, inner) = (power(0.0, TORQUE_NM), power(1.0, TORQUE_NM));
+    // cos³ of half a turn: the first harmonic is 1.6 of the mean power, its sidebands half of it.
+    assert!(inner.1 > 1.0 && inner.2 > 0.4, "inner race: {inner:?}");
+    assert!(outer.1 < 0.2 && outer.2 < 0.2, "outer race: {outer:?}");
+    let doubled = power(0.0, 2.0 * TORQUE_NM);
+    // The mesh hardly stiffens: what a push brings about doubles.
+    assert!((doubled.0 / outer.0 - 2.0).abs() < 0.1, "{outer:?} {doubled:?}");
+}
+
+/// Play does nothing while a steady force holds the shaft to its side; what turns across the load moves it there and makes harmonics where a linear bearing makes
+/// none. They go with the square of the push: a tenth of the unbalance makes a hundredth of 2x. Read from the difference of runs with and without play, so that
+/// all else cancels.
+fn check_play(place: &str, bench: &Bench, sensor: usize, lines: &[Line]) {
+    let Line::Order(turns) = lines[0] else { panic!("an order") };
+    let made = |gap_um: f64, push_n: f64| {
+        let mut setup = SimSetup::nominal(bench);
+        let speed = std::f64::consts::TAU * MOTOR_HZ * turns;
+        let mut add = |effect: &str, name: &str, value: f64| {
+            let parameters = [(name.to_owned(), value)].into();
+            let spec = EffectSpec { effect: effect.into(), place: place.to_owned(), parameters };
+            effects::apply(&spec, &mut setup).expect("applies");
+        };
+        add("looseness", "gap_um", gap_um);
+        add("unbalance", "amount_kg_m", push_n / (speed * speed));
+        run(&setup, MOTOR_HZ, TORQUE_NM)
+    };
+    let second = |push_n: f64| {
+        let (tight, loose) = (made(0.0, push_n), made(20.0, push_n));
+        let change: Vec<f64> = loose.samples[sensor].iter().zip(&tight.samples[sensor]).map(|(a, b)| a - b).collect();
+        line(&change, &loose.angles_rad, 2.0 * turns).norm()
+    };
+    let (strong, weak) = (second(30.0), second(3.0));
+    assert!(strong > 1e-5, "{place}: {strong:.1e} m/s²");
+    assert!(weak < 0.03 * strong, "{place}: {weak:.1e} of {strong:.1e} m/s² at a tenth of the push");
 }
 
 /// Backlash does nothing while the load keeps the teeth together, and sets the flight where it does not.
