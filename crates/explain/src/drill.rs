@@ -138,8 +138,8 @@ pub fn drill(question: &Question<'_>, done: &(dyn Fn(usize, usize) + Sync)) -> R
         .collect())
 }
 
-/// Each half of a recording against the other.
-fn halves(recording: &Recording) -> Vec<(Recording, Vec<Recording>)> {
+/// The second half of a recording, and the first as its reference.
+pub fn halves(recording: &Recording) -> Vec<(Recording, Vec<Recording>)> {
     let half = |second: bool| {
         let mut out = recording.clone();
         out.name = format!("{} ({} half)", recording.name, if second { "second" } else { "first" });

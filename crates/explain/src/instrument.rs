@@ -157,14 +157,12 @@ fn dead(seen: &Channels) -> Vec<String> {
     seen.facts.iter().filter(|(_, f)| f.is_dead() || f.rms < SILENT * usual).map(|(name, _)| name.clone()).collect()
 }
 
-/// Coarsest step and clipping of each channel in the references: what was there before is not new.
+/// Coarsest spacing of values of each channel in the references: what was there before is not new, however many levels were in use.
 fn usual(before: &[Channels]) -> BTreeMap<String, f64> {
     let mut out: BTreeMap<String, f64> = BTreeMap::new();
     for (name, facts) in before.iter().flat_map(|c| &c.facts) {
-        let step = out.entry(name.clone()).or_insert(0.0);
-        if facts.is_coarse() {
-            *step = step.max(facts.step);
-        }
+        let spacing = out.entry(name.clone()).or_insert(0.0);
+        *spacing = spacing.max(facts.spacing);
     }
     out
 }

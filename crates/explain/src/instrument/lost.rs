@@ -221,7 +221,7 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
     let needed = (tried / BY_CHANCE).ln();
     let mut out: Vec<Gap> = Vec::new();
     for k in looked {
-        let about = k.saturating_sub(side / 4)..(k + side / 4).min(usual.len());
+        let about = k.saturating_sub(side / 2)..(k + side / 2).min(usual.len());
         let Some((at, missing, likelihood)) = about
             .step_by(2)
             .map(|at| {
@@ -239,8 +239,16 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
             out.push(Gap { at: (at + side) * block, within: 3 * block, samples: (missing * rate, sigma * rate), gain });
         }
     }
-    out.sort_by_key(|g| g.at);
-    out
+    // Seen from either side, one gap is one: of two within a side the plainer counts.
+    out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let mut apart: Vec<Gap> = Vec::new();
+    for gap in out {
+        if apart.iter().all(|g| g.at.abs_diff(gap.at) >= side * block) {
+            apart.push(gap);
+        }
+    }
+    apart.sort_by_key(|g| g.at);
+    apart
 }
 
 #[cfg(test)]

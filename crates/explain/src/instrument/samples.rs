@@ -39,7 +39,9 @@ pub struct Facts {
     pub distinct: usize,
     /// Share of samples that differ from the one before.
     pub moving: f64,
-    /// Most usual step between values in use; `NaN` where the values form no lattice that the samples fill.
+    /// Usual distance of neighbouring values in use; `NaN` of one value.
+    pub spacing: f64,
+    /// The same where the values in use are few and full; else `NaN`.
     pub step: f64,
     /// Level at which samples pile up, and how many lie there.
     pub clipped: Option<(f64, usize)>,
@@ -56,11 +58,14 @@ impl Facts {
         let moving = samples.windows(2).filter(|w| w[0] != w[1]).count() as f64 / (count - 1.0).max(1.0);
         let levels = levels(samples);
         let dead = moving < MOVES || rms == 0.0;
+        let spacing = spacing(&levels);
+        let few = levels.len() <= LEVELS && levels.len() * PER_LEVEL <= samples.len();
         Self {
             rms,
             distinct: levels.len(),
             moving,
-            step: step(&levels, samples.len()),
+            spacing,
+            step: if few { spacing } else { f64::NAN },
             clipped: if dead { None } else { clipped(samples, &levels) },
             repeats: if dead { Vec::new() } else { repeats(samples) },
         }
@@ -90,11 +95,8 @@ fn levels(samples: &[f64]) -> Vec<(f64, usize)> {
     sorted.chunk_by(|a, b| a == b).map(|same| (same[0], same.len())).collect()
 }
 
-/// The usual distance of neighbouring levels, where they are few and full. Levels that the signal passes over make some gaps wider, never narrower.
-fn step(levels: &[(f64, usize)], samples: usize) -> f64 {
-    if levels.len() < 2 || levels.len() > LEVELS || levels.len() * PER_LEVEL > samples {
-        return f64::NAN;
-    }
+/// The usual distance of neighbouring levels. Levels that the signal passes over make some gaps wider, never narrower.
+fn spacing(levels: &[(f64, usize)]) -> f64 {
     let mut gaps: Vec<f64> = levels.windows(2).map(|w| w[1].0 - w[0].0).collect();
     crate::read::dsp::median(&mut gaps)
 }
