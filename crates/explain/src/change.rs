@@ -4,5 +4,4 @@ pub mod align;
 pub mod comb;
 pub mod compare;
 pub mod locate;
-pub mod masks;
 pub mod pulse;

@@ -23,7 +23,7 @@ use self::cross::Cross;
 use self::repair::{Cut, common_run};
 use self::samples::{Facts, Repeat};
 use crate::error::ExplainError;
-use crate::judge::report::{Candidate, Evidence, Explanation, FORMAT, NamedEffect, Published, Status};
+use crate::judge::report::{Candidate, Evidence, Explanation, FORMAT, EntryPoint, NamedEffect, Published, Status};
 use crate::read::dsp::{Transforms, median};
 use crate::read::features;
 use crate::read::kinematics;
@@ -539,6 +539,11 @@ impl From<&Fault> for NamedEffect {
             effect: f.effect.into(),
             place: f.place.clone(),
             probability: f.probability,
+            entry_point: EntryPoint {
+                kind: Entry::of(f.effect),
+                place: f.place.clone(),
+                probability: f.probability,
+            },
             parameters: f.parameters.iter().map(|(k, v)| ((*k).to_owned(), Published::from(*v))).collect(),
             indistinguishable_from: f
                 .alternatives

@@ -1,16 +1,13 @@
 //! From evidence to names: direct findings first (data, teeth, speeds), then sensor paths, then masks of lines, then strange lines.
 
-pub mod against;
 pub mod alone;
 pub mod bearing;
 pub mod classes;
 pub mod direct;
-pub mod friction;
 pub mod gear;
 pub mod gear_side;
 pub mod ghost;
 pub mod path;
-pub mod shared;
 pub mod strange;
 pub mod subname;
 
@@ -20,10 +17,8 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::train::Train;
 
-use self::against::Found;
 use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
-use crate::fit::refit;
 use crate::judge::held_out;
 use crate::judge::latent;
 use crate::judge::publish::publish;
@@ -32,6 +27,8 @@ use crate::read::features::RecordingFeatures;
 use crate::read::folded::FoldedLine;
 use crate::read::kinematics::OtherTeeth;
 use crate::read::ratio::Ratios;
+use crate::score::calibration::CALIBRATION;
+use crate::score::search;
 
 /// Everything that was measured.
 pub struct Question<'a> {
@@ -62,6 +59,8 @@ pub struct Finding {
     pub place: String,
     /// That effect and place are right.
     pub probability: f64,
+    /// That it enters there by an effect of this kind, whichever; not below `probability`.
+    pub entry: f64,
     /// By name.
     pub parameters: BTreeMap<String, Estimate>,
     /// What cannot be told from it here.
@@ -77,6 +76,7 @@ impl Finding {
             effect,
             place: place.into(),
             probability,
+            entry: probability,
             parameters: BTreeMap::new(),
             alternatives: Vec::new(),
             evidence: Evidence::default(),
@@ -90,10 +90,6 @@ impl Finding {
     }
 }
 
-/// Misfit per band of background above which it changed, and the least share of that, on the best channel, which is the same function of frequency at all speeds: of 34
-/// benches with noise of another kind at least 46 %; two unchanged ones of 186 moved by 3.2 and 4.0 per band, of which 11 and 21 %.
-const BACKGROUND: f64 = 2.5;
-const BACKGROUND_SHARE: f64 = 0.33;
 /// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours' noise is not theirs.
 const FOLDED_HZ: f64 = 10.0;
 
@@ -105,12 +101,9 @@ fn folded_onto(q: &Question<'_>, l: &FoldedLine, c: &Cell) -> bool {
     c.family.is_some() && q.comparison.channels[c.channel] == l.channel && (c.frequency_hz - seen_hz).abs() < FOLDED_HZ
 }
 
-/// An answer and the sheet as refitted beside the effects, where that was possible.
-pub struct Named {
-    /// What is published.
-    pub explanation: Explanation,
-    /// The sheet with the numbers of the joint refit.
-    pub bench: Option<Bench>,
+/// Channels of the first recording.
+fn channel_names(q: &Question<'_>) -> Vec<String> {
+    q.recordings.first().map(|r| r.channels.iter().map(|c| c.name.clone()).collect()).unwrap_or_default()
 }
 
 /// Answers.
@@ -119,7 +112,7 @@ pub fn answer(
     strange: strange::Strange,
     mut steps: Vec<String>,
     progress: &mut dyn FnMut(&str),
-) -> Named {
+) -> Explanation {
     let mut findings = direct::findings(q, &mut steps);
     let mut unexplained = false;
     let mut fit = None;
@@ -128,7 +121,6 @@ pub fn answer(
     if let Some(l) = &strange.folded {
         cells.retain(|c| !folded_onto(q, l, c));
     }
-    let mut own = cells.clone();
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
     if let Some(e) = &strange.envelope {
         steps.push(format!("envelope: order {:.3} stands out by {:.1} standard scores", e.order, e.score));
@@ -137,33 +129,24 @@ pub fn answer(
         progress("what changed against the reference");
         let direct = findings.len();
         findings.extend(ghost::ghost(q, &mut steps));
-        let mut found =
-            Found { findings: &mut findings, unexplained: &mut unexplained, steps: &mut steps, cells: &mut own };
-        let gain = against::search(q, &cells, &speeds, &strange, &mut found);
-        // A ghost, a path or one tooth is found before any mask is asked.
-        p = if findings.len() > direct { Some(against::p_null(f64::INFINITY)) } else { gain.map(against::p_null) };
+        let outcome = search::search(q, &cells, &strange, &mut steps);
+        findings.extend(outcome.findings);
+        unexplained |= outcome.unexplained;
+        p = Some(outcome.nothing);
         if findings.len() > direct || unexplained {
             fit = held_out::held_out(q, &cells, &speeds, &findings);
-        }
-    }
-    if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
-        let bands = cells.iter().filter(|c| c.family.is_none());
-        let (sum, count) =
-            bands.fold((0.0, 0usize), |(s, n), c| (s + (c.change * c.change / c.variance).min(30.0), n + 1));
-        let misfit = sum / count.max(1) as f64;
-        let one_speed = speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1);
-        let channels = 0..q.comparison.channels.len();
-        let in_hz = channels.map(|c| locate::floor_account(&cells, c, &speeds).0).fold(f64::NEG_INFINITY, f64::max);
-        if misfit > BACKGROUND && (one_speed || in_hz > BACKGROUND_SHARE) {
-            steps.push(format!(
-                "the background changed ({misfit:.1} per band, below 2 on an unchanged bench) and the lines did not"
-            ));
-            unexplained = true;
         }
     }
     strange::add_strange(q, &strange, &mut findings, &mut unexplained, &mut steps);
     if q.comparison.pairs.is_empty() && !unexplained && findings.iter().all(|f| strange::leaves_shafts(f.effect)) {
         direct::without_reference(q, &mut findings, &mut steps);
+    }
+    if q.comparison.pairs.is_empty()
+        && findings.is_empty()
+        && strange.bursts.as_ref().is_some_and(|b| b.nats(CALIBRATION.lone_bursts) > 0.0)
+    {
+        steps.extend(strange.bursts.iter().map(|b| b.describe(&channel_names(q))));
+        unexplained = true;
     }
     if fit.is_none() {
         fit = direct::ratio_fit(q, &findings);
@@ -177,12 +160,6 @@ pub fn answer(
     let known = findings.len();
     findings.retain(|f| !q.without.contains(&f.effect));
     unexplained |= findings.len() < known;
-    progress("joint refit");
-    let refitted = refit::refit(q, &own, &mut findings);
-    if let Some(r) = &refitted {
-        steps.extend(r.steps.iter().cloned());
-    }
     let latent_force = if unexplained && findings.is_empty() { latent::force(q, &strange, &mut steps) } else { None };
-    let explanation = Explanation { p_null: p, latent_force, ..publish(q, findings, unexplained, &cells, fit, steps) };
-    Named { explanation, bench: refitted.map(|r| r.bench) }
+    Explanation { p_null: p, latent_force, ..publish(q, findings, unexplained, &cells, fit, steps) }
 }

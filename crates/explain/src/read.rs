@@ -12,3 +12,4 @@ pub mod lines;
 pub mod plain;
 pub mod ratio;
 pub mod scan;
+pub mod transients;

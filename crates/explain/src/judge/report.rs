@@ -7,6 +7,7 @@ use gearwatch_core::verdict::published;
 use serde::{Serialize, Serializer};
 
 use crate::judge::latent::LatentForce;
+use crate::score::entry::Entry;
 
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-explanation/1";
@@ -117,6 +118,19 @@ pub struct Evidence {
     pub shape: String,
 }
 
+/// Where an effect enters the equations of motion.
+#[derive(Clone, Debug, Serialize)]
+pub struct EntryPoint {
+    /// Kind.
+    pub kind: Entry,
+    /// Place.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// That kind and place are right (0–1).
+    #[serde(serialize_with = "rounded")]
+    pub probability: f64,
+}
+
 /// An effect that is named.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedEffect {
@@ -128,6 +142,8 @@ pub struct NamedEffect {
     /// That effect and place are right (0–1).
     #[serde(serialize_with = "rounded")]
     pub probability: f64,
+    /// Where it enters, which is told more surely than its name.
+    pub entry_point: EntryPoint,
     /// Estimates by parameter name.
     pub parameters: BTreeMap<String, Published>,
     /// What these recordings cannot tell from it.

@@ -1,0 +1,171 @@
+//! Everything that recordings show, before any cause is asked for.
+
+use gearwatch_core::bench::Bench;
+use gearwatch_core::recording::Recording;
+use gearwatch_core::train::Train;
+
+use crate::change::compare::{self, Comparison};
+use crate::error::ExplainError;
+use crate::judge::limits;
+use crate::name::strange::{self, Strange};
+use crate::read::dsp::Transforms;
+use crate::read::features::{self, RecordingFeatures, Steady, Unused};
+use crate::read::fixed;
+use crate::read::folded;
+use crate::read::kinematics::{self, OtherTeeth};
+use crate::read::last_wheel;
+use crate::read::ratio::{self, Ratios};
+
+/// What is asked.
+pub struct Input<'a> {
+    /// The sheet.
+    pub bench: &'a Bench,
+    /// What was recorded.
+    pub recordings: &'a [Recording],
+    /// The same bench before, empty where there is none.
+    pub reference: &'a [Recording],
+    /// Effects that are taken out of the library, to try what is said of physics that nobody thought of.
+    pub without: &'a [&'a str],
+}
+
+/// What was measured.
+pub struct Measured {
+    /// The sheet, with corrected teeth where it was wrong.
+    pub bench: Bench,
+    /// Kinematics of `bench`.
+    pub train: Train,
+    /// A tooth number of the sheet that is wrong.
+    pub teeth: Option<OtherTeeth>,
+    /// Steady recordings.
+    pub recordings: Vec<RecordingFeatures>,
+    /// Steady reference recordings.
+    pub references: Vec<RecordingFeatures>,
+    /// Recordings against reference.
+    pub comparison: Comparison,
+    /// Speeds; recordings first, then references.
+    pub ratios: Ratios,
+    /// Lines that no gear makes.
+    pub strange: Strange,
+    /// What the recordings keep from being told.
+    pub limits: Vec<String>,
+    /// What was found on the way, in words.
+    pub steps: Vec<String>,
+}
+
+/// Measures recordings. `progress` hears one sentence before each long step.
+///
+/// # Errors
+/// When bench file and recordings cannot be compared at all; the message says why.
+pub fn measure(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Measured, ExplainError> {
+    let problems = input.bench.problems();
+    if !problems.is_empty() {
+        return Err(ExplainError::Bench(problems.join("; ")));
+    }
+    if input.recordings.is_empty() {
+        return Err(ExplainError::NoRecording);
+    }
+    let sheet = Train::new(input.bench);
+    let mut steps = Vec::new();
+    let mut limits = Vec::new();
+    let mut reasons = Vec::new();
+    let mut run_ups = Vec::new();
+    let mut pick = |all: &'_ [Recording]| -> Vec<usize> {
+        let mut out = Vec::new();
+        for (i, recording) in all.iter().enumerate() {
+            match features::steady(input.bench, &sheet, recording) {
+                Ok(_) => out.push(i),
+                Err(Unused::RunUp) => run_ups.push(recording.name.clone()),
+                Err(Unused::Bad(why)) => reasons.push(why),
+            }
+        }
+        out
+    };
+    let (used, used_reference) = (pick(input.recordings), pick(input.reference));
+    steps.extend(reasons.iter().map(|r| format!("not judged: {r}")));
+    if !run_ups.is_empty() {
+        let left_out = format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", "));
+        limits.push(left_out.clone());
+        steps.push(left_out);
+    }
+    if used.is_empty() {
+        if reasons.is_empty() {
+            reasons.push("only run-ups were given; at least one recording at steady speed is needed".into());
+        }
+        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
+    let mut transforms = Transforms::default();
+    let steady: Vec<Steady<'_>> = used
+        .iter()
+        .map(|&i| &input.recordings[i])
+        .chain(used_reference.iter().map(|&i| &input.reference[i]))
+        .filter_map(|r| features::steady(input.bench, &sheet, r).ok())
+        .collect();
+    progress("speeds and tooth numbers");
+    let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
+    let other = kinematics::other_teeth(input.bench, &steady, &fields);
+    let (mut bench, mut teeth) = match other {
+        Some((teeth, bench)) => (bench, Some(teeth)),
+        None => (input.bench.clone(), None),
+    };
+    let mut train = Train::new(&bench);
+    let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
+    // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
+    let strangers: Vec<Option<String>> = steady
+        .iter()
+        .zip(&fields)
+        .zip(&speeds)
+        .map(|((s, field), speed)| kinematics::stranger(&bench, &train, &sheet, s, field, speed))
+        .collect();
+    let judged = strangers[..used.len()].iter().filter(|s| s.is_none()).count();
+    reasons.extend(strangers.iter().flatten().cloned());
+    limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
+    if judged == 0 {
+        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
+    let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
+    let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
+    let mut lines = |bench: &Bench, train: &Train| -> Vec<RecordingFeatures> {
+        let one = |(s, speed): (&Steady<'_>, &kinematics::Speed)| {
+            progress(&format!("lines of {}", s.recording.name));
+            features::read(&mut transforms, bench, train, s, speed.input_hz, speed.score)
+        };
+        steady.iter().zip(&speeds).map(one).collect()
+    };
+    let mut all = lines(&bench, &train);
+    if teeth.is_none()
+        && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &all)
+    {
+        (bench, teeth) = (corrected, Some(wheel));
+        train = Train::new(&bench);
+        all = lines(&bench, &train);
+    }
+    let ratios = ratio::ratios(&steady, &all, &train);
+    progress("lines folded about half the sample rate");
+    let folded = folded::scan(&mut transforms, &steady, &all, judged);
+    let references = all.split_off(judged);
+    limits.extend(limits::settings(&all));
+    limits.extend(limits::overloads(&all));
+    let sensors: Vec<String> = bench.sensors.iter().map(|s| s.name.clone()).collect();
+    limits.extend(steady.iter().flat_map(|s| limits::dead_channels(s.recording, s, &sensors)));
+    progress("comparison");
+    let comparison = compare::compare(&all, &references);
+    if !input.reference.is_empty() && comparison.pairs.is_empty() {
+        steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
+        limits.push(match references.is_empty() {
+            true => "none of the reference recordings can be used: judged without a reference".into(),
+            false => format!(
+                "no reference matches a recording in speed (3 %) and load (5 %), so it was judged without: recorded at {}, the reference at {}",
+                limits::points(&all),
+                limits::points(&references)
+            ),
+        });
+    }
+    progress("lines that no gear makes");
+    let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
+    strange.folded = folded;
+    strange.picked_up = fixed::fit(&mut transforms, &train, &steady, &all, &references, &strange.beside_mains())
+        .into_iter()
+        .filter(fixed::FixedLine::is_picked_up)
+        .collect();
+    Ok(Measured { bench, train, teeth, recordings: all, references, comparison, ratios, strange, limits, steps })
+}
