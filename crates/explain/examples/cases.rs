@@ -1,5 +1,5 @@
 //! Answers folders of cases without the command line around it: `cases explain CASES OUT` writes an explanation a case and the seconds that each took,
-//! `cases evidence CASES OUT` writes what was measured.
+//! `cases evidence CASES OUT` writes what was measured, `cases drawn SEED FIRST LAST` draws cases and scores the answers.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -7,8 +7,8 @@ use std::time::Instant;
 use gearwatch_core::recording::Recording;
 use gearwatch_explain::explain::{Input, explain};
 use gearwatch_explain::measure::{Measured, measure};
-use gearwatch_explain::read::features::RecordingFeatures;
 use gearwatch_explain::read::dsp::Transforms;
+use gearwatch_explain::read::features::RecordingFeatures;
 use gearwatch_explain::read::lines::Family;
 use gearwatch_explain::read::transients;
 use gearwatch_io::open::{OpenOptions, read_recording};
@@ -47,9 +47,7 @@ fn features(t: &mut Transforms, r: &RecordingFeatures) -> Value {
             let combs: Vec<Vec<Value>> = c
                 .combs
                 .iter()
-                .map(|k| {
-                    k.iter().map(|v| json!([r5(v.amplitude.re), r5(v.amplitude.im), r5(v.noise)])).collect()
-                })
+                .map(|k| k.iter().map(|v| json!([r5(v.amplitude.re), r5(v.amplitude.im), r5(v.noise)])).collect())
                 .collect();
             let floor: Vec<Value> = c.floor.iter().map(|f| json!([r5(f.frequency_hz), r5(f.power), f.bins])).collect();
             let unsteady: Vec<Value> = transients::unsteady(t, r, c)
@@ -68,8 +66,10 @@ fn features(t: &mut Transforms, r: &RecordingFeatures) -> Value {
 fn evidence(m: &Measured) -> Value {
     let lines = |all: &[gearwatch_explain::read::scan::StrangeLine]| -> Vec<Value> {
         all.iter()
-            .map(|l| json!({"at": l.position, "channel": l.channel, "excess": l.excess, "least": l.least,
-                            "by_channel": l.by_channel, "off_comb": l.off_comb, "amplitudes": l.amplitudes}))
+            .map(|l| {
+                json!({"at": l.position, "channel": l.channel, "excess": l.excess, "least": l.least,
+                            "by_channel": l.by_channel, "off_comb": l.off_comb, "amplitudes": l.amplitudes})
+            })
             .collect()
     };
     let fixed = |l: &gearwatch_explain::read::fixed::FixedLine| {
@@ -96,8 +96,46 @@ fn evidence(m: &Measured) -> Value {
     })
 }
 
+/// Draws cases and scores the answers.
+fn drawn(seed: u64, first: u64, last: u64) {
+    let (mut sum, mut count, mut nulls, mut false_names) = (0.0, 0usize, 0usize, 0usize);
+    for index in first..last {
+        let begin = Instant::now();
+        let Some(Ok(s)) = gearwatch_explain::prove::prove(seed, index, None) else { continue };
+        let truth: Vec<String> = s.truth.effects.iter().map(|e| format!("{}@{}", e.effect, e.place)).collect();
+        let named: Vec<String> = s
+            .named
+            .iter()
+            .map(|n| format!("{}@{} {:.2}{}", n.0, n.1, n.2, if n.3 { "" } else { " (wrong)" }))
+            .collect();
+        println!(
+            "{index} {:?} ref {} {} -> {} {} first {:?} {:.1} s",
+            s.truth.kind,
+            s.truth.reference,
+            truth.join(" + "),
+            s.status.code(),
+            named.join(", "),
+            s.first,
+            begin.elapsed().as_secs_f64()
+        );
+        if s.truth.kind == gearwatch_explain::prove::Kind::Null {
+            nulls += 1;
+            false_names += usize::from(!s.named.is_empty());
+        }
+        sum += s.first.iter().sum::<f64>();
+        count += s.first.len();
+    }
+    println!("named first {sum} of {count}; false names on {false_names} of {nulls} nulls");
+}
+
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).collect();
+    if let [mode, seed, first, last] = &args[..]
+        && mode == "drawn"
+    {
+        drawn(seed.parse().expect("a seed"), first.parse().expect("a number"), last.parse().expect("a number"));
+        return;
+    }
     let [mode, cases, out, names @ ..] = &args[..] else {
         eprintln!("cases explain|evidence CASES OUT [CASE...]");
         std::process::exit(2);
@@ -112,7 +150,8 @@ fn main() {
         if !names.is_empty() && !names.contains(&name) {
             continue;
         }
-        let target = if mode == "explain" { out.join(&name).join("explanation.json") } else { out.join(format!("{name}.json")) };
+        let target =
+            if mode == "explain" { out.join(&name).join("explanation.json") } else { out.join(format!("{name}.json")) };
         if target.exists() {
             continue;
         }

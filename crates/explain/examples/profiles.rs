@@ -1,20 +1,40 @@
 //! How each effect spreads its change over the classes of lines, on drawn benches with usual errors of the teeth.
 
+use gearwatch_core::train::Train;
 use gearwatch_explain::prove::draw::{self, Draw};
 use gearwatch_explain::prove::machine::real;
 use gearwatch_explain::read::lines::of_train;
 use gearwatch_explain::score::relation::{RELATIONS, Relation};
 use gearwatch_sim::effects::{self, Place};
 use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
-use gearwatch_core::train::Train;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 fn main() {
     let benches: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(4);
-    let ids = ["eccentricity", "pitch_error", "tooth_breakage", "root_crack", "pitting", "profile_error", "tip_relief", "tooth_wear",
-        "misalignment", "mesh_stiffness", "load_dependent_stiffness", "body_coupling", "damping", "bearing_compliance",
-        "shaft_torsion", "unbalance", "torque_ripple", "speed_fluctuation", "ghost_component", "tooth_friction", "looseness"];
+    let ids = [
+        "eccentricity",
+        "pitch_error",
+        "tooth_breakage",
+        "root_crack",
+        "pitting",
+        "profile_error",
+        "tip_relief",
+        "tooth_wear",
+        "misalignment",
+        "mesh_stiffness",
+        "load_dependent_stiffness",
+        "body_coupling",
+        "damping",
+        "bearing_compliance",
+        "shaft_torsion",
+        "unbalance",
+        "torque_ripple",
+        "speed_fluctuation",
+        "ghost_component",
+        "tooth_friction",
+        "looseness",
+    ];
     for id in ids {
         let mut values: Vec<Vec<f64>> = vec![Vec::new(); RELATIONS.len()];
         let mut tops = Vec::new();
@@ -24,7 +44,9 @@ fn main() {
             let before = real(&mut d, &bench, 0.6);
             let Some(spec) = draw::effect(&mut d, &bench, id) else { continue };
             let mut after = before.clone();
-            if effects::apply(&spec, &mut after).is_err() { continue }
+            if effects::apply(&spec, &mut after).is_err() {
+                continue;
+            }
             let Ok(effect) = effects::find(id) else { continue };
             let Ok(place) = Place::parse(&spec.place, effect, &bench) else { continue };
             let train = Train::new(&bench);
@@ -43,21 +65,51 @@ fn main() {
                     for (k, l) in lines.iter().enumerate() {
                         let (p, q) = (x.sensors[s][k].norm(), y.sensors[s][k].norm());
                         if p.max(q) > 3.0 * top && l.order * x.first_shaft_hz < 7000.0 {
-                            let r = RELATIONS.iter().position(|r| *r == Relation::of(l.family, place, bench.stages.len())).unwrap_or(0);
+                            let r = RELATIONS
+                                .iter()
+                                .position(|r| *r == Relation::of(l.family, place, bench.stages.len()))
+                                .unwrap_or(0);
                             by[r].push((q.max(top) / p.max(top)).ln().abs());
                         }
                     }
                 }
-                let med: Vec<Option<f64>> = by.iter_mut().map(|v| { if v.is_empty() { return None; } v.sort_by(f64::total_cmp); Some(v[v.len() / 2]) }).collect();
+                let med: Vec<Option<f64>> = by
+                    .iter_mut()
+                    .map(|v| {
+                        if v.is_empty() {
+                            return None;
+                        }
+                        v.sort_by(f64::total_cmp);
+                        Some(v[v.len() / 2])
+                    })
+                    .collect();
                 let top = med.iter().flatten().copied().fold(0.0, f64::max);
-                if top < 0.02 { continue }
+                if top < 0.02 {
+                    continue;
+                }
                 tops.push(top);
                 for (r, m) in med.iter().enumerate() {
-                    if let Some(m) = m { values[r].push((m / top).max(0.003)); }
+                    if let Some(m) = m {
+                        values[r].push((m / top).max(0.003));
+                    }
                 }
             }
         }
-        let text: Vec<String> = values.iter().map(|v| if v.is_empty() { " -   ".into() } else { format!("{:.3}", (v.iter().map(|x| x.ln()).sum::<f64>() / v.len() as f64).exp()) }).collect();
-        println!("{id:26} n {:2} top {:.2}  {}", tops.len(), tops.iter().sum::<f64>() / tops.len().max(1) as f64, text.join(" "));
+        let text: Vec<String> = values
+            .iter()
+            .map(|v| {
+                if v.is_empty() {
+                    " -   ".into()
+                } else {
+                    format!("{:.3}", (v.iter().map(|x| x.ln()).sum::<f64>() / v.len() as f64).exp())
+                }
+            })
+            .collect();
+        println!(
+            "{id:26} n {:2} top {:.2}  {}",
+            tops.len(),
+            tops.iter().sum::<f64>() / tops.len().max(1) as f64,
+            text.join(" ")
+        );
     }
 }

@@ -128,8 +128,9 @@ pub fn answer(
     if !q.comparison.pairs.is_empty() && direct::comparable(q, &findings) {
         progress("what changed against the reference");
         let direct = findings.len();
-        findings.extend(ghost::ghost(q, &mut steps));
-        let outcome = search::search(q, &cells, &strange, &mut steps);
+        let ghost = ghost::ghost(q, &mut steps);
+        let outcome = search::search(q, &cells, &strange, ghost.as_ref(), &mut steps);
+        findings.extend(ghost);
         findings.extend(outcome.findings);
         unexplained |= outcome.unexplained;
         p = Some(outcome.nothing);

@@ -27,8 +27,7 @@ pub fn held_out(q: &Question<'_>, cells: &[Cell], speeds: &[f64], findings: &[Fi
         return None;
     }
     let held = speeds.len() - 1;
-    let paths: Vec<&str> =
-        findings.iter().filter(|f| subname::is_path(f.effect)).map(|f| f.place.as_str()).collect();
+    let paths: Vec<&str> = findings.iter().filter(|f| subname::is_path(f.effect)).map(|f| f.place.as_str()).collect();
     let train: Vec<Cell> = cells.iter().filter(|c| c.pair != held).copied().collect();
     let specs: Vec<EffectSpec> = findings.iter().filter(|f| !subname::is_path(f.effect)).filter_map(spec).collect();
     let rises = findings.iter().any(|f| PROFILES.iter().any(|p| p.effect == f.effect && p.rises));
@@ -44,7 +43,8 @@ pub fn held_out(q: &Question<'_>, cells: &[Cell], speeds: &[f64], findings: &[Fi
     let mut counts = [0usize; 2];
     for pair in 0..speeds.len() {
         let lines: Vec<&LineChange> = q.comparison.lines.iter().filter(|l| l.pair == pair).collect();
-        let machine = if specs.is_empty() { vec![0.0; lines.len()] } else { simulated(q, pair, &lines, (&plain, &with), rises)? };
+        let machine =
+            if specs.is_empty() { vec![0.0; lines.len()] } else { simulated(q, pair, &lines, (&plain, &with), rises)? };
         for (l, by_machine) in lines.iter().zip(machine) {
             let mut predicted = by_machine;
             if paths.iter().any(|p| *p == "housing" || *p == q.comparison.channels[l.channel]) {

@@ -109,7 +109,9 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
     // A force within its own uncertainty is none.
     let largest = turn.iter().map(at).fold(0.0, |most: f64, f| most.max(f.abs()));
     if largest < SIGNIFICANT * sigma {
-        steps.push(format!("the force that would account for it is within its uncertainty ({largest:.2e} of sigma {sigma:.2e})"));
+        steps.push(format!(
+            "the force that would account for it is within its uncertainty ({largest:.2e} of sigma {sigma:.2e})"
+        ));
         return None;
     }
     let points: Vec<(f64, f64, f64)> = combs

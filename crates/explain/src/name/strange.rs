@@ -197,7 +197,7 @@ pub fn add_strange(
     let foreign = strange.foreign_machine() && (strange.against_reference || several) && !gear_changed;
     let alone = findings.is_empty() && !*unexplained && !bearing_seen;
     // Another machine may have a line that lies on the mains.
-    // Of the mains the first multiples are the strongest; a line at a high one alone is the machine's.
+    // Of the mains the first multiples are the strongest; a line at a high one alone is the machine's, unless it is new.
     let of_mains = |l: &FixedLine| {
         l.multiple.is_some()
             && strange
@@ -205,7 +205,9 @@ pub fn add_strange(
                 .iter()
                 .any(|x| x.channel == l.channel && x.multiple.is_some_and(|m| m <= FIRST_OF_MAINS))
     };
-    if let Some(l) = strange.picked_up.iter().find(|l| of_mains(l) || (l.multiple.is_none() && alone)).filter(|_| !foreign)
+    let of_mains = |l: &FixedLine| of_mains(l) || (strange.against_reference && l.multiple.is_some());
+    if let Some(l) =
+        strange.picked_up.iter().find(|l| of_mains(l) || (l.multiple.is_none() && alone)).filter(|_| !foreign)
     {
         findings.push(pickup(l));
     } else if foreign {

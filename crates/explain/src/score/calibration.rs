@@ -7,7 +7,8 @@ use super::relation::RELATIONS;
 /// The numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Calibration {
-    /// Exponent on the likelihood of lines: those of one pair share what the settings, the path and the model do to them.
+    /// Correlation of the changes of one class of lines, which share what the settings, the path and the model do to them: `n` of them count as `n/(1 + (n − 1) r)`
+    /// (Kish 1965, design effect).
     pub lines: f64,
     /// The same of the bands of background.
     pub bands: f64,
@@ -25,6 +26,8 @@ pub struct Calibration {
     pub session: f64,
     /// Width over which a path is one number (ln frequency).
     pub path_width: f64,
+    /// Frequency from which a resonance changes a path (Hz).
+    pub path_from_hz: f64,
     /// Model error of a path as a share of its change.
     pub path_error: f64,
     /// Prior probability that nothing changed.
@@ -53,25 +56,26 @@ pub struct Calibration {
 
 /// The calibration in use.
 pub const CALIBRATION: Calibration = Calibration {
-    lines: 0.4,
-    bands: 0.1,
+    lines: 0.05,
+    bands: 0.02,
     shape: 1.0,
     tail: 3.0,
-    repetition: [0.012, 0.02, 0.035, 0.06],
+    repetition: [0.012, 0.025, 0.05, 0.1],
     band_repetition: 0.03,
     speed_slope: 8.0,
     session: 0.03,
     path_width: 0.05,
+    path_from_hz: 150.0,
     path_error: 0.2,
     nothing: 0.4,
-    something: 0.03,
+    something: 0.01,
     bursts: (0.4, 0.06, 12.0),
-    fixed_lines: (1.8, 2.0, 8.0),
+    fixed_lines: (1.8, 1.5, 8.0),
     lone_bursts: (2.5, 0.1, 8.0),
-    takes_part: 0.1,
-    leak: 0.15,
-    second: 0.05,
-    one_tooth: (0.52, 0.03, 8.0),
+    takes_part: 0.05,
+    leak: 0.25,
+    second: 0.02,
+    one_tooth: (0.52, 0.05, 12.0),
     sigma: 1.5,
     surest: 0.95,
 };
@@ -100,9 +104,9 @@ const L: f64 = 0.02;
 /// Profiles by simulation. In the order of [`RELATIONS`]: mesh, first and further sidebands of the own shaft, of the other, own sidebands about another stage, first and further
 /// orders of the own shaft, of the other, another stage's mesh, all else.
 pub const PROFILES: &[Profile] = &[
-    profile("eccentricity", true, 0.02, [0.03, 1.0, 0.15, L, L, 0.5, 0.13, 0.05, L, L, L, L]),
-    profile("pitch_error", true, 0.15, [0.13, 0.45, 1.0, 0.05, 0.05, 0.8, 0.05, 0.85, L, L, L, L]),
-    profile("tooth_breakage", true, 0.15, [0.03, 0.5, 0.85, 0.05, 0.05, 0.7, 0.05, 0.3, L, L, L, L]),
+    profile("eccentricity", true, 0.02, [0.03, 1.0, 0.15, L, L, 0.5, 0.5, 0.05, L, L, L, L]),
+    profile("pitch_error", true, 0.08, [0.13, 0.45, 1.0, 0.05, 0.05, 0.8, 0.05, 0.85, L, L, L, L]),
+    profile("tooth_breakage", true, 0.08, [0.03, 0.5, 0.85, 0.05, 0.05, 0.7, 0.05, 0.3, L, L, L, L]),
     profile("profile_error", false, 0.15, [0.93, 0.7, 0.5, L, L, 0.2, L, 0.03, L, L, L, L]),
     profile("tip_relief", false, 0.15, [0.6, 0.62, 0.83, L, L, 0.2, L, 0.15, L, L, L, L]),
     profile("tooth_wear", false, 0.15, [0.97, 0.66, 0.7, L, L, 0.2, L, 0.11, L, L, L, L]),
@@ -113,11 +117,12 @@ pub const PROFILES: &[Profile] = &[
     profile("bearing_compliance", false, 0.6, [0.68, 0.78, 0.66, 0.86, 0.86, 0.6, 0.03, 0.05, 0.03, 0.05, 0.3, 0.3]),
     profile("shaft_torsion", false, 0.05, [0.05, 0.06, 0.06, 0.06, 0.09, 0.06, 0.03, 0.5, 0.03, 0.63, 0.05, 0.05]),
     profile("unbalance", true, 0.02, [L, 0.05, L, L, L, L, 1.0, 0.03, L, L, L, L]),
-    profile("tooth_friction", false, 0.1, [0.26, 0.23, 0.26, L, L, 0.1, 0.43, 1.0, L, L, L, L]),
+    profile("tooth_friction", true, 0.1, [0.26, 0.23, 0.26, L, L, 0.1, 0.43, 1.0, L, L, L, L]),
     profile("looseness", true, 0.1, [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5, 0.05, 0.05, 0.05, 0.05]),
     profile("looseness", false, 0.6, [0.68, 0.78, 0.66, 0.86, 0.86, 0.6, 0.5, 0.2, 0.03, 0.05, 0.3, 0.3]),
     profile("backlash", false, 0.15, [0.5, 0.8, 0.8, L, L, 0.5, 0.3, 0.5, L, L, 0.1, 0.1]),
 ];
 
-/// Spread of a ripple: its own order, sidebands at that distance, other orders and sidebands of its shaft, all else.
-pub const RIPPLE: [f64; 4] = [1.0, 0.8, 0.05, 0.02];
+/// Spread of a ripple: its own order, sidebands at that distance, other orders and sidebands of its shaft, all else. A ripple shows in its order, in the sidebands, or in both,
+/// as the torsional resonances have it.
+pub const RIPPLES: [[f64; 4]; 2] = [[1.0, 0.8, 0.05, 0.02], [1.0, 0.15, 0.05, 0.02]];

@@ -15,6 +15,9 @@ const FIRST: f64 = 0.02;
 const RATIO: f64 = 1.3;
 const STEPS: usize = 22;
 
+/// Step from which a change is plain (0.2 in ln amplitude): what a class may do without a law is no matter of small shifts.
+const PLAIN: usize = 10;
+
 /// A change of a line or band.
 #[derive(Clone, Copy, Debug)]
 pub struct Change {
@@ -32,6 +35,8 @@ pub struct Change {
     pub noise: f64,
     /// Variance that an effect found before makes.
     pub extra: f64,
+    /// How much it counts beside the others of its class.
+    pub weight: f64,
 }
 
 /// Lines that share a scale.
@@ -62,6 +67,7 @@ pub fn changes(comparison: &Comparison, c: &Calibration) -> Vec<Change> {
         change: l.log_ratio,
         noise: l.variance + (c.speed_slope * comparison.pairs[l.pair].speed_gap).powi(2),
         extra: 0.0,
+        weight: 1.0,
     });
     let bands = comparison.floors.iter().map(|f| Change {
         pair: f.pair,
@@ -71,8 +77,16 @@ pub fn changes(comparison: &Comparison, c: &Calibration) -> Vec<Change> {
         change: f.log_ratio,
         noise: f.variance,
         extra: 0.0,
+        weight: 1.0,
     });
-    lines.chain(bands).collect()
+    let mut all: Vec<Change> = lines.chain(bands).collect();
+    let mut counts: std::collections::BTreeMap<Class, usize> = std::collections::BTreeMap::new();
+    all.iter().for_each(|x| *counts.entry(Tables::class(x)).or_default() += 1);
+    for x in &mut all {
+        let others = counts.get(&Tables::class(x)).map_or(0.0, |n| *n as f64 - 1.0);
+        x.weight = 1.0 / (1.0 + others * if x.family.is_some() { c.lines } else { c.bands });
+    }
+    all
 }
 
 /// Takes the session's gain off: what all lines of a channel have in common, as far as a session may shift them.
@@ -160,8 +174,13 @@ impl Tables {
     /// Log likelihood of a scale for each class, by repetition; `rises` says of which classes lines rise.
     pub fn log_likelihood(&self, repetition: usize, scale: f64, spread: &[f64], rises: bool) -> f64 {
         let one = |(i, w): (usize, &f64)| {
-            let table = if rises && *w >= RISING { &self.rising[i] } else { &self.either[i] };
-            Self::at(&table[repetition], scale * w)
+            let table = if rises && *w >= MAIN { &self.rising[i] } else { &self.either[i] };
+            let moved = Self::at(&table[repetition], scale * w);
+            if *w >= MAIN {
+                return moved;
+            }
+            // What follows the main lines does so on one bench and not on the next.
+            log_sum_exp(&[moved, self.either[i][repetition][0]]) - std::f64::consts::LN_2
         };
         spread.iter().enumerate().map(one).sum()
     }
@@ -170,7 +189,7 @@ impl Tables {
     pub fn something(&self, repetition: usize, takes_part: f64) -> f64 {
         let one = |table: &Vec<[f64; STEPS + 1]>| {
             let t = &table[repetition];
-            let free: Vec<f64> = t[3..].to_vec();
+            let free: Vec<f64> = t[PLAIN..].to_vec();
             let free = log_sum_exp(&free) - (free.len() as f64).ln();
             log_sum_exp(&[(1.0 - takes_part).ln() + t[0], takes_part.ln() + free])
         };
@@ -178,14 +197,13 @@ impl Tables {
     }
 }
 
-/// Share of the largest change from which a class rises.
-const RISING: f64 = 0.45;
+/// Share of the largest change from which a class is one of an effect's main lines: it changes for sure, and rises where the effect adds to what is there.
+const MAIN: f64 = 0.45;
 
 /// Weight of a change in the likelihood, and its variance without an effect.
 pub fn weight_and_variance(x: &Change, rho: f64, c: &Calibration) -> (f64, f64) {
-    let (weight, repetition) =
-        if x.family.is_some() { (c.lines, rho) } else { (c.bands, rho.max(c.band_repetition)) };
-    (weight, x.noise + repetition * repetition + x.extra)
+    let repetition = if x.family.is_some() { rho } else { rho.max(c.band_repetition) };
+    (x.weight, x.noise + repetition * repetition + x.extra)
 }
 
 /// ln Σ exp.

@@ -31,7 +31,9 @@ impl Entry {
     pub fn of(effect: &str) -> Self {
         match effect {
             "sensor_mounting" | "structural_resonance" => Self::Path,
-            "clock_offset" | "belt_slip" | "speed_fluctuation" | "wrong_belt_ratio" | "wrong_tooth_count" => Self::Clock,
+            "clock_offset" | "belt_slip" | "speed_fluctuation" | "wrong_belt_ratio" | "wrong_tooth_count" => {
+                Self::Clock
+            }
             "unbalance" | "torque_ripple" => Self::Force,
             "bearing_compliance" | "bearing_defect" => Self::Bearing,
             "eccentricity" | "pitch_error" | "profile_error" | "tip_relief" | "tooth_wear" | "ghost_component" => {

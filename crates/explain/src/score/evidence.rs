@@ -8,8 +8,8 @@ use crate::change::comb;
 use crate::change::locate::Cell;
 use crate::change::pulse;
 use crate::fit::shape::{self, Ranked};
-use crate::name::path::{self, Form};
 use crate::name::Question;
+use crate::name::path::{self, Form};
 use crate::name::strange::Strange;
 
 /// How far the change of each shaft's comb is one pulse a turn (nats; negative where it is none), and in words.
@@ -62,10 +62,15 @@ pub fn shape(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
     shape::rank(q, cells)
 }
 
+/// A line this near one that a sensor picked up is that one (Hz).
+const SAME_HZ: f64 = 1.0;
+
 /// What new lines at fixed frequencies say for something beside the machine (nats).
 pub fn fixed_lines(strange: &Strange, c: &Calibration) -> f64 {
     let (least, each, most) = c.fixed_lines;
-    let sum: f64 = strange.fixed.iter().map(|l| (l.excess - least).max(0.0)).sum();
+    let own = |hz: f64| strange.picked_up.iter().any(|p| (p.hz.0 - hz).abs() < SAME_HZ);
+    let beside = strange.fixed.iter().filter(|l| !own(l.position));
+    let sum: f64 = beside.map(|l| (l.excess - least).max(0.0)).sum();
     (each * sum).min(most)
 }
 

@@ -11,7 +11,7 @@ const ROUNDS: usize = 4;
 
 /// Log likelihood of all changes where some channels' paths changed by this scale; the others stayed.
 ///
-/// A changed factor is a path whose bands are one.
+/// A changed factor is a path whose bands are one. Else what lies far below the modes of housings and mountings stays: there they follow as a whole.
 pub fn log_likelihood(
     all: &[Change],
     (changed, factor): (&dyn Fn(usize) -> bool, bool),
@@ -22,7 +22,7 @@ pub fn log_likelihood(
     let mut sum = 0.0;
     let mut bands: std::collections::BTreeMap<(usize, i64), Vec<&Change>> = std::collections::BTreeMap::new();
     for x in all {
-        if changed(x.channel) {
+        if changed(x.channel) && (factor || x.frequency_hz >= c.path_from_hz) {
             let band = if factor { 0 } else { band(x.frequency_hz, c) };
             bands.entry((x.channel, band)).or_default().push(x);
         } else {
@@ -71,7 +71,7 @@ fn mean_of(members: &[&Change], rho: f64, scale: f64, c: &Calibration) -> (f64, 
 /// The change of a channel's path by band: frequency and common change.
 pub fn by_band(all: &[Change], channel: usize, rho: f64, scale: f64, c: &Calibration) -> Vec<(f64, f64)> {
     let mut bands: std::collections::BTreeMap<i64, Vec<&Change>> = std::collections::BTreeMap::new();
-    for x in all.iter().filter(|x| x.channel == channel) {
+    for x in all.iter().filter(|x| x.channel == channel && x.frequency_hz >= c.path_from_hz) {
         bands.entry(band(x.frequency_hz, c)).or_default().push(x);
     }
     bands

@@ -97,7 +97,8 @@ pub fn explained(all: &[Change], tables: &Tables, h: &Hypothesis, best: (f64, f6
             for x in &mut out {
                 let class = Tables::class(x);
                 if let Ok(at) = tables.classes.binary_search(&class) {
-                    x.extra += (size * spread[at].max(c.leak)).powi(2);
+                    let share = if x.family.is_some() { spread[at].max(c.leak) } else { spread[at] };
+                    x.extra += (size * share).powi(2);
                 }
             }
         }

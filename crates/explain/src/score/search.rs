@@ -10,10 +10,11 @@ use crate::change::locate::{Cell, Place};
 use crate::fit::shape::Ranked;
 use crate::fit::sizes;
 use crate::name::classes::together;
+use crate::name::ghost;
 use crate::name::path::Form;
+use crate::name::strange::Strange;
 use crate::name::subname;
 use crate::name::{Finding, Question};
-use crate::name::strange::Strange;
 
 /// Effects that are asked for, one beside the other.
 const MOST: usize = 2;
@@ -46,9 +47,19 @@ struct Round<'a> {
 }
 
 /// Asks what changed against the reference.
-pub fn search(q: &Question<'_>, cells: &[Cell], strange: &Strange, steps: &mut Vec<String>) -> Outcome {
+pub fn search(
+    q: &Question<'_>,
+    cells: &[Cell],
+    strange: &Strange,
+    ghost: Option<&Finding>,
+    steps: &mut Vec<String>,
+) -> Outcome {
     let c = &CALIBRATION;
     let mut changes = changes::changes(q.comparison, c);
+    if let Some(f) = ghost {
+        let input_hz = |x: &Change| q.recordings[q.comparison.pairs[x.pair].recording].input_hz;
+        changes.retain(|x| x.family.is_none() || !ghost::explains(q, f, x.frequency_hz / input_hz(x)));
+    }
     let teeth = evidence::one_tooth(q, c);
     steps.extend(teeth.iter().map(|t| t.1.clone()));
     let fixed_lines = evidence::fixed_lines(strange, c);
@@ -58,21 +69,25 @@ pub fn search(q: &Question<'_>, cells: &[Cell], strange: &Strange, steps: &mut V
         (heavy.min(all), (all - heavy).max(0.0))
     });
     let mut out = Outcome { findings: Vec::new(), unexplained: false, nothing: 1.0 };
-    for round in 0..MOST {
+    for round in usize::from(ghost.is_some())..MOST {
         let mut tabled = changes.clone();
         changes::without_session(&mut tabled, q.comparison.channels.len(), c);
         let tables = Tables::new(&tabled, c);
         let mut hypotheses = table::table(q, &tables.classes);
         if round > 0 {
-            second(&mut hypotheses, &out.findings, c);
+            let known: Vec<Finding> = ghost.into_iter().chain(&out.findings).cloned().collect();
+            second(&mut hypotheses, &known, &shafts(q), c);
         }
-        let asked = Round { q, cells, changes: changes.clone(), tables, hypotheses, teeth: &teeth, bursts, fixed_lines };
+        let asked =
+            Round { q, cells, changes: changes.clone(), tables, hypotheses, teeth: &teeth, bursts, fixed_lines };
         let scored = asked.scored(c);
         let nothing: f64 = share(&scored, &asked.hypotheses, &|h| h.moves == Moves::Nothing);
         let something: f64 = share(&scored, &asked.hypotheses, &|h| h.moves == Moves::Something);
         report(&asked, &scored, round, steps);
         if round == 0 {
             out.nothing = nothing;
+        } else if ghost.is_some() && out.findings.is_empty() {
+            out.nothing = 0.0;
         }
         let Some(best) = scored.iter().find(|s| !asked.hypotheses[s.at].effect.is_empty()) else { break };
         let named = 1.0 - nothing - something;
@@ -99,7 +114,7 @@ fn share(scored: &[Scored], table: &[Hypothesis], of: &dyn Fn(&Hypothesis) -> bo
 }
 
 /// Priors of a second effect: beside one that is known another is rare, and never the same again.
-fn second(all: &mut [Hypothesis], known: &[Finding], c: &Calibration) {
+fn second(all: &mut [Hypothesis], known: &[Finding], places: &[(String, usize)], c: &Calibration) {
     let usual = (1.0 - c.nothing - c.something).ln();
     for h in all.iter_mut() {
         h.prior = match h.moves {
@@ -108,10 +123,33 @@ fn second(all: &mut [Hypothesis], known: &[Finding], c: &Calibration) {
             Moves::Something => f64::NEG_INFINITY,
             _ => h.prior - usual + c.second.ln(),
         };
-        if known.iter().any(|f| f.place == h.place || together(f.effect, h.effect)) {
+        // Run-out and errors of the teeth make orders of their shaft; one that stands out among them is no ripple.
+        let on_shaft =
+            |f: &Finding| places.iter().any(|p| p.0 == f.place && h.order.is_some_and(|o| o.0.unwrap_or(0) == p.1));
+        // What an effect does to its own shafts and stages beyond its profile is no second one; unbalance, which moves one line, may be.
+        let parts = |place: &str| places.iter().filter(|p| p.0 == place).map(|p| p.1).collect::<Vec<usize>>();
+        let beside = |f: &Finding| {
+            let own = parts(&f.place);
+            h.effect != "unbalance" && parts(&h.place).iter().any(|p| own.contains(p))
+        };
+        if known.iter().any(|f| f.place == h.place || together(f.effect, h.effect) || on_shaft(f) || beside(f)) {
             h.prior = f64::NEG_INFINITY;
         }
     }
+}
+
+/// Places of the machine and the shafts that they are part of.
+fn shafts(q: &Question<'_>) -> Vec<(String, usize)> {
+    let of = |(i, s): (usize, &gearwatch_core::train::StageKinematics)| {
+        [
+            (format!("{}.pinion", s.name), i),
+            (format!("{}.wheel", s.name), i + 1),
+            (s.name.clone(), i),
+            (s.name.clone(), i + 1),
+        ]
+    };
+    let own = q.train.shafts.iter().enumerate().map(|(j, s)| (s.0.clone(), j));
+    q.train.stages.iter().enumerate().flat_map(of).chain(own).collect()
 }
 
 fn report(asked: &Round<'_>, scored: &[Scored], round: usize, steps: &mut Vec<String>) {
@@ -166,7 +204,8 @@ impl Round<'_> {
             }
             match &h.moves {
                 Moves::Paths(one) if one.len() == 1 => {
-                    let form = forms.iter().find(|f| f.0 == one[0]).and_then(|f| f.1.iter().find(|x| x.effect == h.effect));
+                    let form =
+                        forms.iter().find(|f| f.0 == one[0]).and_then(|f| f.1.iter().find(|x| x.effect == h.effect));
                     s.log_likelihood += form.map_or(0.0, |f| f.nats);
                 }
                 Moves::Paths(all) => {
@@ -182,9 +221,7 @@ impl Round<'_> {
     }
 
     fn shaft_of(&self, gear: &str) -> Option<usize> {
-        let (stage, which) = gear.split_once('.')?;
-        let i = self.q.train.stages.iter().position(|s| s.name == stage)?;
-        Some(if which == "pinion" { i } else { i + 1 })
+        shafts(self.q).into_iter().find(|g| g.0 == gear).map(|g| g.1)
     }
 
     /// The name of the most probable effect, with what cannot be told from it.
@@ -208,7 +245,8 @@ impl Round<'_> {
         };
         f.probability = c.surest * probability;
         let kind = Entry::of(f.effect);
-        let enters = |s: &&Scored| self.hypotheses[s.at].place == h.place && Entry::of(self.hypotheses[s.at].effect) == kind;
+        let enters =
+            |s: &&Scored| self.hypotheses[s.at].place == h.place && Entry::of(self.hypotheses[s.at].effect) == kind;
         let entry: f64 = scored.iter().filter(named).filter(enters).map(|s| s.probability).sum();
         f.entry = c.surest * entry.max(probability);
         for s in scored.iter().filter(named).filter(|s| s.at != best.at && s.probability > LEAST_IN_SET) {
@@ -239,9 +277,13 @@ impl Round<'_> {
             f.parameters.extend(form.parameters);
         }
         if evidence::is_simulated(h)
-            && let Some(r) = evidence::shape(self.q, self.cells).into_iter().find(|r| r.effect == h.effect && r.place == h.place)
+            && let Some(r) =
+                evidence::shape(self.q, self.cells).into_iter().find(|r| r.effect == h.effect && r.place == h.place)
         {
             f.parameters.extend(r.parameters);
+        }
+        if let Some((_, multiple)) = h.order {
+            f.evidence.support = format!("order {multiple} changes, the other orders of its row stay");
         }
         let second = scored.iter().find(|s| s.at != best.at && !own(s));
         f.evidence.place = format!(

@@ -2,7 +2,7 @@
 
 use gearwatch_sim::effects::{self, Place};
 
-use super::calibration::{CALIBRATION, PROFILES, RIPPLE};
+use super::calibration::{CALIBRATION, PROFILES, RIPPLES};
 use super::changes::Class;
 use super::relation::{RELATIONS, Relation};
 use crate::name::Question;
@@ -70,9 +70,8 @@ pub fn table(q: &Question<'_>, classes: &[Class]) -> Vec<Hypothesis> {
     let mut by_effect: Vec<Vec<Hypothesis>> = Vec::new();
     for profile in PROFILES.iter().filter(|p| !q.without.contains(&p.effect)) {
         let Ok(effect) = effects::find(profile.effect) else { continue };
-        let share = |relation: Relation| {
-            RELATIONS.iter().position(|r| *r == relation).map_or(0.0, |at| profile.spread[at])
-        };
+        let share =
+            |relation: Relation| RELATIONS.iter().position(|r| *r == relation).map_or(0.0, |at| profile.spread[at]);
         let at = |(name, place): (String, Place)| match place {
             Place::Housing => plain(profile.effect, name, Moves::Paths((0..q.comparison.channels.len()).collect())),
             _ => plain(
@@ -96,15 +95,26 @@ pub fn table(q: &Question<'_>, classes: &[Class]) -> Vec<Hypothesis> {
         by_effect.push(all);
     }
     by_effect.push(ripples(q, classes));
-    let effects = by_effect.len() as f64;
+    let effects = (by_effect.len() + 1) as f64;
+    // Ripples are two effects of the library, of a torque and of a speed.
     let named = (1.0 - CALIBRATION.nothing - CALIBRATION.something).ln() - effects.ln();
     let mut out = vec![
         Hypothesis { prior: CALIBRATION.nothing.ln(), ..plain("", String::new(), Moves::Nothing) },
         Hypothesis { prior: CALIBRATION.something.ln(), ..plain("", String::new(), Moves::Something) },
     ];
     for mut all in by_effect {
-        let share = (all.len().max(1) as f64).ln();
-        all.iter_mut().for_each(|h| h.prior = named - share);
+        let two = if all.iter().any(|h| h.order.is_some()) { 2.0 } else { 1.0 };
+        let share = (all.len().max(1) as f64 / two).ln();
+        // A resonance of the structure is heard on all sensors as often as on one.
+        let everywhere = all.iter().filter(|h| h.place == "housing").count();
+        let others = all.len() - everywhere;
+        for h in &mut all {
+            h.prior = match (h.place == "housing", everywhere > 0 && others > 0) {
+                (true, true) => named - 2f64.ln(),
+                (false, true) => named - 2f64.ln() - (others as f64).ln(),
+                _ => named - share,
+            };
+        }
         out.extend(all);
     }
     out
@@ -112,7 +122,10 @@ pub fn table(q: &Question<'_>, classes: &[Class]) -> Vec<Hypothesis> {
 
 /// Ripples of a torque or speed at every multiple of every shaft and of the motor.
 fn ripples(q: &Question<'_>, classes: &[Class]) -> Vec<Hypothesis> {
-    let [own, side, rest, else_] = RIPPLE;
+    RIPPLES.iter().flat_map(|spread| ripples_of(q, classes, *spread)).collect()
+}
+
+fn ripples_of(q: &Question<'_>, classes: &[Class], [own, side, rest, else_]: [f64; 4]) -> Vec<Hypothesis> {
     let mut out = Vec::new();
     let mut add = |shaft: Option<usize>, multiple: u8, share: &dyn Fn(Family) -> f64| {
         out.push(Hypothesis {
@@ -126,9 +139,19 @@ fn ripples(q: &Question<'_>, classes: &[Class]) -> Vec<Hypothesis> {
     for j in 0..q.train.shafts.len() {
         for k in 2..=SHAFT_MULTIPLES {
             add(Some(j), k, &|f| match f {
-                Family::Shaft { shaft, multiple } if shaft == j => if multiple == k { own } else { rest },
+                Family::Shaft { shaft, multiple } if shaft == j => {
+                    if multiple == k {
+                        own
+                    } else {
+                        rest
+                    }
+                }
                 Family::Side { shaft, offset, .. } if shaft == j => {
-                    if offset.unsigned_abs() == k { side } else { rest }
+                    if offset.unsigned_abs() == k {
+                        side
+                    } else {
+                        rest
+                    }
                 }
                 _ => else_,
             });
