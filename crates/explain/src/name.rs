@@ -133,7 +133,7 @@ pub fn answer(
         findings.extend(ghost);
         findings.extend(outcome.findings);
         unexplained |= outcome.unexplained;
-        p = Some(outcome.nothing);
+        p = Some(outcome.p_null);
         if findings.len() > direct || unexplained {
             fit = held_out::held_out(q, &cells, &speeds, &findings);
         }

@@ -26,7 +26,7 @@ pub struct Explanation {
     /// How much better the model is with the effects in it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
-    /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
+    /// Probability that an unchanged bench gives a pattern of changes this plain, from twins of the case itself; absent without a reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub p_null: Option<f64>,
     /// Of what has no name: the force that would account for it.

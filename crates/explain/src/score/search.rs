@@ -6,6 +6,7 @@ use super::entry::Entry;
 use super::evidence;
 use super::posterior::{self, Scored};
 use super::table::{self, Hypothesis, Moves};
+use super::twins;
 use crate::change::locate::{Cell, Place};
 use crate::fit::shape::Ranked;
 use crate::fit::sizes;
@@ -30,8 +31,8 @@ pub struct Outcome {
     pub findings: Vec<Finding>,
     /// Something changed that has none.
     pub unexplained: bool,
-    /// Probability that nothing changed.
-    pub nothing: f64,
+    /// Share of twins of the case in which any hypothesis gains as much.
+    pub p_null: f64,
 }
 
 /// All that a round of the search stands on.
@@ -68,7 +69,7 @@ pub fn search(
         let (all, heavy) = (b.nats(c.bursts).max(0.0), b.nats_at_heavy_load(c.bursts).clamp(0.0, f64::INFINITY));
         (heavy.min(all), (all - heavy).max(0.0))
     });
-    let mut out = Outcome { findings: Vec::new(), unexplained: false, nothing: 1.0 };
+    let mut out = Outcome { findings: Vec::new(), unexplained: false, p_null: 1.0 };
     for round in usize::from(ghost.is_some())..MOST {
         let mut tabled = changes.clone();
         changes::without_session(&mut tabled, q.comparison.channels.len(), c);
@@ -84,10 +85,8 @@ pub fn search(
         let nothing: f64 = share(&scored, &asked.hypotheses, &|h| h.moves == Moves::Nothing);
         let something: f64 = share(&scored, &asked.hypotheses, &|h| h.moves == Moves::Something);
         report(&asked, &scored, round, steps);
-        if round == 0 {
-            out.nothing = nothing;
-        } else if ghost.is_some() && out.findings.is_empty() {
-            out.nothing = 0.0;
+        if out.findings.is_empty() {
+            out.p_null = twins::p_null(&tabled, &asked.tables, &asked.hypotheses, c);
         }
         let Some(best) = scored.iter().find(|s| !asked.hypotheses[s.at].effect.is_empty()) else { break };
         let named = 1.0 - nothing - something;

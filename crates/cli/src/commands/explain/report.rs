@@ -77,7 +77,7 @@ fn effects(e: &Explanation) -> Section {
     }
     if let Some(p) = e.p_null {
         parts.push(Part::Text(format!(
-            "An unchanged bench misfits its reference as much as this with probability {p:.3}."
+            "The same changes dealt to other lines give a pattern as plain as this with probability {p:.3}."
         )));
     }
     Section { heading: "Hypotheses and their evidence".into(), parts }
