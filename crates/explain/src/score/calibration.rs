@@ -72,12 +72,12 @@ pub const CALIBRATION: Calibration = Calibration {
     bursts: (0.4, 0.06, 12.0),
     fixed_lines: (1.8, 1.5, 8.0),
     lone_bursts: (2.5, 0.1, 8.0),
-    takes_part: 0.05,
+    takes_part: 0.02,
     leak: 0.25,
     second: 0.02,
     one_tooth: (0.52, 0.05, 12.0),
     sigma: 1.5,
-    surest: 0.95,
+    surest: 0.9,
 };
 
 /// How an effect of the machine spreads its change.

@@ -62,11 +62,21 @@ pub fn shape(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
     shape::rank(q, cells)
 }
 
+/// Speeds that differ by less are one (relative), and lines that are a crowd.
+const ONE_SPEED: f64 = 0.03;
+const CROWD: usize = 12;
 /// A line this near one that a sensor picked up is that one (Hz).
 const SAME_HZ: f64 = 1.0;
 
 /// What new lines at fixed frequencies say for something beside the machine (nats).
-pub fn fixed_lines(strange: &Strange, c: &Calibration) -> f64 {
+///
+/// At one speed every line is at a fixed frequency, and a crowd of them is what the meshes make together.
+pub fn fixed_lines(q: &Question<'_>, strange: &Strange, c: &Calibration) -> f64 {
+    let pairs = &q.comparison.pairs;
+    let one_speed = pairs.iter().all(|p| (p.speed_hz / pairs[0].speed_hz - 1.0).abs() < ONE_SPEED);
+    if one_speed || strange.fixed.len() > CROWD {
+        return 0.0;
+    }
     let (least, each, most) = c.fixed_lines;
     let own = |hz: f64| strange.picked_up.iter().any(|p| (p.hz.0 - hz).abs() < SAME_HZ);
     let beside = strange.fixed.iter().filter(|l| !own(l.position));

@@ -97,8 +97,10 @@ pub fn explained(all: &[Change], tables: &Tables, h: &Hypothesis, best: (f64, f6
             for x in &mut out {
                 let class = Tables::class(x);
                 if let Ok(at) = tables.classes.binary_search(&class) {
-                    let share = if x.family.is_some() { spread[at].max(c.leak) } else { spread[at] };
-                    x.extra += (size * share).powi(2);
+                    // The background stays a witness of paths.
+                    if x.family.is_some() {
+                        x.extra += (size * spread[at].max(c.leak)).powi(2);
+                    }
                 }
             }
         }

@@ -63,7 +63,7 @@ pub fn search(
     }
     let teeth = evidence::one_tooth(q, c);
     steps.extend(teeth.iter().map(|t| t.1.clone()));
-    let fixed_lines = evidence::fixed_lines(strange, c);
+    let fixed_lines = evidence::fixed_lines(q, strange, c);
     let bursts = strange.bursts.as_ref().map_or((0.0, 0.0), |b| {
         steps.push(b.describe(&q.comparison.channels));
         let (all, heavy) = (b.nats(c.bursts).max(0.0), b.nats_at_heavy_load(c.bursts).clamp(0.0, f64::INFINITY));
