@@ -156,6 +156,22 @@ impl Tables {
         Self { classes, either, rising }
     }
 
+    /// Tables of changes either way at one repetition alone.
+    pub fn at_repetition(all: &[Change], rho: f64, c: &Calibration) -> Self {
+        let mut classes: Vec<Class> = all.iter().map(Self::class).collect();
+        classes.sort();
+        classes.dedup();
+        let mut either = vec![vec![[0.0; STEPS + 1]]; classes.len()];
+        for x in all {
+            let Ok(at) = classes.binary_search(&Self::class(x)) else { continue };
+            let (weight, own) = weight_and_variance(x, rho, c);
+            for (k, sum) in either[at][0].iter_mut().enumerate() {
+                *sum += weight * density(x.change, own + sigma(k) * sigma(k), c.tail);
+            }
+        }
+        Self { classes, either, rising: Vec::new() }
+    }
+
     fn at(table: &[f64; STEPS + 1], sigma: f64) -> f64 {
         if sigma <= 0.0 {
             return table[0];

@@ -34,8 +34,11 @@ pub fn p_null(all: &[Change], tables: &Tables, hypotheses: &[Hypothesis], c: &Ca
         };
         spreads.push(tables.classes.iter().map(own).collect());
     }
-    let found = gain(tables, &spreads, c);
-    let usual = c.repetition[c.repetition.len() / 2];
+    // The repetition that suits no change best; the scale at which changes are dealt.
+    let none = vec![0.0; tables.classes.len()];
+    let of = |r: usize| tables.log_likelihood(r, 0.0, &none, false);
+    let usual = (0..c.repetition.len()).max_by(|a, b| of(*a).total_cmp(&of(*b))).map_or(0.0, |r| c.repetition[r]);
+    let found = gain(&Tables::at_repetition(all, usual, c), &spreads);
     let sigma = |x: &Change| weight_and_variance(x, usual, c).1.sqrt();
     let mut random = ChaCha8Rng::seed_from_u64(0x7477_696e);
     let (lines, bands): (Vec<usize>, Vec<usize>) = (0..all.len()).partition(|&i| all[i].family.is_some());
@@ -49,20 +52,17 @@ pub fn p_null(all: &[Change], tables: &Tables, hypotheses: &[Hypothesis], c: &Ca
                     twin[to].change = all[from].change / sigma(&all[from]) * sigma(&all[to]);
                 }
             }
-            gain(&Tables::new(&twin, c), &spreads, c) >= found
+            gain(&Tables::at_repetition(&twin, usual, c), &spreads) >= found
         })
         .count();
     (1 + above) as f64 / (1 + TWINS) as f64
 }
 
-/// Largest gain of any spread over no change, at the repetition that suits no change best.
-fn gain(tables: &Tables, spreads: &[Vec<f64>], c: &Calibration) -> f64 {
-    let none = vec![0.0; tables.classes.len()];
-    let at = |r: usize| tables.log_likelihood(r, 0.0, &none, false);
-    let (r, nothing) =
-        (0..c.repetition.len()).map(|r| (r, at(r))).fold((0, f64::NEG_INFINITY), |a, b| if b.1 > a.1 { b } else { a });
+/// Largest gain of any spread over no change.
+fn gain(tables: &Tables, spreads: &[Vec<f64>]) -> f64 {
+    let nothing = tables.log_likelihood(0, 0.0, &vec![0.0; tables.classes.len()], false);
     let best = |spread: &Vec<f64>| {
-        SIZES.iter().map(|s| tables.log_likelihood(r, *s, spread, false)).fold(f64::NEG_INFINITY, f64::max)
+        SIZES.iter().map(|s| tables.log_likelihood(0, *s, spread, false)).fold(f64::NEG_INFINITY, f64::max)
     };
     spreads.iter().map(best).fold(f64::NEG_INFINITY, f64::max) - nothing
 }
