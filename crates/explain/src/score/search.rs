@@ -97,7 +97,11 @@ pub fn search(
             out.unexplained = true;
             break;
         }
-        let finding = asked.finding(&scored, best, c);
+        let mut finding = asked.finding(&scored, best, c);
+        if !out.findings.is_empty() {
+            finding.probability *= c.second_sure;
+            finding.entry *= c.second_sure;
+        }
         if finding.probability < LEAST_NAMED {
             out.unexplained = round == 0;
             break;
