@@ -55,10 +55,10 @@ pub fn unsteady(
         let (low, high) = (bin(band[0]), bin(band[1]));
         let mut analytic = vec![Complex64::ZERO; len];
         let mut used = 0usize;
-        for k in low..high {
+        for (k, slot) in analytic.iter_mut().enumerate().take(high).skip(low) {
             if !recording.taken[k] && channel.order_floor[k] > 0.0 {
                 let value = channel.order_spectrum[k] / channel.order_floor[k].sqrt();
-                analytic[k] = value * (LIMIT / value.norm().max(LIMIT));
+                *slot = value * (LIMIT / value.norm().max(LIMIT));
                 used += 1;
             }
         }
