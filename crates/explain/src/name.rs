@@ -23,6 +23,7 @@ use crate::judge::held_out;
 use crate::judge::latent;
 use crate::judge::publish::publish;
 use crate::judge::report::{Evidence, Explanation};
+use crate::read::dsp::mean;
 use crate::read::features::RecordingFeatures;
 use crate::read::folded::FoldedLine;
 use crate::read::kinematics::OtherTeeth;
@@ -90,6 +91,8 @@ impl Finding {
     }
 }
 
+/// Largest misfit of one line: none decides.
+const CAP: f64 = 30.0;
 /// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours' noise is not theirs.
 const FOLDED_HZ: f64 = 10.0;
 
@@ -128,6 +131,14 @@ pub fn answer(
     if !q.comparison.pairs.is_empty() && direct::comparable(q, &findings) {
         progress("what changed against the reference");
         let direct = findings.len();
+        let lines = cells.iter().filter(|c| c.family.is_some());
+        let squares: Vec<f64> = lines.map(|c| (c.change * c.change / c.variance).min(CAP)).collect();
+        steps.push(format!(
+            "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
+            speeds.len(),
+            squares.len(),
+            mean(&squares)
+        ));
         let ghost = ghost::ghost(q, &mut steps);
         let outcome = search::search(q, &cells, &strange, ghost.as_ref(), &mut steps);
         findings.extend(ghost);
