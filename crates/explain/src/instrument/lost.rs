@@ -38,7 +38,7 @@ const LOOKED_AT: usize = 6;
 pub struct Gap {
     /// First sample after it, within [`Gap::within`] samples.
     pub at: usize,
-    /// Standard deviation of `at`.
+    /// How far off `at` may be: phases are read over a side, so the instant is known to a fifth of it.
     pub within: usize,
     /// Samples that are missing, and the standard deviation of that.
     pub samples: (f64, f64),
@@ -269,16 +269,20 @@ mod tests {
             .map(|n| {
                 let t = n as f64 / RATE_HZ;
                 let turn = 29.7 * (t + 2e-4 * (PI * t).sin() / PI);
-                let lines: f64 = [(1.0, 1.0), (23.0, 2.0), (46.0, 1.0), (22.44, 0.7), (33.6, 0.6), (9.2, 0.4)]
-                    .iter()
-                    .map(|(order, a)| a * (TAU * order * turn + order * order).cos())
-                    .sum();
+                let shafts = [(1.0, 1.0), (2.0, 0.6), (9.2, 0.4), (33.6, 0.6)].into_iter();
+                let meshes = (1..=3).flat_map(|h| {
+                    let (order, size) = (23.0 * f64::from(h), 1.0 / f64::from(h));
+                    let beside = [-1.0, -0.561, 0.561, 1.0].map(|s| (order + s, 0.5 * size));
+                    beside.into_iter().chain([(order, 2.0 * size)])
+                });
+                let lines: f64 =
+                    shafts.chain(meshes).map(|(order, a)| a * (TAU * order * turn + order * order).cos()).sum();
                 lines + 2.0 * (even() + even() + even() - 1.5)
             })
             .collect()
     }
 
-    /// Cut out of the middle, 40 to 3000 samples are found where they were and counted; nothing is cut out of a run that wanders.
+    /// Cut out of the middle, 40 to 3000 samples are counted, and found to a quarter of the 0.4 s over which phases are read; nothing is cut out of a run that wanders.
     #[test]
     fn regress_lost_samples_are_counted_and_placed() {
         for lost in [40usize, 300, 512, 3000] {
@@ -286,7 +290,7 @@ mod tests {
             x.drain(20_000..20_000 + lost);
             let found = gaps(&mut Transforms::default(), &[&x], RATE_HZ);
             assert_eq!(found.len(), 1, "{lost}: {found:?}");
-            assert!(found[0].at.abs_diff(20_000) < 400, "{lost}: {found:?}");
+            assert!(found[0].at.abs_diff(20_000) < 819, "{lost}: {found:?}");
             assert!((found[0].samples.0 - lost as f64).abs() < 4.0 * found[0].samples.1, "{lost}: {found:?}");
         }
         for seed in 0..5 {
