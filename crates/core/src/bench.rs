@@ -7,8 +7,10 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+mod bounds;
 pub mod term;
 
+pub use bounds::{LONGEST_NAME, MOST_PARTS, MOST_STAGES, MOST_TEETH};
 pub use term::Term;
 
 /// The value of the key `format`.
@@ -185,7 +187,7 @@ pub struct Stage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gear {
-    /// Number of teeth (≥ 5).
+    /// Number of teeth (5 to [`MOST_TEETH`]).
     pub teeth: u32,
     /// Bore diameter (mm); a quarter of the pitch diameter where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -463,6 +465,7 @@ impl Bench {
             }
         }
         out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
-        out
+        // What cannot be at all is told first.
+        if out.is_empty() { bounds::problems(self) } else { out }
     }
 }

@@ -18,6 +18,9 @@ pub struct WindowConfig {
     pub tacho_wait_s: f64,
 }
 
+/// Longest window and hop: a speed that holds for ten minutes is none that a window must wait for.
+const LONGEST_S: f64 = 600.0;
+
 impl Default for WindowConfig {
     fn default() -> Self {
         Self { length_s: 1.0, hop_s: 0.5, tacho_wait_s: 1.0 }
@@ -31,6 +34,8 @@ impl WindowConfig {
         for (key, value) in [("window.length_s", self.length_s), ("window.hop_s", self.hop_s)] {
             if !(value.is_finite() && value > 0.0) {
                 out.push(format!("{key} is {value}; it must be a finite number above 0 s"));
+            } else if value > LONGEST_S {
+                out.push(format!("{key} is {value}; it must be at most {LONGEST_S} s"));
             }
         }
         if !(self.tacho_wait_s.is_finite() && self.tacho_wait_s >= 0.0) {

@@ -28,6 +28,8 @@ const PIT_DEPTH_M: f64 = 1.5e-3;
 const SETTLE_S: f64 = 1.0;
 const REVOLUTIONS: usize = 16;
 const STEPS_PER_CYCLE: f64 = 256.0;
+/// Steps of one state. A mesh of 2 kHz takes a million; stiffnesses out of proportion to masses would take hours.
+const MOST_STEPS: f64 = 4e6;
 
 /// A state of the paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,6 +129,16 @@ pub enum SignatureError {
     /// No step is stable.
     #[error(transparent)]
     Stepper(#[from] StepperError),
+    /// A state takes more steps than any real bench.
+    #[error(
+        "teeth part, and stepping through takes {steps:.1e} steps of {step_s:.1e} s a state, above the limit of {MOST_STEPS:.0e}: a stiffness of the bench is out of proportion to its masses, or its speed is very low"
+    )]
+    TooManySteps {
+        /// How many.
+        steps: f64,
+        /// Longest stable step (s).
+        step_s: f64,
+    },
     /// The motion leaves everything that makes sense.
     #[error("state {state}: {source}")]
     Diverged {
@@ -284,11 +296,19 @@ fn step(
     // Sampled at whole fractions of the duration; each sample is as many steps as accuracy and stability ask for.
     let samples = (cycles * 32.0) as usize;
     let interval = duration / samples as f64;
-    let steps = |longest_s: f64| (interval / longest_s).ceil().max(1.0) as usize;
-    let mut inner = steps(duration / (cycles * STEPS_PER_CYCLE));
+    let steps = |longest_s: f64| {
+        let inner = (interval / longest_s).ceil().max(1.0);
+        let all = inner * ((SETTLE_S / interval).ceil() + samples as f64);
+        if all > MOST_STEPS {
+            return Err(SignatureError::TooManySteps { steps: all, step_s: longest_s });
+        }
+        // Not above the limit.
+        Ok(inner as usize)
+    };
+    let mut inner = steps(duration / (cycles * STEPS_PER_CYCLE))?;
     let mut rk4 = match Rk4::new(&model, interval / inner as f64) {
         Err(StepperError::Unstable(unstable)) => {
-            inner = steps(0.8 * unstable.longest_s);
+            inner = steps(0.8 * unstable.longest_s)?;
             Rk4::new(&model, interval / inner as f64)?
         }
         other => other?,

@@ -119,7 +119,9 @@ impl Harmonics {
         let still = lines.widest_offset * revolutions * 1.05 + 2.0 * half_width + 8.0;
         let mut zooms: Vec<Unweighted> = Vec::new();
         for ramp in [0.0, 0.25 * max_ramp, max_ramp] {
-            let flat = (still + 0.5 * ramp * highest * revolutions).ceil();
+            // A band wider than the whole spectrum holds nothing more; casts from float saturate.
+            let flat =
+                (still + 0.5 * ramp * highest * revolutions).ceil().min(windows.weighting.coefficients.len() as f64);
             let fade = (0.15 * flat).max(8.0).ceil();
             let size = fast_size(2 * (flat + fade) as usize);
             if zooms.last().is_none_or(|z| z.zoom.size() < size) {
