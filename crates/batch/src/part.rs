@@ -273,14 +273,7 @@ impl PieceWriter {
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let temporary = builder.tempfile_in(folder).map_err(io_at(folder))?;
-        let level = ZstdLevel::try_new(3).map_err(parquet_at(&target))?;
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::ZSTD(level))
-            .set_max_row_group_row_count(Some(GROUP_ROWS))
-            .set_created_by(concat!("gearwatch ", env!("CARGO_PKG_VERSION")).to_owned())
-            .set_key_value_metadata(Some(vec![KeyValue::new(SETTINGS_KEY.to_owned(), settings.to_owned())]))
-            .build();
-        let writer = ArrowWriter::try_new(temporary, schema, Some(properties)).map_err(parquet_at(&target))?;
+        let writer = arrow_writer(temporary, settings, schema).map_err(parquet_at(&target))?;
         Ok(Self { writer, target })
     }
 
@@ -304,15 +297,28 @@ impl PieceWriter {
     }
 }
 
-/// Writes one table to a file that appears whole or not at all.
+/// Writes one table.
 ///
 /// # Errors
-/// When the file cannot be written.
-pub fn write_whole(path: &Path, batch: &RecordBatch) -> Result<(), PartError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut writer = PieceWriter::new(folder, path.to_owned(), "", batch.schema())?;
+/// When `out` does not take the bytes.
+pub fn write_table(out: impl io::Write + Send, batch: &RecordBatch) -> Result<(), ParquetError> {
+    let mut writer = arrow_writer(out, "", batch.schema())?;
     writer.write(batch)?;
-    writer.finish()
+    writer.close().map(|_| ())
+}
+
+fn arrow_writer<W: io::Write + Send>(
+    out: W,
+    settings: &str,
+    schema: SchemaRef,
+) -> Result<ArrowWriter<W>, ParquetError> {
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::try_new(3)?))
+        .set_max_row_group_row_count(Some(GROUP_ROWS))
+        .set_created_by(concat!("gearwatch ", env!("CARGO_PKG_VERSION")).to_owned())
+        .set_key_value_metadata(Some(vec![KeyValue::new(SETTINGS_KEY.to_owned(), settings.to_owned())]))
+        .build();
+    ArrowWriter::try_new(out, schema, Some(properties))
 }
 
 /// Lower-case hexadecimal.

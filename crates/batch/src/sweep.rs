@@ -4,20 +4,20 @@
 //! the amplitudes of 1x to 5x, and the sidebands of both shafts. Each is a mean over windows with the standard error of that mean,
 //! `s / √n`; windows that overlap by half share samples, so that for noise the error is up to 1.2 times as large.
 
-use std::path::Path;
+use std::io::Write;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, UInt32Array};
 use gearwatch_core::analysis::{Line, Sidebands, WindowAnalysis};
-
 use gearwatch_core::baseline::BaselineConfig;
 use gearwatch_core::one_shot::each_window;
 use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::source::Source;
 use gearwatch_core::verdict::{HARMONICS, InstrumentState};
 use gearwatch_core::window::Window;
+use parquet::errors::ParquetError;
 
-use crate::part::{PartError, write_whole};
+use crate::part::write_table;
 
 /// A mean over windows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -220,11 +220,11 @@ pub fn numbers(row: &Row) -> Vec<(String, f64)> {
     out
 }
 
-/// Writes the rows as one Parquet file, which appears whole or not at all.
+/// Writes the rows as one Parquet file.
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write_parquet(path: &Path, rows: &[Row]) -> Result<(), PartError> {
+pub fn write_parquet(out: impl Write + Send, rows: &[Row]) -> Result<(), ParquetError> {
     let text = |of: fn(&Row) -> &str| Arc::new(StringArray::from_iter_values(rows.iter().map(of))) as ArrayRef;
     let mut columns = vec![
         ("case".to_owned(), text(|row| &row.case)),
@@ -244,8 +244,7 @@ pub fn write_parquet(path: &Path, rows: &[Row]) -> Result<(), PartError> {
         let numbers = column.as_any().is::<Float64Array>();
         (name, column, numbers)
     }));
-    let batch = batch.map_err(|source| PartError::Parquet { path: path.to_owned(), source: source.into() })?;
-    write_whole(path, &batch)
+    write_table(out, &batch?)
 }
 
 #[cfg(test)]

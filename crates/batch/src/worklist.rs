@@ -5,6 +5,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use gearwatch_io::text::read_text;
+
 /// Why there is no work list.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkListError {
@@ -89,8 +91,7 @@ impl Kind {
 /// # Errors
 /// When the manifest cannot be read, names what is not there, or names one item twice.
 pub fn from_manifest(manifest: &Path, kind: Kind) -> Result<Vec<PathBuf>, WorkListError> {
-    let text =
-        fs::read_to_string(manifest).map_err(|cause| WorkListError::Read { path: manifest.to_owned(), cause })?;
+    let text = read_text(manifest).map_err(|cause| WorkListError::Read { path: manifest.to_owned(), cause })?;
     let folder = manifest.parent().unwrap_or(Path::new(""));
     let mut found: Vec<(PathBuf, usize)> = Vec::new();
     let mut missing = Vec::new();

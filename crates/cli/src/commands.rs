@@ -9,6 +9,7 @@ use clap::{Arg, Args, Command};
 use gearwatch_daemon::kinds::with_feature;
 
 use crate::exit::Exit;
+use crate::terminal;
 
 mod baseline;
 #[cfg(feature = "batch")]
@@ -180,7 +181,7 @@ pub fn dispatch(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         // `gearwatch list | head -1`: whoever read has all he wanted.
         Err(error) if is_closed_pipe(&error) => ExitCode::from(Exit::Ok as u8),
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "gearwatch {name}: {}", sentence(&error));
+            let _ = writeln!(terminal::err(), "gearwatch {name}: {}", sentence(&error));
             ExitCode::from(Exit::Unknown as u8)
         }
     }

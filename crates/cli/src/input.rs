@@ -13,6 +13,8 @@ use gearwatch_core::speed::parse_speed_hz;
 use gearwatch_io::{ChannelOption, OpenOptions, Opened, ReadError};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::terminal;
+
 /// Recordings to read, and what they leave unsaid.
 #[derive(Args, Clone, Debug)]
 pub struct Input {
@@ -84,7 +86,7 @@ impl InputOptions {
         {
             bar.set_style(style);
         }
-        bar.set_message(path.file_name().unwrap_or_default().to_string_lossy().into_owned());
+        bar.set_message(terminal::plain(&path.file_name().unwrap_or_default().to_string_lossy()).into_owned());
         Ok(Watched { opened, bar, packets: 0 })
     }
 }

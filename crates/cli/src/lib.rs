@@ -7,10 +7,12 @@ mod commands;
 mod exit;
 mod format;
 mod input;
+mod output;
 mod page;
 mod progress;
 mod serve;
 mod signals;
 mod talk;
+mod terminal;
 
 pub use commands::dispatch;

@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::terminal;
+
 /// What is over within this time needs no lines.
 const WORTH_A_LINE: Duration = Duration::from_secs(10);
 
@@ -33,11 +35,11 @@ impl Progress {
     pub fn finished(&self, name: &str) {
         let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
         if !self.bar.is_hidden() {
-            self.bar.set_message(name.to_owned());
+            self.bar.set_message(terminal::plain(name).into_owned());
             self.bar.inc(1);
         } else if is_tenth(done, self.total) && self.begin.elapsed() > WORTH_A_LINE {
             // Progress is a courtesy; a closed stderr is not an error.
-            let _ = writeln!(std::io::stderr(), "{}: {done} of {}", self.what, self.total);
+            let _ = writeln!(terminal::err(), "{}: {done} of {}", self.what, self.total);
         }
     }
 }

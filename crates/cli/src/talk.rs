@@ -19,6 +19,8 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt;
 
+use crate::terminal;
+
 /// Lines that may wait for stderr.
 const WAITING: usize = 4096;
 /// The last lines get so long to be written at the end.
@@ -122,7 +124,7 @@ impl Pen {
 }
 
 fn write(waiting: &Receiver<Vec<u8>>, (left, dropped): (&AtomicU64, &AtomicU64), limits: &Mutex<Limits>) {
-    let mut out = std::io::stderr();
+    let mut out = terminal::log();
     loop {
         let line = waiting.recv_timeout(Duration::from_secs(1));
         for told in limits.lock().unwrap_or_else(PoisonError::into_inner).settle(Instant::now()) {

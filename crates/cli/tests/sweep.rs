@@ -19,7 +19,7 @@ fn conform_a_sweep_sets_cases_side_by_side() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let sweep = |more: &[&str]| {
-        let done = gearwatch(folder, &[&["sweep", "paper-rig", "--out", "s.csv"][..], more].concat());
+        let done = gearwatch(folder, &[&["sweep", "paper-rig", "--out", "s.csv", "--force"][..], more].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         std::fs::read_to_string(folder.join("s.csv")).expect("a table")
     };

@@ -19,4 +19,21 @@ pub enum ExplainError {
         /// One sentence each.
         reasons: String,
     },
+    /// A reference was given, and none of its recordings can be judged: nothing can be said to be as before.
+    #[error(
+        "none of the {count} recordings of the reference can be judged; give others, or leave the reference out. {reasons}"
+    )]
+    NoReference {
+        /// How many were given.
+        count: usize,
+        /// One sentence each.
+        reasons: String,
+    },
+}
+
+impl ExplainError {
+    /// The question was right, and the recordings do not answer it.
+    pub fn is_not_judged(&self) -> bool {
+        matches!(self, Self::NothingUsable { .. } | Self::NoReference { .. })
+    }
 }

@@ -93,6 +93,13 @@ pub fn measure(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Meas
         }
         return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
     }
+    if !input.reference.is_empty() && used_reference.is_empty() {
+        if reasons.is_empty() {
+            reasons
+                .push("only run-ups were given as reference; at least one recording at steady speed is needed".into());
+        }
+        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
+    }
     let mut transforms = Transforms::default();
     let steady: Vec<Steady<'_>> = used
         .iter()
@@ -121,6 +128,9 @@ pub fn measure(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Meas
     limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
     if judged == 0 {
         return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
+    if !used_reference.is_empty() && strangers[used.len()..].iter().all(Option::is_some) {
+        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
     }
     let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
     let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();

@@ -3,16 +3,13 @@
 //! The file is the [`Baseline`] as a JSON object with one key more, `checksum_sha256`: SHA-256 of the object without
 //! that key as compact JSON, keys in the order of the file. White space does not matter, every other change is noticed.
 
-use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use gearwatch_core::baseline::{Baseline, Change, FORMAT, Machine, Rebinding};
 use gearwatch_core::bench::Bench;
 
 use crate::sealed::{self, Broken, sha256_of};
-
-/// A baseline of a thousand runs of eight channels takes some 20 MB.
-const LARGEST_BYTES: u64 = 256 << 20;
+use crate::text::read_text;
 
 /// Window lengths that differ by less are the same (relative): the length of a window is a whole number of samples.
 const WINDOW_TOLERANCE: f64 = 1e-3;
@@ -27,20 +24,6 @@ pub enum BaselineFileError {
         path: PathBuf,
         /// What the system said.
         cause: std::io::Error,
-    },
-    /// The file cannot be written.
-    #[error("{path}: cannot be written: {cause}")]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        cause: std::io::Error,
-    },
-    /// Larger than any baseline.
-    #[error("{path}: is larger than {} MB, which no baseline is", LARGEST_BYTES >> 20)]
-    TooLarge {
-        /// The file.
-        path: PathBuf,
     },
     /// Not JSON, or not a baseline.
     #[error("{path}: is not a baseline ({FORMAT}): {message}")]
@@ -163,16 +146,11 @@ pub fn parse(text: &str, path: &Path) -> Result<Baseline, BaselineFileError> {
 /// Reads and checks a baseline file.
 ///
 /// # Errors
-/// When it cannot be read, or as [`parse`].
+/// When it cannot be read, is above [`LARGEST_TEXT`](crate::text::LARGEST_TEXT) (a thousand runs of eight channels
+/// take some 20 MB), or as [`parse`].
 pub fn read(path: &Path) -> Result<Baseline, BaselineFileError> {
     let read_error = |cause| BaselineFileError::Read { path: path.to_owned(), cause };
-    let file = std::fs::File::open(path).map_err(read_error)?;
-    let mut text = String::new();
-    // One byte more than allowed tells a file that is too large from one that just fits.
-    file.take(LARGEST_BYTES + 1).read_to_string(&mut text).map_err(read_error)?;
-    if text.len() as u64 > LARGEST_BYTES {
-        return Err(BaselineFileError::TooLarge { path: path.to_owned() });
-    }
+    let text = read_text(path).map_err(read_error)?;
     parse(&text, path)
 }
 
@@ -258,21 +236,6 @@ pub fn rebind(
     Ok(changes)
 }
 
-/// Writes a baseline file: first beside its place, then moved there, so that there is always a whole one.
-///
-/// # Errors
-/// When it cannot be written.
-pub fn write(baseline: &Baseline, path: &Path) -> Result<(), BaselineFileError> {
-    let text = to_text(baseline, path)?;
-    let write_error = |cause| BaselineFileError::Write { path: path.to_owned(), cause };
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".part");
-    let beside = PathBuf::from(beside);
-    let mut file = std::fs::File::create(&beside).map_err(write_error)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(write_error)?;
-    std::fs::rename(&beside, path).map_err(write_error)
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -326,9 +289,8 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
     fn conform_round_trip_through_a_file() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("normal.json");
-        write(&baseline(), &path).expect("written");
+        std::fs::write(&path, to_text(&baseline(), &path).expect("a text")).expect("written");
         assert_eq!(read_for(&path, &bench(BENCH), 1.0).expect("read"), baseline());
-        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing left beside it");
         // White space is nobody's business.
         let text = std::fs::read_to_string(&path).expect("text");
         let compact: serde_json::Value = serde_json::from_str(&text).expect("JSON");

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use gearwatch_core::bench::Bench;
 
+use crate::text::read_text;
+
 /// Why a bench file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchFileError {
@@ -38,7 +40,7 @@ pub enum BenchFileError {
 /// # Errors
 /// When it cannot be read, is not in the format, or its values cannot be right.
 pub fn read(path: &Path) -> Result<Bench, BenchFileError> {
-    let text = std::fs::read_to_string(path).map_err(|cause| BenchFileError::Read { path: path.to_owned(), cause })?;
+    let text = read_text(path).map_err(|cause| BenchFileError::Read { path: path.to_owned(), cause })?;
     parse(&text, path)
 }
 
@@ -236,6 +238,29 @@ parameters = { gap_m = 1.0e-5 }
         assert!(text.contains("line 5") && text.contains("fast"), "{text}");
         let text = error("format = ");
         assert!(text.contains("line 1"), "{text}");
+    }
+
+    /// What asked for gigabytes, or overflowed in a worker, is refused with the key, the value and the bound; the bounds are usable.
+    #[test]
+    fn regress_values_beyond_all_bounds_are_told() {
+        let belt = "[belt]\nratio = 1e-300\n[motor]";
+        for (from, to, wanted) in [
+            ("teeth = 29", "teeth = 4294967295", "pinion.teeth is 4294967295; expected 5 to 1000"),
+            ("[motor]", belt, "belt.ratio is 1e-300; expected 0.01 to 100"),
+            ("speed_hz = 30.0", "speed_hz = 1e9", "motor.speed_hz is 1e9; expected 0.001 to 10000 Hz"),
+            ("bore_mm = 40.0", "bore_mm = nan", "wheel.bore_mm is NaN"),
+            ("mass_kg = 25.0", "mass_kg = 1e300", "housing_mode 1: mass_kg is 1e300"),
+            ("input = 0.8", "input = inf", "shape of \"input\" is inf"),
+            ("\"acc_1\"", "\"a\\u009bb\"", "has a control character"),
+            ("\"small\"", "\"\"", "has 0 characters; expected 1 to 120"),
+        ] {
+            assert!(SMALL.contains(from), "{from}");
+            let text = error(&SMALL.replacen(from, to, 1));
+            assert!(text.contains(wanted), "{wanted}: {text}");
+        }
+        let largest =
+            SMALL.replace("teeth = 29", "teeth = 1000").replace("\"small\"", &format!("{:?}", "x".repeat(120)));
+        assert!(parse(&largest, Path::new("b.toml")).is_ok());
     }
 
     #[test]

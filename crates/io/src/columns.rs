@@ -1,5 +1,6 @@
 //! From what a file holds (columns, variables, datasets) to sensors with names, units and sample rates.
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use gearwatch_core::block::UnixNanos;
@@ -41,9 +42,7 @@ pub(crate) fn choose(
     options: &OpenOptions,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Sensor>, Problem> {
-    if columns.len() > MOST_CHANNELS {
-        return Err(Problem::limit("the file", format_args!("{} channels", columns.len()), MOST_CHANNELS));
-    }
+    check_count(columns)?;
     let everything: Vec<(usize, ChannelOption)> = if options.channels.is_empty() {
         usual.map(|i| (i, ChannelOption::default())).collect()
     } else {
@@ -51,9 +50,10 @@ pub(crate) fn choose(
         found.collect::<Result<_, _>>()?
     };
     let mut sensors: Vec<Sensor> = Vec::with_capacity(everything.len());
+    let mut names = Names::default();
     for (i, wanted) in everything {
         let Some(column) = columns.get(i) else { continue };
-        let name = unique(&sensors, wanted.name.as_deref().unwrap_or(&column.name), i);
+        let name = names.unique(wanted.name.as_deref().unwrap_or(&column.name), i);
         let (unit, factor) = unit_of(column, &wanted, options, &name, warnings);
         // A rate that the user gives is meant for files that state none or a wrong one.
         let rate = options
@@ -67,6 +67,14 @@ pub(crate) fn choose(
         sensors.push(Sensor { column: i, name: name.into(), unit, scale, sample_rate_hz: rate, t0: column.t0 });
     }
     Ok(sensors)
+}
+
+/// Refuses more channels than any bench has.
+pub(crate) fn check_count(columns: &[Column]) -> Result<(), Problem> {
+    if columns.len() > MOST_CHANNELS {
+        return Err(Problem::limit("the file", format_args!("{} channels", columns.len()), MOST_CHANNELS));
+    }
+    Ok(())
 }
 
 /// Position of the column with this name, or this number from 1.
@@ -93,16 +101,40 @@ pub(crate) fn clean(name: &str) -> String {
     words.join("_").trim_matches('/').chars().take(120).collect()
 }
 
-fn unique(sensors: &[Sensor], name: &str, column: usize) -> String {
-    let mut base = clean(name);
-    if base.is_empty() {
-        base = format!("ch{}", column + 1);
+/// Bytes of a name or unit in a recording.
+const LONGEST_NAME: usize = 1024;
+
+/// A name or unit as it stands in a recording; control characters, which a terminal would obey, become `_`.
+pub(crate) fn readable(text: &str, place: impl std::fmt::Display) -> Result<Arc<str>, Problem> {
+    if text.len() > LONGEST_NAME {
+        let what = format_args!("a name of {} bytes", text.len()).to_string();
+        return Err(Problem::limit(place, what, format_args!("{LONGEST_NAME} bytes")));
     }
-    let taken = |name: &str| sensors.iter().any(|s| &*s.name == name);
-    if !taken(&base) {
-        return base;
+    Ok(if text.chars().any(char::is_control) { text.replace(char::is_control, "_").into() } else { text.into() })
+}
+
+/// Names of sensors, each once.
+#[derive(Default)]
+struct Names {
+    taken: HashSet<String>,
+    /// How often a name came so far, so that thousands of one name are not tried one by one.
+    times: HashMap<String, u32>,
+}
+
+impl Names {
+    fn unique(&mut self, name: &str, column: usize) -> String {
+        let mut base = clean(name);
+        if base.is_empty() {
+            base = format!("ch{}", column + 1);
+        }
+        let times = self.times.entry(base.clone()).or_default();
+        let mut name = base.clone();
+        while !self.taken.insert(name.clone()) {
+            *times = (*times).max(1) + 1;
+            name = format!("{base}_{times}");
+        }
+        name
     }
-    (2..).map(|n| format!("{base}_{n}")).find(|n| !taken(n)).unwrap_or(base)
 }
 
 /// Unit and the factor to it. What the user says goes before what the file says.

@@ -11,14 +11,23 @@ use gearwatch_core::block::{OperatingPoint, Packet, UnixNanos};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 
+use crate::budget::{Budget, Unpacked};
 use crate::formats::{FORMATS, Format};
+use crate::mcap::source::Contents;
 pub use crate::options::OpenOptions;
+use crate::output::other_than_a_file;
 use crate::problem::{Problem, ReadError};
+use crate::text::open_regular;
 
 /// A source of packets that knows what was unusual in its file.
 pub trait Reader: Source<Error = Problem> {
     /// Sentences on what is unusual; complete after the last packet.
     fn warnings(&self) -> Vec<String>;
+
+    /// What a file holds besides its packets, where its format has such; complete after the last packet.
+    fn contents(&self) -> Option<Contents> {
+        None
+    }
 }
 
 /// Bytes that were read so far of a file, for a progress display; the total is the size of the file.
@@ -29,6 +38,10 @@ impl Progress {
     /// Bytes read so far.
     pub fn bytes(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn add(&self, bytes: u64) {
+        self.0.fetch_add(bytes, Ordering::Relaxed);
     }
 }
 
@@ -41,13 +54,32 @@ pub struct Counted<R> {
 impl<R: Read> Read for Counted<R> {
     fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
         let n = self.inner.read(out)?;
-        self.progress.0.fetch_add(n as u64, Ordering::Relaxed);
+        self.progress.add(n as u64);
         Ok(n)
     }
 }
 
-/// The bytes of an opened file, decompressed where the file is gzipped.
+/// Bytes from a file, a pipe or memory.
 pub type Bytes = Box<dyn Read + Send>;
+
+/// What a format reads: the bytes of a recording from the first one on, decompressed where the file is gzipped.
+pub struct Input {
+    pub(crate) bytes: Bytes,
+    /// The same bytes for formats that go to and fro; absent for a pipe and a gzipped file.
+    pub(crate) file: Option<File>,
+    /// Bytes read of the file.
+    pub(crate) progress: Progress,
+}
+
+impl Input {
+    /// What may be kept in memory of this input.
+    pub(crate) fn budget(&self) -> Budget {
+        Budget::new(self.progress.clone())
+    }
+}
+
+/// Standard input as the name of a recording.
+pub const STANDARD_INPUT: &str = "-";
 
 /// An opened recording.
 pub struct Opened {
@@ -70,6 +102,11 @@ impl Opened {
     /// Sentences on what is unusual in the file; complete after the last packet.
     pub fn warnings(&self) -> Vec<String> {
         self.reader.warnings()
+    }
+
+    /// What the file holds besides its packets, where its format has such; complete after the last packet.
+    pub fn contents(&self) -> Option<Contents> {
+        self.reader.contents()
     }
 
     /// Bytes read so far; may be watched from another thread.
@@ -115,21 +152,29 @@ impl Source for Opened {
 /// Bytes at the beginning from which a format is known.
 const HEAD: usize = 4096;
 
-/// Opens a recording; its format is found from its first bytes, else from its name. A sidecar file `<path>.toml` says
+/// Opens a recording, a regular file, or `-` for standard input; its format is found from its first bytes, else from its name. A sidecar file `<path>.toml` says
 /// what `options` leave out. A gzipped file is read as what it holds.
 ///
 /// # Errors
 /// When the file cannot be read, its format is not known, or an option does not fit it.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened, ReadError> {
+    if path.as_os_str() == STANDARD_INPUT {
+        return open_bytes(path, Box::new(std::io::stdin()), options);
+    }
     let options = options.with_sidecar(path)?;
     let fail = |e: std::io::Error| Problem::from(e).in_file(path);
-    let metadata = std::fs::metadata(path).map_err(fail)?;
-    if metadata.is_dir() {
-        return Err(Problem::unsupported("a directory", "name a recording in it").in_file(path));
+    if let Some(what) = other_than_a_file(&std::fs::metadata(path).map_err(fail)?) {
+        let instead = match what {
+            "a directory" => "name a recording in it",
+            _ => "recordings are read from regular files, and through a pipe as - (standard input)",
+        };
+        return Err(Problem::unsupported(what, instead).in_file(path));
     }
-    let file = File::open(path).map_err(fail)?;
-    let mut opened = open_bytes(path, Box::new(file), &options)?;
-    opened.size = metadata.len();
+    let file = open_regular(path).map_err(fail)?;
+    let size = file.metadata().map_err(fail)?.len();
+    let again = file.try_clone().map_err(fail)?;
+    let mut opened = open_input(path, Box::new(file), Some(again), &options)?;
+    opened.size = size;
     Ok(opened)
 }
 
@@ -139,9 +184,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened, ReadError> {
 /// # Errors
 /// As [`open`].
 pub fn open_bytes(path: &Path, bytes: Bytes, options: &OpenOptions) -> Result<Opened, ReadError> {
+    open_input(path, bytes, None, options)
+}
+
+fn open_input(path: &Path, bytes: Bytes, file: Option<File>, options: &OpenOptions) -> Result<Opened, ReadError> {
     let progress = Progress::default();
     let counted = Counted { inner: bytes, progress: progress.clone() };
-    let (format, reader) = find(path, counted, options).map_err(|problem| problem.in_file(path))?;
+    let (format, reader) = find(path, counted, file, options).map_err(|problem| problem.in_file(path))?;
     let given = |value: Option<f64>| value.unwrap_or(f64::NAN);
     let point = (options.motor_hz().is_some() || options.brake_torque_nm.is_some()).then_some(OperatingPoint {
         // Set to the time of the first packet.
@@ -156,10 +205,15 @@ pub fn open_bytes(path: &Path, bytes: Bytes, options: &OpenOptions) -> Result<Op
 /// Format and reader.
 type Found = (&'static dyn Format, Box<dyn Reader>);
 
-fn find(path: &Path, input: Counted<Bytes>, options: &OpenOptions) -> Result<Found, Problem> {
+fn find(path: &Path, input: Counted<Bytes>, mut file: Option<File>, options: &OpenOptions) -> Result<Found, Problem> {
     options.check()?;
+    let progress = input.progress.clone();
     let mut bytes: Bytes = Box::new(BufReader::with_capacity(1 << 16, input));
     let mut name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    if name == STANDARD_INPUT {
+        // What has no mark of its own is a table.
+        name = "-.csv".to_owned();
+    }
     let mut head = take_head(&mut bytes)?;
     if head.is_empty() {
         return Err(Problem::Empty("the file has no bytes".to_owned()));
@@ -167,7 +221,9 @@ fn find(path: &Path, input: Counted<Bytes>, options: &OpenOptions) -> Result<Fou
     if head.starts_with(&[0x1F, 0x8B]) {
         name = name.strip_suffix(".gz").unwrap_or(&name).to_owned();
         let packed = Cursor::new(head).chain(bytes);
-        bytes = Box::new(BufReader::with_capacity(1 << 16, flate2::read::MultiGzDecoder::new(packed)));
+        let unpacked = Unpacked::new(flate2::read::MultiGzDecoder::new(packed), progress.clone());
+        bytes = Box::new(BufReader::with_capacity(1 << 16, unpacked));
+        file = None;
         head = take_head(&mut bytes)?;
         if head.is_empty() {
             return Err(Problem::Empty("the gzipped file has no bytes".to_owned()));
@@ -181,21 +237,9 @@ fn find(path: &Path, input: Counted<Bytes>, options: &OpenOptions) -> Result<Fou
                 Problem::unsupported("what this file holds", format!("recordings are read as {}", known.join(", ")))
             },
         )?;
-    let reader = format.open(Box::new(Cursor::new(head).chain(bytes)), options)?;
+    let bytes = Box::new(Cursor::new(head).chain(bytes));
+    let reader = format.open(Input { bytes, file, progress }, options)?;
     Ok((*format, reader))
-}
-
-/// Largest file of the formats that are read into memory as a whole.
-const LARGEST_WHOLE: u64 = 2 << 30;
-
-/// All bytes of a file whose format needs them at once.
-pub(crate) fn read_all(bytes: Bytes) -> Result<Vec<u8>, Problem> {
-    let mut all = Vec::new();
-    bytes.take(LARGEST_WHOLE + 1).read_to_end(&mut all)?;
-    if all.len() as u64 > LARGEST_WHOLE {
-        return Err(Problem::limit("the file", "its size", "2 GiB for this format"));
-    }
-    Ok(all)
 }
 
 fn take_head(bytes: &mut Bytes) -> Result<Vec<u8>, Problem> {

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use serde::Deserialize;
 
 use crate::problem::{Problem, ReadError};
+use crate::text::read_text;
 
 /// What the user says about a recording. The keys of a sidecar file `<recording>.toml` are the names of the fields
 /// (`[[channel]]` for the channels); what is given by flags goes before what the sidecar says.
@@ -84,7 +85,7 @@ impl OpenOptions {
     /// When there is a sidecar file that cannot be read or is wrong.
     pub fn with_sidecar(&self, recording: &Path) -> Result<Self, ReadError> {
         let path = sidecar_path(recording);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match read_text(&path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(self.clone()),
             Err(e) => return Err(Problem::Io(e).in_file(&path)),

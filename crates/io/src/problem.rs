@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 pub enum Problem {
     /// The system could not deliver the bytes.
     #[error("cannot be read: {0}")]
-    Io(#[from] std::io::Error),
+    Io(#[source] std::io::Error),
     /// The bytes contradict the format or their own checksum.
     #[error("damaged at {place}: expected {expected}, found {found}")]
     Damaged {
@@ -55,6 +55,13 @@ pub enum Problem {
     /// The file is whole and holds nothing to read.
     #[error("holds no vibration data: {0}")]
     Empty(String),
+}
+
+impl From<std::io::Error> for Problem {
+    /// A problem that came through a reader is the problem itself.
+    fn from(error: std::io::Error) -> Self {
+        error.downcast::<Self>().unwrap_or_else(Self::Io)
+    }
 }
 
 impl Problem {

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::baseline_file::bench_sha256;
 use crate::sealed::{self, Broken};
+use crate::text::read_text;
 
 /// Format of the file.
 pub const FORMAT: &str = "gearwatch-signatures/1";
@@ -134,15 +135,14 @@ impl SignatureFile {
         Self { format: FORMAT.to_owned(), bench: bench.name.clone(), bench_sha256: bench_sha256(bench), points }
     }
 
-    /// Writes it.
+    /// Its text; `path` is named in errors.
     ///
     /// # Errors
-    /// When a value has no JSON form, or the file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), SignatureFileError> {
+    /// When a value has no JSON form.
+    pub fn to_text(&self, path: &Path) -> Result<String, SignatureFileError> {
         let syntax = |message: String| SignatureFileError::Syntax { path: path.to_owned(), message };
         let value = serde_json::to_value(self).map_err(|e| syntax(e.to_string()))?;
-        let text = sealed::seal(value).ok_or_else(|| syntax("it is no JSON object".to_owned()))?;
-        std::fs::write(path, text).map_err(|source| SignatureFileError::Io { path: path.to_owned(), source })
+        sealed::seal(value).ok_or_else(|| syntax("it is no JSON object".to_owned()))
     }
 
     /// Reads a file.
@@ -150,8 +150,7 @@ impl SignatureFile {
     /// # Errors
     /// When it cannot be read, is not what was written, or holds a value that cannot be.
     pub fn read(path: &Path) -> Result<Self, SignatureFileError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| SignatureFileError::Io { path: path.to_owned(), source })?;
+        let text = read_text(path).map_err(|source| SignatureFileError::Io { path: path.to_owned(), source })?;
         let value = sealed::unseal(&text, FORMAT).map_err(|broken| match broken {
             Broken::Syntax(message) => SignatureFileError::Syntax { path: path.to_owned(), message },
             Broken::Checksum { found, computed } => {

@@ -12,6 +12,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::one_shot::{Passage, each_window};
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::verdict::HARMONICS;
+use gearwatch_io::output::Outputs;
 use gearwatch_io::{baseline_file, bench_file};
 use serde_json::json;
 
@@ -19,6 +20,8 @@ use super::Run;
 use crate::exit::Exit;
 use crate::format::Format;
 use crate::input::Input;
+use crate::output::{OutputOptions, with_sidecars};
+use crate::terminal;
 
 /// Learn, show, check and merge what is normal on a bench
 #[derive(Args)]
@@ -75,9 +78,8 @@ struct Learn {
     /// Seconds from the start of one window to the start of the next
     #[arg(long, value_name = "S")]
     hop: Option<f64>,
-    /// Overwrite the output
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 #[derive(Args)]
@@ -109,9 +111,8 @@ struct Merge {
     /// The baseline to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Overwrite the output
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 #[derive(Args)]
@@ -142,7 +143,9 @@ impl Run for BaselineCommand {
 
 impl Learn {
     fn run(self) -> anyhow::Result<Exit> {
-        refuse_overwriting(&self.output, self.force)?;
+        let inputs = with_sidecars(&self.input.files);
+        let mut outputs = self.overwrite.reading(inputs).reading([&self.bench]);
+        let target = outputs.target(&self.output)?;
         let bench = bench_file::read(&self.bench)?;
         let mut config = PipelineConfig::default();
         config.window.length_s = self.window.unwrap_or(config.window.length_s);
@@ -168,7 +171,7 @@ impl Learn {
                     if cell.brake_torque_nm.is_none() { "state the torque of each" } else { "something else differed" }
                 ));
             }
-            baseline_file::write(&baseline, &self.output)?;
+            target.write(baseline_file::to_text(&baseline, &self.output)?)?;
             say(&format!("{}\n{}", self.output.display(), summary(&baseline)?))?;
             return Ok(Exit::Ok);
         };
@@ -230,7 +233,7 @@ impl Check {
 
 impl Merge {
     fn run(self) -> anyhow::Result<Exit> {
-        refuse_overwriting(&self.output, self.force)?;
+        let target = self.overwrite.reading(&self.files).target(&self.output)?;
         let mut merged: Option<Baseline> = None;
         for path in &self.files {
             let next = baseline_file::read(path)?;
@@ -240,7 +243,7 @@ impl Merge {
             });
         }
         let Some(merged) = merged else { bail!("there is no file to merge") };
-        baseline_file::write(&merged, &self.output)?;
+        target.write(baseline_file::to_text(&merged, &self.output)?)?;
         say(&format!("{}\n{}", self.output.display(), summary(&merged)?))?;
         Ok(Exit::Ok)
     }
@@ -256,7 +259,8 @@ impl Rebind {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let t_ns = i64::try_from(now.as_nanos()).unwrap_or(i64::MAX);
         let changes = baseline_file::rebind(&mut baseline, &self.file, &bench, self.reason.trim(), t_ns)?;
-        baseline_file::write(&baseline, &self.file)?;
+        let text = baseline_file::to_text(&baseline, &self.file)?;
+        Outputs::new(true).target(&self.file)?.write(text)?;
         let mut text = format!("{}: tied to {}\n", self.file.display(), self.bench.display());
         for change in &changes {
             writeln!(text, "  {}", change.sentence)?;
@@ -266,20 +270,13 @@ impl Rebind {
     }
 }
 
-fn refuse_overwriting(path: &Path, force: bool) -> anyhow::Result<()> {
-    if path.exists() && !force {
-        bail!("{}: is there already; --force overwrites it", path.display());
-    }
-    Ok(())
-}
-
 fn say(text: &str) -> anyhow::Result<()> {
-    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")
+    terminal::out().write_all(text.as_bytes()).context("standard output")
 }
 
 fn talk(text: &str) {
     // A closed stderr is not worth stopping for.
-    let _ = writeln!(std::io::stderr(), "gearwatch baseline: {text}");
+    let _ = writeln!(terminal::err(), "gearwatch baseline: {text}");
 }
 
 /// What it was made from, and what it therefore does not know.

@@ -19,6 +19,7 @@ use super::Run;
 use crate::exit::Exit;
 use crate::input::{self, InputOptions};
 use crate::progress::Progress;
+use crate::terminal;
 
 /// Judge many recordings, or explain many cases: one Parquet file a shard
 ///
@@ -162,7 +163,7 @@ fn report(summary: &Summary, shard: Shard, kind: Kind) -> anyhow::Result<Exit> {
     let count = |is: fn(&Outcome) -> bool| summary.outcomes.iter().filter(|(_, outcome)| is(outcome)).count();
     let rows: usize = summary.outcomes.iter().map(|(_, o)| if let Outcome::Done(rows) = o { *rows } else { 0 }).sum();
     let damaged = summary.damaged().count();
-    let mut out = std::io::stdout().lock();
+    let mut out = terminal::out();
     writeln!(
         out,
         "shard {shard}: {} {} worked ({rows} rows), {} known from before, {damaged} passed over: {}",
@@ -171,7 +172,7 @@ fn report(summary: &Summary, shard: Shard, kind: Kind) -> anyhow::Result<Exit> {
         count(|o| matches!(o, Outcome::Known)),
         summary.part.display()
     )?;
-    let mut talk = std::io::stderr().lock();
+    let mut talk = terminal::err();
     for (path, why) in summary.damaged() {
         let shown = path.display().to_string();
         let why = why.strip_prefix(&format!("{shown}: ")).unwrap_or(why);

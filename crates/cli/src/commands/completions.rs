@@ -5,6 +5,7 @@ use clap_complete::Shell;
 
 use super::{Run, command_line};
 use crate::exit::Exit;
+use crate::terminal;
 
 /// Print a completion script for a shell
 #[derive(Args)]
@@ -25,7 +26,7 @@ impl Run for Completions {
         // Into memory first: the generator would panic on a closed pipe.
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command_line(), "gearwatch", &mut script);
-        std::io::Write::write_all(&mut std::io::stdout().lock(), &script)?;
+        std::io::Write::write_all(&mut terminal::out(), &script)?;
         Ok(Exit::Ok)
     }
 }

@@ -13,6 +13,7 @@ use gearwatch_sim::shipped::BENCHES;
 
 use super::Run;
 use crate::exit::Exit;
+use crate::terminal;
 
 /// Check, show or describe the configuration of the service, and print a bench file to start from
 #[derive(Args)]
@@ -69,7 +70,7 @@ impl Run for ConfigCommand {
     const NAME: &'static str = "config";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let mut out = std::io::stdout().lock();
+        let mut out = terminal::out();
         match self.action {
             Action::Check { file } => {
                 let config = read(file.as_ref())?;

@@ -1,19 +1,21 @@
 //! `gearwatch convert IN OUT`: a recording of any format as MCAP or UFF.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
+use gearwatch_io::output::Output;
 use gearwatch_io::uff::{self, Dataset, Form, Values};
 
 use super::Run;
 use crate::exit::Exit;
 use crate::input::{InputOptions, Watched};
+use crate::output::{OutputOptions, with_sidecars};
+use crate::terminal;
 
 /// Write a recording of any format as MCAP (or UFF)
 #[derive(Args)]
@@ -34,9 +36,8 @@ pub struct Convert {
     /// Form of UFF
     #[arg(long, value_enum, default_value_t)]
     uff: UffForm,
-    /// Overwrite OUT
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    overwrite: OutputOptions,
     #[command(flatten)]
     options: InputOptions,
 }
@@ -69,24 +70,12 @@ impl Run for Convert {
         if !matches!(end.as_str(), "mcap" | "uff") {
             bail!("{}: the name must end in .mcap or .uff, which says the format to write", self.output.display());
         }
-        if self.output.exists() && !self.force {
-            bail!("{}: exists already; --force overwrites it", self.output.display());
-        }
+        let target = self.overwrite.reading(with_sidecars([&self.input])).target(&self.output)?;
         let mut source = self.options.open(&self.input)?;
-        // A half-written file never stands under the final name.
-        let mut part = self.output.clone().into_os_string();
-        part.push(".part");
-        let part = PathBuf::from(part);
-        let written = self.write(&mut source, &part, &end).and_then(|()| {
-            std::fs::rename(&part, &self.output)
-                .with_context(|| format!("{}: cannot be written", self.output.display()))
-        });
-        if written.is_err() {
-            // What could not be finished is of no use, and the error is what matters.
-            let _ = std::fs::remove_file(&part);
-        }
-        written?;
-        let mut err = std::io::stderr().lock();
+        let out = target.create()?;
+        let out = if end == "mcap" { self.write_mcap(&mut source, out)? } else { self.write_uff(&mut source, out)? };
+        out.finish()?;
+        let mut err = terminal::err();
         for warning in source.opened().warnings() {
             writeln!(err, "gearwatch convert: {}: {warning}", self.input.display()).context("stderr")?;
         }
@@ -95,15 +84,7 @@ impl Run for Convert {
 }
 
 impl Convert {
-    fn write(&self, source: &mut Watched, part: &Path, end: &str) -> anyhow::Result<()> {
-        let file = File::create(part).with_context(|| format!("{}: cannot be written", part.display()))?;
-        let out = BufWriter::new(file);
-        let out = if end == "mcap" { self.write_mcap(source, out)? } else { self.write_uff(source, out)? };
-        let file = out.into_inner().map_err(|e| e.into_error()).with_context(|| part.display().to_string())?;
-        file.sync_all().with_context(|| format!("{}: cannot be written", part.display()))
-    }
-
-    fn write_mcap(&self, source: &mut Watched, out: BufWriter<File>) -> anyhow::Result<BufWriter<File>> {
+    fn write_mcap(&self, source: &mut Watched, out: Output) -> anyhow::Result<Output> {
         let compression = match self.compression {
             Packing::None => Compression::None,
             Packing::Lz4 => Compression::Lz4,
@@ -116,7 +97,7 @@ impl Convert {
         Ok(writer.finish()?)
     }
 
-    fn write_uff(&self, source: &mut Watched, mut out: BufWriter<File>) -> anyhow::Result<BufWriter<File>> {
+    fn write_uff(&self, source: &mut Watched, mut out: Output) -> anyhow::Result<Output> {
         let mut recording = Recording::default();
         while let Some(packet) = source.next_packet()? {
             recording.push(packet);

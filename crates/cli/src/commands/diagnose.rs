@@ -21,6 +21,8 @@ use gearwatch_daemon::oneshot;
 use super::Run;
 use crate::exit::Exit;
 use crate::input::{self, Input};
+use crate::output::{OutputOptions, with_sidecars};
+use crate::terminal;
 
 mod plain;
 mod report;
@@ -63,6 +65,8 @@ pub struct Diagnose {
     /// Also write a report: one HTML file with pictures, for a browser
     #[arg(long, value_name = "FILE.html", conflicts_with = "windows")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
     /// Threads for the spectra; 0: one a core. The result does not depend on it
     #[arg(short, long, default_value_t = 0, value_name = "N")]
     workers: usize,
@@ -113,6 +117,9 @@ impl Run for Diagnose {
     const NAME: &'static str = "diagnose";
 
     fn run(self) -> anyhow::Result<Exit> {
+        let inputs = [Some(&self.bench), self.baseline.as_ref(), self.signatures.as_ref()].into_iter().flatten();
+        let mut outputs = self.overwrite.reading(with_sidecars(&self.input.files)).reading(inputs);
+        let report = self.report.as_deref().map(|path| outputs.target(path)).transpose()?;
         let bench = gearwatch_io::bench_file::read(&self.bench)?;
         let config = PipelineConfig::default();
         let baseline = match &self.baseline {
@@ -139,7 +146,7 @@ impl Run for Diagnose {
                 }
                 // The other files are diagnosed all the same.
                 Err(error) if self.input.files.len() > 1 => {
-                    let _ = writeln!(std::io::stderr(), "gearwatch diagnose: {error:#}");
+                    let _ = writeln!(terminal::err(), "gearwatch diagnose: {error:#}");
                     failed = Some(Exit::Unknown);
                 }
                 Err(error) => return Err(error),
@@ -148,11 +155,12 @@ impl Run for Diagnose {
         let exit = all.iter().map(Diagnosis::exit).chain(failed).max_by_key(|exit| severity(*exit));
         let exit = exit.unwrap_or(Exit::Unknown);
         self.print(&all, exit)?;
-        if let Some(path) = &self.report {
+        if let Some(target) = report {
             let baseline = self.baseline.as_deref().map(|path| ("baseline", path));
             let files: Vec<_> = [("bench", self.bench.as_path())].into_iter().chain(baseline).collect();
-            report::write(path, &all, &pipeline, &files)?;
-            let _ = writeln!(std::io::stderr(), "gearwatch diagnose: the report is {}", path.display());
+            let path = target.path().to_owned();
+            target.write(report::page(&all, &pipeline, &files)?)?;
+            let _ = writeln!(terminal::err(), "gearwatch diagnose: the report is {}", path.display());
         }
         Ok(exit)
     }
@@ -191,11 +199,11 @@ impl Diagnose {
         let (collected, samples) =
             oneshot::run::<gearwatch_io::ReadError, _>(pipeline, workers, pull, collected, Collected::take)?;
         let mut diagnosis = Diagnosis {
-            recording: path.display().to_string(),
+            recording: terminal::plain(&path.display().to_string()).into_owned(),
             verdicts: Vec::new(),
             worst_window: None,
             windows: collected.by_sensor.clone(),
-            notes: source.opened().warnings(),
+            notes: source.opened().warnings().iter().map(|note| terminal::plain(note).into_owned()).collect(),
             incomplete: false,
             pictures: None,
         };
@@ -230,7 +238,7 @@ impl Diagnose {
 
     fn print(&self, all: &[Diagnosis], exit: Exit) -> anyhow::Result<()> {
         // Colours are taken out where the output is no terminal or NO_COLOR is set.
-        let mut out = std::io::BufWriter::new(anstream::stdout().lock());
+        let mut out = std::io::BufWriter::new(terminal::coloured());
         // Windows were printed as they came.
         if !self.windows {
             match self.format {
@@ -244,7 +252,7 @@ impl Diagnose {
         // The table has its notes beside the verdicts.
         if self.windows || self.format != Format::Table {
             for (one, note) in all.iter().flat_map(|one| one.notes.iter().map(move |note| (one, note))) {
-                writeln!(std::io::stderr(), "{}: {note}", one.recording)?;
+                writeln!(terminal::err(), "{}: {note}", one.recording)?;
             }
         }
         Ok(())

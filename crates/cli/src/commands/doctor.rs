@@ -9,6 +9,7 @@ use gearwatch_daemon::log::{Ending, FileHealth, doctor};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::terminal;
 
 /// Say whether the log in a folder is whole
 #[derive(Args)]
@@ -29,7 +30,7 @@ impl Run for Doctor {
         let health = match doctor(&self.folder) {
             Ok(health) => health,
             Err(error) => {
-                writeln!(std::io::stderr(), "gearwatch doctor: {error}").context("stderr")?;
+                writeln!(terminal::err(), "gearwatch doctor: {error}").context("stderr")?;
                 return Ok(Exit::Warning);
             }
         };
@@ -37,13 +38,13 @@ impl Run for Doctor {
             // Nothing was looked at, which must not read as whole.
             let folder = self.folder.display();
             writeln!(
-                std::io::stderr(),
+                terminal::err(),
                 "gearwatch doctor: {folder} holds no log file; name the folder of an mcap_log sink"
             )
             .context("stderr")?;
             return Ok(Exit::Warning);
         }
-        let mut out = std::io::stdout().lock();
+        let mut out = terminal::out();
         for file in &health.files {
             tell(&mut out, file)?;
         }

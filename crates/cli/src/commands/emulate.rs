@@ -19,6 +19,7 @@ use gearwatch_daemon::stop::Stop;
 
 use super::Run;
 use crate::exit::Exit;
+use crate::terminal;
 use crate::{signals, talk};
 
 /// Play the simulator or a recording as an instrument would, with trouble if you like
@@ -287,5 +288,5 @@ fn layout(material: &Material) -> String {
 
 /// What reads it, for a configuration.
 fn print(source: &str) -> std::io::Result<()> {
-    writeln!(std::io::stdout(), "[[bench.source]]\n{source}")
+    writeln!(terminal::out(), "[[bench.source]]\n{source}")
 }

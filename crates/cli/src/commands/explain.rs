@@ -7,14 +7,18 @@ use anyhow::{Context, bail};
 use clap::Args;
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
+use gearwatch_explain::error::ExplainError;
 use gearwatch_explain::explain::{Input, explain};
 use gearwatch_explain::judge::latent::LatentForce;
-use gearwatch_explain::judge::report::Status;
+use gearwatch_explain::judge::report::{FORMAT, Status};
 use gearwatch_io::open::{OpenOptions, read_recording};
+use gearwatch_io::output::{Outputs, Target};
 
 use super::Run;
 use crate::exit::Exit;
 use crate::input::InputOptions;
+use crate::output::{OutputOptions, with_sidecars};
+use crate::terminal;
 
 mod blind;
 mod drill;
@@ -71,6 +75,8 @@ pub struct Explain {
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
+    overwrite: OutputOptions,
+    #[command(flatten)]
     input: InputOptions,
 }
 
@@ -93,6 +99,11 @@ impl Run for Explain {
         if let Some(out) = self.out.as_ref().filter(|out| out.exists() && !out.is_dir()) {
             bail!("{}: expected a folder for the answer, found a file", out.display());
         }
+        // Names are judged before minutes of computing, not after.
+        let read = with_sidecars(recording_files.iter().chain(&reference_files));
+        let mut outputs = self.overwrite.reading(read).reading([bench_file]);
+        let report = self.report.as_deref().map(|path| outputs.target(path)).transpose()?;
+        let answer_files = self.out.as_deref().map(|folder| AnswerFiles::of(folder, &mut outputs)).transpose()?;
         let options = self.input.open_options();
         let recordings = load(&recording_files, &options)?;
         if self.blind_spots {
@@ -106,37 +117,35 @@ impl Run for Explain {
         let mut progress = |step: &str| {
             if talk {
                 // Progress is a courtesy; a closed terminal is not an error.
-                let _ = writeln!(std::io::stderr(), "  {step} …");
+                let _ = writeln!(terminal::err(), "  {step} …");
             }
         };
-        let answer = explain(
-            &Input { bench: &bench, recordings: &recordings, reference: &reference, without: &[] },
-            &mut progress,
-        )?;
+        let asked = Input { bench: &bench, recordings: &recordings, reference: &reference, without: &[] };
+        let answer = match explain(&asked, &mut progress) {
+            Ok(answer) => answer,
+            Err(error) if error.is_not_judged() => return not_judged(&error, answer_files),
+            Err(error) => return Err(error.into()),
+        };
         let e = &answer.explanation;
         let mut json = serde_json::to_string_pretty(e)?;
         json.push('\n');
         let mut written = Vec::new();
-        if let Some(out) = &self.out {
-            std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
-            let (explanation, model) = (out.join("explanation.json"), out.join("bench.toml"));
-            write(&explanation, &json)?;
-            write(&model, &gearwatch_io::bench_file::to_toml(&answer.bench)?)?;
-            written.extend([explanation, model]);
-            if let Some(force) = &e.latent_force {
-                let path = out.join("latent_force.csv");
-                write(&path, &table_of(force))?;
-                written.push(path);
-            }
-            written.extend(figures::write(out, &Train::new(&answer.bench), e, &recordings, &reference)?);
+        if let Some(files) = answer_files {
+            let mut texts = vec![
+                ("explanation.json", json.clone()),
+                ("bench.toml", gearwatch_io::bench_file::to_toml(&answer.bench)?),
+            ];
+            texts.extend(e.latent_force.as_ref().map(|force| ("latent_force.csv", table_of(force))));
+            texts.extend(figures::draw(&Train::new(&answer.bench), e, &recordings, &reference)?);
+            written.extend(files.write(texts)?);
         }
-        if let Some(path) = &self.report {
+        if let Some(target) = report {
             let mut files = vec![("bench".to_owned(), bench_file.clone())];
             for (what, paths) in [("recording", &recording_files), ("reference", &reference_files)] {
                 files.extend(paths.iter().map(|file| (what.to_owned(), file.clone())));
             }
-            write(path, &report::page(&bench.name, e, &files)?)?;
-            written.push(path.clone());
+            written.push(target.path().to_owned());
+            target.write(report::page(&bench.name, e, &files)?)?;
         }
         let mut summary = Vec::new();
         summary::print(&mut summary, &bench.name, e, self.steps)?;
@@ -145,10 +154,10 @@ impl Run for Explain {
             writeln!(summary, "\n  written   {}", written.join("\n            "))?;
         }
         if self.out.is_some() {
-            std::io::stdout().lock().write_all(&summary).context("stdout")?;
+            terminal::out().write_all(&summary).context("stdout")?;
         } else {
-            std::io::stderr().lock().write_all(&summary).context("stderr")?;
-            std::io::stdout().lock().write_all(json.as_bytes()).context("stdout")?;
+            terminal::err().write_all(&summary).context("stderr")?;
+            terminal::out().write_all(json.as_bytes()).context("stdout")?;
         }
         Ok(match e.status {
             Status::Consistent => Exit::Ok,
@@ -157,8 +166,61 @@ impl Run for Explain {
     }
 }
 
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
-    std::fs::write(path, text).with_context(|| format!("{} cannot be written", path.display()))
+/// An answer without an answer, for those who read the file: nothing was judged, and why.
+fn not_judged(error: &ExplainError, files: Option<AnswerFiles>) -> anyhow::Result<Exit> {
+    let why = error.to_string();
+    let nothing: [&str; 0] = [];
+    let json = serde_json::json!({
+        "format": FORMAT, "status": "not_judged", "effects": nothing, "mismatch": nothing, "advice": nothing,
+        "limits": [&why], "steps": nothing,
+    });
+    let text = format!("{json:#}\n");
+    match files {
+        Some(files) => drop(files.write(vec![("explanation.json", text)])?),
+        None => terminal::out().write_all(text.as_bytes()).context("stdout")?,
+    }
+    writeln!(terminal::err(), "gearwatch explain: not judged: {why}").context("stderr")?;
+    Ok(Exit::Unknown)
+}
+
+/// All files that an answer may have.
+const ANSWER_FILES: [&str; 6] =
+    ["explanation.json", "bench.toml", "latent_force.csv", "spectrum.svg", "mismatch.svg", "fit.svg"];
+
+/// The files of an answer in their folder.
+struct AnswerFiles {
+    folder: PathBuf,
+    targets: Vec<(&'static str, Target)>,
+}
+
+impl AnswerFiles {
+    /// Checks all names, also those that this answer may not need: a file that stays would belong to another answer.
+    fn of(folder: &Path, outputs: &mut Outputs) -> anyhow::Result<Self> {
+        let target = |name: &'static str| Ok((name, outputs.target_in_new_folder(&folder.join(name))?));
+        let targets = ANSWER_FILES.into_iter().map(target).collect::<anyhow::Result<_>>()?;
+        Ok(Self { folder: folder.to_owned(), targets })
+    }
+
+    /// Writes the files and removes what is there of an earlier answer and not in this one.
+    fn write(self, mut texts: Vec<(&'static str, String)>) -> anyhow::Result<Vec<PathBuf>> {
+        let Self { folder, targets } = self;
+        std::fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        let mut written = Vec::new();
+        for (name, target) in targets {
+            let path = target.path().to_owned();
+            match texts.iter().position(|(of, _)| *of == name) {
+                Some(at) => {
+                    target.write(texts.swap_remove(at).1)?;
+                    written.push(path);
+                }
+                None if path.exists() => {
+                    std::fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
+                }
+                None => {}
+            }
+        }
+        Ok(written)
+    }
 }
 
 /// The force that nobody named, a line a step of its turn.

@@ -15,6 +15,7 @@ use gearwatch_daemon::secret::{Secret, carries_secret, place};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::terminal;
 use screen::Screen;
 
 /// Watch all benches that publish to one NATS server
@@ -156,7 +157,7 @@ fn show_page(address: SocketAddr, server: String, stream: String, access: Access
 
 fn talk(words: &str) {
     // Whoever has closed stderr does not want to hear it.
-    let _ = writeln!(std::io::stderr(), "gearwatch fleet: {words}");
+    let _ = writeln!(terminal::err(), "gearwatch fleet: {words}");
 }
 
 fn now_ns() -> i64 {
@@ -183,7 +184,7 @@ impl Fleet {
                 }
             }
         }
-        let mut out = std::io::stdout().lock();
+        let mut out = terminal::out();
         match self.format {
             Some(Form::Json) => writeln!(out, "{}", serde_json::to_string(&view)?)?,
             _ => table(&mut out, &view)?,
@@ -231,7 +232,7 @@ const COLUMNS: [&str; 8] =
 fn table(out: &mut impl Write, view: &View) -> std::io::Result<()> {
     let now = now_ns();
     let mut rows: Vec<[String; 8]> = vec![COLUMNS.map(str::to_owned)];
-    rows.extend(view.benches.iter().map(|(name, bench)| row(name, bench, now)));
+    rows.extend(view.benches.iter().map(|(name, bench)| row(name, bench, now).map(|text| terminal::cell(&text))));
     let widths: Vec<usize> = (0..8).map(|i| rows.iter().map(|row| row[i].chars().count()).max().unwrap_or(0)).collect();
     for row in rows {
         let cells = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}"));
@@ -244,7 +245,7 @@ fn table(out: &mut impl Write, view: &View) -> std::io::Result<()> {
 /// Prints what is new until nobody reads any more.
 fn live(notices: &Receiver<Notice>, form: Form) -> anyhow::Result<Exit> {
     let mut view = View::default();
-    let mut out = std::io::stdout().lock();
+    let mut out = terminal::out();
     while let Ok(notice) = notices.recv() {
         match notice {
             Notice::Letter(heard) => {

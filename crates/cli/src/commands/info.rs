@@ -9,13 +9,18 @@ use clap::Args;
 use gearwatch_check::{self as check, Severity};
 use gearwatch_core::speed::RPM_PER_HZ;
 use gearwatch_daemon::checking;
+use gearwatch_io::Problem;
+use gearwatch_io::mcap::source::Contents;
+use gearwatch_io::mcap::walk::Topic;
 use gearwatch_io::summary::{ChannelSummary, Summary};
+use gearwatch_io::text::{open_regular, read_text};
 use serde_json::{Value, json};
 
 use super::Run;
 use crate::exit::Exit;
 use crate::format::Format;
 use crate::input::Input;
+use crate::terminal;
 
 /// Say what recordings, bench files and baselines hold, and whether they belong together
 #[derive(Args)]
@@ -50,7 +55,7 @@ impl Run for Info {
                 Kind::Recording => recording(path, &self.input),
             };
             let said = said.unwrap_or_else(|error| Said { text: String::new(), json: Value::Null, error: Some(error) });
-            let mut out = std::io::stdout().lock();
+            let mut out = terminal::out();
             match self.format {
                 Format::Text => write!(out, "{}", said.text).context("stdout")?,
                 Format::Json if said.json.is_null() => {}
@@ -58,7 +63,7 @@ impl Run for Info {
             }
             if let Some(error) = said.error {
                 exit = Exit::Unknown;
-                writeln!(std::io::stderr(), "gearwatch info: {error:#}").context("stderr")?;
+                writeln!(terminal::err(), "gearwatch info: {error:#}").context("stderr")?;
             }
         }
         Ok(self.fit()?.map_or(exit, |_| Exit::Unknown))
@@ -119,7 +124,7 @@ fn kind_of(path: &Path) -> Kind {
     }
     let mut first = [0; 1];
     let begins_with_brace =
-        std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first)).is_ok_and(|()| first == *b"{");
+        open_regular(path).and_then(|mut f| f.read_exact(&mut first)).is_ok_and(|()| first == *b"{");
     if begins_with_brace { Kind::Json } else { Kind::Recording }
 }
 
@@ -165,7 +170,7 @@ fn bench(path: &Path) -> anyhow::Result<Said> {
 
 /// A JSON file that says its own format, such as a baseline or an explanation: its fields, lists by their length.
 fn stated(path: &Path) -> anyhow::Result<Said> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let text = read_text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: is not JSON", path.display()))?;
     let Some(format) = value.get("format").and_then(Value::as_str) else {
         anyhow::bail!("{}: expected a JSON object that says its \"format\", found none", path.display());
@@ -224,6 +229,15 @@ fn recording(path: &Path, input: &Input) -> anyhow::Result<Said> {
         }
         text.push('\n');
     }
+    let contents = opened.contents();
+    // A log of the service is whole without raw data.
+    let error = error.filter(|error| {
+        !(matches!(error.problem, Problem::Empty(_))
+            && contents.as_ref().is_some_and(|c| c.is_log() && !c.topics.is_empty()))
+    });
+    if let Some(contents) = contents.as_ref().filter(|contents| contents.is_log()) {
+        describe_log(&mut text, contents)?;
+    }
     for warning in &warnings {
         writeln!(text, "  note: {warning}")?;
     }
@@ -235,10 +249,26 @@ fn recording(path: &Path, input: &Input) -> anyhow::Result<Said> {
     for (key, value) in fields.as_object().into_iter().flatten() {
         json[key] = value.clone();
     }
+    if let Some(contents) = contents {
+        json["contents"] = serde_json::to_value(contents)?;
+    }
     if let Some(error) = &error {
         json["error"] = json!(error.to_string());
     }
     Ok(Said { text, json, error: error.map(anyhow::Error::from) })
+}
+
+/// The topics of a log of the service.
+fn describe_log(text: &mut String, contents: &Contents) -> std::fmt::Result {
+    write!(text, "  log of the service, written by {}", contents.written_by)?;
+    if let (Some(first), Some(last)) = (contents.first_ns, contents.last_ns) {
+        write!(text, ", {:.3} s", last.saturating_sub(first) as f64 / 1e9)?;
+    }
+    writeln!(text)?;
+    for Topic { topic, schema, messages } in &contents.topics {
+        writeln!(text, "    {topic}: {messages} messages ({schema})")?;
+    }
+    Ok(())
 }
 
 fn describe(text: &mut String, name: &str, channel: &ChannelSummary) -> std::fmt::Result {

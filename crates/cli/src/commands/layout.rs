@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::{Args, ValueEnum};
 use gearwatch_core::bench::Bench;
 
 use super::Run;
 use crate::exit::Exit;
+use crate::output::OutputOptions;
+use crate::terminal;
 
 mod foxglove;
 mod plotjuggler;
@@ -32,6 +33,8 @@ pub struct Layout {
     /// File to write; standard output where left out
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 #[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
@@ -84,8 +87,8 @@ impl Run for Layout {
             Viewer::Plotjuggler => plotjuggler::layout(&shown),
         };
         match &self.output {
-            Some(path) => std::fs::write(path, text).with_context(|| path.display().to_string())?,
-            None => std::io::Write::write_all(&mut std::io::stdout().lock(), text.as_bytes())?,
+            Some(path) => self.overwrite.reading([&self.bench]).target(path)?.write(text)?,
+            None => std::io::Write::write_all(&mut terminal::out(), text.as_bytes())?,
         }
         Ok(Exit::Ok)
     }

@@ -11,6 +11,7 @@ use gearwatch_sim::effects::{Effect, Parameter, Place, Signature, Values};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::terminal;
 
 /// List the kinds of sources and sinks, file formats and simulated effects
 #[derive(Args)]
@@ -41,7 +42,7 @@ impl Run for List {
     const NAME: &'static str = "list";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let mut out = std::io::stdout().lock();
+        let mut out = terminal::out();
         let wanted = |what| self.what.is_none_or(|one| one == what);
         if wanted(What::Sources) {
             kinds(&mut out, "Sources", "[[bench.source]]", source::KINDS, self.what.is_some())?;

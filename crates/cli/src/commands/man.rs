@@ -9,6 +9,7 @@ use clap_mangen::Man;
 
 use super::{Run, command_line};
 use crate::exit::Exit;
+use crate::terminal;
 
 /// Print the manual page, or write the pages of all commands to a folder
 #[derive(Args)]
@@ -29,7 +30,7 @@ impl Run for Manual {
         let Some(folder) = self.folder else {
             let mut page = Vec::new();
             Man::new(command).render(&mut page)?;
-            std::io::stdout().lock().write_all(&page)?;
+            terminal::out().write_all(&page)?;
             return Ok(Exit::Ok);
         };
         std::fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;

@@ -12,6 +12,7 @@ use serde_json::json;
 use super::Run;
 use crate::exit::Exit;
 use crate::format::{Format, wrapped};
+use crate::terminal;
 
 /// Recompute the tables of the rank paper, mark its misprints, and say what its experiment proves
 #[derive(Args)]
@@ -41,7 +42,7 @@ impl Run for Paper {
                 format!("{}\n", serde_json::to_string_pretty(&tables)?)
             }
         };
-        std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
+        terminal::out().write_all(text.as_bytes()).context("standard output")?;
         Ok(Exit::Ok)
     }
 }

@@ -15,6 +15,7 @@ use super::Run;
 use super::explain::summary;
 use crate::exit::Exit;
 use crate::progress::Progress;
+use crate::terminal;
 
 /// Draw concealed cases by seed, explain them, and say how often that was right
 #[derive(Args)]
@@ -55,7 +56,7 @@ impl Run for Prove {
         if let Some(id) = &self.effect {
             gearwatch_sim::effects::find(id)?;
         }
-        let mut out = std::io::stdout().lock();
+        let mut out = terminal::out();
         if !self.only.is_empty() {
             for &index in &self.only {
                 self.tell(&mut out, index).context("stdout")?;

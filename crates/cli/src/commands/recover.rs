@@ -3,12 +3,14 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use gearwatch_daemon::log::{Damage, Ending, recover_file};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::output::OutputOptions;
+use crate::terminal;
 
 /// Write what is good of a damaged or unfinished MCAP file to a new one
 #[derive(Args)]
@@ -22,9 +24,11 @@ Examples:
 pub struct Recover {
     /// The file
     file: PathBuf,
-    /// The new file; must not exist yet [default: FILE with .recovered.mcap in place of .mcap]
+    /// The new file [default: FILE with .recovered.mcap in place of .mcap]
     #[arg(short, long)]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 impl Run for Recover {
@@ -34,7 +38,7 @@ impl Run for Recover {
         match self.recover() {
             Ok(exit) => Ok(exit),
             Err(error) => {
-                writeln!(std::io::stderr(), "gearwatch recover: {error:#}").context("stderr")?;
+                writeln!(terminal::err(), "gearwatch recover: {error:#}").context("stderr")?;
                 Ok(Exit::Warning)
             }
         }
@@ -44,14 +48,9 @@ impl Run for Recover {
 impl Recover {
     fn recover(self) -> anyhow::Result<Exit> {
         let output = self.output.unwrap_or_else(|| self.file.with_extension("recovered.mcap"));
-        if output == self.file {
-            bail!("{}: the output must be another file than the input", output.display());
-        }
-        if output.exists() {
-            bail!("{}: is there already; name another with --output, or remove it", output.display());
-        }
-        let salvaged = recover_file(&self.file, &output)?;
-        let mut out = std::io::stdout().lock();
+        let target = self.overwrite.reading([&self.file]).target(&output)?;
+        let salvaged = recover_file(&self.file, target)?;
+        let mut out = terminal::out();
         writeln!(out, "{}: {} messages", output.display(), salvaged.messages)?;
         for Damage { offset, length, what } in salvaged.damage.iter().chain(&salvaged.torn_tail) {
             writeln!(out, "  byte {offset}: {what}; {length} bytes left out")?;

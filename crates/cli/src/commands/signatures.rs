@@ -14,6 +14,8 @@ use gearwatch_sim::signatures::{self, Conditions, Signatures};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::output::OutputOptions;
+use crate::terminal;
 
 mod report;
 
@@ -52,6 +54,8 @@ pub struct SignaturesCommand {
     /// Also write a report for people to this HTML file: the table, its uncertainty, the paper beside it, pictures
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 #[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
@@ -79,6 +83,9 @@ impl Run for SignaturesCommand {
         if let Some(path) = self.report.as_ref().filter(|path| path.extension().is_none_or(|end| end != "html")) {
             bail!("{}: the report is written as HTML; the name must end in .html", path.display());
         }
+        let mut outputs = self.overwrite.reading([&self.bench]);
+        let out = self.out.as_deref().map(|path| outputs.target(path)).transpose()?;
+        let report = self.report.as_deref().map(|path| outputs.target(path)).transpose()?;
         let bench = super::simulate::read_bench(&self.bench)?;
         let stage = match &self.stage {
             None => 0,
@@ -113,13 +120,14 @@ impl Run for SignaturesCommand {
                 all.push(found);
             }
         }
-        std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
-        if let Some(path) = &self.out {
-            SignatureFile::new(&bench, all.iter().map(|found| point(&bench, found)).collect()).write(path)?;
+        terminal::out().write_all(text.as_bytes()).context("standard output")?;
+        if let Some(target) = out {
+            let file = SignatureFile::new(&bench, all.iter().map(|found| point(&bench, found)).collect());
+            let text = file.to_text(target.path())?;
+            target.write(text)?;
         }
-        if let Some(path) = &self.report {
-            let page = report::page(&self.bench, &bench, &all)?;
-            std::fs::write(path, page).with_context(|| format!("{}: the report cannot be written", path.display()))?;
+        if let Some(target) = report {
+            target.write(report::page(&self.bench, &bench, &all)?)?;
         }
         Ok(Exit::Ok)
     }

@@ -1,8 +1,7 @@
 //! `gearwatch simulate BENCH`: a simulated recording, with and without effects.
 
 use std::ffi::OsStr;
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -12,11 +11,15 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
+use gearwatch_io::output::Target;
+use gearwatch_io::text::read_text;
 use gearwatch_sim::scenario::{ContactLaw, Course, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator};
 
 use super::Run;
 use crate::exit::Exit;
+use crate::output::OutputOptions;
+use crate::terminal;
 
 mod plot;
 
@@ -70,6 +73,8 @@ pub struct Simulate {
     /// Picture of waveform, order spectrum and mesh stiffness to write (.svg or .html)
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 /// Any text, read later with its bench; a shell that completes it offers the ids of the effects.
@@ -119,9 +124,12 @@ impl Run for Simulate {
         if let Some(path) = self.output.as_ref().filter(|path| path.extension().is_none_or(|end| end != "mcap")) {
             bail!("{}: the recording is written as MCAP; the name must end in .mcap", path.display());
         }
+        let mut outputs = self.overwrite.reading([&self.bench]).reading(&self.scenario);
+        let output = self.output.as_deref().map(|path| outputs.target(path)).transpose()?;
+        let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         let config = self.config()?;
         let mut simulator = Simulator::new(config.clone()).with_context(|| self.bench.display().to_string())?;
-        let mut err = std::io::stderr().lock();
+        let mut err = terminal::err();
         for warning in simulator.warnings() {
             writeln!(err, "gearwatch simulate: {}: {warning}", self.bench.display()).context("stderr")?;
         }
@@ -133,17 +141,16 @@ impl Run for Simulate {
                 recording.push(packet.clone());
             }
         };
-        match &self.output {
-            Some(path) => write(path, &mut simulator, &mut keep)?,
+        match output {
+            Some(target) => write(target, &mut simulator, &mut keep)?,
             None => {
                 while let Some(packet) = simulator.next_packet()? {
                     keep(&packet);
                 }
             }
         }
-        if let Some((path, form)) = self.plot.as_ref().zip(form) {
-            let text = plot::picture(form, &recording, &config, simulator.model())?;
-            std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        if let Some((target, form)) = plot.zip(form) {
+            target.write(plot::picture(form, &recording, &config, simulator.model())?)?;
         }
         Ok(Exit::Ok)
     }
@@ -155,8 +162,7 @@ impl Simulate {
         let effects = self.effect.iter().map(|text| parse_effect(text)).collect::<anyhow::Result<Vec<_>>>()?;
         let mut scenario = match &self.scenario {
             Some(path) => {
-                let text =
-                    std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+                let text = read_text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
                 toml::from_str(&text)
                     .map_err(|e| anyhow::anyhow!("{}: {}", path.display(), e.to_string().trim_end()))?
             }
@@ -208,27 +214,14 @@ pub(super) fn parse_effect(text: &str) -> anyhow::Result<EffectSpec> {
 }
 
 fn write(
-    path: &Path,
+    target: Target,
     simulator: &mut Simulator,
     keep: &mut dyn FnMut(&gearwatch_core::block::Packet),
 ) -> anyhow::Result<()> {
-    // A half-written file never stands under the final name.
-    let part = path.with_extension("mcap.part");
-    let cannot = || format!("{}: cannot be written", part.display());
-    let made = (|| -> anyhow::Result<()> {
-        let file = File::create(&part).with_context(cannot)?;
-        let mut writer = McapWriter::new(BufWriter::new(file), Compression::Zstd, PublishTime::LogTime)?;
-        while let Some(packet) = simulator.next_packet()? {
-            keep(&packet);
-            writer.write(&packet)?;
-        }
-        let file = writer.finish()?.into_inner().map_err(|e| e.into_error()).with_context(cannot)?;
-        file.sync_all().with_context(cannot)?;
-        std::fs::rename(&part, path).with_context(|| format!("{}: cannot be written", path.display()))
-    })();
-    if made.is_err() {
-        // What could not be finished is of no use, and the error is what matters.
-        let _ = std::fs::remove_file(&part);
+    let mut writer = McapWriter::new(target.create()?, Compression::Zstd, PublishTime::LogTime)?;
+    while let Some(packet) = simulator.next_packet()? {
+        keep(&packet);
+        writer.write(&packet)?;
     }
-    made
+    Ok(writer.finish()?.finish()?)
 }

@@ -12,6 +12,7 @@ use gearwatch_daemon::snapshot::Snapshot;
 use super::Run;
 use crate::exit::Exit;
 use crate::page::PageAccess;
+use crate::terminal;
 
 /// Say how the running service is
 #[derive(Args)]
@@ -50,7 +51,7 @@ impl Run for Status {
             })?,
         };
         let snapshot: Snapshot = serde_json::from_str(&text).context("the answer is not that of a service")?;
-        let mut out = std::io::stdout().lock();
+        let mut out = terminal::out();
         if self.json {
             writeln!(out, "{text}")?;
         } else {

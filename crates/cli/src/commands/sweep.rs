@@ -1,5 +1,6 @@
 //! `gearwatch sweep`: statistics over speed and load, of simulations or of recordings.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -16,7 +17,9 @@ use super::Run;
 use super::simulate::{Contact, START_NS, parse_effect, read_bench};
 use crate::exit::Exit;
 use crate::input::InputOptions;
+use crate::output::{OutputOptions, with_sidecars};
 use crate::progress::Progress;
+use crate::terminal;
 
 mod picture;
 mod table;
@@ -67,6 +70,8 @@ pub struct Sweep {
     /// Pictures to write: one .html file
     #[arg(long, value_name = "FILE.html")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
     /// Threads; one a core by default
     #[arg(short, long, value_name = "N")]
     jobs: Option<std::num::NonZeroUsize>,
@@ -92,27 +97,33 @@ impl Run for Sweep {
 
     fn run(self) -> anyhow::Result<Exit> {
         self.check_names()?;
+        let mut outputs = self.overwrite.reading(with_sidecars(&self.recordings)).reading([&self.bench]);
+        let out = self.out.as_deref().map(|path| outputs.target(path)).transpose()?;
+        let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         let bench = read_bench(&self.bench)?;
         let pipeline = Pipeline::new(&bench, &PipelineConfig::default(), None)?;
         let cases = self.cases()?;
         let tasks = self.tasks(&bench, &cases)?;
         let (rows, troubles) = self.work(&bench, &pipeline, &tasks)?;
         for trouble in &troubles {
-            anstream::eprintln!("gearwatch sweep: {trouble}");
+            writeln!(terminal::err(), "gearwatch sweep: {trouble}").context("stderr")?;
         }
         if rows.is_empty() {
             bail!("no window could be measured");
         }
         table::print(&rows)?;
-        if let Some(path) = &self.out {
-            match path.extension().and_then(|end| end.to_str()) {
-                Some("csv") => table::write_csv(path, &rows)?,
-                _ => write_parquet(path, &rows)?,
+        if let Some(target) = out {
+            let text = target.path().extension().is_some_and(|end| end == "csv");
+            let mut file = target.create()?;
+            if text {
+                table::write_csv(&mut file, &rows)?
+            } else {
+                write_parquet(&mut file, &rows)?
             }
+            file.finish()?;
         }
-        if let Some(path) = &self.plot {
-            std::fs::write(path, picture::page(&bench.name, &rows))
-                .with_context(|| format!("{}: cannot be written", path.display()))?;
+        if let Some(target) = plot {
+            target.write(picture::page(&bench.name, &rows))?;
         }
         Ok(if troubles.is_empty() { Exit::Ok } else { Exit::Unknown })
     }

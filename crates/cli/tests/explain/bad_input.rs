@@ -13,7 +13,16 @@ fn refused(folder: &Folder, args: &[&str], wanted: &[&str]) {
         assert!(said.contains(wanted), "{args:?}: {wanted:?} is not in: {said}");
     }
     assert!(!said.contains("panicked") && said.lines().count() < 8, "{args:?}: {said}");
-    assert!(!folder.path("answer").exists(), "{args:?}: an answer was written");
+    if !said.contains("not judged") {
+        assert!(!folder.path("answer").exists(), "{args:?}: an answer was written");
+        return;
+    }
+    // What was read and could not be judged is told in the file too, and nothing else is written.
+    let answer: serde_json::Value = serde_json::from_str(&folder.read("answer/explanation.json")).unwrap();
+    assert_eq!(answer["status"], "not_judged", "{args:?}");
+    assert!(answer["limits"][0].as_str().is_some_and(|why| said.contains(why)), "{args:?}: {answer}");
+    assert_eq!(std::fs::read_dir(folder.path("answer")).unwrap().count(), 1, "{args:?}");
+    std::fs::remove_dir_all(folder.path("answer")).unwrap();
 }
 
 #[test]
@@ -152,4 +161,21 @@ fn conform_contradicting_arguments_are_refused() {
         assert_eq!(done.status.code(), Some(3), "{args:?}: {}", stderr(&done));
         assert!(stderr(&done).contains(wanted), "{args:?}: {}", stderr(&done));
     }
+}
+
+/// Recordings are compared with nothing where the reference holds no numbers: that is not `consistent`.
+#[test]
+fn regress_a_reference_that_cannot_be_judged_gives_no_answer() {
+    let folder = Folder::new();
+    for (name, seed) in [("good.mcap", 1), ("before.mcap", 2)] {
+        folder.simulate("bench.toml", name, (30.0, 80.0), seed, &[]);
+    }
+    folder.changed("before.mcap", "nan.mcap", |mut packet| {
+        if let Packet::Vibration(block) = &mut packet {
+            block.samples = Samples::Physical(vec![f32::NAN; block.samples.len()]);
+        }
+        Some(packet)
+    });
+    let wanted = ["not judged", "none of the 1 recordings of the reference can be judged"];
+    refused(&folder, &["bench.toml", "good.mcap", "--reference", "nan.mcap"], &wanted);
 }

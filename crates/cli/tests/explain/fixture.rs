@@ -83,7 +83,7 @@ impl Folder {
 
     /// `gearwatch explain` with `--out answer`: exit code, what was said, the explanation.
     pub fn explain(&self, args: &[&str]) -> Answer {
-        let done = self.run(&[&["explain"], args, &["--out", "answer"]].concat());
+        let done = self.run(&[&["explain"], args, &["--out", "answer", "--force"]].concat());
         let said = format!("{}{}", stdout(&done), stderr(&done));
         assert!(matches!(done.status.code(), Some(0 | 1)), "{args:?}: {:?}\n{said}", done.status.code());
         let json = serde_json::from_str(&self.read("answer/explanation.json")).unwrap();

@@ -117,7 +117,7 @@ impl Bench {
         let pipeline = Arc::new(Pipeline::new(&context.bench, &settings, None).unwrap());
         let source = &config.benches[0].sources[0];
         let baseline = learn(source, &context, &pipeline, settings.window.length_s, 1).unwrap();
-        gearwatch_io::baseline_file::write(&baseline, &path).unwrap();
+        std::fs::write(&path, gearwatch_io::baseline_file::to_text(&baseline, &path).unwrap()).unwrap();
         path
     }
 }

@@ -10,4 +10,5 @@ mod hardening;
 mod help;
 mod identity;
 mod operation;
+mod own_log;
 mod signals;

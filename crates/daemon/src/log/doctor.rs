@@ -5,6 +5,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use gearwatch_io::output::{OutputError, Target};
+
 use super::content::{Part, visit};
 use super::disk::is_locked;
 use super::examine::{Damage, Ending, Rules, examine};
@@ -141,7 +143,7 @@ fn cause_name(cause: Cause) -> String {
 /// Why a file cannot be recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum RecoverError {
-    /// The file cannot be read, or the new one cannot be written.
+    /// The file cannot be read.
     #[error("{path}: {error}", path = path.display())]
     File {
         /// Which.
@@ -149,6 +151,9 @@ pub enum RecoverError {
         /// Why.
         error: io::Error,
     },
+    /// The new one cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// There is nothing in it that could be recovered.
     #[error("{path}: no MCAP record could be found in it", path = path.display())]
     Nothing {
@@ -160,8 +165,8 @@ pub enum RecoverError {
 /// Writes what is good of a file to a new one, and makes that durable. The file itself is not touched.
 ///
 /// # Errors
-/// When the file cannot be read, nothing is in it, or the output exists or cannot be written.
-pub fn recover_file(input: &Path, output: &Path) -> Result<Salvaged, RecoverError> {
+/// When the file cannot be read, nothing is in it, or the output cannot be written.
+pub fn recover_file(input: &Path, output: Target) -> Result<Salvaged, RecoverError> {
     let failed = |path: &Path| {
         let path = path.to_owned();
         move |error| RecoverError::File { path, error }
@@ -171,7 +176,6 @@ pub fn recover_file(input: &Path, output: &Path) -> Result<Salvaged, RecoverErro
     if salvaged.messages == 0 && !salvaged.has_header {
         return Err(RecoverError::Nothing { path: input.to_owned() });
     }
-    let mut file = fs::OpenOptions::new().write(true).create_new(true).open(output).map_err(failed(output))?;
-    io::Write::write_all(&mut file, &salvaged.bytes).and_then(|()| file.sync_all()).map_err(failed(output))?;
+    output.write(&salvaged.bytes)?;
     Ok(salvaged)
 }

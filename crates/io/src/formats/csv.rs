@@ -7,7 +7,7 @@ use gearwatch_core::source::Source;
 
 use crate::blocks::{RowBlocks, time_of};
 use crate::columns::{self, Column};
-use crate::open::{Bytes, OpenOptions, Reader};
+use crate::open::{Bytes, Input, OpenOptions, Reader};
 use crate::problem::Problem;
 use crate::timing::{self, ESTIMATE_FROM, Grid, LOOK_AHEAD};
 
@@ -42,8 +42,8 @@ impl Format for Csv {
         false
     }
 
-    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        Ok(Box::new(CsvSource::new(bytes, options)?))
+    fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        Ok(Box::new(CsvSource::new(input.bytes, options)?))
     }
 }
 
@@ -85,6 +85,7 @@ impl CsvSource {
             .zip(&dialect.units)
             .map(|(name, unit)| Column { name: name.clone(), unit: unit.clone(), ..Column::default() })
             .collect();
+        columns::check_count(&columns)?;
         let clock = match &options.time_column {
             Some(wanted) => Some(columns::find(&columns, wanted)?),
             None => dialect.time_column(),

@@ -1,13 +1,16 @@
 //! MATLAB files: which arrays are channels, and where their sample rate stands.
 
+use std::collections::HashMap;
+use std::fs::File;
 use std::io::Read;
 
 use gearwatch_core::block::Samples;
 
 use crate::blocks::{Whole, WholeSource};
+use crate::budget::{Budget, Notes};
 use crate::columns::{self, Column};
 use crate::mat::{Numbers, Parsed, Variable, v5};
-use crate::open::{Bytes, OpenOptions, Reader, read_all};
+use crate::open::{Bytes, Input, OpenOptions, Progress, Reader};
 use crate::problem::Problem;
 use crate::timing;
 
@@ -21,6 +24,8 @@ const HDF5: [u8; 8] = [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1A, b'\n'];
 const SAME_RATE: f64 = 1e-4;
 /// Arrays below this length are parameters, not recordings.
 const SHORTEST: usize = 64;
+/// Bytes from which the version is known.
+const HEAD: u64 = 1024;
 /// Names under which files store their sample rate, in lower case.
 const RATE_NAMES: [&str; 15] = [
     "sampfreq",
@@ -59,22 +64,17 @@ impl Format for Mat {
         head.starts_with(b"MATLAB 5.0") || is_hdf5(head)
     }
 
-    fn open(&self, mut bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        let mut head = vec![0; 1024];
-        let mut got = 0;
-        while got < head.len() {
-            match bytes.read(&mut head[got..])? {
-                0 => break,
-                n => got += n,
-            }
-        }
-        head.truncate(got);
+    fn open(&self, mut input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let mut budget = input.budget();
+        let mut head = Vec::with_capacity(HEAD as usize);
+        (&mut input.bytes).take(HEAD).read_to_end(&mut head)?;
         let hdf5 = is_hdf5(&head);
-        let all = read_all(Box::new(std::io::Cursor::new(head).chain(bytes)))?;
+        let version_5 = head.starts_with(b"MATLAB 5.0");
+        let bytes = std::io::Cursor::new(head).chain(input.bytes);
         let parsed = if hdf5 {
-            parse_hdf5(all)?
-        } else if all.starts_with(b"MATLAB 5.0") {
-            v5::parse(&all, v5::MOST_BYTES)?
+            parse_hdf5(input.file, Box::new(bytes), &input.progress, &mut budget)?
+        } else if version_5 {
+            v5::parse(bytes, &mut budget)?
         } else {
             return Err(Problem::unsupported(
                 "a MATLAB file of version 4, or none at all,",
@@ -86,12 +86,16 @@ impl Format for Mat {
 }
 
 #[cfg(feature = "hdf5")]
-fn parse_hdf5(all: Vec<u8>) -> Result<Parsed, Problem> {
-    crate::mat::v73::parse(all)
+fn parse_hdf5(file: Option<File>, bytes: Bytes, progress: &Progress, budget: &mut Budget) -> Result<Parsed, Problem> {
+    use crate::mat::v73;
+    let Some(file) = file else { return v73::parse(v73::of_stream(bytes)?, budget) };
+    // It is read to and fro, and each byte of it may be asked for.
+    progress.add(file.metadata()?.len());
+    v73::parse(v73::of_file(file)?, budget)
 }
 
 #[cfg(not(feature = "hdf5"))]
-fn parse_hdf5(_: Vec<u8>) -> Result<Parsed, Problem> {
+fn parse_hdf5(_: Option<File>, _: Bytes, _: &Progress, _: &mut Budget) -> Result<Parsed, Problem> {
     Err(Problem::unsupported(
         "HDF5, which MATLAB writes as version 7.3,",
         "this build has left it out; it needs the cargo feature \"hdf5\" (\"full\" has them all). Or save it with save(name, '-v7')",
@@ -111,7 +115,8 @@ struct Part<'a> {
 }
 
 fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Problem> {
-    let Parsed { variables, mut warnings } = parsed;
+    let Parsed { variables, warnings } = parsed;
+    let mut notes = Notes::from(warnings);
     let time = match &options.time_column {
         None => None,
         Some(wanted) => Some(variables.iter().find(|v| v.path == *wanted).ok_or_else(|| {
@@ -121,6 +126,7 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
             )
         })?),
     };
+    let rates = Rates::new(time, &variables)?;
     let mut parts = Vec::new();
     let mut described = Vec::new();
     for variable in variables.iter().filter(|v| time.is_none_or(|t| t.path != v.path)) {
@@ -130,7 +136,7 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
             if along_rows { (variable.rows, variable.columns) } else { (variable.columns, variable.rows) };
         if length < SHORTEST || (!along_rows && many > 1) || many > 1024 {
             if length >= SHORTEST {
-                warnings.push(format!(
+                notes.push(format_args!(
                     "{} has {} rows and {} columns; a channel in each column is read, so it was passed over",
                     variable.path, variable.rows, variable.columns
                 ));
@@ -139,13 +145,14 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
         }
         for i in 0..many {
             let name = if many == 1 { variable.path.clone() } else { format!("{}({})", variable.path, i + 1) };
-            let (rate, source) = rate(variable, time, &variables, length)?;
+            let (rate, source) = rates.of(variable, length)?;
             if let Some(source) = source.filter(|_| options.sample_rate_hz.is_none()) {
-                warnings.push(format!("{name}: its sample rate is taken from {source}"));
+                notes.push(format_args!("{name}: its sample rate is taken from {source}"));
             }
             described.push(Column { name, sample_rate_hz: rate, ..Column::default() });
             parts.push(Part { variable, from: i * length, length });
         }
+        columns::check_count(&described)?;
     }
     if parts.is_empty() {
         return Err(Problem::Empty(format!(
@@ -153,6 +160,7 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
             names(&variables)
         )));
     }
+    let mut warnings = notes.finish();
     let sensors = columns::choose(&described, 0..described.len(), options, &mut warnings)?;
     let whole =
         sensors.into_iter().map(|sensor| Whole { samples: samples(&parts[sensor.column], sensor.scale), sensor });
@@ -173,38 +181,51 @@ fn stated_rate(variable: &Variable) -> Option<f64> {
     (rate.is_finite() && rate > 0.0).then_some(rate)
 }
 
-/// The sample rate of an array and where it was found: an array of times, or a number in the same struct, else at the top, else anywhere, such as
-/// in a head of its own, where all that are there agree.
-fn rate(
-    variable: &Variable,
-    time: Option<&Variable>,
-    all: &[Variable],
-    length: usize,
-) -> Result<(Option<f64>, Option<String>), Problem> {
-    if let Some(time) = time {
-        if time.numbers.len() != length {
-            return Err(Problem::option(
-                format_args!("--time-column {:?}", time.path),
-                format_args!("it has {} values, and {} has {length}", time.numbers.len(), variable.path),
-            ));
+/// Where the sample rate of arrays is known from: an array of times, or a number in the same struct, else at the top, else anywhere, such as in a
+/// head of its own, where all that are there agree.
+struct Rates<'a> {
+    /// The array of times, and the rate that follows from it.
+    time: Option<(&'a Variable, f64)>,
+    /// Rate and name of the first number by the struct that it lies in.
+    by_struct: HashMap<&'a str, (f64, &'a str)>,
+    /// The first of all, where all agree.
+    anywhere: Option<(f64, &'a str)>,
+}
+
+impl<'a> Rates<'a> {
+    fn new(time: Option<&'a Variable>, all: &'a [Variable]) -> Result<Self, Problem> {
+        let period = |time: &'a Variable| {
+            let stamps: Vec<f64> = (0..time.numbers.len()).filter_map(|i| time.numbers.get(i)).collect();
+            let wrong =
+                |e| Problem::option(format_args!("--time-column {:?}", time.path), format_args!("expected {e}"));
+            timing::period_s(&stamps).map_err(wrong).map(|period| (time, 1.0 / period))
+        };
+        let mut by_struct = HashMap::new();
+        let mut anywhere: Option<(f64, &'a str)> = None;
+        let mut agree = true;
+        for (rate, path) in all.iter().filter_map(|v| Some((stated_rate(v)?, v.path.as_str()))) {
+            by_struct.entry(path.rsplit_once('.').map_or("", |(place, _)| place)).or_insert((rate, path));
+            let first = *anywhere.get_or_insert((rate, path));
+            agree &= (rate / first.0 - 1.0).abs() < SAME_RATE;
         }
-        let stamps: Vec<f64> = (0..length).filter_map(|i| time.numbers.get(i)).collect();
-        let period = timing::period_s(&stamps).map_err(|e| {
-            Problem::option(format_args!("--time-column {:?}", time.path), format_args!("expected {e}"))
-        })?;
-        return Ok((Some(1.0 / period), None));
+        Ok(Self { time: time.map(period).transpose()?, by_struct, anywhere: anywhere.filter(|_| agree) })
     }
-    let group = variable.path.rsplit_once('.').map_or("", |(group, _)| group);
-    let stated = || all.iter().filter_map(|v| Some((stated_rate(v)?, v.path.as_str())));
-    let place = |path: &str| path.rsplit_once('.').map_or(String::new(), |(place, _)| place.to_owned());
-    let here =
-        stated().find(|(_, path)| place(path) == group).or_else(|| stated().find(|(_, path)| place(path).is_empty()));
-    let anywhere = || {
-        let first = stated().next()?;
-        stated().all(|(rate, _)| (rate / first.0 - 1.0).abs() < SAME_RATE).then_some(first)
-    };
-    let found = here.or_else(anywhere);
-    Ok(found.map_or((None, None), |(rate, path)| (Some(rate), Some(path.to_owned()))))
+
+    /// Of an array of this length, and the name of the number that says it.
+    fn of(&self, variable: &Variable, length: usize) -> Result<(Option<f64>, Option<&'a str>), Problem> {
+        if let Some((time, rate)) = self.time {
+            if time.numbers.len() != length {
+                return Err(Problem::option(
+                    format_args!("--time-column {:?}", time.path),
+                    format_args!("it has {} values, and {} has {length}", time.numbers.len(), variable.path),
+                ));
+            }
+            return Ok((Some(rate), None));
+        }
+        let group = variable.path.rsplit_once('.').map_or("", |(group, _)| group);
+        let here = self.by_struct.get(group).or_else(|| self.by_struct.get("")).copied();
+        Ok(here.or(self.anywhere).map_or((None, None), |(rate, path)| (Some(rate), Some(path))))
+    }
 }
 
 fn names(variables: &[Variable]) -> String {

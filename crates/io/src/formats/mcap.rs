@@ -6,8 +6,9 @@ use gearwatch_core::block::{Packet, Samples};
 use gearwatch_core::source::Source;
 
 use crate::mcap::McapSource;
+use crate::mcap::source::Contents;
 use crate::mcap::walk::{Limits, MAGIC};
-use crate::open::{Bytes, OpenOptions, Reader};
+use crate::open::{Bytes, Input, OpenOptions, Reader};
 use crate::problem::Problem;
 use crate::units;
 
@@ -33,8 +34,8 @@ impl Format for Mcap {
         head.starts_with(&MAGIC)
     }
 
-    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        let source = McapSource::new(bytes, Limits::default()).with_sample_rate(options.sample_rate_hz);
+    fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let source = McapSource::new(input.bytes, Limits::default()).with_sample_rate(options.sample_rate_hz);
         Ok(Box::new(Chosen {
             source,
             options: options.clone(),
@@ -134,5 +135,9 @@ impl Reader for Chosen {
                 .push(format!("{sensor}: the sample rate of the options stands in place of the {rate} Hz in the file"));
         }
         warnings
+    }
+
+    fn contents(&self) -> Option<Contents> {
+        Some(self.source.contents())
     }
 }

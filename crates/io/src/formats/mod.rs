@@ -1,6 +1,6 @@
 //! The table of recording formats: one file a format, one line here.
 
-use crate::open::{Bytes, OpenOptions, Reader};
+use crate::open::{Input, OpenOptions, Reader};
 use crate::problem::Problem;
 
 mod csv;
@@ -28,7 +28,7 @@ pub trait Format: Sync {
     ///
     /// # Errors
     /// When the file is damaged, holds nothing that can be read, or needs options that were not given.
-    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem>;
+    fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem>;
 }
 
 /// All formats, in the order in which they are tried.

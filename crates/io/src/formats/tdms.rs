@@ -4,7 +4,7 @@ use gearwatch_core::block::Samples;
 
 use crate::blocks::{Whole, WholeSource};
 use crate::columns::{self, Column};
-use crate::open::{Bytes, OpenOptions, Reader, read_all};
+use crate::open::{Input, OpenOptions, Reader};
 use crate::problem::Problem;
 use crate::tdms::{self, Values};
 
@@ -30,8 +30,9 @@ impl Format for Tdms {
         head.starts_with(b"TDSm")
     }
 
-    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        let tdms::Parsed { channels, mut warnings } = tdms::parse(&read_all(bytes)?)?;
+    fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let mut budget = input.budget();
+        let tdms::Parsed { channels, mut warnings } = tdms::parse(input.bytes, &mut budget)?;
         if channels.is_empty() {
             return Err(Problem::Empty(match warnings.is_empty() {
                 true => "no channel of this TDMS file has values".to_owned(),

@@ -4,7 +4,7 @@ use gearwatch_core::block::Samples;
 
 use crate::blocks::{Whole, WholeSource};
 use crate::columns::{self, Column};
-use crate::open::{Bytes, OpenOptions, Reader, read_all};
+use crate::open::{Input, OpenOptions, Reader};
 use crate::problem::Problem;
 use crate::uff::{self, Dataset};
 
@@ -34,8 +34,9 @@ impl Format for Uff {
         lines.next().is_some_and(|line| line.trim() == "-1") && lines.next().is_some_and(number)
     }
 
-    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        let uff::Parsed { datasets, mut warnings } = uff::parse(&read_all(bytes)?)?;
+    fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        let mut budget = input.budget();
+        let uff::Parsed { datasets, mut warnings } = uff::parse(input.bytes, &mut budget)?;
         if datasets.is_empty() {
             let why = if warnings.is_empty() { "there is no dataset 58".to_owned() } else { warnings.join("; ") };
             return Err(Problem::Empty(why));

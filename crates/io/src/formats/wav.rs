@@ -8,7 +8,7 @@ use gearwatch_core::source::Source;
 
 use crate::blocks::{block_length, quality_of, time_of};
 use crate::columns::{self, Column, Sensor};
-use crate::open::{Bytes, OpenOptions, Reader};
+use crate::open::{Bytes, Input, OpenOptions, Reader};
 use crate::problem::Problem;
 
 use super::Format;
@@ -34,8 +34,8 @@ impl Format for Wav {
         head.get(8..12) == Some(b"WAVE") && [&b"RIFF"[..], b"RF64", b"BW64"].iter().any(|known| kind == Some(known))
     }
 
-    fn open(&self, bytes: Bytes, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
-        Ok(Box::new(WavSource::new(bytes, options)?))
+    fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+        Ok(Box::new(WavSource::new(input.bytes, options)?))
     }
 }
 

@@ -1,5 +1,11 @@
 //! MATLAB files: version 5 (to 7) by a reader of its own, version 7.3 as HDF5.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use crate::budget::{Budget, Notes};
+use crate::problem::Problem;
+
 pub mod v5;
 #[cfg(feature = "hdf5")]
 pub mod v73;
@@ -63,15 +69,73 @@ const DEEPEST: usize = 32;
 /// Arrays in a file, empty ones and fields of structs counted.
 const MOST_ARRAYS: usize = 100_000;
 
-impl Parsed {
+/// Characters of a variable's name with the structs that it lies in; MATLAB allows 63 for each.
+const LONGEST_PATH: usize = 1024;
+/// Bytes of all names together.
+const MOST_NAME_BYTES: usize = 16 << 20;
+
+/// Collects the arrays of a file, within what the file may ask for.
+struct Collected<'a> {
+    variables: Vec<Variable>,
+    by_path: HashMap<String, usize>,
+    name_bytes: usize,
+    arrays: usize,
+    notes: Notes,
+    budget: &'a mut Budget,
+}
+
+impl<'a> Collected<'a> {
+    fn new(budget: &'a mut Budget) -> Self {
+        Self {
+            variables: Vec::new(),
+            by_path: HashMap::new(),
+            name_bytes: 0,
+            arrays: 0,
+            notes: Notes::default(),
+            budget,
+        }
+    }
+
+    /// Counts an array with its name.
+    fn count(&mut self, path: &str, depth: usize, place: &dyn Fn() -> String) -> Result<(), Problem> {
+        self.arrays += 1;
+        if self.arrays > MOST_ARRAYS || depth > DEEPEST {
+            return Err(Problem::limit(
+                place(),
+                "the number or nesting of arrays",
+                format_args!("{MOST_ARRAYS} arrays, {DEEPEST} levels"),
+            ));
+        }
+        self.check_name(path, place)
+    }
+
+    fn check_name(&mut self, path: &str, place: &dyn Fn() -> String) -> Result<(), Problem> {
+        self.name_bytes += path.len();
+        if path.len() > LONGEST_PATH || self.name_bytes > MOST_NAME_BYTES {
+            return Err(Problem::limit(
+                place(),
+                "the length of names",
+                format_args!("{LONGEST_PATH} bytes a name, {} MiB together", MOST_NAME_BYTES >> 20),
+            ));
+        }
+        Ok(())
+    }
+
     /// Adds a variable. MATLAB itself keeps the last of two with one name.
     fn add(&mut self, variable: Variable) {
-        match self.variables.iter_mut().find(|v| v.path == variable.path) {
-            Some(before) => {
-                self.warnings.push(format!("{} is there twice; the last one counts", variable.path));
-                *before = variable;
+        match self.by_path.entry(variable.path.clone()) {
+            Entry::Occupied(before) => {
+                self.notes.push(format_args!("{} is there twice; the last one counts", variable.path));
+                self.variables[*before.get()] = variable;
             }
-            None => self.variables.push(variable),
+            Entry::Vacant(new) => {
+                new.insert(self.variables.len());
+                self.variables.push(variable);
+            }
         }
+    }
+
+    fn finish(self) -> Parsed {
+        Parsed { variables: self.variables, warnings: self.notes.finish() }
     }
 }

@@ -1,14 +1,83 @@
 //! MAT-file 7.3, which is HDF5, and plain HDF5 with numeric datasets.
 
+use std::io::{Cursor, Read};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use hdf5_pure::{DType, Dataset, File, Group};
+use hdf5_pure::{DType, Dataset, File, FormatError, Group, ReadSeekSource, Source};
 
-use super::{DEEPEST, MOST_ARRAYS, Numbers, Parsed, Variable};
+use super::{Collected, Numbers, Parsed, Variable};
+use crate::budget::{Budget, KEPT_BYTES, KEPT_PER_BYTE};
 use crate::problem::Problem;
 
-/// Values of all datasets together.
-const MOST_VALUES: u64 = 1 << 28;
+/// Bytes of the structure that are read, beyond [`STRUCTURE_PER_BYTE`] for each byte of the file: groups can be linked to
+/// each other so that a small file has more paths than can be walked.
+const STRUCTURE_BYTES: u64 = 16 << 20;
+/// See [`STRUCTURE_BYTES`].
+const STRUCTURE_PER_BYTE: u64 = 8;
+/// Chunks of a dataset.
+const MOST_CHUNKS: usize = 1 << 20;
+/// Largest HDF5 file that comes packed or through a pipe: it is held in memory, because its parts lie anywhere.
+const LARGEST_UNSEEKABLE: u64 = 128 << 20;
+
+/// The bytes of an HDF5 file, which are read to and fro.
+pub trait Bytes: Source + Send + Sync + 'static {}
+
+impl<S: Source + Send + Sync + 'static> Bytes for S {}
+
+/// A file.
+///
+/// # Errors
+/// When its size is not known.
+pub fn of_file(file: std::fs::File) -> Result<impl Bytes, Problem> {
+    ReadSeekSource::new(file).map_err(|e| Problem::damaged("the HDF5 file", "a readable file", e))
+}
+
+/// Bytes that come from the front only, which are held in memory.
+///
+/// # Errors
+/// When there are too many.
+pub fn of_stream(bytes: impl Read) -> Result<impl Bytes, Problem> {
+    let mut all = Vec::new();
+    bytes.take(LARGEST_UNSEEKABLE + 1).read_to_end(&mut all)?;
+    if all.len() as u64 > LARGEST_UNSEEKABLE {
+        let limit = LARGEST_UNSEEKABLE >> 20;
+        return Err(Problem::limit(
+            "the file",
+            "the size of HDF5 that is packed or comes through a pipe",
+            format_args!("{limit} MiB; unpack it to a file"),
+        ));
+    }
+    ReadSeekSource::new(Cursor::new(all)).map_err(|e| Problem::damaged("the HDF5 file", "readable bytes", e))
+}
+
+/// Counts what is read of the structure, and refuses more than the size of the file can stand for.
+struct Bounded<S> {
+    inner: S,
+    structure: Arc<AtomicU64>,
+    most: u64,
+}
+
+impl<S: Source> Source for Bounded<S> {
+    fn len(&self) -> u64 {
+        self.inner.len()
+    }
+
+    fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), FormatError> {
+        self.inner.read_at(offset, buffer)
+    }
+
+    fn read_metadata_at(&self, offset: u64, length: usize) -> Result<Vec<u8>, FormatError> {
+        let read = self.structure.fetch_add(length as u64 + 64, Ordering::Relaxed);
+        if read > self.most {
+            return Err(FormatError::Source(TOO_MUCH_STRUCTURE.into()));
+        }
+        self.inner.read_metadata_at(offset, length)
+    }
+}
+
+const TOO_MUCH_STRUCTURE: &str = "structure beyond the limit";
 
 /// Reads all numeric datasets.
 ///
@@ -16,48 +85,55 @@ const MOST_VALUES: u64 = 1 << 28;
 ///
 /// # Errors
 /// When the bytes are no HDF5, are damaged, or ask for more than the limits.
-pub fn parse(bytes: Vec<u8>) -> Result<Parsed, Problem> {
-    catch_unwind(AssertUnwindSafe(|| read(bytes)))
+pub fn parse(bytes: impl Bytes, budget: &mut Budget) -> Result<Parsed, Problem> {
+    catch_unwind(AssertUnwindSafe(|| read(bytes, budget)))
         .unwrap_or_else(|_| Err(Problem::damaged("the HDF5 structure", "a readable file", "a contradiction")))
 }
 
-fn read(bytes: Vec<u8>) -> Result<Parsed, Problem> {
-    let file = File::from_bytes(bytes).map_err(|e| damaged("the HDF5 header", e))?;
-    let mut walk = Walk { out: Parsed::default(), arrays: 0, values: 0 };
-    walk.group(&file.root(), "", 0)?;
-    Ok(walk.out)
+fn read(bytes: impl Bytes, budget: &mut Budget) -> Result<Parsed, Problem> {
+    let size = bytes.len();
+    let most = STRUCTURE_BYTES.saturating_add(STRUCTURE_PER_BYTE.saturating_mul(size));
+    let structure = Arc::new(AtomicU64::new(0));
+    let bounded = Bounded { inner: bytes, structure: structure.clone(), most };
+    let walked = File::from_source(bounded).map_err(|e| damaged("the HDF5 header", e)).and_then(|file| {
+        let mut walk = Walk { out: Collected::new(budget), size };
+        walk.group(&file.root(), "", 0)?;
+        Ok(walk.out.finish())
+    });
+    // The library tells errors of its source in words of its own.
+    if structure.load(Ordering::Relaxed) > most {
+        return Err(Problem::limit(
+            "the HDF5 structure",
+            "the work to walk its groups",
+            format_args!("{} MiB and {STRUCTURE_PER_BYTE} bytes read for each byte of the file", STRUCTURE_BYTES >> 20),
+        ));
+    }
+    walked
 }
 
 fn damaged(place: &str, error: hdf5_pure::Error) -> Problem {
     Problem::damaged(place, "HDF5", error)
 }
 
-struct Walk {
-    out: Parsed,
-    arrays: usize,
-    values: u64,
+struct Walk<'a> {
+    out: Collected<'a>,
+    size: u64,
 }
 
-impl Walk {
+impl Walk<'_> {
     fn group(&mut self, group: &Group, path: &str, depth: usize) -> Result<(), Problem> {
         let place = format!("the group /{path}");
-        if depth > DEEPEST {
-            return Err(Problem::limit(place, "the nesting of groups", DEEPEST));
-        }
-        for name in group.datasets().map_err(|e| damaged(&place, e))? {
-            // What MATLAB hides from the user.
-            if name.starts_with('#') {
-                continue;
+        self.out.count(path, depth, &|| place.clone())?;
+        // What begins with # MATLAB hides from the user.
+        for (name, dataset) in group.iter_datasets().map_err(|e| damaged(&place, e))? {
+            if !name.starts_with('#') {
+                self.dataset(&dataset, join(path, &name))?;
             }
-            let dataset = group.dataset(&name).map_err(|e| damaged(&place, e))?;
-            self.dataset(&dataset, join(path, &name))?;
         }
-        for name in group.groups().map_err(|e| damaged(&place, e))? {
-            if name.starts_with('#') {
-                continue;
+        for (name, inner) in group.iter_groups().map_err(|e| damaged(&place, e))? {
+            if !name.starts_with('#') {
+                self.group(&inner, &join(path, &name), depth + 1)?;
             }
-            let inner = group.group(&name).map_err(|e| damaged(&place, e))?;
-            self.group(&inner, &join(path, &name), depth + 1)?;
         }
         Ok(())
     }
@@ -66,15 +142,9 @@ impl Walk {
         let place = format!("the dataset {path}");
         let shape = dataset.shape().map_err(|e| damaged(&place, e))?;
         let count = shape.iter().try_fold(1_u64, |n, &d| n.checked_mul(d));
-        self.arrays += 1;
-        self.values = count.map_or(u64::MAX, |count| self.values.saturating_add(count));
-        if self.values > MOST_VALUES || self.arrays > MOST_ARRAYS {
-            return Err(Problem::limit(
-                place,
-                "the number of values or datasets",
-                format_args!("{MOST_VALUES} values, {MOST_ARRAYS} datasets"),
-            ));
-        }
+        self.out.count(&path, 0, &|| place.clone())?;
+        self.out.budget.keep(count.and_then(|count| count.checked_mul(8)).unwrap_or(u64::MAX), &place)?;
+        self.check_chunks(dataset, &shape, &place)?;
         let read = |e| damaged(&place, e);
         let integer = |values: Vec<i32>| Numbers::Integer(values);
         let numbers = match dataset.dtype().map_err(read)? {
@@ -91,7 +161,7 @@ impl Walk {
                 integer(dataset.read_i32().map_err(read)?)
             }
             other => {
-                self.out.warnings.push(format!("{path} holds {other:?}, which is not read"));
+                self.out.notes.push(format_args!("{path} holds {other:?}, which is not read"));
                 return Ok(());
             }
         };
@@ -102,6 +172,25 @@ impl Walk {
         let rows = shape.last().map_or(1, |&rows| usize::try_from(rows).unwrap_or(usize::MAX));
         let columns = numbers.len() / rows.max(1);
         self.out.add(Variable { path, rows, columns, numbers });
+        Ok(())
+    }
+}
+
+impl Walk<'_> {
+    /// The library makes a table of all chunks that the shape asks for.
+    fn check_chunks(&self, dataset: &Dataset, shape: &[u64], place: &str) -> Result<(), Problem> {
+        let Some(chunk) = dataset.chunk_shape().map_err(|e| damaged(place, e))? else { return Ok(()) };
+        let cells = shape.iter().zip(&chunk).try_fold(1_u64, |n, (&d, &c)| n.checked_mul(d.div_ceil(c.max(1))));
+        let bytes = chunk.iter().try_fold(8_u64, |n, &c| n.checked_mul(c));
+        // One chunk is unpacked at a time.
+        let largest = KEPT_BYTES.saturating_add(KEPT_PER_BYTE.saturating_mul(self.size));
+        if cells.is_none_or(|cells| cells > MOST_CHUNKS as u64) || bytes.is_none_or(|bytes| bytes > largest) {
+            return Err(Problem::limit(
+                place,
+                "the number or size of its chunks",
+                format_args!("{MOST_CHUNKS} chunks, {} MiB each", largest >> 20),
+            ));
+        }
         Ok(())
     }
 }

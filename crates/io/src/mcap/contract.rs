@@ -8,6 +8,8 @@ use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, Fi
 
 /// Profile in the header of a recording.
 pub const PROFILE: &str = "gearwatch";
+/// Library in the header of a log of the service begins so.
+pub const LOG_LIBRARY: &str = "gearwatch-log ";
 /// Message and schema encoding.
 pub const PROTOBUF: &str = "protobuf";
 /// Schema of `/vib/<sensor>`.

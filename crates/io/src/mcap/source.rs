@@ -8,12 +8,14 @@ use std::sync::Arc;
 use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock, UnixNanos};
 use gearwatch_core::source::Source;
 use prost::Message;
+use serde::Serialize;
 
 use super::contract;
 use super::definitions::Channel;
 use super::foreign::imu::Imu;
 use super::foreign::raw_audio::{self, RawAudio};
-use super::walk::{Limits, Walk};
+use super::walk::{Limits, Topic, Walk};
+use crate::columns::readable;
 use crate::problem::Problem;
 
 /// How messages of a channel become packets.
@@ -39,6 +41,26 @@ pub struct McapSource<R> {
     done: bool,
 }
 
+/// What an MCAP file holds besides the packets that are read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Contents {
+    /// Library in the header.
+    pub written_by: String,
+    /// In the order of their names.
+    pub topics: Vec<Topic>,
+    /// Time of the earliest message (ns since the epoch).
+    pub first_ns: Option<u64>,
+    /// Time of the latest message (ns since the epoch).
+    pub last_ns: Option<u64>,
+}
+
+impl Contents {
+    /// A log of the service, which may hold no vibration data.
+    pub fn is_log(&self) -> bool {
+        self.written_by.starts_with(contract::LOG_LIBRARY)
+    }
+}
+
 impl<R: Read> McapSource<R> {
     /// A source over the bytes of a file from its beginning.
     pub fn new(input: R, limits: Limits) -> Self {
@@ -57,6 +79,13 @@ impl<R: Read> McapSource<R> {
     pub fn with_sample_rate(mut self, sample_rate_hz: Option<f64>) -> Self {
         self.sample_rate_hz = sample_rate_hz;
         self
+    }
+
+    /// Who wrote the file, its topics and times; complete after the last packet.
+    pub fn contents(&self) -> Contents {
+        let (first_ns, last_ns) = self.walk.times().map_or((None, None), |(first, last)| (Some(first), Some(last)));
+        let written_by = self.walk.header().map_or(String::new(), |(_, library)| library.to_owned());
+        Contents { written_by, topics: self.walk.topics(), first_ns, last_ns }
     }
 
     /// Sentences on what is unusual; complete after the last packet.
@@ -87,7 +116,7 @@ impl<R: Read> McapSource<R> {
                     let unit = match self.units.get(block.unit.as_str()) {
                         Some(unit) => unit.clone(),
                         None => {
-                            let unit: Arc<str> = block.unit.as_str().into();
+                            let unit = readable(&block.unit, format_args!("the message at byte {}", message.offset))?;
                             // Real recordings have a handful; a file with a new unit in every message gets no table.
                             if self.units.len() < 256 {
                                 self.units.insert(block.unit.as_str().into(), unit.clone());
@@ -157,6 +186,12 @@ impl<R: Read> McapSource<R> {
             let cut: String = self.walk.warnings().iter().map(|warning| format!("; {warning}")).collect();
             return Problem::Empty(format!("this MCAP recording{by} has no message at all{cut}"));
         }
+        if self.contents().is_log() {
+            return Problem::Empty(
+                "this log of the service keeps no raw data; `raw = { keep = … }` of its sink keeps them (docs/log.md)"
+                    .into(),
+            );
+        }
         let topics: Vec<String> = self
             .walk
             .channels()
@@ -190,12 +225,13 @@ fn kind_of(channel: &Channel, sample_rate_hz: Option<f64>) -> Result<Kind, Probl
         return Ok(Kind::Imu(Box::new(imu)));
     }
     let schema = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
-    let name = |prefix: &str| -> Arc<str> {
-        channel.topic.strip_prefix(prefix).unwrap_or(channel.topic.trim_start_matches('/')).into()
+    let name = |prefix: &str| {
+        let name = channel.topic.strip_prefix(prefix).unwrap_or(channel.topic.trim_start_matches('/'));
+        readable(name, format_args!("channel {}", channel.id))
     };
     Ok(match (channel.encoding.as_str(), schema) {
-        (contract::PROTOBUF, contract::VIBRATION_SCHEMA) => Kind::Vibration(name(contract::VIBRATION_PREFIX)),
-        (contract::PROTOBUF, contract::TACHO_SCHEMA) => Kind::Tacho(name(contract::TACHO_PREFIX)),
+        (contract::PROTOBUF, contract::VIBRATION_SCHEMA) => Kind::Vibration(name(contract::VIBRATION_PREFIX)?),
+        (contract::PROTOBUF, contract::TACHO_SCHEMA) => Kind::Tacho(name(contract::TACHO_PREFIX)?),
         (contract::PROTOBUF, contract::OPERATING_POINT_SCHEMA) => Kind::OperatingPoint,
         (contract::PROTOBUF, raw_audio::SCHEMA) => Kind::Audio(RawAudio::new(&channel.topic)),
         _ => Kind::Other,

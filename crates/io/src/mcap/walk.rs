@@ -7,9 +7,15 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::sync::Arc;
 
+use serde::Serialize;
+
 use super::bytes::{Body, Input, u64_le};
 use super::definitions::{Channel, Definitions};
+use crate::budget::{UNPACKED_CHUNK_BYTES, check_unpacked};
 use crate::problem::Problem;
+
+/// Bytes of the largest chunk or record, stored or decompressed: what is written stays below it, and what is read is refused above it.
+pub const LARGEST_RECORD: usize = 64 << 20;
 
 /// First and last bytes of a file.
 pub const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
@@ -27,8 +33,19 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { record_bytes: 64 << 20, definition_bytes: 64 << 20, messages: 1_000_000 }
+        Self { record_bytes: LARGEST_RECORD, definition_bytes: 64 << 20, messages: 1_000_000 }
     }
+}
+
+/// A topic of a file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Topic {
+    /// Its name.
+    pub topic: String,
+    /// Name of the message type; empty where there is none.
+    pub schema: String,
+    /// Messages met so far.
+    pub messages: u64,
 }
 
 /// One message.
@@ -84,6 +101,10 @@ pub struct Walk<R> {
     statistics: Option<(u64, BTreeMap<u16, u64>)>,
     chunks: u64,
     unchecked_chunks: u64,
+    /// Bytes of all chunks so far, decompressed.
+    unpacked: u64,
+    /// Earliest and latest time of a message.
+    times: Option<(u64, u64)>,
     header: Option<(String, String)>,
     warnings: Vec<String>,
 }
@@ -105,6 +126,8 @@ impl<R: Read> Walk<R> {
             statistics: None,
             chunks: 0,
             unchecked_chunks: 0,
+            unpacked: 0,
+            times: None,
             header: None,
             warnings: Vec::new(),
         }
@@ -123,6 +146,23 @@ impl<R: Read> Walk<R> {
     /// Channels met so far, by number.
     pub fn channels(&self) -> impl Iterator<Item = &Arc<Channel>> {
         self.definitions.channels.values()
+    }
+
+    /// Topics met so far with the number of their messages, in the order of their names.
+    pub fn topics(&self) -> Vec<Topic> {
+        let topic = |channel: &Arc<Channel>| Topic {
+            topic: channel.topic.clone(),
+            schema: channel.schema.as_ref().map_or(String::new(), |schema| schema.name.clone()),
+            messages: self.counts.get(&channel.id).copied().unwrap_or(0),
+        };
+        let mut topics: Vec<Topic> = self.channels().map(topic).collect();
+        topics.sort_by(|a, b| (&a.topic, &a.schema).cmp(&(&b.topic, &b.schema)));
+        topics
+    }
+
+    /// Times of the earliest and the latest message so far (ns since the epoch).
+    pub fn times(&self) -> Option<(u64, u64)> {
+        self.times
     }
 
     /// Messages met so far.
@@ -211,6 +251,7 @@ impl<R: Read> Walk<R> {
             ));
         }
         *self.counts.entry(id).or_default() += 1;
+        self.times = Some(self.times.map_or((log_time, log_time), |(a, b)| (a.min(log_time), b.max(log_time))));
         Ok(Message { channel, log_time, data: &self.chunk[end - body.left()..end], offset })
     }
 
@@ -350,6 +391,8 @@ impl<R: Read> Walk<R> {
                 ),
             });
         };
+        self.unpacked = self.unpacked.saturating_add(size as u64);
+        check_unpacked(self.unpacked, self.input.position, UNPACKED_CHUNK_BYTES, &place)?;
         let from = self.record.len() - left;
         decompress(&compression, &self.record[from..from + stored], size, &mut self.chunk, &place)?;
         if crc == 0 {

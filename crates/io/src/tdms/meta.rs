@@ -9,6 +9,8 @@ use crate::problem::Problem;
 
 /// Objects of a file; real files have tens.
 const MOST_OBJECTS: usize = 65_536;
+/// Bytes of all names and properties.
+const MOST_NAME_BYTES: usize = 32 << 20;
 
 /// Type of raw data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +77,15 @@ impl Kind {
         matches!(self, Self::I8 | Self::I16 | Self::I32 | Self::U8 | Self::U16)
     }
 
+    pub(super) fn is_number(self) -> bool {
+        !matches!(self, Self::Other(_))
+    }
+
+    /// Bytes of a value in memory.
+    pub(super) fn kept(self) -> u64 {
+        if self.is_integer() { 4 } else { 8 }
+    }
+
     /// Appends one value of `size()` bytes.
     pub(super) fn push(self, cell: &[u8], big_endian: bool, values: &mut Values) {
         let mut wide = [0_u8; 8];
@@ -117,7 +128,7 @@ impl Kind {
 #[derive(Clone, Debug)]
 pub(super) enum Index {
     /// `count` values; `bytes` in all for text.
-    Plain { kind: Kind, count: usize, bytes: Option<usize> },
+    Plain { kind: Kind, count: u64, bytes: Option<u64> },
     /// Values within rows of raw buffers.
     Daqmx { count: usize, scalers: Vec<Scaler>, widths: Vec<usize> },
 }
@@ -139,6 +150,10 @@ pub(super) enum Value {
 }
 
 impl Value {
+    fn size(&self) -> usize {
+        32 + if let Self::Text(text) = self { text.len() } else { 0 }
+    }
+
     pub(super) fn number(&self) -> Option<f64> {
         if let Self::Number(number) = self { Some(*number) } else { None }
     }
@@ -160,6 +175,17 @@ pub(super) struct Object {
     pub index: Option<Index>,
     pub properties: Properties,
     pub values: Values,
+    /// Place in the list of those with data.
+    order: Option<u64>,
+    /// Number of the raw scaler that the properties name, once it was looked up.
+    source: Option<u32>,
+}
+
+impl Object {
+    /// Number of the raw scaler that the first scale works on.
+    pub(super) fn source(&mut self) -> u32 {
+        *self.source.get_or_insert_with(|| super::scale::source(&self.properties))
+    }
 }
 
 /// All objects of a file, and those with data in the current segment.
@@ -167,7 +193,10 @@ pub(super) struct Object {
 pub(super) struct Objects {
     pub all: Vec<Object>,
     by_path: BTreeMap<String, usize>,
-    pub list: Vec<usize>,
+    /// By the order in which they were listed.
+    listed: BTreeMap<u64, usize>,
+    next_order: u64,
+    name_bytes: usize,
 }
 
 impl Objects {
@@ -176,7 +205,9 @@ impl Objects {
         const NO_DATA: u32 = u32::MAX;
         const AS_BEFORE: u32 = 0;
         if new_list {
-            self.list.clear();
+            for (_, at) in std::mem::take(&mut self.listed) {
+                self.all[at].order = None;
+            }
         }
         let count = reader.u32()?;
         for _ in 0..count {
@@ -187,19 +218,27 @@ impl Objects {
                     if self.all.len() >= MOST_OBJECTS {
                         return Err(Problem::limit(reader.place(), "the number of objects", MOST_OBJECTS));
                     }
+                    self.name_bytes += path.len();
+                    self.check_names(reader)?;
                     self.by_path.insert(path.clone(), self.all.len());
                     self.all.push(Object {
                         path,
                         index: None,
                         properties: Properties::new(),
                         values: Values::Integer(Vec::new()),
+                        order: None,
+                        source: None,
                     });
                     self.all.len() - 1
                 }
             };
             let length = reader.u32()?;
             match length {
-                NO_DATA => self.list.retain(|&i| i != at),
+                NO_DATA => {
+                    if let Some(order) = self.all[at].order.take() {
+                        self.listed.remove(&order);
+                    }
+                }
                 AS_BEFORE => {
                     if self.all[at].index.is_none() {
                         return Err(Problem::damaged(
@@ -218,6 +257,9 @@ impl Objects {
             for _ in 0..reader.u32()? {
                 let name = reader.text()?;
                 if let Some(value) = reader.value()? {
+                    self.name_bytes += name.len() + value.size();
+                    self.check_names(reader)?;
+                    self.all[at].source = None;
                     self.all[at].properties.insert(name, value);
                 }
             }
@@ -225,22 +267,37 @@ impl Objects {
         Ok(())
     }
 
+    /// Objects with data in the current segment.
+    pub(super) fn list(&self) -> Vec<usize> {
+        self.listed.values().copied().collect()
+    }
+
     fn enlist(&mut self, at: usize) {
-        if !self.list.contains(&at) {
-            self.list.push(at);
+        if self.all[at].order.is_none() {
+            self.all[at].order = Some(self.next_order);
+            self.listed.insert(self.next_order, at);
+            self.next_order += 1;
         }
+    }
+
+    fn check_names(&self, reader: &Reader<'_>) -> Result<(), Problem> {
+        if self.name_bytes <= MOST_NAME_BYTES {
+            return Ok(());
+        }
+        let limit = format_args!("{} MiB", MOST_NAME_BYTES >> 20).to_string();
+        Err(Problem::limit(reader.place(), "the size of all names and properties", limit))
     }
 }
 
 /// Reads from the front of some bytes.
 pub(super) struct Reader<'a> {
     bytes: &'a [u8],
-    offset: usize,
+    offset: u64,
     big_endian: bool,
 }
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(bytes: &'a [u8], offset: usize, big_endian: bool) -> Self {
+    pub(super) fn new(bytes: &'a [u8], offset: u64, big_endian: bool) -> Self {
         Self { bytes, offset, big_endian }
     }
 
@@ -257,7 +314,7 @@ impl<'a> Reader<'a> {
             )
         })?;
         self.bytes = rest;
-        self.offset += n;
+        self.offset += n as u64;
         Ok(front)
     }
 
@@ -276,11 +333,6 @@ impl<'a> Reader<'a> {
 
     pub(super) fn u64(&mut self) -> Result<u64, Problem> {
         self.array().map(u64::from_le_bytes)
-    }
-
-    fn size(&mut self) -> Result<usize, Problem> {
-        let value = self.u64()?;
-        usize::try_from(value).map_err(|_| Problem::damaged(self.place(), "a size of memory", value))
     }
 
     fn text(&mut self) -> Result<String, Problem> {
@@ -333,7 +385,7 @@ impl<'a> Reader<'a> {
         let place = self.place();
         let code = self.u32()?;
         let dimension = self.u32()?;
-        let count = self.size()?;
+        let count = self.u64()?;
         if dimension != 1 {
             return Err(Problem::damaged(place, "raw data of dimension 1", dimension));
         }
@@ -361,10 +413,11 @@ impl<'a> Reader<'a> {
             if scalers.iter().any(|s| s.buffer >= widths.len()) {
                 return Err(Problem::damaged(place, "a raw buffer that is described", "another"));
             }
+            let count = usize::try_from(count).map_err(|_| Problem::damaged(&place, "a size of memory", count))?;
             return Ok(Index::Daqmx { count, scalers, widths });
         }
         let kind = Kind::of(code).ok_or_else(|| Problem::damaged(&place, "a known type of data", code))?;
-        let bytes = if code == 0x20 { Some(self.size()?) } else { None };
+        let bytes = if code == 0x20 { Some(self.u64()?) } else { None };
         Ok(Index::Plain { kind, count, bytes })
     }
 }

@@ -4,8 +4,12 @@
 mod meta;
 mod scale;
 
+use std::io::Read;
+
 use gearwatch_core::block::UnixNanos;
 
+use crate::budget::{Budget, Notes};
+use crate::forward::Forward;
 use crate::problem::Problem;
 use meta::{Index, Kind, Objects, Reader, Value};
 
@@ -75,229 +79,322 @@ mod toc {
 
 const LEAD_IN: usize = 28;
 /// Visits of an object in a chunk, beyond one for each byte of the file.
-const MOST_VISITS: usize = 1 << 24;
+const MOST_VISITS: u64 = 1 << 24;
+/// Bytes of the descriptions of one segment.
+const LONGEST_METADATA: u64 = 64 << 20;
+/// Bytes of a row of a DAQmx buffer: some hundred channels of 4 bytes.
+const WIDEST_ROW: usize = 1 << 20;
 
-/// Reads all numeric channels.
+/// Reads all numeric channels. The file is read from the front and never held as a whole.
 ///
 /// # Errors
-/// When the bytes contradict the format.
-pub fn parse(bytes: &[u8]) -> Result<Parsed, Problem> {
-    let mut out = Parsed::default();
+/// When the bytes contradict the format, or ask for more than the budget.
+pub fn parse(bytes: impl Read, budget: &mut Budget) -> Result<Parsed, Problem> {
+    let mut input = Forward::new(bytes, 0);
+    let mut notes = Notes::default();
     let mut objects = Objects::default();
-    let mut at = 0;
     let mut visits = 0;
-    while at < bytes.len() {
+    loop {
+        let at = input.position();
         let place = format!("the segment at byte {at}");
-        let rest = &bytes[at..];
-        if rest.len() < LEAD_IN {
-            out.warnings.push(format!("{place} was cut off in its first bytes"));
+        let mut lead_in = [0; LEAD_IN];
+        let got = input.fill(&mut lead_in)?;
+        if got == 0 {
             break;
         }
-        if &rest[..4] != b"TDSm" {
-            return Err(Problem::damaged(place, "the mark TDSm", format_args!("{:02x?}", &rest[..4])));
+        if got < LEAD_IN {
+            notes.push(format_args!("{place} was cut off in its first bytes"));
+            break;
         }
-        let mask = u32::from_le_bytes([rest[4], rest[5], rest[6], rest[7]]);
-        let mut lead = Reader::new(&rest[8..LEAD_IN], at + 8, mask & toc::BIG_ENDIAN != 0);
+        if &lead_in[..4] != b"TDSm" {
+            return Err(Problem::damaged(place, "the mark TDSm", format_args!("{:02x?}", &lead_in[..4])));
+        }
+        let mask = u32::from_le_bytes([lead_in[4], lead_in[5], lead_in[6], lead_in[7]]);
+        let big_endian = mask & toc::BIG_ENDIAN != 0;
+        let mut lead = Reader::new(&lead_in[8..], at + 8, big_endian);
         let version = lead.u32()?;
         if !matches!(version, 4712 | 4713) {
             return Err(Problem::damaged(place, "version 4712 or 4713", version));
         }
         let (next, raw) = (lead.u64()?, lead.u64()?);
-        let room = (rest.len() - LEAD_IN) as u64;
-        // A writer that was stopped leaves all ones here.
-        let unfinished = next == u64::MAX || next > room;
-        if unfinished {
-            out.warnings.push(format!("{place} was never finished; what is there of it was read"));
-        }
-        let next = next.min(room);
+        // A writer that was stopped leaves all ones in `next`.
         if raw > next {
-            if unfinished {
-                break;
-            }
             return Err(Problem::damaged(place, format_args!("raw data within {next} bytes"), raw));
         }
-        // Both are at most the length of the file.
-        let (next, raw) = (next as usize, raw as usize);
+        let unfinished = || format!("{place} was never finished; what is there of it was read");
         if mask & toc::METADATA != 0 {
-            let body = &rest[LEAD_IN..LEAD_IN + raw];
-            let mut reader = Reader::new(body, at + LEAD_IN, mask & toc::BIG_ENDIAN != 0);
-            objects.read(&mut reader, mask & toc::NEW_LIST != 0)?;
+            if raw > LONGEST_METADATA && raw != u64::MAX {
+                let limit = format_args!("{} MiB", LONGEST_METADATA >> 20).to_string();
+                return Err(Problem::limit(place, format_args!("{raw} bytes that describe objects"), limit));
+            }
+            // Not above the limit, or more than there can be.
+            let from = input.position();
+            let body = input.bytes(raw.min(LONGEST_METADATA) as usize)?;
+            if (body.len() as u64) < raw {
+                notes.push(unfinished());
+                break;
+            }
+            objects.read(&mut Reader::new(&body, from, big_endian), mask & toc::NEW_LIST != 0)?;
+        } else if input.skip(raw)? < raw {
+            notes.push(unfinished());
+            break;
         }
-        if mask & toc::RAW_DATA != 0 {
-            let data = &rest[LEAD_IN + raw..LEAD_IN + next];
-            let segment = Segment {
-                data,
-                big_endian: mask & toc::BIG_ENDIAN != 0,
-                interleaved: mask & toc::INTERLEAVED != 0,
-                daqmx: mask & toc::DAQMX != 0,
-                place: &place,
-            };
-            segment.read(&mut objects, &mut visits, bytes.len(), &mut out.warnings)?;
+        let left = next - raw;
+        let there = if mask & toc::RAW_DATA != 0 {
+            let interleaved = mask & toc::INTERLEAVED != 0;
+            let segment = Segment { big_endian, interleaved, daqmx: mask & toc::DAQMX != 0, place: &place };
+            segment.read(&mut input, left, &mut objects, &mut visits, budget, &mut notes)?
+        } else {
+            input.skip(left)?
+        };
+        if there < left {
+            notes.push(unfinished());
+            break;
         }
-        at += LEAD_IN + next;
     }
-    finish(objects, &mut out)?;
-    Ok(out)
+    let mut channels = Vec::new();
+    finish(objects, &mut channels, &mut notes);
+    Ok(Parsed { channels, warnings: notes.finish() })
 }
 
 /// The raw data of one segment.
 struct Segment<'a> {
-    data: &'a [u8],
     big_endian: bool,
     interleaved: bool,
     daqmx: bool,
     place: &'a str,
 }
 
+/// Where a value stands in the rows of a DAQmx buffer.
+struct Cell {
+    object: usize,
+    kind: Kind,
+    offset: usize,
+    /// Rows in a chunk.
+    count: usize,
+}
+
+/// A DAQmx buffer of a chunk.
+struct Buffer {
+    width: usize,
+    rows: usize,
+    cells: Vec<Cell>,
+}
+
+/// What one chunk holds, in this order: so many values of each object.
+enum Layout {
+    /// Object, kind of its values (absent for what is passed over), bytes.
+    Contiguous(Vec<(usize, Option<Kind>, u64)>),
+    /// Objects and kinds of a row, and its bytes.
+    Interleaved(Vec<(usize, Kind)>, usize),
+    Daqmx(Vec<Buffer>),
+}
+
 impl Segment<'_> {
+    /// Reads `size` bytes of chunks; how many there were.
     fn read(
         &self,
+        input: &mut Forward<impl Read>,
+        size: u64,
         objects: &mut Objects,
-        visits: &mut usize,
-        file: usize,
-        warnings: &mut Vec<String>,
-    ) -> Result<(), Problem> {
-        let list = objects.list.clone();
-        if list.is_empty() || self.data.is_empty() {
-            return Ok(());
-        }
-        let chunk = self.chunk_size(objects, &list)?;
+        visits: &mut u64,
+        budget: &mut Budget,
+        notes: &mut Notes,
+    ) -> Result<u64, Problem> {
+        let list: Vec<usize> = if size == 0 { Vec::new() } else { objects.list() };
+        let mut visit = |input: &Forward<_>| {
+            *visits += list.len() as u64;
+            if *visits > MOST_VISITS.saturating_add(input.position()) {
+                let limit = format_args!("{MOST_VISITS} and one for each byte").to_string();
+                return Err(Problem::limit(self.place, "the number of chunks times channels", limit));
+            }
+            Ok(())
+        };
+        visit(input)?;
+        let (layout, chunk) = self.layout(objects, &list)?;
         if chunk == 0 {
-            warnings.push(format!("{} has {} bytes that belong to no channel", self.place, self.data.len()));
-            return Ok(());
+            let there = input.skip(size)?;
+            if there > 0 && !list.is_empty() {
+                notes.push(format_args!("{} has {there} bytes that belong to no channel", self.place));
+            }
+            return Ok(there);
         }
-        for part in self.data.chunks(chunk) {
-            *visits += list.len();
-            if *visits > MOST_VISITS.saturating_add(file) {
-                return Err(Problem::limit(self.place, "the number of chunks", format_args!("{MOST_VISITS}")));
+        let mut left = size;
+        while left > 0 {
+            visit(input)?;
+            let want = chunk.min(left);
+            let got = self.chunk(input, want, &layout, objects, budget)?;
+            left -= got;
+            if got > 0 && got < chunk {
+                notes.push(format_args!("{} ends in the middle of a chunk", self.place));
             }
-            if part.len() < chunk {
-                warnings.push(format!("{} ends in the middle of a chunk", self.place));
-            }
-            if self.daqmx {
-                self.daqmx_chunk(objects, &list, part);
-            } else if self.interleaved {
-                self.interleaved_chunk(objects, &list, part);
-            } else {
-                self.contiguous_chunk(objects, &list, part);
+            if got < want {
+                break;
             }
         }
-        Ok(())
+        Ok(size - left)
     }
 
-    /// Bytes of a whole chunk: that many values of each object.
-    fn chunk_size(&self, objects: &Objects, list: &[usize]) -> Result<usize, Problem> {
+    /// The order of a chunk's values and the bytes of a whole chunk.
+    fn layout(&self, objects: &mut Objects, list: &[usize]) -> Result<(Layout, u64), Problem> {
         let overflow = || Problem::damaged(self.place, "sizes below 2^64 bytes", "larger ones");
-        let mut size = 0_usize;
         if self.daqmx {
-            for (buffer, &width) in widths(objects, list).iter().enumerate() {
-                let rows = daqmx_rows(objects, list, buffer);
-                size = rows.checked_mul(width).and_then(|n| size.checked_add(n)).ok_or_else(overflow)?;
+            let buffers = self.buffers(objects, list)?;
+            let mut size = 0_u64;
+            for Buffer { width, rows, .. } in &buffers {
+                let bytes = (*rows as u64).checked_mul(*width as u64);
+                size = bytes.and_then(|n| size.checked_add(n)).ok_or_else(overflow)?;
             }
-            return Ok(size);
+            return Ok((Layout::Daqmx(buffers), size));
         }
-        let mut counts = None;
-        for &i in list {
-            let Some(Index::Plain { kind, count, bytes }) = &objects.all[i].index else { continue };
-            let plain = match bytes {
-                Some(bytes) => Some(*bytes),
-                None => count.checked_mul(kind.size()),
-            };
-            size = plain.and_then(|n| size.checked_add(n)).ok_or_else(overflow)?;
-            if self.interleaved && *counts.get_or_insert(*count) != *count {
-                return Err(Problem::damaged(self.place, "interleaved channels of one length", "different ones"));
+        let plain = list.iter().filter_map(|&i| match objects.all[i].index {
+            Some(Index::Plain { kind, count, bytes }) => Some((i, kind, count, bytes)),
+            _ => None,
+        });
+        let mut size = 0_u64;
+        if self.interleaved {
+            let (mut row, mut columns, mut counts) = (0, Vec::new(), None);
+            for (i, kind, count, _) in plain {
+                if *counts.get_or_insert(count) != count {
+                    return Err(Problem::damaged(self.place, "interleaved channels of one length", "different ones"));
+                }
+                row += kind.size();
+                columns.push((i, kind));
+                size = count.checked_mul(kind.size() as u64).and_then(|n| size.checked_add(n)).ok_or_else(overflow)?;
             }
+            return Ok((Layout::Interleaved(columns, row), size));
         }
-        Ok(size)
+        let mut parts = Vec::new();
+        for (i, kind, count, bytes) in plain {
+            let length = bytes.or_else(|| count.checked_mul(kind.size() as u64)).ok_or_else(overflow)?;
+            size = size.checked_add(length).ok_or_else(overflow)?;
+            parts.push((i, Some(kind).filter(|kind| kind.size() > 0 && bytes.is_none()), length));
+        }
+        Ok((Layout::Contiguous(parts), size))
     }
 
-    fn contiguous_chunk(&self, objects: &mut Objects, list: &[usize], part: &[u8]) {
-        let mut at = 0;
-        for &i in list {
-            let object = &mut objects.all[i];
-            let Some(Index::Plain { kind, count, bytes }) = &object.index else { continue };
-            let size = bytes.unwrap_or(count * kind.size());
-            let cells = part.get(at..).unwrap_or_default();
-            let cells = &cells[..cells.len().min(size)];
-            at += size;
-            let kind = *kind;
-            if kind.size() > 0 && bytes.is_none() {
-                for cell in cells.chunks_exact(kind.size()) {
-                    kind.push(cell, self.big_endian, &mut object.values);
+    /// The DAQmx buffers of a chunk, each with the values in its rows.
+    fn buffers(&self, objects: &mut Objects, list: &[usize]) -> Result<Vec<Buffer>, Problem> {
+        let widths = list.iter().find_map(|&i| match &objects.all[i].index {
+            Some(Index::Daqmx { widths, .. }) => Some(widths.clone()),
+            _ => None,
+        });
+        let mut buffers: Vec<Buffer> =
+            widths.unwrap_or_default().into_iter().map(|width| Buffer { width, rows: 0, cells: Vec::new() }).collect();
+        if let Some(wide) = buffers.iter().find(|b| b.width > WIDEST_ROW) {
+            let what = format!("a row of {} bytes", wide.width);
+            return Err(Problem::limit(self.place, what, format_args!("{WIDEST_ROW} bytes")));
+        }
+        for &object in list {
+            let source = objects.all[object].source();
+            let Some(Index::Daqmx { count, scalers, .. }) = &objects.all[object].index else { continue };
+            for scaler in scalers {
+                if let Some(buffer) = buffers.get_mut(scaler.buffer) {
+                    buffer.rows = buffer.rows.max(*count);
                 }
             }
-        }
-    }
-
-    fn interleaved_chunk(&self, objects: &mut Objects, list: &[usize], part: &[u8]) {
-        let size = |objects: &Objects, i: usize| match &objects.all[i].index {
-            Some(Index::Plain { kind, .. }) => kind.size(),
-            _ => 0,
-        };
-        let row: usize = list.iter().map(|&i| size(objects, i)).sum();
-        if row == 0 {
-            return;
-        }
-        for cells in part.chunks_exact(row) {
-            let mut at = 0;
-            for &i in list {
-                let object = &mut objects.all[i];
-                let Some(Index::Plain { kind, .. }) = object.index else { continue };
-                kind.push(&cells[at..at + kind.size()], self.big_endian, &mut object.values);
-                at += kind.size();
+            let scaler = scalers.iter().find(|s| s.id == source).or_else(|| scalers.first());
+            if let Some(&scaler) = scaler
+                && let Some(buffer) = buffers.get_mut(scaler.buffer)
+            {
+                buffer.cells.push(Cell { object, kind: scaler.kind, offset: scaler.offset, count: *count });
             }
         }
+        Ok(buffers)
     }
 
-    fn daqmx_chunk(&self, objects: &mut Objects, list: &[usize], part: &[u8]) {
-        let mut start = 0;
-        for (buffer, width) in widths(objects, list).into_iter().enumerate() {
-            let rows = daqmx_rows(objects, list, buffer);
-            let cells = part.get(start..).unwrap_or_default();
-            let cells = &cells[..cells.len().min(rows * width)];
-            start += rows * width;
-            if width == 0 {
-                continue;
+    /// Reads one chunk of at most `size` bytes; how many there were.
+    fn chunk(
+        &self,
+        input: &mut Forward<impl Read>,
+        size: u64,
+        layout: &Layout,
+        objects: &mut Objects,
+        budget: &mut Budget,
+    ) -> Result<u64, Problem> {
+        let mut left = size;
+        let mut values = Sink { objects, budget, big_endian: self.big_endian, place: self.place };
+        match layout {
+            Layout::Contiguous(parts) => {
+                for &(object, kind, length) in parts {
+                    let want = length.min(left);
+                    let got = match kind {
+                        Some(kind) => input.pieces(want, kind.size(), &mut |piece| {
+                            piece.chunks_exact(kind.size()).try_for_each(|cell| values.push(object, kind, cell))
+                        })?,
+                        None => input.skip(want)?,
+                    };
+                    left -= got;
+                    if got < length {
+                        break;
+                    }
+                }
             }
-            for &i in list {
-                let object = &mut objects.all[i];
-                let source = scale::source(&object.properties);
-                let Some(Index::Daqmx { count, scalers, .. }) = &object.index else { continue };
-                let scaler = scalers.iter().find(|s| s.id == source).or_else(|| scalers.first());
-                let Some(scaler) = scaler.copied().filter(|s| s.buffer == buffer) else { continue };
-                for row in cells.chunks_exact(width).take(*count) {
-                    if let Some(cell) = row.get(scaler.offset..).and_then(|rest| rest.get(..scaler.kind.size())) {
-                        scaler.kind.push(cell, self.big_endian, &mut object.values);
+            Layout::Interleaved(columns, row) => {
+                left -= input.pieces(size, *row, &mut |piece| {
+                    for row in piece.chunks_exact(*row) {
+                        let mut rest = row;
+                        for &(object, kind) in columns {
+                            let (cell, after) = rest.split_at(kind.size());
+                            values.push(object, kind, cell)?;
+                            rest = after;
+                        }
+                    }
+                    Ok(())
+                })?;
+            }
+            Layout::Daqmx(buffers) => {
+                for Buffer { width, rows, cells } in buffers.iter().filter(|b| b.width > 0) {
+                    let length = *width as u64 * *rows as u64;
+                    let want = length.min(left);
+                    let mut row_number = 0;
+                    let got = input.pieces(want, *width, &mut |piece| {
+                        for row in piece.chunks_exact(*width) {
+                            for cell in cells.iter().filter(|cell| row_number < cell.count) {
+                                let bytes = row.get(cell.offset..).and_then(|rest| rest.get(..cell.kind.size()));
+                                if let Some(bytes) = bytes {
+                                    values.push(cell.object, cell.kind, bytes)?;
+                                }
+                            }
+                            row_number += 1;
+                        }
+                        Ok(())
+                    })?;
+                    left -= got;
+                    if got < length {
+                        break;
                     }
                 }
             }
         }
+        Ok(size - left)
     }
 }
 
-/// Bytes of a row of each raw buffer.
-fn widths(objects: &Objects, list: &[usize]) -> Vec<usize> {
-    let of = |i: &usize| match &objects.all[*i].index {
-        Some(Index::Daqmx { widths, .. }) => Some(widths.clone()),
-        _ => None,
-    };
-    list.iter().find_map(of).unwrap_or_default()
+/// Where values go, within the budget.
+struct Sink<'a, 'b> {
+    objects: &'a mut Objects,
+    budget: &'b mut Budget,
+    big_endian: bool,
+    place: &'a str,
 }
 
-fn daqmx_rows(objects: &Objects, list: &[usize], buffer: usize) -> usize {
-    let rows = |i: &usize| match &objects.all[*i].index {
-        Some(Index::Daqmx { count, scalers, .. }) if scalers.iter().any(|s| s.buffer == buffer) => *count,
-        _ => 0,
-    };
-    list.iter().map(rows).max().unwrap_or(0)
+impl Sink<'_, '_> {
+    fn push(&mut self, object: usize, kind: Kind, cell: &[u8]) -> Result<(), Problem> {
+        if kind.is_number() {
+            self.budget.keep(kind.kept(), self.place)?;
+            kind.push(cell, self.big_endian, &mut self.objects.all[object].values);
+        }
+        Ok(())
+    }
 }
 
 /// Objects with values become channels.
-fn finish(objects: Objects, out: &mut Parsed) -> Result<(), Problem> {
+fn finish(objects: Objects, channels: &mut Vec<Channel>, notes: &mut Notes) {
     for object in objects.all {
         let Some((group, name)) = names(&object.path) else { continue };
         if matches!(&object.index, Some(Index::Plain { kind: Kind::Other(_), .. })) {
-            out.warnings.push(format!("{group}/{name} holds no numbers and was passed over"));
+            notes.push(format_args!("{group}/{name} holds no numbers and was passed over"));
             continue;
         }
         if object.values.is_empty() {
@@ -308,13 +405,13 @@ fn finish(objects: Objects, out: &mut Parsed) -> Result<(), Problem> {
         let (scale, offset) = match scale::linear(&object.properties) {
             Ok(linear) => linear,
             Err(what) => {
-                out.warnings.push(format!("{group}/{name} was passed over: {what} is not read"));
+                notes.push(format_args!("{group}/{name} was passed over: {what} is not read"));
                 continue;
             }
         };
         let start = property("wf_start_time").and_then(Value::nanos).unwrap_or(0);
         let shift = number("wf_start_offset").unwrap_or(0.0);
-        out.channels.push(Channel {
+        channels.push(Channel {
             group,
             name,
             unit: property("unit_string").and_then(Value::text),
@@ -325,7 +422,6 @@ fn finish(objects: Objects, out: &mut Parsed) -> Result<(), Problem> {
             offset,
         });
     }
-    Ok(())
 }
 
 /// `/'group'/'channel'`, in which a quote is written twice.

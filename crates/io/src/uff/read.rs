@@ -1,7 +1,16 @@
 //! Reads datasets 58 and 58b from bytes.
 
+use std::io::{BufRead, BufReader, Read};
+
 use super::{Dataset, MONTHS, Values};
+use crate::budget::{Budget, Notes};
+use crate::forward::Forward;
 use crate::problem::Problem;
+
+/// Bytes of a line; the format has 80.
+const LONGEST_LINE: u64 = 64 << 10;
+/// Functions of time in a file.
+const MOST_DATASETS: usize = 4096;
 
 /// What a file holds.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,19 +24,19 @@ pub struct Parsed {
 /// Reads all functions of time. Other datasets and functions of frequency are passed over with a warning.
 ///
 /// # Errors
-/// When a dataset 58 contradicts its own header or ends too early.
-pub fn parse(bytes: &[u8]) -> Result<Parsed, Problem> {
-    let mut cursor = Cursor { bytes, at: 0, line: 0 };
-    let mut out = Parsed::default();
+/// When a dataset 58 contradicts its own header or ends too early, or the file asks for more than the budget.
+pub fn parse(bytes: impl Read, budget: &mut Budget) -> Result<Parsed, Problem> {
+    let mut cursor = Cursor { input: BufReader::with_capacity(1 << 16, bytes), at: 0, line: 0, again: None };
+    let mut out = Collected { datasets: Vec::new(), notes: Notes::default(), budget };
     loop {
         // Anything but a delimiter between datasets, such as empty lines, is passed over.
-        match cursor.line() {
+        match cursor.start_of_line()? {
             None => break,
             Some(line) if line.trim() == "-1" => {}
             Some(_) => continue,
         }
         let place = cursor.place();
-        let Some(kind) = cursor.line() else { break };
+        let Some(kind) = cursor.line()? else { break };
         let number = kind.trim_start().split(char::is_whitespace).next().unwrap_or("");
         match number {
             "58" => dataset(&mut cursor, None, &place, &mut out)?,
@@ -39,13 +48,20 @@ pub fn parse(bytes: &[u8]) -> Result<Parsed, Problem> {
                 return Err(Problem::damaged(place, "the number of a dataset", format_args!("{:?}", short(&kind))));
             }
             other => {
-                out.warnings
-                    .push(format!("dataset {:?} at {place} was passed over; 58 and 58b are read", short(other)));
-                cursor.skip_to_end();
+                let other = short(other);
+                out.notes.push(format_args!("dataset {other:?} at {place} was passed over; 58 and 58b are read"));
+                cursor.skip_to_end()?;
             }
         }
     }
-    Ok(out)
+    Ok(Parsed { datasets: out.datasets, warnings: out.notes.finish() })
+}
+
+/// What was read so far, within what the file may ask for.
+struct Collected<'a> {
+    datasets: Vec<Dataset>,
+    notes: Notes,
+    budget: &'a mut Budget,
 }
 
 fn short(text: &str) -> String {
@@ -55,7 +71,7 @@ fn short(text: &str) -> String {
 /// The first line of a dataset 58b.
 struct Binary {
     big_endian: bool,
-    bytes: usize,
+    bytes: u64,
 }
 
 impl Binary {
@@ -80,16 +96,23 @@ impl Binary {
             2 => true,
             other => return Err(wrong("byte order 1 (little) or 2 (big endian)", other.to_string())),
         };
-        let bytes = usize::try_from(bytes).map_err(|_| wrong("a size in bytes", bytes.to_string()))?;
         Ok(Self { big_endian, bytes })
     }
 }
 
 /// Reads header and data of one dataset and its closing delimiter.
-fn dataset(cursor: &mut Cursor<'_>, binary: Option<Binary>, place: &str, out: &mut Parsed) -> Result<(), Problem> {
+fn dataset(
+    cursor: &mut Cursor<impl Read>,
+    binary: Option<Binary>,
+    place: &str,
+    out: &mut Collected<'_>,
+) -> Result<(), Problem> {
+    if out.datasets.len() >= MOST_DATASETS {
+        return Err(Problem::limit(place, "the number of datasets", MOST_DATASETS));
+    }
     let mut header = Vec::with_capacity(11);
     for i in 1..=11 {
-        header.push(cursor.line().ok_or_else(|| {
+        header.push(cursor.line()?.ok_or_else(|| {
             Problem::damaged(place, format_args!("11 lines of header, among them number {i}"), "the end of the file")
         })?);
     }
@@ -118,16 +141,7 @@ fn dataset(cursor: &mut Cursor<'_>, binary: Option<Binary>, place: &str, out: &m
         (6, 0) => 20,
         _ => return Err(wrong(7, "ordinates of type 2, 4, 5 or 6 and spacing 0 or 1")),
     };
-    // A value takes at least two characters of text: more of them than that cannot be there.
-    let least = if binary.is_some() { per_value } else { 2 };
-    let room = cursor.left() / least;
-    let Some(count) = usize::try_from(count).ok().filter(|&count| count <= room) else {
-        return Err(Problem::damaged(
-            format_args!("record 7 of the dataset at {place}"),
-            format_args!("at most {room} values, which is what the rest of the file can hold"),
-            count,
-        ));
-    };
+    let Ok(count) = usize::try_from(count) else { return Err(wrong(7, "the number of values")) };
     let why_not = match (ordinate, spacing) {
         (5 | 6, _) => Some("its values are complex"),
         (_, 0) => Some("its abscissa has uneven steps"),
@@ -135,33 +149,34 @@ fn dataset(cursor: &mut Cursor<'_>, binary: Option<Binary>, place: &str, out: &m
         _ if !(step > 0.0 && step.is_finite()) => return Err(wrong(7, "a step of the abscissa above 0")),
         _ => None,
     };
-    let data_size = match &binary {
-        Some(binary) if binary.bytes != count * per_value => {
-            return Err(Problem::damaged(
-                format_args!("dataset 58b at {place}"),
-                format_args!("{} bytes for {count} values of {per_value}", count * per_value),
-                binary.bytes,
-            ));
-        }
-        Some(binary) => binary.bytes,
-        None => 0,
-    };
-    if let Some(why) = why_not {
-        out.warnings.push(format!("the dataset at {place} was passed over: {why}"));
-        cursor.at += data_size;
-        cursor.skip_to_end();
-        return Ok(());
+    if let Some(binary) = &binary
+        && count.checked_mul(per_value).is_none_or(|size| size as u64 != binary.bytes)
+    {
+        return Err(Problem::damaged(
+            format_args!("dataset 58b at {place}"),
+            format_args!("{count} values of {per_value} bytes"),
+            format_args!("{} bytes", binary.bytes),
+        ));
     }
-    let values = match &binary {
-        Some(binary) => {
-            let data = &cursor.bytes[cursor.at..cursor.at + data_size];
-            cursor.at += data_size;
-            raw_values(data, ordinate == 4, binary.big_endian)
+    if let Some(why) = why_not {
+        out.notes.push(format_args!("the dataset at {place} was passed over: {why}"));
+        if let Some(binary) = &binary {
+            cursor.data(binary.bytes, per_value, &mut |_| Ok(()))?;
         }
-        None => text_values(cursor, count, ordinate == 4)?,
-    };
-    if !cursor.at_delimiter() {
-        let found = cursor.line().map_or_else(|| "the end of the file".to_owned(), |l| format!("{:?}", short(&l)));
+        return cursor.skip_to_end();
+    }
+    let double = ordinate == 4;
+    let mut values = if double { Values::Double(Vec::new()) } else { Values::Single(Vec::new()) };
+    match &binary {
+        Some(binary) => cursor.data(binary.bytes, per_value, &mut |piece| {
+            out.budget.keep(piece.len() as u64, format_args!("the dataset at {place}"))?;
+            append(&mut values, piece, binary.big_endian);
+            Ok(())
+        })?,
+        None => text_values(cursor, count, &mut values, place, out.budget)?,
+    }
+    if !cursor.at_delimiter()? {
+        let found = cursor.line()?.map_or_else(|| "the end of the file".to_owned(), |l| format!("{:?}", short(&l)));
         return Err(Problem::damaged(
             format_args!("the end of the dataset at {place}, {}", cursor.place()),
             "a line with -1",
@@ -178,34 +193,36 @@ fn dataset(cursor: &mut Cursor<'_>, binary: Option<Binary>, place: &str, out: &m
     Ok(())
 }
 
-fn raw_values(data: &[u8], double: bool, big_endian: bool) -> Values {
-    fn each<const N: usize, T>(data: &[u8], big_endian: bool, from_le: fn([u8; N]) -> T) -> Vec<T> {
+/// Appends whole binary values.
+fn append(values: &mut Values, data: &[u8], big_endian: bool) {
+    fn each<const N: usize>(data: &[u8], big_endian: bool) -> impl Iterator<Item = [u8; N]> {
         let (cells, _) = data.as_chunks::<N>();
-        cells
-            .iter()
-            .map(|cell| {
-                let mut cell = *cell;
-                if big_endian {
-                    cell.reverse();
-                }
-                from_le(cell)
-            })
-            .collect()
+        cells.iter().map(move |cell| {
+            let mut cell = *cell;
+            if big_endian {
+                cell.reverse();
+            }
+            cell
+        })
     }
-    if double {
-        Values::Double(each::<8, _>(data, big_endian, f64::from_le_bytes))
-    } else {
-        Values::Single(each::<4, _>(data, big_endian, f32::from_le_bytes))
+    match values {
+        Values::Single(out) => out.extend(each(data, big_endian).map(f32::from_le_bytes)),
+        Values::Double(out) => out.extend(each(data, big_endian).map(f64::from_le_bytes)),
     }
 }
 
 /// Values in columns of 13 (single) or 20 (double) characters, which may touch each other.
-fn text_values(cursor: &mut Cursor<'_>, count: usize, double: bool) -> Result<Values, Problem> {
-    let width = if double { 20 } else { 13 };
-    let mut values = Vec::with_capacity(count);
+fn text_values(
+    cursor: &mut Cursor<impl Read>,
+    count: usize,
+    values: &mut Values,
+    place: &str,
+    budget: &mut Budget,
+) -> Result<(), Problem> {
+    let (width, size) = if matches!(values, Values::Double(_)) { (20, 8) } else { (13, 4) };
     while values.len() < count {
         let missing = count - values.len();
-        let Some(line) = cursor.line().filter(|line| line.trim() != "-1") else {
+        let Some(line) = cursor.line()?.filter(|line| line.trim() != "-1") else {
             return Err(Problem::damaged(
                 cursor.place(),
                 format_args!("{missing} more values"),
@@ -221,18 +238,20 @@ fn text_values(cursor: &mut Cursor<'_>, count: usize, double: bool) -> Result<Va
             None
         };
         let row = by_columns.or_else(|| line.split_whitespace().map(number).collect());
-        match row {
-            Some(row) if !row.is_empty() && row.len() <= missing => values.extend(row),
-            _ => {
-                return Err(Problem::damaged(
-                    cursor.place(),
-                    format_args!("at most {missing} numbers"),
-                    format_args!("{:?}", short(&line)),
-                ));
-            }
+        let Some(row) = row.filter(|row| !row.is_empty() && row.len() <= missing) else {
+            return Err(Problem::damaged(
+                cursor.place(),
+                format_args!("at most {missing} numbers"),
+                format_args!("{:?}", short(&line)),
+            ));
+        };
+        budget.keep((row.len() * size) as u64, format_args!("the dataset at {place}"))?;
+        match values {
+            Values::Single(values) => values.extend(row.into_iter().map(|v| v as f32)),
+            Values::Double(values) => values.extend(row),
         }
     }
-    Ok(if double { Values::Double(values) } else { Values::Single(values.into_iter().map(|v| v as f32).collect()) })
+    Ok(())
 }
 
 /// A Fortran number, with E or D before the exponent.
@@ -289,52 +308,81 @@ fn date(line: &str) -> Option<i64> {
     Some((days * 86_400 + h * 3600 + min * 60 + s) * 1_000_000_000)
 }
 
-struct Cursor<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    line: usize,
+struct Cursor<R> {
+    input: BufReader<R>,
+    at: u64,
+    line: u64,
+    /// A line that was read and not used.
+    again: Option<String>,
 }
 
-impl Cursor<'_> {
-    fn left(&self) -> usize {
-        self.bytes.len() - self.at
-    }
-
+impl<R: Read> Cursor<R> {
     fn place(&self) -> String {
         format!("byte {} (line {} without binary data)", self.at, self.line + 1)
     }
 
     /// The next line without its end.
-    fn line(&mut self) -> Option<String> {
-        let rest = &self.bytes[self.at..];
-        if rest.is_empty() {
-            return None;
+    fn line(&mut self) -> Result<Option<String>, Problem> {
+        let whole = self.start_of_line()?;
+        if whole.as_ref().is_some_and(|line| line.len() as u64 >= LONGEST_LINE) {
+            return Err(Problem::limit(self.place(), "the length of a line", format_args!("{LONGEST_LINE} bytes")));
         }
-        let length = rest.iter().position(|&b| b == b'\n').map_or(rest.len(), |i| i + 1);
-        self.at += length;
+        Ok(whole)
+    }
+
+    /// Passes over the next line; its first [`LONGEST_LINE`] bytes.
+    fn start_of_line(&mut self) -> Result<Option<String>, Problem> {
+        if let Some(line) = self.again.take() {
+            return Ok(Some(line));
+        }
+        let mut bytes = Vec::new();
+        (&mut self.input).take(LONGEST_LINE).read_until(b'\n', &mut bytes)?;
+        self.at += bytes.len() as u64;
+        if bytes.is_empty() {
+            return Ok(None);
+        }
         self.line += 1;
-        Some(String::from_utf8_lossy(&rest[..length]).trim_end_matches(['\r', '\n']).to_owned())
+        if bytes.len() as u64 == LONGEST_LINE && bytes.last() != Some(&b'\n') {
+            self.at += self.input.skip_until(b'\n')? as u64;
+        }
+        Ok(Some(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']).to_owned()))
+    }
+
+    /// Hands on `size` bytes of binary data in pieces of whole values.
+    fn data(
+        &mut self,
+        size: u64,
+        width: usize,
+        take: &mut dyn FnMut(&[u8]) -> Result<(), Problem>,
+    ) -> Result<(), Problem> {
+        let place = self.place();
+        let got = Forward::new(&mut self.input, 0).pieces(size, width, take)?;
+        self.at += got;
+        if got < size {
+            return Err(Problem::damaged(place, format_args!("{size} bytes of data"), format_args!("{got} bytes")));
+        }
+        Ok(())
     }
 
     /// Passes over lines up to and with the closing -1.
-    fn skip_to_end(&mut self) {
-        while let Some(line) = self.line() {
+    fn skip_to_end(&mut self) -> Result<(), Problem> {
+        while let Some(line) = self.start_of_line()? {
             if line.trim() == "-1" {
                 break;
             }
         }
+        Ok(())
     }
 
     /// Passes over empty lines, which some programs write before the closing -1, and that line itself.
-    fn at_delimiter(&mut self) -> bool {
+    fn at_delimiter(&mut self) -> Result<bool, Problem> {
         loop {
-            let (at, number) = (self.at, self.line);
-            match self.line() {
+            match self.line()? {
                 Some(line) if line.trim().is_empty() => {}
-                Some(line) if line.trim() == "-1" => return true,
-                _ => {
-                    (self.at, self.line) = (at, number);
-                    return false;
+                Some(line) if line.trim() == "-1" => return Ok(true),
+                other => {
+                    self.again = other;
+                    return Ok(false);
                 }
             }
         }

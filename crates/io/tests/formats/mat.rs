@@ -1,3 +1,4 @@
+use gearwatch_io::budget::Budget;
 use gearwatch_io::mat::v5::parse;
 use gearwatch_io::{OpenOptions, Problem};
 
@@ -41,17 +42,26 @@ fn conform_structs_and_rates_are_found() {
     assert!(text.contains("top.inner.y"), "{text}");
 }
 
-/// A few kilobytes must not become gigabytes: nothing is unpacked beyond the limit.
+/// A few kilobytes must not become gigabytes: 64 MiB of zeros, kept as 32-bit integers, are four times what a small file may ask for.
 #[test]
 fn regress_a_compression_bomb_is_refused() {
-    let zeros = matrix("x", 1 << 20, 1, 2, &vec![0; 1 << 20]);
-    let bomb = mat_file(&[zeros.clone(), zeros.clone(), zeros], true);
-    assert!(bomb.len() < 1 << 16);
-    for limit in [1 << 20, 3 << 20] {
-        let problem = parse(&bomb, limit).unwrap_err();
-        assert!(matches!(problem, Problem::Limit { .. }), "{problem}");
-    }
-    assert_eq!(parse(&bomb, 4 << 20).unwrap().variables.len(), 1);
+    let zeros = |n: usize| mat_file(&[matrix("x", n, 1, 2, &vec![0; n])], true);
+    let (small, bomb) = (zeros(8 << 20), zeros(64 << 20));
+    assert!(bomb.len() < 1 << 17);
+    let problem = parse(&bomb[..], &mut Budget::of_bytes(&bomb)).unwrap_err();
+    assert!(matches!(problem, Problem::Limit { .. }), "{problem}");
+    assert_eq!(parse(&small[..], &mut Budget::of_bytes(&small)).unwrap().variables[0].numbers.len(), 8 << 20);
+}
+
+/// Every name once, in time that does not grow with the square of their number; the paths of a struct array are bounded together.
+#[test]
+fn regress_many_names_are_bounded() {
+    let many: Vec<Vec<u8>> = (0..50_000).map(|i| matrix(&format!("v{i}"), 1, 1, 2, &[1])).collect();
+    let file = mat_file(&many, false);
+    assert_eq!(parse(&file[..], &mut Budget::of_bytes(&file)).unwrap().variables.len(), 50_000);
+    let long = mat_file(&[matrix(&"n".repeat(2000), 1, 1, 2, &[1])], false);
+    let problem = parse(&long[..], &mut Budget::of_bytes(&long)).unwrap_err();
+    assert!(problem.to_string().contains("the length of names"), "{problem}");
 }
 
 #[test]

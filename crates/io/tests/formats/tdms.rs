@@ -1,4 +1,5 @@
 use gearwatch_io::OpenOptions;
+use gearwatch_io::budget::Budget;
 use gearwatch_io::tdms::parse;
 
 use crate::files::{LENGTH, read, shared, tdms, values};
@@ -10,11 +11,11 @@ fn conform_an_unfinished_last_segment_is_read() {
         let mut bytes = tdms(big);
         let second = bytes.windows(4).rposition(|w| w == b"TDSm").unwrap();
         bytes[second + 12..second + 20].fill(0xFF);
-        let parsed = parse(&bytes).unwrap();
+        let parsed = parse(&bytes[..], &mut Budget::of_bytes(&bytes)).unwrap();
         assert_eq!(parsed.channels.iter().map(|c| c.values.len()).collect::<Vec<_>>(), [LENGTH, LENGTH]);
         assert!(parsed.warnings.iter().any(|w| w.contains("never finished")));
         bytes.truncate(bytes.len() - 100);
-        let parsed = parse(&bytes).unwrap();
+        let parsed = parse(&bytes[..], &mut Budget::of_bytes(&bytes)).unwrap();
         assert_eq!(parsed.channels.iter().map(|c| c.values.len()).collect::<Vec<_>>(), [LENGTH, LENGTH - 50]);
     }
 }
@@ -27,7 +28,7 @@ fn conform_sizes_beyond_the_file_are_refused() {
     for count in [u64::MAX, 1 << 63, 1 << 40] {
         let mut bytes = bytes.clone();
         bytes[at..at + 8].copy_from_slice(&count.to_le_bytes());
-        if let Ok(parsed) = parse(&bytes) {
+        if let Ok(parsed) = parse(&bytes[..], &mut Budget::of_bytes(&bytes)) {
             assert!(!parsed.warnings.is_empty());
         }
     }
@@ -63,7 +64,7 @@ fn oracle_big_endian_file_opens() {
 fn conform_other_marks_and_versions_are_refused() {
     let mut bytes = tdms(false);
     bytes[8] = 1;
-    assert!(parse(&bytes).unwrap_err().to_string().contains("version 4712 or 4713"));
+    assert!(parse(&bytes[..], &mut Budget::of_bytes(&bytes)).unwrap_err().to_string().contains("version 4712 or 4713"));
     bytes[0] = b'X';
-    assert!(parse(&bytes).unwrap_err().to_string().contains("the mark TDSm"));
+    assert!(parse(&bytes[..], &mut Budget::of_bytes(&bytes)).unwrap_err().to_string().contains("the mark TDSm"));
 }

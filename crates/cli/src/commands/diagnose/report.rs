@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Context;
 use gearwatch_core::analysis::WindowAnalysis;
 use gearwatch_core::order_spectrum::{OrderSpectrum, Orders};
 use gearwatch_core::pipeline::Pipeline;
@@ -105,13 +104,8 @@ impl Pictures {
     }
 }
 
-/// Writes the report of all recordings.
-pub(super) fn write(
-    path: &Path,
-    all: &[Diagnosis],
-    pipeline: &Pipeline,
-    files: &[(&'static str, &Path)],
-) -> anyhow::Result<()> {
+/// The report of all recordings.
+pub(super) fn page(all: &[Diagnosis], pipeline: &Pipeline, files: &[(&'static str, &Path)]) -> anyhow::Result<String> {
     let worst = all.iter().map(Diagnosis::exit).max_by_key(|exit| severity(*exit));
     let verdicts: Vec<&Verdict> = all.iter().flat_map(|one| &one.verdicts).collect();
     let machine =
@@ -128,8 +122,7 @@ pub(super) fn write(
     };
     report.sections.extend(all.iter().map(|one| recording(one, pipeline)));
     report.sections.push(not_judged(all));
-    std::fs::write(path, gearwatch_report::render(&report))
-        .with_context(|| format!("{}: the report cannot be written", path.display()))
+    Ok(gearwatch_report::render(&report))
 }
 
 fn sentence(verdicts: &[&Verdict], all: &[Diagnosis]) -> String {

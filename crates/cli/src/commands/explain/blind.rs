@@ -8,6 +8,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_explain::blind::{Point, Shows, advice, blind_spots, usual_points};
 
 use crate::exit::Exit;
+use crate::terminal;
 
 /// The operating points of recordings, each once.
 fn points_of(recordings: &[Recording]) -> Vec<Point> {
@@ -34,11 +35,11 @@ pub fn run(bench: &Bench, recordings: &[Recording]) -> anyhow::Result<Exit> {
     let mut progress = |step: &str| {
         if talk {
             // Progress is a courtesy; a closed terminal is not an error.
-            let _ = writeln!(std::io::stderr(), "  {step}");
+            let _ = writeln!(terminal::err(), "  {step}");
         }
     };
     let found = blind_spots(bench, &points, &|_| true, &mut progress)?;
-    let mut out = std::io::stdout().lock();
+    let mut out = terminal::out();
     let mut print = || -> std::io::Result<()> {
         let settings: Vec<String> =
             points.iter().map(|p| format!("{:.1} Hz {:.0} N m", p.motor_hz, p.torque_nm)).collect();

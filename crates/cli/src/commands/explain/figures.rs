@@ -1,8 +1,5 @@
 //! Pictures of an answer: the plain spectrum, where the lines differ, before and after.
 
-use std::path::{Path, PathBuf};
-
-use anyhow::Context;
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 use gearwatch_explain::judge::report::Explanation;
@@ -17,35 +14,20 @@ const MARKED: u8 = 5;
 /// The picture ends so far above the last mark.
 const BEYOND: f64 = 1.15;
 
-/// Writes the pictures into a folder and says which.
-pub fn write(
-    folder: &Path,
+/// The pictures of an answer: name of the file and its text.
+pub fn draw(
     train: &Train,
     e: &Explanation,
     recordings: &[Recording],
     references: &[Recording],
-) -> anyhow::Result<Vec<PathBuf>> {
+) -> anyhow::Result<Vec<(&'static str, String)>> {
     let charts = [
         ("spectrum.svg", spectrum(train, e, recordings, references)),
         ("mismatch.svg", (!e.mismatch.is_empty()).then(|| report::mismatch_chart(&e.mismatch))),
         ("fit.svg", e.fit.as_ref().map(report::fit_chart)),
     ];
-    let mut written = Vec::new();
-    for (name, chart) in charts {
-        let path = folder.join(name);
-        match chart {
-            Some(chart) => {
-                super::write(&path, &titled(&chart)?)?;
-                written.push(path);
-            }
-            // A picture of an answer before would belong to another.
-            None if path.exists() => {
-                std::fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
-            }
-            None => {}
-        }
-    }
-    Ok(written)
+    let there = charts.into_iter().filter_map(|(name, chart)| Some((name, chart?)));
+    there.map(|(name, chart)| Ok((name, titled(&chart)?))).collect()
 }
 
 /// A chart under the first clause of its caption.

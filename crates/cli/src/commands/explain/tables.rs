@@ -5,13 +5,15 @@ use std::path::Path;
 
 use anyhow::Context;
 use gearwatch_explain::tables::{AmplitudeTable, relate};
+use gearwatch_io::text::read_text;
 
 use super::super::paper;
 use crate::exit::Exit;
+use crate::terminal;
 
 fn read(path: &Path) -> anyhow::Result<AmplitudeTable> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+    let text = read_text(path).with_context(|| format!("{name} cannot be read"))?;
     Ok(AmplitudeTable::parse(&text, &name)?)
 }
 
@@ -19,6 +21,6 @@ fn read(path: &Path) -> anyhow::Result<AmplitudeTable> {
 pub fn run(simulation: &Path, experiment: &Path) -> anyhow::Result<Exit> {
     let relation = relate(&read(simulation)?, &read(experiment)?)?;
     let text = paper::relation_text(&relation)?;
-    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
+    terminal::out().write_all(text.as_bytes()).context("standard output")?;
     Ok(Exit::Ok)
 }

@@ -1,15 +1,15 @@
 //! The rows of a sweep as text.
 
 use std::io::Write;
-use std::path::Path;
 
-use anyhow::Context;
 use gearwatch_batch::sweep::{Mean, Row, numbers};
+
+use crate::terminal::{self, cell};
 
 /// One line a row for people; `--out` has all columns.
 pub(super) fn print(rows: &[Row]) -> anyhow::Result<()> {
-    let mut out = std::io::BufWriter::new(anstream::stdout().lock());
-    let width = |of: fn(&Row) -> &str| rows.iter().map(|row| of(row).chars().count()).max().unwrap_or(0).max(7);
+    let mut out = std::io::BufWriter::new(terminal::out());
+    let width = |of: fn(&Row) -> &str| rows.iter().map(|row| cell(of(row)).chars().count()).max().unwrap_or(0).max(7);
     let (case, channel, stage) = (width(|r| &r.case), width(|r| &r.channel), width(|r| &r.stage));
     write!(out, "{:case$} {:channel$} {:stage$} {:>8} {:>8}", "case", "channel", "stage", "Hz", "N m")?;
     for name in ["p-p", "RMS", "1x", "2x", "3x", "4x", "5x", "pinion s.", "wheel s."] {
@@ -21,7 +21,10 @@ pub(super) fn print(rows: &[Row]) -> anyhow::Result<()> {
         write!(
             out,
             "{:case$} {:channel$} {:stage$} {:>8.3} {torque:>8}",
-            row.case, row.channel, row.stage, row.input_speed_hz
+            cell(&row.case),
+            cell(&row.channel),
+            cell(&row.stage),
+            row.input_speed_hz
         )?;
         let first = [&row.peak_to_peak, &row.rms];
         let sidebands = [&row.pinion_sidebands[0], &row.wheel_sidebands[0]];
@@ -42,20 +45,19 @@ fn figure(mean: &Mean) -> String {
 }
 
 /// All columns; unknown numbers are empty.
-pub(super) fn write_csv(path: &Path, rows: &[Row]) -> anyhow::Result<()> {
-    let cannot = || format!("{}: cannot be written", path.display());
-    let mut out = csv::Writer::from_path(path).with_context(cannot)?;
+pub(super) fn write_csv(out: impl Write, rows: &[Row]) -> anyhow::Result<()> {
+    let mut out = csv::Writer::from_writer(out);
     let mut head: Vec<String> =
         ["case", "recording", "channel", "unit", "stage", "windows"].map(str::to_owned).to_vec();
     head.extend(rows.iter().take(1).flat_map(numbers).map(|(name, _)| name));
-    out.write_record(&head).with_context(cannot)?;
+    out.write_record(&head)?;
     for row in rows {
         let mut line =
             vec![row.case.clone(), row.recording.clone(), row.channel.clone(), row.unit.clone(), row.stage.clone()];
         line.push(row.windows.to_string());
         let text = |value: f64| if value.is_finite() { value.to_string() } else { String::new() };
         line.extend(numbers(row).into_iter().map(|(_, value)| text(value)));
-        out.write_record(&line).with_context(cannot)?;
+        out.write_record(&line)?;
     }
-    out.flush().with_context(cannot)
+    Ok(out.flush()?)
 }
