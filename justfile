@@ -11,6 +11,14 @@ ci:
 test:
     cargo test --workspace
 
+# Bill of materials of the program and its dependencies, CycloneDX 1.5 JSON (cargo install cargo-cyclonedx)
+sbom:
+    cargo cyclonedx --manifest-path crates/cli/Cargo.toml --format json --spec-version 1.5 --describe binaries
+
+# The program as it is released: it holds the list of its dependencies (cargo install cargo-auditable; read it with cargo audit bin)
+release:
+    cargo auditable build --release --locked --package gearwatch
+
 # The benchmarks: figures are ratios within one run
 bench:
     cargo bench --workspace

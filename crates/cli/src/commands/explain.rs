@@ -103,7 +103,8 @@ impl Run for Explain {
         let read = with_sidecars(recording_files.iter().chain(&reference_files));
         let mut outputs = self.overwrite.reading(read).reading([bench_file]);
         let report = self.report.as_deref().map(|path| outputs.target(path)).transpose()?;
-        let answer_files = self.out.as_deref().map(|folder| AnswerFiles::of(folder, &mut outputs)).transpose()?;
+        let names: &[&'static str] = if self.drill.is_some() { &drill::FILES } else { &ANSWER_FILES };
+        let answer_files = self.out.as_deref().map(|out| AnswerFiles::of(out, names, &mut outputs)).transpose()?;
         let options = self.input.open_options();
         let recordings = load(&recording_files, &options)?;
         if self.blind_spots {
@@ -111,7 +112,7 @@ impl Run for Explain {
         }
         let reference = load(&reference_files, &options)?;
         if let Some(changes) = self.drill {
-            return drill::run(&bench, &recordings, &reference, changes, self.out.as_deref());
+            return drill::run(&bench, &recordings, &reference, changes, answer_files);
         }
         let talk = std::io::stderr().is_terminal();
         let mut progress = |step: &str| {
@@ -195,9 +196,9 @@ struct AnswerFiles {
 
 impl AnswerFiles {
     /// Checks all names, also those that this answer may not need: a file that stays would belong to another answer.
-    fn of(folder: &Path, outputs: &mut Outputs) -> anyhow::Result<Self> {
-        let target = |name: &'static str| Ok((name, outputs.target_in_new_folder(&folder.join(name))?));
-        let targets = ANSWER_FILES.into_iter().map(target).collect::<anyhow::Result<_>>()?;
+    fn of(folder: &Path, names: &[&'static str], outputs: &mut Outputs) -> anyhow::Result<Self> {
+        let target = |&name: &&'static str| Ok((name, outputs.target_in_new_folder(&folder.join(name))?));
+        let targets = names.iter().map(target).collect::<anyhow::Result<_>>()?;
         Ok(Self { folder: folder.to_owned(), targets })
     }
 

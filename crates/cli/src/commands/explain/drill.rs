@@ -1,7 +1,6 @@
 //! `gearwatch explain --drill`: known changes in the user's own recordings, and from which size on they are shown.
 
 use std::io::{IsTerminal, Write};
-use std::path::Path;
 
 use anyhow::Context;
 use clap::ValueEnum;
@@ -11,7 +10,9 @@ use gearwatch_explain::drill::change::Kind;
 use gearwatch_explain::drill::{Outcome, Question, Row, drill, shown_from, table};
 use gearwatch_report::{Bars, Chart};
 
+use super::AnswerFiles;
 use crate::exit::Exit;
+use crate::terminal;
 
 /// Which changes are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -37,13 +38,16 @@ impl Changes {
     }
 }
 
+/// Files of a drill.
+pub(super) const FILES: [&str; 3] = ["drill.md", "drill.csv", "drill.svg"];
+
 /// Prints the table; with a folder, writes it there too (`drill.md`), every run (`drill.csv`) and a picture (`drill.svg`).
 pub fn run(
     bench: &Bench,
     recordings: &[Recording],
     reference: &[Recording],
     changes: Changes,
-    out: Option<&Path>,
+    files: Option<AnswerFiles>,
 ) -> anyhow::Result<Exit> {
     let kinds = changes.kinds();
     let talk = std::io::stderr().is_terminal();
@@ -64,12 +68,10 @@ pub fn run(
     }
     let rows = table(&outcomes);
     let text = page(bench, recordings.len(), reference.len(), &kinds, &rows);
-    std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
-    if let Some(out) = out {
-        std::fs::create_dir_all(out).with_context(|| format!("{} cannot be made", out.display()))?;
-        super::write(&out.join("drill.md"), &text)?;
-        super::write(&out.join("drill.csv"), &every_run(&outcomes))?;
-        super::write(&out.join("drill.svg"), &super::figures::titled(&picture(&rows))?)?;
+    terminal::out().write_all(text.as_bytes()).context("standard output")?;
+    if let Some(files) = files {
+        let drawn = super::figures::titled(&picture(&rows))?;
+        files.write(vec![("drill.md", text), ("drill.csv", every_run(&outcomes)), ("drill.svg", drawn)])?;
     }
     Ok(Exit::Ok)
 }
