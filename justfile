@@ -16,7 +16,7 @@ sbom:
     cargo cyclonedx --manifest-path crates/cli/Cargo.toml --format json --spec-version 1.5 --describe binaries
 
 # The program as it is released: it holds the list of its dependencies (cargo install cargo-auditable; read it with cargo audit bin)
-release:
+auditable:
     cargo auditable build --release --locked --package gearwatch
 
 # The benchmarks: figures are ratios within one run
