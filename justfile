@@ -119,6 +119,18 @@ campaign-effects cases="3" seed="2026112101":
 build-times *args:
     cargo build --timings {{args}}
 
+# The Python wheel, into target/wheels (pip install maturin)
+wheel *args:
+    packaging/wheel.sh {{args}}
+
+# The Python package in an empty environment: beside the command line and SciPy
+python-test:
+    packaging/python-test.sh
+
+# The same, and the notebooks run from their first cell to their last
+notebooks:
+    packaging/python-test.sh notebooks
+
 # The Debian package, into target/release-files
 deb:
     cargo build --release --locked --package gearwatch --features full
