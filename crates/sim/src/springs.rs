@@ -87,8 +87,8 @@ impl ForceLaw {
                     radial(&mut out.force, &mut out.by_deflection, u, -k * self.gap / s, over(k * self.gap, s * s * s));
                 } else {
                     radial(&mut out.force, &mut out.by_deflection, u, -k, 0.0);
-                    for axis in 0..2 {
-                        out.force[axis] -= d * v[axis];
+                    for (axis, rate) in v.into_iter().enumerate() {
+                        out.force[axis] -= d * rate;
                         out.by_rate[axis][axis] = -d;
                     }
                 }
