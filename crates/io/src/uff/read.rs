@@ -226,7 +226,7 @@ fn text_values(
             return Err(Problem::damaged(
                 cursor.place(),
                 format_args!("{missing} more values"),
-                "the end of the dataset",
+                format_args!("the end of the dataset, which can hold at most {}", values.len()),
             ));
         };
         let by_columns: Option<Vec<f64>> = if line.is_ascii() {

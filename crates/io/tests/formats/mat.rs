@@ -45,7 +45,7 @@ fn conform_structs_and_rates_are_found() {
 /// A few kilobytes must not become gigabytes: 64 MiB of zeros, kept as 32-bit integers, are four times what a small file may ask for.
 #[test]
 fn regress_a_compression_bomb_is_refused() {
-    let zeros = |n: usize| mat_file(&[matrix("x", n, 1, 2, &vec![0; n])], true);
+    let zeros = |n: usize| mat_file(&[matrix("x", i32::try_from(n).unwrap(), 1, 2, &vec![0; n])], true);
     let (small, bomb) = (zeros(8 << 20), zeros(64 << 20));
     assert!(bomb.len() < 1 << 17);
     let problem = parse(&bomb[..], &mut Budget::of_bytes(&bomb)).unwrap_err();

@@ -1,7 +1,12 @@
-use gearwatch_io::OpenOptions;
-use gearwatch_io::uff::{Dataset, Form, Values, parse, write};
+use gearwatch_io::budget::Budget;
+use gearwatch_io::uff::{Dataset, Form, Parsed, Values, write};
+use gearwatch_io::{OpenOptions, Problem};
 
 use crate::files::{read, shared, values};
+
+fn parse(bytes: &[u8]) -> Result<Parsed, Problem> {
+    gearwatch_io::uff::parse(bytes, &mut Budget::of_bytes(bytes))
+}
 
 /// The same record as text and as binary: the same values to the six digits of the text.
 #[test]
