@@ -4,4 +4,5 @@ pub mod align;
 pub mod comb;
 pub mod compare;
 pub mod locate;
+pub mod masks;
 pub mod pulse;

@@ -1,14 +1,35 @@
 //! The whole way from recordings to the answer.
 
 use gearwatch_core::bench::{Bench, EffectSpec};
+use gearwatch_core::recording::Recording;
+use gearwatch_core::train::Train;
 
+use crate::change::compare;
 use crate::error::ExplainError;
 use crate::instrument;
 use crate::judge::limits;
 use crate::judge::report::Explanation;
-pub use crate::measure::Input;
-use crate::measure::measure;
+use crate::name::strange;
 use crate::name::{self, Question};
+use crate::read::dsp::Transforms;
+use crate::read::features::{self, RecordingFeatures, Steady, Unused};
+use crate::read::fixed;
+use crate::read::folded;
+use crate::read::kinematics;
+use crate::read::last_wheel;
+use crate::read::ratio;
+
+/// What is asked.
+pub struct Input<'a> {
+    /// The sheet.
+    pub bench: &'a Bench,
+    /// What was recorded.
+    pub recordings: &'a [Recording],
+    /// The same bench before, empty where there is none.
+    pub reference: &'a [Recording],
+    /// Effects that are taken out of the library, to try what is said of physics that nobody thought of.
+    pub without: &'a [&'a str],
+}
 
 /// The answer and the bench with the named effects in it.
 pub struct Answer {
@@ -37,27 +58,145 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
 
 /// Explains recordings whose instrument is in order.
 fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
-    let m = measure(input, progress)?;
+    let problems = input.bench.problems();
+    if !problems.is_empty() {
+        return Err(ExplainError::Bench(problems.join("; ")));
+    }
+    if input.recordings.is_empty() {
+        return Err(ExplainError::NoRecording);
+    }
+    let sheet = Train::new(input.bench);
+    let mut steps = Vec::new();
+    let mut limits = Vec::new();
+    let mut reasons = Vec::new();
+    let mut run_ups = Vec::new();
+    let mut pick = |all: &'_ [Recording]| -> Vec<usize> {
+        let mut out = Vec::new();
+        for (i, recording) in all.iter().enumerate() {
+            match features::steady(input.bench, &sheet, recording) {
+                Ok(_) => out.push(i),
+                Err(Unused::RunUp) => run_ups.push(recording.name.clone()),
+                Err(Unused::Bad(why)) => reasons.push(why),
+            }
+        }
+        out
+    };
+    let (used, used_reference) = (pick(input.recordings), pick(input.reference));
+    steps.extend(reasons.iter().map(|r| format!("not judged: {r}")));
+    if !run_ups.is_empty() {
+        let left_out = format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", "));
+        limits.push(left_out.clone());
+        steps.push(left_out);
+    }
+    if used.is_empty() {
+        if reasons.is_empty() {
+            reasons.push("only run-ups were given; at least one recording at steady speed is needed".into());
+        }
+        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
+    if !input.reference.is_empty() && used_reference.is_empty() {
+        if reasons.is_empty() {
+            reasons
+                .push("only run-ups were given as reference; at least one recording at steady speed is needed".into());
+        }
+        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
+    }
+    let mut transforms = Transforms::default();
+    let steady: Vec<Steady<'_>> = used
+        .iter()
+        .map(|&i| &input.recordings[i])
+        .chain(used_reference.iter().map(|&i| &input.reference[i]))
+        .filter_map(|r| features::steady(input.bench, &sheet, r).ok())
+        .collect();
+    progress("speeds and tooth numbers");
+    let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
+    let other = kinematics::other_teeth(input.bench, &steady, &fields);
+    let (mut bench, mut teeth) = match other {
+        Some((teeth, bench)) => (bench, Some(teeth)),
+        None => (input.bench.clone(), None),
+    };
+    let mut train = Train::new(&bench);
+    let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
+    // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
+    let strangers: Vec<Option<String>> = steady
+        .iter()
+        .zip(&fields)
+        .zip(&speeds)
+        .map(|((s, field), speed)| kinematics::stranger(&bench, &train, &sheet, s, field, speed))
+        .collect();
+    let judged = strangers[..used.len()].iter().filter(|s| s.is_none()).count();
+    reasons.extend(strangers.iter().flatten().cloned());
+    limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
+    if judged == 0 {
+        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
+    if !used_reference.is_empty() && strangers[used.len()..].iter().all(Option::is_some) {
+        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
+    }
+    let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
+    let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
+    let mut lines = |bench: &Bench, train: &Train| -> Vec<RecordingFeatures> {
+        let one = |(s, speed): (&Steady<'_>, &kinematics::Speed)| {
+            progress(&format!("lines of {}", s.recording.name));
+            features::read(&mut transforms, bench, train, s, speed.input_hz, speed.score)
+        };
+        steady.iter().zip(&speeds).map(one).collect()
+    };
+    let mut all = lines(&bench, &train);
+    if teeth.is_none()
+        && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &all)
+    {
+        (bench, teeth) = (corrected, Some(wheel));
+        train = Train::new(&bench);
+        all = lines(&bench, &train);
+    }
+    let ratios = ratio::ratios(&steady, &all, &train);
+    progress("lines folded about half the sample rate");
+    let folded = folded::scan(&mut transforms, &steady, &all, judged);
+    let references = all.split_off(judged);
+    limits.extend(limits::settings(&all));
+    limits.extend(limits::overloads(&all));
+    let sensors: Vec<String> = bench.sensors.iter().map(|s| s.name.clone()).collect();
+    limits.extend(steady.iter().flat_map(|s| limits::dead_channels(s.recording, s, &sensors)));
+    progress("comparison");
+    let comparison = compare::compare(&all, &references);
+    if !input.reference.is_empty() && comparison.pairs.is_empty() {
+        steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
+        limits.push(match references.is_empty() {
+            true => "none of the reference recordings can be used: judged without a reference".into(),
+            false => format!(
+                "no reference matches a recording in speed (3 %) and load (5 %), so it was judged without: recorded at {}, the reference at {}",
+                limits::points(&all),
+                limits::points(&references)
+            ),
+        });
+    }
+    progress("lines that no gear makes");
+    let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
+    strange.folded = folded;
+    strange.picked_up = fixed::fit(&mut transforms, &train, &steady, &all, &references, &strange.beside_mains())
+        .into_iter()
+        .filter(fixed::FixedLine::is_picked_up)
+        .collect();
     let question = Question {
-        bench: &m.bench,
-        train: &m.train,
-        recordings: &m.recordings,
-        references: &m.references,
-        comparison: &m.comparison,
-        ratios: &m.ratios,
-        teeth: m.teeth.as_ref(),
+        bench: &bench,
+        train: &train,
+        recordings: &all,
+        references: &references,
+        comparison: &comparison,
+        ratios: &ratios,
+        teeth: teeth.as_ref(),
         without: input.without,
     };
-    let mut limits = m.limits;
-    let explanation = name::answer(&question, m.strange, m.steps, progress);
-    if !m.comparison.pairs.is_empty() {
+    let name::Named { explanation, bench: refitted } = name::answer(&question, strange, steps, progress);
+    if !comparison.pairs.is_empty() {
         limits.extend(limits::not_compared(&explanation));
     }
     let explanation = Explanation { limits, ..explanation };
-    let mut with_effects = input.bench.clone();
+    let mut with_effects = refitted.unwrap_or_else(|| input.bench.clone());
     for effect in &explanation.effects {
         if effect.effect == "wrong_tooth_count" {
-            with_effects.stages.clone_from(&m.bench.stages);
+            with_effects.stages.clone_from(&bench.stages);
             continue;
         }
         let parameters = effect.parameters.iter().map(|(k, v)| (k.clone(), v.value())).collect();

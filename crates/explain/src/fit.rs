@@ -1,4 +1,6 @@
 //! How the simulator's own model accounts for it: signatures, sizes, and the joint refit.
 
+pub mod least_squares;
+pub mod refit;
 pub mod shape;
 pub mod sizes;

@@ -23,11 +23,10 @@ use self::cross::Cross;
 use self::repair::{Cut, common_run};
 use self::samples::{Facts, Repeat};
 use crate::error::ExplainError;
-use crate::judge::report::{Candidate, EntryPoint, Evidence, Explanation, FORMAT, NamedEffect, Published, Status};
+use crate::judge::report::{Candidate, Evidence, Explanation, FORMAT, NamedEffect, Published, Status};
 use crate::read::dsp::{Transforms, median};
 use crate::read::features;
 use crate::read::kinematics;
-use crate::score::entry::Entry;
 
 /// Recording and reference are of one operating point within these relative differences, where both say theirs.
 const SAME_SPEED: f64 = 0.03;
@@ -540,7 +539,6 @@ impl From<&Fault> for NamedEffect {
             effect: f.effect.into(),
             place: f.place.clone(),
             probability: f.probability,
-            entry_point: EntryPoint { kind: Entry::of(f.effect), place: f.place.clone(), probability: f.probability },
             parameters: f.parameters.iter().map(|(k, v)| ((*k).to_owned(), Published::from(*v))).collect(),
             indistinguishable_from: f
                 .alternatives

@@ -1,5 +1,6 @@
 //! What the answer is worth and what is said: controls, held-out recordings, what is left over, the report.
 
+pub mod controls;
 pub mod held_out;
 pub mod latent;
 pub mod limits;

@@ -8,10 +8,8 @@ pub mod explain;
 pub mod fit;
 pub mod instrument;
 pub mod judge;
-pub mod measure;
 pub mod name;
 pub mod read;
-pub mod score;
 
 pub mod blind;
 pub mod drill;

@@ -12,4 +12,3 @@ pub mod lines;
 pub mod plain;
 pub mod ratio;
 pub mod scan;
-pub mod transients;

@@ -14,6 +14,8 @@ pub const REPEAT_SIGMA: f64 = 0.06;
 const SPEED_SLOPE: f64 = 8.0;
 /// The same for the background.
 pub const FLOOR_SIGMA: f64 = 0.04;
+/// Largest misfit of one cell: no single line decides.
+const CAP: f64 = 30.0;
 
 /// A mask of lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,6 +57,12 @@ pub struct Cell {
     pub change: f64,
     /// Of `change`.
     pub variance: f64,
+}
+
+impl Cell {
+    fn misfit(&self, predicted: f64, extra: f64) -> f64 {
+        ((self.change - predicted).powi(2) / (self.variance + extra)).min(CAP)
+    }
 }
 
 /// Variance of the change of a line between two recordings of one bench at one setting (ln).
@@ -120,6 +128,25 @@ pub fn covers(place: Place, family: Option<Family>) -> bool {
     }
 }
 
+/// All masks of a bench.
+pub fn places(stages: usize, has_belt: bool) -> Vec<Place> {
+    let mut out = vec![Place::Dynamics];
+    for i in 0..stages {
+        out.extend([Place::Mesh(i), Place::Stage(i)]);
+        for j in [i, i + 1] {
+            out.extend([Place::FirstSide(i, j), Place::LowSide(i, j), Place::Gear(i, j)]);
+        }
+    }
+    for j in 0..=stages {
+        out.extend([Place::ShaftOnce(j), Place::ShaftOrders(j)]);
+        out.extend((1..=crate::read::lines::SHAFT_MULTIPLES).map(|k| Place::ShaftOrder(j, k)));
+    }
+    if has_belt {
+        out.extend((1..=crate::read::lines::MOTOR_MULTIPLES).map(Place::MotorOrder));
+    }
+    out
+}
+
 /// Half width of the neighbourhood in frequency from which a path predicts (ratio).
 const NEAR: f64 = 1.06;
 /// Pairs count as at another speed from this relative difference on.
@@ -150,4 +177,87 @@ pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64
         // Spread within the neighbourhood: the path is not flat there, and the prediction says so.
         (mean, 1.0 / weight + (square / weight - mean * mean).max(0.0) * 0.5)
     })
+}
+
+/// Subtracts what a channel's path predicts from its cells.
+pub fn without_path(all: &[Cell], channel: usize, speeds: &[f64]) -> Vec<Cell> {
+    let less = |c: &Cell| match path_prediction(c, all, speeds) {
+        Some((p, v)) if c.channel == channel => Cell { change: c.change - p, variance: c.variance + v, ..*c },
+        _ => *c,
+    };
+    all.iter().map(less).collect()
+}
+
+/// How much of a channel's change in background a path accounts for, and the misfit per band before.
+pub fn floor_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64) {
+    let (mut before, mut after, mut count) = (0.0, 0.0, 0usize);
+    for cell in all.iter().filter(|c| c.family.is_none() && c.channel == channel) {
+        before += cell.misfit(0.0, 0.0);
+        after += path_prediction(cell, all, speeds).map_or_else(|| cell.misfit(0.0, 0.0), |(p, v)| cell.misfit(p, v));
+        count += 1;
+    }
+    (1.0 - after / before.max(1e-9), before / count.max(1) as f64)
+}
+
+/// Misfit per line, of a channel or of all.
+pub fn line_misfit(all: &[Cell], channel: Option<usize>) -> f64 {
+    let lines = all.iter().filter(|c| c.family.is_some() && channel.is_none_or(|k| c.channel == k));
+    let (sum, count) = lines.fold((0.0, 0usize), |(s, n), c| (s + c.misfit(0.0, 0.0), n + 1));
+    sum / count.max(1) as f64
+}
+
+/// How far the lines of a channel follow its background: the factor on the background's change at each line's frequency that predicts the change of the line best, and its standard
+/// deviation. 1 of a path, which lines and background share; 0 of noise that was added. `None` without lines beside moved background.
+pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
+    let own = |c: &&Cell| c.channel == channel;
+    let floors: Vec<&Cell> = all.iter().filter(own).filter(|c| c.family.is_none()).collect();
+    let (mut product, mut square) = (0.0, 0.0);
+    for line in all.iter().filter(own).filter(|c| c.family.is_some()) {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for f in &floors {
+            let ratio = f.frequency_hz / line.frequency_hz;
+            if (1.0 / NEAR..=NEAR).contains(&ratio) {
+                sum += f.change / f.variance;
+                weight += 1.0 / f.variance;
+            }
+        }
+        if weight > 0.0 {
+            let moved = sum / weight;
+            product += moved * line.change / line.variance;
+            square += moved * moved / line.variance;
+        }
+    }
+    (square > 0.0).then(|| (product / square, square.sqrt().recip()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bands of background 4 % apart that change by a wave over frequency, and a line beside each that changes by so many times as much.
+    fn beside(times: f64) -> Vec<Cell> {
+        (0..60)
+            .flat_map(|k| {
+                let frequency_hz = 200.0 * 1.04f64.powi(k);
+                let moved = 0.5 * (0.3 * f64::from(k)).sin();
+                let cell = |family, change| Cell { pair: 0, channel: 0, family, frequency_hz, change, variance: 0.01 };
+                [cell(None, moved), cell(Some(Family::Mesh { stage: 0, harmonic: 1 }), times * moved)]
+            })
+            .collect()
+    }
+
+    /// A path moves lines as the background (1), noise leaves them (0), gears move them more. Three bands make a neighbourhood, whose mean is less than its middle
+    /// by (1 + 2 cos 0.3)/3 = 0.97 of it: the factor comes out 3 % too large.
+    #[test]
+    fn analytic_lines_follow_the_background_of_a_path() {
+        for times in [0.0, 1.0, 3.0] {
+            let (found, sigma) = follows_background(&beside(times), 0).unwrap();
+            assert!((found - times / 0.97).abs() < 0.01 * times + 1e-12, "{times}: {found} ± {sigma}");
+            // Sixty lines of σ = 0.1 beside background of 0.35 rms.
+            assert!((sigma - 0.1 / (60f64.sqrt() * 0.35)).abs() < 0.1 * sigma, "{sigma}");
+        }
+        assert_eq!(follows_background(&beside(1.0), 1), None);
+        let lines: Vec<Cell> = beside(1.0).into_iter().filter(|c| c.family.is_some()).collect();
+        assert_eq!(follows_background(&lines, 0), None);
+    }
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::judge::report::Status;
 use gearwatch_core::bench::*;
 use gearwatch_core::block::{OperatingPoint, Quality};
-use gearwatch_core::recording::{Channel, Recording, Segment};
+use gearwatch_core::recording::{Channel, Segment};
 use rand::{RngExt, SeedableRng};
 use std::f64::consts::TAU;
 

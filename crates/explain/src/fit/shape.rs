@@ -24,6 +24,7 @@ pub use self::model::transfer;
 use self::candidates::{Action, Candidate, grid};
 use self::model::{Model, Seen, model, responses};
 use crate::change::locate::Cell;
+use crate::fit::refit::SPACING_UM;
 use crate::name::Question;
 use crate::read::lines::Family;
 
@@ -41,8 +42,6 @@ const MODEL_SIGMA: f64 = 0.12;
 const MODEL_SHARE: f64 = 0.45;
 /// Power to which evidences are raised: lines of one harmonic share their model errors.
 const TEMPER: f64 = 0.25;
-/// Scatter of tooth spacing (µm), one pair of teeth against the next, and its own scatter: gears of grades 4 to 7.
-const SPACING_UM: (f64, f64) = (2.2, 1.2);
 /// Lines that take part, at most, by pair.
 const LINES: usize = 90;
 

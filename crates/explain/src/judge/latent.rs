@@ -74,9 +74,6 @@ struct Comb {
     power: f64,
 }
 
-/// Largest value of a force over its sigma from which it is shown.
-const SIGNIFICANT: f64 = 3.0;
-
 /// The force without a name; `None` where what is left has no lines over shaft angle. `steps` hears what lines at fixed frequencies say.
 pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Option<LatentForce> {
     let (order, combs) = match fundamental(&strange.orders) {
@@ -106,14 +103,6 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
         means.iter().enumerate().map(|(k, f)| (f * Complex64::from_polar(1.0, TAU * (k + 1) as f64 * t)).re).sum()
     };
     let sigma = (0.5 * variances.iter().sum::<f64>()).sqrt();
-    // A force within its own uncertainty is none.
-    let largest = turn.iter().map(at).fold(0.0, |most: f64, f| most.max(f.abs()));
-    if largest < SIGNIFICANT * sigma {
-        steps.push(format!(
-            "the force that would account for it is within its uncertainty ({largest:.2e} of sigma {sigma:.2e})"
-        ));
-        return None;
-    }
     let points: Vec<(f64, f64, f64)> = combs
         .iter()
         .map(|c| (q.recordings[c.recording].input_hz, q.recordings[c.recording].brake_torque_nm, c.power))

@@ -1,13 +1,9 @@
 //! From findings to the answer that is published: status, advice, the largest mismatches.
 
-use gearwatch_core::estimate::Estimate;
-
 use crate::change::locate::{self, Cell};
-use crate::judge::report::{Candidate, EntryPoint, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
+use crate::judge::report::{Candidate, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
 use crate::name::subname;
 use crate::name::{Finding, Question};
-use crate::score::calibration::CALIBRATION;
-use crate::score::entry::Entry;
 
 /// The answer, most probable effect first.
 pub fn publish(
@@ -45,17 +41,11 @@ pub fn publish(
     }
     let effects = findings
         .into_iter()
-        .map(|f| (f.place.clone(), f))
-        .map(|(entry_place, f)| NamedEffect {
+        .map(|f| NamedEffect {
             effect: f.effect.to_owned(),
             place: f.place,
             probability: f.probability,
-            entry_point: EntryPoint {
-                kind: Entry::of(f.effect),
-                place: entry_place,
-                probability: f.entry.max(f.probability),
-            },
-            parameters: f.parameters.into_iter().filter(is_known).map(|(k, v)| (k, widened(v).into())).collect(),
+            parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
             indistinguishable_from: f
                 .alternatives
                 .into_iter()
@@ -76,16 +66,6 @@ pub fn publish(
         limits: Vec::new(),
         steps,
     }
-}
-
-/// Whether an estimate says more than that it may be nothing: its sigma is smaller than itself. An angle has no zero.
-fn is_known((name, estimate): &(String, Estimate)) -> bool {
-    name.ends_with("_deg") || estimate.sigma < estimate.value.abs()
-}
-
-/// With the sigma that estimates of this kind turned out to have.
-fn widened(estimate: Estimate) -> Estimate {
-    Estimate::new(estimate.value, CALIBRATION.sigma * estimate.sigma)
 }
 
 /// Lines listed at most.

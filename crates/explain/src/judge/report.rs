@@ -7,7 +7,6 @@ use gearwatch_core::verdict::published;
 use serde::{Serialize, Serializer};
 
 use crate::judge::latent::LatentForce;
-use crate::score::entry::Entry;
 
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-explanation/1";
@@ -26,7 +25,7 @@ pub struct Explanation {
     /// How much better the model is with the effects in it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
-    /// Probability that an unchanged bench gives a pattern of changes this plain, from twins of the case itself; absent without a reference.
+    /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub p_null: Option<f64>,
     /// Of what has no name: the force that would account for it.
@@ -118,19 +117,6 @@ pub struct Evidence {
     pub shape: String,
 }
 
-/// Where an effect enters the equations of motion.
-#[derive(Clone, Debug, Serialize)]
-pub struct EntryPoint {
-    /// Kind.
-    pub kind: Entry,
-    /// Place.
-    #[serde(rename = "where")]
-    pub place: String,
-    /// That kind and place are right (0–1).
-    #[serde(serialize_with = "rounded")]
-    pub probability: f64,
-}
-
 /// An effect that is named.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedEffect {
@@ -142,8 +128,6 @@ pub struct NamedEffect {
     /// That effect and place are right (0–1).
     #[serde(serialize_with = "rounded")]
     pub probability: f64,
-    /// Where it enters, which is told more surely than its name.
-    pub entry_point: EntryPoint,
     /// Estimates by parameter name.
     pub parameters: BTreeMap<String, Published>,
     /// What these recordings cannot tell from it.

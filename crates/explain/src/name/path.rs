@@ -1,68 +1,192 @@
 //! A changed sensor path, gain or mounting: the same function of frequency for lines and background at every speed.
 
-use std::collections::BTreeMap;
-
-use gearwatch_core::estimate::Estimate;
-
-use crate::change::locate::Cell;
+use crate::change::locate::{self, Cell};
+use crate::name::{Finding, Question};
 use crate::read::dsp::median;
 
-/// A form of a path's change over frequency.
-#[derive(Clone, Debug)]
-pub struct Form {
-    /// Effect id.
-    pub effect: &'static str,
-    /// What it is ahead of the best form (nats, not above 0).
-    pub nats: f64,
-    /// Its numbers.
-    pub parameters: BTreeMap<String, Estimate>,
+/// Least misfit per background band, and least share that a path must account for, before a path is believed: on an unchanged bench
+/// background changes by less than 1 per band, by 2.05 at most.
+const FLOOR_MISFIT: f64 = 2.5;
+const FLOOR_SHARE: f64 = 0.55;
+/// How many times more per band the background must have changed than that of any other channel: 6.2 times at least where a path alone was changed on one of several sensors, 1.6
+/// times beside pitch errors; gears whose sidebands reach into the background do so on all.
+const FLOOR_ALONE: f64 = 1.2;
+/// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
+/// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
+const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
+const CLEARLY: f64 = 5.0;
+/// How much worse per band one factor may fit than a resonance and still be the simpler answer.
+const ONE_FACTOR: f64 = 1.5;
+/// Largest misfit per line of the quietest other channel over that of the channel.
+const OTHERS_SHARE: f64 = 1.0;
+
+/// The same at one speed, where only the background tells a path from the gears: least misfit per band, least share of the misfit of the
+/// lines that the background's own change accounts for, and how much less the background of some other channel must have moved.
+const FLOOR_MISFIT_ALONE: f64 = 6.0;
+const LINE_SHARE_ALONE: f64 = 0.3;
+const STEADIER: f64 = 3.0;
+/// Where there is no other channel: gears that change move the background by 2.7 per band at most, and do not take two thirds of the lines' misfit along.
+const FLOOR_MISFIT_LONE: f64 = 12.0;
+const LINE_SHARE_LONE: f64 = 0.66;
+/// How far a line lies from the band of background that stands for it (ln).
+const BAND_SIGMA: f64 = 0.2;
+
+/// What the background about a line did in the same pair and channel.
+fn floor_beside(cell: &Cell, cells: &[Cell]) -> Option<f64> {
+    cells
+        .iter()
+        .filter(|f| f.family.is_none() && f.pair == cell.pair && f.channel == cell.channel)
+        .map(|f| ((f.frequency_hz / cell.frequency_hz).ln().abs(), f.change))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .filter(|(distance, _)| *distance < 0.12)
+        .map(|(_, change)| change)
 }
 
-/// Share of a band's misfit that counts: neighbouring bands share what the path does.
-const BANDS_COUNT: f64 = 0.25;
-/// What each number of a form costs (nats).
-const NUMBER: f64 = 1.5;
-
-/// The forms that a changed path may have, each with what it leaves of the change over frequency.
-pub fn forms(cells: &[Cell], channel: usize) -> Vec<Form> {
-    let profile = profile(cells, channel);
-    if profile.is_empty() {
-        return Vec::new();
-    }
-    let (mounting, resonance) = (mounting_fit(&profile), resonance_fit(&profile));
-    let mut changes: Vec<f64> = cells.iter().filter(|x| x.channel == channel).map(|x| x.change).collect();
-    let factor = median(&mut changes).exp();
-    let doubt = |left: f64| (1.0 + left).sqrt();
-    let estimates = |all: &[(&str, f64, f64)]| -> BTreeMap<String, Estimate> {
-        all.iter().map(|(name, value, sigma)| ((*name).to_owned(), Estimate::new(*value, *sigma))).collect()
+/// Changed paths where all recordings were made at one speed: channels whose background moved, whose lines moved along with it, while the
+/// background of another channel stayed. Takes what the background says off the lines of these channels.
+pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<String>) -> Vec<Finding> {
+    let misfit = |c: usize| {
+        let bands = cells.iter().filter(|x| x.channel == c && x.family.is_none());
+        let (sum, n) = bands.fold((0.0, 0usize), |(s, n), x| (s + x.change * x.change / x.variance, n + 1));
+        sum / n.max(1) as f64
     };
-    let all = [
-        ("scaling", one_factor_misfit(&profile), 1.0, estimates(&[("factor", factor, 0.02 * factor)])),
-        (
-            "sensor_mounting",
-            mounting.left,
-            3.0,
-            estimates(&[
-                ("frequency_hz", mounting.frequency_hz, 0.05 * doubt(mounting.left) * mounting.frequency_hz),
-                ("gain", mounting.gain, 0.1 * doubt(mounting.left) * mounting.gain),
-            ]),
-        ),
-        (
-            "structural_resonance",
-            resonance.left,
-            4.0,
-            estimates(&[
-                ("frequency_hz", resonance.frequency_hz, 0.03 * doubt(resonance.left) * resonance.frequency_hz),
-                ("damping_ratio", resonance.damping, 0.5 * resonance.damping),
-            ]),
-        ),
-    ];
-    let bands = profile.len() as f64;
-    let nats = |left: f64, numbers: f64| -0.5 * BANDS_COUNT * bands * left - NUMBER * numbers;
-    let best = all.iter().map(|f| nats(f.1, f.2)).fold(f64::NEG_INFINITY, f64::max);
-    all.into_iter()
-        .map(|(effect, left, numbers, parameters)| Form { effect, nats: nats(left, numbers) - best, parameters })
-        .collect()
+    let floors: Vec<f64> = (0..q.comparison.channels.len()).map(misfit).collect();
+    let steadiest = floors.iter().copied().fold(f64::INFINITY, f64::min);
+    let lone = floors.len() == 1;
+    let mut out = Vec::new();
+    for (c, floor) in floors.iter().enumerate() {
+        let corrected: Vec<(usize, f64)> = cells
+            .iter()
+            .enumerate()
+            .filter(|(_, x)| x.channel == c && x.family.is_some())
+            .filter_map(|(i, x)| Some((i, floor_beside(x, cells)?)))
+            .collect();
+        let (before, after) = corrected.iter().fold((0.0, 0.0), |(b, a), (i, by)| {
+            let x = &cells[*i];
+            (b + x.change.powi(2) / x.variance, a + (x.change - by).powi(2) / x.variance)
+        });
+        let share = 1.0 - after / before.max(1e-9);
+        let name = &q.comparison.channels[c];
+        steps.push(format!(
+            "one speed; background of {name}: misfit {floor:.1} per band, its change accounts for {:.0} % of the misfit of the lines",
+            100.0 * share
+        ));
+        let moved = match lone {
+            true => *floor > FLOOR_MISFIT_LONE && share > LINE_SHARE_LONE,
+            false => *floor > FLOOR_MISFIT_ALONE && share > LINE_SHARE_ALONE && *floor > STEADIER * steadiest,
+        };
+        if !moved {
+            continue;
+        }
+        let mut f = Finding::new("sensor_mounting", name.clone(), 0.8);
+        f.alternatives.push(("structural_resonance", name.clone()));
+        f.evidence.place = format!("lines and background of {name} alone");
+        let other = match lone {
+            true => "there is no other channel to compare it with".to_owned(),
+            false => format!("that of another channel stayed at {steadiest:.1}"),
+        };
+        f.evidence.law = format!(
+            "the background moved by {floor:.1} per band and took the lines along ({:.0} % of their misfit); {other}",
+            100.0 * share
+        );
+        out.push((f, corrected));
+    }
+    for (_, corrected) in &out {
+        for (i, by) in corrected {
+            cells[*i].change -= by;
+            cells[*i].variance += BAND_SIGMA * BAND_SIGMA;
+        }
+    }
+    out.into_iter().map(|(f, _)| f).collect()
+}
+
+/// The channel whose sensor path or gain changed, and what to call it.
+pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<String>) -> Option<(usize, Finding)> {
+    let mut best: Option<(usize, f64, f64)> = None;
+    let channels = 0..q.comparison.channels.len();
+    let floors: Vec<(f64, f64)> = channels.map(|c| locate::floor_account(cells, c, speeds)).collect();
+    for (c, &(share, misfit)) in floors.iter().enumerate() {
+        steps.push(format!(
+            "background of {}: misfit {misfit:.2} per band, of which the same function of frequency at all speeds explains {:.0} %",
+            q.comparison.channels[c],
+            100.0 * share
+        ));
+        if misfit > FLOOR_MISFIT && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
+            best = Some((c, misfit, share));
+        }
+    }
+    let (c, misfit, share) = best?;
+    if floors.iter().enumerate().any(|(k, (_, other))| k != c && misfit < FLOOR_ALONE * other) {
+        return None;
+    }
+    let lines = |k: usize| locate::line_misfit(cells, Some(k));
+    let others = (0..q.comparison.channels.len()).filter(|k| *k != c).map(lines).fold(f64::NAN, f64::min);
+    let (own, (follows, sigma)) = (lines(c), locate::follows_background(cells, c)?);
+    let name = q.comparison.channels[c].clone();
+    steps.push(format!(
+        "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
+    ));
+    if !FOLLOWS.contains(&follows) || follows < CLEARLY * sigma || others > OTHERS_SHARE * own {
+        return None;
+    }
+    // One factor for lines and background alike?
+    let mut changes: Vec<f64> = cells.iter().filter(|x| x.channel == c).map(|x| x.change).collect();
+    let middle = median(&mut changes);
+    let flat: f64 = {
+        let mut spread: Vec<f64> =
+            cells.iter().filter(|x| x.channel == c && x.variance < 0.02).map(|x| (x.change - middle).abs()).collect();
+        1.4826 * median(&mut spread)
+    };
+    let profile = profile(cells, c);
+    let (mounting, resonance) = (mounting_fit(&profile), resonance_fit(&profile));
+    let one_factor = one_factor_misfit(&profile);
+    let evidence_law = format!(
+        "lines and background of {name} change together: background by {misfit:.1} per band, {:.0} % of it the same at every speed",
+        100.0 * share
+    );
+    steps.push(format!(
+        "change of {name} over frequency: misfit of one factor {one_factor:.2} per band, of a mounting resonance {:.2}, of a resonance of the structure {:.2}",
+        mounting.left, resonance.left
+    ));
+    // Above its frequency a resonance of the structure is one factor too; what it does about its frequency tells.
+    if flat < 0.12 && middle.abs() > 0.15 && one_factor < ONE_FACTOR + mounting.left.min(resonance.left) {
+        let mut f = Finding::new("scaling", name, 0.97).with("factor", middle.exp(), 0.02 * middle.exp());
+        f.evidence.law = evidence_law;
+        f.evidence.place =
+            format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
+        return Some((c, f));
+    }
+    let (first, second) = if mounting.left <= resonance.left {
+        ("sensor_mounting", "structural_resonance")
+    } else {
+        ("structural_resonance", "sensor_mounting")
+    };
+    let mut f = Finding::new(first, name.clone(), 0.95);
+    if first == "sensor_mounting" {
+        // What the form of the fit leaves enters the sigmas: a second effect may lie under it.
+        let doubt = (1.0 + mounting.left).sqrt();
+        f = f.with("frequency_hz", mounting.frequency_hz, 0.03 * doubt * mounting.frequency_hz).with(
+            "gain",
+            mounting.gain,
+            0.08 * doubt * mounting.gain,
+        );
+    } else {
+        f = f
+            .with(
+                "frequency_hz",
+                resonance.frequency_hz,
+                0.015 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz,
+            )
+            .with("damping_ratio", resonance.damping, 0.4 * resonance.damping);
+    }
+    f.alternatives.push((second, name));
+    f.evidence.law = evidence_law;
+    f.evidence.place = "all lines and the background of one sensor".into();
+    f.evidence.shape = format!(
+        "misfit of the change over frequency: mounting resonance {:.2}, resonance of the structure {:.2}",
+        mounting.left, resonance.left
+    );
+    Some((c, f))
 }
 
 /// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).

@@ -11,7 +11,6 @@ use crate::read::features::RecordingFeatures;
 use crate::read::fixed::FixedLine;
 use crate::read::folded::FoldedLine;
 use crate::read::scan::{self, StrangeLine, Twin};
-use crate::read::transients::{self, Bursts};
 
 /// Channels that are scanned: those of the pairs, without any those of the first recording.
 fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<String> {
@@ -35,8 +34,6 @@ pub struct Strange {
     pub picked_up: Vec<FixedLine>,
     /// Folded about half the sample rate.
     pub folded: Option<FoldedLine>,
-    /// Where bursts stand out most.
-    pub bursts: Option<Bursts>,
     /// There was a reference.
     pub against_reference: bool,
 }
@@ -53,12 +50,9 @@ const FITTED_OFF: f64 = 3.0;
 /// What the amplitude of a line loses at most where its frequency is known to half a bin, relative.
 const WINDOWED: f64 = 0.1;
 /// Standard scores of the envelope scan above which a bearing is named; scans of 66 benches without one reach 5.5.
-const ENVELOPE_SCORE: f64 = 8.0;
+const ENVELOPE_SCORE: f64 = 7.0;
 /// The same against a reference, where scans of 190 benches reach 6.6.
 const ENVELOPE_SCORE_AGAINST: f64 = 7.3;
-
-/// Multiples of the mains of which one at least must be there.
-const FIRST_OF_MAINS: u32 = 3;
 
 /// Nearest multiple of 50 or 60 Hz, where the line lies on one.
 fn mains(hz: f64) -> Option<f64> {
@@ -152,7 +146,6 @@ pub fn strange(
         envelope: envelope::scan(&spectra, train, channels.len()),
         picked_up: Vec::new(),
         folded: None,
-        bursts: transients::bursts(transforms, recordings, references, channels),
         against_reference,
     }
 }
@@ -189,7 +182,7 @@ pub fn add_strange(
         .envelope
         .as_ref()
         .is_some_and(|e| e.score > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE });
-    if let Some(l) = strange.folded.as_ref().filter(|l| !of_mesh(q, l)) {
+    if let Some(l) = &strange.folded {
         findings.push(aliasing(q, l));
         return;
     }
@@ -197,18 +190,7 @@ pub fn add_strange(
     let foreign = strange.foreign_machine() && (strange.against_reference || several) && !gear_changed;
     let alone = findings.is_empty() && !*unexplained && !bearing_seen;
     // Another machine may have a line that lies on the mains.
-    // Of the mains the first multiples are the strongest; a line at a high one alone is the machine's, unless it is new.
-    let of_mains = |l: &FixedLine| {
-        l.multiple.is_some()
-            && strange
-                .picked_up
-                .iter()
-                .any(|x| x.channel == l.channel && x.multiple.is_some_and(|m| m <= FIRST_OF_MAINS))
-    };
-    let of_mains = |l: &FixedLine| of_mains(l) || (strange.against_reference && l.multiple.is_some());
-    if let Some(l) =
-        strange.picked_up.iter().find(|l| of_mains(l) || (l.multiple.is_none() && alone)).filter(|_| !foreign)
-    {
+    if let Some(l) = strange.picked_up.iter().find(|l| l.multiple.is_some() || alone).filter(|_| !foreign) {
         findings.push(pickup(l));
     } else if foreign {
         let lines = strange.foreign();
@@ -233,12 +215,6 @@ pub fn add_strange(
         steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
         *unexplained = true;
     }
-}
-
-/// Whether a folded line is a mesh harmonic above the band, which an ordinary filter lets through a little.
-fn of_mesh(q: &Question<'_>, l: &FoldedLine) -> bool {
-    let reach = q.recordings.iter().map(|r| 3.0 / r.revolutions).fold(0.0, f64::max);
-    q.train.stages.iter().any(|s| (l.order - (l.order / s.mesh_order).round() * s.mesh_order).abs() < reach)
 }
 
 fn pickup(l: &FixedLine) -> Finding {

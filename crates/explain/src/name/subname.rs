@@ -1,6 +1,11 @@
 //! Names for masks: what the law over load and speed and the support leave of the library.
 
-use crate::change::locate::{self, Place};
+use crate::change::locate::{self, Cell, Place};
+use crate::change::masks::{self, Mask};
+use crate::fit::sizes;
+use crate::name::friction;
+use crate::name::gear;
+use crate::name::shared::{self, Depth};
 use crate::name::{Finding, Question};
 use crate::read::dsp::median;
 use crate::read::lines::Family;
@@ -8,6 +13,24 @@ use crate::read::lines::Family;
 /// Effects that alter the way from housing to samples.
 pub fn is_path(effect: &str) -> bool {
     matches!(effect, "sensor_mounting" | "structural_resonance" | "scaling")
+}
+
+/// A mask in words.
+pub fn describe(q: &Question<'_>, place: Place) -> String {
+    let shaft = |j: usize| q.train.shafts.get(j).map_or("?", |s| s.0.as_str());
+    let stage = |i: usize| q.train.stages.get(i).map_or("?", |s| s.name.as_str());
+    match place {
+        Place::Dynamics => "all lines by frequency".into(),
+        Place::Mesh(i) => format!("mesh harmonics of {}", stage(i)),
+        Place::FirstSide(i, j) => format!("sidebands ±1 of {} about {}", shaft(j), stage(i)),
+        Place::LowSide(i, j) => format!("mesh harmonics and sidebands ±1, ±2 of {} about {}", shaft(j), stage(i)),
+        Place::Gear(i, j) => format!("all sidebands and orders of {} about {}", shaft(j), stage(i)),
+        Place::Stage(i) => format!("mesh harmonics and all sidebands of {}", stage(i)),
+        Place::ShaftOrder(j, k) => format!("order {k} of {} and sidebands at that distance", shaft(j)),
+        Place::MotorOrder(k) => format!("order {k} of the motor"),
+        Place::ShaftOnce(j) => format!("first order of {}", shaft(j)),
+        Place::ShaftOrders(j) => format!("orders of {}", shaft(j)),
+    }
 }
 
 /// Power exponent of amplitude changes over load, from pairs at one speed: `ln(ΔA₂/ΔA₁)/ln(T₂/T₁)`; `None` without two loads.
@@ -58,6 +81,97 @@ fn exponent_line(place: Place, family: Family) -> bool {
         _ => !matches!(family, Family::Mesh { .. }),
     };
     kind && locate::covers(place, Some(family))
+}
+
+/// A name for a mask; `None` where nothing in the library fits it.
+pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<String>) -> Option<Finding> {
+    named(q, mask, cells, Depth::Refit, steps)
+}
+
+/// A name for a mask that only stands in another's set, without refits.
+pub fn rival(q: &Question<'_>, mask: &Mask, cells: &[Cell]) -> Option<Finding> {
+    named(q, mask, cells, Depth::Shape, &mut Vec::new())
+}
+
+fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mut Vec<String>) -> Option<Finding> {
+    let place = mask.place;
+    let exponent = load_exponent(q, place, true).or_else(|| load_exponent(q, place, false));
+    if let Some(p) = exponent {
+        steps.push(format!("load law of {}: amplitude ∝ torque^{p:.2}", describe(q, place)));
+    }
+    let gear_name = |i: usize, j: usize| gear::gear_name(q, i, j);
+    let friction = match place {
+        Place::ShaftOrders(_) | Place::Dynamics | Place::Stage(_) | Place::Mesh(_) => friction::friction(q, cells),
+        _ => None,
+    };
+    let mut finding = match place {
+        _ if friction.is_some() => friction?,
+        Place::FirstSide(i, j) => Finding::new("eccentricity", gear_name(i, j), 0.92),
+        Place::ShaftOrder(j, 1) => {
+            // Which of the gears on the shaft: the stage whose sidebands moved more.
+            let masks: Vec<Place> =
+                (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).map(|i| Place::FirstSide(i, j)).collect();
+            let ranked = masks::masks(cells, &masks, &vec![0.0; q.comparison.pairs.len()]);
+            let Some(Place::FirstSide(i, _)) = ranked.first().map(|a| a.place) else { return None };
+            let mut f = Finding::new("eccentricity", gear_name(i, j), if masks.len() == 1 { 0.92 } else { 0.75 });
+            for m in masks {
+                if let Place::FirstSide(k, _) = m
+                    && k != i
+                {
+                    f.alternatives.push(("eccentricity", gear_name(k, j)));
+                }
+            }
+            f
+        }
+        Place::ShaftOnce(j) => Finding::new("unbalance", q.train.shafts[j].0.clone(), 0.8),
+        Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
+        Place::ShaftOrders(_) => shared::finding(q, Place::Dynamics, cells, depth, steps)?,
+        Place::ShaftOrder(j, k) => ripple(q, j, k, exponent),
+        Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.62).with("order", f64::from(k), 0.2),
+        // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
+        Place::LowSide(i, j)
+            if masks::median_change(cells, Place::FirstSide(i, j))
+                > ONCE_MORE * masks::median_change(cells, Place::Mesh(i)) =>
+        {
+            let mut f = Finding::new("eccentricity", gear_name(i, j), 0.8);
+            f.alternatives.push(("pitch_error", gear_name(i, j)));
+            f
+        }
+        Place::LowSide(i, _) => shared::finding(q, Place::Mesh(i), cells, depth, steps)?,
+        // Errors of single teeth have no mean over a gear: the mesh harmonics change less than the sidebands (0.1 to 0.6 times on drawn benches). What concerns
+        // all teeth changes the mesh harmonics, and the sidebands follow, those of the gear with clearer lines first.
+        Place::Gear(i, _) if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place) => {
+            shared::finding(q, Place::Stage(i), cells, depth, steps)?
+        }
+        Place::Gear(i, j) => gear::gear(q, (i, j), cells, exponent, steps),
+        Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => shared::finding(q, place, cells, depth, steps)?,
+    };
+    finding.evidence.place = format!(
+        "{}: {:.0} nats; {} lines change {:.1} times as much as repetition, the others {:.1} times",
+        describe(q, place),
+        mask.gain,
+        mask.cells,
+        mask.inside / masks::USUAL_SCALE,
+        mask.outside / masks::USUAL_SCALE
+    );
+    if let Some(p) = exponent {
+        finding.evidence.law = format!("amplitude of the change ∝ torque^{p:.2}");
+    }
+    if let Some((parameter, size)) = sizes::estimate(q, finding.effect, &finding.place, &finding.parameters, place) {
+        finding.parameters.insert(parameter.to_owned(), size);
+    }
+    Some(finding)
+}
+
+/// First sidebands that change this many times as much as the mesh harmonics are the cause, not the echo.
+const ONCE_MORE: f64 = 1.6;
+
+/// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its dynamics moves them either way.
+fn rises(cells: &[Cell], place: Place) -> bool {
+    let inside = || cells.iter().filter(|c| c.family.is_some() && locate::covers(place, c.family));
+    let clear = inside().filter(|c| c.change * c.change > 4.0 * c.variance);
+    let (up, all) = clear.fold((0, 0), |(u, n), c| (u + usize::from(c.change > 0.0), n + 1));
+    all > 0 && up * 5 >= all * 4
 }
 
 /// Ripple of a torque or speed at a multiple of a shaft.

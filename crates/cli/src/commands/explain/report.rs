@@ -48,13 +48,8 @@ fn sentence(e: &Explanation) -> String {
         })
         .collect();
     let better = e.fit.as_ref().map_or_else(String::new, |fit| {
-        let worse = if fit.held_out_after < fit.held_out_before {
-            ""
-        } else {
-            ": the model with it is no better there, so take the name for what the changed lines say, and the size for a guess"
-        };
         format!(
-            " On recordings that were not fitted the misfit goes from {:.2} to {:.2}{worse}; repetition alone gives {:.2}.",
+            " On recordings that were not fitted the misfit goes from {:.2} to {:.2}; repetition alone gives {:.2}.",
             fit.held_out_before, fit.held_out_after, fit.noise_floor
         )
     });
@@ -77,7 +72,7 @@ fn effects(e: &Explanation) -> Section {
     }
     if let Some(p) = e.p_null {
         parts.push(Part::Text(format!(
-            "The same changes dealt to other lines give a pattern as plain as this with probability {p:.3}."
+            "An unchanged bench misfits its reference as much as this with probability {p:.3}."
         )));
     }
     Section { heading: "Hypotheses and their evidence".into(), parts }

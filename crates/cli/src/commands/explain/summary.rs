@@ -119,11 +119,8 @@ pub fn decimals(sigma: f64) -> usize {
 
 fn held_out(fit: &Fit) -> String {
     let (before, after) = (fit.held_out_before, fit.held_out_after);
-    let gain = if after < before {
-        format!("{:.0} % less", 100.0 * (1.0 - after / before))
-    } else {
-        "not predicted by it".into()
-    };
+    let gain =
+        if after < before { format!("{:.0} % less", 100.0 * (1.0 - after / before)) } else { "no better".into() };
     format!(
         "misfit of {}, which took no part in it: {before:.2} without, {after:.2} with, {gain} (repetition alone: {:.2})",
         fit.held_out.join(", "),

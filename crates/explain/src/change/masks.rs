@@ -1,0 +1,240 @@
+//! Masks of machine lines, judged by the scale of the changes inside and outside.
+
+use crate::change::locate::{Cell, Place, covers};
+use crate::read::dsp::median;
+
+/// What a mask of machine lines says.
+#[derive(Clone, Copy, Debug)]
+pub struct Mask {
+    /// The mask.
+    pub place: Place,
+    /// Gain in log likelihood over an unchanged bench (nats).
+    pub gain: f64,
+    /// Scale of the changes inside, in standard deviations of repetition.
+    pub inside: f64,
+    /// The same outside.
+    pub outside: f64,
+    /// Lines inside.
+    pub cells: usize,
+}
+
+/// Degrees of freedom of the t distribution of changes: lines at resonances and near cancellation change far more than others.
+const TAIL: f64 = 4.0;
+/// Grid of scales: first, ratio, number.
+const FIRST_SCALE: f64 = 0.2;
+const SCALE_RATIO: f64 = 1.15;
+pub(crate) const SCALES: usize = 36;
+/// Scale of an unchanged bench, median and spread (ln); none lies above the largest.
+pub const USUAL_SCALE: f64 = 0.5;
+const USUAL_SPREAD: f64 = 0.3;
+const LARGEST_USUAL: f64 = 0.85;
+/// Lines of one order in several channels and recordings share their errors: this share of them counts.
+pub(crate) const INDEPENDENT: f64 = 0.4;
+
+/// Median change of a mask's lines (standard deviations); 0 of none.
+pub fn median_change(cells: &[Cell], place: Place) -> f64 {
+    let inside = |c: &&Cell| c.family.is_some() && covers(place, c.family);
+    let mut all: Vec<f64> = cells.iter().filter(inside).map(|c| c.change.abs() / c.variance.sqrt()).collect();
+    if all.is_empty() { 0.0 } else { median(&mut all) }
+}
+
+/// Scale number `k` of the grid.
+pub(crate) fn scale(k: usize) -> f64 {
+    FIRST_SCALE * SCALE_RATIO.powi(k as i32)
+}
+
+/// Log density of a change at each scale.
+pub(crate) fn densities(z2: f64) -> [f64; SCALES] {
+    std::array::from_fn(|k| {
+        let s = scale(k);
+        -s.ln() - 0.5 * (TAIL + 1.0) * (z2 / (TAIL * s * s)).ln_1p()
+    })
+}
+
+/// Masks of the machine, best first: inside, changes have one scale, outside the usual one. The wider a mask, the more its quiet lines
+/// speak against it; the narrower, the more the changes that it leaves.
+///
+/// Lines that one order of a shaft modulates share what the settings do to it: near a torsional resonance a part in a thousand of speed
+/// is a tenth of the amplitude. An unchanged bench may change them together by that much (`gaps`: ln of the speed ratio of each pair).
+pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
+    let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
+    let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c.change * c.change / c.variance)).collect();
+    let mut all = [0.0; SCALES];
+    for t in &tables {
+        all.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+    }
+    let usual: Vec<usize> = (0..SCALES).take_while(|&k| scale(k) <= LARGEST_USUAL).collect();
+    let prior = |k: usize| -0.5 * ((scale(k) / USUAL_SCALE).ln() / USUAL_SPREAD).powi(2);
+    let null = usual.iter().map(|&k| all[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max);
+    let mut out: Vec<Mask> = places
+        .iter()
+        .filter_map(|&place| {
+            let mut inside = [0.0; SCALES];
+            let mut count = 0;
+            for (c, t) in lines.iter().zip(&tables) {
+                if covers(place, c.family) {
+                    inside.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+                    count += 1;
+                }
+            }
+            let together = common_change(&lines, place, gaps);
+            let mut best: Option<(f64, usize, usize)> = None;
+            for &k0 in &usual {
+                // What lies within the usual scales is no change, however quiet the rest is.
+                for k1 in usual.len().max(k0 + 1)..SCALES {
+                    let log = all[k0] - inside[k0] + prior(k0) + inside[k1];
+                    if best.is_none_or(|b| log > b.0) {
+                        best = Some((log, k0, k1));
+                    }
+                }
+            }
+            let (log, k0, k1) = best.filter(|_| count > 0)?;
+            // One free scale, known to within its own sampling error.
+            let price = 0.5 * (1.0 + count as f64).ln();
+            // What an unchanged bench makes of the same lines when they may change together.
+            let relief = together.map_or(0.0, |t| (t.likelihood[k0] - t.price - inside[k0]).max(0.0));
+            Some(Mask { place, gain: log - null - price - relief, inside: scale(k1), outside: scale(k0), cells: count })
+        })
+        .collect();
+    out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    out
+}
+
+/// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider mask to be its cause: gears and bearings that change came to 28 nats
+/// and four times at most, not both.
+const CAUSE_GAIN: f64 = 40.0;
+const CAUSE_STANDS_OUT: f64 = 4.0;
+
+/// The one order within a wider mask whose lines rise far above the rest of it: a strong ripple drags all lines of its shaft along.
+pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mask> {
+    let inside: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some() && covers(wide.place, c.family)).collect();
+    let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c.change * c.change / c.variance)).collect();
+    let sum = |of: &dyn Fn(&Cell) -> bool| {
+        let mut sums = [0.0; SCALES];
+        for (_, t) in inside.iter().zip(&tables).filter(|(c, _)| of(c)) {
+            sums.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+        }
+        (0..SCALES).map(|k| (sums[k], k)).fold((f64::NEG_INFINITY, 0), |a, b| if b.0 > a.0 { b } else { a })
+    };
+    let together = sum(&|_| true).0;
+    let orders = places.iter().filter(|p| matches!(p, Place::ShaftOrder(_, k) if *k > 1));
+    let candidates = orders.filter_map(|&place| {
+        let covered: Vec<&&Cell> = inside.iter().filter(|c| covers(place, c.family)).collect();
+        let rising = covered.iter().filter(|c| c.change > 0.0).count();
+        if covered.len() == inside.len() || 2 * rising <= covered.len() {
+            return None;
+        }
+        let ((own, k1), (rest, k0)) = (sum(&|c| covers(place, c.family)), sum(&|c| !covers(place, c.family)));
+        let gain = own + rest - together;
+        (gain > CAUSE_GAIN && scale(k1) > CAUSE_STANDS_OUT * scale(k0)).then(|| Mask {
+            place,
+            gain,
+            inside: scale(k1),
+            outside: scale(k0),
+            cells: covered.len(),
+        })
+    });
+    candidates.max_by(|a, b| a.gain.total_cmp(&b.gain))
+}
+
+/// First order of a shaft over every other kind of line (medians) from which it is the cause, whatever else moved: a rotor out of balance shakes the whole
+/// train, and a wide mask gains by that. Unbalance comes to 8.8 to 40 on 9 benches, anything else that moves it by five standard deviations to 5.5 at most on 430.
+const ONCE_ALONE: f64 = 7.0;
+const ONCE_CLEAR: f64 = 5.0;
+
+/// The first order of a shaft, where it changed far more than the mesh harmonics, gears and rows of orders, which may follow it.
+pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place]) -> Option<Mask> {
+    let kinds =
+        |p: &&Place| matches!(p, Place::Mesh(_) | Place::Gear(..) | Place::FirstSide(..) | Place::ShaftOrders(_));
+    let most = places.iter().filter(kinds).map(|p| median_change(cells, *p)).fold(USUAL_SCALE, f64::max);
+    let once = |m: &&Mask| {
+        let change = median_change(cells, m.place);
+        matches!(m.place, Place::ShaftOnce(_)) && change > ONCE_CLEAR && change > ONCE_ALONE * most
+    };
+    ranked.iter().find(once).copied()
+}
+
+/// Lines of a mask when what they have in common in each pair is taken off: log likelihood by scale, and the price of it.
+struct Together {
+    likelihood: [f64; SCALES],
+    price: f64,
+}
+
+/// Change that lines of one order share by chance (ln): at equal speed, per change of speed away from torsional resonances, and (1/2ζ at
+/// 0.5 %) on the flank of one.
+pub(crate) const SHARED_CHANGE: f64 = 0.04;
+const SHARED_SLOPE: f64 = 15.0;
+const RESONANT_SLOPE: f64 = 100.0;
+/// Price of the assumption that a pair sits on such a flank (nats): one speed in ten does.
+const RESONANT_PRICE: f64 = 2.3;
+
+fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together> {
+    if !matches!(place, Place::FirstSide(..) | Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_)) {
+        return None;
+    }
+    let mut out = Together { likelihood: [0.0; SCALES], price: 0.0 };
+    for (pair, gap) in gaps.iter().enumerate() {
+        let inside: Vec<&&Cell> = lines.iter().filter(|c| c.pair == pair && covers(place, c.family)).collect();
+        let mut changes: Vec<f64> = inside.iter().map(|c| c.change).collect();
+        let shared = if changes.is_empty() { 0.0 } else { crate::read::dsp::median(&mut changes) };
+        let usual = SHARED_CHANGE.hypot(SHARED_SLOPE * gap);
+        let resonant = SHARED_CHANGE.hypot(RESONANT_SLOPE * gap);
+        let price = |sigma: f64| 0.5 * (shared / sigma).powi(2);
+        out.price += price(usual).min(price(resonant) + (resonant / usual).ln() + RESONANT_PRICE);
+        for c in inside {
+            let t = densities((c.change - shared).powi(2) / c.variance);
+            out.likelihood.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+        }
+    }
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read::lines::Family;
+
+    /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard deviations; the others by less than one.
+    fn cells(loud: u8, z: f64) -> Vec<Cell> {
+        let of = |pair: usize| {
+            (1..=30u8).map(move |multiple| {
+                let z = if multiple == loud { z } else { 0.9 * (f64::from(multiple) + pair as f64).sin() };
+                let family = Some(Family::Shaft { shaft: 1, multiple });
+                Cell { pair, channel: 0, family, frequency_hz: 100.0, change: 0.1 * z, variance: 0.01 }
+            })
+        };
+        (0..12).flat_map(of).collect()
+    }
+
+    /// At the others' scale of 0.5 a change of 200 costs 5 ln(200 / 2 · 0.5) nats, at one of its own ln(200 / 0.5): twelve such lines gain 0.4 · 12 · 20, and the
+    /// order is the cause. One that falls is not added to the machine, and one that rises by 2 is no ripple that drags others along.
+    #[test]
+    fn analytic_an_order_far_above_its_mask_is_the_cause() {
+        let places: Vec<Place> = (1..=6).map(|k| Place::ShaftOrder(1, k)).collect();
+        let ask = |cells: &[Cell]| {
+            let wide = Mask { place: Place::Gear(0, 1), gain: 100.0, inside: 2.0, outside: 0.5, cells: cells.len() };
+            cause_within(cells, &wide, &places).map(|m| m.place)
+        };
+        assert_eq!(ask(&cells(3, 200.0)), Some(Place::ShaftOrder(1, 3)));
+        assert_eq!(ask(&cells(3, -200.0)), None);
+        assert_eq!(ask(&cells(3, 2.0)), None);
+        // The first order is run-out or unbalance, which have masks of their own.
+        assert_eq!(ask(&cells(1, 200.0)), None);
+    }
+
+    /// Of thirty multiples that change by 0.6 standard deviations (median) the first changes by 20, more than seven times the others; by 4 it may be repetition,
+    /// and beside a mesh harmonic that changes by 3 it is not alone.
+    #[test]
+    fn analytic_a_first_order_alone_is_the_cause() {
+        let places = [Place::ShaftOnce(1), Place::ShaftOrders(1), Place::Mesh(0), Place::Gear(0, 1)];
+        let ask = |cells: &[Cell]| once_alone(cells, &masks(cells, &places, &[0.0; 12]), &places).map(|m| m.place);
+        let mut loud = cells(1, 20.0);
+        assert!((0.5..0.75).contains(&median_change(&loud, Place::ShaftOrders(1))));
+        assert_eq!(median_change(&loud, Place::Mesh(0)), 0.0);
+        assert_eq!(ask(&loud), Some(Place::ShaftOnce(1)));
+        assert_eq!(ask(&cells(1, 4.0)), None);
+        let mesh = Some(Family::Mesh { stage: 0, harmonic: 1 });
+        loud.push(Cell { family: mesh, change: 0.3, ..loud[0] });
+        assert_eq!(ask(&loud), None);
+    }
+}

@@ -1,0 +1,102 @@
+//! Named effects and the bench's own numbers fitted together, on the steady state of the simulator's full model.
+//!
+//! Data are the mesh harmonics of every pair and channel. The path from bearing to sensor gives each line, channel and speed a gain of its
+//! own; it enters the logarithm of the amplitude as a constant, so it is eliminated exactly (variable projection, Golub & Pereyra 1973): what stays is the *change*
+//! of each line between reference and recording, and the *trend* of the reference's line over the loads of one speed, less its mean.
+//! The effect's parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are coupled through their bodies and the
+//! spacing of its teeth scatters (as pairs that alternate), bearings and torsion of every
+//! shaft, and the first three profile errors that every pair of teeth has, are fitted with priors as wide as a sheet is wrong. Recordings see the effect, references do not.
+//! Fits start from the bench's numbers as the references show them, and from the best sizes of the effect, on both sides of no effect.
+
+mod library;
+mod lines;
+mod problem;
+mod publish;
+
+use gearwatch_core::bench::Bench;
+use nalgebra::DVector;
+use rayon::prelude::*;
+
+use self::library::fitted;
+pub use self::problem::{Base, SPACING_UM};
+use self::problem::{Problem, Start};
+use crate::change::locate::Cell;
+use crate::fit::least_squares::losses;
+use crate::name::{Finding, Question};
+
+/// What a joint refit gave.
+#[derive(Clone, Debug)]
+pub struct Refit {
+    /// The sheet with shafts, bearings and damping as fitted.
+    pub bench: Bench,
+    /// In words, for the steps.
+    pub steps: Vec<String>,
+}
+
+/// How well one effect accounts for the lines.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit {
+    /// Log evidence (Laplace, nats): what the fit leaves, less what its freedom would gain by chance.
+    pub evidence: f64,
+    /// What is left of the changes, per line: 1 of a fit as good as the stated model error, near 0 of a better one.
+    pub left: f64,
+    /// Lines.
+    pub lines: usize,
+}
+
+/// The bench's own numbers as the references alone show them; `None` where there is nothing to fit.
+pub fn base(q: &Question<'_>, cells: &[Cell]) -> Option<Base> {
+    if q.comparison.pairs.is_empty() { None } else { Problem::base(q, cells) }
+}
+
+/// Fits the findings that have a form on mesh lines together with the bench's numbers, and puts what came out into them.
+pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Option<Refit> {
+    let members: Vec<usize> = (0..findings.len()).filter(|&i| fitted(findings[i].effect).is_some()).collect();
+    if members.is_empty() {
+        return None;
+    }
+    let base = base(q, cells)?;
+    let names: Vec<(&str, &str)> = members.iter().map(|&i| (findings[i].effect, findings[i].place.as_str())).collect();
+    let mut problem = Problem::new(q, cells, &names)?;
+    let solution = problem.solve(&base)?;
+    let widened = problem.profile(&solution);
+    for (member, &i) in members.iter().enumerate() {
+        problem.publish(&solution, &widened, member, &mut findings[i]);
+    }
+    let steps = problem.report(&solution);
+    Some(Refit { bench: problem.bench(&solution.x), steps })
+}
+
+/// How much further from the lines (nats) than the nearest a candidate may be at a first look and still be fitted to the end.
+const OUT_OF_REACH: f64 = 150.0;
+
+/// How well each of some effects (id and place) accounts for the lines with the bench's numbers free; `None` where one has no form on them or no steady
+/// state. What is far out of the others' reach is judged by its first look.
+pub fn fits(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, &str)]) -> Vec<Option<Fit>> {
+    let glance = |candidate: &(&str, &str)| {
+        let mut problem = Problem::new(q, cells, &[*candidate])?;
+        let starts = problem.glance(base)?;
+        Some((problem, starts))
+    };
+    let seen: Vec<_> = candidates.par_iter().map(glance).collect();
+    let nearest = seen.iter().flatten().filter_map(|(_, s)| s.first()).map(|s| s.0).fold(f64::INFINITY, f64::min);
+    let settle = |seen: Option<(Problem<'_>, Vec<Start>)>| {
+        let (mut problem, starts) = seen?;
+        let (cost, x) = starts.first()?;
+        if *cost > nearest + 2.0 * OUT_OF_REACH {
+            return fit(&mut problem, x, -0.5 * cost);
+        }
+        let s = problem.settle(starts)?;
+        let volume: f64 = s.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
+        let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
+        fit(&mut problem, &s.x, -0.5 * s.cost.1 + volume - prior)
+    };
+    seen.into_par_iter().map(settle).collect()
+}
+
+/// What a point leaves of the changes.
+fn fit(problem: &mut Problem<'_>, x: &DVector<f64>, evidence: f64) -> Option<Fit> {
+    let lines = problem.lines.len();
+    let left = losses(&problem.residuals(x)?[..lines]);
+    Some(Fit { evidence, left: left / lines as f64, lines })
+}

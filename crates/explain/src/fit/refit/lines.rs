@@ -1,0 +1,63 @@
+//! Which lines a joint refit takes: the clear mesh harmonics of every pair and channel.
+
+use crate::change::compare::LineChange;
+use crate::change::locate::Cell;
+use crate::name::Question;
+use crate::read::lines::Family;
+
+/// Power over noise from which a line takes part.
+const CLEAR: f64 = 4.0;
+/// Mesh harmonics that take part.
+const HARMONICS: u8 = 8;
+
+/// A mesh line of a pair.
+pub struct Line {
+    /// Position of the pair.
+    pub pair: usize,
+    /// Position of the sensor on the sheet.
+    pub sensor: usize,
+    /// Position in the orders of the pair.
+    pub at: usize,
+    /// ln of the amplitude ratio of recording and reference.
+    pub change: f64,
+    /// Of `change`.
+    pub variance: f64,
+    /// ln of the reference's amplitude.
+    pub reference: f64,
+    /// Lines with the same gain.
+    pub group: usize,
+}
+
+/// Orders by pair, the lines that take part, and the number of gains.
+pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usize) {
+    let pairs = &q.comparison.pairs;
+    let mut orders: Vec<Vec<f64>> = vec![Vec::new(); pairs.len()];
+    let mut out = Vec::new();
+    let mut keys: Vec<(usize, Family, usize)> = Vec::new();
+    for c in cells {
+        let Some(family @ Family::Mesh { harmonic, .. }) = c.family else { continue };
+        let same = |l: &&LineChange| l.pair == c.pair && l.channel == c.channel && l.family == family;
+        let Some(l) = q.comparison.lines.iter().find(same) else { continue };
+        let name = &q.comparison.channels[c.channel];
+        let Some(sensor) = q.bench.sensors.iter().position(|s| s.name == *name) else { continue };
+        if harmonic > HARMONICS || l.power.min(l.reference_power) < CLEAR * l.noise {
+            continue;
+        }
+        // Pairs of one speed share the gain of a line.
+        let speed =
+            pairs.iter().position(|p| (p.speed_hz / pairs[c.pair].speed_hz - 1.0).abs() < 0.02).unwrap_or(c.pair);
+        let key = (c.channel, family, speed);
+        let group = keys.iter().position(|k| *k == key).unwrap_or_else(|| {
+            keys.push(key);
+            keys.len() - 1
+        });
+        let of_pair = &mut orders[c.pair];
+        let at = of_pair.iter().position(|o| (o - l.order).abs() < 1e-9).unwrap_or_else(|| {
+            of_pair.push(l.order);
+            of_pair.len() - 1
+        });
+        let reference = 0.5 * l.reference_power.ln();
+        out.push(Line { pair: c.pair, sensor, at, change: c.change, variance: c.variance, reference, group });
+    }
+    (orders, out, keys.len())
+}

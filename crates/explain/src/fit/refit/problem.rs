@@ -1,0 +1,416 @@
+//! The numbers of a joint refit, the bench that they make, and what it leaves of the lines.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use gearwatch_core::bench::{Bench, EffectSpec};
+use gearwatch_sim::effects;
+use gearwatch_sim::setup::SimSetup;
+use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
+use nalgebra::DVector;
+
+use super::library::{fitted, starts};
+use super::lines::{Line, lines};
+use crate::change::locate::Cell;
+use crate::fit::least_squares::{Prior, Solution, losses, minimise, pulls};
+use crate::name::Question;
+use crate::read::features::RecordingFeatures;
+
+/// How wrong the numbers of a sheet are (standard deviation of the logarithm): stiffnesses, damping.
+const STIFFNESS_TOLERANCE: f64 = 0.12;
+const DAMPING_TOLERANCE: f64 = 0.3;
+/// Share of the simulator's coupling of tooth pairs through their gear bodies: models in use have from none (pairs added up) to all of
+/// it (finite elements). It decides how mean stiffness and its change over a mesh cycle go together, so no effect on the loaded teeth is told without it.
+const COUPLING: (f64, f64) = (0.6, 0.4);
+const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
+/// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
+/// relieved and worn flanks most.
+pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
+/// Scatters from which fits start: nearly none has no slope towards more, and teeth that scatter far part at light loads.
+const SPACING_STARTS_UM: [f64; 3] = [0.4, 1.8, 3.2];
+/// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
+pub const USUAL_ERROR_UM: f64 = 0.5;
+/// Profile harmonics that are fitted.
+pub const ERRORS: usize = 3;
+/// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many phases.
+const CHANGED_ERROR_UM: f64 = 3.0;
+const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
+const PHASES: usize = 8;
+/// Model error: of a change, a constant part and one in proportion; of a trend over load. All natural logarithms.
+const CHANGE_SIGMA: f64 = 0.08;
+const CHANGE_SHARE: f64 = 0.25;
+const TREND_SIGMA: f64 = 0.35;
+/// Lines of one harmonic share the model's error over channels and loads: their number counts by this much in the covariance.
+pub const INDEPENDENT: f64 = 0.4;
+/// Least number of lines.
+const LEAST: usize = 8;
+/// Starts that are tried, by how many iterations: at first, of the best of these, and of the best of these to a minimum.
+const ROUNDS: [(usize, usize); 2] = [(12, 1), (4, 3)];
+const STARTS: usize = 2;
+/// Sizes, with or without another spacing, whose teeth's errors are turned.
+const TURNED: usize = 16;
+const ITERATIONS: usize = 16;
+/// A start so much further from the lines (nats) than the best is not followed to its minimum.
+const HOPELESS: f64 = 25.0;
+/// Sizes of a changed profile error that are kept from one harmonic to the next.
+const KEPT: usize = 2;
+
+/// A number of the fit.
+#[derive(Clone, Debug)]
+pub enum Number {
+    /// ln of the stiffness factor of a mesh.
+    Stiffness(usize),
+    /// Factor on the coupling of tooth pairs through the bodies of a mesh.
+    Coupling(usize),
+    /// Scatter of the spacing of a mesh's teeth (µm).
+    Spacing(usize),
+    /// ln of the damping ratio's factor of a mesh.
+    Damping(usize),
+    /// ln of the bearing stiffness factor of a shaft.
+    Bearing(usize),
+    /// ln of the torsional stiffness factor of a shaft.
+    Torsion(usize),
+    /// Component (0 cosine, 1 sine) of the profile error of stage and harmonic (µm), always there.
+    Error(usize, usize, usize),
+    /// The same, added by the effect.
+    Changed(usize, usize, usize),
+    /// ln of a parameter of a member.
+    Effect(usize, &'static str),
+}
+
+/// Effects, the bench's numbers and the lines that they have to account for.
+pub struct Problem<'a> {
+    /// What is asked.
+    pub q: &'a Question<'a>,
+    /// The effects; their parameters are numbers of the fit.
+    pub specs: Vec<EffectSpec>,
+    /// What is fitted, the bench's own numbers first.
+    pub numbers: Vec<Number>,
+    /// By number.
+    pub priors: Vec<Prior>,
+    /// What is accounted for.
+    pub lines: Vec<Line>,
+    /// How many of the numbers are the bench's own.
+    own: usize,
+    orders: Vec<Vec<f64>>,
+    groups: usize,
+    solver: Vec<[SteadySolver; 2]>,
+    /// Only the references' trend over load counts.
+    trend_only: bool,
+}
+
+/// Cost and numbers of a point.
+pub type Start = (f64, DVector<f64>);
+
+/// The bench's own numbers as the references alone show them: where fits with an effect start.
+pub struct Base(DVector<f64>);
+
+impl<'a> Problem<'a> {
+    /// The problem of some effects (id and place); `None` where there are too few lines, or an effect has no form on them.
+    pub fn new(q: &'a Question<'a>, cells: &[Cell], members: &[(&str, &str)]) -> Option<Self> {
+        let mut numbers = Vec::new();
+        let mut priors = Vec::new();
+        let mut add = |number: Number, mean: f64, sigma: f64| {
+            numbers.push(number);
+            priors.push(Prior { mean, sigma });
+        };
+        let mut own = 0;
+        for i in 0..q.bench.stages.len() {
+            add(Number::Stiffness(i), 0.0, STIFFNESS_TOLERANCE);
+            add(Number::Coupling(i), COUPLING.0, COUPLING.1);
+            add(Number::Spacing(i), SPACING_UM.0, SPACING_UM.1);
+            add(Number::Damping(i), 0.0, DAMPING_TOLERANCE);
+            own += 4 + 2 * ERRORS;
+            for h in 0..ERRORS {
+                for part in 0..2 {
+                    add(Number::Error(i, h, part), 0.0, USUAL_ERROR_UM / (h + 1) as f64);
+                }
+            }
+        }
+        for j in 0..q.bench.shafts.len() {
+            add(Number::Bearing(j), 0.0, STIFFNESS_TOLERANCE);
+            add(Number::Torsion(j), 0.0, STIFFNESS_TOLERANCE);
+            own += 2;
+        }
+        let mut specs = Vec::new();
+        for (member, (effect, place)) in members.iter().enumerate() {
+            for number in fitted(effect)? {
+                add(Number::Effect(member, number.name), number.usual.ln(), number.spread);
+            }
+            if *effect == "profile_error" {
+                let stage = q.bench.stages.iter().position(|s| s.name == *place)?;
+                for h in 0..ERRORS {
+                    for part in 0..2 {
+                        add(Number::Changed(stage, h, part), 0.0, CHANGED_ERROR_UM / (h + 1) as f64);
+                    }
+                }
+            }
+            let (effect, place) = ((*effect).to_owned(), (*place).to_owned());
+            specs.push(EffectSpec { effect, place, parameters: BTreeMap::new() });
+        }
+        let (orders, lines, groups) = lines(q, cells);
+        if lines.len() < LEAST {
+            return None;
+        }
+        let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-3, together: false };
+        let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
+        let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
+        Some(Self { q, specs, numbers, priors, lines, own, orders, groups, solver, trend_only: false })
+    }
+
+    /// The bench's own numbers from the trend of the references' lines over load.
+    pub fn base(q: &'a Question<'a>, cells: &[Cell]) -> Option<Base> {
+        let mut problem = Self::new(q, cells, &[])?;
+        problem.trend_only = true;
+        let start = DVector::from_iterator(problem.own, problem.priors.iter().map(|p| p.mean));
+        let all: Vec<usize> = (0..q.bench.stages.len()).collect();
+        let spaced = problem.spaced(vec![start], &all);
+        let (_, start) = problem.turned(spaced, &all).into_iter().next()?;
+        Some(Base(problem.minimise(start, &|_| true, ITERATIONS)?.x))
+    }
+
+    /// Minimises over some of the numbers.
+    fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
+        let priors = self.priors.clone();
+        let free: Vec<usize> = (0..priors.len()).filter(|&k| free(&self.numbers[k])).collect();
+        minimise(x, &priors, &free, iterations, &mut |x| self.residuals(x))
+    }
+
+    /// The best fit from the most promising starts.
+    pub fn solve(&mut self, base: &Base) -> Option<Solution> {
+        let seen = self.glance(base)?;
+        self.settle(seen)
+    }
+
+    /// Promising starts, least cost first. What one is worth shows once the teeth's own numbers have followed it a little.
+    pub fn glance(&mut self, base: &Base) -> Option<Vec<Start>> {
+        let means = self.priors[self.own..].iter().map(|p| p.mean);
+        let mut x = DVector::from_iterator(self.priors.len(), base.0.iter().copied().chain(means));
+        let mut tried = Vec::new();
+        // The teeth concerned; of what sits on a shaft, all.
+        let own = |i: &usize| self.specs.iter().any(|s| s.place == self.q.bench.stages[*i].name);
+        let all: Vec<usize> = (0..self.q.bench.stages.len()).collect();
+        let mut concerned: Vec<usize> = all.iter().copied().filter(own).collect();
+        if concerned.is_empty() {
+            concerned = all;
+        }
+        for member in 0..self.specs.len() {
+            let starts = self.scan(&x, member);
+            tried = self.spaced(starts, &concerned);
+            x.clone_from(&tried.first()?.1);
+        }
+        tried.truncate(TURNED);
+        let tried = self.turned(tried, &concerned);
+        let teeth = |n: &Number| !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
+        let mut seen = tried;
+        for (count, iterations) in ROUNDS {
+            let mut next: Vec<Start> = Vec::new();
+            for (_, start) in self.best(seen, count) {
+                next.extend(self.minimise(start, &teeth, iterations).map(|s| (s.cost.1, s.x)));
+            }
+            next.sort_by(|a, b| a.0.total_cmp(&b.0));
+            seen = next;
+        }
+        Some(seen)
+    }
+
+    /// The first of some points, and the first on the other side of no effect: larger and smaller than before are different valleys.
+    fn best(&self, points: Vec<Start>, count: usize) -> Vec<Start> {
+        let factor = self.numbers.iter().position(|n| matches!(n, Number::Effect(_, "factor")));
+        let larger = |x: &DVector<f64>| factor.is_some_and(|k| x[k] > 0.0);
+        let first = points.first().is_some_and(|p| larger(&p.1));
+        let across = points.iter().position(|p| larger(&p.1) != first);
+        points.into_iter().enumerate().filter(|(i, _)| *i < count || Some(*i) == across).map(|(_, p)| p).collect()
+    }
+
+    /// The best fit from the best of some starts.
+    pub fn settle(&mut self, seen: Vec<Start>) -> Option<Solution> {
+        let enough = seen.first()?.0 + 2.0 * HOPELESS;
+        let starts = self.best(seen, STARTS).into_iter().filter(|s| s.0 < enough);
+        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &|_| true, ITERATIONS)).collect();
+        fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))
+    }
+
+    /// Sizes of one member with all else as in `x`.
+    fn scan(&mut self, x: &DVector<f64>, member: usize) -> Vec<DVector<f64>> {
+        let own = |n: &Number| matches!(n, Number::Effect(m, _) if *m == member);
+        let spec = self.specs[member].clone();
+        if spec.effect == "profile_error" {
+            // One harmonic after the other, the first from nothing.
+            let Some(stage) = self.q.bench.stages.iter().position(|s| s.name == spec.place) else { return Vec::new() };
+            let mut x = x.clone();
+            let mut tried = Vec::new();
+            for h in 0..ERRORS {
+                let part = |part: usize| {
+                    let own = |n: &Number| matches!(n, Number::Changed(i, k, p) if (*i, *k, *p) == (stage, h, part));
+                    self.numbers.iter().position(own)
+                };
+                let (Some(a), Some(b)) = (part(0), part(1)) else { return Vec::new() };
+                for size in ERROR_STARTS_UM {
+                    for k in 0..PHASES {
+                        let mut y = x.clone();
+                        let phase = TAU * k as f64 / PHASES as f64;
+                        y[a] = size / (h + 1) as f64 * phase.cos();
+                        y[b] = size / (h + 1) as f64 * phase.sin();
+                        tried.extend(self.cost(&y).map(|c| (c, y)));
+                    }
+                }
+                tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+                tried.truncate(KEPT);
+                let Some(best) = tried.first() else { return Vec::new() };
+                x.clone_from(&best.1);
+            }
+            return tried.into_iter().map(|(_, y)| y).collect();
+        }
+        let Some(first) = self.numbers.iter().position(own) else { return Vec::new() };
+        let sized = |values: Vec<f64>| {
+            let mut y = x.clone();
+            y.rows_mut(first, values.len()).copy_from_slice(&values);
+            y
+        };
+        starts(fitted(&spec.effect).unwrap_or_default()).into_iter().map(sized).collect()
+    }
+
+    /// Each point as it is, and with the best other scatter of the spacing of some stages' teeth; least cost first. What parts the teeth is left out.
+    fn spaced(&mut self, points: Vec<DVector<f64>>, stages: &[usize]) -> Vec<Start> {
+        let own = |n: &Number| matches!(n, Number::Spacing(i) if stages.contains(i));
+        let spacings: Vec<usize> = (0..self.numbers.len()).filter(|&k| own(&self.numbers[k])).collect();
+        let mut out = Vec::with_capacity(2 * points.len());
+        for point in points {
+            let mut best: Option<Start> = None;
+            for um in SPACING_STARTS_UM {
+                let mut y = point.clone();
+                spacings.iter().for_each(|&k| y[k] = um);
+                let cost = self.cost(&y);
+                if let Some(c) = cost.filter(|c| best.as_ref().is_none_or(|b| *c < b.0)) {
+                    best = Some((c, y));
+                }
+            }
+            out.extend(best);
+            out.extend(self.cost(&point).map(|c| (c, point)));
+        }
+        out.sort_by(|a: &Start, b: &Start| a.0.total_cmp(&b.0));
+        out
+    }
+
+    /// Each point in the best of some phases of the first profile error of some stages: it adds to what an effect does to the loaded teeth, and no
+    /// fit gets from one phase to the opposite. Least cost first.
+    fn turned(&mut self, mut points: Vec<Start>, stages: &[usize]) -> Vec<Start> {
+        for &stage in stages {
+            let own = |n: &Number| matches!(n, Number::Error(i, 0, 0) if *i == stage);
+            let Some(cosine) = self.numbers.iter().position(own) else { continue };
+            for point in &mut points {
+                let start = point.1.clone();
+                for k in 0..PHASES {
+                    let mut y = start.clone();
+                    let phase = TAU * k as f64 / PHASES as f64;
+                    (y[cosine], y[cosine + 1]) = (USUAL_ERROR_UM * phase.cos(), USUAL_ERROR_UM * phase.sin());
+                    if let Some(cost) = self.cost(&y).filter(|c| *c < point.0) {
+                        *point = (cost, y);
+                    }
+                }
+            }
+        }
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points
+    }
+
+    /// Cost at a point; `None` where there is no steady state.
+    pub fn cost(&mut self, x: &DVector<f64>) -> Option<f64> {
+        let r = self.residuals(x)?;
+        Some(losses(&r) + pulls(x, &self.priors))
+    }
+
+    /// The bench with the numbers of the fit that a bench file has.
+    pub fn bench(&self, x: &DVector<f64>) -> Bench {
+        let mut bench = self.q.bench.clone();
+        for (number, value) in self.numbers.iter().zip(x.iter()) {
+            match number {
+                Number::Damping(i) => bench.stages[*i].mesh_damping_ratio *= value.exp(),
+                Number::Bearing(j) => bench.shafts[*j].bearing_n_per_m *= value.exp(),
+                Number::Torsion(j) => bench.shafts[*j].torsion_nm_per_rad *= value.exp(),
+                _ => {}
+            }
+        }
+        bench
+    }
+
+    /// Setups without and with the effects.
+    fn setups(&self, x: &DVector<f64>) -> Option<[SimSetup; 2]> {
+        let mut plain = SimSetup::nominal(&self.bench(x));
+        let mut errors = vec![[[0.0f64; 2]; ERRORS]; self.q.bench.stages.len()];
+        let mut changed = errors.clone();
+        let mut specs = self.specs.clone();
+        for (number, value) in self.numbers.iter().zip(x.iter()) {
+            match number {
+                Number::Stiffness(i) => plain.teeth[*i].pair.stiffness_factor *= value.exp(),
+                Number::Coupling(i) => {
+                    plain.teeth[*i].pair.coupling_factor *= value.clamp(COUPLING_RANGE.0, COUPLING_RANGE.1);
+                }
+                Number::Spacing(i) => plain.teeth[*i].pair.alternating_m = 1e-6 * value.max(0.0),
+                Number::Error(i, h, part) => errors[*i][*h][*part] += value,
+                Number::Changed(i, h, part) => changed[*i][*h][*part] += value,
+                Number::Effect(member, name) => {
+                    let effect = effects::find(&specs[*member].effect).ok()?;
+                    let range = effect.parameters().iter().find(|p| p.name == *name)?;
+                    specs[*member].parameters.insert((*name).to_owned(), value.exp().clamp(range.min, range.max));
+                }
+                _ => {}
+            }
+        }
+        let profile = |setup: &mut SimSetup, of: &dyn Fn(usize, usize, usize) -> f64| {
+            for (i, teeth) in setup.teeth.iter_mut().enumerate() {
+                let amplitude = |h: usize| {
+                    let (c, s) = (of(i, h, 0), of(i, h, 1));
+                    (1e-6 * c.hypot(s), s.atan2(c))
+                };
+                teeth.pair.profile_error = (0..ERRORS).map(amplitude).collect();
+            }
+        };
+        let mut with = plain.clone();
+        profile(&mut plain, &|i, h, p| errors[i][h][p]);
+        profile(&mut with, &|i, h, p| errors[i][h][p] + changed[i][h][p]);
+        for spec in specs.iter().filter(|s| s.effect != "profile_error") {
+            effects::apply(spec, &mut with).ok()?;
+        }
+        Some([plain, with])
+    }
+
+    /// Changes of the lines (one each), then the references' trend over load, in standard deviations.
+    pub fn residuals(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
+        let setups = self.setups(x)?;
+        let sides = if self.trend_only { 1 } else { 2 };
+        let mut amplitudes = Vec::with_capacity(self.orders.len());
+        for (p, pair) in self.q.comparison.pairs.iter().enumerate() {
+            let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
+            let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
+            let mut both = Vec::with_capacity(sides);
+            for side in 0..sides {
+                let solver = &mut self.solver[p][side];
+                let solved = solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]).ok()?;
+                both.push(solved.sensors);
+            }
+            amplitudes.push(both);
+        }
+        let level = |l: &Line, side: usize| amplitudes[l.pair][side][l.sensor][l.at].norm().max(1e-12).ln();
+        let mut out = Vec::with_capacity(2 * self.lines.len());
+        let mut sums = vec![(0.0, 0usize); self.groups];
+        for l in &self.lines {
+            let before = level(l, 0);
+            if sides == 2 {
+                let sigma = (l.variance + CHANGE_SIGMA.powi(2) + (CHANGE_SHARE * l.change).powi(2)).sqrt();
+                out.push((level(l, 1) - before - l.change) / sigma);
+            }
+            sums[l.group].0 += before - l.reference;
+            sums[l.group].1 += 1;
+        }
+        for l in &self.lines {
+            let (sum, n) = sums[l.group];
+            if n > 1 {
+                let freedom = (1.0 - 1.0 / n as f64).sqrt();
+                out.push((level(l, 0) - l.reference - sum / n as f64) / (TREND_SIGMA * freedom.recip()));
+            }
+        }
+        Some(out)
+    }
+}

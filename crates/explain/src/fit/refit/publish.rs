@@ -1,0 +1,115 @@
+//! What a joint refit says of its numbers: parameters of the effects with their uncertainty, the bench's own in words.
+
+use gearwatch_core::estimate::Estimate;
+
+use super::problem::{ERRORS, INDEPENDENT, Number, Problem, USUAL_ERROR_UM};
+use crate::fit::least_squares::Solution;
+use crate::name::Finding;
+
+/// What else stays open of a profile error: its harmonics add to those of the loaded teeth, which another tooth stiffness turns.
+const PROFILE_SHARE: f64 = 0.35;
+/// How far the simulator itself is from a bench, whatever is fitted (relative).
+const SIMULATOR_SIGMA: f64 = 0.07;
+
+impl Problem<'_> {
+    /// Factor on the standard deviation of each effect's number from its profile: the cost where the number is moved by one standard
+    /// deviation and the others follow, against the 1 that a quadratic would give.
+    pub fn profile(&mut self, s: &Solution) -> Vec<f64> {
+        let mut out = vec![1.0; self.numbers.len()];
+        for (k, factor) in out.iter_mut().enumerate() {
+            if !matches!(self.numbers[k], Number::Effect(..)) {
+                continue;
+            }
+            let sigma = s.covariance[(k, k)].sqrt();
+            let mut widest: f64 = 1.0;
+            for side in [-1.0, 1.0] {
+                let x = &s.x + s.covariance.column(k) * (side / sigma);
+                if let Some(cost) = self.cost(&x) {
+                    let rise = (cost - s.cost.1).max(0.06);
+                    widest = widest.max(rise.sqrt().recip());
+                }
+            }
+            *factor = widest.min(4.0);
+        }
+        out
+    }
+
+    /// Puts the numbers of a member into its finding.
+    pub fn publish(&self, s: &Solution, widened: &[f64], member: usize, f: &mut Finding) {
+        for (k, number) in self.numbers.iter().enumerate() {
+            if let Number::Effect(m, name) = number
+                && *m == member
+            {
+                let value = s.x[k].exp();
+                let spread = (s.covariance[(k, k)] / INDEPENDENT).sqrt() * widened[k] * self.misfit(s);
+                f.parameters.insert((*name).to_owned(), Estimate::new(value, value * spread.hypot(SIMULATOR_SIGMA)));
+            }
+        }
+        if f.effect == "profile_error" {
+            let Some(stage) = self.q.bench.stages.iter().position(|s| s.name == f.place) else { return };
+            for h in 0..ERRORS {
+                let parts = |added: bool| -> Vec<usize> {
+                    let own = |n: &Number| match n {
+                        Number::Changed(i, k, _) => added && (*i, *k) == (stage, h),
+                        Number::Error(i, k, _) => !added && (*i, *k) == (stage, h),
+                        _ => false,
+                    };
+                    (0..self.numbers.len()).filter(|&n| own(&self.numbers[n])).collect()
+                };
+                if let (&[a, b], &[c, d]) = (&parts(true)[..], &parts(false)[..]) {
+                    let (x, y) = (s.x[a] + s.x[c], s.x[b] + s.x[d]);
+                    let amplitude = x.hypot(y);
+                    let v = |i: usize| s.covariance[(i, i)] / INDEPENDENT;
+                    let sigma = (0.5 * (v(a) + v(b) + v(c) + v(d))).sqrt();
+                    let sigma = (self.misfit(s) * sigma)
+                        .hypot(PROFILE_SHARE * amplitude)
+                        .hypot(USUAL_ERROR_UM / (h + 1) as f64);
+                    f.parameters.insert(format!("e{}_um", h + 1), Estimate::new(amplitude, sigma));
+                }
+            }
+        }
+    }
+
+    /// What the fit leaves per residual, where that is more than the priors expect: the uncertainties grow with it.
+    fn misfit(&self, s: &Solution) -> f64 {
+        (s.cost.1 / (2 * self.lines.len()) as f64).max(1.0).sqrt()
+    }
+
+    /// The fit in words.
+    pub fn report(&self, s: &Solution) -> Vec<String> {
+        let mut out = vec![format!(
+            "joint refit: {} lines and their trend over load, {} free numbers, {} iterations; cost {:.0} with the sheet's numbers, {:.0} fitted",
+            self.lines.len(),
+            self.numbers.len(),
+            s.iterations,
+            s.cost.0,
+            s.cost.1
+        )];
+        let mut moved = Vec::new();
+        for (k, number) in self.numbers.iter().enumerate() {
+            let what = match number {
+                Number::Stiffness(i) => format!("mesh stiffness of {}", self.q.bench.stages[*i].name),
+                Number::Coupling(i) => {
+                    let stage = &self.q.bench.stages[*i].name;
+                    let sigma = s.covariance[(k, k)].sqrt();
+                    moved.push(format!("coupling of tooth pairs of {stage} ×{:.2} ± {sigma:.2}", s.x[k].max(0.0)));
+                    continue;
+                }
+                Number::Spacing(i) => {
+                    let stage = &self.q.bench.stages[*i].name;
+                    let sigma = s.covariance[(k, k)].sqrt();
+                    moved.push(format!("tooth spacing of {stage} scatters by {:.1} ± {sigma:.1} µm", s.x[k].max(0.0)));
+                    continue;
+                }
+                Number::Damping(i) => format!("mesh damping of {}", self.q.bench.stages[*i].name),
+                Number::Bearing(j) => format!("bearing stiffness of {}", self.q.bench.shafts[*j].name),
+                Number::Torsion(j) => format!("torsional stiffness of {}", self.q.bench.shafts[*j].name),
+                _ => continue,
+            };
+            let sigma = s.covariance[(k, k)].sqrt();
+            moved.push(format!("{what} ×{:.3} ± {:.3}", s.x[k].exp(), s.x[k].exp() * sigma));
+        }
+        out.push(format!("joint refit, base: {}", moved.join(", ")));
+        out
+    }
+}

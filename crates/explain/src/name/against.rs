@@ -1,0 +1,351 @@
+//! What changed against the reference: sensor paths first, then one tooth, then masks of lines, one effect after the other.
+
+use crate::change::locate::{self, Cell, Place};
+use crate::change::masks::{self, Mask};
+use crate::judge::controls;
+use crate::name::alone;
+use crate::name::gear;
+use crate::name::ghost;
+use crate::name::path;
+use crate::name::strange;
+use crate::name::subname;
+use crate::name::{Finding, Question};
+
+/// Gain (nats) above which a mask is believed: of 108 unchanged benches the three best gained 15, the fourth 7.6, and two in three less than 0.5.
+const BELIEVED: f64 = 18.0;
+/// The same of a mask that no single order makes: on unchanged benches its quiet lines speak against it, none gained anything.
+const BELIEVED_WIDE: f64 = 6.0;
+/// The same of the first order of one shaft: unchanged benches gain nothing, with lines a little over twice as large inside as outside.
+const BELIEVED_ORDERS: f64 = 4.0;
+const ORDERS_STAND_OUT: f64 = 2.5;
+/// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
+const MISFIT: f64 = 1.2;
+/// Gains of the best mask on 108 unchanged benches of `gearwatch prove` (seeds 7211126, 9302611, 4410077, 5820331, 6640219), the yardstick of [`p_null`].
+const NULL_GAINS: [f64; 108] = [
+    -1.9, -1.4, -0.6, -0.6, -0.6, -0.5, -0.4, -0.4, -0.4, -0.4, -0.4, -0.3, -0.3, -0.3, -0.3, -0.3, -0.3, -0.2, -0.2,
+    -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.2,
+    0.2, 0.2, 0.3, 0.3, 0.3, 0.3, 0.3, 0.4, 0.4, 0.4, 0.5, 0.5, 0.5, 0.7, 0.8, 0.8, 0.9, 0.9, 1.0, 1.0, 1.0, 1.0, 1.0,
+    1.1, 1.1, 1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.7, 1.8, 1.9, 2.0, 2.2, 2.8, 3.5, 4.1, 4.3, 4.4, 5.0, 6.2, 7.6, 14.8,
+    14.9, 15.4,
+];
+/// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
+const SIMPLER: f64 = 0.97;
+const NEARLY: f64 = 2.0;
+/// A second effect must gain this much, and change its lines this many times more than the others change.
+const SECOND_GAIN: f64 = 25.0;
+const CONCENTRATED: f64 = 2.0;
+/// Factor on the probability of a second effect: it may be what the first does elsewhere.
+const SECOND_SURE: f64 = 0.7;
+/// Beside one damaged tooth, which alters many lines, a mask must gain this much.
+const BESIDE_TOOTH: f64 = 60.0;
+/// Beside another machine's lines only a change this plain counts as the bench's own.
+const FOREIGN_GAIN: f64 = 60.0;
+/// A mask is a rival of another from this share of its gain on; so many rivals are asked, and so many names stand in a set; a name
+/// this probable has none.
+const RIVAL: f64 = 0.85;
+const RIVALS: usize = 2;
+const LONGEST: usize = 5;
+const RIVALLED: f64 = 0.91;
+/// Effects that masks may name, one after the other.
+const MOST: usize = 2;
+
+/// What was found so far.
+pub struct Found<'a> {
+    /// Findings, to which those of this search are added.
+    pub findings: &'a mut Vec<Finding>,
+    /// Set where something changed that has no name.
+    pub unexplained: &'a mut bool,
+    /// What was seen, in words.
+    pub steps: &'a mut Vec<String>,
+    /// The cells, without what a changed sensor path did to them.
+    pub cells: &'a mut Vec<Cell>,
+}
+
+/// Probability that an unchanged bench gains as much, by rank among unchanged benches.
+pub fn p_null(gain: f64) -> f64 {
+    let above = NULL_GAINS.iter().filter(|g| **g >= gain).count();
+    (1 + above) as f64 / (1 + NULL_GAINS.len()) as f64
+}
+
+/// Masks of lines that every machine has.
+pub fn wide(place: Place) -> bool {
+    matches!(place, Place::Mesh(_) | Place::Stage(_) | Place::Dynamics | Place::LowSide(..))
+}
+
+/// Names what changed between recordings and reference; the gain of the best mask.
+pub fn search(
+    q: &Question<'_>,
+    cells: &[Cell],
+    speeds: &[f64],
+    strange: &strange::Strange,
+    found: &mut Found<'_>,
+) -> Option<f64> {
+    let places = locate::places(q.train.stages.len(), q.bench.belt.is_some());
+    let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
+    let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
+    found.cells.clone_from(&remaining);
+    // One tooth that differs shows in phases before it shows in amplitudes.
+    for (stage, shaft, finding) in gear::local_faults(q, &remaining, found.steps) {
+        found.findings.push(finding);
+        remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
+    }
+    let tooth_found = found.findings.iter().any(|f| f.effect == "tooth_breakage");
+    if tooth_found {
+        // A damaged tooth lights lines everywhere, among them those of a ghost.
+        found.findings.retain(|f| f.effect != "ghost_component");
+    }
+    let ghost = found.findings.iter().find(|f| f.effect == "ghost_component");
+    let ghost_found = ghost.is_some();
+    if let Some(ghost) = ghost {
+        let hz = |c: &Cell| q.recordings[q.comparison.pairs[c.pair].recording].input_hz;
+        remaining.retain(|c| c.family.is_none() || !ghost::explains(q, ghost, c.frequency_hz / hz(c)));
+    }
+    // One order that leads its row tells a ripple where the sidebands in its mask tell nothing, or pass for a gear's.
+    let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
+    let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));
+    let before = remaining.clone();
+    let mut gain = None;
+    let mut named: Vec<Mask> = Vec::new();
+    for round in 0..MOST {
+        let mut ranked = masks::masks(&remaining, &places, &gaps);
+        // What was named alters other lines of its shaft a little too.
+        ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
+        let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
+        let Some(mut chosen) = alone.or_else(|| choose(&ranked)) else { break };
+        for m in ranked.iter().take(3) {
+            found.steps.push(format!(
+                "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
+                subname::describe(q, m.place),
+                m.gain,
+                m.cells,
+                m.inside,
+                m.outside
+            ));
+        }
+        if round == 0 {
+            gain = ranked.first().map(|m| m.gain);
+        }
+        let later = round > 0 || under_path || tooth_found || ghost_found;
+        if alone.is_none() && !believed(&chosen, later, tooth_found) {
+            if round > 0 {
+                found.steps.push("stop: no further mask gains enough beside what was named".into());
+            }
+            // Changes of a few lines each, all over the train: no mask gains by them, and repetition does not make them.
+            let whole = ranked.iter().find(|m| m.place == Place::Dynamics);
+            match whole.filter(|_| !later && locate::line_misfit(&remaining, None) > MISFIT) {
+                Some(whole) => chosen = *whole,
+                None => break,
+            }
+        }
+        if strange.foreign_machine() && chosen.gain < FOREIGN_GAIN {
+            found
+                .steps
+                .push("lines of another machine are there; what changed in the gears' own lines is left to it".into());
+            *found.unexplained = true;
+            break;
+        }
+        // A strong ripple drags all lines of its shaft along; what gains as much as they do together is then no rival of it.
+        let within = if matches!(chosen.place, Place::Gear(..)) || wide(chosen.place) {
+            masks::cause_within(&remaining, &chosen, &places)
+        } else {
+            None
+        };
+        let by_row = ripple_place.filter(|p| {
+            let wider = matches!(chosen.place, Place::Gear(..) | Place::LowSide(..) | Place::ShaftOrders(_));
+            chosen.place == *p || (wider && shaft_of(chosen.place) == shaft_of(*p))
+        });
+        let within = by_row.and_then(|p| ranked.iter().find(|m| m.place == p).copied()).or(within);
+        let named_one = match &within {
+            Some(cause) if Some(cause.place) == ripple_place => ripple.clone(),
+            Some(cause) => subname::name(q, cause, &remaining, found.steps),
+            None => subname::name(q, &chosen, &remaining, found.steps)
+                .map(|f| with_rivals(q, f, &chosen, &ranked, &remaining)),
+        };
+        let chosen = within.unwrap_or(chosen);
+        let Some(finding) = named_one else {
+            *found.unexplained = true;
+            break;
+        };
+        if found.findings.iter().any(|f| f.effect == finding.effect && f.place == finding.place) {
+            break;
+        }
+        controls::report(q, &remaining, &places, &gaps, &chosen, found.steps);
+        let sure = if round > 0 { SECOND_SURE } else { 1.0 };
+        found.findings.push(Finding { probability: sure * finding.probability, ..finding });
+        named.push(chosen);
+        remaining.retain(|c| !(locate::covers(chosen.place, c.family) && c.family.is_some()));
+        if !remaining.iter().any(|c| c.family.is_some()) {
+            break;
+        }
+    }
+    if let [first, second] = named[..] {
+        swap(q, &before, &places, &gaps, (first, second), found);
+    }
+    if let (Some(f), Some(place)) = (ripple, ripple_place)
+        && !found.findings.iter().any(|x| echoes(q, x, place))
+    {
+        found.findings.push(f);
+    }
+    gain
+}
+
+/// Cells that a changed sensor path has no part in: those of the other channels, and where the path is one factor its own less that. Without another channel the path is
+/// taken off as the background tells it, and what else changed lies under it (true): a wide mask would take up what that leaves.
+fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
+    found.steps.push(format!(
+        "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
+        speeds.len(),
+        cells.iter().filter(|c| c.family.is_some()).count(),
+        locate::line_misfit(cells, None)
+    ));
+    let mut remaining: Vec<Cell> = cells.to_vec();
+    let known = found.findings.len();
+    if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
+        found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
+    } else if let Some((channel, finding)) = path::path(q, cells, speeds, found.steps) {
+        remaining = locate::without_path(&remaining, channel, speeds);
+        found.findings.push(finding);
+    }
+    let paths = &found.findings[known..];
+    let changed = |c: &Cell| paths.iter().find(|f| f.place == q.comparison.channels[c.channel]);
+    if paths.is_empty() || remaining.iter().all(|c| changed(c).is_some()) {
+        return (remaining, !paths.is_empty());
+    }
+    let clear = cells.iter().filter_map(|c| match changed(c) {
+        None => Some(*c),
+        Some(f) => {
+            let factor = f.parameters.get("factor").filter(|_| f.effect == "scaling")?;
+            Some(Cell { change: c.change - factor.value.ln(), ..*c })
+        }
+    });
+    (clear.collect(), false)
+}
+
+/// Among masks that gain nearly as much as the best, the simplest.
+fn choose(ranked: &[Mask]) -> Option<Mask> {
+    let best = ranked.first()?;
+    let near = (SIMPLER * best.gain).min(best.gain - NEARLY);
+    ranked
+        .iter()
+        .filter(|m| m.gain >= near)
+        .min_by(|a, b| simplicity(a.place).cmp(&simplicity(b.place)).then(b.gain.total_cmp(&a.gain)))
+        .copied()
+}
+
+fn believed(m: &Mask, later: bool, tooth_found: bool) -> bool {
+    if later {
+        let enough = if tooth_found { BESIDE_TOOTH } else { SECOND_GAIN };
+        return m.gain > enough && !wide(m.place) && m.inside > CONCENTRATED * m.outside;
+    }
+    let threshold = match m.place {
+        Place::ShaftOnce(_) if m.inside > ORDERS_STAND_OUT * m.outside => BELIEVED_ORDERS,
+        p if wide(p) => BELIEVED_WIDE,
+        _ => BELIEVED,
+    };
+    m.gain > threshold
+}
+
+/// Adds the names of masks that share lines with the chosen one and gain nearly as much: where the lines alone do not say which.
+fn with_rivals(q: &Question<'_>, mut f: Finding, chosen: &Mask, ranked: &[Mask], cells: &[Cell]) -> Finding {
+    if f.probability > RIVALLED {
+        return f;
+    }
+    let shared = |m: &Mask| {
+        let both = |c: &&Cell| {
+            c.family.is_some() && locate::covers(m.place, c.family) && locate::covers(chosen.place, c.family)
+        };
+        2 * cells.iter().filter(both).count() > m.cells.min(chosen.cells)
+    };
+    let rivals: Vec<&Mask> = ranked
+        .iter()
+        .filter(|m| m.place != chosen.place && m.gain > RIVAL * chosen.gain && shared(m))
+        .take(RIVALS)
+        .collect();
+    for m in rivals {
+        let Some(other) = subname::rival(q, m, cells) else { continue };
+        let names = std::iter::once((other.effect, other.place)).chain(other.alternatives.into_iter().take(1));
+        for (effect, place) in names {
+            let known = (f.effect == effect && f.place == place)
+                || f.alternatives.iter().any(|(e, p)| *e == effect && *p == place);
+            if !known && f.alternatives.len() < LONGEST {
+                f.alternatives.push((effect, place));
+            }
+        }
+    }
+    f
+}
+
+/// Asks again for the first effect once the second is known: taken one after the other, two effects may pass for a third.
+fn swap(
+    q: &Question<'_>,
+    cells: &[Cell],
+    places: &[Place],
+    gaps: &[f64],
+    (first, second): (Mask, Mask),
+    found: &mut Found<'_>,
+) {
+    let rest: Vec<Cell> =
+        cells.iter().filter(|c| !(c.family.is_some() && locate::covers(second.place, c.family))).copied().collect();
+    let ranked = masks::masks(&rest, places, gaps);
+    let gain = ranked.iter().find(|m| m.place == first.place).map_or(f64::NEG_INFINITY, |m| m.gain);
+    let at = found.findings.len() - 2;
+    let own = &found.findings[at + 1];
+    let other = choose(&ranked.into_iter().filter(|m| !echoes(q, own, m.place)).collect::<Vec<_>>());
+    match other.filter(|m| m.place != first.place && m.gain > gain.max(0.0) + NEARLY && believed(m, false, false)) {
+        Some(m) => {
+            found.steps.push(format!(
+                "swap: beside the second effect, {} gains {:.0} nats, {} {gain:.0}",
+                subname::describe(q, m.place),
+                m.gain,
+                subname::describe(q, first.place)
+            ));
+            if let Some(f) = subname::name(q, &m, &rest, found.steps) {
+                found.findings[at] = f;
+            }
+        }
+        None => found
+            .steps
+            .push(format!("swap: {} stays the best mask beside the second effect", subname::describe(q, first.place))),
+    }
+}
+
+/// Places by what they would be called, simplest first.
+fn simplicity(place: Place) -> u8 {
+    match place {
+        Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_) => 0,
+        Place::FirstSide(..) | Place::Mesh(_) => 1,
+        Place::ShaftOrders(_) => 2,
+        Place::LowSide(..) => 3,
+        Place::Gear(..) => 4,
+        Place::Stage(_) => 5,
+        Place::Dynamics => 6,
+    }
+}
+
+/// Whether a mask may only show what a finding does besides: other orders of the same shaft, or of the shafts of a pair whose teeth changed, or another
+/// order of a ripple's train.
+fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
+    let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect)) else { return false };
+    let ripple = |p: Place| matches!(p, Place::ShaftOrder(_, k) if k > 1) || matches!(p, Place::MotorOrder(_));
+    match (found, shaft_of(found), shaft_of(place)) {
+        (_, Some(a), Some(b)) => a == b || (ripple(found) && ripple(place)),
+        (Place::Mesh(i) | Place::Stage(i), None, Some(b)) => b == i || b == i + 1,
+        _ => false,
+    }
+}
+
+/// The shaft whose revolution a mask stands for.
+fn shaft_of(place: Place) -> Option<usize> {
+    match place {
+        Place::FirstSide(_, j)
+        | Place::LowSide(_, j)
+        | Place::Gear(_, j)
+        | Place::ShaftOrder(j, _)
+        | Place::ShaftOnce(j)
+        | Place::ShaftOrders(j) => Some(j),
+        // Orders of the motor are those of the first shaft where no belt is between them.
+        Place::MotorOrder(_) => Some(0),
+        _ => None,
+    }
+}
