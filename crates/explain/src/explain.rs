@@ -94,7 +94,9 @@ fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, 
         }
         return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
     }
-    if !input.reference.is_empty() && used_reference.is_empty() {
+    // A reference of other sensors is left out below; one of this bench that holds nothing to judge would make everything look as before.
+    let of_this_bench = |r: &Recording| input.bench.sensors.iter().any(|s| r.channels.contains_key(&s.name));
+    if used_reference.is_empty() && input.reference.iter().any(of_this_bench) {
         if reasons.is_empty() {
             reasons
                 .push("only run-ups were given as reference; at least one recording at steady speed is needed".into());
@@ -129,9 +131,6 @@ fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, 
     limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
     if judged == 0 {
         return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
-    }
-    if !used_reference.is_empty() && strangers[used.len()..].iter().all(Option::is_some) {
-        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
     }
     let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
     let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();

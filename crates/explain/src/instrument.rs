@@ -196,7 +196,7 @@ impl Asked<'_> {
             let why =
                 format!("{name} shows {} different values with a standard deviation of {:.3e}", f.distinct, f.rms);
             self.faults.push(Fault::new("channel_dead", name, SEEN, why));
-            self.leave_out(name, "is dead");
+            self.leave_out(name, "stands still: it is dead");
         }
         for (name, f) in seen.facts.iter().filter(|(name, _)| !dead.contains(name)) {
             if let Some((level, count)) = f.clipped {
@@ -362,7 +362,7 @@ impl Asked<'_> {
                 before.coherence(c)
             );
             self.faults.push(Fault::new("channel_dead", &name, 0.9, why));
-            self.leave_out(&name, "is dead");
+            self.leave_out(&name, "stands still beside the others: it is dead");
         }
     }
 
@@ -575,7 +575,9 @@ impl Examined {
     /// # Errors
     /// Where no fault was found either: the error as it came.
     pub fn alone(self, error: ExplainError) -> Result<Explanation, ExplainError> {
-        if self.faults.is_empty() || !matches!(error, ExplainError::NothingUsable { .. }) {
+        // Where all that is known is that nothing was connected, nothing was judged.
+        let only_dead = self.faults.iter().all(|fault| fault.effect == "channel_dead");
+        if only_dead || !matches!(error, ExplainError::NothingUsable { .. }) {
             return Err(error);
         }
         let mut explanation = Explanation {

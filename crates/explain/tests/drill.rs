@@ -105,6 +105,7 @@ fn examined(recording: &Recording, change: Change) -> Vec<(String, String)> {
 /// Every instrument change but the clock, which takes a tacho, at every place and size, at the loads in `GEARWATCH_LOADS` (30 and 90 % by default), healthy and broken: at least 95 % named
 /// right with nothing beside, from the least size on that is stated here; and halves that nobody changed get no name.
 #[test]
+#[ignore = "minutes: cargo test --release -p gearwatch-explain --test drill -- --ignored --nocapture literature"]
 fn literature_instrument_changes_of_real_recordings_are_named() {
     let loads = std::env::var("GEARWATCH_LOADS").unwrap_or_else(|_| "30,90".into());
     let loads: Vec<u32> = loads.split(',').map(|l| l.parse().unwrap()).collect();

@@ -327,7 +327,10 @@ impl Diagnosis {
         }
         let runs = baseline.into_iter().flat_map(|baseline| &baseline.runs);
         let usual = runs.flat_map(|run| run.channels.values()).map(|channel| u64::from(channel.windows)).min();
-        if let Some(usual) = usual.filter(|usual| longest > 0 && 10 * longest < 6 * usual) {
+        // What was found wrong in a part stands; only "normal" could be wrong for what is missing.
+        let all_normal =
+            !self.verdicts.is_empty() && self.verdicts.iter().all(|verdict| verdict.machine == MachineState::Normal);
+        if let Some(usual) = usual.filter(|usual| all_normal && longest > 0 && 10 * longest < 6 * usual) {
             self.notes.push(format!(
                 "it has {longest} windows, the shortest recording of the baseline {usual}: if it was cut short, its end was not judged"
             ));

@@ -199,7 +199,7 @@ fn conform_the_simulators_faults_give_no_rank() {
             "format = \"gearwatch-scenario/1\"\nduration_s = {secs}.0\n[[sensor_fault]]\nsensor = \"acc_1\"\nkind = \"{kind}\"\nstart_s = {onset}.0\n"
         );
         let scenario = bench.write("scenario.toml", &scenario);
-        let recording = simulate("fault.mcap", "2", &["--scenario", text(&scenario)]);
+        let recording = simulate(&format!("{kind}.mcap"), "2", &["--scenario", text(&scenario)]);
         let all = ["diagnose", text(&recording), "--windows", "--bench", text(&file), "--baseline", text(&baseline)];
         let said = stdout(&output(&all));
         let (mut ranks, mut late, mut other) = (0, 0, 0);

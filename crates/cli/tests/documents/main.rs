@@ -31,7 +31,11 @@ fn script(text: &str) -> String {
                 }
             }
             let shown = command.trim().replace('\'', "'\\''");
-            writeln!(out, "\ncode=$?; [ $code = {code} ] || {{ echo 'exit '$code', not {code}: {shown}' >&2; exit 1; }}").unwrap();
+            writeln!(
+                out,
+                "\ncode=$?; [ $code = {code} ] || {{ echo 'exit '$code', not {code}: {shown}' >&2; exit 1; }}"
+            )
+            .unwrap();
         }
     }
     out
@@ -52,7 +56,8 @@ fn follow(name: &str, least: usize, files: &[&str]) {
     // Another service may hold the page's usual port on this machine.
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let script = script.replace("127.0.0.1:8650\"", &format!("127.0.0.1:{port}\""));
-    let done = Command::new("bash").args(["-c", &script]).current_dir(folder.path()).env("PATH", path).output().unwrap();
+    let done =
+        Command::new("bash").args(["-c", &script]).current_dir(folder.path()).env("PATH", path).output().unwrap();
     let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     assert!(done.status.success(), "{name}: {}\n{}", said(&done.stderr), said(&done.stdout));
     for file in files {
@@ -74,7 +79,8 @@ fn conform_get_started_runs_as_written() {
 /// A command that fails, or does not fail as stated, must be noticed: the check itself can fail.
 #[test]
 fn conform_a_wrong_exit_code_of_a_page_is_noticed() {
-    for (page, good) in [("```sh\ntrue\n```", true), ("```sh\nfalse\n```", false), ("```sh\nfalse # exit 1\n```", true)] {
+    for (page, good) in [("```sh\ntrue\n```", true), ("```sh\nfalse\n```", false), ("```sh\nfalse # exit 1\n```", true)]
+    {
         let done = Command::new("bash").args(["-c", &script(page)]).output().unwrap();
         assert_eq!(done.status.success(), good, "{page}");
     }

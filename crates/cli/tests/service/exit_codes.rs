@@ -77,7 +77,6 @@ fn conform_instrument_faults_are_unknown() {
         ("nan.mcap", (|i, v| if i == 17 { f32::NAN } else { v }) as fn(usize, f32) -> f32, "not_finite"),
         ("inf.mcap", |i, v| if i == 17 { f32::INFINITY } else { v }, "not_finite"),
         ("flat.mcap", |_, _| 0.25, "channel_dead"),
-        ("stuck.mcap", |i, v| if i % 2048 < 700 { 0.25 } else { v }, "flat_line"),
         ("clipped.mcap", |_, v| v.clamp(-0.8, 0.8), "overload"),
     ];
     for (name, spoiled, reason) in cases {

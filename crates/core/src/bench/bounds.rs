@@ -22,7 +22,7 @@ const fn range(low: f64, high: f64, unit: &'static str) -> Range {
     Range { low, high, unit }
 }
 
-const SPEED: Range = range(1e-3, 1e4, "Hz");
+const SPEED: Range = range(0.0, 1e3, "Hz");
 const BELT_RATIO: Range = range(1e-2, 1e2, "");
 const SAMPLE_RATE: Range = range(1.0, 1e7, "Hz");
 const TORQUE: Range = range(0.0, 1e6, "N m");

@@ -13,7 +13,7 @@ use super::state::{Condition, LogState};
 pub const DURABLE_WITHIN: Duration = Duration::from_secs(2);
 
 /// What was lost is told for so long, so that nobody who looks now and then misses it.
-const REMEMBERED: Duration = Duration::from_secs(10);
+const REMEMBERED: Duration = Duration::from_secs(4);
 
 /// Judges a log.
 pub struct Watch {

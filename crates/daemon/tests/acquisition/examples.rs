@@ -13,7 +13,11 @@ fn parse(keys: &str) -> Result<Config, String> {
 #[test]
 fn conform_every_example_is_a_configuration_and_shows_itself_again() {
     for kind in KINDS {
-        let config = parse(&format!("kind = {:?}\n{}", kind.name, kind.example)).unwrap_or_else(|e| panic!("{e}"));
+        let config = match parse(&format!("kind = {:?}\n{}", kind.name, kind.example)) {
+            // A sound card needs headers of the system, and is in few builds.
+            Err(left_out) if kind.name == "sound_card" && left_out.contains("cargo feature \"sound-card\"") => continue,
+            parsed => parsed.unwrap_or_else(|e| panic!("{e}")),
+        };
         let shown = config.shown();
         let again = Config::parse(&shown, "shown", Path::new("")).unwrap_or_else(|e| panic!("{}: {e}", kind.name));
         assert_eq!(again.shown(), shown);

@@ -63,7 +63,7 @@ fn regress_a_disk_that_fails_is_told_and_counted() {
     }
 }
 
-/// What finds no room in the queue is lost for the log: while that goes on, and ten seconds longer, it is not all right.
+/// What finds no room in the queue is lost for the log: while that goes on, and four seconds longer, it is not all right.
 #[test]
 fn regress_results_that_are_not_logged_are_not_ok() {
     let disk = Simulated::new(3);
@@ -76,8 +76,8 @@ fn regress_results_that_are_not_logged_are_not_ok() {
     log.step(at(40));
     let judged = watch.look(secs(1));
     assert!(!judged.ok && judged.why.starts_with("2 records were not logged"), "{judged:?}");
-    assert!(!watch.look(secs(10)).ok);
-    assert!(watch.look(secs(11)).ok);
+    assert!(!watch.look(secs(4)).ok);
+    assert!(watch.look(secs(5)).ok);
 }
 
 /// The file is removed, or cut, while it is written. That is noticed at the next write or look, the log goes on in a new file, and a gap record

@@ -1,6 +1,6 @@
 //! MATLAB files: which arrays are channels, and where their sample rate stands.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs::File;
 use std::io::Read;
 
@@ -203,8 +203,15 @@ impl<'a> Rates<'a> {
         let mut by_struct = HashMap::new();
         let mut anywhere: Option<(f64, &'a str)> = None;
         let mut agree = true;
+        let place = |path: &'a str| path.rsplit_once('.').map_or("", |(place, _)| place);
+        // A struct with arrays of its own states their rate; a head, which has none, states that of all.
+        let with_arrays: BTreeSet<&str> =
+            all.iter().filter(|v| v.numbers.len() >= SHORTEST).map(|v| place(&v.path)).collect();
         for (rate, path) in all.iter().filter_map(|v| Some((stated_rate(v)?, v.path.as_str()))) {
-            by_struct.entry(path.rsplit_once('.').map_or("", |(place, _)| place)).or_insert((rate, path));
+            by_struct.entry(place(path)).or_insert((rate, path));
+            if with_arrays.contains(place(path)) {
+                continue;
+            }
             let first = *anywhere.get_or_insert((rate, path));
             agree &= (rate / first.0 - 1.0).abs() < SAME_RATE;
         }
