@@ -43,10 +43,15 @@ impl Teller {
         page: Option<Arc<Hub>>,
         viewer: Viewer,
         signatures: Signatures,
-        examiner: Option<Examiner>,
     ) -> Self {
         let label = label.map_or_else(String::new, |name| format!("\"bench\":{},", serde_json::json!(&*name)));
-        Self { bench, label, fanout, health, page, viewer, signatures, told: BTreeSet::new(), examiner }
+        Self { bench, label, fanout, health, page, viewer, signatures, told: BTreeSet::new(), examiner: None }
+    }
+
+    /// Looks at the first windows of a bench that was not checked before its start.
+    pub(super) fn examined_by(mut self, examiner: Option<Examiner>) -> Self {
+        self.examiner = examiner;
+        self
     }
 
     pub(super) fn tell(&mut self, told: Told<'_>) {

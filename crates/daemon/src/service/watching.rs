@@ -79,6 +79,8 @@ pub(super) fn start_bench(
         ends.page.cloned(),
         ends.views.of(watched.name.clone(), Train::new(&watched.bench)),
         lane.pipeline.judging().signatures().clone(),
+    )
+    .examined_by(
         (!watched.checked).then(|| Examiner::new(watched.bench.clone(), lane.pipeline.judging().doubts().clone())),
     );
     let lane = lane.start(pool, packets.clone(), move |told| teller.tell(told))?;

@@ -118,7 +118,7 @@ impl Kind {
         let each = |effects: &[&'static str]| -> Vec<Vec<Truth>> {
             sensors.iter().map(|s| effects.iter().map(|e| Truth::new(e, *s)).collect()).collect()
         };
-        let shafts = bench.shafts.iter().enumerate();
+        let shafts = bench.shafts.iter();
         match self {
             Self::Nothing => vec![Vec::new()],
             Self::Gain => each(&["scaling"]),
@@ -137,6 +137,7 @@ impl Kind {
             Self::Clock => vec![vec![Truth::new("clock_offset", "acquisition")]],
             Self::Resonance => each(&["structural_resonance", "sensor_mounting"]),
             Self::Modulation => shafts
+                .enumerate()
                 .map(|(k, s)| {
                     let gears = gears_on(bench, k);
                     let of_gears = gears.iter().flat_map(|g| ["eccentricity", "pitch_error"].map(|e| Truth::new(e, g)));
@@ -152,7 +153,7 @@ impl Kind {
                 .into_iter()
                 .map(|g| ["tooth_breakage", "root_crack", "pitting"].map(|e| Truth::new(e, &g)).into())
                 .collect(),
-            Self::Bearing => shafts.map(|(_, s)| vec![Truth::new("bearing_defect", &s.name)]).collect(),
+            Self::Bearing => shafts.map(|s| vec![Truth::new("bearing_defect", &s.name)]).collect(),
             Self::Ghost => bench
                 .stages
                 .iter()

@@ -357,7 +357,7 @@ impl Walk<'_> {
             data::DOUBLE | data::INT64 | data::UINT64 => (8, false),
             other => return Err(Problem::damaged(place(), "numbers", format_args!("data of type {other}"))),
         };
-        if element.size % width as u64 != 0 {
+        if !element.size.is_multiple_of(width as u64) {
             let found = format!("{} bytes", element.size);
             return Err(Problem::damaged(place(), format_args!("values of {width} bytes"), found));
         }
