@@ -577,8 +577,13 @@ impl Examined {
     pub fn alone(self, error: ExplainError) -> Result<Explanation, ExplainError> {
         // Where all that is known is that nothing was connected, nothing was judged.
         let only_dead = self.faults.iter().all(|fault| fault.effect == "channel_dead");
-        if only_dead || !matches!(error, ExplainError::NothingUsable { .. }) {
-            return Err(error);
+        match error {
+            ExplainError::NothingUsable { count, reasons } if only_dead => {
+                let reasons = [self.limits, vec![reasons]].concat().join("; ");
+                return Err(ExplainError::NothingUsable { count, reasons });
+            }
+            ExplainError::NothingUsable { .. } => {}
+            other => return Err(other),
         }
         let mut explanation = Explanation {
             format: FORMAT,
