@@ -13,6 +13,7 @@ pub enum Format {
 }
 
 /// Breaks a text into lines of at most this many characters.
+#[cfg(feature = "explain")]
 pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
