@@ -86,9 +86,10 @@ pub fn stranger(
         } else {
             "of the nominal speed, none being stated"
         };
+        let ratio = bench.belt.as_ref().map_or(1.0, |belt| belt.ratio);
+        let stated_hz = Some(steady.display_motor_hz / ratio).filter(|hz| hz.is_finite()).unwrap_or(speed.input_hz);
         return Some(format!(
-            "{name}: its mesh lines are those of {hz:.2} Hz at the input shaft, not of the {:.2} Hz {said}; correct the speed or the bench file",
-            speed.input_hz
+            "{name}: its mesh lines are those of {hz:.2} Hz at the input shaft, not of the {stated_hz:.2} Hz {said}; correct the speed or the bench file"
         ));
     }
     let (low, high) = (speed.input_hz * (1.0 - 1e-3), speed.input_hz * (1.0 + 1e-3));
