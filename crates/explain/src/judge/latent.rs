@@ -29,6 +29,8 @@ const CORNER: f64 = 12.0;
 const EXCESS: f64 = 3.0;
 /// Distance from the train's own orders, in line widths, from which a line is nobody's.
 const NOBODYS: f64 = 4.0;
+/// Standard deviations that the largest value must reach: below, the band that is drawn holds zero everywhere.
+const TOLD: f64 = 2.0;
 /// Tolerance of a period (relative).
 const SAME: f64 = 0.004;
 
@@ -102,7 +104,16 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
     let at = |t: &f64| -> f64 {
         means.iter().enumerate().map(|(k, f)| (f * Complex64::from_polar(1.0, TAU * (k + 1) as f64 * t)).re).sum()
     };
+    let force: Vec<f64> = turn.iter().map(at).collect();
     let sigma = (0.5 * variances.iter().sum::<f64>()).sqrt();
+    let largest = force.iter().map(|f| f.abs()).fold(0.0, f64::max);
+    if largest.is_nan() || largest < TOLD * sigma {
+        steps.push(format!(
+            "what is left repeats every {:.4} revolutions of the input shaft; its force cannot be told, for its standard deviation is of its own size",
+            order.recip()
+        ));
+        return None;
+    }
     let points: Vec<(f64, f64, f64)> = combs
         .iter()
         .map(|c| (q.recordings[c.recording].input_hz, q.recordings[c.recording].brake_torque_nm, c.power))
@@ -117,7 +128,7 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
         period_of: owners(q, order),
         recording: recording.name.clone(),
         unit,
-        force: turn.iter().map(at).collect(),
+        force,
         sigma: vec![sigma; STEPS],
         turn,
         load_exponent: slope(&points, |p| p.1, |p| p.0),

@@ -48,16 +48,23 @@ fn sentence(e: &Explanation) -> String {
         })
         .collect();
     let better = e.fit.as_ref().map_or_else(String::new, |fit| {
-        format!(
-            " On recordings that were not fitted the misfit goes from {:.2} to {:.2}; repetition alone gives {:.2}.",
-            fit.held_out_before, fit.held_out_after, fit.noise_floor
-        )
+        let (before, after, floor) = (fit.held_out_before, fit.held_out_after, fit.noise_floor);
+        match after < before {
+            true => format!(
+                " On recordings that were not fitted the misfit goes from {before:.2} to {after:.2}; repetition alone gives {floor:.2}."
+            ),
+            false => format!(
+                " It does not describe recordings that were not fitted: their misfit is {before:.2} without it and {after:.2} with it, where repetition alone gives {floor:.2}. Take the sizes for unconfirmed."
+            ),
+        }
     });
+    let confirmed = e.fit.as_ref().is_none_or(|fit| fit.held_out_after < fit.held_out_before);
     match e.status {
         Status::Consistent => {
             "Nothing is missing: recordings and model agree within noise, repetition and the usual tolerances.".into()
         }
-        Status::Explained => format!("Left out: {}.{better}", named.join("; ")),
+        Status::Explained if confirmed => format!("Left out: {}.{better}", named.join("; ")),
+        Status::Explained => format!("Named, but not confirmed: {}.{better}", named.join("; ")),
         Status::Ambiguous => {
             format!("One of several, which these recordings cannot tell apart: {}.{better}", named.join("; "))
         }
@@ -95,9 +102,11 @@ fn effect(effect: &NamedEffect) -> Vec<Part> {
             .map(|other| format!("not told apart from {} at {}", other.effect, other.place)),
     );
     let rows = effect.parameters.iter().map(|(name, p)| {
-        let decimals = super::summary::decimals(p.sigma());
-        let cell = |value: f64| Cell::from(format!("{value:.decimals$}"));
-        vec![Cell::from(name.as_str()), cell(p.value()), cell(p.sigma())]
+        let (value, sigma) = match p.sigma() > p.value().abs() {
+            true => (super::summary::size(p.value(), p.sigma()), String::new()),
+            false => super::summary::rounded(p.value(), p.sigma()),
+        };
+        vec![Cell::from(name.as_str()), Cell::from(value), Cell::from(sigma)]
     });
     vec![
         Part::Table(Table {

@@ -19,7 +19,10 @@ pub fn print(out: &mut dyn Write, bench: &str, e: &Explanation, steps: bool) -> 
     writeln!(out, "{bench}: {}", e.status.code())?;
     let sentence = match e.status {
         Status::Consistent => "nothing is missing beyond noise, repetition and the usual tolerances",
-        Status::Explained => "recordings and model differ, and this accounts for it",
+        Status::Explained if e.fit.as_ref().is_none_or(|fit| fit.held_out_after < fit.held_out_before) => {
+            "recordings and model differ, and this accounts for it"
+        }
+        Status::Explained => "recordings and model differ; this is named, and does not describe what was held out",
         Status::Ambiguous => "recordings and model differ; these recordings leave several explanations",
         Status::Unexplained => "recordings and model differ, and nothing in the library accounts for it",
     };
@@ -72,14 +75,8 @@ fn effect(out: &mut dyn Write, named: &NamedEffect) -> io::Result<()> {
         named.indistinguishable_from.iter().map(|other| format!("{} at {}", other.effect, other.place)).collect();
     let apart = if others.is_empty() { String::new() } else { format!("; not told apart from {}", others.join(", ")) };
     entry(out, "how sure", &format!("{:.0} %{apart}", 100.0 * named.probability))?;
-    let sizes: Vec<String> = named
-        .parameters
-        .iter()
-        .map(|(name, p)| {
-            let decimals = decimals(p.sigma());
-            format!("{name} = {:.decimals$} ± {:.decimals$}", p.value(), p.sigma())
-        })
-        .collect();
+    let sizes: Vec<String> =
+        named.parameters.iter().map(|(name, p)| format!("{name} {}", size(p.value(), p.sigma()))).collect();
     let evidence = &named.evidence;
     for (kind, text) in [
         ("size", sizes.join(", ").as_str()),
@@ -99,8 +96,9 @@ fn effect(out: &mut dyn Write, named: &NamedEffect) -> io::Result<()> {
 fn latent(out: &mut dyn Write, f: &LatentForce) -> io::Result<()> {
     let largest = f.force.iter().map(|v| v.abs()).fold(0.0, f64::max);
     let sigma = f.sigma.first().copied().unwrap_or(f64::NAN);
+    let (largest, sigma) = rounded(largest, sigma);
     let text = format!(
-        "a force of up to {largest:.3} ± {sigma:.2} {} that repeats every {:.4} revolutions of the input shaft accounts for it ({})",
+        "a force of up to {largest} ± {sigma} {} that repeats every {:.4} revolutions of the input shaft accounts for it ({})",
         f.unit, f.period_rev, f.recording
     );
     entry(out, "left over", &text)?;
@@ -112,9 +110,33 @@ fn latent(out: &mut dyn Write, f: &LatentForce) -> io::Result<()> {
     entry(out, "", &format!("with this period: {}", f.period_of.join("; ")))
 }
 
-/// Decimals with which a number is printed: two digits of its uncertainty say all that is known.
+/// A number and its standard deviation as text: two digits of its uncertainty say all that is known.
+pub fn rounded(value: f64, sigma: f64) -> (String, String) {
+    if !(sigma > 0.0 && sigma.is_finite()) {
+        return (format!("{value:.3}"), format!("{sigma:.3}"));
+    }
+    // Beyond six decimals a fixed point shows zeros only.
+    if sigma < 1e-5 {
+        let more = (value.abs() / sigma).max(1.0).log10().floor() as usize + 1;
+        return (format!("{value:.more$e}"), format!("{sigma:.1e}"));
+    }
+    let decimals = decimals(sigma);
+    (format!("{value:.decimals$}"), format!("{sigma:.decimals$}"))
+}
+
+/// Decimals that show two digits of a number's uncertainty.
 pub fn decimals(sigma: f64) -> usize {
     if sigma > 0.0 { (1.0 - sigma.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 }
+}
+
+/// `= 3.1 ± 0.2`; where the standard deviation is the larger of the two nothing is estimated, and what is left is a bound.
+pub fn size(value: f64, sigma: f64) -> String {
+    if sigma > value.abs() {
+        let (bound, _) = rounded(value.abs() + 2.0 * sigma, sigma);
+        return format!("not determined (below {bound} with 95 %)");
+    }
+    let (value, sigma) = rounded(value, sigma);
+    format!("= {value} ± {sigma}")
 }
 
 fn held_out(fit: &Fit) -> String {
@@ -145,4 +167,18 @@ fn differences(out: &mut dyn Write, all: &[Mismatch]) -> io::Result<()> {
         )?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An estimate below its standard deviation is a bound; a small one is no row of zeros.
+    #[test]
+    fn regress_what_is_not_known_is_not_shown_as_a_size() {
+        assert_eq!(size(352.0, 447.0), "not determined (below 1246 with 95 %)");
+        assert_eq!(size(0.0, 0.0), "= 0.000 ± 0.000");
+        assert_eq!(size(22.14, 1.4), "= 22.1 ± 1.4");
+        assert_eq!(size(3.2e-9, 4.0e-10), "= 3.2e-9 ± 4.0e-10");
+    }
 }
