@@ -28,6 +28,8 @@ use crate::read::dsp::{Transforms, median};
 use crate::read::features;
 use crate::read::kinematics;
 
+/// Odds beforehand of one certain fault of cables or electronics in a recording: one in a thousand.
+const PRIOR: f64 = 1e-3;
 /// Recording and reference are of one operating point within these relative differences, where both say theirs.
 const SAME_SPEED: f64 = 0.03;
 const SAME_TORQUE: f64 = 0.05;
@@ -410,16 +412,16 @@ impl Asked<'_> {
             let (now, before) = (common_run(self.recording, &[&name]), common_run(reference, &[&name]));
             let (Some((_, now)), Some((_, before))) = (now.first(), before.first()) else { continue };
             let rate = self.recording.channels[&name].sample_rate_hz;
-            let lines = mains::hum(self.transforms, now, before, rate, &shafts_hz);
+            let Some((lines, probability)) = mains::hum(self.transforms, now, Some(before), rate, &shafts_hz) else {
+                continue;
+            };
             let Some(first) = lines.first() else { continue };
             let all: Vec<String> = lines.iter().map(|l| format!("{:.2} Hz", l.hz.0)).collect();
             let why = format!("lines of the mains that the reference has not: {}", all.join(", "));
             self.faults.push(
-                Fault::new("electrical_pickup", &name, 0.95, why).with("frequency_hz", first.hz.0, first.hz.1).with(
-                    "amplitude",
-                    first.amplitude.0,
-                    first.amplitude.1,
-                ),
+                Fault::new("electrical_pickup", &name, probability, why)
+                    .with("frequency_hz", first.hz.0, first.hz.1)
+                    .with("amplitude", first.amplitude.0, first.amplitude.1),
             );
             if let Some(segment) = self
                 .recording

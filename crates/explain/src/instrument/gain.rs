@@ -22,8 +22,10 @@ const CHANGED: f64 = 0.7;
 /// Scatter of single bands beyond their noise: what repetition leaves on an unchanged bench, and what it may be on a changed one.
 const STEADY: [f64; 3] = [0.015, 0.03, 0.06];
 const UNSTEADY: [f64; 3] = [0.06, 0.15, 0.4];
-/// Sizes of a change over frequency (ln), and the distance over which it is the same (ln of frequency): a third of an octave and more.
-const SIZES: [f64; 3] = [0.05, 0.2, 0.6];
+/// Sizes of a change over frequency (ln): what an unchanged bench repeats to, and what a path or a machine may do; and the distance over which it is the same (ln of
+/// frequency), a third of an octave and more.
+const USUAL: [f64; 3] = [0.0, 0.025, 0.05];
+const SIZES: [f64; 3] = [0.1, 0.25, 0.6];
 const REACH: f64 = 0.35;
 /// What is thought of a channel beforehand: another gain, or a change over frequency.
 const PRIOR_GAIN: f64 = 0.05;
@@ -166,8 +168,8 @@ impl Channel {
         };
         let scatters: Vec<f64> = STEADY.iter().chain(&UNSTEADY[1..]).copied().collect();
         Self {
-            same: of(&STEADY, DRIFT, &[0.0]),
-            gain: of(&STEADY, CHANGED, &[0.0]),
+            same: of(&STEADY, DRIFT, &USUAL),
+            gain: of(&STEADY, CHANGED, &USUAL),
             other: of(&scatters, CHANGED, &SIZES),
             changes,
         }

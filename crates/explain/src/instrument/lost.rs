@@ -152,12 +152,6 @@ impl Steps {
         Some(out)
     }
 
-    /// Log likelihood of all steps when so much time is missing.
-    fn agreement(&self, at: usize, missing_s: f64) -> f64 {
-        let phases = self.phases[at].iter().zip(&self.hz);
-        phases.zip(&self.weight).map(|((p, hz), w)| w * (p - TAU * hz * missing_s).cos()).sum()
-    }
-
     /// The time that is missing (s), from `least` on, and its log likelihood; from 0 on either way. Of times that agree as well, the machine's own period apart, the
     /// shortest.
     fn best(&self, at: usize, least_s: f64, most_s: f64) -> (f64, f64) {
@@ -165,8 +159,21 @@ impl Steps {
         let step = 1.0 / (10.0 * highest);
         let count = (most_s / step).ceil() as i64;
         let first = if least_s > 0.0 { (least_s / step).ceil() as i64 } else { -count };
-        let all: Vec<(f64, f64)> =
-            (first..=count).map(|k| k as f64 * step).map(|x| (x, self.agreement(at, x))).collect();
+        // Each line's step, turned on from one time to the next.
+        let lines = self.phases[at].iter().zip(&self.hz).zip(&self.weight);
+        let mut left: Vec<(Complex64, Complex64)> = lines
+            .map(|((p, hz), w)| {
+                let from = Complex64::from_polar(*w, p - TAU * hz * first as f64 * step);
+                (from, Complex64::from_polar(1.0, -TAU * hz * step))
+            })
+            .collect();
+        let all: Vec<(f64, f64)> = (first..=count)
+            .map(|k| {
+                let sum = left.iter().map(|l| l.0.re).sum();
+                left.iter_mut().for_each(|l| l.0 *= l.1);
+                (k as f64 * step, sum)
+            })
+            .collect();
         let most = all.iter().map(|x| x.1).fold(f64::NEG_INFINITY, f64::max);
         if least_s <= 0.0 {
             return all.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, most));
@@ -219,8 +226,13 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
     // Instants and lengths that were tried, against the probability that any of them wins by chance.
     let tried = steps.phases.len() as f64 * LONGEST_S * rate;
     let needed = (tried / BY_CHANCE).ln();
+    let whole: f64 = steps.weight.iter().sum();
     let mut out: Vec<Gap> = Vec::new();
     for k in looked {
+        // Where even full agreement would not be enough nothing is sought.
+        if TEMPER * (whole - usual[k]) < needed {
+            break;
+        }
         let about = k.saturating_sub(side / 2)..(k + side / 2).min(usual.len());
         let Some((at, missing, likelihood)) = about
             .step_by(2)

@@ -3,14 +3,15 @@
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
+use super::PRIOR;
 use super::samples::BY_CHANCE;
 use crate::read::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
 
 /// Public mains (Hz), and the multiples that are looked at.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MULTIPLES: u32 = 8;
-/// How far the mains' frequency may be off (relative): 50 mHz in 50 Hz, the standard range of European grids, and the sample clock.
-const DEVIATION: f64 = 1e-3;
+/// Standard deviation of the grid's frequency over minutes, and of slow sample clocks (relative): 20 mHz in 50 Hz, of a standard range of ±50 mHz (ENTSO-E 2017, SOGL annex III).
+const DEVIATION: f64 = 4e-4;
 /// A line is new where it has so many times the power that the reference has there.
 const NEW: f64 = 4.0;
 /// Nearer than so many bins, and the wander of its speed (relative), a line may be a shaft's.
@@ -64,13 +65,14 @@ impl Spectrum {
         (first..=last).map(|k| self.power[k]).fold(0.0, f64::max)
     }
 
-    /// Peaks that stand out of the background beyond chance and that the reference has not.
-    fn new_peaks(&self, reference: &Self, highest_hz: f64) -> Vec<Peak> {
+    /// Peaks that stand out of the background beyond chance and that the reference, if there is one, has not.
+    fn new_peaks(&self, reference: Option<&Self>, highest_hz: f64) -> Vec<Peak> {
         let last = ((highest_hz / self.bin_hz) as usize).min(self.power.len().saturating_sub(2));
         let needed = (last as f64 / BY_CHANCE).ln();
         // Another gain makes no line new.
         let level = |s: &Self| median(&mut s.power[2 * MAIN_LOBE_BINS..].to_vec());
-        let louder = level(self) / level(reference).max(f64::MIN_POSITIVE) * reference.bin_hz / self.bin_hz;
+        let louder =
+            reference.map_or(1.0, |r| level(self) / level(r).max(f64::MIN_POSITIVE) * r.bin_hz / self.bin_hz).max(1.0);
         let mut out = Vec::new();
         for k in 2 * MAIN_LOBE_BINS..last {
             if self.power[k] < self.power[k - 1] || self.power[k] < self.power[k + 1] {
@@ -84,8 +86,11 @@ impl Spectrum {
             let shift = (0.5 * (a - c) / (a - 2.0 * b + c)).clamp(-0.5, 0.5);
             let position = k as f64 + if shift.is_finite() { shift } else { 0.0 };
             // Runs of the machine differ in speed by some per mille; lines of the mains do not move.
-            let reach = (2e-3 * position * self.bin_hz).max(2.0 * self.bin_hz.max(reference.bin_hz));
-            if self.power[k] > NEW * louder.max(1.0) * reference.most_about(position * self.bin_hz, reach) {
+            let was = reference.map_or(0.0, |r| {
+                let reach = (2e-3 * position * self.bin_hz).max(2.0 * self.bin_hz.max(r.bin_hz));
+                louder * r.most_about(position * self.bin_hz, reach)
+            });
+            if self.power[k] > NEW * was {
                 out.push(Peak { position, above });
             }
         }
@@ -93,49 +98,59 @@ impl Spectrum {
     }
 }
 
-/// Whether a frequency is a multiple of a mains, within its deviation and the resolution, and not one of a shaft (Hz): what may be of the machine is.
-fn multiple(hz: f64, bin_hz: f64, shafts_hz: &[f64]) -> Option<f64> {
-    let of_shaft = |shaft: &f64| (hz - (hz / shaft).round() * shaft).abs() < OF_SHAFT_BINS * bin_hz + WANDER * hz;
-    if shafts_hz.iter().any(of_shaft) {
-        return None;
-    }
-    MAINS_HZ.into_iter().find_map(|base| {
-        let m = (hz / base).round();
-        let off = (hz - m * base).abs();
-        ((1.0..=f64::from(MULTIPLES)).contains(&m) && off < DEVIATION * hz + 0.3 * bin_hz).then_some(m * base)
-    })
+/// The multiple of a mains nearest to a frequency, in hertz, where it is within its deviation.
+fn multiple(hz: f64, base: f64) -> Option<f64> {
+    let m = (hz / base).round();
+    ((1.0..=f64::from(MULTIPLES)).contains(&m) && (hz - m * base).abs() < 3.0 * DEVIATION * hz).then_some(m)
 }
 
-/// New lines of the mains in a run, the strongest first. Where other new lines lie beside the mains' frequencies, a machine that changed may have put one there by
-/// chance: so many lines of the mains must have been unlikely among that many new ones.
+/// New lines of the mains in a run and the probability that they are, the strongest first.
 ///
-/// `shafts_hz` are the speeds of the shafts, all multiples of which are the machine's.
-pub fn hum(transforms: &mut Transforms, samples: &[f64], reference: &[f64], rate: f64, shafts_hz: &[f64]) -> Vec<Hum> {
+/// Each new line is the machine's or the mains'. The machine may put one anywhere in the band: the density of its lines is that of the new ones at least as strong that lie elsewhere. One
+/// of the mains lies within the grid's deviation of a multiple, a lower multiple more likely than a higher one. What lies on a multiple of a shaft is the machine's.
+///
+/// `shafts_hz` are the speeds of the shafts, all multiples of which are the machine's. Without a reference every line is new.
+pub fn hum(
+    transforms: &mut Transforms,
+    samples: &[f64],
+    reference: Option<&[f64]>,
+    rate: f64,
+    shafts_hz: &[f64],
+) -> Option<(Vec<Hum>, f64)> {
     let now = Spectrum::of(transforms, samples, rate);
-    let before = Spectrum::of(transforms, reference, rate);
-    let highest = (f64::from(MULTIPLES) + 0.5) * MAINS_HZ[1];
-    let highest = highest.min(0.4 * rate);
-    let peaks = now.new_peaks(&before, highest);
-    let (on, off): (Vec<&Peak>, Vec<&Peak>) =
-        peaks.iter().partition(|p| multiple(p.position * now.bin_hz, now.bin_hz, shafts_hz).is_some());
-    if on.is_empty() {
-        return Vec::new();
+    let before = reference.map(|r| Spectrum::of(transforms, r, rate));
+    let highest = ((f64::from(MULTIPLES) + 0.5) * MAINS_HZ[1]).min(0.4 * rate);
+    let of_shaft = |hz: f64| {
+        let near = |shaft: &f64| (hz - (hz / shaft).round() * shaft).abs() < OF_SHAFT_BINS * now.bin_hz + WANDER * hz;
+        shafts_hz.iter().any(near)
+    };
+    let peaks = now.new_peaks(before.as_ref(), highest);
+    // ln of the odds that a peak is of the mains, were there any on the channel.
+    let ln_odds = |p: &Peak, base: f64| -> Option<f64> {
+        let hz = p.position * now.bin_hz;
+        let m = multiple(hz, base).filter(|_| !of_shaft(hz))?;
+        let off = |other: &&Peak| MAINS_HZ.iter().all(|b| multiple(other.position * now.bin_hz, *b).is_none());
+        let stronger = peaks.iter().filter(off).filter(|o| o.above >= p.above).count();
+        // A rate of which nothing was counted is a half (Jeffreys).
+        let machine = (stronger as f64 + 0.5) / highest;
+        let sigma = (DEVIATION * hz).hypot(sigma_bins(p.above) * now.bin_hz);
+        let usual: f64 = (1..=MULTIPLES).map(|k| f64::from(k).recip()).sum();
+        let z = (hz - m * base) / sigma;
+        let density = (-0.5 * z * z).exp() / (sigma * TAU.sqrt()) / (m * usual);
+        Some((density / machine).ln())
+    };
+    let of = |base: f64| -> (f64, Vec<&Peak>) {
+        let all: Vec<(f64, &Peak)> = peaks.iter().filter_map(|p| Some((ln_odds(p, base)?, p))).collect();
+        // The first is what speaks for the mains; each other one is theirs or the machine's.
+        let most = all.iter().map(|x| x.0).fold(f64::NEG_INFINITY, f64::max);
+        let rest: f64 = all.iter().map(|x| (0.5 + 0.5 * x.0.exp()).ln()).sum::<f64>() - (0.5 + 0.5 * most.exp()).ln();
+        (most + rest.max(0.0), all.into_iter().filter(|x| x.0 > 0.0).map(|x| x.1).collect())
+    };
+    let (ln_bayes, on) = MAINS_HZ.into_iter().map(of).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let odds = PRIOR * ln_bayes.min(100.0).exp();
+    if odds < 1.0 {
+        return None;
     }
-    // Share of the band that the multiples cover.
-    let covered: f64 = MAINS_HZ
-        .iter()
-        .flat_map(|b| (1..=MULTIPLES).map(move |m| b * f64::from(m)))
-        .filter(|hz| *hz < highest)
-        .map(|hz| 2.0 * (DEVIATION * hz + 0.3 * now.bin_hz))
-        .sum::<f64>()
-        / highest;
-    let by_chance = at_least(on.len(), on.len() + off.len(), covered);
-    // One new line alone on the mains is of the mains; a machine makes families.
-    let allowed = if off.is_empty() { 0.2 } else { 1e-3 };
-    if by_chance > allowed {
-        return Vec::new();
-    }
-    let sigma_bins = |above: f64| (3.0 / (2.0 * above)).sqrt() / std::f64::consts::PI;
     let mut out: Vec<Hum> = on
         .iter()
         .map(|p| {
@@ -150,18 +165,12 @@ pub fn hum(transforms: &mut Transforms, samples: &[f64], reference: &[f64], rate
         })
         .collect();
     out.sort_by(|a, b| b.amplitude.0.total_cmp(&a.amplitude.0));
-    out
+    Some((out, odds / (1.0 + odds)))
 }
 
-/// Probability of at least `k` of `n` at chance `p` each.
-fn at_least(k: usize, n: usize, p: f64) -> f64 {
-    let mut term = (1.0 - p).powi(n as i32);
-    let mut below = 0.0;
-    for i in 0..k {
-        below += term;
-        term *= (n - i) as f64 / (i + 1) as f64 * p / (1.0 - p);
-    }
-    (1.0 - below).clamp(0.0, 1.0)
+/// Standard deviation of a line's place (bins) by its power over the background.
+fn sigma_bins(above: f64) -> f64 {
+    (3.0 / (2.0 * above)).sqrt() / std::f64::consts::PI
 }
 
 /// Takes the lines out of the samples.
@@ -231,18 +240,18 @@ mod tests {
         let before = run(&[], 1.0, 1);
         for deviation in [1.0, 1.0005, 0.9995] {
             let mut x = run(&[(50.0 * deviation, 0.5), (100.0 * deviation, 0.3)], 1.0005, 2);
-            let found = hum(&mut transforms, &x, &before, RATE_HZ, &[29.7]);
+            let (found, _) = hum(&mut transforms, &x, Some(&before), RATE_HZ, &[29.7]).unwrap();
             assert_eq!(found.len(), 2, "{found:?}");
             assert!(
                 (found[0].hz.0 - 50.0 * deviation).abs() < 0.05 && (found[0].amplitude.0 - 0.5).abs() < 0.05,
                 "{found:?}"
             );
-            assert!(hum(&mut transforms, &run(&[(50.0, 0.5)], 1.0, 3), &x, RATE_HZ, &[29.7]).is_empty());
+            assert!(hum(&mut transforms, &run(&[(50.0, 0.5)], 1.0, 3), Some(&x), RATE_HZ, &[29.7]).is_none());
             take_out(&mut x, &found, RATE_HZ);
-            assert!(hum(&mut transforms, &x, &before, RATE_HZ, &[29.7]).is_empty());
+            assert!(hum(&mut transforms, &x, Some(&before), RATE_HZ, &[29.7]).is_none());
         }
         for seed in 10..20 {
-            assert!(hum(&mut transforms, &run(&[], 1.001, seed), &before, RATE_HZ, &[29.7]).is_empty());
+            assert!(hum(&mut transforms, &run(&[], 1.001, seed), Some(&before), RATE_HZ, &[29.7]).is_none());
         }
     }
 }

@@ -1,13 +1,12 @@
 //! Swapped cables and turned sensors: how the channels of a recording came to their places.
 
+use super::PRIOR;
 use super::cross::{Against, Cross, Wiring};
 
 /// Relative amplitude by which cross-spectra differ from session to session on an unchanged bench; it limits what averages can say.
 const REPETITION: f64 = 0.2;
 /// Share of frequencies that must agree with the reference, once the cables are put right: most. What changed besides, a path or a gear, spoils the rest.
 const MOST: f64 = 0.5;
-/// Odds against one swap or turned sensor before anything was recorded.
-const PRIOR: f64 = 1e-3;
 /// Neighbouring bins of Hann windows are not independent.
 const TEMPER: f64 = 0.5;
 
