@@ -78,9 +78,19 @@ impl Foundation {
     /// Compliance 1/k_f (m/N) under a force at load angle α₁ whose line crosses the tooth's centre line `lever_m` above
     /// the root circle (u_f).
     pub fn compliance_m_per_n(&self, material: &Material, face_width_m: f64, load_angle_rad: f64, lever_m: f64) -> f64 {
+        self.compliance_of(material, face_width_m, load_angle_rad.sin_cos(), lever_m)
+    }
+
+    /// As [`Self::compliance_m_per_n`], from sine and cosine of the load angle.
+    pub(crate) fn compliance_of(
+        &self,
+        material: &Material,
+        face_width_m: f64,
+        (sin, cos): (f64, f64),
+        lever_m: f64,
+    ) -> f64 {
         let [l, m, p, q] = self.coefficients;
         let ratio = lever_m / self.root_thickness_m;
-        let (sin, cos) = load_angle_rad.sin_cos();
         let tan = sin / cos;
         cos * cos / (material.youngs_modulus_pa * face_width_m)
             * (l * ratio * ratio + m * ratio + p * (1.0 + q * tan * tan))
@@ -89,5 +99,10 @@ impl Foundation {
 
 /// Lever u_f (m) from the root circle to where the force line crosses the tooth's centre line: `r_b / cos α₁ − r_f`.
 pub fn lever_m(gear: &GearGeometry, load_angle_rad: f64) -> f64 {
-    gear.base_radius_m / load_angle_rad.cos() - gear.root_radius_m
+    lever_of(gear, load_angle_rad.cos())
+}
+
+/// As [`lever_m`], from the cosine of the load angle.
+pub(crate) fn lever_of(gear: &GearGeometry, cos: f64) -> f64 {
+    gear.base_radius_m / cos - gear.root_radius_m
 }

@@ -107,7 +107,11 @@ impl GearGeometry {
     /// Height y above the gear centre and half thickness h of the involute flank where the load angle is `a`:
     /// `y = r_b[(a + α₂) sin a + cos a]`, `h = r_b[(a + α₂) cos a − sin a]`.
     pub fn flank_point_m(&self, a: f64) -> (f64, f64) {
-        let (sin, cos) = a.sin_cos();
+        self.flank_point_of(a, a.sin_cos())
+    }
+
+    /// As [`Self::flank_point_m`], from the load angle and its sine and cosine.
+    pub(crate) fn flank_point_of(&self, a: f64, (sin, cos): (f64, f64)) -> (f64, f64) {
         let roll = a + self.half_base_angle_rad;
         (self.base_radius_m * (roll * sin + cos), self.base_radius_m * (roll * cos - sin))
     }

@@ -28,6 +28,7 @@ pub use self::joint::Joint;
 use self::near::{Turns, tooth};
 pub use self::options::MeshOptions;
 pub use self::pairs::{MAX_PAIRS, MeshForce, Pair, Pairs};
+pub use self::tables::FlankStore;
 use self::tables::{GapShape, GearTables, Side};
 pub use self::touch::{SLOTS, SetLaw, Touch};
 use crate::faults::ToothModifications;
@@ -101,11 +102,28 @@ pub struct MeshModel {
 
 impl MeshModel {
     /// The pair of stage `stage` (from 0) of a bench.
+    ///
+    /// # Errors
+    /// For a stage that cannot be, in a sentence that says what would be right.
     pub fn new(
         bench: &Bench,
         stage: usize,
         options: &MeshOptions,
         teeth: &ToothModifications,
+    ) -> Result<Self, MeshError> {
+        Self::with_flanks(bench, stage, options, teeth, &mut FlankStore::default())
+    }
+
+    /// As [`Self::new`], with the tables of flanks that were made before.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_flanks(
+        bench: &Bench,
+        stage: usize,
+        options: &MeshOptions,
+        teeth: &ToothModifications,
+        flanks: &mut FlankStore,
     ) -> Result<Self, MeshError> {
         let Some(spec) = bench.stages.get(stage) else {
             return Err(MeshError {
@@ -131,7 +149,7 @@ impl MeshModel {
         };
         gear("pinion", &spec.pinion)
             .and_then(|pinion| Ok((pinion, gear("wheel", &spec.wheel)?)))
-            .and_then(|gears| Self::from_gears(gears, material, options, teeth, spec.backlash_um * 1e-6))
+            .and_then(|gears| Self::made(gears, material, options, teeth, (spec.backlash_um * 1e-6, flanks)))
             .map_err(|problem| MeshError { stage: spec.name.clone(), problem })
     }
 
@@ -142,6 +160,16 @@ impl MeshModel {
         options: &MeshOptions,
         teeth: &ToothModifications,
         backlash_m: f64,
+    ) -> Result<Self, String> {
+        Self::made((pinion, wheel), material, options, teeth, (backlash_m, &mut FlankStore::default()))
+    }
+
+    fn made(
+        (pinion, wheel): (GearGeometry, GearGeometry),
+        material: Material,
+        options: &MeshOptions,
+        teeth: &ToothModifications,
+        (backlash_m, flanks): (f64, &mut FlankStore),
     ) -> Result<Self, String> {
         check(&material, options, teeth, backlash_m)?;
         let geometry = PairGeometry::new(pinion, wheel, teeth.pair.centre_shift_m)?;
@@ -157,7 +185,15 @@ impl MeshModel {
         let wear_m = 0.5 * teeth.pair.wear_m;
         // The wheel's tip makes the entry, the pinion's tip the exit.
         let mut tables = |side, gear, corner| {
-            GearTables::new(side, &geometry, &material, options, gear, GapShape { wear_m, corner }, &mut warnings)
+            GearTables::new(
+                side,
+                &geometry,
+                &material,
+                options,
+                gear,
+                GapShape { wear_m, corner },
+                (&mut *flanks, &mut warnings),
+            )
         };
         let pinion = tables(Side::Pinion, &teeth.pinion, corner[1])?;
         let wheel = tables(Side::Wheel, &teeth.wheel, corner[0])?;

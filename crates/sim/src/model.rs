@@ -21,7 +21,7 @@ use self::springs::{fold_terms, take_mesh_dampers};
 use crate::contact::{Contact, StageContact};
 use crate::impact::Impact;
 use crate::linear::LinearTrain;
-use crate::mesh::{MeshError, MeshModel, Pairs};
+use crate::mesh::{FlankStore, MeshError, MeshModel, Pairs};
 use crate::rotation::{Profile, Rotation};
 use crate::setup::{SimSetup, TorqueRipple};
 use crate::springs::Spring;
@@ -80,6 +80,20 @@ impl TrainModel {
     /// # Errors
     /// For a bench that cannot be simulated, in a sentence that says what would be right.
     pub fn new(setup: &SimSetup, motor_hz: Profile, torque_nm: Profile, seed: u64) -> Result<Self, ModelError> {
+        Self::with_flanks(setup, motor_hz, torque_nm, seed, &mut FlankStore::default())
+    }
+
+    /// As [`Self::new`], with the tables of flanks that were made before.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_flanks(
+        setup: &SimSetup,
+        motor_hz: Profile,
+        torque_nm: Profile,
+        seed: u64,
+        flanks: &mut FlankStore,
+    ) -> Result<Self, ModelError> {
         let bench = &setup.bench;
         let problems = bench.problems();
         if !problems.is_empty() {
@@ -102,7 +116,7 @@ impl TrainModel {
         let mut initial_phases = Vec::new();
         for (i, stage) in linear.stages.iter().enumerate() {
             let teeth = teeth_with_terms(setup, i, &torque_nm, &motor_hz)?;
-            let mesh = MeshModel::new(bench, i, &setup.mesh, &teeth)?;
+            let mesh = MeshModel::with_flanks(bench, i, &setup.mesh, &teeth, flanks)?;
             let force = torque * force_per_torque[i];
             let shift = static_displacement(&linear, i, torque, &force_per_torque);
             let usual = || setup.usual_impact.then(|| Impact::usual(mesh.geometry(), mesh.material()));

@@ -32,6 +32,7 @@ use self::periods::{modulated_shafts, only};
 use self::response::{Output, Response};
 use self::solver::{Grid, Linear, Problem, Solution};
 use crate::linear::LinearTrain;
+use crate::mesh::FlankStore;
 use crate::model::{ModelError, TrainModel};
 use crate::rotation::Profile;
 use crate::setup::SimSetup;
@@ -85,6 +86,7 @@ pub struct SteadySolver {
     options: SteadyOptions,
     cache: Option<Cache>,
     parts: Vec<(Grid, Solution)>,
+    flanks: FlankStore,
 }
 
 impl std::fmt::Debug for SteadySolver {
@@ -123,7 +125,7 @@ pub struct SteadyLines {
 impl SteadySolver {
     /// A solver without any past.
     pub fn new(options: SteadyOptions) -> Self {
-        Self { options, cache: None, parts: Vec::new() }
+        Self { options, ..Self::default() }
     }
 
     /// The lines at some orders of the first shaft, at a motor speed (Hz) and a brake torque (N m); `seed` draws the tooth positions as in [`TrainModel::new`].
@@ -142,15 +144,16 @@ impl SteadySolver {
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
         let shafts = modulated_shafts(setup)?;
-        let model =
-            |setup: &SimSetup| TrainModel::new(setup, Profile::constant(motor_hz), Profile::constant(torque_nm), seed);
-        let base_setup = only(setup, None);
-        let base = model(&base_setup)?;
+        let mut models = Vec::with_capacity(1 + shafts.len());
+        for part in std::iter::once(None).chain(shafts.iter().map(|(shaft, _)| Some(*shaft))) {
+            let (motor_hz, torque_nm) = (Profile::constant(motor_hz), Profile::constant(torque_nm));
+            models.push(TrainModel::with_flanks(&only(setup, part), motor_hz, torque_nm, seed, &mut self.flanks)?);
+        }
+        let base = &models[0];
         let first_shaft_hz = base.rotation.at(0.0).1 / std::f64::consts::TAU;
-        self.prepare(&base)?;
+        self.prepare(base)?;
         let all: Vec<usize> = (0..base.contacts.len()).collect();
         let mut wanted: Vec<(f64, usize, Problem)> = Vec::new();
-        let mut models = vec![base];
         let problem = |active: &[usize], shaft: Option<usize>| self.problem(setup, active, shaft, first_shaft_hz);
         match problem(&all, None).filter(|_| self.options.together || models[0].has_springs()) {
             Some(together) => wanted.push((1.0, 0, together)),
@@ -161,19 +164,18 @@ impl SteadySolver {
                 }
             }
         }
-        for (shaft, everywhere) in shafts {
+        for (i, (shaft, everywhere)) in shafts.into_iter().enumerate() {
             let touched: Vec<usize> = (0..all.len()).filter(|&s| s == shaft || s + 1 == shaft).collect();
             let mut groups = vec![touched.clone()];
             if everywhere {
                 groups.extend(all.iter().filter(|s| !touched.contains(s)).map(|&s| vec![s]));
             }
-            models.push(model(&only(setup, Some(shaft)))?);
             for group in groups {
                 let problem = problem(&group, Some(shaft)).ok_or_else(|| {
                     SteadyError::NotPeriodic(format!("the revolution of shaft {shaft} together with a far mesh"))
                 })?;
                 wanted.push((-1.0, 0, problem.clone()));
-                wanted.push((1.0, models.len() - 1, problem));
+                wanted.push((1.0, 1 + i, problem));
             }
         }
         self.solve_parts(&models, wanted, first_shaft_hz, orders)

@@ -47,8 +47,18 @@ const GAUSS: [(f64, f64); 5] = [
 ];
 /// Two-point rule, enough between neighbouring points of a table: the error of 1/160 of a mesh cycle is below 1e-9.
 const GAUSS_SHORT: [(f64, f64); 2] = [(0.211_324_865_405_187_13, 0.5), (0.788_675_134_594_812_9, 0.5)];
-/// Cells of the root piece and of the flank below the first contact point; five Gauss points each.
-const CELLS: usize = 48;
+/// Cells of the root piece, and of a whole flank as far as it lies below the first contact point; five Gauss points each. Whole teeth are smooth there: the compliance differs by less than
+/// 1e-9 from that of many more cells. A crack or a pit ends somewhere within.
+const SMOOTH_CELLS: usize = 8;
+const DAMAGED_CELLS: usize = 48;
+
+fn cells(damage: &ToothDamage) -> usize {
+    if damage.crack.is_none() && damage.pits.is_empty() && damage.spall.is_none() {
+        SMOOTH_CELLS
+    } else {
+        DAMAGED_CELLS
+    }
+}
 
 /// Integrals from the root up to some height: ∫1/I, ∫y/I, ∫y²/I (y from the root), ∫1/A.
 #[derive(Clone, Copy, Default)]
@@ -127,8 +137,9 @@ impl ToothProfile {
 
     /// Height, half thickness and d(height)/da of the involute at load angle `a`.
     fn involute_point(&self, a: f64) -> (f64, f64, f64) {
-        let (y, h) = self.gear.flank_point_m(a);
-        (y, h, self.gear.base_radius_m * (a + self.gear.half_base_angle_rad) * a.cos())
+        let (sin, cos) = a.sin_cos();
+        let (y, h) = self.gear.flank_point_of(a, (sin, cos));
+        (y, h, self.gear.base_radius_m * (a + self.gear.half_base_angle_rad) * cos)
     }
 
     /// Adds the integrals over one cell of a curve `t ↦ (y, h, dy/dt)`.
@@ -153,19 +164,19 @@ impl ToothProfile {
     }
 
     /// Integrals from the root to the start of the involute.
-    fn root_sums(&self, damage: &ToothDamage) -> Sums {
+    fn root_sums(&self, damage: &ToothDamage, cells: usize) -> Sums {
         let mut sums = Sums::default();
         match self.root {
             Root::Fillet => {
-                for cell in 0..CELLS {
-                    let at = |i: usize| i as f64 / CELLS as f64;
+                for cell in 0..cells {
+                    let at = |i: usize| i as f64 / cells as f64;
                     self.add_cell(&mut sums, damage, &GAUSS, |t| self.fillet_point(t), (at(cell), at(cell + 1)));
                 }
             }
             Root::Straight if self.gear.root_radius_m < self.gear.base_radius_m => {
                 let (low, high, half) = self.straight_root_m();
-                for cell in 0..CELLS {
-                    let at = |i: usize| low + (high - low) * i as f64 / CELLS as f64;
+                for cell in 0..cells {
+                    let at = |i: usize| low + (high - low) * i as f64 / cells as f64;
                     self.add_cell(&mut sums, damage, &GAUSS, |y| (y, half, 1.0), (at(cell), at(cell + 1)));
                 }
             }
@@ -177,7 +188,19 @@ impl ToothProfile {
     /// Compliances at contact points given by their load angles, in ascending order. Points below the start of the
     /// involute are taken at its start.
     pub fn flexure(&self, material: &Material, damage: &ToothDamage, load_angles_rad: &[f64]) -> Vec<Flexure> {
-        let mut sums = self.root_sums(damage);
+        self.flexure_by(cells(damage), material, damage, load_angles_rad)
+    }
+
+    fn flexure_by(
+        &self,
+        most_cells: usize,
+        material: &Material,
+        damage: &ToothDamage,
+        load_angles_rad: &[f64],
+    ) -> Vec<Flexure> {
+        let mut sums = self.root_sums(damage, most_cells);
+        // Points of a fine table are nearer than this share of a flank.
+        let near = 0.5 / DAMAGED_CELLS as f64;
         let mut at = self.involute_start_rad;
         let mut out = Vec::with_capacity(load_angles_rad.len());
         for &angle in load_angles_rad {
@@ -185,9 +208,9 @@ impl ToothProfile {
             if angle > at {
                 // Many short cells up to the first contact point, one cell between neighbouring points of a fine table.
                 let span = self.gear.load_angle_rad(self.gear.roll_at_radius_m(self.gear.tip_radius_m)) - at;
-                let share = (angle - at) / span * CELLS as f64;
-                let cells = share.ceil().max(1.0);
-                let rule: &[(f64, f64)] = if share < 0.5 { &GAUSS_SHORT } else { &GAUSS };
+                let share = (angle - at) / span;
+                let cells = (share * most_cells as f64).ceil().max(1.0);
+                let rule: &[(f64, f64)] = if share < near { &GAUSS_SHORT } else { &GAUSS };
                 let step = (angle - at) / cells;
                 for cell in 0..cells as usize {
                     let from = at + step * cell as f64;
@@ -201,9 +224,9 @@ impl ToothProfile {
     }
 
     fn flexure_from(&self, sums: &Sums, material: &Material, load_angle_rad: f64) -> Flexure {
-        let (y, h) = self.gear.flank_point_m(load_angle_rad);
-        let y = y - self.root_height_m;
         let (sin, cos) = load_angle_rad.sin_cos();
+        let (y, h) = self.gear.flank_point_of(load_angle_rad, (sin, cos));
+        let y = y - self.root_height_m;
         let [i0, i1, i2, a0] = sums.0;
         let moment_2 =
             cos * cos * (y * y * i0 - 2.0 * y * i1 + i2) - 2.0 * cos * sin * h * (y * i0 - i1) + h * h * sin * sin * i0;
@@ -212,5 +235,30 @@ impl ToothProfile {
             shear: 1.2 * cos * cos * a0 / material.shear_modulus_pa(),
             axial: sin * sin * a0 / material.youngs_modulus_pa,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Teeth of 17 to 200, generated and straight roots: few cells give what many give.
+    #[test]
+    fn oracle_few_cells_are_enough_for_whole_teeth() {
+        let material = Material { youngs_modulus_pa: 2.06e11, poisson_ratio: 0.3 };
+        let mut worst = 0.0_f64;
+        for teeth in [17, 23, 41, 80, 200] {
+            for root in [Root::Fillet, Root::Straight] {
+                let gear = GearGeometry::new("gear", teeth, 2e-3, 20f64.to_radians(), 0.02, 0.008).unwrap();
+                let profile = ToothProfile::new("gear", &gear, root, &mut Vec::new());
+                let top = gear.load_angle_rad(gear.roll_at_radius_m(gear.tip_radius_m));
+                let angles: Vec<f64> = [0.2, 0.5, 0.9, 1.0].iter().map(|share| share * top).collect();
+                let by = |cells| profile.flexure_by(cells, &material, &ToothDamage::default(), &angles);
+                for (few, many) in by(SMOOTH_CELLS).iter().zip(by(16 * DAMAGED_CELLS)) {
+                    worst = worst.max((few.total() / many.total() - 1.0).abs());
+                }
+            }
+        }
+        assert!(worst < 1e-9, "{worst:.1e}");
     }
 }

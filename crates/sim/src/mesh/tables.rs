@@ -1,12 +1,14 @@
 //! Per-tooth tables over the path of contact. A gear has one table per kind of tooth, so a stage with faults costs a few
 //! tables, never one per pair of teeth.
 
+use std::collections::VecDeque;
+
 use crate::faults::{Breakage, BreakageKind, GearModifications, TipRelief, ToothDamage};
-use crate::foundation::{Foundation, lever_m};
+use crate::foundation::{Foundation, lever_of};
 use crate::geometry::PairGeometry;
 use crate::hertz::Material;
 use crate::mesh::{CORNER_REACH, MeshOptions};
-use crate::tooth::ToothProfile;
+use crate::tooth::{Root, ToothProfile};
 
 /// Cells per mesh cycle of a smooth flank.
 pub(super) const SMOOTH_CELLS: f64 = 32.0;
@@ -122,7 +124,7 @@ pub(super) fn fit(samples: &[[f64; 4]], tolerated: [f64; 4]) -> (Vec<Cell>, f64)
 }
 
 /// Gaps that all flanks of a gear have.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct GapShape {
     /// Worn depth furthest from the pitch point (m).
     pub(super) wear_m: f64,
@@ -164,7 +166,7 @@ impl GearTables {
         options: &MeshOptions,
         modifications: &GearModifications,
         gap: GapShape,
-        warnings: &mut Vec<String>,
+        (store, warnings): (&mut FlankStore, &mut Vec<String>),
     ) -> Result<Self, String> {
         let gear = match side {
             Side::Pinion => &pair.pinion,
@@ -189,6 +191,7 @@ impl GearTables {
             side,
             pair,
             material,
+            options,
             profile: ToothProfile::new(side.name(), gear, options.root, warnings),
             foundation: options.foundation.then(|| Foundation::new(side.name(), gear, warnings)),
             relief: modifications.tip_relief,
@@ -204,7 +207,7 @@ impl GearTables {
             }
             let kind = u16::try_from(tables.len())
                 .map_err(|_| format!("{}: more than {} kinds of damaged teeth", side.name(), u16::MAX))?;
-            tables.push(builder.table(damage));
+            tables.push(store.table(builder.made(damage), |damage| builder.table(damage)));
             kinds.push((damage, kind));
             Ok(kind)
         };
@@ -250,11 +253,49 @@ impl GearTables {
     }
 }
 
+/// Tables of flanks that were made before, with all that they were made from, the newest last: neighbouring parameter sets have most of them in common.
+#[derive(Clone, Debug, Default)]
+pub struct FlankStore {
+    kept: VecDeque<(Made, ToothTable)>,
+}
+
+/// Most tables that are kept: both flanks of each gear of some ten stages, or the kinds of damage of a gear.
+const KEPT: usize = 64;
+
+/// What a table of a flank is made from.
+#[derive(Clone, Debug, PartialEq)]
+struct Made {
+    side: Side,
+    pair: PairGeometry,
+    material: Material,
+    root: Root,
+    foundation: bool,
+    relief: Option<TipRelief>,
+    gap: GapShape,
+    damage: ToothDamage,
+}
+
+impl FlankStore {
+    /// The table of `made`, made where it is not kept.
+    fn table(&mut self, made: Made, make: impl FnOnce(&ToothDamage) -> ToothTable) -> ToothTable {
+        if let Some((_, table)) = self.kept.iter().rev().find(|(known, _)| *known == made) {
+            return table.clone();
+        }
+        if self.kept.len() == KEPT {
+            self.kept.pop_front();
+        }
+        let table = make(&made.damage);
+        self.kept.push_back((made, table.clone()));
+        table
+    }
+}
+
 /// Makes the tables of one gear.
 struct Builder<'a> {
     side: Side,
     pair: &'a PairGeometry,
     material: &'a Material,
+    options: &'a MeshOptions,
     profile: ToothProfile,
     foundation: Option<Foundation>,
     relief: Option<TipRelief>,
@@ -262,6 +303,20 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
+    /// What a table of a tooth with this damage is made from.
+    fn made(&self, damage: &ToothDamage) -> Made {
+        Made {
+            side: self.side,
+            pair: self.pair.clone(),
+            material: *self.material,
+            root: self.options.root,
+            foundation: self.options.foundation,
+            relief: self.relief,
+            gap: self.gap,
+            damage: damage.clone(),
+        }
+    }
+
     fn table(&self, damage: &ToothDamage) -> ToothTable {
         let gear = match self.side {
             Side::Pinion => &self.pair.pinion,
@@ -290,8 +345,15 @@ impl Builder<'_> {
             let positions: Vec<f64> = (0..count).map(|i| (i as f64 / SIXTHS as f64 - beyond) / per_cycle).collect();
             // Beyond the margin the flank is held, but its corner's gap goes on.
             let hold = (MARGIN * per_cycle).ceil() / per_cycle;
-            let held: Vec<f64> = positions.iter().map(|s| s.clamp(-hold, self.pair.contact_ratio + hold)).collect();
-            let mut samples = self.samples(damage, gone, &held);
+            let (begin, end) = (-hold, self.pair.contact_ratio + hold);
+            let within = positions.partition_point(|&s| s < begin)..positions.partition_point(|&s| s <= end);
+            let mut own = vec![begin];
+            own.extend(&positions[within.clone()]);
+            own.push(end);
+            let own = self.samples(damage, gone, &own);
+            // A place of `positions` in `own`, whose ends stand for all that lies beyond them.
+            let at = |i: usize| (i + 1).saturating_sub(within.start).min(own.len() - 1);
+            let mut samples: Vec<Flank> = (0..count).map(|i| own[at(i)]).collect();
             for (sample, s) in samples.iter_mut().zip(&positions) {
                 let lead = if self.side == Side::Pinion { s - last } else { first - s }.max(0.0);
                 sample.gap += lead * lead * (self.gap.corner[0] + self.gap.corner[1] * lead);
@@ -330,10 +392,9 @@ impl Builder<'_> {
             };
             own.clamp(0.0, tip_roll)
         };
-        let angle = |i: usize| gear.load_angle_rad(roll(positions[i]));
         // The pinion's contact climbs its tooth, the wheel's descends it.
         let ascending = |i: usize| if self.side == Side::Pinion { i } else { count - 1 - i };
-        let angles: Vec<f64> = (0..count).map(|i| angle(ascending(i))).collect();
+        let angles: Vec<f64> = (0..count).map(|i| gear.load_angle_rad(roll(positions[ascending(i)]))).collect();
         // A tooth that is gone still needs finite numbers: it never touches, so they are never used.
         let healthy = ToothDamage::default();
         let flexure = self.profile.flexure(material, if gone { &healthy } else { damage }, &angles);
@@ -344,11 +405,12 @@ impl Builder<'_> {
         let furthest = pair.pitch_phase().max(pair.contact_ratio - pair.pitch_phase());
         (0..count)
             .map(|i| {
-                let (s, a) = (positions[i], angle(i));
+                let (s, a) = (positions[i], angles[ascending(i)]);
+                let (sin, cos) = a.sin_cos();
                 let foundation = self.foundation.as_ref().map_or(0.0, |foundation| {
-                    foundation.compliance_m_per_n(material, gear.face_width_m, a, lever_m(gear, a))
+                    foundation.compliance_of(material, gear.face_width_m, (sin, cos), lever_of(gear, cos))
                 });
-                let (length, depth) = damage.lost_length_m(gear, gear.flank_point_m(a).0);
+                let (length, depth) = damage.lost_length_m(gear, gear.flank_point_of(a, (sin, cos)).0);
                 let mut lost = broken_width + (1.0 - broken_width) * length / gear.face_width_m;
                 let mut gap = self.relief_m(s) + self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest;
                 if lost > 0.999 {
