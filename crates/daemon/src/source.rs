@@ -33,7 +33,7 @@ use crate::service::SourceMonitor;
 use crate::stop::Stop;
 
 mod file;
-mod frames;
+pub mod frames;
 mod framing;
 mod growing_file;
 mod inputs;

@@ -4,6 +4,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use gearwatch_io::text::open_regular;
+
 use super::storage::{Marker, Storage, StorageFile};
 
 /// Name of the file whose lock says that a process owns the folder.
@@ -106,12 +108,16 @@ impl Storage for Disk {
 
     fn read(&mut self, name: &str) -> io::Result<Vec<u8>> {
         let path = self.path(name)?;
-        self.with_reserve(|| fs::read(&path))
+        self.with_reserve(|| {
+            let mut bytes = Vec::new();
+            open_regular(&path)?.read_to_end(&mut bytes)?;
+            Ok(bytes)
+        })
     }
 
     fn read_end(&mut self, name: &str, count: usize) -> io::Result<Vec<u8>> {
         let path = self.path(name)?;
-        let mut file = self.with_reserve(|| File::open(&path))?;
+        let mut file = self.with_reserve(|| open_regular(&path))?;
         let length = file.seek(SeekFrom::End(0))?;
         file.seek(SeekFrom::Start(length.saturating_sub(count as u64)))?;
         let mut end = Vec::new();
@@ -147,8 +153,8 @@ impl Storage for Disk {
     }
 
     fn marker(&mut self) -> Box<dyn Marker> {
-        let file = OpenOptions::new().create(true).truncate(false).write(true).open(self.folder.join(NUMBERS));
-        Box::new(Numbers { file: file.ok(), boot: boot() })
+        let path = self.folder.join(NUMBERS);
+        Box::new(Numbers { file: Numbers::open(&path), path, boot: boot() })
     }
 
     fn marked(&mut self) -> Option<u64> {
@@ -174,11 +180,27 @@ fn boot() -> Option<String> {
 
 struct Numbers {
     file: Option<File>,
+    path: PathBuf,
     boot: Option<String>,
+}
+
+impl Numbers {
+    fn open(path: &Path) -> Option<File> {
+        OpenOptions::new().create(true).truncate(false).write(true).open(path).ok()
+    }
+
+    /// Somebody may have removed the folder, and the log has made it anew.
+    fn is_there(&self) -> bool {
+        let held = self.file.as_ref().and_then(|file| file.metadata().ok());
+        held.zip(fs::symlink_metadata(&self.path).ok()).is_some_and(|(held, named)| same(&held, &named))
+    }
 }
 
 impl Marker for Numbers {
     fn mark(&mut self, seq: u64) {
+        if !self.is_there() {
+            self.file = Self::open(&self.path);
+        }
         let (Some(file), Some(boot)) = (&mut self.file, &self.boot) else { return };
         let written =
             file.seek(SeekFrom::Start(0)).and_then(|_| file.write_all(format!("{boot} {seq:020}\n").as_bytes()));
@@ -237,6 +259,13 @@ impl StorageFile for DiskFile {
 
     fn sync(&mut self) -> io::Result<()> {
         self.file.sync_data()
+    }
+
+    fn overwrite(&mut self, from: u64, bytes: &[u8]) -> io::Result<()> {
+        // This file's own descriptor writes at the end only.
+        let mut file = OpenOptions::new().write(true).open(&self.path)?;
+        file.seek(SeekFrom::Start(from))?;
+        file.write_all(bytes)
     }
 
     fn length(&mut self) -> io::Result<Option<u64>> {

@@ -44,6 +44,8 @@ pub use handle::{LogError, LogHandle, spawn};
 pub use message::{ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC};
 #[cfg(feature = "foxglove")]
 pub(crate) use message::{Message, encode};
+#[cfg(feature = "brokers")]
+pub(crate) use names::utc;
 pub use queue::Sent;
 pub use record::{AlarmRecord, Attachment, Cause, Clock, Context, Gap, Level, Note, Record};
 pub use recover::Recovery;

@@ -35,7 +35,7 @@ impl FileName {
 }
 
 /// `20261121T024942Z` of seconds since the epoch (proleptic Gregorian calendar; years before 0 or after 9999 are shown as such).
-pub(super) fn utc(seconds: i64) -> String {
+pub(crate) fn utc(seconds: i64) -> String {
     let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
     let (year, month, day) = civil(days);
     format!("{year:04}{month:02}{day:02}T{:02}{:02}{:02}Z", second / 3600, second / 60 % 60, second % 60)

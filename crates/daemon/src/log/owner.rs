@@ -47,6 +47,9 @@ struct Open {
     seq_first: u64,
 }
 
+/// Gap records of a file that are told again where the file is taken away.
+const GAPS_KEPT: usize = 256;
+
 /// At most one in so many files is removed at once, whatever makes them look old or much: a mistake must not empty a folder.
 const MOST_REMOVED_SHARE: u64 = 4;
 
@@ -106,8 +109,10 @@ pub(super) struct Owner {
     looked: Duration,
     /// What the log has to say of itself, on its way into the queue.
     own_records: VecDeque<Record>,
-    /// Alarms that stand with what was taken so far.
-    alarms: Standing,
+    /// Gap records of the open file with their numbers, the newest [`GAPS_KEPT`]: whoever takes the file away takes them too.
+    gaps: VecDeque<(u64, Gap)>,
+    /// Alarms that stand with what was taken so far, and losses that are not told yet.
+    standing: Standing,
     durable: watch::Sender<u64>,
     state: watch::Sender<LogState>,
 }
@@ -127,8 +132,9 @@ impl Owner {
         (durable, state): (watch::Sender<u64>, watch::Sender<LogState>),
     ) -> Self {
         durable.send_replace(recovery.last_seq);
-        let mut alarms = Standing::default();
-        recovery.alarms.iter().cloned().for_each(|alarm| alarms.take(alarm));
+        let mut standing = Standing::default();
+        recovery.alarms.iter().cloned().for_each(|alarm| standing.take(alarm));
+        recovery.untold.iter().cloned().for_each(|gap| standing.lose(gap));
         Self {
             keeper: Keeper::new(config.raw.clone()),
             config,
@@ -157,7 +163,8 @@ impl Owner {
             files_lost: 0,
             looked: Duration::ZERO,
             own_records: VecDeque::new(),
-            alarms,
+            gaps: VecDeque::new(),
+            standing,
             durable,
             state,
         }
@@ -223,7 +230,14 @@ impl Owner {
         self.last_seq = item.seq;
         self.results += 1;
         if let Record::Alarm(alarm) = &item.record {
-            self.alarms.take(AlarmRecord::clone(alarm));
+            self.standing.take(AlarmRecord::clone(alarm));
+        }
+        if let Record::Gap(gap) = &item.record {
+            self.standing.told(item.seq, gap);
+            self.gaps.push_back((item.seq, gap.clone()));
+            if self.gaps.len() > GAPS_KEPT {
+                self.gaps.pop_front();
+            }
         }
         if let Some(message) = encode(item.seq, &item.record, now.wall_ns) {
             self.result_bytes += message.data.len() + message.topic.len();
@@ -254,6 +268,7 @@ impl Owner {
         }
         let old = self.open.as_ref().is_some_and(|open| now.mono >= open.opened + self.rotate_time());
         if old && self.pending.is_empty() {
+            self.look(now);
             self.close(now);
         }
         if now.mono >= self.looked + LOOK {
@@ -266,6 +281,11 @@ impl Owner {
     /// What the log has to say of itself next; to be put into the queue, which gives out the numbers.
     pub fn take_own_record(&mut self) -> Option<Record> {
         self.own_records.pop_front()
+    }
+
+    /// The queue did not take it: it is said at the next opportunity.
+    pub fn return_own_record(&mut self, record: Record) {
+        self.own_records.push_front(record);
     }
 
     /// Gives the open file up where it is no longer what was written. An error tells nothing: the next write will.
@@ -309,9 +329,14 @@ impl Owner {
         let mark = if all_taken { Mark::End } else { Mark::None };
         for _ in 0..LAST_TRIES {
             if self.started {
+                self.look(now);
+                // No sender is given a number any more, so those behind the last one are free for what the log itself has yet to say.
+                while all_taken && let Some(record) = self.own_records.pop_front() {
+                    self.result(&Item { seq: self.last_seq + 1, record }, now);
+                }
                 self.commit(now, mark);
             }
-            if self.retry_at.is_none() {
+            if self.retry_at.is_none() && self.own_records.is_empty() {
                 break;
             }
         }
@@ -392,7 +417,8 @@ impl Owner {
             ("first_group".to_owned(), name.first_group.to_string()),
         ]
         .into();
-        facts.extend(self.alarms.fact());
+        let durable = *self.durable.borrow();
+        facts.extend(self.standing.facts(durable));
         let opening = layout.opening(&self.context, &facts, unsigned(now.wall_ns));
         let mut made = || {
             let mut file = self.storage.create(&name.name)?;
@@ -405,6 +431,7 @@ impl Owner {
             Ok(file) => {
                 let durable_bytes = layout.position;
                 let seq_first = self.last_seq + 1 - self.results as u64;
+                self.gaps.retain(|(seq, _)| *seq >= seq_first);
                 Ok(Open { name, file, layout, durable_bytes, groups: 0, opened: now.mono, seq_first })
             }
             Err(error) => {
@@ -487,15 +514,18 @@ impl Owner {
         }));
         if last >= first {
             let (channel, count) = (Gap::LOG.to_owned(), last + 1 - first);
-            self.own_records.push_back(Record::Gap(Gap {
-                channel,
-                first,
-                last,
-                count,
-                cause: Cause::Damage,
-                t_ns: now.wall_ns,
-            }));
+            let gap = Gap { channel, first, last, count, cause: Cause::Damage, t_ns: now.wall_ns };
+            self.lose(gap);
         }
+        let gone = self.gaps.iter().filter(|(seq, _)| (first..=last).contains(seq));
+        let gone: Vec<Gap> = gone.map(|(_, gap)| gap.clone()).collect();
+        gone.into_iter().for_each(|gap| self.lose(gap));
+    }
+
+    /// Says so as soon as there is room; the head of the next file says it already.
+    fn lose(&mut self, gap: Gap) {
+        self.standing.lose(gap.clone());
+        self.own_records.push_back(Record::Gap(gap));
     }
 
     /// Ends the open file with index and footer, and removes what is too old or too much.

@@ -32,7 +32,7 @@ pub enum Sent {
 }
 
 /// Numbers that are marked ahead: each mark costs a call to the system.
-const MARKED_AHEAD: u64 = 63;
+pub(super) const MARKED_AHEAD: u64 = 63;
 
 /// The times at which numbers were given out are noted so often.
 const MARK_EVERY: Duration = Duration::from_millis(50);
@@ -143,10 +143,19 @@ impl Queue {
         Sent::Queued { seq }
     }
 
-    /// A result would not be shed.
-    pub fn has_room(&self) -> bool {
-        let inner = self.lock();
-        inner.open && inner.results < self.max_results
+    /// Takes a result where there is room, and gives it back where there is none.
+    pub fn offer(&self, record: Record, now: Now) -> Option<Record> {
+        let mut inner = self.lock();
+        if inner.stopping || !inner.open || inner.results >= self.max_results {
+            return Some(record);
+        }
+        inner.flush_runs(now, self.max_results);
+        if inner.results >= self.max_results {
+            return Some(record);
+        }
+        inner.push(record, now);
+        self.filled.notify_one();
+        None
     }
 
     /// A record was lost before it came here; it is accounted for as one that found no room.

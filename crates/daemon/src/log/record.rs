@@ -116,6 +116,8 @@ pub enum Cause {
     Discontinuity,
     /// A worker could not keep up.
     Overload,
+    /// A worker failed at it.
+    Failure,
     /// The clock was set.
     ClockStep,
     /// The configuration changed.

@@ -6,9 +6,10 @@ use super::codec::{MAGIC, RECORD_HEAD, Take, op};
 use super::examine::{Ending, Examined, GoodChunk, Rules, examine};
 use super::message::Group;
 use super::names::{FileName, TEMPORARY};
-use super::record::AlarmRecord;
+use super::queue::MARKED_AHEAD;
+use super::record::{AlarmRecord, Gap};
 use super::salvage::salvage_as;
-use super::storage::Storage;
+use super::storage::{Storage, StorageFile};
 
 /// What was found at the start, and done about it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -36,6 +37,8 @@ pub struct Recovery {
     pub lost_max: u64,
     /// Alarms that stood when the log ended.
     pub alarms: Vec<AlarmRecord>,
+    /// Losses that the last run knew of and had no time to tell.
+    pub untold: Vec<Gap>,
     /// Number of the newest file.
     pub(super) last_number: u64,
 }
@@ -87,11 +90,14 @@ pub(super) fn recover(storage: &mut dyn Storage) -> io::Result<Recovery> {
         report.unclean = true;
         report.lost_max = report.lost_max.max(MOST_UNWRITTEN);
     }
-    // What was marked in this start of the machine is nearer to what was lost than what could be lost at most.
-    if report.unclean
-        && let Some(lost) = storage.marked().and_then(|marked| marked.checked_sub(report.last_seq))
-    {
-        report.lost_max = report.lost_max.min(lost);
+    // What was marked in this start of the machine is nearer to what was lost than what could be lost at most. Where it is more, somebody took away
+    // files behind the newest one that is there, with what was acknowledged in them.
+    if let Some(given_out) = storage.marked().and_then(|marked| marked.checked_sub(report.last_seq)) {
+        if given_out > report.lost_max + MARKED_AHEAD {
+            report.unclean = true;
+            report.lost_max = given_out;
+        }
+        report.lost_max = report.lost_max.min(given_out);
     }
     if unreadable {
         // How far the newest file went nobody knows: farther than this it cannot have been.
@@ -213,11 +219,15 @@ pub(super) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group
     let torn_bytes = all.torn_tail.as_ref().map_or(0, |tail| tail.length);
     let result = if all.ending == Ending::Closed {
         // It may have been closed by a start that was killed before it could sync, and the numbers go on behind what is in it.
-        storage.open(name).and_then(|mut file| file.sync()).map(|()| Done::Whole)
+        let again = storage.open(name).and_then(|mut file| {
+            write_again(&mut *file, bytes, &all, bytes.len())?;
+            file.sync()
+        });
+        again.map(|()| Done::Whole)
     } else if all.chunks.is_empty() {
         storage.remove(name).map(|()| Done::Removed)
     } else if all.damage.is_empty() {
-        append_closing(storage, name, &all).map(|()| Done::Closed)
+        append_closing(storage, name, bytes, &all).map(|()| Done::Closed)
     } else {
         rewrite(storage, name, bytes).map(|()| Done::Rewritten)
     };
@@ -225,14 +235,22 @@ pub(super) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group
     Outcome { done, torn_bytes, last_group: all.last_group(), clean_end: all.clean_end }
 }
 
-/// Cuts off what is torn and appends index and footer. Nothing that was acknowledged is written again.
-fn append_closing(storage: &mut dyn Storage, name: &str, all: &Examined) -> io::Result<()> {
+/// Writes the last group and what is behind it once more, in place. The run before may have seen its sync fail and been killed before it could
+/// cut the group off: then it is readable here, on no disk, and about to count as durable.
+fn write_again(file: &mut dyn StorageFile, bytes: &[u8], all: &Examined, end: usize) -> io::Result<()> {
+    let from = all.chunks.last().map_or(end, |chunk| chunk.range.start);
+    file.overwrite(from as u64, bytes.get(from..end).unwrap_or_default())
+}
+
+/// Cuts off what is torn and appends index and footer.
+fn append_closing(storage: &mut dyn Storage, name: &str, bytes: &[u8], all: &Examined) -> io::Result<()> {
     let mut layout = all.layout.clone();
     layout.advance(&all.owed);
     let mut end = all.owed.clone();
     end.extend_from_slice(&layout.closing());
     let mut file = storage.open(name)?;
     file.truncate(all.good_bytes)?;
+    write_again(&mut *file, bytes, all, all.good_bytes as usize)?;
     file.append(&end)?;
     file.sync()
 }

@@ -368,6 +368,24 @@ impl Inner {
         Ok(self.files.get(&id).filter(|_| named).map(|file| file.current.len() as u64))
     }
 
+    fn overwrite(&mut self, id: u64, from: u64, bytes: &[u8]) -> io::Result<()> {
+        let fault = self.call()?;
+        Self::refuse(fault)?;
+        if let Some(file) = self.files.get_mut(&id) {
+            let (from, end) = (from as usize, from as usize + bytes.len());
+            if let Some(there) = file.current.get_mut(from..end) {
+                there.copy_from_slice(bytes);
+                file.dirty_from = Some(file.dirty_from.map_or(from, |dirty| dirty.min(from)));
+                // What lay there is waiting to be written again.
+                file.poison = file.poison.take().filter(|(at, _)| *at < from).map(|(at, mut held)| {
+                    held.truncate(from - at);
+                    (at, held)
+                });
+            }
+        }
+        self.after(fault)
+    }
+
     fn truncate(&mut self, id: u64, length: u64) -> io::Result<()> {
         let fault = self.call()?;
         Self::refuse(fault)?;
@@ -512,6 +530,10 @@ impl StorageFile for SimulatedFile {
 
     fn length(&mut self) -> io::Result<Option<u64>> {
         self.disk.lock().length(self.id)
+    }
+
+    fn overwrite(&mut self, from: u64, bytes: &[u8]) -> io::Result<()> {
+        self.disk.lock().overwrite(self.id, from, bytes)
     }
 
     fn truncate(&mut self, length: u64) -> io::Result<()> {

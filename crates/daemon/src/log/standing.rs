@@ -1,22 +1,27 @@
-//! Alarms that stand: what a start knows of those before it. Every file begins with the alarms that stood then, and holds what happened to alarms
-//! since, so that the newest file alone tells.
+//! What a start knows of those before it: alarms that stand, and losses that nobody was told of yet. Every file begins with what stood then, and
+//! holds what happened since, so that the newest file alone tells.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 
 use super::content::{Part, visit};
 use super::examine::Rules;
-use super::message::ALARM_TOPIC;
-use super::record::AlarmRecord;
+use super::message::{ALARM_TOPIC, GAP_TOPIC};
+use super::record::{AlarmRecord, Gap};
 use super::recover::log_files;
 use super::storage::Storage;
 
-/// Key of the file's facts that holds the alarms.
-const FACT: &str = "alarms";
+/// Keys of the file's facts that hold the alarms and the losses.
+const ALARMS: &str = "alarms";
+const LOSSES: &str = "untold_gaps";
 
-/// Alarms that stand.
+/// Alarms that stand, and losses that are known but in no record that is durable.
 #[derive(Debug, Default)]
-pub(super) struct Standing(BTreeMap<(String, String), AlarmRecord>);
+pub(super) struct Standing {
+    alarms: BTreeMap<(String, String), AlarmRecord>,
+    /// With the number of the record that tells of it, once it has one.
+    losses: Vec<(Option<u64>, Gap)>,
+}
 
 impl Standing {
     /// Reads them from the newest file that tells of them; none where no file can be read.
@@ -32,14 +37,20 @@ impl Standing {
         let done: Result<(), Infallible> = visit(bytes, Rules::Own, |part| {
             match part {
                 Part::Metadata(_, facts) => {
-                    let begin: Vec<AlarmRecord> =
-                        facts.get(FACT).and_then(|text| serde_json::from_str(text).ok()).unwrap_or_default();
                     let standing = standing.get_or_insert_with(Self::default);
-                    begin.into_iter().for_each(|alarm| standing.take(alarm));
+                    let alarms = facts.get(ALARMS).and_then(|text| serde_json::from_str(text).ok());
+                    alarms.into_iter().flat_map(|all: Vec<_>| all).for_each(|alarm| standing.take(alarm));
+                    let losses = facts.get(LOSSES).and_then(|text| serde_json::from_str(text).ok());
+                    losses.into_iter().flat_map(|all: Vec<_>| all).for_each(|gap| standing.lose(gap));
                 }
                 Part::Message { channel, message, .. } if channel.topic == ALARM_TOPIC => {
                     if let (Some(standing), Ok(alarm)) = (&mut standing, serde_json::from_slice(message.data)) {
                         standing.take(alarm);
+                    }
+                }
+                Part::Message { channel, message, .. } if channel.topic == GAP_TOPIC => {
+                    if let (Some(standing), Ok(gap)) = (&mut standing, serde_json::from_slice::<Gap>(message.data)) {
+                        standing.losses.retain(|(_, lost)| *lost != gap);
                     }
                 }
                 _ => {}
@@ -53,19 +64,35 @@ impl Standing {
     /// Something happened to an alarm.
     pub fn take(&mut self, alarm: AlarmRecord) {
         if alarm.alarm.over {
-            self.0.remove(&alarm.key());
+            self.alarms.remove(&alarm.key());
         } else {
-            self.0.insert(alarm.key(), alarm);
+            self.alarms.insert(alarm.key(), alarm);
         }
     }
 
-    /// For the head of a file; `None` where none stands.
-    pub fn fact(&self) -> Option<(String, String)> {
-        let text = serde_json::to_string(&self.alarms()).ok()?;
-        (!self.0.is_empty()).then(|| (FACT.to_owned(), text))
+    /// Something was lost, and a record that says so is on its way.
+    pub fn lose(&mut self, gap: Gap) {
+        self.losses.push((None, gap));
+    }
+
+    /// A gap record has got its number.
+    pub fn told(&mut self, seq: u64, gap: &Gap) {
+        self.losses.iter_mut().filter(|(_, lost)| lost == gap).for_each(|(number, _)| *number = Some(seq));
+    }
+
+    /// For the head of a file that begins when everything up to `durable` is.
+    pub fn facts(&mut self, durable: u64) -> impl Iterator<Item = (String, String)> {
+        self.losses.retain(|(number, _)| number.is_none_or(|seq| seq > durable));
+        let alarms = (!self.alarms.is_empty()).then(|| (ALARMS, serde_json::to_string(&self.alarms())));
+        let losses = (!self.losses.is_empty()).then(|| (LOSSES, serde_json::to_string(&self.losses())));
+        [alarms, losses].into_iter().flatten().filter_map(|(key, text)| Some((key.to_owned(), text.ok()?)))
     }
 
     pub fn alarms(&self) -> Vec<AlarmRecord> {
-        self.0.values().cloned().collect()
+        self.alarms.values().cloned().collect()
+    }
+
+    pub fn losses(&self) -> Vec<Gap> {
+        self.losses.iter().map(|(_, gap)| gap.clone()).collect()
     }
 }

@@ -49,7 +49,8 @@ impl Stepper {
     ) -> Result<Self, LogError> {
         config.check()?;
         let mut recovery = recover(&mut *storage)?;
-        recovery.alarms = Standing::read(&mut *storage).alarms();
+        let standing = Standing::read(&mut *storage);
+        (recovery.alarms, recovery.untold) = (standing.alarms(), standing.losses());
         let beginning = start_records(&recovery, now.wall_ns);
         let first_seq = first_seq(&recovery) + beginning.len() as u64;
         let queue = Arc::new(Queue::new(config.queue_records, config.raw_queue_bytes, first_seq, storage.marker()));
@@ -146,11 +147,12 @@ impl Stepper {
             return Some(self.owner.finish(now(), self.queue.shed(), all_taken));
         }
         self.owner.step(now(), self.queue.shed());
-        // What the log says of itself waits until there is room: nobody else would say it.
-        while self.queue.has_room()
-            && let Some(record) = self.owner.take_own_record()
-        {
-            self.queue.send(record, now());
+        // What the log says of itself waits until there is room: nobody else would say it. At the end the owner writes it without the queue.
+        while let Some(record) = self.owner.take_own_record() {
+            if let Some(record) = self.queue.offer(record, now()) {
+                self.owner.return_own_record(record);
+                break;
+            }
         }
         None
     }
@@ -169,7 +171,7 @@ impl Sender {
 
 /// What the log says of its own start.
 fn start_records(recovery: &Recovery, t_ns: UnixNanos) -> Vec<Record> {
-    let mut records = Vec::new();
+    let mut records: Vec<Record> = recovery.untold.iter().cloned().map(Record::Gap).collect();
     if recovery.unclean {
         records.push(Record::Gap(Gap {
             channel: Gap::LOG.into(),

@@ -53,6 +53,10 @@ pub trait StorageFile: Send {
     /// does not tell (on Linux a second `fsync` reports success for pages that were dropped): the file must not be trusted with more.
     fn sync(&mut self) -> io::Result<()>;
 
+    /// Writes these bytes over those at `from`, which are the same. After a failed sync they are readable and on no disk, and nothing but
+    /// writing them again brings them there; whoever finds them later cannot tell.
+    fn overwrite(&mut self, from: u64, bytes: &[u8]) -> io::Result<()>;
+
     /// Length of what the file's name stands for (bytes); `None` where the name stands for another file, or for none. An error where nobody can tell.
     fn length(&mut self) -> io::Result<Option<u64>>;
 

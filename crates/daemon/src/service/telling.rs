@@ -115,6 +115,7 @@ impl Teller {
                     window,
                     "a worker panicked; the window has no verdict"
                 );
+                self.lost(format!("{sensor} windows"), (window, window, 1), Cause::Failure, now_unix_ns());
             }
         }
     }

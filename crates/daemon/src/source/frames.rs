@@ -14,7 +14,7 @@ use super::numbering::Numbering;
 /// What a stream of frames holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Layout {
+pub struct Layout {
     /// Sensor names, in the order of the numbers.
     channels: Vec<String>,
     /// Unit of the physical values: `m/s^2`, `g`, `mm/s`, `V` or `1`.
@@ -24,7 +24,7 @@ pub(super) struct Layout {
 
 impl Layout {
     /// What is wrong with the values.
-    pub(super) fn problems(&self) -> Vec<String> {
+    pub fn problems(&self) -> Vec<String> {
         let mut out = Vec::new();
         let most = usize::from(gearwatch_io::frames::MOST_CHANNELS);
         if self.channels.is_empty() || self.channels.len() > most {
@@ -44,7 +44,7 @@ impl Layout {
 
 /// How far the samples are numbered; outlives a connection.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Memory(Arc<Mutex<Place>>);
+pub struct Memory(Arc<Mutex<Place>>);
 
 #[derive(Debug, Default)]
 struct Place {
@@ -82,7 +82,7 @@ impl Place {
 
 /// Turns frames into packets.
 #[derive(Debug)]
-pub(super) struct Reader {
+pub struct Reader {
     sensors: Vec<Arc<str>>,
     unit: Arc<str>,
     memory: Memory,
@@ -90,7 +90,8 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    pub(super) fn new(layout: &Layout, memory: &Memory) -> Self {
+    /// Reads a stream of this layout; with the memory of the connection before, the numbering goes on.
+    pub fn new(layout: &Layout, memory: &Memory) -> Self {
         Self {
             sensors: layout.channels.iter().map(|name| name.as_str().into()).collect(),
             unit: layout.unit.as_str().into(),
@@ -99,8 +100,11 @@ impl Reader {
         }
     }
 
-    /// Takes a frame; the error says what is other than configured or than before.
-    pub(super) fn take(&mut self, frame: Frame, out: &mut VecDeque<Packet>) -> Result<(), String> {
+    /// Takes a frame.
+    ///
+    /// # Errors
+    /// With what is other than configured or than before.
+    pub fn take(&mut self, frame: Frame, out: &mut VecDeque<Packet>) -> Result<(), String> {
         let mut place = self.memory.0.lock().unwrap_or_else(PoisonError::into_inner);
         if usize::from(frame.channels) != self.sensors.len() {
             return Err(format!(

@@ -211,3 +211,134 @@ fn conform_old_files_go_some_at_a_time() {
     assert!(counts.last().is_some_and(|&last| last < files / 2), "{counts:?}");
     assert!(counts.windows(2).all(|pair| pair[0] <= pair[1] + pair[0].div_ceil(4)), "{counts:?}");
 }
+
+/// Somebody takes the file away, and the service is told to stop before it has looked: the end is written elsewhere, and says what is gone. It was
+/// called a good end, and the next start knew of nothing.
+#[test]
+fn regress_what_was_taken_away_just_before_the_end_is_told() {
+    for cut_to in [None, Some(600)] {
+        let disk = Simulated::new(8);
+        let config = LogConfig { rotate_bytes: 1 << 20, ..small() };
+        let mut log = Stepper::start(config, context(), Box::new(disk.clone()), at(0)).unwrap();
+        for window in 0..5 {
+            log.send(verdict(window, Rank::Zero), at(window * 20));
+            write(&mut log, window * 20 + 2);
+        }
+        let file = log.state().file;
+        match cut_to {
+            None => disk.take_away(&file),
+            Some(length) => disk.cut(&file, length),
+        }
+        assert_eq!(log.durable_seq(), 5);
+        log.stop(at(120));
+        let mut files = disk.contents();
+        files.remove(&file);
+        let told = content(&files).gaps;
+        let gap = told.iter().find(|gap| gap.cause == Cause::Damage).expect("a gap record");
+        assert_eq!((gap.channel.as_str(), gap.first, gap.last), ("log", 1, 5));
+    }
+}
+
+/// The same, and then the service is killed: the next start finds by the numbers given out that there was more than it finds, says so, and gives none of
+/// those numbers out again.
+#[test]
+fn regress_what_was_taken_away_before_a_kill_is_told_by_the_next_start() {
+    for files_before in [0, 1] {
+        let disk = Simulated::new(9);
+        let config = LogConfig { rotate_bytes: 1 << 20, ..small() };
+        let mut ms = 0;
+        let mut last = 0;
+        for _ in 0..files_before {
+            let log = Stepper::start(config.clone(), context(), Box::new(disk.clone()), at(ms)).unwrap();
+            log.send(verdict(0, Rank::Zero), at(ms));
+            assert!(log.stop(at(ms + 20)));
+            (ms, last) = (100, 1);
+        }
+        let mut log = Stepper::start(config.clone(), context(), Box::new(disk.clone()), at(ms)).unwrap();
+        for window in 0..200 {
+            log.send(verdict(window, Rank::Zero), at(ms + window * 20));
+            write(&mut log, ms + window * 20 + 2);
+        }
+        let (acknowledged, file) = (log.durable_seq(), log.state().file);
+        assert_eq!(acknowledged, last + 200);
+        disk.take_away(&file);
+        drop(log);
+        disk.restart();
+        let log = Stepper::start(config.clone(), context(), Box::new(disk.clone()), at(10_000)).unwrap();
+        assert!(log.recovery().unclean, "{:?}", log.recovery());
+        let Sent::Queued { seq } = log.send(verdict(900, Rank::Zero), at(10_001)) else { panic!("it is queued") };
+        assert!(seq > acknowledged, "number {seq} is given out again");
+        assert!(log.stop(at(10_020)));
+        let gaps = content(&disk.contents()).gaps;
+        let gap = gaps.iter().find(|gap| gap.channel == "log").expect("a gap record");
+        assert!(gap.first == last + 1 && gap.last >= acknowledged && gap.last < seq, "{gap:?}");
+    }
+}
+
+/// A sync fails, and the service is killed before it can cut the group off. What was not durable is readable then, until the power goes. The next start
+/// counts the group as durable, so it must be.
+#[test]
+fn regress_a_group_whose_sync_failed_is_written_again_before_it_counts() {
+    let mut counted = 0;
+    for seed in 0..50 {
+        let disk = Simulated::new(seed);
+        let config = LogConfig { rotate_bytes: 1 << 20, ..small() };
+        let mut log = Stepper::start(config.clone(), context(), Box::new(disk.clone()), at(0)).unwrap();
+        log.send(verdict(0, Rank::Zero), at(0));
+        write(&mut log, 20);
+        // The group is appended; its sync and all that follows fail.
+        disk.plan(Some(Plan { call: 3, fault: Fault::Io, for_good: true }));
+        log.send(verdict(1, Rank::Zero), at(40));
+        write(&mut log, 60);
+        drop(log);
+        disk.restart();
+        let log = Stepper::start(config, context(), Box::new(disk.clone()), at(1000)).unwrap();
+        let durable = log.recovery().last_seq;
+        counted += u64::from(durable == 2);
+        drop(log);
+        disk.power_cut();
+        let found = content_of_closed(&disk.contents());
+        assert!(
+            found >= durable,
+            "seed {seed}: {durable} results counted as durable, {found} are there after the power cut"
+        );
+    }
+    assert!(counted > 10, "the group was found again {counted} times only: nothing was tried");
+}
+
+/// Numbers of verdicts in files that have an end.
+fn content_of_closed(files: &std::collections::BTreeMap<String, Vec<u8>>) -> u64 {
+    let closed = |bytes: &Vec<u8>| mcap::Summary::read(bytes).is_ok_and(|summary| summary.is_some());
+    content(&files.iter().filter(|(_, bytes)| closed(bytes)).map(|(n, b)| (n.clone(), b.clone())).collect())
+        .verdicts
+        .len() as u64
+}
+
+/// Whatever call fails while the log is closed: where the end is called a good one, every file has its footer.
+#[test]
+fn regress_an_end_without_a_footer_is_no_good_end() {
+    let (mut good, mut bad) = (0, 0);
+    for call in 1..40 {
+        for (fault, for_good) in [(Fault::Io, false), (Fault::Io, true), (Fault::Full, false), (Fault::Full, true)] {
+            let disk = Simulated::new(call);
+            let config = LogConfig { rotate_bytes: 1 << 20, ..small() };
+            let mut log = Stepper::start(config, context(), Box::new(disk.clone()), at(0)).unwrap();
+            for window in 0..5 {
+                log.send(verdict(window, Rank::Zero), at(window * 20));
+                write(&mut log, window * 20 + 2);
+            }
+            disk.plan(Some(Plan { call, fault, for_good }));
+            log.send(verdict(5, Rank::Zero), at(200));
+            let closed = log.stop(at(210));
+            disk.plan(None);
+            let open =
+                disk.contents().values().filter(|bytes| !mcap::Summary::read(bytes).is_ok_and(|s| s.is_some())).count();
+            assert!(
+                !closed || open == 0,
+                "call {call}, {fault:?}, for good {for_good}: a good end, and {open} files without one"
+            );
+            (good, bad) = (good + u64::from(closed), bad + u64::from(!closed));
+        }
+    }
+    assert!(good > 0 && bad > 0, "{good} good ends, {bad} others: nothing was tried");
+}

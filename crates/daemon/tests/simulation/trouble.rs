@@ -23,8 +23,18 @@ pub enum Fault {
     Clock,
     /// The configuration is read again.
     Reload,
-    /// A source is silent for a while.
+    /// A sender is silent for a while.
     Outage,
+    /// A bit is changed on its way.
+    Flip,
+    /// A connection is lost, with all that was under way.
+    Lost,
+    /// The network holds everything back for a while.
+    Held,
+    /// The workers cannot keep up for a while.
+    Overload,
+    /// A worker panics at a window.
+    Worker,
     /// The gears are damaged for a while.
     Gears,
     /// Somebody acknowledges the alarms that stand.
@@ -32,7 +42,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 17] = [
         Self::Hang,
         Self::Slow,
         Self::Full,
@@ -43,6 +53,11 @@ impl Fault {
         Self::Clock,
         Self::Reload,
         Self::Outage,
+        Self::Flip,
+        Self::Lost,
+        Self::Held,
+        Self::Overload,
+        Self::Worker,
         Self::Gears,
         Self::Seen,
     ];

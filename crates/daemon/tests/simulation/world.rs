@@ -3,17 +3,18 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use gearwatch_core::verdict::{MachineState, Rank};
+use gearwatch_core::verdict::{MachineState, Verdict};
+use gearwatch_core::window::Window;
 use gearwatch_daemon::health::{Acknowledgement, AlarmConfig, Health};
 use gearwatch_daemon::log::simulated::{Fault as DiskFault, Plan, Simulated};
 use gearwatch_daemon::log::{AlarmRecord, Cause, Gap, LogConfig, Now, Record, Sender, Sent, Stepper, Watch};
 
-use crate::judge::support::{context, verdict};
+use crate::judge::support::context;
+use crate::line::{Heard, Intake, Line, Seen};
 use crate::trouble::{Chance, Fault, Totals};
 
-/// The world goes on in steps of this (ms). A bench says a window each second, the supervisor looks four times a second.
+/// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each second, the supervisor looks.
 const STEP_MS: u64 = 250;
-const WINDOW_MS: u64 = 1000;
 /// When the wall clock of a world begins (ns since 1970).
 const BEGINNING_NS: i64 = 1_795_228_800_000_000_000;
 
@@ -39,9 +40,15 @@ pub struct Outside {
     wall_ms: i64,
     log: Option<(Sender, Watch)>,
     health: Health,
+    /// Sender and network, and the service's side while there is one.
+    line: Line,
+    intake: Option<Intake>,
+    chance: Chance,
+    /// Numbers of windows: of the first one of this start, and of the next one.
+    first_window: u64,
     next_window: u64,
-    /// Window time up to which the source is silent, and the first window that is missing.
-    silent: Option<(u64, u64)>,
+    worker_fails: bool,
+    overloaded_until: u64,
     damaged_until: u64,
     pub offered: Vec<Offered>,
     pub start: usize,
@@ -67,10 +74,13 @@ pub struct World {
     log: Option<Stepper>,
     /// The disk is put right then.
     mend_at: Option<u64>,
-    /// Starts that ended by a kill or a power cut.
+    /// Starts that ended by a kill or a power cut, or whose end the disk did not take; and those that ended by a power cut.
     pub crashed: Vec<usize>,
+    pub powerless: Vec<usize>,
     /// Starts whose file was taken away, once for each time.
     pub taken: Vec<usize>,
+    /// Every fault is told: one world is looked at.
+    tells: bool,
     /// Alarms that the last start found, and those that should stand by what was kept.
     pub restored: Vec<AlarmRecord>,
 }
@@ -90,9 +100,9 @@ impl Outside {
         let end = self.mono_ms + ms;
         while self.mono_ms < end {
             self.mono_ms = (self.mono_ms / STEP_MS + 1) * STEP_MS;
-            if self.mono_ms.is_multiple_of(WINDOW_MS) {
-                self.window();
-            }
+            let wall_ns = self.now().wall_ns;
+            self.line.sample(self.mono_ms, wall_ns, self.intake.is_some());
+            self.receive();
             self.look();
         }
     }
@@ -106,37 +116,57 @@ impl Outside {
         self.offered.push(Offered { sent, start: self.start, what });
     }
 
-    fn window(&mut self) {
-        if self.log.is_none() {
-            return;
-        }
-        let window = self.next_window;
-        self.next_window += 1;
-        if let Some((until, first)) = self.silent {
-            if self.mono_ms < until {
-                return;
-            }
-            self.silent = None;
-            let (channel, last, count) = ("acc_1 windows".to_owned(), window - 1, window - first);
-            if count > 0 {
-                let t_ns = self.now().wall_ns;
-                let gap = Gap { channel, first, last, count, cause: Cause::Overload, t_ns };
-                self.totals.witnessed(Fault::Outage, 1);
-                self.offer(What::Gap, Record::Gap(gap));
+    /// What has come over the network goes its way.
+    fn receive(&mut self) {
+        let pieces = self.line.deliver(self.mono_ms, &mut self.chance);
+        let Some(intake) = &mut self.intake else { return };
+        let heard = intake.take(&pieces);
+        intake.account();
+        self.lies.append(&mut intake.lies);
+        for heard in heard {
+            match heard {
+                Heard::Missing(missing) => {
+                    let last = missing.found_index.saturating_sub(1).max(missing.expected_index);
+                    let count = missing.found_index.saturating_sub(missing.expected_index);
+                    self.gap("acc_1", (missing.expected_index, last, count), Cause::Discontinuity);
+                }
+                Heard::Verdicts(window, verdicts) => self.window(&window, verdicts),
             }
         }
-        let Record::Verdict { verdict, .. } = verdict(window, Rank::Zero) else { unreachable!("it is a verdict") };
-        let mut verdict = verdict.as_ref().clone();
-        if self.mono_ms < self.damaged_until {
-            verdict.machine = MachineState::Alarm;
+    }
+
+    fn gap(&mut self, channel: &str, (first, last, count): (u64, u64, u64), cause: Cause) {
+        let gap = Gap { channel: channel.to_owned(), first, last, count, cause, t_ns: self.now().wall_ns };
+        self.offer(What::Gap, Record::Gap(gap));
+    }
+
+    fn window(&mut self, window: &Window, verdicts: Vec<Verdict>) {
+        // Numbers of all starts in one row, so that no two windows have the same.
+        let number = self.first_window + window.number;
+        if number != self.next_window {
+            self.lies
+                .push(format!("at {} ms window {number} came where {} was to come", self.mono_ms, self.next_window));
         }
-        let line = serde_json::to_string(&verdict).unwrap();
-        let changed = self.health.take(&verdict);
-        let record = Record::Verdict { verdict: Arc::new(verdict), line: line.as_str().into() };
-        self.offer(What::Window(window, line.into_bytes()), record);
-        if let Some(alarm) = changed {
-            self.totals.witnessed(Fault::Gears, u64::from(alarm.active));
-            self.alarm(AlarmRecord::new("bench", &alarm, None));
+        self.next_window = number + 1;
+        if std::mem::take(&mut self.worker_fails) {
+            return self.gap("acc_1 windows", (number, number, 1), Cause::Failure);
+        }
+        if self.mono_ms < self.overloaded_until {
+            return self.gap("acc_1 windows", (number, number, 1), Cause::Overload);
+        }
+        for mut verdict in verdicts {
+            verdict.window = number;
+            if self.mono_ms < self.damaged_until {
+                verdict.machine = MachineState::Alarm;
+            }
+            let line = serde_json::to_string(&verdict).unwrap();
+            let changed = self.health.take(&verdict);
+            let record = Record::Verdict { verdict: Arc::new(verdict), line: line.as_str().into() };
+            self.offer(What::Window(number, line.into_bytes()), record);
+            if let Some(alarm) = changed {
+                self.totals.witnessed(Fault::Gears, u64::from(alarm.active));
+                self.alarm(AlarmRecord::new("bench", &alarm, None));
+            }
         }
     }
 
@@ -163,6 +193,17 @@ impl Outside {
         if !judged.ok && oldest_ms < 1900 && self.mono_ms > self.trouble_until + 12_000 {
             self.lies.push(format!("at {} ms not ok without a reason: {}", self.mono_ms, judged.why));
         }
+    }
+
+    /// The service's side of the line ends.
+    fn hang_up(&mut self) {
+        self.line.cut(self.mono_ms);
+        let Some(intake) = self.intake.take() else { return };
+        let Seen { damaged, lost, silent, bursts } = intake.seen;
+        self.totals.witnessed(Fault::Flip, damaged);
+        self.totals.witnessed(Fault::Lost, lost);
+        self.totals.witnessed(Fault::Outage, silent);
+        self.totals.witnessed(Fault::Held, bursts);
     }
 
     /// Somebody other than the injector saw a fault.
@@ -193,8 +234,13 @@ impl World {
             wall_ms: 0,
             log: None,
             health: health(),
+            line: Line::new(seed),
+            intake: None,
+            chance: Chance::new(!seed),
+            first_window: 0,
             next_window: 0,
-            silent: None,
+            worker_fails: false,
+            overloaded_until: 0,
             damaged_until: 0,
             offered: Vec::new(),
             start: 0,
@@ -228,7 +274,9 @@ impl World {
             log: None,
             mend_at: None,
             crashed: Vec::new(),
+            powerless: Vec::new(),
             taken: Vec::new(),
+            tells: std::env::var_os("GEARWATCH_SEED").is_some(),
             restored: Vec::new(),
         };
         world.start();
@@ -298,6 +346,9 @@ impl World {
     fn start(&mut self) {
         let started = Stepper::start(self.config.clone(), context(), Box::new(self.disk.clone()), self.now());
         let Ok(log) = started else { return };
+        if self.tells {
+            println!("a start finds {:?}", log.recovery());
+        }
         self.restored = log.recovery().alarms.clone();
         let (sender, watch) = (log.sender(), log.watch());
         let restored = self.restored.clone();
@@ -307,6 +358,8 @@ impl World {
             outside.health = health();
             restored.into_iter().for_each(|record| outside.health.restore(record.alarm, true));
             outside.log = Some((sender, watch));
+            outside.intake = Some(Intake::new());
+            outside.first_window = outside.next_window;
             outside.trouble(0);
         });
         self.log = Some(log);
@@ -316,6 +369,8 @@ impl World {
     fn stop(&mut self) {
         let now = self.now();
         let Some(log) = self.log.take() else { return };
+        // The sources end before the log does.
+        self.at(Outside::hang_up);
         let closed = log.stop(now);
         let start = self.at(|outside| {
             outside.log = None;
@@ -329,6 +384,7 @@ impl World {
     fn crash(&mut self) {
         self.log = None;
         let start = self.at(|outside| {
+            outside.hang_up();
             outside.log = None;
             (outside.hang_ms, outside.slow) = (0, (0, 0));
             outside.start
@@ -343,6 +399,12 @@ impl World {
             return;
         }
         let for_ms = self.chance.between(1, 15) * 1000;
+        if self.tells {
+            println!(
+                "{mono_ms} ms, number {}: {fault:?} {for_ms} ms",
+                self.log.as_ref().map_or(0, Stepper::durable_seq)
+            );
+        }
         let before = self.disk.witness();
         self.at(|outside| outside.totals.injected(fault));
         match fault {
@@ -374,6 +436,7 @@ impl World {
             }
             Fault::PowerCut => {
                 self.crash();
+                self.powerless.extend(self.crashed.last());
                 self.disk.power_cut();
                 let torn = self.disk.witness().torn_bytes > before.torn_bytes;
                 self.at(|outside| outside.totals.witnessed(fault, u64::from(torn)));
@@ -391,9 +454,22 @@ impl World {
                 let found = self.log.as_ref().is_some_and(|log| !log.recovery().unclean);
                 self.at(|outside| outside.totals.witnessed(fault, u64::from(found)));
             }
-            Fault::Outage => {
-                self.at(|outside| outside.silent = Some((mono_ms + for_ms, outside.next_window)));
+            Fault::Outage => self.at(|outside| outside.line.silent_until = mono_ms + for_ms),
+            // Fifteen windows at once do not fit into the shortest queue.
+            Fault::Held => self.at(|outside| {
+                outside.line.held_until = mono_ms + for_ms;
+                outside.trouble(for_ms + 1000);
+            }),
+            Fault::Flip => {
+                let at = self.chance.below(1 << 20);
+                self.at(|outside| outside.line.flip = Some(at));
             }
+            Fault::Lost => self.at(|outside| {
+                outside.line.cut(mono_ms + for_ms / 5);
+                outside.intake.as_mut().into_iter().for_each(Intake::connect_again);
+            }),
+            Fault::Overload => self.at(|outside| outside.overloaded_until = mono_ms + for_ms),
+            Fault::Worker => self.at(|outside| outside.worker_fails = true),
             Fault::Gears => self.at(|outside| outside.damaged_until = mono_ms + 2 * for_ms),
             Fault::Seen => self.acknowledge(),
         }
