@@ -6,19 +6,19 @@
 use std::time::Duration;
 
 #[cfg(feature = "brokers")]
-mod connect;
+mod access;
 #[cfg(feature = "brokers")]
 mod follow;
+#[cfg(feature = "brokers")]
+pub(crate) mod nats;
 #[cfg(feature = "brokers")]
 mod page;
 #[cfg(feature = "brokers")]
 mod view;
 
 #[cfg(feature = "brokers")]
-pub(crate) use connect::connect;
-#[cfg(feature = "brokers")]
 pub use {
-    connect::Access,
+    access::Access,
     follow::{From, Notice, follow},
     page::page,
     view::{Bench, Fleet, Heard, Place, Told},

@@ -33,6 +33,19 @@ impl Server {
         Self::start("/usr/sbin/nats-server", folder, port, &config, "-c")
     }
 
+    /// NATS that speaks TLS only, and asks for a password. `None` where it is not installed.
+    pub fn nats_with_tls(folder: &Path, key: &Path, certificate: &Path) -> Option<Self> {
+        let port = free_port();
+        let config = format!(
+            "server_name: test\nhost: \"127.0.0.1\"\nport: {port}\njetstream {{ store_dir: \"{}\" }}\n\
+             tls {{ cert_file: \"{}\", key_file: \"{}\" }}\nauthorization {{ user: bench, password: hunter2 }}\n",
+            text(&folder.join("store")),
+            text(certificate),
+            text(key)
+        );
+        Self::start("/usr/sbin/nats-server", folder, port, &config, "-c")
+    }
+
     /// Mosquitto. `None` where it is not installed.
     pub fn mosquitto(folder: &Path) -> Option<Self> {
         Self::mosquitto_with(folder, "")

@@ -49,6 +49,45 @@ fn conform_mqtt_goes_over_tls() {
     );
 }
 
+/// NATS over TLS with a password; with a wrong authority or a wrong password it gets nothing, and the sink says why.
+#[test]
+fn conform_nats_goes_over_tls() {
+    let bench = Bench::new();
+    let Some((key, certificate)) = bench.certificate("broker") else { return };
+    bench.certificate("other").unwrap();
+    let Some(server) = Server::nats_with_tls(&bench.path("nats"), &key, &certificate) else { return };
+    bench.write("right", "hunter2\n");
+    bench.write("wrong", "hunter3\n");
+    for (ca, secret, wanted) in [
+        ("other.pem", "right", "certificate"),
+        ("broker.pem", "wrong", "Authorization Violation"),
+        ("broker.pem", "right", ""),
+    ] {
+        let sink = format!(
+            "[[sink]]\nkind = \"nats\"\nservers = [\"tls://localhost:{}\"]\nca_file = \"{ca}\"\nuser = \"bench\"\n\
+             secret_file = \"{secret}\"\nspool = \"spool\"\n",
+            server.port
+        );
+        let config = configure(&bench, &bench.path("log"), "10.0", &sink);
+        let mut child = start(&config);
+        let of_sink = || status(&bench)?.sinks.into_iter().find(|sink| sink.name == "nats");
+        if wanted.is_empty() {
+            wait_for(LIMIT, || of_sink().filter(|sink| figure(sink, "confirmed") > Some(50))).expect("letters go out");
+        } else {
+            let sink = wait_for(LIMIT, || of_sink().filter(|sink| sink.detail.contains(wanted)));
+            let sink = sink.unwrap_or_else(|| panic!("{wanted} is not said: {:?}", of_sink()));
+            assert_eq!(figure(&sink, "confirmed"), Some(0), "{sink:?}");
+        }
+        signal(&child, "TERM");
+        assert_eq!(
+            ended_within(&mut child, Duration::from_secs(5)).and_then(|s| s.code()),
+            Some(0),
+            "{}",
+            said(&mut child)
+        );
+    }
+}
+
 /// A broker whose certificate another authority signed gets no letter, and the sink says why.
 #[test]
 fn conform_a_broker_that_cannot_prove_its_name_gets_nothing() {

@@ -1,12 +1,10 @@
 //! Reads the stream, from some point on, for ever: after an outage it goes on behind the last letter that was heard.
 
 use std::convert::Infallible;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
-use async_nats::jetstream::{self, consumer::DeliverPolicy, consumer::pull::OrderedConfig};
-use futures_util::StreamExt;
-
-use super::{Access, Heard, PATIENCE, connect};
+use super::nats::{Connection, JetStream, Start};
+use super::{Access, Heard};
 use crate::service::Backoff;
 
 /// No wait for the next try is longer: somebody looks on.
@@ -63,48 +61,31 @@ async fn session(
     next: &mut Option<u64>,
     tell: &mut impl FnMut(Notice),
 ) -> Result<Infallible, String> {
-    let (client, lost) = connect(server, access).await?;
-    let jetstream = jetstream::new(client);
-    let late = |_| format!("no answer about stream {name:?}");
-    let stream = tokio::time::timeout(PATIENCE, jetstream.get_stream(name)).await.map_err(late)?;
-    let stream = stream.map_err(|e| format!("stream {name:?}: {e}"))?;
-    let state = stream.cached_info().state.clone();
-    if next.is_some_and(|next| state.last_sequence + 1 < next) {
+    let jetstream = JetStream::reading(Connection::open(server, access).await?);
+    let state = jetstream.state(name).await?;
+    if next.is_some_and(|next| state.last + 1 < next) {
         // The stream was made anew, and counts from the beginning.
-        *next = Some(state.first_sequence.max(1));
+        *next = Some(state.first.max(1));
     }
-    let deliver_policy = match (*next, from) {
-        (Some(start_sequence), _) => DeliverPolicy::ByStartSequence { start_sequence },
-        (None, From::Beginning) => DeliverPolicy::All,
-        (None, From::Now) => DeliverPolicy::New,
-        (None, From::Ago(ago)) => {
-            let start = std::time::SystemTime::now().checked_sub(ago).unwrap_or(std::time::UNIX_EPOCH);
-            DeliverPolicy::ByStartTime { start_time: start.into() }
-        }
+    let start = match (*next, from) {
+        (Some(number), _) => Start::Number(number),
+        (None, From::Beginning) => Start::Oldest,
+        (None, From::Now) => Start::New,
+        (None, From::Ago(ago)) => Start::Since(SystemTime::now().checked_sub(ago).unwrap_or(SystemTime::UNIX_EPOCH)),
     };
-    let config = OrderedConfig { deliver_policy, ..OrderedConfig::default() };
-    let consumer = tokio::time::timeout(PATIENCE, stream.create_consumer(config)).await.map_err(late)?;
-    let mut consumer = consumer.map_err(|e| e.to_string())?;
-    let nothing_waits = consumer.info().await.map_err(|e| e.to_string())?.num_pending == 0;
-    let mut messages = consumer.messages().await.map_err(|e| e.to_string())?;
+    let mut reader = jetstream.read(name, start).await?;
     tell(Notice::Connected);
-    if nothing_waits {
+    let mut caught_up = reader.waiting_at_start() == 0;
+    if caught_up {
         tell(Notice::CaughtUp);
     }
-    let mut caught_up = nothing_waits;
     loop {
-        let message = tokio::select! {
-            () = lost.notified() => return Err("the connection is gone".to_owned()),
-            message = messages.next() => message.ok_or("the stream has ended")?.map_err(|e| e.to_string())?,
-        };
-        let info = message.info().map_err(|e| e.to_string())?;
-        *next = Some(info.stream_sequence + 1);
-        let stored_ns = i64::try_from(info.published.unix_timestamp_nanos()).unwrap_or(0);
-        let pending = info.pending;
-        if let Some(heard) = Heard::read(stored_ns, &message.payload) {
+        let stored = reader.next().await?;
+        *next = Some(stored.number + 1);
+        if let Some(heard) = Heard::read(stored.stored_ns, &stored.payload) {
             tell(Notice::Letter(Box::new(heard)));
         }
-        if pending == 0 && !caught_up {
+        if stored.pending == 0 && !caught_up {
             caught_up = true;
             tell(Notice::CaughtUp);
         }

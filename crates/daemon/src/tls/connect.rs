@@ -1,4 +1,4 @@
-//! Connections of an MQTT client over TLS.
+//! Connections to brokers over TLS.
 
 use std::io;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ impl Trust {
     ///
     /// # Errors
     /// When no certificate can be used.
-    fn connector(&self) -> Result<TlsConnector, String> {
+    pub(crate) fn connector(&self) -> Result<TlsConnector, String> {
         let mut roots = RootCertStore::empty();
         let (usable, _) = roots.add_parsable_certificates(self.roots.iter().cloned());
         if usable == 0 {

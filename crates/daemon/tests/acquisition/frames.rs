@@ -7,7 +7,7 @@ use gearwatch_daemon::emulate::{FrameSender, Material, TroubleConfig};
 use gearwatch_daemon::source::Speed;
 use gearwatch_daemon::stop::Stop;
 
-use super::support::{Judge, ramp, source};
+use super::support::{DEADLINE, Judge, ramp, source};
 
 const FRAMES: &str = "frames = { channels = [\"acc_1\", \"acc_2\"], unit = \"1\" }";
 
@@ -104,4 +104,31 @@ fn conform_a_silent_sender_is_an_error() {
     let error = pull().unwrap_err().to_string();
     assert!(error.contains("no frame for 0.4 s"), "{error}");
     assert!(began.elapsed() < Duration::from_millis(800));
+}
+
+/// Somebody else sends the same stream to the same port: beside the true sender they are not heard, and no sample seems to be missing. Seen before:
+/// 3.4 million.
+#[test]
+fn regress_a_forged_stream_beside_the_true_one_is_not_heard() {
+    let here = free_port();
+    let source = source(&format!("kind = \"udp\"\nlisten = \"{here}\"\n{FRAMES}"));
+    let mut pull = source.open().unwrap();
+    let truth = sender(TroubleConfig::default(), move |sender| sender.datagrams(here).unwrap());
+    let (mut judge, began) = (Judge::default(), Instant::now());
+    while judge.samples < 100_000 {
+        judge.take(&pull().unwrap().unwrap());
+    }
+    let _forger = sender(TroubleConfig::default(), move |sender| sender.datagrams(here).unwrap());
+    while judge.samples < 1_000_000 && began.elapsed() < Duration::from_secs(20) {
+        judge.take(&pull().unwrap().unwrap());
+    }
+    assert_eq!((judge.gaps, judge.missing, judge.desynchronised, judge.wrong_alone), (0, 0, 0, 0), "{judge:?}");
+    // When the true one has been silent for the deadline, another may take its place: the same sender from another port is one.
+    drop(truth);
+    std::thread::sleep(2 * DEADLINE);
+    let heard = judge.samples;
+    while judge.samples < heard + 50_000 && began.elapsed() < Duration::from_secs(30) {
+        judge.take(&pull().unwrap().unwrap());
+    }
+    assert!(judge.samples >= heard + 50_000, "{judge:?}");
 }
