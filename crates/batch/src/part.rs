@@ -57,6 +57,14 @@ pub enum PartError {
         /// Shards of this run.
         expected: u32,
     },
+    /// A file of the part's name that this run does not make again.
+    #[error(
+        "{path} exists already, and is not of these settings; give the run another --out, remove the file, or replace it with --force"
+    )]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
     /// The library said no: a damaged file, or a full disk while writing.
     #[error("{path}: {source}")]
     Parquet {
@@ -112,23 +120,29 @@ impl Workshop {
     /// Opens the folder for a shard. `settings` is whatever the rows depend on beside the items, in any text form.
     ///
     /// # Errors
-    /// When the folder cannot be made, another process has the shard, or the folder has parts of another number of shards.
-    pub fn open(folder: &Path, shard: Shard, settings: &str, table: Table) -> Result<Self, PartError> {
+    /// When the folder cannot be made, another process has the shard, the folder has parts of another number of shards, or a file of the part's
+    /// name that was not made with these settings and may not be replaced.
+    pub fn open(folder: &Path, shard: Shard, settings: &str, table: Table, replace: bool) -> Result<Self, PartError> {
         let settings = hex(&Sha256::digest(settings.as_bytes()));
         let part = folder.join(shard.part_name());
         let pieces = folder.join(format!(".{}.{}", shard.part_name(), &settings[..12]));
         fs::create_dir_all(folder).map_err(io_at(folder))?;
         refuse_other_shards(folder, shard)?;
         let lock_path = part.with_extension("lock");
-        let lock = File::create(&lock_path).map_err(io_at(&lock_path))?;
+        let lock = File::options().create(true).truncate(false).write(true).open(&lock_path);
+        let lock = lock.map_err(io_at(&lock_path))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(PartError::Locked(part)),
             Err(TryLockError::Error(source)) => return Err(PartError::Io { path: lock_path, source }),
         }
-        fs::create_dir_all(&pieces).map_err(io_at(&pieces))?;
         let workshop = Self { part, pieces, settings, table, _lock: lock };
-        workshop.take_part_to_pieces()?;
+        let earlier = workshop.earlier_part();
+        if earlier.is_none() && !replace && workshop.part.symlink_metadata().is_ok() {
+            return Err(PartError::Exists { path: workshop.part });
+        }
+        fs::create_dir_all(&workshop.pieces).map_err(io_at(&workshop.pieces))?;
+        earlier.map_or(Ok(()), |earlier| workshop.take_to_pieces(earlier))?;
         Ok(workshop)
     }
 
@@ -191,19 +205,20 @@ impl Workshop {
         Ok(())
     }
 
-    /// An earlier part with the same settings goes back to pieces, so that only what is new is worked.
-    fn take_part_to_pieces(&self) -> Result<(), PartError> {
-        let Ok(file) = File::open(&self.part) else { return Ok(()) };
-        // A damaged or foreign part is not an error: its work is done again.
-        let Ok(builder) = ParquetRecordBatchReaderBuilder::try_new(file) else { return Ok(()) };
-        let kept = builder.metadata().file_metadata().key_value_metadata();
-        let same = kept.is_some_and(|all| {
-            all.iter().any(|kv| kv.key == SETTINGS_KEY && kv.value.as_ref() == Some(&self.settings))
-        });
+    /// A part that was made with these settings.
+    fn earlier_part(&self) -> Option<ParquetRecordBatchReader> {
+        let file = gearwatch_io::text::open_regular(&self.part).ok()?;
+        let builder = ParquetRecordBatchReaderBuilder::try_new(file).ok()?;
+        let kept = builder.metadata().file_metadata().key_value_metadata()?;
+        let same = kept.iter().any(|kv| kv.key == SETTINGS_KEY && kv.value.as_ref() == Some(&self.settings));
         if !same || builder.schema().fields() != self.table.schema.fields() {
-            return Ok(());
+            return None;
         }
-        let Ok(reader) = builder.with_batch_size(BATCH_ROWS).build() else { return Ok(()) };
+        builder.with_batch_size(BATCH_ROWS).build().ok()
+    }
+
+    /// An earlier part goes back to pieces, so that only what is new is worked. What of it is damaged is worked again.
+    fn take_to_pieces(&self, reader: ParquetRecordBatchReader) -> Result<(), PartError> {
         let mut open: Option<(Identity, PieceWriter)> = None;
         for batch in reader {
             let Ok(batch) = batch else { return Ok(()) };
@@ -350,7 +365,7 @@ mod tests {
     }
 
     fn open(folder: &Path, shard: Shard, settings: &str) -> Result<Workshop, PartError> {
-        Workshop::open(folder, shard, settings, table())
+        Workshop::open(folder, shard, settings, table(), false)
     }
 
     fn rows(of: &Identity, count: i64) -> RecordBatch {
@@ -391,7 +406,11 @@ mod tests {
         let part = workshop.finish(&[a.clone(), b]).unwrap();
         assert_eq!(row_count(&part), 15);
 
-        let workshop = open(folder.path(), Shard::WHOLE, "two").unwrap();
+        // What was made with other settings, or by somebody else, is replaced only where that was asked for.
+        let refused = open(folder.path(), Shard::WHOLE, "two").unwrap_err().to_string();
+        assert!(refused.contains("part-") && refused.contains("--force"), "{refused}");
+        assert_eq!(row_count(&part), 15);
+        let workshop = Workshop::open(folder.path(), Shard::WHOLE, "two", table(), true).unwrap();
         assert!(!workshop.is_done(&a));
         workshop.finish(&[]).unwrap();
         let names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();

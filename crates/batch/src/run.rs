@@ -62,6 +62,8 @@ pub struct Job<'a> {
     pub settings: &'a str,
     /// Threads.
     pub threads: usize,
+    /// A file of the part's name that was not made with these settings may be replaced.
+    pub replace: bool,
 }
 
 /// What happened to an item.
@@ -107,7 +109,7 @@ impl Summary {
 /// # Errors
 /// When files of the batch cannot be written.
 pub fn run<W: Work>(job: &Job<'_>, work: &W, told: &(dyn Fn(&Path, &Outcome) + Sync)) -> Result<Summary, PartError> {
-    let workshop = Workshop::open(job.folder, job.shard, job.settings, work.table())?;
+    let workshop = Workshop::open(job.folder, job.shard, job.settings, work.table(), job.replace)?;
     let mine: Vec<&PathBuf> =
         job.items.iter().enumerate().filter(|(position, _)| job.shard.holds(*position)).map(|(_, p)| p).collect();
     let results: Vec<Mutex<Option<Finished>>> = mine.iter().map(|_| Mutex::new(None)).collect();

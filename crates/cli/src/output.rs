@@ -14,6 +14,12 @@ pub struct OutputOptions {
 }
 
 impl OutputOptions {
+    /// Files that exist may be replaced.
+    #[cfg(feature = "batch")]
+    pub fn force(self) -> bool {
+        self.force
+    }
+
     /// The outputs of a command that reads these files.
     pub fn reading<P: AsRef<Path>>(self, files: impl IntoIterator<Item = P>) -> Outputs {
         Outputs::new(self.force).reading(files)

@@ -32,7 +32,7 @@ impl PageAccess {
     pub fn page(&self, url: &str, patience: Duration) -> anyhow::Result<Page> {
         let url = url.trim_end_matches('/').to_owned();
         let token = self.token_file.as_ref().map(|file| {
-            let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
+            let text = gearwatch_io::text::read_text(file).with_context(|| file.display().to_string())?;
             Ok::<_, anyhow::Error>(text.lines().next().unwrap_or_default().trim().to_owned())
         });
         // A service on this machine or this network: nothing for a proxy.

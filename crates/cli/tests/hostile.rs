@@ -89,6 +89,37 @@ fn regress_only_regular_files_are_read() {
     refused(folder.path(), &args, "it is a device, not a regular file");
 }
 
+/// The service's files, and those of its log: none of them is waited for, and none is without end.
+#[test]
+fn regress_the_service_and_its_log_read_regular_files_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("bench.toml"), BENCH).unwrap();
+    std::fs::create_dir(path("log")).unwrap();
+    for pipe in ["pipe.toml", "pipe", "log/gearwatch-00000001-000000000001-20261121T024000Z.mcap"] {
+        assert!(Command::new("mkfifo").arg(path(pipe)).status().unwrap().success());
+    }
+    std::os::unix::fs::symlink("/dev/zero", path("zero.toml")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", path("zero")).unwrap();
+    for (name, what) in [("pipe.toml", "it is a pipe"), ("zero.toml", "it is a device")] {
+        refused(folder.path(), &["config", "check", name], what);
+        refused(folder.path(), &["run", "--config", name], what);
+    }
+    for (name, what) in [("pipe", "it is a pipe"), ("zero", "it is a device")] {
+        let sink = format!("kind = \"nats\"\nuser = \"a\"\nsecret_file = \"{name}\"\nspool = \"spool\"\n");
+        let service = format!(
+            "format = \"gearwatch-service/1\"\n[[bench]]\nfile = \"bench.toml\"\n[[bench.source]]\nkind = \"test_signal\"\n[[sink]]\n{sink}"
+        );
+        std::fs::write(path("service.toml"), service).unwrap();
+        refused(folder.path(), &["config", "check", "service.toml"], what);
+        let done = gearwatch(folder.path(), &["recover", name, "-o", "new.mcap"]);
+        assert_eq!(done.status.code(), Some(1), "{name}: {}", text(&done.stderr));
+        assert!(text(&done.stderr).contains(what), "{name}: {}", text(&done.stderr));
+    }
+    let done = gearwatch(folder.path(), &["doctor", "log"]);
+    assert_ne!(done.status.code(), Some(0), "{}", text(&done.stdout));
+}
+
 /// A pipe that is asked for is read: `-` is standard input.
 #[test]
 fn conform_standard_input_is_read_where_it_is_asked_for() {

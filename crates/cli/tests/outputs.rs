@@ -128,6 +128,35 @@ fn regress_what_exists_is_replaced_only_by_force() {
     }
 }
 
+/// Manual pages, pictures of modes and the parts of a batch keep what is there too.
+#[test]
+fn regress_pages_and_parts_are_replaced_only_by_force() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::create_dir(path("pages")).unwrap();
+    std::fs::create_dir(path("parts")).unwrap();
+    let part = "parts/part-00001-of-00001.parquet";
+    let cases: &[(&[&str], &str)] = &[
+        (&["man", "--folder", "pages"], "pages/gearwatch-run.1"),
+        (&["modes", "bench.toml", "--plot", "out.html"], "out.html"),
+        (&["batch", "rec.csv", "--bench", "bench.toml", "--any-rate", "--out", "parts"], part),
+    ];
+    for (args, name) in cases {
+        std::fs::write(path(name), "precious").unwrap();
+        let done = gearwatch(folder.path(), args);
+        assert_eq!(done.status.code(), Some(3), "{args:?}: {}", stderr(&done));
+        assert!(stderr(&done).contains("exists already"), "{args:?}: {}", stderr(&done));
+        assert_eq!(std::fs::read(path(name)).unwrap(), b"precious", "{args:?}");
+        let done = gearwatch(folder.path(), &[args, &["--force"][..]].concat());
+        assert!(matches!(done.status.code(), Some(0 | 3)), "{args:?}: {}", stderr(&done));
+        assert_ne!(std::fs::read(path(name)).unwrap(), b"precious", "{args:?}: {}", stderr(&done));
+    }
+    // No page is written where one of them would be refused.
+    std::fs::remove_file(path("pages/gearwatch.1")).unwrap();
+    assert_eq!(gearwatch(folder.path(), &["man", "--folder", "pages"]).status.code(), Some(3));
+    assert!(!path("pages/gearwatch.1").exists());
+}
+
 /// A pipe or a device is no place for a file that is written beside and renamed: as root that would replace `/dev/null`.
 #[test]
 fn regress_devices_and_folders_are_not_replaced() {

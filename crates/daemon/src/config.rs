@@ -85,8 +85,8 @@ impl Config {
     /// # Errors
     /// When it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        let text = gearwatch_io::text::read_text(path)
+            .map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
         let folder = path.parent().map(Path::to_owned).unwrap_or_default();
         Self::parse(&text, &path.display().to_string(), &folder)
     }

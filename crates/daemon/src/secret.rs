@@ -17,7 +17,7 @@ impl Secret {
     /// # Errors
     /// When it cannot be read.
     pub fn read(path: &Path) -> std::io::Result<Self> {
-        let text = std::fs::read_to_string(path)?;
+        let text = gearwatch_io::text::read_text(path)?;
         Ok(Self(text.lines().next().unwrap_or_default().trim().to_owned()))
     }
 

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use gearwatch_io::text::read_text;
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
 use tokio_rustls::rustls::pki_types::CertificateDer;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -32,7 +33,8 @@ impl Trust {
         let roots = match file {
             Some(file) => {
                 let bad = |e: &dyn std::fmt::Display| format!("{}: {e}", file.display());
-                let read = CertificateDer::pem_file_iter(file).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+                let text = read_text(file).map_err(|e| bad(&e))?;
+                let read = CertificateDer::pem_slice_iter(text.as_bytes()).collect::<Result<Vec<_>, _>>();
                 let roots = read.map_err(|e| bad(&e))?;
                 if roots.is_empty() {
                     return Err(bad(&"there is no certificate in it"));

@@ -18,6 +18,7 @@ use gearwatch_io::{baseline_file, bench_file};
 use super::Run;
 use crate::exit::Exit;
 use crate::input::{self, InputOptions};
+use crate::output::OutputOptions;
 use crate::progress::Progress;
 use crate::terminal;
 
@@ -26,7 +27,7 @@ use crate::terminal;
 /// Of recordings, one row a window, channel and stage, with ranks, signed deviations and their sigmas, amplitudes, floors and states.
 /// Of cases (folders with bench.toml, recordings/ and perhaps reference/), one row a case, with the answer of `gearwatch explain`.
 /// What was worked before with the same settings is known by its content and skipped; a killed shard goes on where it was; files appear
-/// whole or not at all.
+/// whole or not at all. A part of other settings is replaced only with --force.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch batch recordings/ --bench bench.toml --baseline normal.json --out ranks/
@@ -70,6 +71,8 @@ pub struct Batch {
     jobs: Option<NonZeroUsize>,
     #[command(flatten)]
     input: InputOptions,
+    #[command(flatten)]
+    output: OutputOptions,
 }
 
 impl Run for Batch {
@@ -138,7 +141,7 @@ impl Batch {
         }
         let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
         let threads = self.jobs.map_or(cores, NonZeroUsize::get);
-        let job = Job { items, shard, folder: &self.out, settings, threads };
+        let job = Job { items, shard, folder: &self.out, settings, threads, replace: self.output.force() };
         let mine = (0..items.len()).filter(|&position| shard.holds(position)).count();
         let progress = Progress::new(format!("shard {shard}"), mine as u64);
         let summary = run(&job, work, &|path, _| {

@@ -14,6 +14,8 @@ use super::Run;
 use super::simulate::read_bench;
 use crate::exit::Exit;
 use crate::format::Format;
+use crate::output::OutputOptions;
+use crate::terminal;
 
 /// Share of the kinetic energy of a mode that is told, part by part.
 const TOLD: f64 = 0.9;
@@ -45,6 +47,8 @@ pub struct Modes {
     /// Text for people, or one JSON object
     #[arg(long, value_enum, default_value_t)]
     format: Format,
+    #[command(flatten)]
+    output: OutputOptions,
 }
 
 impl Run for Modes {
@@ -54,6 +58,8 @@ impl Run for Modes {
         if let Some(path) = self.plot.as_deref().filter(|path| path.extension().is_none_or(|end| end != "html")) {
             bail!("{}: the name must end in .html", path.display());
         }
+        let mut outputs = self.output.reading([&self.bench]);
+        let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         let bench = read_bench(&self.bench)?;
         let highest = self.highest.unwrap_or(SPEEDS * bench.motor.speed_hz);
         if !(highest.is_finite() && highest > 0.0) {
@@ -67,10 +73,9 @@ impl Run for Modes {
             Format::Text => text(&bench.name, torque_nm, &train, &critical, highest)?,
             Format::Json => format!("{}\n", serde_json::to_string_pretty(&object(torque_nm, &train, &critical))?),
         };
-        std::io::stdout().lock().write_all(text.as_bytes()).context("standard output")?;
-        if let Some(path) = &self.plot {
-            let page = page(&bench.name, torque_nm, &train, &critical, highest);
-            std::fs::write(path, page).with_context(|| format!("{}: cannot be written", path.display()))?;
+        terminal::out().write_all(text.as_bytes()).context("standard output")?;
+        if let Some(plot) = plot {
+            plot.write(page(&bench.name, torque_nm, &train, &critical, highest).as_bytes())?;
         }
         Ok(Exit::Ok)
     }

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use gearwatch_io::output::{OutputError, Target};
+use gearwatch_io::text::open_regular;
 
 use super::content::{Part, visit};
 use super::disk::is_locked;
@@ -90,7 +91,7 @@ pub fn doctor(folder: &Path) -> io::Result<Health> {
 }
 
 fn look(path: &Path, name: String, health: &mut Health, previous: &mut Option<Group>) -> FileHealth {
-    let bytes = match fs::read(path) {
+    let bytes = match read_regular(path) {
         Ok(bytes) => bytes,
         Err(error) => {
             return FileHealth {
@@ -135,6 +136,13 @@ fn look(path: &Path, name: String, health: &mut Health, previous: &mut Option<Gr
     FileHealth { name, bytes: bytes.len() as u64, ending, messages, damage, torn_tail, unreadable: None }
 }
 
+/// A pipe in place of a file would be waited for, and a device has no end.
+fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_regular(path)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 /// As it stands in the record.
 fn cause_name(cause: Cause) -> String {
     serde_json::to_value(cause).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
@@ -171,7 +179,7 @@ pub fn recover_file(input: &Path, output: Target) -> Result<Salvaged, RecoverErr
         let path = path.to_owned();
         move |error| RecoverError::File { path, error }
     };
-    let bytes = fs::read(input).map_err(failed(input))?;
+    let bytes = read_regular(input).map_err(failed(input))?;
     let salvaged = salvage(&bytes).map_err(failed(input))?;
     if salvaged.messages == 0 && !salvaged.has_header {
         return Err(RecoverError::Nothing { path: input.to_owned() });

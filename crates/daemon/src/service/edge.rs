@@ -47,7 +47,7 @@ impl PageAccess {
         let Some(address) = config.page else { return Ok(None) };
         let token = config.page_token_file.as_ref().map(|file| {
             let path = folder.join(file);
-            let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+            let text = gearwatch_io::text::read_text(&path).map_err(|e| format!("{}: {e}", path.display()))?;
             let token = Token::new(text.lines().next().unwrap_or_default().trim());
             token.map_err(|e| format!("{}: {e}", path.display()))
         });

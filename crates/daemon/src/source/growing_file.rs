@@ -56,10 +56,7 @@ impl SourceConfig for GrowingFile {
     fn open(&self, context: &SourceContext) -> Result<Feed, SourceError> {
         let path = context.resolve(&self.path);
         let fail = |source| SourceError::Io { path: path.clone(), source };
-        let file = std::fs::File::open(&path).map_err(fail)?;
-        if file.metadata().map_err(fail)?.is_dir() {
-            return Err(fail(std::io::ErrorKind::IsADirectory.into()));
-        }
+        let file = gearwatch_io::text::open_regular(&path).map_err(fail)?;
         let watched = file.try_clone().map_err(fail)?;
         let stop = context.stop.clone();
         let idle = self.end_after_idle_secs.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));

@@ -61,8 +61,8 @@ impl Simulator {
             Some(ScenarioKey::Table(scenario)) => (**scenario).clone(),
             Some(ScenarioKey::File(path)) => {
                 let path = context.resolve(path);
-                let text =
-                    std::fs::read_to_string(&path).map_err(|source| SourceError::Io { path: path.clone(), source })?;
+                let text = gearwatch_io::text::read_text(&path)
+                    .map_err(|source| SourceError::Io { path: path.clone(), source })?;
                 toml::from_str(&text).map_err(|e| SourceError::Content {
                     path: path.clone(),
                     place: "scenario".to_owned(),

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::serve::Listener;
+use gearwatch_io::text::read_text;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -24,12 +25,14 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// With the file, when one cannot be read or they do not fit.
 pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, String> {
     let bad = |path: &Path, e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-    let chain: Vec<_> =
-        CertificateDer::pem_file_iter(certificate).and_then(Iterator::collect).map_err(|e| bad(certificate, &e))?;
+    let read = |path: &Path| read_text(path).map_err(|e| bad(path, &e));
+    let chain: Vec<_> = CertificateDer::pem_slice_iter(read(certificate)?.as_bytes())
+        .collect::<Result<_, _>>()
+        .map_err(|e| bad(certificate, &e))?;
     if chain.is_empty() {
         return Err(bad(certificate, &"there is no certificate in it"));
     }
-    let private = PrivateKeyDer::from_pem_file(key).map_err(|e| bad(key, &e))?;
+    let private = PrivateKeyDer::from_pem_slice(read(key)?.as_bytes()).map_err(|e| bad(key, &e))?;
     let config = ServerConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
         .with_safe_default_protocol_versions()
         .map_err(|e| bad(certificate, &e))?

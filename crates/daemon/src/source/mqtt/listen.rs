@@ -35,7 +35,7 @@ pub(super) fn open(config: &Mqtt, context: &SourceContext) -> Result<Feed, Sourc
             None => String::new(),
             Some(path) => {
                 let path = context.resolve(path);
-                std::fs::read_to_string(&path).map_err(|source| SourceError::Io { path, source })?
+                gearwatch_io::text::read_text(&path).map_err(|source| SourceError::Io { path, source })?
             }
         };
         options.set_credentials(username, password.trim_end().to_owned());
