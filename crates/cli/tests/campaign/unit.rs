@@ -24,3 +24,18 @@ fn conform_the_unit_is_hardened() {
     println!("{}", said.lines().last().unwrap_or_default());
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
 }
+
+/// Every key is one that systemd knows, with a value that it takes.
+#[test]
+fn conform_the_unit_has_no_key_that_systemd_does_not_know() {
+    let unit = concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/gearwatch.service");
+    let Ok(output) = Command::new("systemd-analyze").args(["verify", "--man=no", unit]).output() else {
+        eprintln!("skipped: systemd-analyze is not installed");
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stderr);
+    // The program need not be installed on the machine that tests.
+    let wrong: Vec<&str> =
+        said.lines().filter(|line| line.contains("gearwatch") && !line.contains("is not executable")).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+}

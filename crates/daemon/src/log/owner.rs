@@ -50,6 +50,15 @@ struct Open {
 /// Gap records of a file that are told again where the file is taken away.
 const GAPS_KEPT: usize = 256;
 
+/// What was acknowledged in a file.
+struct Acknowledged {
+    name: String,
+    /// Length of the file up to there.
+    bytes: u64,
+    first: u64,
+    last: u64,
+}
+
 /// At most one in so many files is removed at once, whatever makes them look old or much: a mistake must not empty a folder.
 const MOST_REMOVED_SHARE: u64 = 4;
 
@@ -107,6 +116,8 @@ pub(super) struct Owner {
     write_failures: u64,
     files_lost: u64,
     looked: Duration,
+    /// Files that were given up while the disk could not tell how long they are.
+    doubtful: Vec<Acknowledged>,
     /// What the log has to say of itself, on its way into the queue.
     own_records: VecDeque<Record>,
     /// Gap records of the open file with their numbers, the newest [`GAPS_KEPT`]: whoever takes the file away takes them too.
@@ -162,6 +173,7 @@ impl Owner {
             write_failures: 0,
             files_lost: 0,
             looked: Duration::ZERO,
+            doubtful: Vec::new(),
             own_records: VecDeque::new(),
             gaps: VecDeque::new(),
             standing,
@@ -288,13 +300,26 @@ impl Owner {
         self.own_records.push_front(record);
     }
 
-    /// Gives the open file up where it is no longer what was written. An error tells nothing: the next write will.
+    /// Gives the open file up where it is no longer what was written. An error tells nothing: the next look will.
     fn look(&mut self, now: Now) {
+        self.look_back(now);
         let Some(open) = &mut self.open else { return };
-        if let Ok(length) = open.file.length()
-            && length != Some(open.durable_bytes)
-        {
-            self.abandon(now);
+        let Ok(length) = open.file.length() else { return };
+        if length != Some(open.durable_bytes) {
+            self.give_up(Some(length), now);
+        }
+    }
+
+    /// Looks at files that were given up while nobody could tell whether what was acknowledged is still in them.
+    fn look_back(&mut self, now: Now) {
+        if self.doubtful.is_empty() {
+            return;
+        }
+        let Ok(lengths) = self.storage.list() else { return };
+        for file in std::mem::take(&mut self.doubtful) {
+            if !lengths.iter().any(|(name, length)| *name == file.name && *length >= file.bytes) {
+                self.miss(&file, now);
+            }
         }
     }
 
@@ -479,31 +504,49 @@ impl Owner {
         }
     }
 
-    /// Gives a file up after a failure: cut back to what was acknowledged, or removed if that is nothing.
+    /// Gives a file up after a failure.
     fn abandon(&mut self, now: Now) {
+        let length = self.open.as_mut().and_then(|open| open.file.length().ok());
+        self.give_up(length, now);
+    }
+
+    /// Gives a file up: cut back to what was acknowledged, or removed if that is nothing. `length` is what is there under its name, where that
+    /// could be told.
+    fn give_up(&mut self, length: Option<Option<u64>>, now: Now) {
         let Some(mut open) = self.open.take() else { return };
-        let gone = open.file.length().is_ok_and(|length| length.is_none_or(|length| length < open.durable_bytes));
-        if gone && open.groups > 0 {
-            self.miss(&open, now);
-        } else if open.groups == 0 {
+        let acknowledged = Acknowledged {
+            name: open.name.name.clone(),
+            bytes: open.durable_bytes,
+            first: open.seq_first,
+            last: *self.durable.borrow(),
+        };
+        if open.groups == 0 {
             drop(open.file);
             // What cannot be removed now is removed at the next start.
             let _ = self.storage.remove(&open.name.name);
-        } else {
+            return;
+        }
+        self.unclosed = true;
+        match length {
+            Some(length) if length.is_none_or(|length| length < open.durable_bytes) => self.miss(&acknowledged, now),
             // If it cannot be cut either: what is too much in it stands in the next file too, and is cut off when this one is closed.
-            let _ = open.file.truncate(open.durable_bytes);
-            self.unclosed = true;
+            Some(_) => {
+                let _ = open.file.truncate(open.durable_bytes);
+            }
+            None => {
+                let _ = open.file.truncate(open.durable_bytes);
+                self.doubtful.push(acknowledged);
+            }
         }
     }
 
     /// Somebody took away what was acknowledged. What is left of it is kept as it is, and closed as after a crash.
-    fn miss(&mut self, open: &Open, now: Now) {
+    fn miss(&mut self, gone: &Acknowledged, now: Now) {
         self.files_lost += 1;
-        self.unclosed = true;
-        let (first, last) = (open.seq_first, *self.durable.borrow());
+        let (first, last) = (gone.first, gone.last);
         let message = format!(
             "{} was removed, replaced or cut while it was written: up to {} acknowledged results from number {first} on are lost",
-            open.name.name,
+            gone.name,
             (last + 1).saturating_sub(first),
         );
         self.own_records.push_back(Record::Note(Note {
@@ -537,6 +580,7 @@ impl Owner {
                 self.unclosed = true;
             }
         }
+        self.look_back(now);
         if self.unclosed {
             self.unclosed = !close_open_files(&mut *self.storage, self.next_group).is_ok_and(|left| left == 0);
         }
