@@ -55,6 +55,10 @@ campaign-sensors:
 campaign-soak:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture soak
 
+# A week in 70 minutes with a disk that hangs, is slow, full and fails, clock steps, reloads, files taken away (cc; GEARWATCH_SOAK_SECS makes it shorter)
+campaign-week:
+    cargo test --release -p gearwatch --test campaign -- --ignored --nocapture week
+
 # An hour of the simulated bench at full speed: memory, ranks, the delay until a broken tooth is found
 campaign-hour:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture hour

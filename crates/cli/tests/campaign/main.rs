@@ -27,3 +27,4 @@ mod sound_card;
 mod stops;
 mod time;
 mod unit;
+mod week;

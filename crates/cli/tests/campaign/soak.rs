@@ -49,7 +49,7 @@ pub fn slope(samples: &[Sample]) -> f64 {
 }
 
 /// A broker that takes a connection and hangs up after a moment, again and again.
-fn flaky_broker() -> u16 {
+pub fn flaky_broker() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     std::thread::spawn(move || {
@@ -61,7 +61,7 @@ fn flaky_broker() -> u16 {
     port
 }
 
-fn ask_page(address: &str, path: &str, listen: Duration) {
+pub fn ask_page(address: &str, path: &str, listen: Duration) {
     let Ok(mut stream) = TcpStream::connect(address) else { return };
     let _ = stream.set_read_timeout(Some(listen));
     let _ = write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");

@@ -1,0 +1,224 @@
+//! A week in hours: the test signal at many times its speed, with rotation, reloads, clients, a broker that hangs up, a disk that hangs, is slow, is
+//! full and fails, and somebody who sets the clock. What must hold is asked all the time, not only in the end.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use gearwatch_daemon::snapshot::Snapshot;
+
+use crate::fixture::{Bench, gearwatch, text};
+use crate::service::{Moments, configure, ended_within, figure, files, log_of, signal, status, wait_for};
+use crate::soak::{ask_page, flaky_broker};
+
+/// The test signal runs so many times as fast as real time: a week takes 70 minutes.
+const TIMES: u64 = 144;
+/// Where `ok` is said, what was judged so long ago is durable: the two seconds of the promise, and what an answer takes on a busy machine.
+const DURABLE_WITHIN: Duration = Duration::from_secs(4);
+/// When a trouble is over, all is right again within this time.
+const RIGHT_AGAIN: Duration = Duration::from_secs(30);
+
+/// The library that makes trouble; `None` where there is no C compiler.
+fn library(bench: &Bench) -> Option<PathBuf> {
+    let (source, library) = (bench.write("trouble.c", include_str!("week/trouble.c")), bench.path("trouble.so"));
+    let built =
+        Command::new("cc").args(["-O1", "-shared", "-fPIC", "-o", text(&library), text(&source), "-ldl"]).status();
+    built.is_ok_and(|status| status.success()).then_some(library)
+}
+
+/// What was seen from outside.
+#[derive(Default, Debug)]
+struct Seen {
+    looks: u64,
+    looks_ok: u64,
+    /// Looks by trouble at which the service said that something is wrong.
+    told: BTreeMap<&'static str, u64>,
+    reloads: u64,
+    clients: u64,
+    most_waiting_secs: f64,
+}
+
+/// Remembers what was judged and durable when, and checks each answer by it.
+#[derive(Default)]
+struct Watcher {
+    /// When, windows judged, and highest number that was durable.
+    past: Vec<(Instant, u64, u64)>,
+    uptime_secs: f64,
+}
+
+impl Watcher {
+    fn look(&mut self, snapshot: &Snapshot, trouble: &'static str, seen: &mut Seen) {
+        let Some(log) = log_of(snapshot) else { return };
+        let (now, durable) = (Instant::now(), figure(log, "durable_seq").unwrap_or(0));
+        let judged: u64 = snapshot.benches.iter().map(|bench| bench.windows_judged).sum();
+        if snapshot.uptime_secs < self.uptime_secs {
+            // A reload counts from zero, and its log goes on behind what may have been lost.
+            self.past.clear();
+        }
+        self.uptime_secs = snapshot.uptime_secs;
+        let before = self.past.last().map_or(0, |past| past.2);
+        assert!(durable >= before, "{trouble}: {durable} results are durable, and {before} were");
+        seen.looks += 1;
+        seen.looks_ok += u64::from(log.ok);
+        *seen.told.entry(trouble).or_default() += u64::from(!log.ok);
+        let waiting = log.figures.iter().find(|(name, _)| name == "waiting_secs").map_or(0.0, |(_, value)| *value);
+        seen.most_waiting_secs = seen.most_waiting_secs.max(waiting);
+        self.past.push((now, judged, durable));
+        let old = self.past.iter().rposition(|(at, ..)| now.duration_since(*at) > DURABLE_WITHIN);
+        if let Some(old) = old {
+            let (_, judged_then, durable_then) = self.past[old];
+            // Much was judged before that moment and since, and nothing of it has become durable.
+            assert!(
+                !log.ok || durable > durable_then || judged == judged_then,
+                "{trouble}: ok, and for {DURABLE_WITHIN:?} nothing has become durable: {log:?}"
+            );
+            self.past.drain(..old);
+        }
+    }
+}
+
+#[test]
+#[ignore = "an hour and more; `just campaign-week`"]
+fn conform_a_week_of_trouble_is_told_and_survived() {
+    let secs: u64 =
+        std::env::var("GEARWATCH_SOAK_SECS").ok().and_then(|text| text.parse().ok()).unwrap_or(7 * 86_400 / TIMES);
+    let bench = Bench::new();
+    let Some(library) = library(&bench) else { return eprintln!("skipped: there is no C compiler (cc)") };
+    let (folder, trouble) = (bench.path("log"), bench.path("trouble"));
+    std::fs::create_dir(&trouble).unwrap();
+    let page =
+        format!("127.0.0.1:{}", std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port());
+    let broker = flaky_broker();
+    let further = format!(
+        "rotate_bytes = 1048576\n[[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{broker}\"]\nspool = \"spool\"\nspool_bytes = 4194304\n"
+    );
+    let config = configure(&bench, &folder, &format!("{TIMES}.0"), &further);
+    let service = std::fs::read_to_string(&config).unwrap();
+    std::fs::write(&config, service.replace("workers = 2", &format!("workers = 2, page = \"{page}\""))).unwrap();
+    let talk = bench.path("talk");
+    let mut child = gearwatch(&["run", "--config", text(&config)])
+        .env("LD_PRELOAD", &library)
+        .env("TROUBLE", &trouble)
+        .stdout(Stdio::null())
+        .stderr(std::fs::File::create(&talk).unwrap())
+        .spawn()
+        .unwrap();
+    wait_for(Duration::from_secs(20), || status(&bench)).expect("the service runs");
+    let (mut seen, mut watcher, mut moments) = (Seen::default(), Watcher::default(), Moments::new(7));
+    let begin = Instant::now();
+    let troubles = ["hang", "slow", "full", "fail", "clock", "reload", "clients", "taken"];
+    for round in 0.. {
+        if begin.elapsed().as_secs() >= secs {
+            break;
+        }
+        let kind = troubles[round % troubles.len()];
+        let until = Instant::now() + moments.between(Duration::from_secs(3), Duration::from_secs(7));
+        let mut ask = |seen: &mut Seen, kind: &'static str| {
+            if let Some(snapshot) = status(&bench) {
+                watcher.look(&snapshot, kind, seen);
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        };
+        begin_trouble(kind, &trouble, &folder, &moments.between(Duration::ZERO, Duration::from_secs(4)));
+        match kind {
+            "reload" => {
+                let asked = Instant::now();
+                signal(&child, "HUP");
+                seen.reloads += 1;
+                let anew = || status(&bench).filter(|now| now.uptime_secs < asked.elapsed().as_secs_f64());
+                wait_for(RIGHT_AGAIN, anew).expect("the service answers after a reload");
+            }
+            "clients" => {
+                while Instant::now() < until {
+                    seen.clients += 2;
+                    ask_page(&page, "/metrics", Duration::from_millis(300));
+                    ask_page(&page, "/api/events", Duration::from_millis(300));
+                    ask(&mut seen, kind);
+                }
+            }
+            _ => {
+                while Instant::now() < until {
+                    ask(&mut seen, kind);
+                }
+            }
+        }
+        for name in ["hang", "slow", "full", "fail"] {
+            // The one that is there.
+            let _ = std::fs::remove_file(trouble.join(name));
+        }
+        let right = || status(&bench).filter(|now| log_of(now).is_some_and(|log| log.ok));
+        assert!(
+            wait_for(RIGHT_AGAIN, right).is_some(),
+            "{kind}: not right again: {:?}",
+            status(&bench).as_ref().and_then(log_of)
+        );
+    }
+    signal(&child, "TERM");
+    let ended = ended_within(&mut child, Duration::from_secs(10)).and_then(|status| status.code());
+    let said = std::fs::read_to_string(&talk).unwrap();
+    assert_eq!(ended, Some(0), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+    account(&folder, secs, &seen);
+}
+
+fn begin_trouble(kind: &str, trouble: &Path, folder: &Path, by: &Duration) {
+    match kind {
+        "hang" | "slow" | "full" | "fail" => std::fs::write(trouble.join(kind), "").unwrap(),
+        "clock" => {
+            let offset = [3600, -86_400, 401 * 86_400, 0][by.as_secs() as usize % 4];
+            std::fs::write(trouble.join("clock"), format!("{offset}\n")).unwrap();
+        }
+        "taken" => {
+            // The newest file is the one that is written.
+            let newest = std::fs::read_dir(folder).unwrap().flatten().map(|entry| entry.path());
+            let newest = newest.filter(|path| path.extension().is_some_and(|end| end == "mcap")).max();
+            newest.into_iter().for_each(|path| std::fs::remove_file(path).unwrap());
+        }
+        _ => {}
+    }
+}
+
+/// Every window once: in a verdict, or in a gap record that counts it.
+fn account(folder: &Path, secs: u64, seen: &Seen) {
+    let all = files(folder);
+    let open: Vec<&String> = all
+        .iter()
+        .filter(|(_, bytes)| !mcap::Summary::read(bytes).is_ok_and(|s| s.is_some()))
+        .map(|(name, _)| name)
+        .collect();
+    assert!(open.is_empty(), "without an end: {open:?}");
+    let (mut last, mut holes): (BTreeMap<String, u64>, u64) = (BTreeMap::new(), 0);
+    let mut verdicts = 0_u64;
+    let mut gaps: BTreeMap<String, u64> = BTreeMap::new();
+    let mut clocks = 0;
+    for (name, bytes) in &all {
+        for message in crate::log_content::read(name, bytes) {
+            if message.topic == "/clock" {
+                clocks += 1;
+            } else if message.topic == "/gap" {
+                let gap: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+                *gaps.entry(gap["cause"].as_str().unwrap().to_owned()).or_default() += gap["count"].as_u64().unwrap();
+            } else if message.topic.starts_with("/gear/") {
+                let object: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+                let window = object["window"].as_u64().unwrap();
+                let before = last.insert(object["channel"].as_str().unwrap().to_owned(), window);
+                // Behind a reload they count from zero.
+                holes += before.filter(|&before| before < window).map_or(0, |before| window - before - 1);
+                assert!(before != Some(window), "{name}: window {window} is there twice");
+                verdicts += 1;
+            }
+        }
+    }
+    let counted: u64 = gaps.values().sum();
+    println!(
+        "{secs} s at x{TIMES} ({:.1} days): {verdicts} verdicts in {} files, {holes} windows missing, counted in gaps {gaps:?}, {clocks} clock records; {seen:?}",
+        (secs * TIMES) as f64 / 86_400.0,
+        all.len(),
+    );
+    assert!(holes <= counted, "{holes} windows are missing, and {counted} were counted");
+    for kind in ["hang", "full", "fail", "taken"] {
+        assert!(secs < 60 || seen.told.get(kind).is_some_and(|&told| told > 0), "{kind} was never told: {seen:?}");
+    }
+    assert!(secs < 60 || clocks > 0, "no step of the clock was seen");
+}
