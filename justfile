@@ -51,6 +51,10 @@ campaign-failures:
 campaign-sensors:
     GEARWATCH_ROUNDS=1 cargo test --release -p gearwatch --test campaign -- --nocapture sensor_faults
 
+# Changes of the instrument in real recordings, and the table in docs/instrument-faults.md
+campaign-drill:
+    GEARWATCH_WRITE=1 cargo test --release -p gearwatch-explain --test drill -- --ignored --nocapture campaign_table
+
 # A day in ten minutes: memory, descriptors, threads, windows
 campaign-soak:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture soak

@@ -4,6 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use crate::angle::CombField;
+use crate::dsp;
 use crate::steady::Steady;
 
 /// Multiples of each shaft's speed that shafts make.
@@ -33,6 +34,10 @@ const SLIP_REACH: f64 = 0.04;
 /// where the other tooth number puts them.
 const TEETH_GAIN: f64 = 0.5;
 const TEETH_SURE: f64 = 4.0;
+/// Tooth numbers farther off than those that are tried, up to so many: nobody has them, and their scores say what chance gives. The best of a dozen and a half numbers tried must lie so
+/// many of their standard deviations above them: by chance once in two thousand sheets, were they normal.
+const NOBODYS_REACH: i64 = 24;
+const OF_NOBODY: f64 = 4.0;
 /// Lines that must move, in all recordings together.
 const TEETH_LINES: usize = 8;
 /// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
@@ -300,6 +305,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
     };
     let base = lines(bench, true);
     let mut best: Option<(f64, OtherTeeth, Bench)> = None;
+    let mut faint: Option<(f64, OtherTeeth, Bench)> = None;
     for (i, stage) in bench.stages.iter().enumerate() {
         for pinion in [true, false] {
             let sheet = if pinion { stage.pinion.teeth } else { stage.wheel.teeth };
@@ -319,6 +325,13 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                 }
                 let (gain, sure) = moved.gain();
                 let all_lines = score - base.0;
+                if all_lines > 0.0 && faint.as_ref().is_none_or(|f| score > f.0) {
+                    faint = Some((
+                        score,
+                        OtherTeeth { stage: i, pinion, teeth, sheet, gain: all_lines },
+                        candidate.clone(),
+                    ));
+                }
                 let believed = all_lines > TEETH_GAIN || (all_lines > 0.0 && gain > TEETH_GAIN && sure > TEETH_SURE);
                 if believed && best.as_ref().is_none_or(|b| score > b.0) {
                     best = Some((
@@ -330,5 +343,26 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
             }
         }
     }
+    // A stage whose mesh is faint beside the other's: its share of all lines is small, but what tooth numbers score that nobody has says how small chance is.
+    let best = best.or_else(|| {
+        faint.filter(|(score, gear, _)| {
+            let nobody: Vec<f64> = (TEETH_REACH + 1..=NOBODYS_REACH)
+                .flat_map(|change| [-change, change])
+                .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
+                .filter(|teeth| *teeth >= *TRIED_TEETH.start())
+                .map(|teeth| lines(&with_teeth(bench, gear.stage, gear.pinion, teeth), false).0)
+                .collect();
+            stands_out(*score, base.0, &nobody)
+        })
+    });
     best.map(|b| (b.1, b.2))
+}
+
+/// Whether a score stands out of those of tooth numbers that nobody has, and the sheet's does not. Where sidebands of a pitch error make every whole number fit a
+/// little, they scatter by that; a few that share lines with another mesh do not count, the scatter being that of the median.
+fn stands_out(score: f64, sheet: f64, nobody: &[f64]) -> bool {
+    let middle = dsp::median(&mut nobody.to_vec());
+    let mut off: Vec<f64> = nobody.iter().map(|x| (x - middle).abs()).collect();
+    let sigma = 1.4826 * dsp::median(&mut off);
+    nobody.len() > 8 && score > middle + OF_NOBODY * sigma && sheet < middle + 0.5 * (score - middle)
 }

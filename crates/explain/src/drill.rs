@@ -20,7 +20,7 @@ use crate::instrument::speed;
 pub const SHOWN: f64 = 0.95;
 
 /// Effects of sensors, cables, converters, clocks and sheets: whatever else is named is physics.
-const INSTRUMENT: [&str; 12] = [
+pub const INSTRUMENT: [&str; 13] = [
     "aliasing",
     "channel_dead",
     "channels_swapped",
@@ -32,6 +32,7 @@ const INSTRUMENT: [&str; 12] = [
     "samples_lost",
     "samples_repeated",
     "scaling",
+    "wrong_belt_ratio",
     "wrong_tooth_count",
 ];
 

@@ -301,6 +301,7 @@ impl Asked<'_> {
     fn against(&mut self, references: &[Recording]) {
         let eligible: Vec<&Recording> = references.iter().filter(|r| same_point(self.recording, r)).collect();
         if eligible.is_empty() {
+            self.hum(None);
             return;
         }
         self.unrelated(&eligible);
@@ -308,7 +309,7 @@ impl Asked<'_> {
         if let Some(rewired) = wiring::rewired(&now, &before) {
             self.rewire(&now.channels, &rewired);
         }
-        self.hum(reference);
+        self.hum(Some(reference));
         let Some((now, before)) = crosses(self.transforms, self.recording, reference, self.sensors) else { return };
         self.gains(&now, &before);
     }
@@ -402,21 +403,34 @@ impl Asked<'_> {
         repair::rewire(self.recording, names, wiring);
     }
 
-    fn hum(&mut self, reference: &Recording) {
+    /// Lines of the mains that the reference has not. Many benches always had some: without a reference they are said, and are no fault.
+    fn hum(&mut self, reference: Option<&Recording>) {
         // Without a speed a line of the mains is not told from one of a shaft.
         let Ok(input_hz) = speed(self.bench, self.train, self.recording) else { return };
         let shafts_hz: Vec<f64> = self.train.shafts.iter().map(|s| s.1 * input_hz).collect();
         let names: Vec<String> =
             self.recording.channels.keys().filter(|k| self.sensors.contains(&k.as_str())).cloned().collect();
         for name in names {
-            let (now, before) = (common_run(self.recording, &[&name]), common_run(reference, &[&name]));
-            let (Some((_, now)), Some((_, before))) = (now.first(), before.first()) else { continue };
+            let now = common_run(self.recording, &[&name]);
+            let before = reference.map(|r| common_run(r, &[&name]));
+            let before = before.as_ref().map(|run| run.first().map(|(_, x)| *x));
+            // A channel that the reference has not is not compared.
+            let (Some((_, now)), false) = (now.first(), before == Some(None)) else { continue };
             let rate = self.recording.channels[&name].sample_rate_hz;
-            let Some((lines, probability)) = mains::hum(self.transforms, now, Some(before), rate, &shafts_hz) else {
+            let Some((lines, probability)) = mains::hum(self.transforms, now, before.flatten(), rate, &shafts_hz)
+            else {
                 continue;
             };
             let Some(first) = lines.first() else { continue };
             let all: Vec<String> = lines.iter().map(|l| format!("{:.2} Hz", l.hz.0)).collect();
+            if reference.is_none() {
+                self.limits.push(format!(
+                    "{}: channel {name} has lines of the mains ({}); nothing says since when, for there is no reference",
+                    self.recording.name,
+                    all.join(", ")
+                ));
+                continue;
+            }
             let why = format!("lines of the mains that the reference has not: {}", all.join(", "));
             self.faults.push(
                 Fault::new("electrical_pickup", &name, probability, why)

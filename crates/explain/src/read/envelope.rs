@@ -122,11 +122,12 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
                 m >= 1.0 && (own - m * o).abs() < f64::from(k) * tolerance
             })
         };
-        // What two shafts modulate beats at the sums and differences of their orders, and the sum over harmonics shows that of the first orders at their half too.
+        // What two shafts modulate beats at the sums and differences of their orders and of their first multiples, four together; the sum over harmonics shows that of the first
+        // orders at their half too.
         let mixed = |a: f64, b: f64| {
-            let beats = [(a, b), (a, 2.0 * b), (2.0 * a, b)].into_iter().flat_map(|(a, b)| [a + b, (a - b).abs()]);
-            let first = [a + b, (a - b).abs()];
-            beats.chain(first.map(|o| 0.5 * o)).any(|o| (order - o).abs() < tolerance)
+            let both = |m: u32, n: u32| [1.0, -1.0].map(|s| (f64::from(m) * a + s * f64::from(n) * b).abs());
+            let beats = [(1, 1), (1, 2), (2, 1), (1, 3), (3, 1), (2, 2)].into_iter().flat_map(|(m, n)| both(m, n));
+            beats.chain(both(1, 1).map(|o| 0.5 * o)).any(|o| (order - o).abs() < tolerance)
         };
         let pairs =
             || train.shafts.iter().enumerate().flat_map(|(i, a)| train.shafts[..i].iter().map(move |b| (a.1, b.1)));
