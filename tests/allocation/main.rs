@@ -7,7 +7,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use gearwatch_core::analysis::WindowAnalysis;
+use gearwatch_core::bench::{Bearing, BearingOrders};
 use gearwatch_core::block::{Block, Packet, Quality, Samples};
+use gearwatch_core::indicators::GearIndicator;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_tests::benches::{bench, with_tacho};
 use gearwatch_tests::tones::{Run, Tone, add_noise, pulses, samples};
@@ -64,14 +66,31 @@ fn blocks(run: Run, first: usize) -> Vec<Packet> {
 
 fn allocations_after_warm_up(tacho: bool, ramp_percent: f64) -> (u64, u64) {
     let plain = bench(25.0, &[(29, 100), (36, 90)]);
-    let bench = if tacho { with_tacho(plain, "shaft0", 1.0) } else { plain };
-    let pipeline = Pipeline::new(&bench, &PipelineConfig::default(), None).expect("a usable bench");
+    let mut bench = if tacho { with_tacho(plain, "shaft0", 1.0) } else { plain };
+    // Indicators belong to the row, the envelope at a bearing's orders too.
+    let orders = BearingOrders { outer: 3.58, inner: 5.42, element: 2.36, cage: 0.4 };
+    bench.bearings.push(Bearing {
+        name: "drive end".into(),
+        shaft: "shaft0".into(),
+        elements: None,
+        element_mm: None,
+        pitch_mm: None,
+        contact_deg: 0.0,
+        orders: Some(orders),
+    });
+    bench.indicators.envelope_hz = Some([1000.0, 2000.0]);
+    let config = PipelineConfig { gear_indicators_every: 1, ..PipelineConfig::default() };
+    let pipeline = Pipeline::new(&bench, &config, None).expect("a usable bench");
     let mut assembler = pipeline.assembler();
     let mut worker = pipeline.worker();
     let mut analysis = WindowAnalysis::empty();
     let mut verdicts = Vec::new();
     let mut ready = Vec::with_capacity(16);
     let mut windows = 0;
+    let known = |analysis: &WindowAnalysis| {
+        let gear = analysis.indicators.gears[0][0].get(GearIndicator::Fm4).is_known();
+        gear && analysis.indicators.bearings[0][0].depth.is_known()
+    };
     let (mut before, mut at_warm) = (0, 0);
     let length = 4 * RATE_HZ as usize;
     for round in 0..2 {
@@ -89,6 +108,7 @@ fn allocations_after_warm_up(tacho: bool, ramp_percent: f64) -> (u64, u64) {
             for window in ready.drain(..) {
                 pipeline.analyse(&mut worker, &window, &mut analysis);
                 pipeline.judge(&analysis, &mut verdicts);
+                assert!(known(&analysis), "indicators are part of what is counted");
                 assembler.recycle(window);
                 windows += 1;
             }

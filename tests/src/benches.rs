@@ -46,6 +46,8 @@ pub fn bench(motor_hz: f64, teeth: &[(u32, u32)]) -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        bearings: vec![],
+        indicators: Default::default(),
         check: Default::default(),
     }
 }

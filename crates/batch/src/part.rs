@@ -7,9 +7,10 @@
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
@@ -320,6 +321,23 @@ pub fn write_table(out: impl io::Write + Send, batch: &RecordBatch) -> Result<()
     let mut writer = arrow_writer(out, "", batch.schema())?;
     writer.write(batch)?;
     writer.close().map(|_| ())
+}
+
+/// Writes a table of texts and numbers, each column as long as the others; numbers that are not finite are `null`.
+///
+/// # Errors
+/// When `out` does not take the bytes, or columns are not alike long.
+pub fn write_columns(
+    out: impl io::Write + Send,
+    texts: Vec<(String, Vec<String>)>,
+    numbers: Vec<(String, Vec<f64>)>,
+) -> Result<(), ParquetError> {
+    let texts = texts.into_iter().map(|(name, values)| (name, Arc::new(StringArray::from(values)) as ArrayRef, false));
+    let numbers = numbers.into_iter().map(|(name, values)| {
+        let values = values.into_iter().map(|value| Some(value).filter(|value| value.is_finite()));
+        (name, Arc::new(Float64Array::from_iter(values)) as ArrayRef, true)
+    });
+    write_table(out, &RecordBatch::try_from_iter_with_nullable(texts.chain(numbers))?)
 }
 
 fn arrow_writer<W: io::Write + Send>(

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use arrow_array::builder::{BooleanBuilder, Float64Builder, Int8Builder, Int64Builder, StringBuilder, UInt64Builder};
 use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
-use gearwatch_core::verdict::{HARMONICS, Verdict, published};
+use gearwatch_core::estimate::Estimate;
+use gearwatch_core::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS};
+use gearwatch_core::verdict::{CHANNEL_NAMES, GEAR_NAMES, HARMONICS, TURNS_NAMES, Verdict, published};
 
 use crate::part::Table;
 
@@ -65,7 +67,31 @@ fn schema() -> SchemaRef {
             fields.push(Field::new(name.replace("{}", &h.to_string()), DataType::Float64, true));
         }
     }
+    fields.extend(indicator_names().map(|name| Field::new(name, DataType::Float64, true)));
     Arc::new(Schema::new(fields))
+}
+
+/// Columns of the condition indicators: value and sigma of each, and the revolutions averaged.
+const INDICATORS: usize = 2 * CHANNEL_INDICATORS + 2 * (1 + 2 * GEAR_INDICATORS);
+
+fn indicator_names() -> impl Iterator<Item = &'static str> {
+    let gears = GEAR_NAMES.into_iter().zip(TURNS_NAMES);
+    let gears = gears.flat_map(|(names, turns)| std::iter::once(turns).chain(names.into_iter().flatten()));
+    CHANNEL_NAMES.into_iter().flatten().chain(gears)
+}
+
+/// In the order of the names; `NaN` where the verdict has none.
+fn indicator_values(verdict: &Verdict) -> [f64; INDICATORS] {
+    let mut out = [f64::NAN; INDICATORS];
+    let Some(indicators) = &verdict.indicators else { return out };
+    let pair = |x: Estimate| [x.value, x.sigma];
+    let gears = indicators
+        .gears
+        .iter()
+        .flat_map(|gear| std::iter::once(f64::from(gear.revolutions)).chain(gear.values.into_iter().flat_map(pair)));
+    let values = indicators.channel.into_iter().flat_map(pair).chain(gears);
+    out.iter_mut().zip(values).for_each(|(out, value)| *out = value);
+    out
 }
 
 /// Rows on their way to a part.
@@ -80,7 +106,17 @@ pub struct Rows {
     ranks: [StringBuilder; HARMONICS],
     levels: [Int8Builder; HARMONICS],
     harmonics: [[Float64Builder; PER_HARMONIC.len()]; HARMONICS],
+    indicators: IndicatorColumns,
     len: usize,
+}
+
+#[derive(Debug)]
+struct IndicatorColumns([Float64Builder; INDICATORS]);
+
+impl Default for IndicatorColumns {
+    fn default() -> Self {
+        Self(std::array::from_fn(|_| Float64Builder::new()))
+    }
 }
 
 /// Unknown numbers are `null` in a table, as in the JSON lines.
@@ -140,6 +176,9 @@ impl Rows {
                 number(builder, value);
             }
         }
+        for (builder, value) in self.indicators.0.iter_mut().zip(indicator_values(v)) {
+            number(builder, value);
+        }
         self.len += 1;
     }
 
@@ -164,6 +203,7 @@ impl Rows {
             columns.push(Arc::new(self.levels[i].finish()));
             columns.extend(self.harmonics[i].iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
         }
+        columns.extend(self.indicators.0.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
         RecordBatch::try_new(schema(), columns)
     }
 }

@@ -25,6 +25,8 @@ mod emulate;
 mod explain;
 #[cfg(feature = "brokers")]
 mod fleet;
+mod history;
+mod indicators;
 mod info;
 mod layout;
 mod list;
@@ -67,6 +69,7 @@ const COMMANDS: &[Kind] = &[
     #[cfg(not(feature = "explain"))]
     left_out("paper", "explain"),
     kind::<diagnose::Diagnose>(),
+    kind::<indicators::Indicators>(),
     kind::<signatures::SignaturesCommand>(),
     kind::<check::CheckBench>(),
     kind::<modes::Modes>(),
@@ -88,6 +91,7 @@ const COMMANDS: &[Kind] = &[
     kind::<prove::Prove>(),
     #[cfg(not(feature = "explain"))]
     left_out("prove", "explain"),
+    kind::<history::HistoryCommand>(),
     kind::<recover::Recover>(),
     kind::<doctor::Doctor>(),
     kind::<layout::Layout>(),

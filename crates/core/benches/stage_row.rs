@@ -14,6 +14,8 @@ use gearwatch_core::analysis::{StageAnalysis, WindowAnalysis};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::block::{Block, Packet, Quality, Samples, TachoBlock};
 use gearwatch_core::health::instrument_state;
+use gearwatch_core::indicators::Indicators;
+use gearwatch_core::indicators::plan::{IndicatorState, Known};
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::spectral::angle::AngleTrack;
 use gearwatch_core::spectral::harmonics::KnownAngle;
@@ -118,6 +120,24 @@ fn print_shares() {
         }
     });
     shares.push(("lines", lines));
+    let mut indicators = IndicatorState::default();
+    let mut found = Indicators::unknown(train.stages.len());
+    plan.transform(&windows[0].samples, &mut state);
+    let of_channel = fastest(count, || {
+        for window in &windows {
+            let known = Known { unit: "m/s^2", spectrum: plan.weighted(&state), usable_band: config.usable_band };
+            indicators.channel(&window.samples, &known, &mut found);
+            black_box(&found);
+        }
+    });
+    shares.push(("indicators of the channel", of_channel));
+    let of_gears = fastest(count, || {
+        for window in &windows {
+            indicators.gears(train, &window.samples, &track, &mut found);
+            black_box(&found);
+        }
+    });
+    shares.push(("indicators of the gears", of_gears));
     let mut worker = pipeline.worker();
     let mut analysis = WindowAnalysis::empty();
     pipeline.analyse(&mut worker, &windows[0], &mut analysis);
@@ -186,8 +206,8 @@ fn packets(tacho: bool) -> Vec<Packet> {
     out
 }
 
-fn row(bencher: divan::Bencher<'_, '_>, hop_s: f64, tacho: bool) {
-    let mut config = PipelineConfig::default();
+fn row(bencher: divan::Bencher<'_, '_>, hop_s: f64, tacho: bool, indicators: bool) {
+    let mut config = PipelineConfig { indicators, ..PipelineConfig::default() };
     config.window.hop_s = hop_s;
     let pipeline = Pipeline::new(&bench(tacho), &config, None).expect("a pipeline");
     let packets = packets(tacho);
@@ -228,17 +248,27 @@ fn transform(bencher: divan::Bencher<'_, '_>, hop: usize) {
 
 #[divan::bench]
 fn row_50_percent_mesh_lines(bencher: divan::Bencher<'_, '_>) {
-    row(bencher, 0.5, false);
+    row(bencher, 0.5, false, false);
 }
 
 #[divan::bench]
 fn row_50_percent_tacho(bencher: divan::Bencher<'_, '_>) {
-    row(bencher, 0.5, true);
+    row(bencher, 0.5, true, false);
 }
 
 #[divan::bench]
 fn row_90_percent_mesh_lines(bencher: divan::Bencher<'_, '_>) {
-    row(bencher, 0.1, false);
+    row(bencher, 0.1, false, false);
+}
+
+#[divan::bench]
+fn row_50_percent_mesh_lines_with_indicators(bencher: divan::Bencher<'_, '_>) {
+    row(bencher, 0.5, false, true);
+}
+
+#[divan::bench]
+fn row_50_percent_tacho_with_indicators(bencher: divan::Bencher<'_, '_>) {
+    row(bencher, 0.5, true, true);
 }
 
 #[divan::bench]

@@ -14,6 +14,7 @@ use crate::baseline::{BaselineConfig, Series, split};
 use crate::block::{OperatingPoint, UnixNanos};
 use crate::deviation::Observed;
 use crate::estimate::Estimate;
+use crate::indicators::Indicators;
 use crate::verdict::{HARMONICS, InstrumentState};
 
 /// Windows of a channel that are kept: 2.3 h of windows every half second.
@@ -163,7 +164,7 @@ impl Aggregate {
             kept.channel == window.channel && kept.samples == window.samples && kept.unit == window.unit
         };
         let at = self.channels.iter().position(same).unwrap_or_else(|| {
-            let template = WindowAnalysis { stages: Vec::new(), ..window.clone() };
+            let template = WindowAnalysis { stages: Vec::new(), indicators: Indicators::unknown(0), ..window.clone() };
             self.channels.push(Channel { template, windows: Vec::new(), stride: 1, offered: 0 });
             self.channels.len() - 1
         });

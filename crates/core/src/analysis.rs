@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::block::{OperatingPoint, UnixNanos};
 use crate::estimate::Estimate;
+use crate::indicators::Indicators;
 use crate::verdict::{HARMONICS, InstrumentState};
 
 /// Sidebands on each side of a mesh harmonic, ±1…±3 of a shaft.
@@ -108,6 +109,8 @@ pub struct WindowAnalysis {
     pub instrument: InstrumentState,
     /// By stage, in the order of the bench file.
     pub stages: Vec<StageAnalysis>,
+    /// Condition indicators beside the lines; unknown where they are switched off.
+    pub indicators: Indicators,
 }
 
 impl WindowAnalysis {
@@ -128,6 +131,7 @@ impl WindowAnalysis {
             operating_point: OperatingPoint::UNKNOWN,
             instrument: InstrumentState::Ok,
             stages: Vec::new(),
+            indicators: Indicators::unknown(0),
         }
     }
 }

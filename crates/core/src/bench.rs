@@ -7,9 +7,11 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub mod bearing;
 mod bounds;
 pub mod term;
 
+pub use bearing::{Bearing, BearingOrders, IndicatorSettings};
 pub use bounds::{LONGEST_NAME, MOST_PARTS, MOST_STAGES, MOST_TEETH};
 pub use term::Term;
 
@@ -59,6 +61,12 @@ pub struct Bench {
     /// Physics beyond the nominal model that no effect has a name for.
     #[serde(default, rename = "term", skip_serializing_if = "Vec::is_empty")]
     pub terms: Vec<Term>,
+    /// Rolling bearings whose orders the envelope is read at.
+    #[serde(default, rename = "bearing", skip_serializing_if = "Vec::is_empty")]
+    pub bearings: Vec<Bearing>,
+    /// What the condition indicators are told.
+    #[serde(default, skip_serializing_if = "IndicatorSettings::is_empty")]
+    pub indicators: IndicatorSettings,
     /// What is known of the bench's doubts.
     #[serde(default, skip_serializing_if = "Check::is_empty")]
     pub check: Check,
@@ -464,6 +472,13 @@ impl Bench {
                 out.push(format!("tacho.pulses_per_rev is {}; it must be above 0", tacho.pulses_per_rev));
             }
         }
+        for (i, bearing) in self.bearings.iter().enumerate() {
+            if self.bearings[..i].iter().any(|b| b.name == bearing.name) {
+                out.push(format!("the name {:?} is used by two bearings; each needs a name of its own", bearing.name));
+            }
+            out.extend(bearing.problems(&self.shafts));
+        }
+        out.extend(self.indicators.problems());
         out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
         // What cannot be at all is told first.
         if out.is_empty() { bounds::problems(self) } else { out }

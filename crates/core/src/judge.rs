@@ -15,7 +15,8 @@ use crate::rank::RankConfig;
 use crate::signature::{SignatureTable, Signatures};
 use crate::state::{Path, StateConfig};
 use crate::verdict::{
-    HARMONICS, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, Reason, StateFit, Verdict,
+    HARMONICS, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, Reason, StageIndicators, StateFit,
+    Verdict,
 };
 
 /// How windows are judged.
@@ -194,6 +195,7 @@ impl Judge {
         verdict.baseline_sessions = 0;
         verdict.state_fit = StateFit::NotCompared;
         verdict.states.clear();
+        verdict.indicators = StageIndicators::of(&window.indicators, index);
         let stage = &window.stages[index];
         for (k, harmonic) in verdict.harmonics.iter_mut().enumerate() {
             let line = &stage.harmonics[k];
@@ -306,6 +308,7 @@ fn blank() -> Verdict {
         baseline_sessions: 0,
         state_fit: StateFit::NotCompared,
         states: Vec::with_capacity(NEAREST_STATES),
+        indicators: None,
     }
 }
 

@@ -19,6 +19,7 @@ pub mod deviation;
 pub mod doubts;
 pub mod estimate;
 pub mod health;
+pub mod indicators;
 pub mod judge;
 pub mod one_shot;
 pub mod order_spectrum;

@@ -13,9 +13,10 @@ use thiserror::Error;
 use crate::analysis::{SpeedOrigin, StageAnalysis, WindowAnalysis};
 use crate::assemble::Assembler;
 use crate::baseline::Baseline;
-use crate::bench::Bench;
+use crate::bench::{Bearing, Bench};
 use crate::estimate::Estimate;
 use crate::health::instrument_state;
+use crate::indicators::plan::{IndicatorState, Known};
 use crate::judge::{Judge, JudgeConfig, JudgeError};
 use crate::rank::RankConfig;
 use crate::signature::{SignatureTable, Signatures};
@@ -47,6 +48,11 @@ pub struct PipelineConfig {
     /// A window whose mean lies more standard deviations from zero than this has a wrong bias (> 0). To be raised for sensors that measure
     /// gravity too.
     pub largest_offset: f64,
+    /// Condition indicators beside the lines.
+    pub indicators: bool,
+    /// Those of gears and bearings come in windows whose number is a multiple of it (≥ 1): they cost three times what the lines do, those of the
+    /// channel an eighth.
+    pub gear_indicators_every: u64,
 }
 
 impl Default for PipelineConfig {
@@ -58,6 +64,8 @@ impl Default for PipelineConfig {
             state: StateConfig::default(),
             usable_band: 0.45,
             largest_offset: 10.0,
+            indicators: true,
+            gear_indicators_every: 10,
         }
     }
 }
@@ -95,6 +103,8 @@ pub struct Pipeline {
     train: Train,
     config: PipelineConfig,
     judge: Judge,
+    /// Orders of the input shaft, a bearing a row.
+    bearing_orders: Vec<[f64; 4]>,
 }
 
 /// Scratch of one worker: transforms and buffers for each sample rate that it has seen.
@@ -103,6 +113,7 @@ pub struct WorkerState {
     rates: Vec<(RatePlan, RateState)>,
     track: AngleTrack,
     pulses: PulseFitState,
+    indicators: IndicatorState,
 }
 
 impl Pipeline {
@@ -123,13 +134,24 @@ impl Pipeline {
         if config.largest_offset.is_nan() || config.largest_offset <= 0.0 {
             problems.push(format!("largest_offset is {}; it must be above 0", config.largest_offset));
         }
+        if config.gear_indicators_every == 0 {
+            problems.push(
+                "gear_indicators_every is 0; expected 1 or more (indicators = false switches them off)".to_owned(),
+            );
+        }
         if !problems.is_empty() {
             return Err(PipelineError::Config(problems));
         }
         let stages = bench.stages.iter().map(|s| s.name.clone()).collect();
         let judging = JudgeConfig { rank: config.rank, state: config.state };
         let judge = Judge::new(judging, stages, baseline.as_ref(), SignatureTable::paper())?;
-        Ok(Self { bench: bench.clone(), train: Train::new(bench), config: config.clone(), judge })
+        let train = Train::new(bench);
+        let of_bearing = |bearing: &Bearing| {
+            let shaft = train.shaft_order(&bearing.shaft).unwrap_or(f64::NAN);
+            bearing.orders().map_or([f64::NAN; 4], |orders| orders.all().map(|order| order * shaft))
+        };
+        let bearing_orders = bench.bearings.iter().map(of_bearing).collect();
+        Ok(Self { bench: bench.clone(), train, config: config.clone(), judge, bearing_orders })
     }
 
     /// Compares with these states in place of the paper's.
@@ -191,6 +213,9 @@ impl Pipeline {
         out.speed_origin = SpeedOrigin::MeshLines;
         out.stages.resize(self.train.stages.len(), StageAnalysis::UNKNOWN);
         out.stages.fill(StageAnalysis::UNKNOWN);
+        // Without stages where they are switched off: then verdicts have none.
+        let stages = if self.config.indicators { self.train.stages.len() } else { 0 };
+        out.indicators.clear(stages, self.bearing_orders.len());
         out.instrument = instrument_state(window, self.config.largest_offset);
         if !matches!(out.instrument, InstrumentState::NotFinite | InstrumentState::ChannelDead) {
             self.analyse_lines(state, window, out);
@@ -217,7 +242,7 @@ impl Pipeline {
             state.rates.push((plan, buffers));
             state.rates.len() - 1
         });
-        let WorkerState { rates, track, pulses } = state;
+        let WorkerState { rates, track, pulses, indicators } = state;
         let Some((plan, buffers)) = rates.get_mut(at) else { return };
         let length_s = n as f64 / rate;
         let motor_hz = window.operating_point.motor_speed_hz;
@@ -228,6 +253,11 @@ impl Pipeline {
         };
         let highest_bin = self.config.usable_band * n as f64;
         plan.transform(&window.samples, buffers);
+        if self.config.indicators {
+            let known =
+                Known { unit: &window.unit, spectrum: plan.weighted(buffers), usable_band: self.config.usable_band };
+            indicators.channel(&window.samples, &known, &mut out.indicators);
+        }
 
         let method = self.config.speed.method;
         let mut found = None;
@@ -273,6 +303,13 @@ impl Pipeline {
         out.ramp_percent = 100.0 * track.ramp();
         if out.instrument == InstrumentState::Ok && plan.is_hum(buffers, &self.train, found.revolutions) {
             out.instrument = InstrumentState::MainsHum;
+        }
+        if self.config.indicators && window.number.is_multiple_of(self.config.gear_indicators_every) {
+            indicators.gears(&self.train, &window.samples, track, &mut out.indicators);
+            if let Some(band) = self.bench.indicators.envelope_hz.filter(|_| !self.bearing_orders.is_empty()) {
+                let orders = &self.bearing_orders;
+                indicators.bearings(&window.samples, rate, band, orders, track, &mut out.indicators);
+            }
         }
         let angle = KnownAngle { track, variance: found.angle_variance };
         plan.lines(buffers, &self.train, angle, highest_bin, &mut out.stages);

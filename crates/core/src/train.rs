@@ -115,6 +115,8 @@ mod tests {
             acquisition: Acquisition::default(),
             effects: vec![],
             terms: vec![],
+            bearings: vec![],
+            indicators: Default::default(),
             check: Default::default(),
         };
         assert_eq!(bench.problems(), Vec::<String>::new());

@@ -6,6 +6,10 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::estimate::Estimate;
 
+mod indicators;
+
+pub use indicators::{CHANNEL_NAMES, GEAR_NAMES, StageIndicators, TURNS_NAMES};
+
 /// Mesh harmonics that are judged: 1x to 5x.
 pub const HARMONICS: usize = 5;
 
@@ -308,6 +312,9 @@ pub struct Verdict {
     pub state_fit: StateFit,
     /// The nearest states, the most probable first; empty where not compared.
     pub states: Vec<NearState>,
+    /// Condition indicators of the channel and of the stage's two gears. They bear on no rank. None in averages, and where
+    /// they are switched off; those of gears come every tenth window.
+    pub indicators: Option<StageIndicators>,
 }
 
 /// Rounds to nine significant digits, so that the last bits of a transform do not reach a published line.
@@ -466,6 +473,9 @@ impl Serialize for Verdict {
             map.serialize_entry(names[0], &*state.name)?;
             map.serialize_entry(names[1], &published(state.probability))?;
             map.serialize_entry(names[2], &published(state.goodness))?;
+        }
+        if let Some(indicators) = &self.indicators {
+            indicators.serialize(&mut map)?;
         }
         map.end()
     }

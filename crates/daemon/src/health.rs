@@ -322,6 +322,7 @@ mod tests {
             baseline_sessions: 1,
             state_fit: StateFit::NotCompared,
             states: vec![],
+            indicators: None,
         }
     }
 

@@ -112,8 +112,13 @@ fn advice(changes: &[Change]) -> &'static str {
 /// Hash of a bench's content, lower-case hexadecimal: SHA-256 of the bench as compact JSON. Comments, spacing and defaults
 /// written out or left out do not change it.
 pub fn bench_sha256(bench: &Bench) -> String {
-    // Doubts that were cleared change no line.
-    let bench = &Bench { check: gearwatch_core::bench::Check::default(), ..bench.clone() };
+    // Neither doubts that were cleared nor what condition indicators are told change what a baseline was learned from.
+    let bench = &Bench {
+        check: gearwatch_core::bench::Check::default(),
+        bearings: Vec::new(),
+        indicators: gearwatch_core::bench::IndicatorSettings::default(),
+        ..bench.clone()
+    };
     // A bench holds nothing but strings, numbers and lists of them: it always has a JSON form.
     sha256_of(&serde_json::to_string(bench).unwrap_or_default())
 }

@@ -60,6 +60,8 @@ fn rig() -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        bearings: vec![],
+        indicators: Default::default(),
         check: Default::default(),
     }
 }

@@ -19,6 +19,8 @@ pub(crate) fn single_stage() -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        bearings: vec![],
+        indicators: Default::default(),
         check: Default::default(),
     }
 }

@@ -81,6 +81,7 @@ impl Check {
             ("housing_mode", bench.housing_modes.len(), MOST_PARTS),
             ("effect", bench.effects.len(), MOST_PARTS),
             ("term", bench.terms.len(), MOST_PARTS),
+            ("bearing", bench.bearings.len(), MOST_PARTS),
         ];
         for (what, found, most) in counts {
             if found > most {
@@ -93,7 +94,10 @@ impl Check {
         let shafts = bench.shafts.iter().map(|shaft| ("shaft", &shaft.name));
         let stages = bench.stages.iter().map(|stage| ("stage", &stage.name));
         let sensors = bench.sensors.iter().map(|sensor| ("sensor", &sensor.name));
-        for (what, name) in [("bench", &bench.name)].into_iter().chain(shafts).chain(stages).chain(sensors) {
+        let bearings = bench.bearings.iter().map(|bearing| ("bearing", &bearing.name));
+        for (what, name) in
+            [("bench", &bench.name)].into_iter().chain(shafts).chain(stages).chain(sensors).chain(bearings)
+        {
             let length = name.chars().count();
             if length == 0 || length > LONGEST_NAME {
                 let start: String = name.chars().take(40).collect();

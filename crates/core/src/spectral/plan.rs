@@ -7,6 +7,7 @@ use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
 
 use crate::analysis::StageAnalysis;
+use crate::indicators::velocity::Weighted;
 use crate::spectral::harmonics::{Harmonics, HarmonicsState, KnownAngle, WindowSpectrum};
 use crate::spectral::hum::is_hum;
 use crate::spectral::kernels::weigh;
@@ -89,6 +90,17 @@ impl RatePlan {
         let done = self.transform.process_with_scratch(&mut state.weighted, &mut state.spectrum, &mut state.scratch);
         if done.is_err() {
             state.spectrum.fill(Complex64::ZERO);
+        }
+    }
+
+    /// The window that was transformed last, with what it was weighted by.
+    pub fn weighted<'a>(&self, state: &'a RateState) -> Weighted<'a> {
+        Weighted {
+            bins: &state.spectrum,
+            samples: self.samples,
+            sum_squares: self.windows.weighting.sum_squares,
+            sum: self.windows.weighting.sum,
+            sample_rate_hz: self.sample_rate_hz,
         }
     }
 

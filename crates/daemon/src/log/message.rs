@@ -4,8 +4,10 @@ use std::sync::LazyLock;
 
 use gearwatch_core::block::UnixNanos;
 use gearwatch_core::estimate::Estimate;
+use gearwatch_core::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS, GearIndicators};
 use gearwatch_core::verdict::{
-    HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, NearState, Rank, Reason, StateFit, Verdict,
+    HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, NearState, Rank, Reason, StageIndicators, StateFit,
+    Verdict,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -277,6 +279,10 @@ fn verdict_example() -> Verdict {
         baseline_sessions: 1,
         state_fit: StateFit::default(),
         states: vec![NearState { name: "".into(), probability: 0.5, goodness: 0.5 }; NEAREST_STATES],
+        indicators: Some(StageIndicators {
+            channel: [estimate; CHANNEL_INDICATORS],
+            gears: [GearIndicators { revolutions: 0, values: [estimate; GEAR_INDICATORS] }; 2],
+        }),
     }
 }
 

@@ -47,6 +47,7 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         baseline_sessions: 2,
         state_fit: StateFit::NotCompared,
         states: Vec::new(),
+        indicators: None,
     };
     let line = serde_json::to_string(&verdict).unwrap().into();
     Record::Verdict { verdict: Arc::new(verdict), line }

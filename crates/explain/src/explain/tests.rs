@@ -54,6 +54,8 @@ fn bench() -> Bench {
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
         effects: vec![],
         terms: vec![],
+        bearings: vec![],
+        indicators: Default::default(),
         check: Default::default(),
     }
 }

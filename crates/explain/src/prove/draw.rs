@@ -155,6 +155,8 @@ pub fn bench(d: &mut Draw) -> Bench {
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
         effects: vec![],
         terms: vec![],
+        bearings: vec![],
+        indicators: Default::default(),
         check: Default::default(),
     }
 }

@@ -119,6 +119,8 @@ fn drawn(seed: u64) -> Bench {
         acquisition: Acquisition::default(),
         effects: vec![],
         terms: vec![],
+        bearings: vec![],
+        indicators: Default::default(),
         check: Default::default(),
     }
 }

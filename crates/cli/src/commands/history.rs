@@ -1,0 +1,146 @@
+//! `gearwatch history LOG…`: what the service's logs say over time.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::Args;
+
+use super::Run;
+use crate::exit::Exit;
+use crate::output::OutputOptions;
+use crate::progress::Progress;
+use crate::terminal;
+
+mod collect;
+mod picture;
+mod tell;
+mod time;
+mod verdict_line;
+
+use collect::History;
+
+/// Ranks, deviations, speed, torque and events over time, from the logs of the service
+///
+/// Windows are put together by the hour, or as --every says, for each bench, stage and channel. A file that the service is still writing is read as far as it goes.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  gearwatch history /var/lib/gearwatch
+  gearwatch history /var/lib/gearwatch --from 2026-11-01 --to 2026-11-22T12:00 --every 1d
+  gearwatch history /var/lib/gearwatch --every 10m --csv > november.csv
+  gearwatch history /var/lib/gearwatch --parquet history.parquet --plot history.html
+
+Times are UTC. Exit codes: 0 done; 3 bad input, no window between --from and --to, or a file could not be read to its end.")]
+pub struct HistoryCommand {
+    /// Folders of logs, or log files
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// From this time on: 2026-11-22, 2026-11-22T14:30 or 2026-11-22T14:30:00Z
+    #[arg(long, value_name = "TIME", value_parser = time::parse)]
+    from: Option<i64>,
+    /// Before this time
+    #[arg(long, value_name = "TIME", value_parser = time::parse)]
+    to: Option<i64>,
+    /// How much is put together: 30s, 10m, 1h, 1d, 1w
+    #[arg(long, value_name = "SPAN", default_value = "1h", value_parser = time::parse_span)]
+    every: i64,
+    /// Rows with a header line on standard output
+    #[arg(long)]
+    csv: bool,
+    /// Rows as Parquet
+    #[cfg(feature = "batch")]
+    #[arg(long, value_name = "FILE.parquet")]
+    parquet: Option<PathBuf>,
+    /// Pictures: one HTML file for a browser
+    #[arg(long, value_name = "FILE.html")]
+    plot: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
+}
+
+impl Run for HistoryCommand {
+    const NAME: &'static str = "history";
+
+    fn run(self) -> anyhow::Result<Exit> {
+        if let (Some(from), Some(to)) = (self.from, self.to)
+            && from >= to
+        {
+            bail!("--from {} is not before --to {}", time::iso(from), time::iso(to));
+        }
+        let files = files(&self.logs)?;
+        let mut outputs = self.overwrite.reading(&files);
+        let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
+        #[cfg(feature = "batch")]
+        let parquet = self.parquet.as_deref().map(|path| outputs.target(path)).transpose()?;
+        let mut history = History::new(self.every, self.from, self.to);
+        let progress = Progress::new("files", files.len() as u64);
+        for path in &files {
+            history.read(path)?;
+            progress.finished(&path.display().to_string());
+        }
+        drop(progress);
+        history.finish();
+        for trouble in &history.troubles {
+            writeln!(terminal::err(), "gearwatch history: {}", terminal::plain(trouble))?;
+        }
+        if history.rows().next().is_none() {
+            bail!(
+                "no window between {} and {} in {} file(s); the logs {}",
+                self.from.map_or_else(|| "the beginning".to_owned(), time::iso),
+                self.to.map_or_else(|| "the end".to_owned(), time::iso),
+                files.len(),
+                history.span().map_or_else(
+                    || "hold none".to_owned(),
+                    |(first, last)| format!("reach from {} to {}", time::iso(first), time::iso(last))
+                )
+            );
+        }
+        let mut out = std::io::BufWriter::new(terminal::coloured());
+        if self.csv {
+            tell::csv(&mut out, &history)?;
+        } else {
+            tell::table(&mut out, &history)?;
+        }
+        out.flush()?;
+        #[cfg(feature = "batch")]
+        if let Some(target) = parquet {
+            let mut file = target.create()?;
+            let (texts, numbers) = tell::columns(&history);
+            gearwatch_batch::part::write_columns(&mut file, texts, numbers)?;
+            file.finish()?;
+        }
+        if let Some(target) = plot {
+            target.write(picture::page(&history))?;
+        }
+        Ok(if history.troubles.is_empty() { Exit::Ok } else { Exit::Unknown })
+    }
+}
+
+/// The files of all logs: those of a folder in the order of their names, which is that of their numbers.
+fn files(logs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut out = Vec::new();
+    for log in logs {
+        if !log.is_dir() {
+            out.push(log.clone());
+            continue;
+        }
+        let entries = std::fs::read_dir(log).with_context(|| format!("{} cannot be read", log.display()))?;
+        let is_log = |path: &Path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            name.starts_with("gearwatch-") && name.ends_with(".mcap")
+        };
+        let mut here = Vec::new();
+        for entry in entries {
+            let path = entry.with_context(|| format!("{} cannot be read", log.display()))?.path();
+            if is_log(&path) {
+                here.push(path);
+            }
+        }
+        if here.is_empty() {
+            bail!("{} holds no log file; name the folder of an mcap_log sink", log.display());
+        }
+        here.sort();
+        out.append(&mut here);
+    }
+    Ok(out)
+}

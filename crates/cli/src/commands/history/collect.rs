@@ -1,0 +1,282 @@
+//! Log files to rows and events.
+
+use std::collections::BTreeMap;
+use std::io::BufReader;
+use std::path::Path;
+
+use anyhow::Context;
+use gearwatch_core::estimate::Estimate;
+use gearwatch_core::indicators::columns::Mean;
+use gearwatch_core::verdict::HARMONICS;
+use gearwatch_daemon::log::{ALARM_TOPIC, AlarmRecord, GAP_TOPIC, Gap, NOTE_TOPIC};
+use gearwatch_io::mcap::walk::{Limits, Walk};
+use serde::Deserialize;
+
+use super::verdict_line::{VerdictLine, indicator_names};
+
+/// Most rows: a year of 64 channels by the hour has half of it.
+const MOST_ROWS: usize = 1_000_000;
+
+/// Most events that are kept; beyond it only their number is.
+const MOST_EVENTS: usize = 100_000;
+
+/// Machine states, in the order of their weight.
+pub(super) const STATES: [&str; 5] = ["alarm", "deviating", "path_changed", "unknown", "normal"];
+
+/// Bench, stage and channel.
+pub(super) type Key = (String, String, String);
+
+/// What a span of time holds of one row.
+#[derive(Clone)]
+pub(super) struct Span {
+    pub(super) windows: u64,
+    /// Windows by [`STATES`].
+    pub(super) states: [u64; 5],
+    /// Windows whose instrument state is not `ok`.
+    pub(super) not_ok: u64,
+    /// Highest level of a rank by harmonic, −1 where none was known.
+    pub(super) levels: [i8; HARMONICS],
+    pub(super) deviations: [Mean; HARMONICS],
+    pub(super) amplitudes: [Mean; HARMONICS],
+    pub(super) speed: Mean,
+    pub(super) torque: Mean,
+    pub(super) indicators: Vec<Mean>,
+}
+
+impl Span {
+    fn new() -> Self {
+        Self {
+            windows: 0,
+            states: [0; 5],
+            not_ok: 0,
+            levels: [-1; HARMONICS],
+            deviations: [Mean::default(); HARMONICS],
+            amplitudes: [Mean::default(); HARMONICS],
+            speed: Mean::default(),
+            torque: Mean::default(),
+            indicators: Vec::new(),
+        }
+    }
+
+    /// The gravest state that a window was in, and how many were.
+    pub(super) fn state(&self) -> (&'static str, u64) {
+        STATES.iter().zip(self.states).find(|(_, count)| *count > 0).map_or(("unknown", 0), |(&name, n)| (name, n))
+    }
+
+    fn push(&mut self, line: &VerdictLine) {
+        self.windows += 1;
+        let state = STATES.iter().position(|state| *state == line.machine).unwrap_or(3);
+        self.states[state] += 1;
+        self.not_ok += u64::from(line.instrument != "ok");
+        let (speed, sigma) = line.speed();
+        self.speed.push(Estimate::new(speed, sigma));
+        self.torque.push(Estimate::new(line.torque(), 0.0));
+        for h in 0..HARMONICS {
+            let [deviation, deviation_sigma, amplitude, sigma, level] = line.harmonic(h);
+            self.deviations[h].push(Estimate::new(deviation, deviation_sigma));
+            self.amplitudes[h].push(Estimate::new(amplitude, sigma));
+            if level.is_finite() {
+                self.levels[h] = self.levels[h].max(level as i8);
+            }
+        }
+        if line.indicators().any(|(value, _)| value.is_finite()) {
+            self.indicators.resize(indicator_names().count(), Mean::default());
+            for (mean, (value, sigma)) in self.indicators.iter_mut().zip(line.indicators()) {
+                mean.push(Estimate::new(value, sigma));
+            }
+        }
+    }
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Event {
+    pub(super) t_ns: i64,
+    /// `alarm`, `acknowledged`, `ended`, `gap`, `reload`, `note`.
+    pub(super) kind: &'static str,
+    pub(super) text: String,
+}
+
+/// All rows and events.
+pub(super) struct History {
+    every: i64,
+    from: Option<i64>,
+    to: Option<i64>,
+    spans: BTreeMap<Key, BTreeMap<i64, Span>>,
+    pub(super) units: BTreeMap<Key, String>,
+    pub(super) events: Vec<Event>,
+    pub(super) left_out: u64,
+    count: usize,
+    times: Option<(i64, i64)>,
+    /// What could not be read, one sentence each.
+    pub(super) troubles: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct Sentence {
+    #[serde(default)]
+    name: String,
+    #[serde(default)]
+    message: String,
+}
+
+impl History {
+    pub(super) fn new(every: i64, from: Option<i64>, to: Option<i64>) -> Self {
+        Self {
+            every,
+            from,
+            to,
+            spans: BTreeMap::new(),
+            units: BTreeMap::new(),
+            events: Vec::new(),
+            left_out: 0,
+            count: 0,
+            times: None,
+            troubles: Vec::new(),
+        }
+    }
+
+    fn wanted(&self, t_ns: i64) -> bool {
+        self.from.is_none_or(|from| t_ns >= from) && self.to.is_none_or(|to| t_ns < to)
+    }
+
+    /// Adds a file. One that ends early is read as far as it goes, and is a trouble.
+    ///
+    /// # Errors
+    /// When it cannot be opened, or there are more rows than anybody reads.
+    pub(super) fn read(&mut self, path: &Path) -> anyhow::Result<()> {
+        let file =
+            gearwatch_io::text::open_regular(path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let mut walk = Walk::new(BufReader::with_capacity(1 << 20, file), Limits::default());
+        let mut wrong = 0_u64;
+        loop {
+            let message = match walk.next_message() {
+                Ok(Some(message)) => message,
+                Ok(None) => break,
+                Err(problem) => {
+                    self.troubles.push(format!(
+                        "{}: not read to its end: {problem} (a file that is being written ends so; gearwatch doctor says more)",
+                        path.display()
+                    ));
+                    break;
+                }
+            };
+            let topic = message.channel.topic.as_str();
+            let good = if topic.starts_with("/gear/") && topic.ends_with("/rank") {
+                self.verdict(message.data)?
+            } else if topic == ALARM_TOPIC || topic == GAP_TOPIC || topic == NOTE_TOPIC {
+                let t_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
+                let event = event(topic, message.data);
+                match event {
+                    Some(Some((kind, text))) => self.event(Event { t_ns, kind, text }),
+                    Some(None) => {}
+                    None => wrong += 1,
+                }
+                true
+            } else {
+                true
+            };
+            wrong += u64::from(!good);
+        }
+        for warning in walk.warnings() {
+            self.troubles.push(format!("{}: {warning}", path.display()));
+        }
+        if wrong > 0 {
+            self.troubles.push(format!("{}: {wrong} messages are none of this program", path.display()));
+        }
+        Ok(())
+    }
+
+    fn verdict(&mut self, data: &[u8]) -> anyhow::Result<bool> {
+        let Ok(line) = serde_json::from_slice::<VerdictLine>(data) else { return Ok(false) };
+        let (first, last) = self.times.unwrap_or((line.t0_ns, line.t0_ns));
+        self.times = Some((first.min(line.t0_ns), last.max(line.t0_ns)));
+        if !self.wanted(line.t0_ns) {
+            return Ok(true);
+        }
+        let key = (line.bench.clone(), line.stage.clone(), line.channel.clone());
+        if !self.units.contains_key(&key) {
+            self.units.insert(key.clone(), line.unit.clone());
+        }
+        let at = line.t0_ns.div_euclid(self.every) * self.every;
+        let spans = self.spans.entry(key).or_default();
+        if !spans.contains_key(&at) {
+            self.count += 1;
+            anyhow::ensure!(
+                self.count <= MOST_ROWS,
+                "more than {MOST_ROWS} rows; take a longer --every or a shorter time"
+            );
+        }
+        spans.entry(at).or_insert_with(Span::new).push(&line);
+        Ok(true)
+    }
+
+    fn event(&mut self, event: Event) {
+        if self.wanted(event.t_ns) {
+            if self.events.len() < MOST_EVENTS {
+                self.events.push(event);
+            } else {
+                self.left_out += 1;
+            }
+        }
+    }
+
+    /// Puts the events into order; files of several logs overlap.
+    pub(super) fn finish(&mut self) {
+        self.events.sort();
+        self.events.dedup();
+    }
+
+    /// Earliest and latest window of all files.
+    pub(super) fn span(&self) -> Option<(i64, i64)> {
+        self.times
+    }
+
+    /// By bench, stage and channel, then by time.
+    pub(super) fn rows(&self) -> impl Iterator<Item = (&Key, i64, &Span)> {
+        self.spans.iter().flat_map(|(key, spans)| spans.iter().map(move |(&at, span)| (key, at, span)))
+    }
+
+    /// The same, a bench, stage and channel after the other.
+    pub(super) fn groups(&self) -> impl Iterator<Item = (&Key, &BTreeMap<i64, Span>)> {
+        self.spans.iter()
+    }
+
+    /// Length of a span (ns).
+    pub(super) fn every(&self) -> i64 {
+        self.every
+    }
+}
+
+/// Kind and text of an event; `None` inside where it is told elsewhere, `None` outside where it cannot be read.
+#[allow(clippy::option_option, reason = "not read, read and told elsewhere, read")]
+fn event(topic: &str, data: &[u8]) -> Option<Option<(&'static str, String)>> {
+    if topic == ALARM_TOPIC {
+        let record: AlarmRecord = serde_json::from_slice(data).ok()?;
+        let what = format!("{} {}", severity(&record), record.alarm.id);
+        let bench = if record.bench.is_empty() { String::new() } else { format!("{}: ", record.bench) };
+        return Some(Some(match record.event.as_str() {
+            "acknowledged" => ("acknowledged", format!("{bench}{what} by {}: {}", record.who, record.why)),
+            "ended" => ("ended", format!("{bench}{what}")),
+            _ => ("alarm", format!("{bench}{what}")),
+        }));
+    }
+    if topic == GAP_TOPIC {
+        let gap: Gap = serde_json::from_slice(data).ok()?;
+        let cause = serde_json::to_value(gap.cause).ok()?;
+        let cause = cause.as_str().unwrap_or("");
+        let kind = if cause == "configuration" { "reload" } else { "gap" };
+        return Some(Some((
+            kind,
+            format!("{} {} to {}: {} missing, {cause}", gap.channel, gap.first, gap.last, gap.count),
+        )));
+    }
+    let sentence: Sentence = serde_json::from_slice(data).ok()?;
+    // Alarms are told by their own records.
+    Some((sentence.name != "alarm").then(|| ("note", format!("{}: {}", sentence.name, sentence.message))))
+}
+
+fn severity(record: &AlarmRecord) -> String {
+    let text = serde_json::to_value(record.alarm.severity).ok();
+    text.as_ref().and_then(|text| text.as_str()).unwrap_or("alarm").to_owned()
+}
