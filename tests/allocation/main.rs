@@ -86,7 +86,7 @@ fn allocations_after_warm_up(tacho: bool, ramp_percent: f64) -> (u64, u64) {
     let mut analysis = WindowAnalysis::empty();
     let mut verdicts = Vec::new();
     let mut ready = Vec::with_capacity(16);
-    let mut windows = 0;
+    let (mut windows, mut known_windows) = (0, 0);
     let known = |analysis: &WindowAnalysis| {
         let gear = analysis.indicators.gears[0][0].get(GearIndicator::Fm4).is_known();
         gear && analysis.indicators.bearings[0][0].depth.is_known()
@@ -108,7 +108,7 @@ fn allocations_after_warm_up(tacho: bool, ramp_percent: f64) -> (u64, u64) {
             for window in ready.drain(..) {
                 pipeline.analyse(&mut worker, &window, &mut analysis);
                 pipeline.judge(&analysis, &mut verdicts);
-                assert!(known(&analysis), "indicators are part of what is counted");
+                known_windows += u64::from(known(&analysis));
                 assembler.recycle(window);
                 windows += 1;
             }
@@ -117,6 +117,8 @@ fn allocations_after_warm_up(tacho: bool, ramp_percent: f64) -> (u64, u64) {
             before = ALLOCATIONS.get() - before;
         }
     }
+    // All but those across the jump between the rounds.
+    assert!(known_windows + 2 >= windows, "{known_windows} of {windows} windows have indicators");
     (before, windows - at_warm)
 }
 

@@ -48,7 +48,8 @@ fn conform_a_cracked_tooth_shows_in_its_gear() {
         let row = rows.iter().find(|row| row["place"] == place && row["indicator"] == name);
         row.unwrap_or_else(|| panic!("no {name} at {place:?}"))[field].as_f64().unwrap_or(f64::NAN)
     };
-    assert!(of("stage1.pinion", "fm4", "z") > 10.0, "{}", of("stage1.pinion", "fm4", "z"));
+    // Beyond what the table marks.
+    assert!(of("stage1.pinion", "fm4", "z") > 4.0, "{}", of("stage1.pinion", "fm4", "z"));
     assert!(of("stage1.pinion", "na4_star", "value") > 10.0 * of("stage1.pinion", "na4", "value"));
     assert!(of("", "rms", "dev_percent").abs() < 1.0);
     assert!(of("drive end.outer", "envelope_depth", "value") > 0.0);
