@@ -5,7 +5,6 @@ use std::sync::Arc;
 use arrow_array::builder::{BooleanBuilder, Float64Builder, Int8Builder, Int64Builder, StringBuilder, UInt64Builder};
 use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
-use gearwatch_core::estimate::Estimate;
 use gearwatch_core::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS};
 use gearwatch_core::verdict::{CHANNEL_NAMES, GEAR_NAMES, HARMONICS, TURNS_NAMES, Verdict, published};
 
@@ -71,26 +70,21 @@ fn schema() -> SchemaRef {
     Arc::new(Schema::new(fields))
 }
 
-/// Columns of the condition indicators: value and sigma of each, and the revolutions averaged.
-const INDICATORS: usize = 2 * CHANNEL_INDICATORS + 2 * (1 + 2 * GEAR_INDICATORS);
+/// Columns of the condition indicators: revolutions averaged; value, sigma, baseline, deviation and its sigma of each.
+const INDICATORS: usize = 2 + 5 * (CHANNEL_INDICATORS + 2 * GEAR_INDICATORS);
 
 fn indicator_names() -> impl Iterator<Item = &'static str> {
-    let gears = GEAR_NAMES.into_iter().zip(TURNS_NAMES);
-    let gears = gears.flat_map(|(names, turns)| std::iter::once(turns).chain(names.into_iter().flatten()));
-    CHANNEL_NAMES.into_iter().flatten().chain(gears)
+    TURNS_NAMES.into_iter().chain(CHANNEL_NAMES.into_iter().chain(GEAR_NAMES.into_iter().flatten()).flatten())
 }
 
 /// In the order of the names; `NaN` where the verdict has none.
-fn indicator_values(verdict: &Verdict) -> [f64; INDICATORS] {
-    let mut out = [f64::NAN; INDICATORS];
-    let Some(indicators) = &verdict.indicators else { return out };
-    let pair = |x: Estimate| [x.value, x.sigma];
-    let gears = indicators
-        .gears
-        .iter()
-        .flat_map(|gear| std::iter::once(f64::from(gear.revolutions)).chain(gear.values.into_iter().flat_map(pair)));
-    let values = indicators.channel.into_iter().flat_map(pair).chain(gears);
-    out.iter_mut().zip(values).for_each(|(out, value)| *out = value);
+fn indicator_values(verdict: &Verdict) -> Vec<f64> {
+    let mut out = Vec::with_capacity(INDICATORS);
+    if let Some(indicators) = &verdict.indicators {
+        out.extend(indicators.gears.map(|gear| f64::from(gear.revolutions)));
+        indicators.numbers(|x| out.push(x));
+    }
+    out.resize(INDICATORS, f64::NAN);
     out
 }
 

@@ -151,6 +151,24 @@ pub struct RunChannel {
     pub windows: u32,
     /// By stage, then 1x to 5x; none where the line was not known in at least two windows.
     pub stages: Vec<[Option<LineStatistics>; HARMONICS]>,
+    /// Condition indicators by name, `rms` or `1.pinion.fm4` with the position of the stage from 1; those that were known in at least two windows. Files of
+    /// before 2026-11-22 have none.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub indicators: BTreeMap<String, IndicatorStatistics>,
+}
+
+/// A condition indicator over the windows of a run, averaged as a logarithm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IndicatorStatistics {
+    /// How many independent windows those kept are worth.
+    pub effective: f64,
+    /// Geometric mean.
+    pub value: f64,
+    /// Window-to-window standard deviation of ln value.
+    pub scatter: f64,
+    /// What of the scatter windows state themselves (relative, root mean square of sigma / value).
+    pub noise: f64,
 }
 
 /// One mesh harmonic over the windows of a run. Amplitudes are averaged as logarithms: the mean of `ln |A + noise|` is

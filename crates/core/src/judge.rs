@@ -166,6 +166,9 @@ impl Judge {
                 (Ok(place), Some(normal)) => {
                     normal.write_name(place, &mut verdict.cell);
                     self.compare(verdict, &deviations(index, normal, place), &path);
+                    if let Some(indicators) = &mut verdict.indicators {
+                        indicators.compare(index, &|position| normal.indicator(place, &window.sensor, position));
+                    }
                 }
                 (Err(reason), _) => verdict.reason = *reason,
                 (Ok(_), None) => verdict.reason = Reason::NoBaseline,
@@ -358,6 +361,31 @@ mod tests {
         judge.judge(window, &mut out);
         assert_eq!(out.len(), 1);
         out.remove(0)
+    }
+
+    /// A baseline of twelve windows with a kurtosis of 3 that scatters by 3 %: one of 4 deviates by 33 %, within four of the stated sigmas and more than four of
+    /// them from nothing; an FM4 that the baseline never saw has no deviation.
+    #[test]
+    fn analytic_indicators_have_baseline_and_deviation() {
+        let mut random = Random(11);
+        let mut with = |number: u64, kurtosis: f64| {
+            let mut window = window(number, 30.0, 50.0, draw(&NORMAL, 0.02, &mut random), FLOORS);
+            window.indicators.clear(1, 0);
+            window.indicators.channel[3] = Estimate::new(kurtosis * (0.03 * random.normal()).exp(), 0.01);
+            window
+        };
+        let mut learner = Learner::new(BaselineConfig::default());
+        (0..12).for_each(|n| learner.push(&with(n, 3.0)));
+        let origin = Origin { session: "s".into(), mounting: "m".into(), recording: "r".into() };
+        let mut baseline = learned(12, 0.02, &mut Random(1));
+        baseline.runs = learner.finish(&origin).expect("windows");
+        let mut window = with(20, 4.0);
+        window.indicators.gears[0][0].values[1] = Estimate::new(3.0, 0.1);
+        let found = verdict(&judge(Some(&baseline)), &window).indicators.expect("indicators");
+        let Estimate { value, sigma } = found.channel_normal[3].deviation_percent;
+        assert!((found.channel_normal[3].baseline / 3.0 - 1.0).abs() < 0.04, "{found:?}");
+        assert!((value - 100.0 / 3.0).abs() < 4.0 * sigma && value > 4.0 * sigma, "{value} ± {sigma}");
+        assert!(!found.gears_normal[0][1].deviation_percent.is_known());
     }
 
     /// 400 baselines of 12 windows each judge 10 further windows of the same machine: called deviating or worse in at most the

@@ -8,7 +8,7 @@ use crate::estimate::Estimate;
 
 mod indicators;
 
-pub use indicators::{CHANNEL_NAMES, GEAR_NAMES, StageIndicators, TURNS_NAMES};
+pub use indicators::{CHANNEL_NAMES, FromNormal, GEAR_NAMES, StageIndicators, TURNS_NAMES};
 
 /// Mesh harmonics that are judged: 1x to 5x.
 pub const HARMONICS: usize = 5;

@@ -245,7 +245,9 @@ pub fn rebind(
 mod tests {
     use std::collections::BTreeMap;
 
-    use gearwatch_core::baseline::{BaselineConfig, FloorStatistics, LineStatistics, Run, RunChannel};
+    use gearwatch_core::baseline::{
+        BaselineConfig, FloorStatistics, IndicatorStatistics, LineStatistics, Run, RunChannel,
+    };
 
     use super::*;
 
@@ -277,6 +279,10 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
             unit: "m/s^2".into(),
             windows: 20,
             stages: vec![[Some(line), None, Some(line), None, Some(line)]],
+            indicators: BTreeMap::from([(
+                "1.pinion.fm4".to_owned(),
+                IndicatorStatistics { effective: 4.5, value: 3.1, scatter: 0.02, noise: 0.01 },
+            )]),
         };
         let run = Run {
             session: "monday".into(),

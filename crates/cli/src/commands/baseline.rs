@@ -147,7 +147,8 @@ impl Learn {
         let mut outputs = self.overwrite.reading(inputs).reading([&self.bench]);
         let target = outputs.target(&self.output)?;
         let bench = bench_file::read(&self.bench)?;
-        let mut config = PipelineConfig::default();
+        // Learning has time: indicators of gears in every window.
+        let mut config = PipelineConfig { gear_indicators_every: 1, ..PipelineConfig::default() };
         config.window.length_s = self.window.unwrap_or(config.window.length_s);
         config.window.hop_s = self.hop.unwrap_or(config.window.hop_s);
         let pipeline = Pipeline::new(&bench, &config, None).with_context(|| self.bench.display().to_string())?;

@@ -74,18 +74,22 @@ pub(super) struct Session {
 
 impl Gathered {
     pub(super) fn of(runs: &[&Run], channel: &str, stage: usize, harmonic: usize, floor: bool) -> Option<Self> {
-        // (ln mean, scatter, independent windows, noise) of each run, by session and mounting
-        let mut by_session: BTreeMap<(&str, &str), Vec<[f64; 4]>> = BTreeMap::new();
-        for run in runs {
-            let line: Option<LineStatistics> =
-                run.channels.get(channel).and_then(|c| c.stages.get(stage)).and_then(|s| s[harmonic]);
-            let Some(line) = line else { continue };
-            let numbers = if floor {
-                let Some(floor) = line.floor else { continue };
+        Self::by(runs, &|run| {
+            let line: LineStatistics = run.channels.get(channel)?.stages.get(stage)?[harmonic]?;
+            Some(if floor {
+                let floor = line.floor?;
                 [floor.amplitude.ln(), floor.scatter, floor.effective, 0.0]
             } else {
                 [line.amplitude.ln(), line.scatter, line.effective, line.noise]
-            };
+            })
+        })
+    }
+
+    /// Of anything that a run tells by ln mean, scatter, independent windows and noise.
+    pub(super) fn by(runs: &[&Run], of: &dyn Fn(&Run) -> Option<[f64; 4]>) -> Option<Self> {
+        let mut by_session: BTreeMap<(&str, &str), Vec<[f64; 4]>> = BTreeMap::new();
+        for run in runs {
+            let Some(numbers) = of(run) else { continue };
             by_session.entry((&run.session, &run.mounting)).or_default().push(numbers);
         }
         let mut out = Self {

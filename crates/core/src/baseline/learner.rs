@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{BaselineConfig, FloorStatistics, LineStatistics, Run, RunChannel};
+use super::{BaselineConfig, FloorStatistics, IndicatorStatistics, LineStatistics, Run, RunChannel};
 use crate::analysis::WindowAnalysis;
+use crate::estimate::Estimate;
+use crate::indicators::columns::names;
 use crate::robust;
 use crate::verdict::{HARMONICS, InstrumentState};
 
@@ -43,6 +45,8 @@ struct Row {
     speed_hz: f64,
     torque_nm: Option<f64>,
     stages: Vec<[Option<Sample>; HARMONICS]>,
+    /// In the order of their names.
+    indicators: Box<[Option<Sample>]>,
 }
 
 #[derive(Clone, Copy)]
@@ -93,6 +97,10 @@ impl Learner {
                 })
             })
         });
+        let indicator = |x: Estimate| {
+            let sample = || Sample { ln_amplitude: x.value.ln(), noise: x.sigma / x.value, ln_floor: None };
+            (x.is_known() && x.value > 0.0).then(sample)
+        };
         let torque = window.operating_point.brake_torque_nm;
         self.rows.push(Row {
             sensor: window.sensor.clone(),
@@ -102,6 +110,7 @@ impl Learner {
             speed_hz: window.input_speed_hz.value,
             torque_nm: torque.is_finite().then_some(torque),
             stages: stages.collect(),
+            indicators: window.indicators.row_without_bearings().map(indicator).collect(),
         });
     }
 
@@ -169,8 +178,11 @@ fn run(rows: &mut [Row], origin: &Origin) -> Run {
                 unit: rows[0].unit.to_string(),
                 windows: u32::try_from(rows.len()).unwrap_or(u32::MAX),
                 stages: (0..stages)
-                    .map(|stage| std::array::from_fn(|harmonic| statistics(rows, stage, harmonic)))
+                    .map(|stage| {
+                        std::array::from_fn(|harmonic| statistics(rows, &|row: &Row| row.stages[stage][harmonic]))
+                    })
                     .collect(),
+                indicators: indicators(rows, stages),
             },
         );
     }
@@ -184,9 +196,18 @@ fn run(rows: &mut [Row], origin: &Origin) -> Run {
     }
 }
 
-fn statistics(rows: &[Row], stage: usize, harmonic: usize) -> Option<LineStatistics> {
+fn indicators(rows: &[Row], stages: usize) -> BTreeMap<String, IndicatorStatistics> {
+    let of = |(i, name): (usize, String)| {
+        let line = statistics(rows, &|row: &Row| row.indicators.get(i).copied().flatten())?;
+        let LineStatistics { effective, amplitude, scatter, noise, .. } = line;
+        Some((name, IndicatorStatistics { effective, value: amplitude, scatter, noise }))
+    };
+    names(stages).into_iter().enumerate().filter_map(of).collect()
+}
+
+fn statistics(rows: &[Row], of: &dyn Fn(&Row) -> Option<Sample>) -> Option<LineStatistics> {
     let length = rows.first()?.samples.into();
-    let known = |row: &Row| row.stages[stage][harmonic].map(|sample| (row.first_sample_index, sample));
+    let known = |row: &Row| of(row).map(|sample| (row.first_sample_index, sample));
     let samples: Vec<(u64, Sample)> = rows.iter().filter_map(known).collect();
     let line = Series::of(samples.iter().map(|&(start, s)| (start, s.ln_amplitude)), length)?;
     let floor = Series::of(samples.iter().filter_map(|&(start, s)| Some((start, s.ln_floor?))), length);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::cells::{Cell, Gathered, Reference, cells};
-use super::{Baseline, BaselineConfig, ScatterPrior};
+use super::{Baseline, BaselineConfig, Run, ScatterPrior};
 use crate::verdict::HARMONICS;
 
 /// The most cells that one operating point is worked out from: two on each of two lines of equal torque.
@@ -68,6 +68,8 @@ struct StageSurface {
 struct ChannelSurface {
     unit: String,
     stages: Vec<StageSurface>,
+    /// Condition indicators in the order of their names.
+    indicators: Vec<Series>,
 }
 
 /// A baseline made ready for use.
@@ -105,6 +107,7 @@ impl Surface {
             baseline.runs.iter().flat_map(|run| &run.channels).map(|(name, c)| (name, &c.unit)).collect();
         names.sort_unstable();
         names.dedup_by_key(|(name, _)| *name);
+        let indicator_names = crate::indicators::columns::names(baseline.stages.len());
         for (name, unit) in names {
             let gather = |floor: bool| -> Vec<Vec<Vec<Option<Gathered>>>> {
                 (0..baseline.stages.len())
@@ -151,7 +154,18 @@ impl Surface {
                     }
                 })
                 .collect();
-            surface.channels.insert(name.clone(), ChannelSurface { unit: unit.clone(), stages });
+            // Nothing says that one indicator scatters as another: each stands by itself.
+            let alone = (ScatterPrior::NONE, ScatterPrior::NONE);
+            let indicator = |indicator: &String| {
+                let of = |run: &Run| {
+                    let known = run.channels.get(name)?.indicators.get(indicator)?;
+                    Some([known.value.ln(), known.scatter, known.effective, known.noise])
+                };
+                let gathered: Vec<_> = members.iter().map(|runs| Gathered::by(runs, &of)).collect();
+                series(&gathered, alone)
+            };
+            let indicators = indicator_names.iter().map(indicator).collect();
+            surface.channels.insert(name.clone(), ChannelSurface { unit: unit.clone(), stages, indicators });
         }
         surface
     }
@@ -288,6 +302,11 @@ impl Surface {
     /// What is normal there for the floor beside a line.
     pub fn floor(&self, place: &Place, channel: &str, stage: usize, harmonic: usize) -> Option<Reference> {
         self.channels.get(channel)?.stages.get(stage)?.floors.get(harmonic)?.at(place)
+    }
+
+    /// What is normal there for a condition indicator, by its position among the [names](crate::indicators::columns::names).
+    pub fn indicator(&self, place: &Place, channel: &str, position: usize) -> Option<Reference> {
+        self.channels.get(channel)?.indicators.get(position)?.at(place)
     }
 
     /// Writes the name of a place: its cell, or the range of the cells between which it lies.

@@ -73,10 +73,24 @@ pub fn columns(bench: &Bench) -> Vec<Column> {
 impl Indicators {
     /// The numbers, in the order of [`columns`].
     pub fn row(&self) -> impl Iterator<Item = Estimate> + '_ {
-        let gears = self.gears.iter().flatten().flat_map(|gear| gear.values);
         let bearings = self.bearings.iter().flatten().map(|line| line.depth);
-        self.channel.into_iter().chain(gears).chain(bearings)
+        self.row_without_bearings().chain(bearings)
     }
+
+    /// The numbers in the order of [`names`].
+    pub fn row_without_bearings(&self) -> impl Iterator<Item = Estimate> + '_ {
+        let gears = self.gears.iter().flatten().flat_map(|gear| gear.values);
+        self.channel.into_iter().chain(gears)
+    }
+}
+
+/// Names of the channel's and the gears' indicators in a baseline, in the order of the row: `rms`, `1.pinion.fm4` with the position of the stage from 1.
+pub fn names(stages: usize) -> Vec<String> {
+    let gears = (1..=stages).flat_map(|stage| {
+        let of_side = move |side: &'static str| GearIndicator::ALL.map(|i| format!("{stage}.{side}.{}", i.name()));
+        ["pinion", "wheel"].into_iter().flat_map(of_side)
+    });
+    ChannelIndicator::ALL.iter().map(|i| i.name().to_owned()).chain(gears).collect()
 }
 
 /// Position of a gear's indicator in the row.

@@ -6,8 +6,8 @@ use gearwatch_core::block::UnixNanos;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS, GearIndicators};
 use gearwatch_core::verdict::{
-    HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, NearState, Rank, Reason, StageIndicators, StateFit,
-    Verdict,
+    FromNormal, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, NearState, Rank, Reason,
+    StageIndicators, StateFit, Verdict,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -282,6 +282,8 @@ fn verdict_example() -> Verdict {
         indicators: Some(StageIndicators {
             channel: [estimate; CHANNEL_INDICATORS],
             gears: [GearIndicators { revolutions: 0, values: [estimate; GEAR_INDICATORS] }; 2],
+            channel_normal: [FromNormal { baseline: 0.5, deviation_percent: estimate }; CHANNEL_INDICATORS],
+            gears_normal: [[FromNormal { baseline: 0.5, deviation_percent: estimate }; GEAR_INDICATORS]; 2],
         }),
     }
 }
