@@ -197,7 +197,7 @@ impl Pipeline {
     }
 
     /// Analyses a window. Pure: the result depends on the window alone. Does not allocate once `state` and `out` have seen a window
-    /// of this sample rate and length.
+    /// of this sample rate, length and (for indicators, in steps of 2 %) speed.
     pub fn analyse(&self, state: &mut WorkerState, window: &Window, out: &mut WindowAnalysis) {
         out.channel = window.channel;
         out.sensor.clone_from(&window.sensor);

@@ -20,6 +20,9 @@ use crate::train::Train;
 /// Ratio between two steps of speed that have plans of their own is `e^0.02`: within a step the points per sample move by 1 % at most.
 const STEP: f64 = 0.02;
 
+/// Plans that are kept, half a megabyte each: a steady machine has one or two, a run-up makes new ones as it goes.
+const MOST_PLANS: usize = 8;
+
 /// One copy of the window for some shafts at a step of speed.
 struct GroupPlan {
     order: f64,
@@ -34,7 +37,7 @@ struct SpeedPlan {
     groups: Vec<GroupPlan>,
 }
 
-/// Plans for the speeds seen so far, and buffers.
+/// Plans for the speeds seen last, and buffers.
 #[derive(Default)]
 pub struct IndicatorState {
     resampler: Resampler,
@@ -129,6 +132,9 @@ impl IndicatorState {
                 self.points.reserve(most.saturating_sub(self.points.len()));
                 let longest = group.shafts.iter().map(|s| s.1).max().unwrap_or(0);
                 self.average.reserve(longest.saturating_sub(self.average.len()));
+            }
+            if self.plans.len() == MOST_PLANS {
+                self.plans.remove(0);
             }
             self.plans.push(plan);
             self.plans.len() - 1
