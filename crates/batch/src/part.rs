@@ -27,8 +27,8 @@ use crate::shard::Shard;
 const SETTINGS_KEY: &str = "gearwatch.settings";
 /// Rows read at a time when pieces are joined.
 const BATCH_ROWS: usize = 4096;
-/// Rows of a group. The library holds a group in memory, twice as it comes to its end: 60 columns of 8 bytes make that 20 MB a thread.
-const GROUP_ROWS: usize = 16 * 1024;
+/// Rows of a group. The library holds a group in memory, twice as it comes to its end: 210 columns of 8 bytes make that 20 MB a thread.
+const GROUP_ROWS: usize = 5 * 1024;
 
 /// Why files of a batch cannot be written or read.
 #[derive(Debug, thiserror::Error)]
