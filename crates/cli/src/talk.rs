@@ -45,8 +45,6 @@ pub fn start() -> Talk {
     let asked = std::env::var("GEARWATCH_LOG").unwrap_or_default();
     let usual = || Targets::new().with_default(LevelFilter::INFO);
     let filter: Targets = if asked.is_empty() { usual() } else { asked.parse().unwrap_or_else(|_| usual()) };
-    // What the client of a broker says of each try, the sink says in better words.
-    let filter = if asked.contains("async_nats") { filter } else { filter.with_target("async_nats", LevelFilter::OFF) };
     let to_terminal = std::io::stderr().is_terminal();
     let pen = Pen::start();
     let talk = Talk { left: pen.left.clone() };
