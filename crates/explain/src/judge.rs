@@ -6,3 +6,4 @@ pub mod latent;
 pub mod limits;
 pub mod publish;
 pub mod report;
+pub mod twins;

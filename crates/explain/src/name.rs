@@ -139,9 +139,8 @@ pub fn answer(
         findings.extend(ghost::ghost(q, &mut steps));
         let mut found =
             Found { findings: &mut findings, unexplained: &mut unexplained, steps: &mut steps, cells: &mut own };
-        let gain = against::search(q, &cells, &speeds, &strange, &mut found);
-        // A ghost, a path or one tooth is found before any mask is asked.
-        p = if findings.len() > direct { Some(against::p_null(f64::INFINITY)) } else { gain.map(against::p_null) };
+        against::search(q, &cells, &speeds, &strange, &mut found);
+        p = against::twins_of(q, &cells, &mut steps).map(|t| t.p_null);
         if findings.len() > direct || unexplained {
             fit = held_out::held_out(q, &cells, &speeds, &findings);
         }

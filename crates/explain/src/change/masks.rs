@@ -19,7 +19,7 @@ pub struct Mask {
 }
 
 /// Degrees of freedom of the t distribution of changes: lines at resonances and near cancellation change far more than others.
-const TAIL: f64 = 4.0;
+pub(crate) const TAIL: f64 = 4.0;
 /// Grid of scales: first, ratio, number.
 const FIRST_SCALE: f64 = 0.2;
 const SCALE_RATIO: f64 = 1.15;
@@ -163,7 +163,7 @@ struct Together {
 /// Change that lines of one order share by chance (ln): at equal speed, per change of speed away from torsional resonances, and (1/2ζ at
 /// 0.5 %) on the flank of one.
 pub(crate) const SHARED_CHANGE: f64 = 0.04;
-const SHARED_SLOPE: f64 = 15.0;
+pub(crate) const SHARED_SLOPE: f64 = 15.0;
 const RESONANT_SLOPE: f64 = 100.0;
 /// Price of the assumption that a pair sits on such a flank (nats): one speed in ten does.
 const RESONANT_PRICE: f64 = 2.3;

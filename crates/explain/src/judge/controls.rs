@@ -1,23 +1,17 @@
 //! Controls beside each name: what the same procedure finds where there is nothing to find.
 //!
 //! - *Decoy*: as many lines spread evenly over the rest of the comb. - *Elsewhere*: the best mask without a line in common. - *Ceiling*: every line with
-//!   a scale of its own, the most that any model of sizes can gain. - *Null twin*: the lines of the same recordings with changes drawn from an
-//!   unchanged bench (the usual scale, heavy tails, what lines of one order share by chance), sent through the same search. - *Sham order*: the
-//!   lines of the mask moved to orders that nothing makes, read from the same spectra.
-
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+//!   a scale of its own, the most that any model of sizes can gain. - *Sham order*: the lines of the mask moved to orders that nothing makes, read
+//!   from the same spectra. What an unchanged bench gains is in [`super::twins`].
 
 use crate::change::compare::Pair;
 use crate::change::locate::{Cell, Place, covers};
-use crate::change::masks::{self, INDEPENDENT, Mask, SCALES, USUAL_SCALE, densities, scale};
+use crate::change::masks::{self, INDEPENDENT, Mask, SCALES, densities, scale};
 use crate::name::Question;
 use crate::read::dsp::{self, LINE_FIT_NOISE_GAIN};
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;
 
-/// Null twins that are drawn.
-const TWINS: usize = 19;
 /// How far a sham line lies from the line that it stands for, in revolutions of the mask's shaft: no multiple of anything.
 const SHAM: f64 = 0.381_966;
 /// Power over noise from which a line takes part in a comparison.
@@ -31,15 +25,6 @@ pub fn report(q: &Question<'_>, cells: &[Cell], places: &[Place], gaps: &[f64], 
          ({:.0} % of it are gained)",
         best_elsewhere(cells, places, gaps, mask.place),
         100.0 * mask.gain / ceiling.max(1e-9)
-    ));
-    let mut twins: Vec<f64> = null_twins(cells, places, gaps);
-    let above = twins.iter().filter(|g| **g >= mask.gain).count();
-    twins.sort_by(f64::total_cmp);
-    steps.push(format!(
-        "control, null twin: {} drawn comparisons of an unchanged bench with these very lines gain {:.0} nats at most, {:.1} in the middle; {above} as much as found",
-        twins.len(),
-        twins.last().copied().unwrap_or(0.0),
-        twins.get(twins.len() / 2).copied().unwrap_or(0.0)
     ));
     if let Some(sham) = sham_order(q, mask) {
         steps.push(format!(
@@ -85,45 +70,6 @@ fn one_scale(squares: &[f64], usual: usize) -> f64 {
 fn best_elsewhere(cells: &[Cell], places: &[Place], gaps: &[f64], taken: Place) -> f64 {
     let rest: Vec<Cell> = cells.iter().filter(|c| !(c.family.is_some() && covers(taken, c.family))).copied().collect();
     masks::masks(&rest, places, gaps).first().map_or(0.0, |m| m.gain)
-}
-
-/// Gain of the best mask in each of some comparisons that were drawn for an unchanged bench.
-///
-/// Lines of one order share 0.04 (ln) in a pair, as settings repeat; the rest has the usual scale and the tails of a t distribution of four
-/// degrees of freedom, common to the channels of a line to the extent that `INDEPENDENT` says.
-pub fn null_twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<f64> {
-    let mut random = ChaCha8Rng::seed_from_u64(0x7477_696e);
-    let mut normal = move || -> f64 {
-        let (u, v): (f64, f64) = (random.random(), random.random());
-        (-2.0 * (1.0 - u).max(1e-300).ln()).sqrt() * (2.0 * std::f64::consts::PI * v).cos()
-    };
-    let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
-    let key = |c: &Cell| (c.pair, c.family.map(order_of));
-    (0..TWINS)
-        .map(|_| {
-            let mut shared = std::collections::BTreeMap::new();
-            let drawn: Vec<Cell> = lines
-                .iter()
-                .map(|c| {
-                    let common = *shared.entry(key(c)).or_insert_with(|| masks::SHARED_CHANGE * normal());
-                    let chi2: f64 = (0..4).map(|_| normal().powi(2)).sum();
-                    let t = normal() * (4.0 / chi2.max(1e-9)).sqrt();
-                    Cell { change: common + USUAL_SCALE * c.variance.sqrt() * t, ..**c }
-                })
-                .collect();
-            masks::masks(&drawn, places, gaps).first().map_or(0.0, |m| m.gain)
-        })
-        .collect()
-}
-
-/// What a line is modulated by: kind, shaft or stage, multiple.
-fn order_of(f: Family) -> (u8, usize, u8) {
-    match f {
-        Family::Mesh { stage, .. } => (0, stage, 0),
-        Family::Shaft { shaft, multiple } => (1, shaft, multiple),
-        Family::Motor { multiple } => (2, 0, multiple),
-        Family::Side { shaft, offset, .. } => (1, shaft, offset.unsigned_abs()),
-    }
 }
 
 /// The lines of a mask at orders that nothing makes.

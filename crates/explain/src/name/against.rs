@@ -3,6 +3,7 @@
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask};
 use crate::judge::controls;
+use crate::judge::twins::{self, Twins};
 use crate::name::alone;
 use crate::name::gear;
 use crate::name::ghost;
@@ -20,15 +21,6 @@ const BELIEVED_ORDERS: f64 = 4.0;
 const ORDERS_STAND_OUT: f64 = 2.5;
 /// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
 const MISFIT: f64 = 1.2;
-/// Gains of the best mask on 108 unchanged benches of `gearwatch prove` (seeds 7211126, 9302611, 4410077, 5820331, 6640219), the yardstick of [`p_null`].
-const NULL_GAINS: [f64; 108] = [
-    -1.9, -1.4, -0.6, -0.6, -0.6, -0.5, -0.4, -0.4, -0.4, -0.4, -0.4, -0.3, -0.3, -0.3, -0.3, -0.3, -0.3, -0.2, -0.2,
-    -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.2, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, 0.0,
-    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.2,
-    0.2, 0.2, 0.3, 0.3, 0.3, 0.3, 0.3, 0.4, 0.4, 0.4, 0.5, 0.5, 0.5, 0.7, 0.8, 0.8, 0.9, 0.9, 1.0, 1.0, 1.0, 1.0, 1.0,
-    1.1, 1.1, 1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.7, 1.8, 1.9, 2.0, 2.2, 2.8, 3.5, 4.1, 4.3, 4.4, 5.0, 6.2, 7.6, 14.8,
-    14.9, 15.4,
-];
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
 const SIMPLER: f64 = 0.97;
 const NEARLY: f64 = 2.0;
@@ -62,27 +54,14 @@ pub struct Found<'a> {
     pub cells: &'a mut Vec<Cell>,
 }
 
-/// Probability that an unchanged bench gains as much, by rank among unchanged benches.
-pub fn p_null(gain: f64) -> f64 {
-    let above = NULL_GAINS.iter().filter(|g| **g >= gain).count();
-    (1 + above) as f64 / (1 + NULL_GAINS.len()) as f64
-}
-
 /// Masks of lines that every machine has.
 pub fn wide(place: Place) -> bool {
     matches!(place, Place::Mesh(_) | Place::Stage(_) | Place::Dynamics | Place::LowSide(..))
 }
 
-/// Names what changed between recordings and reference; the gain of the best mask.
-pub fn search(
-    q: &Question<'_>,
-    cells: &[Cell],
-    speeds: &[f64],
-    strange: &strange::Strange,
-    found: &mut Found<'_>,
-) -> Option<f64> {
-    let places = locate::places(q.train.stages.len(), q.bench.belt.is_some());
-    let gaps: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_gap).collect();
+/// Names what changed between recordings and reference.
+pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
+    let (places, gaps) = (places(q), gaps(q));
     let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     // One tooth that differs shows in phases before it shows in amplitudes.
@@ -105,7 +84,6 @@ pub fn search(
     let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
     let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));
     let before = remaining.clone();
-    let mut gain = None;
     let mut named: Vec<Mask> = Vec::new();
     for round in 0..MOST {
         let mut ranked = masks::masks(&remaining, &places, &gaps);
@@ -122,9 +100,6 @@ pub fn search(
                 m.inside,
                 m.outside
             ));
-        }
-        if round == 0 {
-            gain = ranked.first().map(|m| m.gain);
         }
         let later = round > 0 || under_path || tooth_found || ghost_found;
         if alone.is_none() && !believed(&chosen, later, tooth_found) {
@@ -187,7 +162,27 @@ pub fn search(
     {
         found.findings.push(f);
     }
-    gain
+}
+
+/// All masks of a bench.
+fn places(q: &Question<'_>) -> Vec<Place> {
+    locate::places(q.train.stages.len(), q.bench.belt.is_some())
+}
+
+/// By how much the speeds of each pair differ (ln).
+fn gaps(q: &Question<'_>) -> Vec<f64> {
+    q.comparison.pairs.iter().map(|p| p.speed_gap).collect()
+}
+
+/// What twins of the case say: how far an unchanged bench misfits its reference as much.
+pub fn twins_of(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> Option<Twins> {
+    let twins = twins::twins(cells, &places(q), &gaps(q))?;
+    let [found, usual, most] = twins.gains;
+    steps.push(format!(
+        "twins: the best mask gains {found:.1} nats; in drawn comparisons of an unchanged bench with these very lines {usual:.1} in the middle, {most:.1} at most (p {:.2})",
+        twins.p_null
+    ));
+    Some(twins)
 }
 
 /// Cells that a changed sensor path has no part in: those of the other channels, and where the path is one factor its own less that. Without another channel the path is

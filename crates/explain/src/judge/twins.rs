@@ -1,0 +1,119 @@
+//! Twins of a case: comparisons of an unchanged bench with the very lines of the case, drawn and sent through the same search.
+//!
+//! The share of twins in which the best mask gains as much as in the case is the probability `p_null` of such a gain where nothing changed (a Monte Carlo test:
+//! Barnard 1963). Scale, lines and settings are the case's own, so that no other bench and no other generator has a part in it.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal, StudentT};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+use crate::change::locate::{Cell, Place};
+use crate::change::masks::{self, SHARED_CHANGE, SHARED_SLOPE, TAIL};
+use crate::read::lines::Family;
+
+/// Twins that are drawn: `p_null` is a multiple of a hundredth.
+const TWINS: u64 = 99;
+
+/// What the twins of a case say of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Twins {
+    /// Probability that an unchanged bench gains as much, the case itself counted: 0.01 at least.
+    pub p_null: f64,
+    /// Gain of the best mask in the case, and the median and largest of those in its twins (nats).
+    pub gains: [f64; 3],
+}
+
+/// Draws the twins of some cells; `None` without lines.
+///
+/// A change is `c + s σ t`: `c` common to the lines of one order in a pair, since settings repeat to so much ([`SHARED_CHANGE`], ln, and as the speeds differ); `σ` of the cell; `t` of a t distribution with
+/// the tails that [`masks`] takes changes to have; `s` the scale of the case's own lines outside its best mask.
+pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
+    let found = *masks::masks(cells, places, gaps).first()?;
+    let lines: Vec<Cell> = cells.iter().filter(|c| c.family.is_some()).copied().collect();
+    let tails = StudentT::new(TAIL).ok()?;
+    let drawn = |twin: u64| {
+        let mut random = ChaCha8Rng::seed_from_u64(0x7477_696e);
+        random.set_stream(twin);
+        let mut common: BTreeMap<(usize, (u8, usize, u8)), f64> = BTreeMap::new();
+        let twin: Vec<Cell> = lines
+            .iter()
+            .filter_map(|c| {
+                let order = (c.pair, order_of(c.family?));
+                let z: f64 = StandardNormal.sample(&mut random);
+                let shared = SHARED_CHANGE.hypot(SHARED_SLOPE * gaps[c.pair]);
+                let common = *common.entry(order).or_insert(shared * z);
+                let t: f64 = tails.sample(&mut random);
+                Some(Cell { change: common + found.outside * c.variance.sqrt() * t, ..*c })
+            })
+            .collect();
+        masks::masks(&twin, places, gaps).first().map_or(f64::NEG_INFINITY, |m| m.gain)
+    };
+    let mut gains: Vec<f64> = (0..TWINS).into_par_iter().map(drawn).collect();
+    let above = gains.iter().filter(|g| **g >= found.gain).count();
+    gains.sort_by(f64::total_cmp);
+    Some(Twins {
+        p_null: (1 + above) as f64 / (1 + TWINS) as f64,
+        gains: [found.gain, gains[gains.len() / 2], gains[gains.len() - 1]],
+    })
+}
+
+/// What a line is modulated by: kind, shaft or stage, multiple.
+fn order_of(f: Family) -> (u8, usize, u8) {
+    match f {
+        Family::Mesh { stage, .. } => (0, stage, 0),
+        Family::Shaft { shaft, multiple } => (1, shaft, multiple),
+        Family::Motor { multiple } => (2, 0, multiple),
+        Family::Side { shaft, offset, .. } => (1, shaft, offset.unsigned_abs()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::change::locate;
+
+    /// Mesh lines and sidebands of a stage in four pairs and two channels, changed by normal deviates of half a standard deviation; the first sidebands of the pinion by more.
+    fn cells(seed: u64, moved: f64) -> Vec<Cell> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut out = Vec::new();
+        for (pair, channel) in (0..4).flat_map(|p| [(p, 0), (p, 1)]) {
+            for harmonic in 1..=5 {
+                let side = |shaft, offset| Family::Side { stage: 0, harmonic, shaft, offset };
+                let sides = [-2, -1, 1, 2].into_iter().flat_map(|k| [side(0, k), side(1, k)]);
+                for family in std::iter::once(Family::Mesh { stage: 0, harmonic }).chain(sides) {
+                    let z: f64 = StandardNormal.sample(&mut random);
+                    let own = matches!(family, Family::Side { shaft: 0, offset: -1 | 1, .. });
+                    let scale = if own { 0.5 + moved } else { 0.5 };
+                    let frequency_hz = 100.0 * f64::from(harmonic);
+                    let cell = Cell {
+                        pair,
+                        channel,
+                        family: Some(family),
+                        frequency_hz,
+                        change: 0.06 * scale * z,
+                        variance: 0.0036,
+                    };
+                    out.push(cell);
+                }
+            }
+        }
+        out
+    }
+
+    fn p(cells: &[Cell]) -> f64 {
+        twins(cells, &locate::places(1, false), &[0.0; 4]).unwrap().p_null
+    }
+
+    /// Normal changes have lighter tails than those of the twins and nothing in common, so that p of an unchanged bench is even or larger: of 40 at most 6 below a tenth (four are
+    /// expected, binomial, two standard deviations above: 7.8). Four standard deviations on one mask are the least p that there is.
+    #[test]
+    fn analytic_p_is_not_small_without_a_change_and_least_with_one() {
+        let all: Vec<f64> = (0..40).map(|seed| p(&cells(seed, 0.0))).collect();
+        let below = all.iter().filter(|p| **p < 0.1).count();
+        assert!(below <= 7, "{all:?}");
+        assert!(all.iter().any(|p| *p > 0.3), "{all:?}");
+        assert_eq!(p(&cells(1, 3.5)), 0.01);
+    }
+}
