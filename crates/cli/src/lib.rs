@@ -9,7 +9,6 @@ mod format;
 mod input;
 mod output;
 mod page;
-#[cfg(any(feature = "batch", feature = "explain"))]
 mod progress;
 mod serve;
 mod signals;
