@@ -27,8 +27,8 @@ pub struct Twins {
 
 /// Draws the twins of some cells; `None` without lines.
 ///
-/// A change is `c + s σ t`: `c` common to the lines of one order in a pair, since settings repeat to so much ([`SHARED_CHANGE`], ln, and as the speeds differ); `σ` of the cell; `t` of a t distribution with
-/// the tails that [`masks`] takes changes to have; `s` the scale of the case's own lines outside its best mask.
+/// A change is `c + s σ t`: `c` common to the lines of one order in a pair, by as much as settings repeat and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`);
+/// `σ` of the cell; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside its best mask.
 pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
     let found = *masks::masks(cells, places, gaps).first()?;
     let lines: Vec<Cell> = cells.iter().filter(|c| c.family.is_some()).copied().collect();
