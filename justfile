@@ -63,6 +63,11 @@ campaign-soak:
 campaign-week:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture week
 
+# The systemd unit started, reloaded, killed, stalled and stopped, under a systemd of its own in namespaces (root)
+campaign-systemd:
+    cargo build --release --package gearwatch
+    packaging/systemd-test.sh target/release/gearwatch --watchdog
+
 # An hour of the simulated bench at full speed: memory, ranks, the delay until a broken tooth is found
 campaign-hour:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture hour

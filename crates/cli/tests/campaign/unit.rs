@@ -1,4 +1,4 @@
-//! The systemd unit has no rights that it does not need.
+//! The systemd unit has no rights that it does not need, and does what it is for under a real systemd.
 
 use std::process::Command;
 
@@ -6,7 +6,14 @@ use std::process::Command;
 #[test]
 fn regress_the_unit_has_its_limits() {
     let unit = include_str!("../../../../packaging/gearwatch.service");
-    for line in ["StartLimitIntervalSec=0", "LimitNOFILE=4096", "MemoryMax=1G", "TasksMax=512", "Restart=on-failure"] {
+    for line in [
+        "StartLimitIntervalSec=0",
+        "LimitNOFILE=4096",
+        "MemoryMax=1G",
+        "TasksMax=512",
+        "Restart=on-failure",
+        "StandardError=journal",
+    ] {
         assert!(unit.lines().any(|found| found == line), "{line}");
     }
 }
@@ -38,4 +45,18 @@ fn conform_the_unit_has_no_key_that_systemd_does_not_know() {
     let wrong: Vec<&str> =
         said.lines().filter(|line| line.contains("gearwatch") && !line.contains("is not executable")).collect();
     assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+/// Start, reload, a wrong configuration, kills and a stop, under a systemd that the script starts beside whatever runs the machine. The journal was empty once:
+/// what a unit says goes the way of its standard output where nothing else is said.
+#[test]
+fn regress_the_unit_runs_under_a_real_systemd() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/systemd-test.sh");
+    let output = Command::new(script).arg(env!("CARGO_BIN_EXE_gearwatch")).output().expect("bash runs the script");
+    let said = String::from_utf8_lossy(&output.stdout);
+    match output.status.code() {
+        Some(77) => eprintln!("{said}"),
+        Some(0) => println!("{said}"),
+        _ => panic!("{said}{}", String::from_utf8_lossy(&output.stderr)),
+    }
 }
