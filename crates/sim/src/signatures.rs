@@ -30,6 +30,9 @@ const REVOLUTIONS: usize = 16;
 const STEPS_PER_CYCLE: f64 = 256.0;
 /// Steps of one state. A mesh of 2 kHz takes a million; stiffnesses out of proportion to masses would take hours.
 const MOST_STEPS: f64 = 4e6;
+/// Steps of all states at one operating point, times the coordinates that move. Fourteen states of a pair of ten coordinates whose teeth all part take
+/// it at a mesh of 2 kHz; it is some ten seconds of one core.
+const MOST_WORK: f64 = 1e8;
 
 /// A state of the paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,6 +142,22 @@ pub enum SignatureError {
         /// Longest stable step (s).
         step_s: f64,
     },
+    /// The states take more steps together than any real bench.
+    #[error(
+        "teeth part in state {state}, after {before} states were stepped through; with its {steps:.1e} steps of {coordinates} coordinates all would take {work:.1e}, above the limit of {MOST_WORK:.0e} for one operating point: the load is too small for the teeth to stay together, a stiffness of the bench is out of proportion to its masses, or its speed is very low"
+    )]
+    TooMuchWork {
+        /// The state that does not fit.
+        state: &'static str,
+        /// States that were stepped through before it.
+        before: usize,
+        /// Its steps.
+        steps: f64,
+        /// Coordinates of the bench.
+        coordinates: usize,
+        /// Steps times coordinates, of all states up to this one.
+        work: f64,
+    },
     /// The motion leaves everything that makes sense.
     #[error("state {state}: {source}")]
     Diverged {
@@ -220,6 +239,7 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
     let mut states: Vec<Simulated> = Vec::with_capacity(STATES.len());
     // What is stepped is compared with a normal state that is stepped too: meshes that modulate each other, which the solution leaves out, then cancel.
     let mut stepped_normal = None;
+    let mut work = Work::default();
     for state in STATES {
         let setup = damaged(&base, conditions, state, pit_scale);
         let solved = solver.solve(&setup, conditions.motor_hz, conditions.torque_nm, 0, &orders);
@@ -227,9 +247,9 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
             Ok(lines) => (lines.sensors.iter().map(|lines| std::array::from_fn(|h| lines[h].norm())).collect(), false),
             Err(SteadyError::ContactLost { .. } | SteadyError::NoConvergence | SteadyError::NotPeriodic(_)) => {
                 if stepped_normal.is_none() {
-                    stepped_normal = Some(step(&base, conditions, STATES[0], mesh)?);
+                    stepped_normal = Some(step(&base, conditions, STATES[0], mesh, &mut work)?);
                 }
-                (step(&setup, conditions, state, mesh)?, true)
+                (step(&setup, conditions, state, mesh, &mut work)?, true)
             }
             Err(source) => return Err(SignatureError::Steady { state: state.name, source }),
         };
@@ -279,12 +299,34 @@ fn damaged(base: &SimSetup, conditions: Conditions, state: State, pit_scale: f64
     setup
 }
 
+/// What stepping has taken so far at one operating point.
+#[derive(Default)]
+struct Work {
+    states: usize,
+    /// Steps times coordinates.
+    done: f64,
+}
+
+impl Work {
+    /// Takes the steps of one more state.
+    fn take(&mut self, state: State, steps: f64, coordinates: usize) -> Result<(), SignatureError> {
+        let work = self.done + steps * coordinates as f64;
+        if work > MOST_WORK {
+            let (state, before) = (state.name, self.states);
+            return Err(SignatureError::TooMuchWork { state, before, steps, coordinates, work });
+        }
+        (self.states, self.done) = (self.states + 1, work);
+        Ok(())
+    }
+}
+
 /// Mesh harmonics by stepping, through a Hann window over whole revolutions of the faulted gear.
 fn step(
     setup: &SimSetup,
     conditions: Conditions,
     state: State,
     mesh_order: f64,
+    work: &mut Work,
 ) -> Result<Vec<[f64; HARMONICS]>, SignatureError> {
     let model =
         TrainModel::new(setup, Profile::constant(conditions.motor_hz), Profile::constant(conditions.torque_nm), 0)?;
@@ -313,6 +355,7 @@ fn step(
         }
         other => other?,
     };
+    work.take(state, inner as f64 * ((SETTLE_S / interval).ceil() + samples as f64), model.coordinates())?;
     let diverged = |source| SignatureError::Diverged { state: state.name, source };
     for _ in 0..(SETTLE_S / interval).ceil() as usize * inner {
         rk4.step_located().map_err(diverged)?;
@@ -402,6 +445,18 @@ mod tests {
             let [less, more] = [&pair[0], &pair[1]].map(|state| state.deviations_percent[0][0]);
             assert!(0.0 < less && less < more, "{less} {more}");
         }
+    }
+
+    /// A state may take what the limit for one state allows, and fourteen of them took minutes.
+    #[test]
+    fn regress_all_states_together_have_a_limit() {
+        let bench = crate::shipped::bench("single-pair").unwrap();
+        let setup = crate::effects::setup(&bench, &[]).unwrap();
+        let model = TrainModel::new(&setup, Profile::constant(0.1), Profile::constant(60.0), 0).unwrap();
+        let mut work = Work::default();
+        let refused = STATES.iter().find_map(|state| work.take(*state, MOST_STEPS, model.coordinates()).err());
+        let Some(SignatureError::TooMuchWork { before, work, .. }) = refused else { panic!("{refused:?}") };
+        assert!((1..STATES.len()).contains(&before) && work > MOST_WORK, "{refused:?}");
     }
 
     #[test]
