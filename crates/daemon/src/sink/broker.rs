@@ -20,35 +20,83 @@ mod outbox;
 mod spool;
 
 use std::path::Path;
+#[cfg(feature = "brokers")]
+use std::{sync::Arc, time::Duration};
 
 #[cfg(feature = "brokers")]
+use deliver::{SpoolPlace, run};
+#[cfg(feature = "brokers")]
 pub(super) use {
-    deliver::{Carrier, Delivery, SpoolPlace, WINDOW, run},
+    deliver::{Carrier, Delivery, WINDOW},
     letter::Kind,
     outbox::{Outbox, Outgoing},
     spool::Position,
 };
 
 use super::SinkError;
+#[cfg(feature = "brokers")]
+use super::{Drain, SinkContext};
+use crate::kinds;
 use crate::secret::Secret;
 
 /// Smallest spool (bytes): some segments of some letters.
-pub(super) const LEAST_SPOOL_BYTES: u64 = 256 << 10;
+const LEAST_SPOOL_BYTES: u64 = 256 << 10;
 /// Where a spool lies unless the configuration says otherwise.
 pub(super) const SPOOL_FOLDER: &str = "gearwatch-spool";
 /// Some hours of the verdicts of a bench with four sensors and three stages.
 pub(super) const SPOOL_BYTES: u64 = 1 << 30;
 
-/// What is wrong with the settings of a spool, one sentence each.
-pub(super) fn spool_problems(spool_bytes: u64, heartbeat_secs: f64) -> Vec<String> {
-    let mut out = Vec::new();
-    if spool_bytes < LEAST_SPOOL_BYTES {
-        out.push(format!("spool_bytes is {spool_bytes}; expected at least {LEAST_SPOOL_BYTES}"));
+/// The keys that every such sink has, whatever its broker.
+pub(super) struct Common<'a> {
+    pub spool: &'a Path,
+    pub spool_bytes: u64,
+    pub heartbeat_secs: f64,
+    pub secret_file: Option<&'a Path>,
+    #[cfg_attr(not(feature = "tls"), expect(dead_code, reason = "a build without TLS reads no certificates"))]
+    pub ca_file: Option<&'a Path>,
+}
+
+impl Common<'_> {
+    /// What is wrong with them, one sentence each; `client` is what a build can leave out.
+    pub(super) fn problems(&self, client: &str) -> Vec<String> {
+        let mut out = Vec::new();
+        if self.spool_bytes < LEAST_SPOOL_BYTES {
+            out.push(format!("spool_bytes is {}; expected at least {LEAST_SPOOL_BYTES}", self.spool_bytes));
+        }
+        if !(0.1..=3600.0).contains(&self.heartbeat_secs) {
+            out.push(format!("heartbeat_secs is {}; expected 0.1 to 3600", self.heartbeat_secs));
+        }
+        out.extend(kinds::left_out(client, "brokers", cfg!(feature = "brokers")));
+        out
     }
-    if !(0.1..=3600.0).contains(&heartbeat_secs) {
-        out.push(format!("heartbeat_secs is {heartbeat_secs}; expected 0.1 to 3600"));
+
+    /// Says whether the sink could be opened, but for the broker itself.
+    pub(super) fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
+        self.secret(folder)?;
+        #[cfg(feature = "tls")]
+        if let Some(file) = self.ca_file {
+            crate::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker_error("ca_file", e))?;
+        }
+        let spool = folder.join(self.spool);
+        crate::log::Disk::try_out(&spool).map_err(|e| io_error(&spool, e))
     }
-    out
+
+    /// The secret, if there is one.
+    pub(super) fn secret(&self, folder: &Path) -> Result<Option<Secret>, SinkError> {
+        self.secret_file.map(|file| secret(folder, file)).transpose()
+    }
+
+    /// Spools what comes, and has it carried.
+    #[cfg(feature = "brokers")]
+    pub(super) fn open(&self, context: &SinkContext, carrier: impl Carrier + 'static) -> Drain {
+        let place = SpoolPlace {
+            folder: context.folder.join(self.spool),
+            most_bytes: self.spool_bytes,
+            heartbeat: Duration::from_secs_f64(self.heartbeat_secs),
+        };
+        let context = context.clone();
+        Drain::Task(Box::new(move |events| Box::pin(run(events, context, place, Arc::new(carrier)))))
+    }
 }
 
 /// An error of a file or folder.
@@ -65,9 +113,4 @@ pub(super) fn broker_error(place: &str, error: impl ToString) -> SinkError {
 pub(super) fn secret(folder: &Path, file: &Path) -> Result<Secret, SinkError> {
     let path = folder.join(file);
     Secret::read(&path).map_err(|e| io_error(&path, e))
-}
-
-/// Says whether a spool could be kept in this folder.
-pub(super) fn try_folder(folder: &Path) -> Result<(), SinkError> {
-    crate::log::Disk::try_out(folder).map_err(|e| io_error(folder, e))
 }

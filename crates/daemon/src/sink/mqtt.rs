@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Drain, SinkConfig, SinkContext, SinkError, broker, kind};
 use crate::fleet;
-use crate::kinds::{self, Kind};
+use crate::kinds::Kind;
 use crate::secret::{carries_secret, place};
 
 #[cfg(feature = "brokers")]
@@ -79,10 +79,21 @@ impl Default for Mqtt {
     }
 }
 
+impl Mqtt {
+    fn common(&self) -> broker::Common<'_> {
+        broker::Common {
+            spool: &self.spool,
+            spool_bytes: self.spool_bytes,
+            heartbeat_secs: self.heartbeat_secs,
+            secret_file: self.secret_file.as_deref(),
+            ca_file: self.ca_file.as_deref(),
+        }
+    }
+}
+
 impl SinkConfig for Mqtt {
     fn problems(&self) -> Vec<String> {
-        let mut out = broker::spool_problems(self.spool_bytes, self.heartbeat_secs);
-        out.extend(kinds::left_out("an MQTT client", "brokers", cfg!(feature = "brokers")));
+        let mut out = self.common().problems("an MQTT client");
         if carries_secret(&self.host) {
             out.push(format!(
                 "host is {} with a user or password; put them into `user` and a file that `secret_file` names",
@@ -110,12 +121,7 @@ impl SinkConfig for Mqtt {
     }
 
     fn try_out(&self, folder: &Path) -> Result<(), SinkError> {
-        self.secret_file.as_ref().map(|file| broker::secret(folder, file)).transpose()?;
-        #[cfg(feature = "tls")]
-        if let Some(file) = &self.ca_file {
-            crate::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker::broker_error("ca_file", e))?;
-        }
-        broker::try_folder(&folder.join(&self.spool))
+        self.common().try_out(folder)
     }
 
     #[cfg(feature = "brokers")]

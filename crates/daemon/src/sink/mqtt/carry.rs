@@ -2,37 +2,27 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Outgoing, PublishOptions, QoS};
 use tokio::sync::Notify;
 
 use super::Mqtt;
 use crate::secret::Secret;
-use crate::sink::broker::{
-    self, Carrier, Delivery, Kind as LetterKind, Outbox, Position, SpoolPlace, WINDOW, broker_error, secret,
-};
+use crate::sink::broker::{Carrier, Delivery, Kind as LetterKind, Outbox, Position, WINDOW, broker_error};
 use crate::sink::{Drain, SinkContext, SinkError};
 use crate::tls::Trust;
 
 /// Opens the sink.
 pub(super) fn open(config: &Mqtt, context: &SinkContext) -> Result<Drain, SinkError> {
-    let secret = config.secret_file.as_ref().map(|file| secret(&context.folder, file)).transpose()?;
+    let secret = config.common().secret(&context.folder)?;
     let place = format!("{}:{}", config.host, config.port);
     let trusted = |file: Option<PathBuf>| Trust::read(file.as_deref()).map_err(|e| broker_error(&place, e));
     let ca_file = config.ca_file.as_ref().map(|file| context.folder.join(file));
     let trust = if config.tls { Some(trusted(ca_file)?) } else { None };
     let made_up = || format!("gearwatch-{:016x}", rand::random::<u64>());
     let client_id = config.client_id.clone().unwrap_or_else(made_up);
-    let place = SpoolPlace {
-        folder: context.folder.join(&config.spool),
-        most_bytes: config.spool_bytes,
-        heartbeat: Duration::from_secs_f64(config.heartbeat_secs),
-    };
-    let carrier = Arc::new(Courier { config: config.clone(), client_id, secret, trust });
-    let context = context.clone();
-    Ok(Drain::Task(Box::new(move |events| Box::pin(broker::run(events, context, place, carrier)))))
+    Ok(config.common().open(context, Courier { config: config.clone(), client_id, secret, trust }))
 }
 
 /// Carries letters to the broker.

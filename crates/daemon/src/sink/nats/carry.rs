@@ -1,7 +1,6 @@
 //! Carries letters to a JetStream stream.
 
 use std::convert::Infallible;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
@@ -11,9 +10,7 @@ use futures_util::stream::FuturesOrdered;
 use super::Nats;
 use crate::fleet::nats::{Address, Confirmation, Connection, JetStream, Wanted};
 use crate::fleet::{self, Access, DUPLICATE_WINDOW};
-use crate::sink::broker::{
-    self, Carrier, Delivery, Outbox, Outgoing, Position, SpoolPlace, WINDOW, broker_error, secret,
-};
+use crate::sink::broker::{Carrier, Delivery, Outbox, Outgoing, Position, WINDOW, broker_error};
 use crate::sink::{Drain, SinkContext, SinkError};
 
 /// What is wrong with the address of a server.
@@ -24,20 +21,12 @@ pub(super) fn address_problem(server: &str) -> Option<String> {
 
 /// Opens the sink.
 pub(super) fn open(config: &Nats, context: &SinkContext) -> Result<Drain, SinkError> {
-    let secret = config.secret_file.as_ref().map(|file| secret(&context.folder, file)).transpose()?;
     let access = Access {
         user: config.user.clone(),
-        secret,
+        secret: config.common().secret(&context.folder)?,
         ca_file: config.ca_file.as_ref().map(|file| context.folder.join(file)),
     };
-    let place = SpoolPlace {
-        folder: context.folder.join(&config.spool),
-        most_bytes: config.spool_bytes,
-        heartbeat: Duration::from_secs_f64(config.heartbeat_secs),
-    };
-    let carrier = Arc::new(Courier { config: config.clone(), access, next: AtomicUsize::new(0) });
-    let context = context.clone();
-    Ok(Drain::Task(Box::new(move |events| Box::pin(broker::run(events, context, place, carrier)))))
+    Ok(config.common().open(context, Courier { config: config.clone(), access, next: AtomicUsize::new(0) }))
 }
 
 /// Carries letters to the stream.
