@@ -1,34 +1,15 @@
 //! What commands write: never over what they read, never over what is there without leave, and never half.
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod small;
 
-fn gearwatch(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_gearwatch")).current_dir(folder).args(args).output().expect("the binary runs")
-}
+use std::path::Path;
+use std::process::Output;
+
+use small::{BENCH, gearwatch, text};
 
 fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    text(&output.stderr)
 }
-
-const BENCH: &str = r#"format = "gearwatch-bench/1"
-name = "small"
-[motor]
-speed_hz = 30.0
-[[shaft]]
-name = "input"
-[[shaft]]
-name = "output"
-[[stage]]
-name = "stage1"
-pinion = { teeth = 29 }
-wheel = { teeth = 100 }
-[[sensor]]
-name = "acc_1"
-shaft = "input"
-[brake]
-torque_nm = 50.0
-"#;
 
 /// A folder with a bench, a table, and names of them by links of both kinds.
 fn folder() -> tempfile::TempDir {
