@@ -18,12 +18,15 @@ struct Content {
     /// Topic and payload by number.
     results: BTreeMap<u64, (String, Vec<u8>)>,
     gaps: Vec<Gap>,
+    /// How each file is packed.
+    packed: Vec<String>,
 }
 
 fn content(label: &str, files: &BTreeMap<String, Vec<u8>>) -> Content {
     let mut content = Content::default();
     for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".mcap")) {
-        assert!(mcap::Summary::read(bytes).is_ok_and(|s| s.is_some()), "{label}: {name} is not closed");
+        let Ok(Some(summary)) = mcap::Summary::read(bytes) else { panic!("{label}: {name} is not closed") };
+        content.packed.extend(summary.chunk_indexes.first().map(|chunk| chunk.compression.clone()));
         let mut seq = 0;
         for message in support::read(name, bytes) {
             if message.topic == "/log/group" {
@@ -133,6 +136,10 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
     let jumps = differences.count() as u64;
     world.witness_of_lasting();
     world.at(|outside| outside.witness(Fault::Clock, jumps));
+    // The last file was begun with the configuration that was read last.
+    assert_eq!(content.packed.last().map(String::as_str), Some(world.compression()), "{label}: compression");
+    let repacked = content.packed.windows(2).filter(|pair| pair[0] != pair[1]).count() as u64;
+    world.at(|outside| outside.witness(Fault::Changed, repacked));
     let (looks, ok) = world.at(|outside| (outside.looks, outside.looks_ok));
     vec![("results logged", logged), ("windows shed", shed), ("in gaps", tails), ("looks", looks), ("said ok", ok)]
 }

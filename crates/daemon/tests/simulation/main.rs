@@ -1,6 +1,6 @@
 //! The service in a world that one seed makes: its clock, its disk, its sensor, the network, the people who acknowledge alarms, and the order of it all.
 //! What runs in it are the service's own decoder, numbering, windows, verdicts, alarms, log and supervisor; played are only threads, sockets and the
-//! disk. Left out are the sinks beside the log, the page and the reading of configurations. A seed that fails fails again in the
+//! disk. Left out are the sinks beside the log and the page. Configurations are read by the service's own reader. A seed that fails fails again in the
 //! same way: `GEARWATCH_SEED=<seed> cargo test -p gearwatch-daemon --test simulation`.
 //!
 //! Judged is, at every moment, that nobody says `ok` while something older than two seconds is not durable; and at the end of each world, with the reader of
@@ -15,6 +15,7 @@ mod judge;
 mod line;
 mod trouble;
 mod world;
+mod written;
 
 use std::collections::BTreeMap;
 
@@ -37,7 +38,7 @@ fn conform_no_world_makes_the_service_lose_or_lie() {
     let mut totals = trouble::Totals::default();
     let mut figures: BTreeMap<&'static str, u64> = BTreeMap::new();
     for seed in seeds() {
-        let world = World::live(seed, WORLD_SECS);
+        let world = World::live(seed, WORLD_SECS, &Fault::ALL);
         for (name, count) in judge::judge(seed, &world) {
             *figures.entry(name).or_default() += count;
         }
@@ -59,14 +60,29 @@ fn conform_no_world_makes_the_service_lose_or_lie() {
 #[test]
 fn regress_worlds_that_failed_once() {
     for seed in [1, 28, 72, 80, 984] {
-        judge::judge(seed, &World::live(seed, WORLD_SECS));
+        judge::judge(seed, &World::live(seed, WORLD_SECS, Fault::of_old_worlds()));
     }
 }
 
 /// The same seed makes the same world, byte for byte; another one makes another.
 #[test]
 fn conform_a_seed_replays_exactly() {
-    let files = |seed| World::live(seed, WORLD_SECS).disk().contents();
+    let files = |seed| World::live(seed, WORLD_SECS, &Fault::ALL).disk().contents();
     assert_eq!(files(7), files(7));
     assert_ne!(files(7), files(8));
+}
+
+/// Who says that syncs are slow or hang is no echo of the injector: in worlds without the one or the other nobody says so.
+#[test]
+fn conform_nobody_sees_slow_syncs_where_there_are_none() {
+    for absent in [&[Fault::Hang, Fault::Slow][..], &[Fault::Hang], &[Fault::Slow]] {
+        let others: Vec<Fault> = Fault::ALL.into_iter().filter(|fault| !absent.contains(fault)).collect();
+        for seed in 0..8 {
+            let world = World::live(seed, WORLD_SECS, &others);
+            judge::judge(seed, &world);
+            for &fault in absent {
+                assert_eq!(world.totals().of(fault), (0, 0), "seed {seed}: {fault:?}");
+            }
+        }
+    }
 }

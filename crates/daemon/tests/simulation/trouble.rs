@@ -39,10 +39,14 @@ pub enum Fault {
     Gears,
     /// Somebody acknowledges the alarms that stand.
     Seen,
+    /// The configuration says something else, and is read again.
+    Changed,
+    /// The configuration is wrong, and is read again.
+    Spoilt,
 }
 
 impl Fault {
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::Hang,
         Self::Slow,
         Self::Full,
@@ -60,7 +64,14 @@ impl Fault {
         Self::Worker,
         Self::Gears,
         Self::Seen,
+        Self::Changed,
+        Self::Spoilt,
     ];
+
+    /// Those that there were when the worlds were lived that are kept because something was lost in them.
+    pub fn of_old_worlds() -> &'static [Self] {
+        const { Self::ALL.split_at(17).0 }
+    }
 }
 
 /// How often each fault was injected, and how often somebody else saw it.

@@ -7,11 +7,14 @@ use gearwatch_core::verdict::{MachineState, Verdict};
 use gearwatch_core::window::Window;
 use gearwatch_daemon::health::{Acknowledgement, AlarmConfig, Health};
 use gearwatch_daemon::log::simulated::{Fault as DiskFault, Plan, Simulated};
-use gearwatch_daemon::log::{AlarmRecord, Cause, Gap, LogConfig, Now, Record, Sender, Sent, Stepper, Watch};
+use gearwatch_daemon::log::{
+    AlarmRecord, Cause, Compression, Condition, Gap, Judgement, LogConfig, Now, Record, Sender, Sent, Stepper, Watch,
+};
 
 use crate::judge::support::context;
 use crate::line::{Heard, Intake, Line, Seen};
 use crate::trouble::{Chance, Fault, Totals};
+use crate::written;
 
 /// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each second, the supervisor looks.
 const STEP_MS: u64 = 250;
@@ -59,17 +62,69 @@ pub struct Outside {
     /// The next call that makes something durable takes so long; those up to a time take so long.
     hang_ms: u64,
     slow: (u64, u64),
-    asleep_ms: u64,
+    waits: Waits,
+    /// As configured.
+    group_ms: u64,
     pub looks: u64,
     pub looks_ok: u64,
     pub lies: Vec<String>,
     totals: Totals,
 }
 
+/// A time in which results wait longer than a group and a step explain, as the service's supervisor says.
+#[derive(Default)]
+struct Wait {
+    /// Since when (ms).
+    since: Option<u64>,
+    /// What was durable at the last look, and since when (ms).
+    durable: (u64, u64),
+    longest_ms: u64,
+    /// The log said why, or somebody took a file: no sync need be slow.
+    explained: bool,
+}
+
+/// What the supervisor's looks say of syncs.
+#[derive(Default)]
+struct Waits {
+    now: Wait,
+    /// When the last wait without an explanation was over (ms).
+    before: Option<u64>,
+}
+
+/// Without anything durable for longer than two slow syncs, one after the other, and a group of a second: a sync hangs.
+const HANGS_MS: u64 = 4500;
+/// Slow syncs make one wait after the other; a sync that hung is followed by none.
+const SOON_MS: u64 = 2500;
+
+impl Waits {
+    /// Takes a look; says what a wait that is over was.
+    fn take(&mut self, judged: &Judgement, group_ms: u64, now_ms: u64) -> Option<Fault> {
+        let durable = judged.state.durable_seq;
+        let wait = &mut self.now;
+        if judged.waits.as_millis() as u64 <= group_ms + STEP_MS {
+            let over = std::mem::take(wait);
+            let since = over.since.filter(|_| !over.explained)?;
+            let before = self.before.replace(now_ms);
+            let soon = before.is_some_and(|before| since < before + SOON_MS);
+            return (over.longest_ms > HANGS_MS).then_some(Fault::Hang).or(soon.then_some(Fault::Slow));
+        }
+        if wait.since.is_none() {
+            (wait.since, wait.durable) = (Some(now_ms), (durable, now_ms));
+        }
+        if durable > wait.durable.0 {
+            wait.durable = (durable, now_ms);
+        }
+        wait.longest_ms = wait.longest_ms.max(now_ms - wait.durable.1);
+        wait.explained |= judged.state.condition != Condition::Ok || judged.state.files_lost > 0;
+        None
+    }
+}
+
 pub struct World {
     outside: Arc<Mutex<Outside>>,
     disk: Simulated,
     chance: Chance,
+    faults: Vec<Fault>,
     config: LogConfig,
     log: Option<Stepper>,
     /// The disk is put right then.
@@ -181,6 +236,9 @@ impl Outside {
         let durable = judged.state.durable_seq;
         self.waiting.retain(|(seq, _)| *seq > durable);
         let oldest_ms = self.waiting.first().map_or(0, |(_, since)| self.mono_ms - since);
+        if let Some(seen) = self.waits.take(&judged, self.group_ms, self.mono_ms) {
+            self.totals.witnessed(seen, 1);
+        }
         self.looks += 1;
         self.looks_ok += u64::from(judged.ok);
         if judged.ok && oldest_ms > 2000 {
@@ -217,8 +275,8 @@ impl Outside {
 }
 
 impl World {
-    /// Lets a world be for so long, then ends it in good order.
-    pub fn live(seed: u64, secs: u64) -> Self {
+    /// Lets a world be for so long, with faults of these kinds, then ends it in good order.
+    pub fn live(seed: u64, secs: u64, faults: &[Fault]) -> Self {
         let mut chance = Chance::new(seed);
         let config = LogConfig {
             group_ms: [50, 200, 1000][chance.below(3) as usize],
@@ -248,7 +306,8 @@ impl World {
             trouble_until: 0,
             hang_ms: 0,
             slow: (0, 0),
-            asleep_ms: 0,
+            waits: Waits::default(),
+            group_ms: config.group_ms,
             looks: 0,
             looks_ok: 0,
             lies: Vec::new(),
@@ -260,7 +319,6 @@ impl World {
             let mut outside = meanwhile.lock().unwrap();
             let slow = if outside.mono_ms < outside.slow.0 { outside.slow.1 } else { 0 };
             let ms = std::mem::take(&mut outside.hang_ms) + slow;
-            outside.asleep_ms += ms;
             if ms > 0 {
                 outside.trouble(ms);
                 outside.pass(ms);
@@ -270,7 +328,8 @@ impl World {
             outside,
             disk,
             chance,
-            config,
+            faults: faults.to_vec(),
+            config: written::read(&written::text(&config)).expect("it is right"),
             log: None,
             mend_at: None,
             crashed: Vec::new(),
@@ -351,10 +410,11 @@ impl World {
         }
         self.restored = log.recovery().alarms.clone();
         let (sender, watch) = (log.sender(), log.watch());
-        let restored = self.restored.clone();
+        let (restored, group_ms) = (self.restored.clone(), self.config.group_ms);
         self.at(|outside| {
             outside.start += 1;
             outside.waiting.clear();
+            (outside.waits, outside.group_ms) = (Waits::default(), group_ms);
             outside.health = health();
             restored.into_iter().for_each(|record| outside.health.restore(record.alarm, true));
             outside.log = Some((sender, watch));
@@ -393,7 +453,7 @@ impl World {
     }
 
     fn inject(&mut self) {
-        let fault = Fault::ALL[self.chance.below(Fault::ALL.len() as u64) as usize];
+        let fault = self.faults[self.chance.below(self.faults.len() as u64) as usize];
         let (mono_ms, running) = self.at(|outside| (outside.mono_ms, outside.log.is_some()));
         if !running || (self.mend_at.is_some() && matches!(fault, Fault::Full | Fault::Io | Fault::Taken)) {
             return;
@@ -454,6 +514,15 @@ impl World {
                 let found = self.log.as_ref().is_some_and(|log| !log.recovery().unclean);
                 self.at(|outside| outside.totals.witnessed(fault, u64::from(found)));
             }
+            Fault::Changed => {
+                let text = written::text(&written::changed(&self.config, &mut self.chance));
+                self.read_again(&text);
+            }
+            Fault::Spoilt => {
+                let text = written::text(&written::changed(&self.config, &mut self.chance));
+                let text = written::spoilt(&text, &mut self.chance);
+                self.read_again(&text);
+            }
             Fault::Outage => self.at(|outside| outside.line.silent_until = mono_ms + for_ms),
             // Fifteen windows at once do not fit into the shortest queue.
             Fault::Held => self.at(|outside| {
@@ -472,6 +541,26 @@ impl World {
             Fault::Worker => self.at(|outside| outside.worker_fails = true),
             Fault::Gears => self.at(|outside| outside.damaged_until = mono_ms + 2 * for_ms),
             Fault::Seen => self.acknowledge(),
+        }
+    }
+
+    /// A configuration that is right is taken; with a wrong one the service goes on as it is.
+    fn read_again(&mut self, text: &str) {
+        match written::read(text) {
+            Ok(config) => {
+                self.stop();
+                self.config = config;
+                self.start();
+            }
+            Err(_) => self.at(|outside| outside.totals.witnessed(Fault::Spoilt, 1)),
+        }
+    }
+
+    /// How the files are packed that are written last.
+    pub fn compression(&self) -> &'static str {
+        match self.config.compression {
+            Compression::None => "",
+            Compression::Zstd => "zstd",
         }
     }
 
@@ -510,11 +599,8 @@ impl World {
     pub fn witness_of_lasting(&self) {
         let disk = self.disk.witness();
         self.at(|outside| {
-            let asleep = outside.asleep_ms;
             outside.totals.witnessed(Fault::Io, disk.io_errors);
             outside.totals.witnessed(Fault::Full, disk.found_full);
-            outside.totals.witnessed(Fault::Hang, asleep / 1000);
-            outside.totals.witnessed(Fault::Slow, asleep / 1000);
         });
     }
 }
