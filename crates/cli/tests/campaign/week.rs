@@ -1,21 +1,28 @@
-//! A week in hours: the test signal at many times its speed, with rotation, reloads, clients, a broker that hangs up, a disk that hangs, is slow, is
-//! full and fails, and somebody who sets the clock. What must hold is asked all the time, not only in the end.
+//! A week in hours: the test signal at many times its speed, with rotation, reloads of right and wrong configurations, clients, brokers that hang up and
+//! are killed, a disk that hangs, is slow, is full and fails, and somebody who sets the clock. What must hold is asked all the time, not only in the end.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::snapshot::Snapshot;
+use gearwatch_daemon::snapshot::{SinkSnapshot, Snapshot};
 
 use crate::fixture::{Bench, gearwatch, text};
-use crate::service::{Moments, configure, ended_within, figure, files, log_of, signal, status, wait_for};
+use crate::server::Server;
+use crate::service::{Moments, configure, ended_within, figure, log_of, signal, status, wait_for};
 use crate::soak::{ask_page, flaky_broker};
+
+mod account;
+
+use account::Account;
 
 /// The test signal runs so many times as fast as real time: a week takes 70 minutes.
 const TIMES: u64 = 144;
 /// Where `ok` is said, what was judged so long ago is durable: the two seconds of the promise, and what an answer takes on a busy machine.
 const DURABLE_WITHIN: Duration = Duration::from_secs(4);
+/// A result of the log is a verdict or one of the few other records; a status counts both while they are under way.
+const UNDER_WAY: u64 = 300;
 /// When a trouble is over, all is right again within this time.
 const RIGHT_AGAIN: Duration = Duration::from_secs(30);
 
@@ -35,7 +42,9 @@ struct Seen {
     /// Looks by trouble at which the service said that something is wrong.
     told: BTreeMap<&'static str, u64>,
     reloads: u64,
+    refused: u64,
     clients: u64,
+    brokers_killed: u64,
     most_waiting_secs: f64,
 }
 
@@ -44,7 +53,9 @@ struct Seen {
 struct Watcher {
     /// When, windows judged, and highest number that was durable.
     past: Vec<(Instant, u64, u64)>,
-    uptime_secs: f64,
+    /// Number before the first result of this start, at least.
+    base: Option<u64>,
+    pub uptime_secs: f64,
 }
 
 impl Watcher {
@@ -55,6 +66,7 @@ impl Watcher {
         if snapshot.uptime_secs < self.uptime_secs {
             // A reload counts from zero, and its log goes on behind what may have been lost.
             self.past.clear();
+            self.base = None;
         }
         self.uptime_secs = snapshot.uptime_secs;
         let before = self.past.last().map_or(0, |past| past.2);
@@ -64,6 +76,10 @@ impl Watcher {
         *seen.told.entry(trouble).or_default() += u64::from(!log.ok);
         let waiting = log.figures.iter().find(|(name, _)| name == "waiting_secs").map_or(0.0, |(_, value)| *value);
         seen.most_waiting_secs = seen.most_waiting_secs.max(waiting);
+        assert!(!log.ok || waiting <= 2.0, "{trouble}: ok, and something waits for {waiting} s: {log:?}");
+        if durable > 0 && self.base.is_none() {
+            self.base = Some(durable.saturating_sub(judged + UNDER_WAY));
+        }
         self.past.push((now, judged, durable));
         let old = self.past.iter().rposition(|(at, ..)| now.duration_since(*at) > DURABLE_WITHIN);
         if let Some(old) = old {
@@ -72,6 +88,13 @@ impl Watcher {
             assert!(
                 !log.ok || durable > durable_then || judged == judged_then,
                 "{trouble}: ok, and for {DURABLE_WITHIN:?} nothing has become durable: {log:?}"
+            );
+            // All that was judged by then is durable now, or was shed and counted.
+            let unlogged = figure(log, "unlogged_records").unwrap_or(0);
+            assert!(
+                !log.ok || self.base.is_none_or(|base| durable + unlogged >= base + judged_then),
+                "{trouble}: ok, {judged_then} windows were judged {DURABLE_WITHIN:?} ago, and from {:?} to {durable} is durable: {log:?}",
+                self.base
             );
             self.past.drain(..old);
         }
@@ -89,13 +112,17 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
     std::fs::create_dir(&trouble).unwrap();
     let page =
         format!("127.0.0.1:{}", std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port());
-    let broker = flaky_broker();
+    let flaky = flaky_broker();
+    let mut broker = Server::mosquitto(&bench.path("mosquitto"));
     let further = format!(
-        "rotate_bytes = 1048576\n[[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{broker}\"]\nspool = \"spool\"\nspool_bytes = 4194304\n"
+        "rotate_bytes = 1048576\n[[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{flaky}\"]\nspool = \"spool\"\nspool_bytes = 4194304\n\
+         [[sink]]\nkind = \"mqtt\"\nport = {}\nspool = \"spool-mqtt\"\nspool_bytes = 4194304\n",
+        broker.as_ref().map_or(flaky, |broker| broker.port)
     );
     let config = configure(&bench, &folder, &format!("{TIMES}.0"), &further);
     let service = std::fs::read_to_string(&config).unwrap();
-    std::fs::write(&config, service.replace("workers = 2", &format!("workers = 2, page = \"{page}\""))).unwrap();
+    let right = service.replace("workers = 2", &format!("workers = 2, page = \"{page}\""));
+    std::fs::write(&config, &right).unwrap();
     let talk = bench.path("talk");
     let mut child = gearwatch(&["run", "--config", text(&config)])
         .env("LD_PRELOAD", &library)
@@ -107,7 +134,8 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
     wait_for(Duration::from_secs(20), || status(&bench)).expect("the service runs");
     let (mut seen, mut watcher, mut moments) = (Seen::default(), Watcher::default(), Moments::new(7));
     let begin = Instant::now();
-    let troubles = ["hang", "slow", "full", "fail", "clock", "reload", "clients", "taken"];
+    let troubles = ["hang", "slow", "full", "fail", "clock", "reload", "clients", "taken", "wrong", "broker"];
+    let mut account = Account::default();
     for round in 0.. {
         if begin.elapsed().as_secs() >= secs {
             break;
@@ -129,6 +157,35 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
                 let anew = || status(&bench).filter(|now| now.uptime_secs < asked.elapsed().as_secs_f64());
                 wait_for(RIGHT_AGAIN, anew).expect("the service answers after a reload");
             }
+            "wrong" => {
+                let uptime_secs = status(&bench).map_or(0.0, |now| now.uptime_secs);
+                std::fs::write(&config, right.replace("rotate_bytes = 1048576", "rotate_bytes = 1")).unwrap();
+                signal(&child, "HUP");
+                while Instant::now() < until {
+                    ask(&mut seen, kind);
+                }
+                std::fs::write(&config, &right).unwrap();
+                let goes_on = status(&bench).is_some_and(|now| now.uptime_secs > uptime_secs);
+                assert!(goes_on, "a wrong configuration changed the service");
+                seen.refused += 1;
+            }
+            "broker" => {
+                if let Some(broker) = &mut broker {
+                    broker.kill();
+                    seen.brokers_killed += 1;
+                }
+                while Instant::now() < until {
+                    ask(&mut seen, kind);
+                }
+                if let Some(broker) = &mut broker {
+                    broker.restart();
+                    let confirmed =
+                        || status(&bench).as_ref().and_then(mqtt_of).and_then(|sink| figure(sink, "confirmed"));
+                    let before = confirmed();
+                    let more = wait_for(RIGHT_AGAIN, || confirmed().filter(|now| Some(*now) > before));
+                    assert!(more.is_some(), "the broker is back, and gets nothing");
+                }
+            }
             "clients" => {
                 while Instant::now() < until {
                     seen.clients += 2;
@@ -143,6 +200,7 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
                 }
             }
         }
+        account.go_on(&folder, false);
         for name in ["hang", "slow", "full", "fail"] {
             // The one that is there.
             let _ = std::fs::remove_file(trouble.join(name));
@@ -159,7 +217,25 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
     let said = std::fs::read_to_string(&talk).unwrap();
     assert_eq!(ended, Some(0), "{said}");
     assert!(!said.contains("panicked"), "{said}");
-    account(&folder, secs, &seen);
+    assert!(seen.refused == 0 || said.contains("rotate_bytes"), "a wrong configuration was not told: {said}");
+    account.go_on(&folder, true);
+    println!(
+        "{secs} s at x{TIMES} ({:.1} days): {} verdicts in {} files, {} windows missing, all of them explained; gaps {:?}, {} clock records; {seen:?}",
+        (secs * TIMES) as f64 / 86_400.0,
+        account.verdicts,
+        account.files(),
+        account.windows_missing,
+        account.counted,
+        account.clocks,
+    );
+    for kind in ["hang", "full", "fail", "taken"] {
+        assert!(secs < 90 || seen.told.get(kind).is_some_and(|&told| told > 0), "{kind} was never told: {seen:?}");
+    }
+    assert!(secs < 90 || account.clocks > 0, "no step of the clock was seen");
+}
+
+fn mqtt_of(snapshot: &Snapshot) -> Option<&SinkSnapshot> {
+    snapshot.sinks.iter().find(|sink| sink.name == "mqtt")
 }
 
 fn begin_trouble(kind: &str, trouble: &Path, folder: &Path, by: &Duration) {
@@ -177,48 +253,4 @@ fn begin_trouble(kind: &str, trouble: &Path, folder: &Path, by: &Duration) {
         }
         _ => {}
     }
-}
-
-/// Every window once: in a verdict, or in a gap record that counts it.
-fn account(folder: &Path, secs: u64, seen: &Seen) {
-    let all = files(folder);
-    let open: Vec<&String> = all
-        .iter()
-        .filter(|(_, bytes)| !mcap::Summary::read(bytes).is_ok_and(|s| s.is_some()))
-        .map(|(name, _)| name)
-        .collect();
-    assert!(open.is_empty(), "without an end: {open:?}");
-    let (mut last, mut holes): (BTreeMap<String, u64>, u64) = (BTreeMap::new(), 0);
-    let mut verdicts = 0_u64;
-    let mut gaps: BTreeMap<String, u64> = BTreeMap::new();
-    let mut clocks = 0;
-    for (name, bytes) in &all {
-        for message in crate::log_content::read(name, bytes) {
-            if message.topic == "/clock" {
-                clocks += 1;
-            } else if message.topic == "/gap" {
-                let gap: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
-                *gaps.entry(gap["cause"].as_str().unwrap().to_owned()).or_default() += gap["count"].as_u64().unwrap();
-            } else if message.topic.starts_with("/gear/") {
-                let object: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
-                let window = object["window"].as_u64().unwrap();
-                let before = last.insert(object["channel"].as_str().unwrap().to_owned(), window);
-                // Behind a reload they count from zero.
-                holes += before.filter(|&before| before < window).map_or(0, |before| window - before - 1);
-                assert!(before != Some(window), "{name}: window {window} is there twice");
-                verdicts += 1;
-            }
-        }
-    }
-    let counted: u64 = gaps.values().sum();
-    println!(
-        "{secs} s at x{TIMES} ({:.1} days): {verdicts} verdicts in {} files, {holes} windows missing, counted in gaps {gaps:?}, {clocks} clock records; {seen:?}",
-        (secs * TIMES) as f64 / 86_400.0,
-        all.len(),
-    );
-    assert!(holes <= counted, "{holes} windows are missing, and {counted} were counted");
-    for kind in ["hang", "full", "fail", "taken"] {
-        assert!(secs < 60 || seen.told.get(kind).is_some_and(|&told| told > 0), "{kind} was never told: {seen:?}");
-    }
-    assert!(secs < 60 || clocks > 0, "no step of the clock was seen");
 }
