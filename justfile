@@ -13,7 +13,7 @@ test:
 
 # Bill of materials of the program and its dependencies, CycloneDX 1.5 JSON (cargo install cargo-cyclonedx)
 sbom:
-    cargo cyclonedx --manifest-path crates/cli/Cargo.toml --format json --spec-version 1.5 --describe binaries
+    packaging/sbom.sh target/release-files/gearwatch.cdx.json
 
 # The program as it is released: it holds the list of its dependencies (cargo install cargo-auditable; read it with cargo audit bin)
 auditable:
