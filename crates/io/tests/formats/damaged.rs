@@ -1,6 +1,7 @@
+use gearwatch_core::source::Source;
 use gearwatch_io::{OpenOptions, open};
 
-use crate::files::{put, read_bytes, samples};
+use crate::files::{gzip, put, read_bytes, samples};
 
 /// Cut after any byte (in strides) there is an error or a warning or fewer samples, never a panic; with every bit
 /// flipped (in strides) there is no panic and no run-away memory.
@@ -66,4 +67,28 @@ fn conform_nothing_to_read_is_said_clearly() {
     assert!(say(&folder.path().join("missing.mcap")).contains("cannot be read"));
     let text = say(&put(folder.path(), "a.xyz", b"what is this"));
     assert!(text.contains("MCAP") && text.contains("TDMS"), "{text}");
+}
+
+/// Some megabytes that unpack to 512 MiB of empty lines are refused by the limit, whose name and remedy are said, before two thirds of it were read.
+#[test]
+fn regress_a_gzipped_table_of_nothing_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    // Members of a gzipped file follow each other.
+    let empty = gzip(&[&[b' '; 65_535][..], b"\n"].concat().repeat(16));
+    let bytes = [gzip(b"a\n1\n2\n"), empty.repeat(512)].concat();
+    assert!(bytes.len() < 4 << 20, "{}", bytes.len());
+    let path = put(folder.path(), "nothing.csv.gz", &bytes);
+    let options = OpenOptions { sample_rate_hz: Some(1000.0), unit: Some("g".into()), ..OpenOptions::default() };
+    let mut opened = open(&path, &options).unwrap();
+    let error = loop {
+        match opened.next_packet() {
+            Ok(packet) => assert!(packet.is_some(), "it was read to its end"),
+            Err(error) => break error.to_string(),
+        }
+    };
+    assert!(
+        error.contains("gunzip lifts this limit") && error.contains("256 MiB and 16 for each packed byte"),
+        "{error}"
+    );
+    assert!(opened.progress().bytes() < bytes.len() as u64 * 2 / 3, "{} of {}", opened.progress().bytes(), bytes.len());
 }
