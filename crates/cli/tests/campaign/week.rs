@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use gearwatch_daemon::snapshot::{SinkSnapshot, Snapshot};
@@ -25,6 +25,16 @@ const DURABLE_WITHIN: Duration = Duration::from_secs(4);
 const UNDER_WAY: u64 = 300;
 /// When a trouble is over, all is right again within this time.
 const RIGHT_AGAIN: Duration = Duration::from_secs(30);
+
+/// The service, which does not outlive a test that fails.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
 
 /// The library that makes trouble; `None` where there is no C compiler.
 fn library(bench: &Bench) -> Option<PathBuf> {
@@ -124,13 +134,15 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
     let right = service.replace("workers = 2", &format!("workers = 2, page = \"{page}\""));
     std::fs::write(&config, &right).unwrap();
     let talk = bench.path("talk");
-    let mut child = gearwatch(&["run", "--config", text(&config)])
+    let child = gearwatch(&["run", "--config", text(&config)])
         .env("LD_PRELOAD", &library)
         .env("TROUBLE", &trouble)
         .stdout(Stdio::null())
         .stderr(std::fs::File::create(&talk).unwrap())
         .spawn()
         .unwrap();
+    let mut running = Running(child);
+    let child = &mut running.0;
     wait_for(Duration::from_secs(20), || status(&bench)).expect("the service runs");
     let (mut seen, mut watcher, mut moments) = (Seen::default(), Watcher::default(), Moments::new(7));
     let begin = Instant::now();
@@ -152,7 +164,7 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
         match kind {
             "reload" => {
                 let asked = Instant::now();
-                signal(&child, "HUP");
+                signal(child, "HUP");
                 seen.reloads += 1;
                 let anew = || status(&bench).filter(|now| now.uptime_secs < asked.elapsed().as_secs_f64());
                 wait_for(RIGHT_AGAIN, anew).expect("the service answers after a reload");
@@ -160,7 +172,7 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
             "wrong" => {
                 let uptime_secs = status(&bench).map_or(0.0, |now| now.uptime_secs);
                 std::fs::write(&config, right.replace("rotate_bytes = 1048576", "rotate_bytes = 1")).unwrap();
-                signal(&child, "HUP");
+                signal(child, "HUP");
                 while Instant::now() < until {
                     ask(&mut seen, kind);
                 }
@@ -212,8 +224,8 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
             status(&bench).as_ref().and_then(log_of)
         );
     }
-    signal(&child, "TERM");
-    let ended = ended_within(&mut child, Duration::from_secs(10)).and_then(|status| status.code());
+    signal(child, "TERM");
+    let ended = ended_within(child, Duration::from_secs(10)).and_then(|status| status.code());
     let said = std::fs::read_to_string(&talk).unwrap();
     assert_eq!(ended, Some(0), "{said}");
     assert!(!said.contains("panicked"), "{said}");
