@@ -144,7 +144,7 @@ pub enum SignatureError {
     },
     /// The states take more steps together than any real bench.
     #[error(
-        "teeth part in state {state}, after {before} states were stepped through; with its {steps:.1e} steps of {coordinates} coordinates all would take {work:.1e}, above the limit of {MOST_WORK:.0e} for one operating point: the load is too small for the teeth to stay together, a stiffness of the bench is out of proportion to its masses, or its speed is very low"
+        "teeth part in state {state}, after {before} states were stepped through; with {steps:.1e} steps of {coordinates} coordinates a state all would take {work:.1e}, above the limit of {MOST_WORK:.0e} for one operating point: the load is too small for the teeth to stay together, a stiffness of the bench is out of proportion to its masses, or its speed is very low"
     )]
     TooMuchWork {
         /// The state that does not fit.
@@ -239,17 +239,21 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
     let mut states: Vec<Simulated> = Vec::with_capacity(STATES.len());
     // What is stepped is compared with a normal state that is stepped too: meshes that modulate each other, which the solution leaves out, then cancel.
     let mut stepped_normal = None;
-    let mut work = Work::default();
-    for state in STATES {
+    let mut work = Work { to_come: 1, ..Work::default() };
+    for (index, state) in STATES.into_iter().enumerate() {
         let setup = damaged(&base, conditions, state, pit_scale);
         let solved = solver.solve(&setup, conditions.motor_hz, conditions.torque_nm, 0, &orders);
         let (amplitudes, stepped) = match solved {
             Ok(lines) => (lines.sensors.iter().map(|lines| std::array::from_fn(|h| lines[h].norm())).collect(), false),
             Err(SteadyError::ContactLost { .. } | SteadyError::NoConvergence | SteadyError::NotPeriodic(_)) => {
                 if stepped_normal.is_none() {
+                    // Where the normal state parts already, the others do too: what is too much is said before it is done.
+                    work.to_come = if index == 0 { STATES.len() } else { 1 };
                     stepped_normal = Some(step(&base, conditions, STATES[0], mesh, &mut work)?);
+                    work.to_come = 1;
                 }
-                (step(&setup, conditions, state, mesh, &mut work)?, true)
+                let normal = stepped_normal.clone().filter(|_| index == 0);
+                (normal.map_or_else(|| step(&setup, conditions, state, mesh, &mut work), Ok)?, true)
             }
             Err(source) => return Err(SignatureError::Steady { state: state.name, source }),
         };
@@ -305,17 +309,20 @@ struct Work {
     states: usize,
     /// Steps times coordinates.
     done: f64,
+    /// States that the next one stands for.
+    to_come: usize,
 }
 
 impl Work {
     /// Takes the steps of one more state.
     fn take(&mut self, state: State, steps: f64, coordinates: usize) -> Result<(), SignatureError> {
-        let work = self.done + steps * coordinates as f64;
+        let one = steps * coordinates as f64;
+        let work = self.done + one * self.to_come as f64;
         if work > MOST_WORK {
             let (state, before) = (state.name, self.states);
             return Err(SignatureError::TooMuchWork { state, before, steps, coordinates, work });
         }
-        (self.states, self.done) = (self.states + 1, work);
+        (self.states, self.done) = (self.states + 1, self.done + one);
         Ok(())
     }
 }
@@ -453,10 +460,16 @@ mod tests {
         let bench = crate::shipped::bench("single-pair").unwrap();
         let setup = crate::effects::setup(&bench, &[]).unwrap();
         let model = TrainModel::new(&setup, Profile::constant(0.1), Profile::constant(60.0), 0).unwrap();
-        let mut work = Work::default();
+        let mut work = Work { to_come: 1, ..Work::default() };
         let refused = STATES.iter().find_map(|state| work.take(*state, MOST_STEPS, model.coordinates()).err());
         let Some(SignatureError::TooMuchWork { before, work, .. }) = refused else { panic!("{refused:?}") };
         assert!((1..STATES.len()).contains(&before) && work > MOST_WORK, "{refused:?}");
+        // Teeth that part from the beginning part in every state: that is refused before the first step.
+        let mut bench = bench;
+        bench.shafts[0].bearing_n_per_m = 1e13;
+        let conditions = Conditions { stage: 0, wheel: false, pits_on_all: false, motor_hz: 25.0, torque_nm: 0.01 };
+        let refused = simulate(&bench, conditions);
+        assert!(matches!(refused, Err(SignatureError::TooMuchWork { before: 0, .. })), "{refused:?}");
     }
 
     #[test]
