@@ -31,7 +31,7 @@ const STEPS_PER_CYCLE: f64 = 256.0;
 /// Steps of one state. A mesh of 2 kHz takes a million; stiffnesses out of proportion to masses would take hours.
 const MOST_STEPS: f64 = 4e6;
 /// Steps of all states at one operating point, times the coordinates that move. Fourteen states of a pair of ten coordinates whose teeth all part take
-/// it at a mesh of 2 kHz; it is some ten seconds of one core.
+/// it at a mesh of 2 kHz; it is half a minute of one core in a dev build.
 const MOST_WORK: f64 = 1e8;
 
 /// A state of the paper.
