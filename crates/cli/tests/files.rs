@@ -92,3 +92,41 @@ fn regress_doctor_does_not_call_an_empty_folder_whole() {
     assert_eq!(done.status.code(), Some(1));
     assert!(done.stdout.is_empty() && text(&done.stderr).contains("holds no log file"), "{}", text(&done.stderr));
 }
+
+/// Three files with a channel each are one recording, in which each channel is called as its file; files that cannot be one are refused with what differs.
+#[test]
+fn regress_one_channel_files_are_joined() {
+    let folder = tempfile::tempdir().unwrap();
+    let column = |rows: usize, step: usize| -> String {
+        std::iter::once("v\n".to_owned()).chain((0..rows).map(|i| format!("{}\n", step * i % 97))).collect()
+    };
+    for (name, rows, step) in [("a1", 5000, 1), ("a2", 5000, 2), ("a3", 5000, 3), ("short", 4999, 1)] {
+        std::fs::write(folder.path().join(format!("{name}.csv")), column(rows, step)).unwrap();
+    }
+    let said = ["--sample-rate", "1000", "--unit", "g", "--motor-speed", "25"];
+    let join = |files: &[&str]| {
+        let fixed = ["convert", "a1.csv", "all.mcap", "--join"];
+        gearwatch(folder.path(), &[&fixed, files, &said[..]].concat())
+    };
+    let done = join(&["a2.csv", "a3.csv"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let said = gearwatch(folder.path(), &["info", "all.mcap", "--format", "json"]);
+    let json: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
+    for (name, step) in [("a1", 1), ("a2", 2), ("a3", 3)] {
+        let channel = &json["channels"][name];
+        assert_eq!((&channel["samples"], &channel["unit"]), (&5000.into(), &"g".into()), "{json}");
+        let squares: usize = (0..5000).map(|i| (step * i % 97_usize).pow(2)).sum();
+        let rms = (squares as f64 / 5000.0).sqrt();
+        assert!((channel["rms"].as_f64().unwrap() / rms - 1.0).abs() < 1e-9, "{name}: {channel}");
+    }
+    assert_eq!(json["operating_points"]["count"], 1);
+    std::fs::remove_file(folder.path().join("all.mcap")).unwrap();
+    let refused = join(&["short.csv"]);
+    assert_eq!(refused.status.code(), Some(3));
+    assert!(text(&refused.stderr).contains("has 4999 samples"), "{}", text(&refused.stderr));
+    std::fs::write(folder.path().join("a2.csv.toml"), "sample_rate_hz = 500.0\n").unwrap();
+    let refused =
+        gearwatch(folder.path(), &["convert", "a1.csv", "all.mcap", "--join", "a3.csv", "a2.csv", "--unit", "g"]);
+    assert_eq!(refused.status.code(), Some(3), "{}", text(&refused.stderr));
+    assert!(!folder.path().join("all.mcap").exists());
+}

@@ -1,19 +1,23 @@
 //! `gearwatch convert IN OUT`: a recording of any format as MCAP or UFF.
 
+mod join;
+
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
+use gearwatch_io::ReadError;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
-use gearwatch_io::output::Output;
+use gearwatch_io::output::{Output, Target};
 use gearwatch_io::uff::{self, Dataset, Form, Values};
 
+use self::join::Joined;
 use super::Run;
 use crate::exit::Exit;
-use crate::input::{InputOptions, Watched};
+use crate::input::InputOptions;
 use crate::output::{OutputOptions, with_sidecars};
 use crate::terminal;
 
@@ -22,7 +26,8 @@ use crate::terminal;
 #[command(after_help = "Examples:
   gearwatch convert run.csv.gz run.mcap --sample-rate 12800 --unit g
   gearwatch convert bench.mat run.mcap --channel acc_1=bearing.gs:g --motor-speed 25
-  gearwatch convert run.mcap run.uff")]
+  gearwatch convert run.mcap run.uff
+  gearwatch convert acc_1.csv run.mcap --join acc_2.csv acc_3.csv --sample-rate 12800 --unit g")]
 pub struct Convert {
     /// The recording to read
     #[arg(value_name = "IN")]
@@ -30,6 +35,9 @@ pub struct Convert {
     /// The file to write; its end says the format: .mcap or .uff
     #[arg(value_name = "OUT")]
     output: PathBuf,
+    /// Further files of the same recording, with other channels of it; what has the same name in two of them is called as its file
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    join: Vec<PathBuf>,
     /// Compression of MCAP
     #[arg(long, value_enum, default_value_t)]
     compression: Packing,
@@ -70,21 +78,40 @@ impl Run for Convert {
         if !matches!(end.as_str(), "mcap" | "uff") {
             bail!("{}: the name must end in .mcap or .uff, which says the format to write", self.output.display());
         }
-        let target = self.overwrite.reading(with_sidecars([&self.input])).target(&self.output)?;
-        let mut source = self.options.open(&self.input)?;
-        let out = target.create()?;
-        let out = if end == "mcap" { self.write_mcap(&mut source, out)? } else { self.write_uff(&mut source, out)? };
-        out.finish()?;
-        let mut err = terminal::err();
-        for warning in source.opened().warnings() {
-            writeln!(err, "gearwatch convert: {}: {warning}", self.input.display()).context("stderr")?;
+        let files: Vec<PathBuf> = std::iter::once(&self.input).chain(&self.join).cloned().collect();
+        let target = self.overwrite.reading(with_sidecars(&files)).target(&self.output)?;
+        if !self.join.is_empty() {
+            let mut source = Joined::open(&files, &self.options)?;
+            self.write(&mut source, target, &end)?;
+            return files.iter().zip(source.warnings()).try_fold(Exit::Ok, |exit, (path, warnings)| {
+                warn(path, &warnings)?;
+                Ok(exit)
+            });
         }
+        let mut source = self.options.open(&self.input)?;
+        self.write(&mut source, target, &end)?;
+        warn(&self.input, &source.opened().warnings())?;
         Ok(Exit::Ok)
     }
 }
 
+/// What is doubtful about a file, on standard error.
+fn warn(path: &Path, warnings: &[String]) -> anyhow::Result<()> {
+    let mut err = terminal::err();
+    for warning in warnings {
+        writeln!(err, "gearwatch convert: {}: {warning}", path.display()).context("stderr")?;
+    }
+    Ok(())
+}
+
 impl Convert {
-    fn write_mcap(&self, source: &mut Watched, out: Output) -> anyhow::Result<Output> {
+    fn write<S: Source<Error = ReadError>>(&self, source: &mut S, target: Target, end: &str) -> anyhow::Result<()> {
+        let out = target.create()?;
+        let out = if end == "mcap" { self.write_mcap(source, out)? } else { self.write_uff(source, out)? };
+        Ok(out.finish()?)
+    }
+
+    fn write_mcap<S: Source<Error = ReadError>>(&self, source: &mut S, out: Output) -> anyhow::Result<Output> {
         let compression = match self.compression {
             Packing::None => Compression::None,
             Packing::Lz4 => Compression::Lz4,
@@ -97,7 +124,7 @@ impl Convert {
         Ok(writer.finish()?)
     }
 
-    fn write_uff(&self, source: &mut Watched, mut out: Output) -> anyhow::Result<Output> {
+    fn write_uff<S: Source<Error = ReadError>>(&self, source: &mut S, mut out: Output) -> anyhow::Result<Output> {
         let mut recording = Recording::default();
         while let Some(packet) = source.next_packet()? {
             recording.push(packet);
