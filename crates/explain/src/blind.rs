@@ -134,6 +134,12 @@ pub fn blind_spots(
     let mut campaign = Campaign::new(bench, points).ok_or_else(|| {
         ExplainError::Bench("no steady state at these speeds and loads: the teeth part; try a larger load".into())
     })?;
+    if campaign.errors < 1.0 {
+        progress(&format!(
+            "teeth with {:.0} % of the usual errors: with more they part at these loads",
+            100.0 * campaign.errors
+        ));
+    }
     let mut out = Vec::new();
     for effect in effects::ALL.iter().filter(|e| wanted(e.id())) {
         progress(effect.id());
