@@ -9,6 +9,7 @@ pub mod gain;
 pub mod lost;
 pub mod mains;
 pub mod repair;
+mod repetition;
 pub mod samples;
 pub mod wiring;
 
@@ -35,9 +36,6 @@ const SAME_SPEED: f64 = 0.03;
 const SAME_TORQUE: f64 = 0.05;
 /// Below this share of what the other sensors of its unit show a channel is dead: 60 dB.
 const SILENT: f64 = 1e-3;
-/// Share of the coherence with other channels, beyond that of chance, that a dead channel keeps at most, and what there must have been to lose.
-const UNRELATED: f64 = 0.05;
-const RELATED: f64 = 0.1;
 /// How much coarser than in the reference steps are that count as another converter or range.
 const COARSER: f64 = 3.0;
 /// Share of the background that the noise of the steps makes from which they matter without a reference: half.
@@ -63,12 +61,12 @@ pub struct Fault {
 }
 
 impl Fault {
-    fn new(effect: &'static str, place: impl Into<String>, probability: f64, why: String) -> Self {
+    pub(crate) fn new(effect: &'static str, place: impl Into<String>, probability: f64, why: String) -> Self {
         let (parameters, alternatives) = (BTreeMap::new(), Vec::new());
         Self { effect, place: place.into(), probability, parameters, alternatives, why }
     }
 
-    fn with(mut self, name: &'static str, value: f64, sigma: f64) -> Self {
+    pub(crate) fn with(mut self, name: &'static str, value: f64, sigma: f64) -> Self {
         self.parameters.insert(name, Estimate::new(value, sigma));
         self
     }
@@ -346,7 +344,7 @@ impl Asked<'_> {
         let lost: Vec<usize> = (0..n)
             .filter(|c| {
                 let was = beyond_chance(&before, *c);
-                was > RELATED && beyond_chance(&now, *c) < UNRELATED * was
+                was > repetition::OF_COHERENCE.0 && beyond_chance(&now, *c) < repetition::OF_COHERENCE.1 * was
             })
             .collect();
         // Where two alone lost each other, the one that changed is the dead one.

@@ -7,24 +7,18 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::cross::Cross;
+use super::repetition::{OF_A_SENSOR, OF_ALL_SENSORS, OF_BANDS, OVER_FREQUENCY};
 use crate::read::dsp::median;
 
 /// Bands per octave.
 const BANDS: f64 = 6.0;
 /// Bins of a half band at least.
 const BINS: usize = 4;
-/// Drift of a sensor's gain and of all together between sessions on an unchanged bench (relative): sensitivities are calibrated to some 1 %, and settings and
-/// temperature move all levels alike.
-const DRIFT: f64 = 0.01;
-const COMMON: f64 = 0.03;
 /// Scatter of changed gains (ln), and of changes over frequency: factors of two either way.
 const CHANGED: f64 = 0.7;
-/// Scatter of single bands beyond their noise: what repetition leaves on an unchanged bench, and what it may be on a changed one.
-const STEADY: [f64; 3] = [0.015, 0.03, 0.06];
-const UNSTEADY: [f64; 3] = [0.06, 0.15, 0.4];
-/// Sizes of a change over frequency (ln): what an unchanged bench repeats to, and what a path or a machine may do; and the distance over which it is the same (ln of
-/// frequency), a third of an octave and more.
-const USUAL: [f64; 3] = [0.0, 0.025, 0.05];
+/// Scatter of single bands beyond their noise (ln) on a bench that changed.
+const UNSTEADY: [f64; 2] = [0.15, 0.4];
+/// Sizes of a change over frequency (ln) that a path or a machine may make, and the distance over which it is the same (ln of frequency), a third of an octave and more.
 const SIZES: [f64; 3] = [0.1, 0.25, 0.6];
 const REACH: f64 = 0.35;
 /// What is thought of a channel beforehand: another gain, or a change over frequency.
@@ -166,10 +160,10 @@ impl Channel {
             let pairs = scatters.iter().flat_map(|s| sizes.iter().map(move |z| (*s, *z)));
             pairs.filter_map(|(s, z)| Factor::new(covariance(s, level, z), &changes, weight)).collect()
         };
-        let scatters: Vec<f64> = STEADY.iter().chain(&UNSTEADY[1..]).copied().collect();
+        let scatters: Vec<f64> = OF_BANDS.iter().chain(&UNSTEADY).copied().collect();
         Self {
-            same: of(&STEADY, DRIFT, &USUAL),
-            gain: of(&STEADY, CHANGED, &USUAL),
+            same: of(&OF_BANDS, OF_A_SENSOR, &OVER_FREQUENCY),
+            gain: of(&OF_BANDS, CHANGED, &OVER_FREQUENCY),
             other: of(&scatters, CHANGED, &SIZES),
             changes,
         }
@@ -189,7 +183,7 @@ impl Channel {
         let best = self.gain.iter().max_by(|a, b| a.ln_evidence(0.0).total_cmp(&b.ln_evidence(0.0)));
         match best {
             // The covariance has the scatter of levels in it: what is left of 1ᵀC⁻¹1 is that of the bands.
-            Some(f) => (f.mixed / f.ones, (1.0 / f.ones - CHANGED * CHANGED).max(0.0).sqrt().hypot(DRIFT)),
+            Some(f) => (f.mixed / f.ones, (1.0 / f.ones - CHANGED * CHANGED).max(0.0).sqrt().hypot(OF_A_SENSOR)),
             None => (self.changes.mean(), f64::NAN),
         }
     }
@@ -214,7 +208,7 @@ pub fn gains(recording: &Cross, reference: &Cross) -> Vec<Gain> {
     let normal = |x: f64| (-0.5 * x * x).exp();
     let drift: Vec<f64> = (-STEPS..=STEPS).map(|k| 4.0 * f64::from(k) / f64::from(STEPS)).collect();
     let total: f64 = drift.iter().map(|x| normal(*x)).sum();
-    points.extend(drift.iter().map(|x| (COMMON * x, ((1.0 - PRIOR_ALL) * normal(*x) / total).ln(), false)));
+    points.extend(drift.iter().map(|x| (OF_ALL_SENSORS * x, ((1.0 - PRIOR_ALL) * normal(*x) / total).ln(), false)));
     if several {
         // Fine steps: what all have in common is known to a per cent.
         let wide: Vec<f64> = (-400..=400).map(|k| 3.0 * f64::from(k) / 400.0).collect();
@@ -235,7 +229,8 @@ pub fn gains(recording: &Cross, reference: &Cross) -> Vec<Gain> {
     }
     let all = ln_sum(whole.iter().copied());
     // All alike: the level is far from 1 in common, and the channels stay as they were but for it.
-    let in_common = ln_sum(whole.iter().zip(&points).filter(|(_, p)| p.2 && p.0.abs() > 3.0 * COMMON).map(|(w, _)| *w));
+    let in_common =
+        ln_sum(whole.iter().zip(&points).filter(|(_, p)| p.2 && p.0.abs() > 3.0 * OF_ALL_SENSORS).map(|(w, _)| *w));
     let together = (in_common - all).exp();
     let same_in_common = |c: usize| {
         ln_sum(points.iter().filter(|p| p.2).map(|(level, ln_prior, _)| ln_prior + channels[c].at(*level).same))

@@ -6,6 +6,7 @@
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
+use super::repetition;
 use super::samples::BY_CHANCE;
 use crate::read::dsp::{self, Transforms, median};
 
@@ -21,12 +22,8 @@ const APART_HZ: f64 = 6.0;
 const HIGHEST_HZ: f64 = 2500.0;
 /// Longest stretch that is sought (s).
 const LONGEST_S: f64 = 0.4;
-/// Relative wander of the speed over half a second that an unchanged bench has; a gap that looks like less is none.
-const WANDER: f64 = 1.5e-3;
 /// Lines of all channels step together: their phases' noise is in part the same.
 const TEMPER: f64 = 0.5;
-/// How much of the agreement that the lines have elsewhere must come back with the gap in place.
-const RESTORED: f64 = 0.6;
 /// Most that the phase of one line counts, and nats within which two lengths of a gap are the same.
 const MOST_SURE: f64 = 30.0;
 const AS_WELL: f64 = 5.0;
@@ -192,7 +189,7 @@ fn wrapped(x: f64) -> f64 {
 
 /// Time by which the wander of the speed moves lines over a side (s).
 fn wander_s() -> f64 {
-    WANDER * SIDE_S
+    repetition::OF_SPEED * SIDE_S
 }
 
 /// Gaps without a mark in a run of all channels, in the order of time.
@@ -245,7 +242,7 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
             continue;
         };
         let gain = TEMPER * (likelihood - usual[at]);
-        if gain > needed && likelihood > RESTORED * middle {
+        if gain > needed && likelihood > repetition::OF_PHASES * middle {
             let information: f64 = steps.hz.iter().zip(&steps.weight).map(|(hz, w)| w * (TAU * hz).powi(2)).sum();
             let sigma = (TEMPER * information).sqrt().recip().hypot(0.25 * wander_s());
             out.push(Gap { at: (at + side) * block, within: 3 * block, samples: (missing * rate, sigma * rate), gain });

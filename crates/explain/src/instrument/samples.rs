@@ -57,7 +57,7 @@ impl Facts {
         let rms = (samples.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt();
         let moving = samples.windows(2).filter(|w| w[0] != w[1]).count() as f64 / (count - 1.0).max(1.0);
         let levels = levels(samples);
-        let dead = moving < MOVES || rms == 0.0;
+        let dead = stands_still(moving, rms);
         let spacing = spacing(&levels);
         let few = levels.len() <= LEVELS && levels.len() * PER_LEVEL <= samples.len();
         Self {
@@ -73,7 +73,7 @@ impl Facts {
 
     /// It stands still.
     pub fn is_dead(&self) -> bool {
-        self.moving < MOVES || self.rms == 0.0
+        stands_still(self.moving, self.rms)
     }
 
     /// Samples for which each value is held, where it is: a slower converter behind a faster clock. A coarse one stays on its codes too, but its codes are few.
@@ -86,6 +86,10 @@ impl Facts {
     pub fn is_coarse(&self) -> bool {
         self.step.is_finite() && !self.is_dead()
     }
+}
+
+fn stands_still(moving: f64, rms: f64) -> bool {
+    moving < MOVES || rms == 0.0
 }
 
 /// The values in use and how many samples have each, ascending.

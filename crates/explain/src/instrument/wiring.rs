@@ -1,10 +1,8 @@
 //! Swapped cables and turned sensors: how the channels of a recording came to their places.
 
-use super::PRIOR;
 use super::cross::{Against, Cross, Wiring};
+use super::{PRIOR, repetition};
 
-/// Relative amplitude by which cross-spectra differ from session to session on an unchanged bench; it limits what averages can say.
-const REPETITION: f64 = 0.2;
 /// Share of frequencies that must agree with the reference, once the cables are put right: most. What changed besides, a path or a gear, spoils the rest.
 const MOST: f64 = 0.5;
 /// Neighbouring bins of Hann windows are not independent.
@@ -56,7 +54,8 @@ fn candidates(n: usize) -> Vec<Wiring> {
 /// `n²/2 ln K` of its free numbers (Schwarz 1978): what changed at some frequencies outvotes nothing.
 fn judge(recording: &Cross, against: &Against<'_>, averages: f64) -> Vec<Judged> {
     let n = recording.channels.len();
-    let counted = 1.0 / (1.0 / recording.averages + 1.0 / averages + REPETITION * REPETITION);
+    let counted =
+        1.0 / (1.0 / recording.averages + 1.0 / averages + repetition::OF_CROSS_SPECTRA * repetition::OF_CROSS_SPECTRA);
     let anything = 0.5 * (n * n) as f64 * counted.max(3.0).ln() + (n * n) as f64;
     candidates(n)
         .into_iter()
