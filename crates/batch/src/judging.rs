@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use gearwatch_check::{self as check, Look};
+use gearwatch_core::baseline::Baseline;
 use gearwatch_core::block::Packet;
 use gearwatch_core::one_shot::each_window;
 use gearwatch_core::pipeline::Pipeline;
@@ -22,6 +24,8 @@ const SAME_RATE: f64 = 0.01;
 pub struct Judging<'a> {
     /// Bench, baseline and fault states.
     pub pipeline: &'a Pipeline,
+    /// The baseline of the pipeline once more, which recordings are checked against.
+    pub baseline: Option<&'a Baseline>,
     /// What recordings leave unsaid.
     pub options: &'a OpenOptions,
     /// SHA-256 of the baseline file, empty where there is none.
@@ -64,8 +68,8 @@ impl Work for Judging<'_> {
     ) -> Result<usize, Trouble> {
         // Rows of a recording that turned out damaged must not go to the next.
         *rows = Rows::default();
-        let opened = gearwatch_io::open(path, self.options).map_err(|error| Trouble::Item(error.to_string()))?;
-        let mut source = Checked { opened, path, sample_rate_hz: self.sample_rate_hz };
+        let pipeline = &self.pipeline.clone().with_doubts(&self.check(path)?);
+        let mut source = self.open(path)?;
         let key = |at: usize| keys.get(at).cloned().unwrap_or_default();
         let origin = Origin {
             file: key(0),
@@ -74,8 +78,8 @@ impl Work for Judging<'_> {
             baseline_sha256: self.baseline_sha256.clone(),
         };
         let mut count = 0;
-        each_window(self.pipeline, &mut source, &mut |_, analysis| {
-            self.pipeline.judge(analysis, verdicts);
+        each_window(pipeline, &mut source, &mut |_, analysis| {
+            pipeline.judge(analysis, verdicts);
             for verdict in &*verdicts {
                 rows.push(&origin, analysis.sample_rate_hz, verdict);
             }
@@ -84,6 +88,31 @@ impl Work for Judging<'_> {
         })?;
         write(rows, piece)?;
         Ok(count)
+    }
+}
+
+impl Judging<'_> {
+    fn open<'p>(&self, path: &'p Path) -> Result<Checked<'p>, Trouble> {
+        let opened = gearwatch_io::open(path, self.options).map_err(|error| Trouble::Item(error.to_string()))?;
+        Ok(Checked { opened, path, sample_rate_hz: self.sample_rate_hz })
+    }
+
+    /// The words of what is doubtful about a recording, as its verdicts carry them.
+    fn check(&self, path: &Path) -> Result<String, Trouble> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let mut look = Look::new(&name);
+        let mut source = self.open(path)?;
+        while let Some(packet) = source.next_packet()? {
+            look.push(&packet);
+            if look.is_full() {
+                break;
+            }
+        }
+        let checked = check::check(self.pipeline.bench(), &[look], self.baseline);
+        match checked.refusal() {
+            Some(refusal) => Err(Trouble::Item(format!("{}: {refusal}", path.display()))),
+            None => Ok(checked.doubts(&name)),
+        }
     }
 }
 

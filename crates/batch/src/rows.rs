@@ -51,6 +51,7 @@ fn schema() -> SchemaRef {
         Field::new("cell", DataType::Utf8, false),
         Field::new("state_fit", DataType::Utf8, false),
         Field::new("state", DataType::Utf8, false),
+        Field::new("doubts", DataType::Utf8, false),
         Field::new("resolvable", DataType::Boolean, false),
         Field::new("state_probability", DataType::Float64, true),
         Field::new("sample_rate_hz", DataType::Float64, true),
@@ -91,7 +92,7 @@ fn indicator_values(verdict: &Verdict) -> Vec<f64> {
 /// Rows on their way to a part.
 #[derive(Debug, Default)]
 pub struct Rows {
-    texts: [StringBuilder; 14],
+    texts: [StringBuilder; 15],
     window: UInt64Builder,
     t0_ns: Int64Builder,
     first_sample_index: UInt64Builder,
@@ -132,7 +133,7 @@ impl Rows {
     /// Adds a verdict on a window that was sampled at `sample_rate_hz`.
     pub fn push(&mut self, origin: &Origin, sample_rate_hz: f64, v: &Verdict) {
         let nearest = v.states.first();
-        let texts: [&str; 14] = [
+        let texts: [&str; 15] = [
             &origin.file,
             &origin.file_sha256,
             &origin.sidecar_sha256,
@@ -147,6 +148,7 @@ impl Rows {
             &v.cell,
             v.state_fit.code(),
             nearest.map_or("", |state| &*state.name),
+            &v.doubts,
         ];
         for (builder, text) in self.texts.iter_mut().zip(texts) {
             builder.append_value(text);
@@ -183,7 +185,7 @@ impl Rows {
     pub fn take(&mut self) -> Result<RecordBatch, ArrowError> {
         self.len = 0;
         let mut columns: Vec<ArrayRef> = Vec::with_capacity(schema().fields().len());
-        // In the order of `schema`: seven texts, three counts, seven texts, and so on.
+        // In the order of `schema`: seven texts, three counts, eight texts, and so on.
         let (identity, states) = self.texts.split_at_mut(7);
         columns.extend(identity.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
         columns.push(Arc::new(self.window.finish()));

@@ -26,7 +26,7 @@ const DIRECT_REACH: f64 = 0.008;
 /// How far a sample rate may be off that is told from other teeth (relative), where nothing but the drive display says so: a rate that was typed in.
 const RATE_REACH: f64 = 0.02;
 /// Belt slip that is looked for (relative).
-const SLIP_REACH: f64 = 0.04;
+pub(crate) const SLIP_REACH: f64 = 0.04;
 /// Gain in mean log excess of all lines, or of those that another tooth number moves, at which it is believed, and how sure the latter must be
 /// (standard errors).
 ///
@@ -44,13 +44,13 @@ const TEETH_LINES: usize = 8;
 const APART_BINS: f64 = 6.0;
 
 /// Mean log excess of the comb below which it meets no lines: the best of some hundred speeds on noise alone reaches 1.3.
-const LEAST_COMB: f64 = 1.6;
+pub(crate) const LEAST_COMB: f64 = 1.6;
 /// Mesh lines are those of another pinion where its comb gains so much over the bench's own, which is itself no better than so much above the upper
 /// quartile of all teeth: any integer comb meets the orders of a pitch error, and a mesh stands out from them.
 const OTHER_BENCH: f64 = 1.0;
 const NO_MESH: f64 = 0.5;
 /// The same gain of the bench's own comb at another speed.
-const OTHER_SPEED: f64 = 2.0;
+pub(crate) const OTHER_SPEED: f64 = 2.0;
 /// Teeth that are tried.
 const TRIED_TEETH: std::ops::RangeInclusive<u32> = 10..=140;
 
@@ -181,7 +181,7 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64
 }
 
 /// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
-fn deciding_orders(train: &Train) -> Vec<f64> {
+pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
     let mut out = comb_orders(train);
     for stage in &train.stages {
         for h in 1..=3 {
@@ -253,7 +253,7 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
 }
 
 /// Speed by the bench's own teeth and its score. Where all lines lie together a little farther off than the display may be, the rate is wrong or the motor slips.
-fn own_speed(
+pub(crate) fn own_speed(
     bench: &Bench,
     train: &Train,
     steady: &Steady<'_>,

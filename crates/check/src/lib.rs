@@ -14,6 +14,7 @@ use gearwatch_core::bench::Bench;
 use serde::Serialize;
 
 pub mod angle;
+pub mod belt;
 pub mod dsp;
 pub mod integrity;
 pub mod kinematics;
@@ -23,6 +24,7 @@ mod channels;
 mod look;
 mod normal;
 mod sheet;
+mod slip;
 mod speed;
 mod teeth;
 
@@ -115,7 +117,7 @@ pub fn check(bench: &Bench, looks: &[Look], baseline: Option<&Baseline>) -> Chec
         findings.extend(channels::findings(bench, look, baseline));
     }
     let heard = speed::hear(bench, looks);
-    findings.extend(speed::findings(bench, &heard));
+    findings.extend(speed::findings(bench, &heard, baseline));
     findings.extend(teeth::findings(bench, &heard));
     findings.extend(normal::findings(bench, looks, &heard, baseline));
     for finding in &mut findings {

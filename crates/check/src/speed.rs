@@ -1,5 +1,6 @@
 //! Where the mesh lines lie, against where tacho, stated speed and sheet put them; and what explains the difference.
 
+use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
@@ -8,6 +9,7 @@ use crate::dsp::Transforms;
 use crate::integrity;
 use crate::kinematics;
 use crate::sheet::FAST_MOTOR_HZ;
+use crate::slip;
 use crate::steady::Steady;
 use crate::{Finding, Look, Severity, channels};
 
@@ -21,8 +23,14 @@ const TACHO: f64 = 0.015;
 const DISPLAY: f64 = 0.01;
 const BELT: f64 = 0.04;
 const NOMINAL: f64 = 0.08;
+/// Slip of an induction motor at full load, at most (relative): design B of NEMA MG 1. A stated speed without a tacho is that of the field, not of the shaft.
+const MOST_SLIP: f64 = 0.05;
 /// An offset between tacho and lines from which the sample rate is in doubt: clocks are off by some 10⁻⁵.
 const CLOCK: f64 = 2e-3;
+/// Between the rate that a recording states and that of the sheet nothing decides beforehand: the lines do, by so many nats a line, five for a comb of ten.
+const DECIDES: f64 = 0.5;
+/// Motor speeds below this are no rpm: no motor turns less than once a second.
+const LEAST_RPM: f64 = 60.0;
 /// Ratios are taken for a whole number or another shaft within this (relative).
 const SAME: f64 = 5e-3;
 /// Fewest revolutions of the input shaft, and lines of the comb within the band, by which a speed is judged.
@@ -57,6 +65,12 @@ pub(crate) struct Heard<'a> {
     pub(crate) score: f64,
     /// A much better explanation than the expected speed.
     other: Option<Other>,
+    /// The lines lie where the slip of the motor behind the stated speed puts them, and not at the stated speed.
+    pub(crate) slips: bool,
+    /// How well the sheet's comb fits at the stated speed itself.
+    pub(crate) stated_score: f64,
+    /// What lines gain if the recording was made at the sheet's rate, where it states another (nats a line).
+    rate_gain: Option<f64>,
 }
 
 /// Another explanation of where the lines lie.
@@ -119,9 +133,53 @@ fn hear_one<'a>(bench: &Bench, train: &Train, look: &'a Look, transforms: &mut T
     }
     let field = steady.comb_field(transforms);
     let (input_hz, score) = best(train, &field, &steady, expected_hz, reach).unwrap_or((expected_hz, 0.0));
-    let mut heard = Heard { look, steady, field, expected_hz, reach, from, input_hz, score, other: None };
-    heard.other = other(bench, train, &heard, transforms);
+    let (other, slips, stated_score) = (None, false, score);
+    let mut heard = Heard {
+        look,
+        steady,
+        field,
+        expected_hz,
+        reach,
+        from,
+        input_hz,
+        score,
+        other,
+        slips,
+        stated_score,
+        rate_gain: None,
+    };
+    if let Some((rate, sheet)) = channels::other_rate(bench, look) {
+        // At twice the true rate all lines seem to lie at twice their frequency. A motor slips at either.
+        let slip = if from == From::Stated && bench.belt.is_none() { MOST_SLIP } else { reach };
+        // At half the frequency the comb of the mesh lines meets sidebands, which may be as high; those of all shafts it meets no longer.
+        let orders = kinematics::deciding_orders(train);
+        let at = |hz: f64| heard.field.search(&orders, hz * (1.0 - slip), hz * (1.0 + reach));
+        let ((_, as_stated), (hz, at_sheet)) = (at(expected_hz), at(expected_hz * rate / sheet));
+        heard.rate_gain = Some(at_sheet - as_stated);
+        let lines = best(train, &heard.field, &heard.steady, hz, SAME).map_or(0.0, |(_, score)| score);
+        if at_sheet > as_stated + DECIDES && lines > FITS {
+            heard.other = Some(Other { cause: Cause::Rate(sheet), input_hz: hz, score: lines });
+            return Some(heard);
+        }
+    }
+    heard.other = self::other(bench, train, &heard, transforms);
+    if from == From::Stated && bench.belt.is_none() && !heard.is_explained() {
+        heard.slip(train);
+    }
     Some(heard)
+}
+
+impl Heard<'_> {
+    /// Takes the lines where the slip of the motor puts them, if more of them are there than at the stated speed: slip is what such a motor does, and nothing
+    /// speaks against it beforehand.
+    fn slip(&mut self, train: &Train) {
+        let middle = self.expected_hz * (1.0 - 0.5 * (self.reach + MOST_SLIP));
+        let behind = best(train, &self.field, &self.steady, middle, 0.5 * (MOST_SLIP - self.reach));
+        let Some((input_hz, score)) = behind.filter(|(_, score)| *score > self.score.max(FITS)) else { return };
+        if self.other.as_ref().is_none_or(|other| other.score <= score + GAIN) {
+            (self.input_hz, self.score, self.slips, self.other) = (input_hz, score, true, None);
+        }
+    }
 }
 
 /// The longest run of every sensor of the sheet that moves and holds numbers; `None` for run-ups and where there is none.
@@ -186,15 +244,11 @@ fn other(bench: &Bench, train: &Train, heard: &Heard<'_>, transforms: &mut Trans
         }
     };
     let motor_hz = heard.expected_hz * train.motor_order;
-    if heard.from != From::Tacho {
+    if heard.from != From::Tacho && motor_hz >= LEAST_RPM {
         ask(Cause::Rpm(motor_hz), heard.expected_hz / 60.0, heard.reach.max(NOMINAL));
-        if bench.belt.is_some() {
-            ask(Cause::Belt(1.0), motor_hz, heard.reach);
-        }
     }
-    if let Some((rate, sheet)) = channels::other_rate(bench, heard.look) {
-        // At twice the true rate all lines seem to lie at twice their frequency.
-        ask(Cause::Rate(sheet), heard.expected_hz * rate / sheet, heard.reach);
+    if heard.from != From::Tacho && bench.belt.is_some() {
+        ask(Cause::Belt(1.0), motor_hz, heard.reach);
     }
     if heard.from == From::Tacho {
         let display = heard.steady.display_motor_hz;
@@ -258,9 +312,9 @@ fn anywhere(
 }
 
 /// What does not fit, a sentence each.
-pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
+pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>], baseline: Option<&Baseline>) -> Vec<Finding> {
     let train = Train::new(bench);
-    let mut out = Vec::new();
+    let mut out = slip::findings(bench, &train, heard, baseline);
     for one in heard {
         let mut of_it = vec![];
         of_it.extend(one.other.as_ref().map(|other| explained(bench, &train, one, other)));
@@ -268,15 +322,17 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
             of_it.extend(clock(one));
             of_it.extend(no_lines(&train, one));
         }
-        if of_it.is_empty()
+        let undecided = one.rate_gain.is_some_and(|gain| gain > -DECIDES) && !one.is_explained();
+        if (of_it.is_empty() || undecided)
             && let Some((rate, sheet)) = channels::other_rate(bench, one.look)
         {
+            let lie = if undecided { "say nothing against it, nor for it" } else { "lie where that puts them" };
             of_it.push(finding(
                 one,
                 "sample_rate",
                 "acquisition",
-                Severity::Note,
-                format!("sampled at {rate} Hz, and the mesh lines lie where that puts them"),
+                if undecided { Severity::Doubtful } else { Severity::Note },
+                format!("sampled at {rate} Hz, and the mesh lines {lie}"),
                 format!("{sheet} Hz, as the bench file says"),
                 "correct acquisition.sample_rate_hz of the bench file".into(),
             ));
@@ -301,6 +357,11 @@ fn finding(
 }
 
 impl Heard<'_> {
+    /// Share by which the input shaft lags behind the stated motor speed; `None` where none is stated, or the lines are not found.
+    pub(crate) fn lag(&self) -> Option<f64> {
+        (self.from == From::Stated && self.is_settled()).then_some(1.0 - self.input_hz / self.expected_hz)
+    }
+
     /// The expected speed in words.
     fn said(&self) -> String {
         let from = match self.from {
@@ -339,7 +400,7 @@ fn explained(bench: &Bench, train: &Train, heard: &Heard<'_>, other: &Other) -> 
         Cause::Belt(ratio) => {
             let stated = bench.belt.as_ref().map_or(1.0, |belt| belt.ratio);
             let advice = format!("a belt ratio of {ratio:.4} fits, the bench file says {stated}: correct belt.ratio");
-            make("belt_ratio", "belt", Severity::Wrong, advice)
+            make("wrong_belt_ratio", "belt", Severity::Wrong, advice)
         }
         Cause::Pulses(pulses) => {
             let stated = heard.steady.recording.tachos.values().next().map_or(f64::NAN, |tacho| tacho.pulses_per_rev);

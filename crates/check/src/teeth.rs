@@ -17,13 +17,20 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
         return Vec::new();
     }
     let mut transforms = Transforms::default();
-    let steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
+    let mut steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
+    // Behind which a motor slips, a stated speed says nothing about teeth: the lines beside the mesh lines do.
+    for (steady, _) in steady.iter_mut().zip(&asked).filter(|(_, one)| one.slips) {
+        steady.display_motor_hz = f64::NAN;
+    }
     let fields: Vec<CombField> = steady.iter().map(|one| one.comb_field(&mut transforms)).collect();
     let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else { return Vec::new() };
     let train = gearwatch_core::train::Train::new(&other);
     // Sure where the sheet's lines are not there and the other's are, in every recording.
     let speeds = kinematics::speeds(&other, &train, &steady, &fields);
-    let sure = asked.iter().zip(&speeds).all(|(one, speed)| !one.is_settled() && speed.score > one.score + 1.0);
+    let sure = asked
+        .iter()
+        .zip(&speeds)
+        .all(|(one, speed)| (one.slips || !one.is_settled()) && speed.score > one.stated_score + 1.0);
     let stage = &bench.stages[teeth.stage];
     let gear = if teeth.pinion { "pinion" } else { "wheel" };
     vec![Finding {

@@ -1,5 +1,6 @@
 use std::sync::OnceLock;
 
+use gearwatch_core::baseline::{Baseline, BaselineConfig, Run};
 use gearwatch_core::block::{OperatingPoint, Packet, Samples};
 use gearwatch_core::source::Source;
 use gearwatch_sim::scenario::Scenario;
@@ -87,6 +88,48 @@ fn regress_a_wrong_rate_is_refused() {
         assert!(found(&checked).contains(&("sample_rate", Severity::Wrong)), "{checked:#?}");
         assert!(checked.refusal().is_some_and(|said| said.contains("correct the stated sample rate")));
     }
+}
+
+/// The drive says the speed of its field, the motor slips behind it by 1.24 %: a note, and no doubt about speed, lines or teeth. Slip that one tooth fewer would
+/// look like is doubtful; so is what the baseline knows better, as of a rate that is off by 0.9 %.
+#[test]
+fn regress_the_slip_of_a_motor_is_no_fault() {
+    let bench = sheet();
+    let stated_by = |share: f64| {
+        let packets = without_tacho(pair());
+        look(&packets, |packet| {
+            if let Packet::OperatingPoint(point) = packet {
+                point.motor_speed_hz /= 1.0 - share;
+            }
+        })
+    };
+    let one = stated_by(0.0124);
+    let checked = check(&bench, std::slice::from_ref(&one), None);
+    assert_eq!(found(&checked), [], "{checked:#?}");
+    let note = checked.findings.iter().find(|f| f.id == "slip").unwrap_or_else(|| panic!("{checked:#?}"));
+    assert!(note.found.contains("1.24 %"), "{note}");
+
+    let as_teeth = check(&bench, &[stated_by(1.0 / f64::from(bench.stages[0].pinion.teeth))], None);
+    assert!(found(&as_teeth).contains(&("slip", Severity::Doubtful)), "{as_teeth:#?}");
+
+    let (motor_hz, torque) = (bench.motor.speed_hz, one.torques().next());
+    let mut baseline = Baseline::new(&bench, String::new(), 1.0, BaselineConfig::default());
+    baseline.runs.push(Run {
+        session: "1".into(),
+        mounting: "1".into(),
+        recording: "before.mcap".into(),
+        input_speed_hz: motor_hz * (1.0 - 0.0124),
+        brake_torque_nm: torque,
+        motor_speed_hz: Some(motor_hz),
+        channels: std::collections::BTreeMap::new(),
+    });
+    let slips = |look: Look| -> Vec<_> {
+        let checked = check(&bench, &[look], Some(&baseline));
+        checked.findings.into_iter().filter(|f| f.id == "slip" && f.severity > Severity::Note).collect()
+    };
+    assert_eq!(slips(one), []);
+    let off = slips(stated_by(0.0124 + 0.009));
+    assert!(off.len() == 1 && off[0].expected.starts_with("1.24 % ± "), "{off:#?}");
 }
 
 /// rpm typed as Hz: in a recording, where the lines say so, and in a sheet, where the band says so.
@@ -178,7 +221,8 @@ fn analytic_a_wrong_belt_ratio_is_measured() {
     let (true_ratio, wrong) = (belt.ratio, 2.5);
     belt.ratio = wrong;
     let checked = check(&bench, &[look(&without_tacho(&all), |_| {})], None);
-    let finding = checked.findings.iter().find(|f| f.id == "belt_ratio").unwrap_or_else(|| panic!("{checked:#?}"));
+    let finding =
+        checked.findings.iter().find(|f| f.id == "wrong_belt_ratio").unwrap_or_else(|| panic!("{checked:#?}"));
     let stated: f64 = finding.advice.split_whitespace().nth(4).and_then(|word| word.parse().ok()).expect("a ratio");
     // The belt of the simulated rig slips by a few per cent at most.
     assert!((stated / true_ratio - 1.0).abs() < 0.04, "{finding}");

@@ -15,6 +15,7 @@ mod learner;
 mod machine;
 mod mixed;
 mod moderated;
+mod slip;
 mod surface;
 
 pub use cells::{Cell, Reference};
@@ -23,6 +24,7 @@ pub(crate) use learner::{Series, split};
 pub use machine::{Change, Machine, Mounted, Rebinding, Teeth};
 pub use mixed::MixedCell;
 pub use moderated::ScatterPrior;
+pub use slip::Slip;
 pub use surface::{Place, Surface};
 
 /// The value of the key `format`.
@@ -137,6 +139,9 @@ pub struct Run {
     /// Mean torque at the brake (N m); unknown where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake_torque_nm: Option<f64>,
+    /// Mean motor speed as stated (Hz), behind which the motor may slip; left out where unstated, and in files of before 2026-11-22.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motor_speed_hz: Option<f64>,
     /// By sensor name.
     pub channels: BTreeMap<String, RunChannel>,
 }

@@ -1,12 +1,13 @@
 //! The whole way from recordings to the answer.
 
+use gearwatch_check::belt::{self, OtherRatio};
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 
 use crate::change::compare;
 use crate::error::ExplainError;
-use crate::instrument;
+use crate::instrument::{self, Fault};
 use crate::judge::limits;
 use crate::judge::report::Explanation;
 use crate::name::strange;
@@ -45,9 +46,9 @@ pub struct Answer {
 /// When bench file and recordings cannot be compared at all; the message says why.
 pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
     progress("sensors, cables and converters");
-    let examined = instrument::examine(input.bench, input.recordings, input.reference);
+    let mut examined = instrument::examine(input.bench, input.recordings, input.reference);
     let rest = Input { recordings: &examined.recordings, reference: &examined.reference, ..*input };
-    match physics(&rest, progress) {
+    match physics(&rest, &mut examined.faults, progress) {
         Ok(mut answer) => {
             examined.before(&mut answer.explanation);
             Ok(answer)
@@ -56,8 +57,8 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     }
 }
 
-/// Explains recordings whose instrument is in order.
-fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
+/// Explains recordings whose instrument is in order. Of the sheet's numbers the ratio of the belt is asked here, for it takes the speeds; it joins the faults.
+fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
     let problems = input.bench.problems();
     if !problems.is_empty() {
         return Err(ExplainError::Bench(problems.join("; ")));
@@ -113,10 +114,14 @@ fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, 
     progress("speeds and tooth numbers");
     let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
     let other = kinematics::other_teeth(input.bench, &steady, &fields);
-    let (mut bench, mut teeth) = match other {
-        Some((teeth, bench)) => (bench, Some(teeth)),
-        None => (input.bench.clone(), None),
+    let ratio = belt::other_ratio(input.bench, other.as_ref().map(|o| &o.1), &steady, &fields);
+    faults.extend(ratio.as_ref().map(wrong_ratio));
+    let (mut bench, mut teeth) = match (&ratio, other) {
+        (Some(ratio), _) => (belt::with_ratio(input.bench, ratio), None),
+        (None, Some((teeth, bench))) => (bench, Some(teeth)),
+        (None, None) => (input.bench.clone(), None),
     };
+    let sheet = if ratio.is_some() { Train::new(&bench) } else { sheet };
     let mut train = Train::new(&bench);
     let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
     // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
@@ -193,6 +198,7 @@ fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, 
     }
     let explanation = Explanation { limits, ..explanation };
     let mut with_effects = refitted.unwrap_or_else(|| input.bench.clone());
+    with_effects.belt.clone_from(&bench.belt);
     for effect in &explanation.effects {
         if effect.effect == "wrong_tooth_count" {
             with_effects.stages.clone_from(&bench.stages);
@@ -206,6 +212,16 @@ fn physics(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, 
         });
     }
     Ok(Answer { explanation, bench: with_effects })
+}
+
+/// The ratio of the sheet is not that of the belt.
+fn wrong_ratio(found: &OtherRatio) -> Fault {
+    let (ratio, sigma) = found.ratio;
+    let why = format!(
+        "with a ratio of {ratio:.3} the mesh lines of all recordings lie where they should, with the {} of the bench file they do not",
+        found.sheet
+    );
+    Fault::new("wrong_belt_ratio", "belt", 0.97, why).with("ratio", ratio, sigma)
 }
 
 #[cfg(test)]

@@ -290,6 +290,7 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
             recording: "a.mcap".into(),
             input_speed_hz: 29.757,
             brake_torque_nm: None,
+            motor_speed_hz: None,
             channels: BTreeMap::from([("acc".to_owned(), channel)]),
         };
         baseline.add(vec![run]).expect("the first run");

@@ -305,6 +305,15 @@ fn summary(baseline: &Baseline) -> Result<String, std::fmt::Error> {
         baseline.runs.len(),
         surface.cells().len()
     )?;
+    let motor_order = baseline.machine.as_ref().map_or(1.0, |machine| machine.belt_ratio);
+    if let Some(slip) = baseline.slip(motor_order).filter(|slip| slip.runs.iter().any(|run| run.1.abs() > 1e-3)) {
+        let law = if slip.per_nm == 0.0 {
+            format!("{:.2} %", 100.0 * slip.at_no_load)
+        } else {
+            format!("{:.2} % at no load, {:+.4} % for each N m", 100.0 * slip.at_no_load, 100.0 * slip.per_nm)
+        };
+        writeln!(out, "  the input shaft lags behind the stated motor speed: {law}, ± {:.2} %", 100.0 * slip.scatter)?;
+    }
     for (session, mountings) in baseline.sessions() {
         writeln!(out, "  session {session:?}, mounting {}", mountings.join(", "))?;
     }

@@ -24,7 +24,8 @@ use crate::terminal;
 
 /// Judge many recordings, or explain many cases: one Parquet file a shard
 ///
-/// Of recordings, one row a window, channel and stage, with ranks, signed deviations and their sigmas, amplitudes, floors and states.
+/// Of recordings, one row a window, channel and stage, with ranks, signed deviations and their sigmas, amplitudes, floors and states. Each is
+/// checked first as by `gearwatch check`: what is wrong is passed over, what is doubtful stands in the column `doubts`.
 /// Of cases (folders with bench.toml, recordings/ and perhaps reference/), one row a case, with the answer of `gearwatch explain`.
 /// What was worked before with the same settings is known by its content and skipped; a killed shard goes on where it was; files appear
 /// whole or not at all. A part of other settings is replaced only with --force.
@@ -103,19 +104,26 @@ impl Batch {
         let options = self.input.open_options();
         // Whatever changes a row is in here, so that rows of other settings are never taken for done.
         let settings = format!(
-            "gearwatch {}\njudging {}\n{baseline_sha256}\n{signatures_sha256}\n{}\n{options:?}\n{}",
+            "gearwatch {}\njudging, checked {}\n{baseline_sha256}\n{signatures_sha256}\n{}\n{options:?}\n{}",
             env!("CARGO_PKG_VERSION"),
             baseline_file::bench_sha256(&bench),
             serde_json::to_string(&config)?,
             self.any_rate,
         );
+        let normal = baseline.clone();
         let pipeline = input::pipeline(&bench, baseline, self.signatures.as_deref())?;
         let recordings = match &self.manifest {
             Some(manifest) => worklist::from_manifest(manifest, Kind::Recordings)?,
             None => worklist::from_folders(&self.paths, &endings())?,
         };
         let sample_rate_hz = Some(bench.acquisition.sample_rate_hz).filter(|_| !self.any_rate);
-        let work = Judging { pipeline: &pipeline, options: &options, baseline_sha256, sample_rate_hz };
+        let work = Judging {
+            pipeline: &pipeline,
+            baseline: normal.as_ref(),
+            options: &options,
+            baseline_sha256,
+            sample_rate_hz,
+        };
         self.work(&work, &recordings, shard, &settings, Kind::Recordings)
     }
 

@@ -5,7 +5,7 @@ use std::process::{Command, Output, Stdio};
 
 use gearwatch_core::block::Packet;
 
-use crate::archive::{Archive, names};
+use crate::archive::{Archive, duckdb, names};
 use crate::fixture::{stderr, stdout, text};
 
 fn refused(output: &Output, says: &[&str]) {
@@ -87,6 +87,30 @@ fn conform_damaged_recordings_and_other_rates_are_passed_over() {
 
     let output = archive.batch("any", &["--any-rate"]).output().unwrap();
     assert!(stdout(&output).contains(" 2 passed over"), "{}", stdout(&output));
+}
+
+/// What `gearwatch check` refuses is passed over with its sentence, and what it doubts stands beside each row.
+#[test]
+fn regress_a_batch_checks_each_recording() {
+    let archive = Archive::new(1, 3.0);
+    let bench = &archive.bench;
+    // Twice the true rate: the lines say so.
+    bench.record("recordings/fast.mcap", "duration_secs = 20.0\nseed = 1", |packet| rate(packet, 4096.0));
+    bench.record("recordings/unstated.mcap", "duration_secs = 3.0\nseed = 2", |packet| {
+        if let Packet::OperatingPoint(point) = packet {
+            point.brake_torque_nm = f64::NAN;
+        }
+    });
+    bench.write("list.txt", "recordings/000.mcap\nrecordings/fast.mcap\nrecordings/unstated.mcap\n");
+    let output = archive.batch("out", &["--any-rate"]).output().unwrap();
+    refused(&output, &["passed over: recordings/fast.mcap: ", "[sample_rate]"]);
+    assert!(stdout(&output).contains(" 2 recordings worked (20 rows), 0 known from before, 1 passed over"));
+    let parts = bench.path("out/part-00001-of-00001.parquet");
+    let query = format!("select file, doubts, count(*) from '{}' group by all order by all", text(&parts));
+    if let Some(rows) = duckdb(&query) {
+        let expected = ["recordings/000.mcap\t\t10", "recordings/unstated.mcap\ttorque_missing\t10"];
+        assert_eq!(rows.lines().collect::<Vec<_>>(), expected);
+    }
 }
 
 /// Two processes with one shard and one output, two numbers of shards in one output.

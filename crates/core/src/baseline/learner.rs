@@ -44,6 +44,7 @@ struct Row {
     samples: u32,
     speed_hz: f64,
     torque_nm: Option<f64>,
+    motor_hz: Option<f64>,
     stages: Vec<[Option<Sample>; HARMONICS]>,
     /// In the order of their names.
     indicators: Box<[Option<Sample>]>,
@@ -109,6 +110,7 @@ impl Learner {
             samples: window.samples,
             speed_hz: window.input_speed_hz.value,
             torque_nm: torque.is_finite().then_some(torque),
+            motor_hz: Some(window.operating_point.motor_speed_hz).filter(|hz| hz.is_finite() && *hz > 0.0),
             stages: stages.collect(),
             indicators: window.indicators.row_without_bearings().map(indicator).collect(),
         });
@@ -168,7 +170,9 @@ fn run(rows: &mut [Row], origin: &Origin) -> Run {
         by_channel.then(a.first_sample_index.cmp(&b.first_sample_index))
     });
     let count = rows.len() as f64;
-    let torques: Vec<f64> = rows.iter().filter_map(|row| row.torque_nm).collect();
+    let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+    let brake_torque_nm = mean(rows.iter().filter_map(|row| row.torque_nm).collect());
+    let motor_speed_hz = mean(rows.iter().filter_map(|row| row.motor_hz).collect());
     let mut channels = BTreeMap::new();
     for rows in rows.chunk_by(|a, b| a.sensor == b.sensor && a.unit == b.unit) {
         let stages = rows.iter().map(|row| row.stages.len()).min().unwrap_or(0);
@@ -191,7 +195,8 @@ fn run(rows: &mut [Row], origin: &Origin) -> Run {
         mounting: origin.mounting.clone(),
         recording: origin.recording.clone(),
         input_speed_hz: rows.iter().map(|row| row.speed_hz).sum::<f64>() / count,
-        brake_torque_nm: (!torques.is_empty()).then(|| torques.iter().sum::<f64>() / torques.len() as f64),
+        brake_torque_nm,
+        motor_speed_hz,
         channels,
     }
 }

@@ -327,3 +327,23 @@ fn analytic_slip_grows_with_the_load_and_a_wrong_clock_does_not() {
     let ppm = fast.effects[0].parameters["ppm"];
     assert!((ppm.value() - 1e6 * 0.006 / 0.994).abs() < 3.0 * ppm.sigma(), "{ppm:?}");
 }
+
+/// A sheet that says 2.5 for a belt of 2: named with the ratio that fits, and nothing else, without a tacho. The sheet's own ratio gets no name.
+#[test]
+fn regress_a_wrong_belt_ratio_is_named() {
+    let mut now = session(1, 23.0, &nothing);
+    now.iter_mut().flat_map(|r| &mut r.operating_points).for_each(|point| point.motor_speed_hz *= 2.0);
+    for (stated, named) in [(2.5, true), (1.3, true), (2.0, false)] {
+        let mut belted = bench();
+        belted.belt = Some(Belt { ratio: stated, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.2 });
+        let input = Input { bench: &belted, recordings: &now, reference: &[], without: &[] };
+        let Answer { explanation, bench } = explain(&input, &mut |_| {}).unwrap();
+        let all: Vec<&str> = explanation.effects.iter().map(|e| e.effect.as_str()).collect();
+        assert_eq!(all, if named { vec!["wrong_belt_ratio"] } else { vec![] }, "{stated}: {:?}", explanation.steps);
+        if named {
+            let ratio = explanation.effects[0].parameters["ratio"];
+            assert!((ratio.value() - 2.0).abs() < 3.0 * ratio.sigma(), "{stated}: {ratio:?}");
+            assert!((bench.belt.unwrap().ratio / 2.0 - 1.0).abs() < 0.01, "{stated}");
+        }
+    }
+}
