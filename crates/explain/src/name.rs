@@ -5,6 +5,7 @@ pub mod alone;
 pub mod bearing;
 pub mod classes;
 pub mod direct;
+pub mod family;
 pub mod friction;
 pub mod gear;
 pub mod gear_side;

@@ -164,8 +164,9 @@ struct Together {
 /// 0.5 %) on the flank of one.
 pub(crate) const SHARED_CHANGE: f64 = 0.04;
 pub(crate) const SHARED_SLOPE: f64 = 15.0;
-const RESONANT_SLOPE: f64 = 100.0;
-/// Price of the assumption that a pair sits on such a flank (nats): one speed in ten does.
+pub(crate) const RESONANT_SLOPE: f64 = 100.0;
+/// Share of speeds on such a flank, and the price of the assumption (nats).
+pub(crate) const RESONANT_SHARE: f64 = 0.1;
 const RESONANT_PRICE: f64 = 2.3;
 
 fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together> {

@@ -3,6 +3,7 @@
 //! The share of twins in which the best mask gains as much as in the case is the probability `p_null` of such a gain where nothing changed (a Monte Carlo test:
 //! Barnard 1963). Scale, lines and settings are the case's own, so that no other bench and no other generator has a part in it.
 
+use rand::RngExt;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
@@ -10,7 +11,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 use crate::change::locate::{Cell, Place};
-use crate::change::masks::{self, SHARED_CHANGE, SHARED_SLOPE, TAIL};
+use crate::change::masks::{self, RESONANT_SHARE, RESONANT_SLOPE, SHARED_CHANGE, SHARED_SLOPE, TAIL};
 use crate::read::lines::Family;
 
 /// Twins that are drawn: `p_null` is a multiple of a hundredth.
@@ -23,6 +24,16 @@ pub struct Twins {
     pub p_null: f64,
     /// Gain of the best mask in the case, and the median and largest of those in its twins (nats).
     pub gains: [f64; 3],
+    /// Mean excess over their median of the twins that gain more (nats).
+    excess: f64,
+}
+
+impl Twins {
+    /// Chance that the best mask of an unchanged bench gains so much: beyond the median the twins' gains are taken to be exponentially distributed.
+    pub fn chance(&self, gain: f64) -> f64 {
+        let over = gain - self.gains[1];
+        if over <= 0.0 { 1.0 } else { 0.5 * (-over / self.excess).exp() }
+    }
 }
 
 /// Draws the twins of some cells; `None` without lines.
@@ -43,6 +54,9 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
                 let order = (c.pair, order_of(c.family?));
                 let z: f64 = StandardNormal.sample(&mut random);
                 let shared = SHARED_CHANGE.hypot(SHARED_SLOPE * gaps[c.pair]);
+                // Some pairs of recordings stand on the flank of a torsional resonance.
+                let resonant = random.random::<f64>() < RESONANT_SHARE;
+                let shared = if resonant { SHARED_CHANGE.hypot(RESONANT_SLOPE * gaps[c.pair]) } else { shared };
                 let common = *common.entry(order).or_insert(shared * z);
                 let t: f64 = tails.sample(&mut random);
                 Some(Cell { change: common + found.outside * c.variance.sqrt() * t, ..*c })
@@ -53,9 +67,14 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
     let mut gains: Vec<f64> = (0..TWINS).into_par_iter().map(drawn).collect();
     let above = gains.iter().filter(|g| **g >= found.gain).count();
     gains.sort_by(f64::total_cmp);
+    let middle = gains[gains.len() / 2];
+    let beyond: Vec<f64> = gains.iter().map(|g| g - middle).filter(|g| *g > 0.0).collect();
+    // A likelihood ratio of noise alone falls by one in e a nat (Wilks 1938): one more twin of that kind.
+    let excess = (1.0 + beyond.iter().sum::<f64>()) / (1.0 + beyond.len() as f64);
     Some(Twins {
+        excess,
         p_null: (1 + above) as f64 / (1 + TWINS) as f64,
-        gains: [found.gain, gains[gains.len() / 2], gains[gains.len() - 1]],
+        gains: [found.gain, middle, gains[gains.len() - 1]],
     })
 }
 

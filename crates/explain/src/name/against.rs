@@ -12,13 +12,8 @@ use crate::name::strange;
 use crate::name::subname;
 use crate::name::{Finding, Question};
 
-/// Gain (nats) above which a mask is believed: of 108 unchanged benches the three best gained 15, the fourth 7.6, and two in three less than 0.5.
-const BELIEVED: f64 = 18.0;
-/// The same of a mask that no single order makes: on unchanged benches its quiet lines speak against it, none gained anything.
-const BELIEVED_WIDE: f64 = 6.0;
-/// The same of the first order of one shaft: unchanged benches gain nothing, with lines a little over twice as large inside as outside.
-const BELIEVED_ORDERS: f64 = 4.0;
-const ORDERS_STAND_OUT: f64 = 2.5;
+/// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is believed.
+const CHANCE: f64 = 1e-3;
 /// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
 const MISFIT: f64 = 1.2;
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
@@ -84,6 +79,8 @@ pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
     let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));
     let before = remaining.clone();
+    let twins = twins::twins(&remaining, &places, &gaps);
+    let beyond_chance = |m: &Mask| twins.is_some_and(|t| t.chance(m.gain) < CHANCE);
     let mut named: Vec<Mask> = Vec::new();
     for round in 0..MOST {
         let mut ranked = masks::masks(&remaining, &places, &gaps);
@@ -102,7 +99,8 @@ pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             ));
         }
         let later = round > 0 || under_path || tooth_found || ghost_found;
-        if alone.is_none() && !believed(&chosen, later, tooth_found) {
+        let believed = if later { believed_beside(&chosen, tooth_found) } else { beyond_chance(&chosen) };
+        if alone.is_none() && !believed {
             if round > 0 {
                 found.steps.push("stop: no further mask gains enough beside what was named".into());
             }
@@ -155,7 +153,7 @@ pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         }
     }
     if let [first, second] = named[..] {
-        swap(q, &before, &places, &gaps, (first, second), found);
+        swap(q, &before, (&places, &gaps), &beyond_chance, (first, second), found);
     }
     if let (Some(f), Some(place)) = (ripple, ripple_place)
         && !found.findings.iter().any(|x| echoes(q, x, place))
@@ -198,12 +196,18 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     let known = found.findings.len();
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
-    } else if let Some((channel, finding)) = path::path(q, cells, speeds, found.steps) {
-        remaining = locate::without_path(&remaining, channel, speeds);
+    } else if let Some((channels, finding)) = path::path(q, cells, speeds, found.steps) {
+        for channel in channels {
+            remaining = locate::without_path(&remaining, channel, speeds);
+        }
         found.findings.push(finding);
     }
+    if remaining_under_path_moves(q, cells, &remaining, &found.findings[known..], found.steps) {
+        found.findings.truncate(known);
+        return (cells.to_vec(), false);
+    }
     let paths = &found.findings[known..];
-    let changed = |c: &Cell| paths.iter().find(|f| f.place == q.comparison.channels[c.channel]);
+    let changed = |c: &Cell| paths.iter().find(|f| of_path(q, f, c));
     if paths.is_empty() || remaining.iter().all(|c| changed(c).is_some()) {
         return (remaining, !paths.is_empty());
     }
@@ -217,6 +221,38 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     (clear.collect(), false)
 }
 
+/// Whether a cell is read through a changed path.
+fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
+    path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
+}
+
+/// Whether a path of all sensors, or of the only one, leaves lines that move more than those of an unchanged bench: then one change of the machine, which meshes bring into the background too, is simpler
+/// than a path and a machine that changed.
+fn remaining_under_path_moves(
+    q: &Question<'_>,
+    cells: &[Cell],
+    remaining: &[Cell],
+    paths: &[Finding],
+    steps: &mut Vec<String>,
+) -> bool {
+    let on_path = |c: &Cell| paths.iter().any(|f| of_path(q, f, c));
+    if paths.is_empty() || !cells.iter().all(on_path) || paths.iter().all(|f| f.effect == "scaling") {
+        return false;
+    }
+    let (places, gaps) = (places(q), gaps(q));
+    let wide_one = masks::masks(remaining, &places, &gaps).into_iter().find(|m| wide(m.place));
+    let Some((mask, twins)) = wide_one.zip(twins::twins(remaining, &places, &gaps)) else { return false };
+    let moves = twins.chance(mask.gain) < CHANCE;
+    if moves {
+        steps.push(format!(
+            "a path would leave {} at {:.1} times repetition: it does not account for the lines",
+            subname::describe(q, mask.place),
+            mask.inside / masks::USUAL_SCALE
+        ));
+    }
+    moves
+}
+
 /// Among masks that gain nearly as much as the best, the simplest.
 fn choose(ranked: &[Mask]) -> Option<Mask> {
     let best = ranked.first()?;
@@ -228,17 +264,10 @@ fn choose(ranked: &[Mask]) -> Option<Mask> {
         .copied()
 }
 
-fn believed(m: &Mask, later: bool, tooth_found: bool) -> bool {
-    if later {
-        let enough = if tooth_found { BESIDE_TOOTH } else { SECOND_GAIN };
-        return m.gain > enough && !wide(m.place) && m.inside > CONCENTRATED * m.outside;
-    }
-    let threshold = match m.place {
-        Place::ShaftOnce(_) if m.inside > ORDERS_STAND_OUT * m.outside => BELIEVED_ORDERS,
-        p if wide(p) => BELIEVED_WIDE,
-        _ => BELIEVED,
-    };
-    m.gain > threshold
+/// Whether a mask is believed beside what was named.
+fn believed_beside(m: &Mask, tooth_found: bool) -> bool {
+    let enough = if tooth_found { BESIDE_TOOTH } else { SECOND_GAIN };
+    m.gain > enough && !wide(m.place) && m.inside > CONCENTRATED * m.outside
 }
 
 /// Adds the names of masks that share lines with the chosen one and gain nearly as much: where the lines alone do not say which.
@@ -275,8 +304,8 @@ fn with_rivals(q: &Question<'_>, mut f: Finding, chosen: &Mask, ranked: &[Mask],
 fn swap(
     q: &Question<'_>,
     cells: &[Cell],
-    places: &[Place],
-    gaps: &[f64],
+    (places, gaps): (&[Place], &[f64]),
+    believed: &dyn Fn(&Mask) -> bool,
     (first, second): (Mask, Mask),
     found: &mut Found<'_>,
 ) {
@@ -287,7 +316,7 @@ fn swap(
     let at = found.findings.len() - 2;
     let own = &found.findings[at + 1];
     let other = choose(&ranked.into_iter().filter(|m| !echoes(q, own, m.place)).collect::<Vec<_>>());
-    match other.filter(|m| m.place != first.place && m.gain > gain.max(0.0) + NEARLY && believed(m, false, false)) {
+    match other.filter(|m| m.place != first.place && m.gain > gain.max(0.0) + NEARLY && believed(m)) {
         Some(m) => {
             found.steps.push(format!(
                 "swap: beside the second effect, {} gains {:.0} nats, {} {gain:.0}",

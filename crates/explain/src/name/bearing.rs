@@ -5,6 +5,7 @@
 //! leave through one bearing's seat: sensors at that shaft's bearing hear them further above the background than the others do.
 
 use crate::judge::report::Evidence;
+use crate::name::family::Family;
 use crate::name::{Finding, Question};
 use crate::read::envelope::EnvelopeLine;
 
@@ -67,8 +68,20 @@ fn shares(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Vec<f64
     logs.iter().map(|l| (l - most).exp() / sum).collect()
 }
 
-/// A defect at the order that stands out.
+/// A defect at the order that stands out of the envelope.
 pub fn finding(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Finding {
+    let place =
+        format!("order {:.3} of the input shaft in the envelope, {:.1} standard scores", line.order, line.score);
+    of_order(q, line, channels, place)
+}
+
+/// A defect whose passages stand in the spectrum as lines at multiples of one order.
+pub fn of_lines(q: &Question<'_>, family: &Family) -> Finding {
+    let heard = EnvelopeLine { order: family.order, score: 0.0, by_channel: Vec::new(), noise: 1.0 };
+    of_order(q, &heard, &[], family.in_words())
+}
+
+fn of_order(q: &Question<'_>, line: &EnvelopeLine, channels: &[String], place: String) -> Finding {
     let mut shafts: Vec<(usize, f64)> = shares(q, line, channels).into_iter().enumerate().collect();
     shafts.sort_by(|a, b| b.1.total_cmp(&a.1));
     let (j, share) = shafts[0];
@@ -79,7 +92,7 @@ pub fn finding(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Fi
         .extend(shafts[1..].iter().filter(|s| s.1 > IN_SET).map(|s| ("bearing_defect", q.train.shafts[s.0].0.clone())));
     let odds: Vec<String> = shafts.iter().map(|s| format!("{} {:.2}", q.train.shafts[s.0].0, s.1)).collect();
     f.evidence = Evidence {
-        place: format!("order {:.3} of the input shaft in the envelope, {:.1} standard scores", line.order, line.score),
+        place,
         law: "an order that no gear makes".into(),
         support: format!("shaft by usual races and by the sensors that hear it most: {}", odds.join(", ")),
         ..Evidence::default()

@@ -28,6 +28,8 @@ const STEADIER: f64 = 3.0;
 /// Where there is no other channel: gears that change move the background by 2.7 per band at most, and do not take two thirds of the lines' misfit along.
 const FLOOR_MISFIT_LONE: f64 = 12.0;
 const LINE_SHARE_LONE: f64 = 0.66;
+/// Place of what all sensors have in common.
+pub const HOUSING: &str = "housing";
 /// How far a line lies from the band of background that stands for it (ln).
 const BAND_SIGMA: f64 = 0.2;
 
@@ -100,8 +102,47 @@ pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<
     out.into_iter().map(|(f, _)| f).collect()
 }
 
-/// The channel whose sensor path or gain changed, and what to call it.
-pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<String>) -> Option<(usize, Finding)> {
+/// Whether the lines of a channel follow its background as a path takes both along.
+fn follow(follows: f64, sigma: f64) -> bool {
+    FOLLOWS.contains(&follows) && follows > CLEARLY * sigma
+}
+
+/// A changed path that all sensors have in common: on each of several the background moved as the same function of frequency at every speed, and the lines with it.
+fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Option<Finding> {
+    let moved = |&(share, misfit): &(f64, f64)| misfit > FLOOR_MISFIT && share > FLOOR_SHARE;
+    if floors.len() < 2 || !floors.iter().all(moved) {
+        return None;
+    }
+    let follows: Vec<(f64, f64)> =
+        (0..floors.len()).map(|c| locate::follows_background(cells, c)).collect::<Option<_>>()?;
+    let said: Vec<String> = follows.iter().map(|(f, s)| format!("{f:.2} ± {s:.2}")).collect();
+    steps.push(format!(
+        "the background moved on all sensors; their lines follow it by {} of its change (1 of a path, 0 of noise)",
+        said.join(", ")
+    ));
+    if !follows.iter().all(|&(f, s)| follow(f, s)) {
+        return None;
+    }
+    let clearest = (0..floors.len()).max_by(|a, b| floors[*a].1.total_cmp(&floors[*b].1))?;
+    let resonance = resonance_fit(&profile(cells, clearest));
+    let mut f = Finding::new("structural_resonance", HOUSING, 0.8).with(
+        "frequency_hz",
+        resonance.frequency_hz,
+        0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz,
+    );
+    f.alternatives.push(("damping", HOUSING.to_owned()));
+    f.evidence.place = "lines and background of all sensors".into();
+    f.evidence.law = "a function of frequency, the same at every speed".into();
+    Some(f)
+}
+
+/// The channels whose path or gain changed, and what to call it.
+pub fn path(
+    q: &Question<'_>,
+    cells: &[Cell],
+    speeds: &[f64],
+    steps: &mut Vec<String>,
+) -> Option<(Vec<usize>, Finding)> {
     let mut best: Option<(usize, f64, f64)> = None;
     let channels = 0..q.comparison.channels.len();
     let floors: Vec<(f64, f64)> = channels.map(|c| locate::floor_account(cells, c, speeds)).collect();
@@ -117,7 +158,7 @@ pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<St
     }
     let (c, misfit, share) = best?;
     if floors.iter().enumerate().any(|(k, (_, other))| k != c && misfit < FLOOR_ALONE * other) {
-        return None;
+        return Some(((0..floors.len()).collect(), housing(cells, &floors, steps)?));
     }
     let lines = |k: usize| locate::line_misfit(cells, Some(k));
     let others = (0..q.comparison.channels.len()).filter(|k| *k != c).map(lines).fold(f64::NAN, f64::min);
@@ -126,7 +167,7 @@ pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<St
     steps.push(format!(
         "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
     ));
-    if !FOLLOWS.contains(&follows) || follows < CLEARLY * sigma || others > OTHERS_SHARE * own {
+    if !follow(follows, sigma) || others > OTHERS_SHARE * own {
         return None;
     }
     // One factor for lines and background alike?
@@ -154,7 +195,7 @@ pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<St
         f.evidence.law = evidence_law;
         f.evidence.place =
             format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
-        return Some((c, f));
+        return Some((vec![c], f));
     }
     let (first, second) = if mounting.left <= resonance.left {
         ("sensor_mounting", "structural_resonance")
@@ -180,13 +221,18 @@ pub fn path(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<St
             .with("damping_ratio", resonance.damping, 0.4 * resonance.damping);
     }
     f.alternatives.push((second, name));
+    // The only sensor cannot tell its own way from the housing's, which no mounting has below its resonance.
+    if floors.len() == 1 && first == "structural_resonance" {
+        f.alternatives.push((first, HOUSING.to_owned()));
+        f.probability = 0.6;
+    }
     f.evidence.law = evidence_law;
     f.evidence.place = "all lines and the background of one sensor".into();
     f.evidence.shape = format!(
         "misfit of the change over frequency: mounting resonance {:.2}, resonance of the structure {:.2}",
         mounting.left, resonance.left
     );
-    Some((c, f))
+    Some((vec![c], f))
 }
 
 /// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).

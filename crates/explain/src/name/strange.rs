@@ -4,6 +4,7 @@ use gearwatch_core::train::Train;
 
 use crate::change::compare::Comparison;
 use crate::name::bearing;
+use crate::name::family;
 use crate::name::{Finding, Question};
 use crate::read::dsp::Transforms;
 use crate::read::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
@@ -205,12 +206,18 @@ pub fn add_strange(
     let off: Vec<&StrangeLine> =
         strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
+    // What a reference has not, so that it is no habit of the bench.
+    let family = if strange.against_reference && !bearing_seen { family::family(q, &strange.orders) } else { None };
     if let Some(e) = &strange.envelope
         && bearing_seen
         && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
     {
         *unexplained = false;
         findings.push(bearing::finding(q, e, &channels));
+    } else if let Some(family) = family {
+        steps.push(format!("{}: {:.0} nats", family.in_words(), family.nats));
+        *unexplained = false;
+        findings.push(bearing::of_lines(q, &family));
     } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
         steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
         *unexplained = true;

@@ -127,7 +127,7 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
         Place::ShaftOrders(_) => shared::finding(q, Place::Dynamics, cells, depth, steps)?,
         Place::ShaftOrder(j, k) => ripple(q, j, k, exponent),
-        Place::MotorOrder(k) => Finding::new("torque_ripple", "motor", 0.62).with("order", f64::from(k), 0.2),
+        Place::MotorOrder(k) => ripple(q, 0, k, exponent),
         // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
         Place::LowSide(i, j)
             if masks::median_change(cells, Place::FirstSide(i, j))

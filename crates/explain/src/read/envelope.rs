@@ -17,6 +17,8 @@ const LIMIT: f64 = 3.0;
 /// Highest envelope order that is kept, of the input shaft.
 const HIGHEST_ORDER: f64 = 60.0;
 
+/// Half width that is cut out about a line of a comb, in spacings, up to which a long comb leaves most orders.
+const APART: f64 = 0.1;
 /// Bins from a shaft's comb at which a line of the window that is used has fallen to nothing.
 const CLEAR_OF_COMB: f64 = 2.0;
 
@@ -98,6 +100,41 @@ fn at(spectrum: &EnvelopeSpectrum, order: f64) -> f64 {
     mean.max(0.05).ln().min(3.0)
 }
 
+/// Whether two shafts modulate at an order: what they do beats at the sums and differences of their orders and of their first multiples, four together; a sum over harmonics shows that of
+/// the first orders at their half too.
+pub fn is_mixed(train: &Train, order: f64, tolerance: f64) -> bool {
+    let mixed = |a: f64, b: f64| {
+        let both = |m: u32, n: u32| [1.0, -1.0].map(|s| (f64::from(m) * a + s * f64::from(n) * b).abs());
+        let beats = [(1, 1), (1, 2), (2, 1), (1, 3), (3, 1), (2, 2)].into_iter().flat_map(|(m, n)| both(m, n));
+        beats.chain(both(1, 1).map(|o| 0.5 * o)).any(|o| (order - o).abs() < tolerance)
+    };
+    let mut pairs =
+        train.shafts.iter().enumerate().flat_map(|(i, a)| train.shafts[..i].iter().map(move |b| (a.1, b.1)));
+    pairs.any(|(a, b)| mixed(a, b))
+}
+
+/// Whether a train makes an order of its own: shafts, meshes and what two shafts modulate. `revolutions` of the shortest recording give how sharp orders are.
+fn is_of_train(train: &Train, order: f64, revolutions: f64) -> bool {
+    let tolerance = (3.0 / revolutions).max(0.004 * order);
+    let comb = |o: f64| {
+        let m = (order / o).round();
+        // A comb whose lines the tolerance leaves apart is cut out to its end.
+        m >= 1.0 && (order - m * o).abs() < tolerance && (m <= 14.0 || tolerance < APART * o)
+    };
+    // Lines of a mesh beat at its order whatever is cut out, and the sum over harmonics shows that at a half and a third of it too.
+    let mesh = |o: f64| {
+        (1..=3).any(|k| {
+            let own = f64::from(k) * order;
+            let m = (own / o).round();
+            m >= 1.0 && (own - m * o).abs() < f64::from(k) * tolerance
+        })
+    };
+    is_mixed(train, order, tolerance)
+        || train.shafts.iter().any(|s| s.1 * revolutions > 12.0 && comb(s.1))
+        || comb(train.motor_order)
+        || train.stages.iter().any(|s| mesh(s.mesh_order))
+}
+
 /// The envelope order that stands out most over all recordings: sum over its first three harmonics, in standard scores of
 /// the same sum over all orders that were scanned.
 pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Option<EnvelopeLine> {
@@ -108,34 +145,7 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
     }
     let slowest = train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
     let (low, high) = (1.6 * slowest, 16.0);
-    let near = |order: f64| {
-        let tolerance = (3.0 / least_revs).max(0.004 * order);
-        let comb = |o: f64| {
-            let m = (order / o).round();
-            m >= 1.0 && (order - m * o).abs() < tolerance && m <= 14.0
-        };
-        // Lines of a mesh beat at its order whatever is cut out, and the sum over harmonics shows that at a half and a third of it too.
-        let mesh = |o: f64| {
-            (1..=3).any(|k| {
-                let own = f64::from(k) * order;
-                let m = (own / o).round();
-                m >= 1.0 && (own - m * o).abs() < f64::from(k) * tolerance
-            })
-        };
-        // What two shafts modulate beats at the sums and differences of their orders and of their first multiples, four together; the sum over harmonics shows that of the first
-        // orders at their half too.
-        let mixed = |a: f64, b: f64| {
-            let both = |m: u32, n: u32| [1.0, -1.0].map(|s| (f64::from(m) * a + s * f64::from(n) * b).abs());
-            let beats = [(1, 1), (1, 2), (2, 1), (1, 3), (3, 1), (2, 2)].into_iter().flat_map(|(m, n)| both(m, n));
-            beats.chain(both(1, 1).map(|o| 0.5 * o)).any(|o| (order - o).abs() < tolerance)
-        };
-        let pairs =
-            || train.shafts.iter().enumerate().flat_map(|(i, a)| train.shafts[..i].iter().map(move |b| (a.1, b.1)));
-        pairs().any(|(a, b)| mixed(a, b))
-            || train.shafts.iter().any(|s| s.1 * least_revs > 12.0 && comb(s.1))
-            || comb(train.motor_order)
-            || train.stages.iter().any(|s| mesh(s.mesh_order))
-    };
+    let near = |order: f64| is_of_train(train, order, least_revs);
     let mut orders = Vec::new();
     let mut order = low;
     while order < high {

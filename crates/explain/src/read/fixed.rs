@@ -4,13 +4,18 @@
 //! they wander with the speed: what a shaft does is told from what stays, down to a fraction of a bin, and where they cannot be told apart the noise of
 //! the fit says so. A line that enters behind the machine has one amplitude in all recordings, at any phase; its gain is the log likelihood
 //! ratio of that (Rice), against nothing and against the same line in the reference.
+//!
+//! A machine has lines that nobody listed. How many, and how large, is read from the recordings themselves: the same is asked at frequencies beside the mains, where
+//! none enters ([`sham`]).
 
 mod joint;
+mod sham;
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
 use self::joint::{About, Cell};
+use self::sham::Shams;
 use crate::read::dsp::{self, Transforms};
 use crate::read::features::{RecordingFeatures, Steady};
 
@@ -24,9 +29,8 @@ const ONE_SPEED: f64 = 0.03;
 /// Half width of what is known of a line's frequency (bins).
 const PLACE_BINS: f64 = 0.3;
 
-/// Gain of a line that enters behind the machine: of 675 drawn benches without a pick-up the largest are 10 at 50 and 60 Hz, 15 at their multiples, and 20
-/// there on a channel that clips.
-const GAIN: f64 = 30.0;
+/// Lines of the machine that may be expected to gain as much, among all places asked, where a line is taken for one that enters behind it.
+const EXPECTED: f64 = 1e-3;
 /// The least gain of two speeds. Among all the multiples a line of the machine that nobody listed may lie at one speed (94 nats at 240 Hz); 50 and 60 Hz
 /// themselves may be seen at one speed, where at the others a shaft's line lies on them.
 const GAIN_EACH: f64 = 5.0;
@@ -59,16 +63,20 @@ pub struct FixedLine {
     pub by_speed: Vec<f64>,
     /// Largest gain of the same line on another sensor.
     pub elsewhere: f64,
+    /// Lines of the machine that may be expected to gain as much on this sensor, among all places asked.
+    pub expected: f64,
 }
 
 impl FixedLine {
     /// No speed speaks against it, and two speak for it.
-    fn is_one_amplitude(&self) -> bool {
+    fn is_steady(&self) -> bool {
         let seen = self.by_speed.iter().filter(|g| **g > GAIN_EACH).count();
-        self.by_speed.len() > 1
-            && self.by_speed.iter().all(|g| *g > AGAINST)
-            && self.gain > GAIN
-            && (seen > 1 || self.multiple == Some(1))
+        self.by_speed.len() > 1 && self.by_speed.iter().all(|g| *g > AGAINST) && (seen > 1 || self.multiple == Some(1))
+    }
+
+    /// The machine's own lines do not do as much.
+    fn is_one_amplitude(&self) -> bool {
+        self.is_steady() && self.expected < EXPECTED
     }
 
     /// It entered behind this sensor: the others do not hear it.
@@ -118,18 +126,27 @@ pub fn fit(
     others: &[f64],
 ) -> Vec<FixedLine> {
     let mut names: Vec<&str> = Vec::new();
+    // A limit makes lines without end.
+    let clips = |name: &str| {
+        recordings.iter().flat_map(|r| &r.channels).any(|c| c.name == name && c.integrity.clipped_at.is_some())
+    };
     for (name, _, _) in steady[..recordings.len()].iter().flat_map(|s| &s.channels) {
-        if !names.contains(name) {
+        if !names.contains(name) && !clips(name) {
             names.push(name);
         }
     }
     let mut places: Vec<Place> = MAINS_HZ
         .iter()
-        .flat_map(|base| (1..=MULTIPLES).map(move |m| Place { hz: base * f64::from(m), multiple: Some(m) }))
+        .flat_map(|base| {
+            (1..=MULTIPLES).map(move |m| Place { hz: base * f64::from(m), multiple: Some(m), wander: DEVIATION })
+        })
         .collect();
     places.sort_by(|a, b| a.hz.total_cmp(&b.hz));
     places.dedup_by(|a, b| a.hz == b.hz);
-    places.extend(others.iter().map(|&hz| Place { hz, multiple: None }));
+    let beside = sham::beside(&places);
+    places.extend(others.iter().map(|&hz| Place { hz, multiple: None, wander: 0.0 }));
+    let asked = places.len();
+    places.extend(beside);
     let cells: Vec<Vec<Vec<Option<Cell>>>> = steady
         .iter()
         .zip(recordings.iter().chain(references))
@@ -144,18 +161,22 @@ pub fn fit(
             places.iter().map(|place| place.cells(&spectra, train, f)).collect()
         })
         .collect();
-    let mut out = Vec::new();
-    for (k, place) in places.iter().enumerate() {
+    let line_at = |k: usize, c: usize| {
+        let own: Vec<Option<Cell>> = cells[..recordings.len()].iter().map(|of| of[k][c]).collect();
+        let before: Vec<Cell> = cells[recordings.len()..].iter().filter_map(|of| of[k][c]).collect();
+        line(&places[k], names[c], recordings, &own, &before)
+    };
+    let shams = |c: usize| Shams::new((asked..places.len()).map(|k| line_at(k, c)));
+    let shams: Vec<Shams> = (0..names.len()).map(shams).collect();
+    let mut out: Vec<FixedLine> = Vec::new();
+    for k in 0..asked {
         let first = out.len();
-        for (c, name) in names.iter().enumerate() {
-            let own: Vec<Option<Cell>> = cells[..recordings.len()].iter().map(|of| of[k][c]).collect();
-            let before: Vec<Cell> = cells[recordings.len()..].iter().filter_map(|of| of[k][c]).collect();
-            out.extend(line(place, name, recordings, &own, &before));
-        }
-        let gains: Vec<(String, f64)> = out[first..]
-            .iter()
-            .map(|l: &FixedLine| (l.channel.clone(), if l.is_one_amplitude() { l.gain } else { 0.0 }))
-            .collect();
+        out.extend(shams.iter().enumerate().filter_map(|(c, shams)| {
+            let l = line_at(k, c)?;
+            Some(FixedLine { expected: shams.expected(l.gain, asked), ..l })
+        }));
+        let gains: Vec<(String, f64)> =
+            out[first..].iter().map(|l| (l.channel.clone(), if l.is_one_amplitude() { l.gain } else { 0.0 })).collect();
         for l in &mut out[first..] {
             l.elsewhere = gains.iter().filter(|g| g.0 != l.channel).map(|g| g.1).fold(0.0, f64::max);
         }
@@ -199,6 +220,7 @@ fn line(
         gain,
         by_speed: speeds.into_iter().map(|s| s.1).collect(),
         elsewhere: 0.0,
+        expected: f64::INFINITY,
     })
 }
 
@@ -208,6 +230,8 @@ struct Place {
     hz: f64,
     /// Of the mains.
     multiple: Option<u32>,
+    /// How far from there it may lie (relative).
+    wander: f64,
 }
 
 impl Place {
@@ -216,7 +240,7 @@ impl Place {
         let mut out = vec![None; spectra.len()];
         let Some(about) = About::new(self.hz, train, f) else { return out };
         // Steps of at most a bin: half a bin off its place a line loses a tenth.
-        let widest = if self.multiple.is_some() { DEVIATION * self.hz } else { 0.0 };
+        let widest = self.wander * self.hz;
         let steps = (widest / f.hz_per_bin).ceil() as i32;
         for step in -steps..=steps {
             let hz = self.hz + widest * f64::from(step) / f64::from(steps.max(1));
@@ -243,6 +267,7 @@ mod tests {
 
     const RATE_HZ: f64 = 2048.0;
     const SECONDS: f64 = 6.0;
+    const MAINS: Place = Place { hz: 50.0, multiple: Some(1), wander: DEVIATION };
 
     /// A machine at a speed that wanders by a thousandth in two seconds.
     fn turning(input_hz: f64) -> RecordingFeatures {
@@ -293,13 +318,14 @@ mod tests {
             })
             .collect();
         let spectrum = dsp::windowed_spectrum(&mut Transforms::default(), &samples);
-        Place { hz: 50.0, multiple: Some(1) }.cells(&[Some(spectrum)], &train(), &f)[0].unwrap()
+        MAINS.cells(&[Some(spectrum)], &train(), &f)[0].unwrap()
     }
 
     fn judged(cells: &[(f64, Cell)], before: &[Cell]) -> Option<FixedLine> {
         let recordings: Vec<RecordingFeatures> = cells.iter().map(|c| turning(c.0)).collect();
         let own: Vec<Option<Cell>> = cells.iter().map(|c| Some(c.1)).collect();
-        line(&Place { hz: 50.0, multiple: Some(1) }, "acc", &recordings, &own, before)
+        let l = line(&MAINS, "acc", &recordings, &own, before)?;
+        Some(FixedLine { expected: Shams::new((0..100).map(|_| None)).expected(l.gain, 20), ..l })
     }
 
     /// Tables of Abramowitz & Stegun, 9.8.
