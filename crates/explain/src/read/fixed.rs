@@ -6,7 +6,7 @@
 //! ratio of that (Rice), against nothing and against the same line in the reference.
 //!
 //! A machine has lines that nobody listed. How many, and how large, is read from the recordings themselves: the same is asked at frequencies beside the mains, where
-//! none enters ([`sham`]).
+//! none enters.
 
 mod joint;
 mod sham;
