@@ -15,6 +15,7 @@ pub mod assemble;
 pub mod baseline;
 pub mod bench;
 pub mod block;
+pub mod calendar;
 pub mod deviation;
 pub mod doubts;
 pub mod estimate;
