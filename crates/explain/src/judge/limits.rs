@@ -40,7 +40,7 @@ pub fn settings(recordings: &[RecordingFeatures]) -> Vec<String> {
         .collect();
     if !silent.is_empty() {
         out.push(format!(
-            "no measured motor speed (none is stated, or exactly the nominal one): it was read from the mesh lines of {}; slip and clock are not judged there",
+            "no motor speed was measured (none is stated, or exactly the nominal one), it was read from the mesh lines: {}; slip and clock are not judged there",
             silent.join(", ")
         ));
     }
