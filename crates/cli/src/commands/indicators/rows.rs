@@ -166,10 +166,10 @@ pub(super) fn table(out: &mut impl Write, rows: &[Row], settings: &IndicatorSett
     Ok(())
 }
 
-/// A value and its sigma, both to two digits of the sigma and at most seven of the value.
+/// A value and its sigma, both to two digits of the sigma and at most six of the value.
 fn figure(x: Estimate) -> String {
     let digits = |x: f64| if x > 0.0 { x.log10().floor() as i32 } else { -12 };
-    let last = 1 - digits(x.sigma).max(digits(x.value.abs()) - 5);
+    let last = 1 - digits(x.sigma).max(digits(x.value.abs()) - 4);
     if (0..=8).contains(&last) {
         let places = last as usize;
         format!("{:.places$} ± {:.places$}", x.value, x.sigma)
@@ -189,7 +189,7 @@ mod tests {
         let text = |value, sigma| figure(Estimate::new(value, sigma));
         assert_eq!(text(2.34567, 0.012), "2.346 ± 0.012");
         assert_eq!(text(1234.6, 32.0), "1235 ± 32");
-        assert_eq!(text(0.5, 0.0), "0.5000000 ± 0.0000000");
+        assert_eq!(text(0.5, 0.0), "0.500000 ± 0.000000");
         assert_eq!(text(1.5e-12, 1e-14), "1.500e-12 ± 1.0e-14");
     }
 
