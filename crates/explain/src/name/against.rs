@@ -202,7 +202,7 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         }
         found.findings.push(finding);
     }
-    if remaining_under_path_moves(q, cells, &remaining, &found.findings[known..], found.steps) {
+    if path_leaves_lines_moved(q, cells, &remaining, &found.findings[known..], found.steps) {
         found.findings.truncate(known);
         return (cells.to_vec(), false);
     }
@@ -228,7 +228,7 @@ fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
 
 /// Whether a path of all sensors, or of the only one, leaves lines that move more than those of an unchanged bench: then one change of the machine, which meshes bring into the background too, is simpler
 /// than a path and a machine that changed.
-fn remaining_under_path_moves(
+fn path_leaves_lines_moved(
     q: &Question<'_>,
     cells: &[Cell],
     remaining: &[Cell],
