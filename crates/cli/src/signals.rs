@@ -1,4 +1,5 @@
-//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once. SIGHUP asks for the configuration to be read again.
+//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once. SIGHUP asks for the configuration to be read again. On Windows
+//! Ctrl-C, Ctrl-Break, a closed console and a shutdown ask for an orderly end; a new configuration needs a new start there.
 
 use gearwatch_daemon::service::Reload;
 use gearwatch_daemon::stop::Stop;
@@ -70,17 +71,28 @@ impl Signals {
     }
 }
 
-#[cfg(not(unix))]
-struct Signals;
+#[cfg(windows)]
+struct Signals {
+    interrupt: tokio::signal::windows::CtrlC,
+    cut: tokio::signal::windows::CtrlBreak,
+    close: tokio::signal::windows::CtrlClose,
+    shutdown: tokio::signal::windows::CtrlShutdown,
+}
 
-#[cfg(not(unix))]
+#[cfg(windows)]
 impl Signals {
     fn new() -> std::io::Result<Self> {
-        Ok(Self)
+        use tokio::signal::windows::{ctrl_break, ctrl_c, ctrl_close, ctrl_shutdown};
+        Ok(Self { interrupt: ctrl_c()?, cut: ctrl_break()?, close: ctrl_close()?, shutdown: ctrl_shutdown()? })
     }
 
+    /// The next wish to end.
     async fn next(&mut self, _: &Reload) -> (&'static str, i32) {
-        let _ = tokio::signal::ctrl_c().await;
-        ("Ctrl-C", 2)
+        tokio::select! {
+            _ = self.interrupt.recv() => ("Ctrl-C", 2),
+            _ = self.cut.recv() => ("Ctrl-Break", 2),
+            _ = self.close.recv() => ("the console closes", 15),
+            _ = self.shutdown.recv() => ("the system shuts down", 15),
+        }
     }
 }

@@ -33,10 +33,12 @@ pub mod columns;
 pub mod envelope;
 pub mod gear;
 pub mod grid;
+pub mod kurtogram;
 pub mod moments;
 pub mod plan;
 pub mod resample;
 pub mod running;
+pub mod table;
 pub mod velocity;
 
 /// Share of the sample rate up to which lines of an average are used: there the interpolation between samples is good to 0.5 %.

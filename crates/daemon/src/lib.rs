@@ -19,6 +19,7 @@ pub mod service;
 pub mod sink;
 pub mod snapshot;
 pub mod source;
+pub mod status;
 pub mod stop;
 #[cfg(feature = "tls")]
 pub mod tls;

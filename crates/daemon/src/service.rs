@@ -135,7 +135,7 @@ impl Service {
         }
         if let Some(path) = &self.config.service.status_socket {
             let path = self.config.folder.join(path);
-            edge::try_out(&path).map_err(|e| ServiceError::Status(format!("{}: {e}", path.display())))?;
+            crate::status::try_out(&path).map_err(|e| ServiceError::Status(format!("{}: {e}", path.display())))?;
         }
         let Some(address) = self.page_address() else { return Ok(()) };
         match std::net::TcpListener::bind(address) {

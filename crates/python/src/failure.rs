@@ -12,6 +12,12 @@ create_exception!(
 );
 create_exception!(gearwatch, ReadError, GearwatchError, "A recording that cannot be read.");
 create_exception!(gearwatch, BenchError, GearwatchError, "A bench file that cannot be used.");
+create_exception!(
+    gearwatch,
+    CheckError,
+    GearwatchError,
+    "Sheet, recordings and baseline that do not belong together: nothing may be judged."
+);
 create_exception!(gearwatch, BaselineError, GearwatchError, "A baseline that cannot be read, learned or used here.");
 create_exception!(
     gearwatch,
@@ -26,6 +32,7 @@ create_exception!(gearwatch, ExplainError, GearwatchError, "Recordings that cann
 pub enum What {
     Read,
     Bench,
+    Check,
     Baseline,
     Simulation,
     Explain,
@@ -58,6 +65,7 @@ impl From<Failure> for PyErr {
         match what {
             What::Read => ReadError::new_err(sentence),
             What::Bench => BenchError::new_err(sentence),
+            What::Check => CheckError::new_err(sentence),
             What::Baseline => BaselineError::new_err(sentence),
             What::Simulation => SimulationError::new_err(sentence),
             What::Explain => ExplainError::new_err(sentence),
@@ -81,6 +89,7 @@ failures! {
     gearwatch_io::ReadError => Read,
     gearwatch_io::bench_file::BenchFileError => Bench,
     gearwatch_io::baseline_file::BaselineFileError => Baseline,
+    gearwatch_io::output::OutputError => Other,
     gearwatch_io::signature_file::SignatureFileError => Baseline,
     gearwatch_core::pipeline::PipelineError => Bench,
     gearwatch_core::baseline::LearnError => Baseline,

@@ -15,17 +15,24 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _native {
     #[pymodule_export]
-    use super::analyse::{Baseline, amplitudes, diagnose_json, learn_baseline, order_spectra, order_spectrum};
+    use super::analyse::{
+        Baseline, amplitudes, check, diagnose_json, indicators, learn_baseline, order_spectra, order_spectrum,
+    };
     #[pymodule_export]
     use super::bench::Bench;
     #[pymodule_export]
     use super::explain::explain;
     #[pymodule_export]
-    use super::failure::{BaselineError, BenchError, ExplainError, GearwatchError, ReadError, SimulationError};
+    use super::failure::{
+        BaselineError, BenchError, CheckError, ExplainError, GearwatchError, ReadError, SimulationError,
+    };
     #[pymodule_export]
     use super::recording::{Channel, Recording, Segment, read};
     #[pymodule_export]
     use super::simulate::{SteadyState, effects, simulate, steady};
+
+    #[pymodule_export]
+    use super::work::{Cancel, heed};
 
     #[pymodule_export]
     const __VERSION__: &str = env!("CARGO_PKG_VERSION");

@@ -6,14 +6,14 @@ use std::sync::{Arc, OnceLock};
 use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock};
 use gearwatch_core::recording::Recording as Whole;
 use gearwatch_core::source::Source;
-use gearwatch_io::{ChannelOption, OpenOptions};
+use gearwatch_io::{ChannelOption, OpenOptions, Opened};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::failure::{Failure, What};
-use crate::work::{Heeding, interruptible};
+use crate::work::{Heeding, Measured, interruptible};
 
 /// Samples a block, for recordings made of arrays.
 const BLOCK: usize = 4096;
@@ -54,6 +54,25 @@ impl Recording {
 pub struct Play {
     packets: Arc<Vec<Packet>>,
     next: usize,
+}
+
+impl Play {
+    /// From the beginning, beside this one.
+    pub fn again(&self) -> Self {
+        Self { packets: self.packets.clone(), next: 0 }
+    }
+}
+
+impl Measured for Play {
+    fn passed(&self) -> (u64, u64) {
+        (self.next as u64, self.packets.len() as u64)
+    }
+}
+
+impl Measured for Opened {
+    fn passed(&self) -> (u64, u64) {
+        (self.progress().bytes(), self.size())
+    }
 }
 
 impl Source for Play {
@@ -314,7 +333,7 @@ impl Segment {
 /// `<path>.toml` beside it.
 #[pyfunction]
 #[pyo3(signature = (path, *, sample_rate_hz=None, unit=None, scale=None, channels=None, time_column=None, delimiter=None, decimal_comma=None,
-                    motor_speed_hz=None, motor_speed_rpm=None, brake_torque_nm=None))]
+                    motor_speed_hz=None, motor_speed_rpm=None, brake_torque_nm=None, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
 pub fn read(
     py: Python<'_>,
@@ -329,6 +348,7 @@ pub fn read(
     motor_speed_hz: Option<f64>,
     motor_speed_rpm: Option<f64>,
     brake_torque_nm: Option<f64>,
+    progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Recording> {
     let parse = |text: &String| {
         text.parse::<ChannelOption>().map_err(|e| Failure::new(What::Read, format!("channels: {text:?}: {e}")))
@@ -346,13 +366,13 @@ pub fn read(
         brake_torque_nm,
         channels,
     };
-    interruptible(py, None, move |control| {
-        let mut source = Heeding::new(gearwatch_io::open(&path, &options)?, control);
+    interruptible(py, progress, move |control| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut source = Heeding::new(gearwatch_io::open(&path, &options)?, control).telling(&name);
         let mut packets = Vec::new();
         while let Some(packet) = source.next_packet()? {
             packets.push(packet);
         }
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Recording::new(path.display().to_string(), name, packets, source.source.warnings()))
     })
 }

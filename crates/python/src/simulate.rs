@@ -77,7 +77,7 @@ fn specs(effects: Option<Vec<Effect>>) -> Result<Vec<EffectSpec>, Failure> {
 
 /// Simulates a bench in time.
 #[pyfunction]
-#[pyo3(signature = (bench, speed_hz=None, torque_nm=None, *, effects=None, duration_s=10.0, seed=1, background_m_per_s2=None, progress=None))]
+#[pyo3(signature = (bench, speed_hz=None, torque_nm=None, *, effects=None, duration_s=10.0, seed=1, background_m_per_s2=None, name=None, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
 pub fn simulate(
     py: Python<'_>,
@@ -88,6 +88,7 @@ pub fn simulate(
     duration_s: f64,
     seed: u64,
     background_m_per_s2: Option<f64>,
+    name: Option<String>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Recording> {
     let scenario = Scenario {
@@ -98,7 +99,7 @@ pub fn simulate(
         ..Scenario::default()
     };
     let config = SimConfig { bench: (*bench.inner).clone(), effects: specs(effects)?, scenario, seed, t0: START_NS };
-    let name = bench.inner.name.clone();
+    let name = name.unwrap_or_else(|| bench.inner.name.clone());
     interruptible(py, progress, move |control| {
         control.step("settling");
         let simulator = Simulator::new(config)?;

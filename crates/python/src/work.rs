@@ -1,5 +1,6 @@
 //! Long work beside Python: on a thread of its own, without the interpreter's lock, heard while it goes, and ended by Ctrl-C.
 
+use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -20,10 +21,38 @@ enum Message<T> {
     Done(Result<T, Failure>),
 }
 
+/// Ends the work of several threads of Python at once: Ctrl-C is heard by the main one only.
+#[pyclass(frozen, module = "gearwatch")]
+#[derive(Default)]
+pub struct Cancel(Arc<AtomicBool>);
+
+#[pymethods]
+impl Cancel {
+    #[new]
+    fn new() -> Self {
+        Self::default()
+    }
+
+    /// Ends all work of threads that heed it.
+    fn now(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+thread_local! {
+    static HEEDED: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
+}
+
+/// From here on, work that this thread of Python begins ends with `cancel` too.
+#[pyfunction]
+pub fn heed(cancel: &Cancel) {
+    HEEDED.set(Some(cancel.0.clone()));
+}
+
 /// The worker's side.
 pub struct Control<'a> {
     cancelled: &'a AtomicBool,
-    tell: &'a dyn Fn(String),
+    tell: &'a (dyn Fn(String) + Sync),
 }
 
 /// Unwinds a thread whose work nobody waits for any more.
@@ -51,7 +80,7 @@ pub fn interruptible<T: Send + 'static>(
     work: impl FnOnce(&Control<'_>) -> Result<T, Failure> + Send + 'static,
 ) -> PyResult<T> {
     let (sender, receiver) = channel();
-    let cancelled = Arc::new(AtomicBool::new(false));
+    let cancelled = HEEDED.with_borrow(Clone::clone).unwrap_or_default();
     let seen = cancelled.clone();
     std::thread::Builder::new().name("gearwatch".to_owned()).spawn(move || run(&seen, &sender, work))?;
     // Shared with the closure that waits without the lock.
@@ -74,6 +103,9 @@ pub fn interruptible<T: Send + 'static>(
             }
         }
         py.check_signals().map_err(give_up)?;
+        if cancelled.load(Ordering::Relaxed) {
+            return Err(Failure::interrupted().into());
+        }
     }
 }
 
@@ -81,7 +113,11 @@ fn wait<T>(receiver: &Mutex<Receiver<Message<T>>>) -> Result<Message<T>, RecvTim
     receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(TICK)
 }
 
-fn run<T>(cancelled: &AtomicBool, sender: &Sender<Message<T>>, work: impl FnOnce(&Control<'_>) -> Result<T, Failure>) {
+fn run<T: Send>(
+    cancelled: &AtomicBool,
+    sender: &Sender<Message<T>>,
+    work: impl FnOnce(&Control<'_>) -> Result<T, Failure>,
+) {
     let tell = |what| drop(sender.send(Message::Step(what)));
     let control = Control { cancelled, tell: &tell };
     // A panic has been printed by its hook; without a result the other side says that the thread has ended.
@@ -91,15 +127,34 @@ fn run<T>(cancelled: &AtomicBool, sender: &Sender<Message<T>>, work: impl FnOnce
     }
 }
 
+/// How much of a source has passed, of how much; 0 where the whole is not known.
+pub trait Measured {
+    /// Passed, and all, in any unit.
+    fn passed(&self) -> (u64, u64);
+}
+
 /// A source that ends when nobody waits for it any more.
 pub struct Heeding<'a, S> {
     pub source: S,
-    pub control: &'a AtomicBool,
+    control: &'a Control<'a>,
+    /// Says the passed share of a source of this name.
+    tell: Option<(String, fn(&S) -> (u64, u64))>,
+    told_percent: u64,
 }
 
 impl<'a, S> Heeding<'a, S> {
-    pub fn new(source: S, control: &Control<'a>) -> Self {
-        Self { source, control: control.cancelled }
+    pub fn new(source: S, control: &'a Control<'a>) -> Self {
+        Self { source, control, tell: None, told_percent: 0 }
+    }
+
+    /// Says now and then how much has passed.
+    pub fn telling(mut self, name: &str) -> Self
+    where
+        S: Measured,
+    {
+        self.control.step(name);
+        self.tell = Some((name.to_owned(), S::passed));
+        self
     }
 }
 
@@ -110,8 +165,16 @@ where
     type Error = Failure;
 
     fn next_packet(&mut self) -> Result<Option<Packet>, Failure> {
-        if self.control.load(Ordering::Relaxed) {
+        if self.control.is_cancelled() {
             return Err(Failure::interrupted());
+        }
+        if let Some((name, passed)) = &self.tell
+            && let (passed, all) = passed(&self.source)
+            && let Some(percent) = (100 * passed).checked_div(all)
+            && percent > self.told_percent
+        {
+            self.told_percent = percent;
+            self.control.step(&format!("{name}: {percent} %"));
         }
         Ok(self.source.next_packet()?)
     }

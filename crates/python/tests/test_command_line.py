@@ -24,7 +24,9 @@ def test_conform_a_baseline_has_the_same_bytes(files, bench):
     monday, tuesday = (gw.learn_baseline(gw.read(files / f"{day}.mcap"), bench, session=day) for day in ("monday", "tuesday"))
     monday.save(files / "python.json")
     assert (files / "python.json").read_bytes() == (files / "monday.json").read_bytes()
-    monday.merged(tuesday).save(files / "python.json")
+    with pytest.raises(gw.GearwatchError, match="exists already"):
+        tuesday.save(files / "python.json")
+    monday.merged(tuesday).save(files / "python.json", force=True)
     assert (files / "python.json").read_bytes() == (files / "normal.json").read_bytes()
 
 
@@ -80,3 +82,64 @@ def test_conform_errors_are_the_sentences_of_the_command(command, folder):
     with pytest.raises(gw.ReadError, match="none.mcap"):
         gw.read(folder / "none.mcap")
     assert issubclass(gw.ReadError, gw.GearwatchError)
+
+
+@pytest.mark.parametrize("healthy", [False, True])
+def test_conform_indicators_have_the_same_bytes(files, bench, command, healthy):
+    """Rows of `indicators` are the lines of `gearwatch indicators --json`."""
+    normal = [files / "monday.mcap", files / "tuesday.mcap"] if healthy else []
+    told = ["--healthy", *normal] if healthy else []
+    said = [json.loads(line) for line in command("indicators", files / "bench.toml", files / "worn.mcap", "--json", *told).splitlines()]
+    table = gw.indicators(gw.read(files / "worn.mcap"), bench, [gw.read(path) for path in normal] or None)
+    assert list(table.columns) == list(said[0]) and len(table) == len(said) > 20
+    for row, (_, found) in zip(said, table.iterrows()):
+        for name, value in row.items():
+            assert found[name] == value or (value is None and found.isna()[name]), (name, row)
+    assert table[table.indicator == "rms"].z.notna().all() == healthy
+
+
+def test_conform_a_check_has_the_same_findings(files, bench, command):
+    wrong = files / "teeth.toml"
+    wrong.write_text((files / "bench.toml").read_text().replace("teeth = 20", "teeth = 21"))
+    said = json.loads(command("check", wrong, files / "worn.mcap", "--format", "json", exits=(0, 1, 3)))
+    table = gw.check(gw.Bench.load(wrong), gw.read(files / "worn.mcap"))
+    assert table.to_dict("records") == said["findings"] != []
+
+
+def test_conform_polars_has_the_same_numbers(files, bench):
+    baseline = gw.Baseline.load(files / "normal.json")
+    worn = gw.read(files / "worn.mcap")
+    ours, theirs = gw.diagnose(worn, bench, baseline, frame="polars"), gw.diagnose(worn, bench, baseline)
+    assert ours.columns == list(theirs.columns)
+    assert ours["dev_1x_percent"].to_list() == theirs.dev_1x_percent.tolist()
+    with pytest.raises(ValueError, match="expected 'pandas' or 'polars'"):
+        gw.diagnose(worn, bench, frame="arrow")
+
+
+def test_conform_an_explanation_has_the_same_bytes(files, bench, command):
+    """`explain` gives explanation.json, whatever the answer is, and its figures can be drawn."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    names = []
+    for speed, torque in [(4.0, 6.0), (4.0, 12.0), (6.0, 6.0), (6.0, 12.0)]:
+        name = files / f"x-{speed:.0f}-{torque:.0f}.mcap"
+        command(
+            "simulate", files / "bench.toml", "--speed", speed, "--torque", torque, "--duration", 6, "--effect",
+            "eccentricity@stage1.pinion:runout_um=40", "-o", name,
+        )
+        names.append(name)
+    out = files / "answer"
+    command("explain", files / "bench.toml", *names, "--out", out, exits=(0, 1))
+    steps = []
+    answer = gw.explain(bench, [gw.read(name) for name in names], progress=steps.append)
+    assert answer.json.encode() == (out / "explanation.json").read_bytes() and steps
+    assert answer.bench.to_toml() == (out / "bench.toml").read_text()
+    assert len(answer.mismatch_frame()) == len(answer.mismatch)
+    if answer.mismatch:
+        assert answer.plot_mismatch().axes
+    if answer.fit is None:
+        with pytest.raises(ValueError, match="no fit"):
+            answer.plot_fit()
+    else:
+        assert answer.plot_fit().axes

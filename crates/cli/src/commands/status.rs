@@ -1,7 +1,6 @@
 //! `gearwatch status`: how the running service is.
 
-use std::io::{Read, Write};
-use std::os::unix::net::UnixStream;
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -25,7 +24,7 @@ The service answers where its configuration has service.status_socket, and at it
 with the gears; 1 warning; 2 critical; 3 not all right, unknown, or no answer.")]
 pub struct Status {
     /// The service's socket
-    #[arg(short, long, value_name = "PATH", default_value = "/run/gearwatch/status.sock")]
+    #[arg(short, long, value_name = "PATH", default_value = gearwatch_daemon::status::USUAL_PATH)]
     socket: PathBuf,
     /// Ask the service's page instead, also that of another machine
     #[arg(long, value_name = "URL", conflicts_with = "socket")]
@@ -46,7 +45,7 @@ impl Run for Status {
     fn run(self) -> anyhow::Result<Exit> {
         let text = match &self.url {
             Some(url) => self.ask_page(url).with_context(|| format!("{url}: no answer"))?,
-            None => self.ask_socket().with_context(|| {
+            None => gearwatch_daemon::status::ask(&self.socket, PATIENCE).with_context(|| {
                 format!("{}: no answer; is the service running with this service.status_socket?", self.socket.display())
             })?,
         };
@@ -62,14 +61,6 @@ impl Run for Status {
 }
 
 impl Status {
-    fn ask_socket(&self) -> std::io::Result<String> {
-        let mut stream = UnixStream::connect(&self.socket)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
-        let mut text = String::new();
-        stream.read_to_string(&mut text)?;
-        Ok(text)
-    }
-
     fn ask_page(&self, url: &str) -> anyhow::Result<String> {
         Ok(self.access.page(url, PATIENCE)?.get("/api/snapshot")?.body_mut().read_to_string()?)
     }

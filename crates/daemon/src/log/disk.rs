@@ -165,9 +165,21 @@ impl Storage for Disk {
     }
 
     fn free_space(&mut self) -> io::Result<u64> {
-        let stat = rustix::fs::statvfs(&self.folder)?;
-        Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
+        free_space(&self.folder)
     }
+}
+
+#[cfg(unix)]
+fn free_space(folder: &Path) -> io::Result<u64> {
+    let stat = rustix::fs::statvfs(folder)?;
+    // The width of these numbers differs between systems.
+    #[allow(clippy::useless_conversion, reason = "u64 on Linux")]
+    Ok(u64::from(stat.f_bavail).saturating_mul(u64::from(stat.f_frsize)))
+}
+
+#[cfg(windows)]
+fn free_space(folder: &Path) -> io::Result<u64> {
+    fs4::available_space(folder)
 }
 
 /// Name of the file that holds the highest number that may have been given out, and the start of the machine in which it was written.
@@ -222,7 +234,14 @@ fn lock(folder: &Path) -> io::Result<File> {
     Ok(lock)
 }
 
+/// The process has no more handles (`ERROR_TOO_MANY_OPEN_FILES`).
+#[cfg(windows)]
+fn is_out_of_descriptors(error: &io::Error) -> bool {
+    error.raw_os_error() == Some(4)
+}
+
 /// The process or the system has no more descriptors (EMFILE, ENFILE).
+#[cfg(unix)]
 fn is_out_of_descriptors(error: &io::Error) -> bool {
     let code = error.raw_os_error();
     code == Some(rustix::io::Errno::MFILE.raw_os_error()) || code == Some(rustix::io::Errno::NFILE.raw_os_error())

@@ -1,23 +1,18 @@
-//! The service's own windows to the outside: the page with Prometheus metrics, and the status socket. Both see snapshots only.
+//! The service's own window to the outside: the page with Prometheus metrics. It sees snapshots only.
 
 use std::net::SocketAddr;
-use std::os::unix::fs::FileTypeExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use futures_util::FutureExt;
-use tokio::io::AsyncWriteExt;
-use tokio::net::{TcpListener, UnixListener};
+use tokio::net::TcpListener;
 use tokio::sync::watch;
 
 use super::Backoff;
 use crate::config::{PageTls, ServiceConfig};
 use crate::snapshot::Snapshot;
 use crate::web::{self, Gate, Hub, Peer, Token};
-
-/// A client that does not take its answer within this time is left.
-const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
 
 /// With what the page proves who it is.
 #[cfg(feature = "tls")]
@@ -121,83 +116,5 @@ pub(super) async fn serve_page(
     };
     if let Err(e) = served {
         tracing::error!("{bound}: the page has ended: {e}");
-    }
-}
-
-/// Answers every connection to a Unix socket with the newest snapshot as JSON.
-pub(super) async fn serve_status(path: PathBuf, snapshots: watch::Receiver<Arc<Snapshot>>) {
-    let listener = match bind(&path).await {
-        Ok(listener) => listener,
-        Err(e) => return tracing::error!("{}: no status socket: {e}", path.display()),
-    };
-    loop {
-        let Ok((mut client, _)) = listener.accept().await else {
-            // Out of descriptors: others must have time to give some back.
-            tokio::time::sleep(Duration::from_millis(100)).await;
-            continue;
-        };
-        let text = serde_json::to_string(&**snapshots.borrow()).unwrap_or_default();
-        let answer = async { client.write_all(text.as_bytes()).await };
-        // Whoever asks and does not listen has had his answer.
-        let _ = tokio::time::timeout(CLIENT_PATIENCE, answer).await;
-    }
-}
-
-/// Says whether a status socket could be there.
-pub(super) fn try_out(path: &Path) -> std::io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if !std::fs::metadata(folder)?.is_dir() {
-        return Err(std::io::ErrorKind::NotADirectory.into());
-    }
-    match std::fs::symlink_metadata(path) {
-        Ok(found) if !found.file_type().is_socket() => Err(no_socket()),
-        _ => Ok(()),
-    }
-}
-
-/// Binds a socket, in the place of one that a dead process left behind; one that is answered is left alone.
-async fn bind(path: &Path) -> std::io::Result<UnixListener> {
-    if tokio::net::UnixStream::connect(path).await.is_ok() {
-        return Err(std::io::Error::new(std::io::ErrorKind::AddrInUse, "another service answers there"));
-    }
-    match std::fs::symlink_metadata(path) {
-        Ok(found) if found.file_type().is_socket() => std::fs::remove_file(path)?,
-        Ok(_) => return Err(no_socket()),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
-        Err(e) => return Err(e),
-    }
-    UnixListener::bind(path)
-}
-
-/// Something else lies where the socket should be; it is not ours to remove.
-fn no_socket() -> std::io::Error {
-    std::io::Error::new(
-        std::io::ErrorKind::AlreadyExists,
-        "what lies there is no socket and stays; give status_socket another path",
-    )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A baseline, a folder or a link at the path of the socket stays what it was; what a dead process left of a socket makes room.
-    #[test]
-    fn regress_only_a_socket_makes_room_for_the_status_socket() {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("normal.json");
-        std::fs::write(&file, "a baseline").unwrap();
-        let link = folder.path().join("link");
-        std::os::unix::fs::symlink(&file, &link).unwrap();
-        for path in [&file, &link] {
-            let error = runtime.block_on(bind(path)).unwrap_err();
-            assert!(error.to_string().contains("no socket"), "{error}");
-        }
-        assert_eq!(std::fs::read_to_string(&file).unwrap(), "a baseline");
-        let socket = folder.path().join("status.sock");
-        drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
-        assert!(runtime.block_on(bind(&socket)).is_ok());
-        assert!(runtime.block_on(bind(&socket)).is_err() || socket.exists());
     }
 }

@@ -2,8 +2,6 @@
 
 use std::time::{Duration, Instant};
 
-use sd_notify::NotifyState;
-
 /// What went through one lane up to a moment: all that is needed to say whether it goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct LaneProgress {
@@ -38,18 +36,18 @@ pub(super) struct Notifier {
 impl Notifier {
     pub(super) fn new() -> Self {
         // Twice as often as systemd asks for: one late look is forgiven.
-        let period = sd_notify::watchdog_enabled().map(|limit| limit / 2);
+        let period = manager::watchdog().map(|limit| limit / 2);
         Self { period, last: Instant::now(), before: Vec::new() }
     }
 
     /// The service runs.
     pub(super) fn ready(&self) {
-        say(&[NotifyState::Ready]);
+        manager::say(manager::State::Ready);
     }
 
     /// The service ends.
     pub(super) fn stopping(&self) {
-        say(&[NotifyState::Stopping]);
+        manager::say(manager::State::Stopping);
     }
 
     /// Feeds the watchdog when it is time, if all lanes went on since the last time, the self test has not failed, and no sink stands still without
@@ -70,7 +68,7 @@ impl Notifier {
         let went_on = self.before.is_empty() || all_went_on(&self.before, &current);
         let stalled = stalled();
         if went_on && !stalled && matches!(self_test, "right" | "not_yet") {
-            say(&[NotifyState::Watchdog]);
+            manager::say(manager::State::Watchdog);
             self.before = current;
         } else {
             tracing::error!(self_test, went_on, stalled, "no progress: the watchdog is not fed");
@@ -78,11 +76,41 @@ impl Notifier {
     }
 }
 
-fn say(state: &[NotifyState<'_>]) {
-    // Without systemd there is nobody to tell.
-    if let Err(e) = sd_notify::notify(state) {
-        tracing::debug!("systemd cannot be told: {e}");
+#[cfg(target_os = "linux")]
+mod manager {
+    use std::time::Duration;
+
+    pub(super) use sd_notify::NotifyState as State;
+
+    /// How often systemd wants to hear of progress.
+    pub(super) fn watchdog() -> Option<Duration> {
+        sd_notify::watchdog_enabled()
     }
+
+    pub(super) fn say(state: State<'_>) {
+        // Without systemd there is nobody to tell.
+        if let Err(e) = sd_notify::notify(&[state]) {
+            tracing::debug!("systemd cannot be told: {e}");
+        }
+    }
+}
+
+/// Other systems have no systemd.
+#[cfg(not(target_os = "linux"))]
+mod manager {
+    use std::time::Duration;
+
+    pub(super) enum State {
+        Ready,
+        Stopping,
+        Watchdog,
+    }
+
+    pub(super) fn watchdog() -> Option<Duration> {
+        None
+    }
+
+    pub(super) fn say(_: State) {}
 }
 
 #[cfg(test)]

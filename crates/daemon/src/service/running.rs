@@ -160,7 +160,7 @@ impl Running {
         }
         if let Some(path) = &config.service.status_socket {
             let path = config.folder.join(path);
-            let serve = move || edge::serve_status(path.clone(), seen.clone());
+            let serve = move || crate::status::serve(path.clone(), seen.clone());
             edge.spawn_on(edge::keep("status", serve), runtime.handle());
         }
         let notifier = Notifier::new();

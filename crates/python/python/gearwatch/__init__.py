@@ -12,21 +12,21 @@ running and ends at Ctrl-C.
 
 from __future__ import annotations
 
-import json
 import os
-import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Union
+from typing import Any, Union
 
 from . import _native
+from ._explanation import Explanation, NamedEffect, _several, explain
+from ._frame import Kind, table
 from ._native import (
     Baseline,
     BaselineError,
     Bench,
     BenchError,
     Channel,
+    CheckError,
     ExplainError,
     GearwatchError,
     ReadError,
@@ -37,62 +37,65 @@ from ._native import (
     effects,
     order_spectra,
     order_spectrum,
-    read,
     steady,
 )
-
-if TYPE_CHECKING:
-    import pandas
-    import polars
-
-    Frame = Union[pandas.DataFrame, polars.DataFrame]
+from ._told import DoubtWarning, Progress, doubt, reported
+from ._types import OrderSpectrum, Stage
 
 __version__: str = _native.__VERSION__
 
 __all__ = [
-    "Baseline", "BaselineError", "Bench", "BenchError", "Channel", "ExplainError", "Explanation", "GearwatchError", "NamedEffect",
-    "ReadError", "Recording", "Segment", "SimulationError", "SteadyState", "amplitudes", "batch", "diagnose", "diagnose_json", "effects",
-    "explain", "learn_baseline", "order_spectra", "order_spectrum", "read", "simulate", "steady",
+    "Baseline", "BaselineError", "Bench", "BenchError", "Channel", "CheckError", "DoubtWarning", "ExplainError", "Explanation",
+    "GearwatchError", "NamedEffect", "OrderSpectrum", "ReadError", "Recording", "Segment", "SimulationError", "Stage", "SteadyState", "amplitudes", "batch", "check",
+    "diagnose", "diagnose_json", "effects", "explain", "indicators", "learn_baseline", "order_spectra", "order_spectrum", "read", "simulate",
+    "steady",
 ]
 
-Progress = Union[bool, Callable[[str], None], None]
 Recordings = Union[Recording, Iterable[Recording]]
 EffectLike = Union[str, tuple[str, str, Mapping[str, float]]]
+_Path = Union[str, "os.PathLike[str]"]
+
+_FINDING = ["id", "severity", "recording", "place", "found", "expected", "advice"]
 
 
-def _several(recordings: Recordings) -> list[Recording]:
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+def read(
+    path: _Path,
+    *,
+    sample_rate_hz: float | None = None,
+    unit: str | None = None,
+    scale: float | None = None,
+    channels: Sequence[str] | None = None,
+    time_column: str | None = None,
+    delimiter: str | None = None,
+    decimal_comma: bool | None = None,
+    motor_speed_hz: float | None = None,
+    motor_speed_rpm: float | None = None,
+    brake_torque_nm: float | None = None,
+    progress: Progress = None,
+) -> Recording:
+    """Reads a recording: MCAP, CSV, WAV, UFF, MATLAB or TDMS, gzipped or not.
+
+    What the file leaves unsaid is said by keywords, or by a file ``<path>.toml`` beside it: the rate (samples per second), the unit of the values
+    (``m/s^2``, ``g``, ``mm/s``, ``V`` or ``1``), a factor ``scale`` from values in the file to that unit, and the operating point.
+    ``channels`` are those to read, as ``"NAME=COLUMN:UNIT"``, ``"NAME=COLUMN"`` or ``"COLUMN"``. ``Recording.warnings`` says what is unusual
+    in the file.
+    """
+    with reported(progress, "read") as report:
+        return _native.read(
+            path, sample_rate_hz=sample_rate_hz, unit=unit, scale=scale, channels=channels, time_column=time_column, delimiter=delimiter,
+            decimal_comma=decimal_comma, motor_speed_hz=motor_speed_hz, motor_speed_rpm=motor_speed_rpm, brake_torque_nm=brake_torque_nm,
+            progress=report,
+        )
 
 
-def _report(progress: Progress, what: str) -> Callable[[str], None] | None:
-    """``True`` writes a line that is renewed where stderr is a terminal, and nothing elsewhere."""
-    if progress is None or progress is False:
-        return None
-    if progress is not True:
-        return progress
-    if not sys.stderr.isatty():
-        return lambda _: None
-    return lambda step: print(f"\r\x1b[K{what}: {step}", end="", file=sys.stderr, flush=True)
+def check(bench: Bench, recordings: Recordings = (), baseline: Baseline | None = None, *, frame: Kind = "pandas") -> Any:
+    """Whether sheet, recordings and baseline belong together: a row a finding, the gravest first; no row where all fits.
 
-
-def _frame(lines: str, frame: Literal["pandas", "polars"]) -> Frame:
-    """JSON lines as a table; the longest object has all columns, in order."""
-    rows = [json.loads(line) for line in lines.splitlines()]
-    columns = list(max(rows, key=len)) if rows else []
-    if frame == "polars":
-        import polars
-
-        return polars.DataFrame({name: [row.get(name) for row in rows] for name in columns}, strict=False)
-    if frame != "pandas":
-        raise ValueError(f"frame is {frame!r}; expected 'pandas' or 'polars'")
-    import pandas
-
-    table = pandas.DataFrame.from_records(rows, columns=columns)
-    # A column of numbers that are all unknown is still one of numbers.
-    for name in columns:
-        if table[name].isna().all():
-            table[name] = table[name].astype("float64")
-    return table
+    Columns: ``id``, ``severity`` (``wrong``, ``doubtful``, ``note``), ``recording``, ``place``, ``found``, ``expected``, ``advice``. What is wrong
+    is refused by :func:`learn_baseline`, :func:`diagnose` and :func:`indicators` with a ``CheckError``; what is doubtful is warned of there
+    (``DoubtWarning``) and stands in the column ``doubts`` of verdicts.
+    """
+    return table(_native.check(bench, _several(recordings), baseline), frame, _FINDING)
 
 
 def diagnose_json(
@@ -101,13 +104,16 @@ def diagnose_json(
     baseline: Baseline | None = None,
     *,
     windows: bool = False,
-    signatures: str | os.PathLike[str] | None = None,
+    signatures: _Path | None = None,
     progress: Progress = None,
 ) -> str:
     """Verdicts as JSON lines, byte for byte those of ``gearwatch diagnose --format json`` (or ``--windows``)."""
-    return _native.diagnose_json(
-        _several(recordings), bench, baseline, windows=windows, signatures=signatures, progress=_report(progress, "diagnose")
-    )
+    with reported(progress, "diagnose") as report:
+        lines, doubts = _native.diagnose_json(
+            _several(recordings), bench, baseline, windows=windows, signatures=signatures, progress=report
+        )
+    doubt(doubts)
+    return lines
 
 
 def diagnose(
@@ -116,29 +122,55 @@ def diagnose(
     baseline: Baseline | None = None,
     *,
     windows: bool = False,
-    signatures: str | os.PathLike[str] | None = None,
+    signatures: _Path | None = None,
     progress: Progress = None,
-    frame: Literal["pandas", "polars"] = "pandas",
-) -> Frame:
+    frame: Kind = "pandas",
+) -> Any:
     """What recordings say of the gears: a row a recording, operating point, channel and stage, or with ``windows`` a row a window.
 
     Columns are the fields of the command's JSON: ``rank_1x`` … ``rank_5x`` (0, I … V or unknown), ``dev_1x_percent`` with its
     ``dev_sigma_1x_percent``, ``amp_1x`` (peak, in ``unit``), ``machine``, ``instrument``, ``reason`` and more. Unknown numbers are NaN (pandas) or
-    null (polars). Without a baseline every rank is unknown.
+    null (polars). Without a baseline every rank is unknown. Gives a ``pandas.DataFrame`` or, with ``frame="polars"``, a ``polars.DataFrame``.
     """
-    lines = diagnose_json(recordings, bench, baseline, windows=windows, signatures=signatures, progress=progress)
-    return _frame(lines, frame)
+    return table(diagnose_json(recordings, bench, baseline, windows=windows, signatures=signatures, progress=progress), frame)
 
 
 def amplitudes(
-    recording: Recording, bench: Bench, *, sidebands: bool = False, frame: Literal["pandas", "polars"] = "pandas"
-) -> Frame:
+    recording: Recording, bench: Bench, *, sidebands: bool = False, progress: Progress = None, frame: Kind = "pandas"
+) -> Any:
     """Amplitudes of the mesh harmonics 1x to 5x, a row a window, channel and stage.
 
     ``amp_1x`` is the peak amplitude in ``unit``, ``sigma_1x`` its standard deviation, ``floor_1x`` what noise alone would show there, and
     ``phase_1x_rad`` the phase at the window's first sample. With ``sidebands`` also ±1 to ±3 of both shafts, as ``amp_1x-2pinion``.
     """
-    return _frame(_native.amplitudes(recording, bench, sidebands=sidebands), frame)
+    with reported(progress, "amplitudes") as report:
+        return table(_native.amplitudes(recording, bench, sidebands=sidebands, progress=report), frame)
+
+
+def indicators(
+    recordings: Recordings,
+    bench: Bench,
+    healthy: Recordings | None = None,
+    *,
+    window_s: float = 1.0,
+    envelope_hz: tuple[float, float] | None = None,
+    progress: Progress = None,
+    frame: Kind = "pandas",
+) -> Any:
+    """Condition indicators beside the mesh harmonics: RMS, kurtosis, FM0, FM4, NA4, NB4, M6A, M8A, sidebands, envelope. A row a number.
+
+    ``value`` is the mean over windows of ``window_s`` seconds (overlapping by half) in ``unit``, ``sigma`` its standard error; ``place`` is a gear
+    or a bearing's part, or empty for the channel. With ``healthy`` recordings, at the same speed and load, ``baseline``, ``dev_percent`` and
+    ``z`` compare with them, and NA4* and NB4* are known. Rows are the lines of ``gearwatch indicators --json``. docs/indicators.md says what
+    each is.
+    """
+    with reported(progress, "indicators") as report:
+        lines, told = _native.indicators(
+            _several(recordings), bench, None if healthy is None else _several(healthy), window_s=window_s, envelope_hz=envelope_hz,
+            progress=report,
+        )
+    doubt(told)
+    return table(lines, frame)
 
 
 def learn_baseline(
@@ -149,15 +181,19 @@ def learn_baseline(
     mounting: str = "1",
     window_s: float | None = None,
     hop_s: float | None = None,
+    progress: Progress = None,
 ) -> Baseline:
     """What is normal, learned from recordings of the normal state.
 
     One session understates how much a healthy machine scatters: learn several, each under its own name, and join them with
-    ``Baseline.merged``.
+    ``Baseline.merged``. ``window_s`` and ``hop_s`` are the length of a window and the step to the next (s); 1 and 0.5 where left out.
     """
-    return _native.learn_baseline(
-        _several(recordings), bench, session=session, mounting=mounting, window_s=window_s, hop_s=hop_s
-    )
+    with reported(progress, "learn_baseline") as report:
+        baseline, doubts = _native.learn_baseline(
+            _several(recordings), bench, session=session, mounting=mounting, window_s=window_s, hop_s=hop_s, progress=report
+        )
+    doubt(doubts)
+    return baseline
 
 
 def _effects(effects: Iterable[EffectLike] | None) -> list[Any]:
@@ -173,156 +209,68 @@ def simulate(
     duration_s: float = 10.0,
     seed: int = 1,
     background_m_per_s2: float | None = None,
+    name: str | None = None,
     progress: Progress = None,
 ) -> Recording:
     """Simulates a bench in time.
 
     ``speed_hz`` is the motor's speed and ``torque_nm`` the brake's torque: numbers, or points ``(time in s, value)`` with straight lines between
     them; the bench's nominal values where left out. An effect is ``"tooth_wear@stage1:depth_um=20"`` or ``("tooth_wear", "stage1", {"depth_um":
-    20})``; ``gearwatch.effects()`` lists them. The same seed gives the same samples as ``gearwatch simulate``.
+    20})``; ``gearwatch.effects()`` lists them. ``background_m_per_s2`` is the
+    standard deviation of the noise of the surroundings. The recording has the bench's name, or ``name``. The same seed gives the same samples
+    as ``gearwatch simulate``.
     """
-    return _native.simulate(
-        bench,
-        speed_hz,
-        torque_nm,
-        effects=_effects(effects),
-        duration_s=duration_s,
-        seed=seed,
-        background_m_per_s2=background_m_per_s2,
-        progress=_report(progress, "simulate"),
-    )
-
-
-@dataclass(frozen=True)
-class NamedEffect:
-    """An effect that explains the difference."""
-
-    effect: str
-    place: str
-    probability: float
-    parameters: dict[str, tuple[float, float]]
-    """Value and standard deviation by name; the name ends in the unit."""
-    indistinguishable_from: list[tuple[str, str]]
-    """Effects and places that these recordings cannot tell from this one."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """Where simulation and recordings differ, and which physics was left out."""
-
-    status: Literal["consistent", "explained", "ambiguous", "unexplained"]
-    effects: list[NamedEffect]
-    """Most probable first."""
-    mismatch: list[dict[str, Any]]
-    """Lines that differ most, largest first: recording, channel, order, frequency_hz, measured, modelled, sigma, z, share."""
-    fit: dict[str, Any] | None
-    """Misfit of the recordings that were fitted and of those held out, before and after."""
-    limits: list[str]
-    """What these recordings keep from being told."""
-    advice: list[str]
-    """What to record next, and why."""
-    bench: Bench
-    """The bench with the named effects in it."""
-    json: str
-    """The whole answer, byte for byte the command's explanation.json."""
-
-    def mismatch_frame(self, frame: Literal["pandas", "polars"] = "pandas") -> Frame:
-        """``mismatch`` as a table."""
-        return _frame("\n".join(json.dumps(row) for row in self.mismatch), frame)
-
-    def plot_mismatch(self, most: int = 12) -> Any:
-        """A matplotlib figure: measured beside modelled amplitude (peak, unit of the channel) of the lines that differ most."""
-        import matplotlib.pyplot as plt
-
-        rows = self.mismatch[:most][::-1]
-        figure, axes = plt.subplots(figsize=(9, 0.45 * len(rows) + 1.2), layout="constrained")
-        places = range(len(rows))
-        axes.barh([at + 0.2 for at in places], [row["measured"] for row in rows], 0.4, label="measured", color="#0072b2")
-        axes.barh([at - 0.2 for at in places], [row["modelled"] for row in rows], 0.4, label="modelled", color="#e69f00")
-        axes.set_yticks(list(places), [f"{row['channel']} {row['what']}, {row['frequency_hz']:.1f} Hz" for row in rows])
-        axes.set_xlabel("peak amplitude (unit of the channel)")
-        axes.legend()
-        return figure
-
-
-def explain(
-    bench: Bench,
-    recordings: Recordings,
-    reference: Recordings | None = None,
-    *,
-    progress: Progress = None,
-) -> Explanation:
-    """Says where the simulation of a bench and its recordings differ, and which physics was left out.
-
-    ``reference`` are recordings of the same bench, sensors and mounting before. It takes a minute and more; ``progress=True`` says what is being
-    done. What is said is judged on recordings that took no part in the fit.
-    """
-    text, fitted = _native.explain(
-        bench,
-        _several(recordings),
-        None if reference is None else _several(reference),
-        progress=_report(progress, "explain"),
-    )
-    answer = json.loads(text)
-
-    named = [
-        NamedEffect(
-            effect=one["effect"],
-            place=one["where"],
-            probability=one["probability"],
-            parameters={name: (value["value"], value["sigma"]) for name, value in one["parameters"].items()},
-            indistinguishable_from=[(other["effect"], other["where"]) for other in one["indistinguishable_from"]],
+    with reported(progress, "simulate") as report:
+        return _native.simulate(
+            bench, speed_hz, torque_nm, effects=_effects(effects), duration_s=duration_s, seed=seed,
+            background_m_per_s2=background_m_per_s2, name=name, progress=report,
         )
-        for one in answer["effects"]
-    ]
-    return Explanation(
-        status=answer["status"],
-        effects=named,
-        mismatch=answer["mismatch"],
-        fit=answer.get("fit"),
-        limits=answer.get("limits", []),
-        advice=answer["advice"],
-        bench=fitted,
-        json=text,
-    )
 
 
 def batch(
-    paths: Iterable[str | os.PathLike[str]],
+    paths: Iterable[_Path],
     bench: Bench,
     baseline: Baseline | None = None,
     *,
     windows: bool = True,
     workers: int | None = None,
     progress: Progress = None,
-    frame: Literal["pandas", "polars"] = "pandas",
+    frame: Kind = "pandas",
     **read_options: Any,
-) -> tuple[Frame, dict[str, str]]:
-    """Judges many recordings, several at a time, and gives one table and what could not be read.
+) -> tuple[Any, dict[str, str]]:
+    """Judges many recordings, several at a time, and gives one table and what could not be judged.
 
     ``read_options`` are those of :func:`read`. The table has the columns of :func:`diagnose`, with the file in ``recording``; its order is that of
-    ``paths`` whatever the number of ``workers``. The dictionary has a sentence for each file that is not in the table.
+    ``paths`` whatever the number of ``workers``. The dictionary has a sentence for each file that is not in the table. What is doubtful about
+    a recording stands in the column ``doubts``.
     """
-    paths = [os.fspath(path) for path in paths]
-    report = _report(progress, "batch")
+    named = [os.fspath(path) for path in paths]
+    cancel = _native.Cancel()
 
     def one(path: str) -> str | GearwatchError:
         try:
-            lines = diagnose_json(read(path, **read_options), bench, baseline, windows=windows)
+            recording = _native.read(path, **read_options)
+            lines, _ = _native.diagnose_json([recording], bench, baseline, windows=windows, labelled=True)
         except GearwatchError as error:
             return error
-        if not windows:
-            return lines
-        label = json.dumps(path, ensure_ascii=False)
-        return "".join(f'{{"recording":{label},{line[1:]}\n' for line in lines.splitlines())
+        return lines
 
-    tables, failed = [], {}
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        for done, (path, result) in enumerate(zip(paths, pool.map(one, paths)), start=1):
-            if isinstance(result, GearwatchError):
-                failed[path] = str(result)
-            else:
-                tables.append(result)
-            if report is not None:
-                report(f"{done} of {len(paths)}")
-    return _frame("".join(tables), frame), failed
+    tables: list[str] = []
+    failed: dict[str, str] = {}
+    pool = ThreadPoolExecutor(workers or os.cpu_count(), initializer=_native.heed, initargs=(cancel,))
+    with reported(progress, "batch") as report:
+        try:
+            for done, (path, result) in enumerate(zip(named, pool.map(one, named)), start=1):
+                if isinstance(result, GearwatchError):
+                    failed[path] = str(result)
+                else:
+                    tables.append(result)
+                if report is not None:
+                    report(f"{done} of {len(named)}: {os.path.basename(path)}")
+        except BaseException:
+            # Ctrl-C is heard here only: the threads are told.
+            cancel.now()
+            raise
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+    return table("".join(tables), frame), failed

@@ -2,30 +2,27 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypedDict
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ._types import OrderSpectrum, Stage
+
 __VERSION__: str
 
 _Path = str | os.PathLike[str]
+_Report = Callable[[str], object] | None
 
 class GearwatchError(Exception): ...
 class ReadError(GearwatchError): ...
 class BenchError(GearwatchError): ...
+class CheckError(GearwatchError): ...
 class BaselineError(GearwatchError): ...
 class SimulationError(GearwatchError): ...
 class ExplainError(GearwatchError): ...
 
-class Stage(TypedDict):
-    name: str
-    pinion_teeth: int
-    wheel_teeth: int
-    pinion_order: float
-    wheel_order: float
-    mesh_order: float
-
+@final
 class Bench:
     @staticmethod
     def load(path: _Path) -> Bench: ...
@@ -49,6 +46,7 @@ class Bench:
     def stages(self) -> list[Stage]: ...
     def to_toml(self) -> str: ...
 
+@final
 class Segment:
     @property
     def t0_ns(self) -> int: ...
@@ -60,6 +58,7 @@ class Segment:
     def samples(self) -> NDArray[np.float64]: ...
     def __len__(self) -> int: ...
 
+@final
 class Channel:
     @property
     def unit(self) -> str: ...
@@ -71,6 +70,7 @@ class Channel:
     def samples(self) -> NDArray[np.float64]: ...
     def __len__(self) -> int: ...
 
+@final
 class Recording:
     @staticmethod
     def from_arrays(
@@ -96,14 +96,15 @@ class Recording:
     def tachos(self) -> dict[str, NDArray[np.int64]]: ...
     @property
     def operating_points(self) -> dict[str, NDArray[Any]]: ...
-    def __getitem__(self, sensor: str) -> Channel: ...
-    def __contains__(self, sensor: str) -> bool: ...
+    def __getitem__(self, sensor: str, /) -> Channel: ...
+    def __contains__(self, sensor: str, /) -> bool: ...
     def __len__(self) -> int: ...
 
+@final
 class Baseline:
     @staticmethod
     def load(path: _Path) -> Baseline: ...
-    def save(self, path: _Path) -> None: ...
+    def save(self, path: _Path, *, force: bool = False) -> None: ...
     def merged(self, other: Baseline) -> Baseline: ...
     @property
     def bench(self) -> str: ...
@@ -113,6 +114,14 @@ class Baseline:
     def sessions(self) -> list[str]: ...
     def to_json(self) -> str: ...
 
+@final
+class Cancel:
+    def __init__(self) -> None: ...
+    def now(self) -> None: ...
+
+def heed(cancel: Cancel) -> None: ...
+
+@final
 class SteadyState:
     @property
     def orders(self) -> NDArray[np.float64]: ...
@@ -124,12 +133,6 @@ class SteadyState:
     def input_speed_hz(self) -> float: ...
     @property
     def iterations(self) -> int: ...
-
-class OrderSpectrum(TypedDict):
-    t0_ns: int
-    input_speed_hz: float
-    orders: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
 
 _Effect = str | tuple[str, str, Mapping[str, float]]
 _Course = float | Sequence[tuple[float, float]]
@@ -147,12 +150,23 @@ def read(
     motor_speed_hz: float | None = None,
     motor_speed_rpm: float | None = None,
     brake_torque_nm: float | None = None,
+    progress: _Report = None,
 ) -> Recording: ...
+def check(bench: Bench, recordings: Sequence[Recording], baseline: Baseline | None = None) -> str: ...
+def indicators(
+    recordings: Sequence[Recording],
+    bench: Bench,
+    healthy: Sequence[Recording] | None = None,
+    *,
+    window_s: float = 1.0,
+    envelope_hz: tuple[float, float] | None = None,
+    progress: _Report = None,
+) -> tuple[str, list[str]]: ...
 def order_spectrum(
     samples: NDArray[np.float64], sample_rate_hz: float, speed_hz: float, *, ramp: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def order_spectra(recording: Recording, bench: Bench, channel: str) -> list[OrderSpectrum]: ...
-def amplitudes(recording: Recording, bench: Bench, *, sidebands: bool = False) -> str: ...
+def amplitudes(recording: Recording, bench: Bench, *, sidebands: bool = False, progress: _Report = None) -> str: ...
 def learn_baseline(
     recordings: Sequence[Recording],
     bench: Bench,
@@ -161,16 +175,18 @@ def learn_baseline(
     mounting: str = "1",
     window_s: float | None = None,
     hop_s: float | None = None,
-) -> Baseline: ...
+    progress: _Report = None,
+) -> tuple[Baseline, list[str]]: ...
 def diagnose_json(
     recordings: Sequence[Recording],
     bench: Bench,
     baseline: Baseline | None = None,
     *,
     windows: bool = False,
+    labelled: bool | None = None,
     signatures: _Path | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> str: ...
+    progress: _Report = None,
+) -> tuple[str, list[str]]: ...
 def simulate(
     bench: Bench,
     speed_hz: _Course | None = None,
@@ -180,7 +196,8 @@ def simulate(
     duration_s: float = 10.0,
     seed: int = 1,
     background_m_per_s2: float | None = None,
-    progress: Callable[[str], None] | None = None,
+    name: str | None = None,
+    progress: _Report = None,
 ) -> Recording: ...
 def steady(
     bench: Bench,
@@ -197,6 +214,6 @@ def explain(
     recordings: Sequence[Recording],
     reference: Sequence[Recording] | None = None,
     *,
-    progress: Callable[[str], None] | None = None,
+    progress: _Report = None,
 ) -> tuple[str, Bench]: ...
 def effects() -> list[dict[str, Any]]: ...

@@ -4,17 +4,12 @@ use std::io::Write;
 use std::path::Path;
 
 use gearwatch_core::estimate::Estimate;
-use gearwatch_core::indicators::columns::Mean;
-use gearwatch_core::indicators::envelope::{Band, EnvelopeState};
+use gearwatch_core::indicators::envelope::Band;
+use gearwatch_core::indicators::kurtogram;
 use gearwatch_core::pipeline::PipelineConfig;
-use gearwatch_core::source::Source;
-use gearwatch_core::window::Window;
 
 use crate::input::InputOptions;
 use crate::terminal;
-
-/// Windows that a kurtogram is averaged over, all channels together: enough for a scatter of a hundredth in the narrowest band.
-const MOST_WINDOWS: usize = 256;
 
 /// Bands that are told.
 const TOLD: usize = 8;
@@ -30,42 +25,7 @@ pub(super) fn parse(text: &str) -> Result<[f64; 2], String> {
 
 /// Bands by falling kurtosis, which is the mean over windows and channels.
 pub(super) fn of(path: &Path, options: &InputOptions, config: &PipelineConfig) -> anyhow::Result<Vec<Band>> {
-    let mut source = options.open(path)?;
-    let mut assembler = gearwatch_core::assemble::Assembler::new(&config.window, &[], None);
-    let mut state: Option<EnvelopeState> = None;
-    let mut sums: Vec<(Band, Mean)> = Vec::new();
-    let mut windows = 0;
-    let mut take = |window: &Window| {
-        let n = window.samples.len();
-        if windows == MOST_WINDOWS || state.as_ref().is_some_and(|state| !state.fits(n)) {
-            return;
-        }
-        windows += 1;
-        let state = state.get_or_insert_with(|| EnvelopeState::new(n));
-        state.transform(&window.samples);
-        let bands = state.kurtogram(window.sample_rate_hz, config.usable_band * window.sample_rate_hz);
-        for band in bands {
-            let same = |(known, _): &(Band, Mean)| known.low_hz == band.low_hz && known.high_hz == band.high_hz;
-            match sums.iter().position(same) {
-                Some(at) => sums[at].1.push(band.kurtosis),
-                None => {
-                    let mut mean = Mean::default();
-                    mean.push(band.kurtosis);
-                    sums.push((band, mean));
-                }
-            }
-        }
-    };
-    while let Some(packet) = source.next_packet()? {
-        let mut ready = Vec::new();
-        assembler.push(&packet, &mut |window| ready.push(window));
-        ready.iter().for_each(&mut take);
-    }
-    let mut out: Vec<Band> =
-        sums.into_iter().map(|(band, mean)| Band { kurtosis: mean.estimate(0.5), ..band }).collect();
-    out.retain(|band| band.kurtosis.is_known());
-    out.sort_by(|a, b| b.kurtosis.value.total_cmp(&a.kurtosis.value));
-    Ok(out)
+    Ok(kurtogram::bands(&mut options.open(path)?, config)?)
 }
 
 /// The bands that ring most.
