@@ -10,9 +10,14 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::{InstrumentState, MachineState, Verdict};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+mod evidence;
+
+pub use evidence::Evidence;
 
 /// When alarms come and go.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -77,7 +82,7 @@ impl Severity {
 }
 
 /// One alarm.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
     /// Names it: `<stage>@<channel>`.
     pub id: String,
@@ -97,6 +102,12 @@ pub struct Alarm {
     pub acknowledged: bool,
     /// It neither holds nor waits for somebody to see it.
     pub over: bool,
+    /// What it rests on: of the window that raised it or made it worse. None in logs of earlier versions, and where no deviation is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub evidence: Option<Box<Evidence>>,
+    /// Who has seen it last, where somebody has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen: Option<Box<Acknowledgement>>,
 }
 
 /// Who has seen an alarm, and what they said of it.
@@ -152,6 +163,7 @@ struct Instrument {
 #[derive(Debug)]
 pub struct Health {
     config: AlarmConfig,
+    ranks: RankConfig,
     /// By stage and channel.
     places: BTreeMap<(String, String), Place>,
     /// By channel.
@@ -163,7 +175,14 @@ pub struct Health {
 impl Health {
     /// Nothing was seen yet.
     pub fn new(config: AlarmConfig) -> Self {
-        Self { config, places: BTreeMap::new(), instruments: BTreeMap::new(), newest: BTreeMap::new() }
+        let ranks = RankConfig::default();
+        Self { config, ranks, places: BTreeMap::new(), instruments: BTreeMap::new(), newest: BTreeMap::new() }
+    }
+
+    /// With other rank steps than the paper's.
+    pub fn with_ranks(mut self, ranks: RankConfig) -> Self {
+        self.ranks = ranks;
+        self
     }
 
     /// Takes a verdict in; hands out the alarm if it came, went or grew worse.
@@ -171,7 +190,7 @@ impl Health {
         let key = (verdict.stage.clone(), verdict.channel.clone());
         self.take_instrument(verdict);
         let place = self.places.entry(key.clone()).or_default();
-        let changed = place.take(&self.config, verdict);
+        let changed = place.take(&self.config, &self.ranks, verdict);
         self.newest.insert(key, verdict.clone());
         changed
     }
@@ -202,10 +221,11 @@ impl Health {
     }
 
     /// Somebody has seen it; how it is then, `None` where there is no such alarm. One that holds no longer is over then.
-    pub fn acknowledge(&mut self, id: &str) -> Option<Alarm> {
+    pub fn acknowledge(&mut self, id: &str, by: &Acknowledgement) -> Option<Alarm> {
         for place in self.places.values_mut() {
             if let Some(alarm) = place.alarm.as_mut().filter(|alarm| alarm.id == id) {
                 alarm.acknowledged = true;
+                alarm.seen = Some(Box::new(by.clone()));
                 alarm.over = !alarm.active;
                 let seen = alarm.clone();
                 if seen.over {
@@ -240,7 +260,7 @@ impl Health {
 }
 
 impl Place {
-    fn take(&mut self, config: &AlarmConfig, verdict: &Verdict) -> Option<Alarm> {
+    fn take(&mut self, config: &AlarmConfig, ranks: &RankConfig, verdict: &Verdict) -> Option<Alarm> {
         let asked = match verdict.machine {
             MachineState::Unknown => return None,
             MachineState::Normal => None,
@@ -266,6 +286,8 @@ impl Place {
                     active: true,
                     acknowledged: false,
                     over: false,
+                    evidence: Evidence::of(verdict, ranks).map(Box::new),
+                    seen: None,
                 });
                 self.alarm.clone()
             }
@@ -275,6 +297,10 @@ impl Place {
                 alarm.acknowledged &= severity <= alarm.severity && alarm.active;
                 alarm.severity = alarm.severity.max(severity);
                 alarm.active = true;
+                alarm.evidence = Evidence::of(verdict, ranks).map(Box::new).or(alarm.evidence.take());
+                if !alarm.acknowledged {
+                    alarm.seen = None;
+                }
                 self.alarm.clone()
             }
             (Some(alarm), _) if alarm.active && self.normal_in_a_row >= config.clear => {
@@ -342,6 +368,10 @@ mod tests {
         changes.collect()
     }
 
+    fn somebody() -> Acknowledgement {
+        Acknowledgement { who: "A. Smith".into(), why: "seen".into(), from: "here".into(), t_ns: 5 }
+    }
+
     fn health() -> Health {
         Health::new(AlarmConfig { needed: 3, of: 5, clear: 4, latch: true, earn: 3 })
     }
@@ -366,17 +396,51 @@ mod tests {
         feed(&mut health, "dddnnnn");
         let alarm = health.alarms().next().unwrap().clone();
         assert!(!alarm.active && !alarm.acknowledged);
-        assert!(health.acknowledge("stage9@acc_1").is_none());
-        assert!(health.acknowledge(&alarm.id).is_some_and(|alarm| alarm.over));
+        assert!(health.acknowledge("stage9@acc_1", &somebody()).is_none());
+        assert!(health.acknowledge(&alarm.id, &somebody()).is_some_and(|alarm| alarm.over));
         assert_eq!(health.alarms().count(), 0);
         // Acknowledged while it holds: it goes by itself later, and an alarm that grows worse must be seen again.
         feed(&mut health, "ddd");
-        assert!(health.acknowledge(&alarm.id).is_some_and(|alarm| !alarm.over));
+        assert!(health.acknowledge(&alarm.id, &somebody()).is_some_and(|alarm| !alarm.over));
         feed(&mut health, "aaa");
         assert!(!health.alarms().next().unwrap().acknowledged);
-        assert!(health.acknowledge(&alarm.id).is_some());
+        assert!(health.acknowledge(&alarm.id, &somebody()).is_some());
         feed(&mut health, "nnnn");
         assert_eq!(health.alarms().count(), 0);
+    }
+
+    /// The evidence is the line that lies the most sigmas beyond its limit, here 2x: (12 − 10) / 0.5 = 4 beside (20 − 10) / 5 = 2. Who has seen the
+    /// alarm stands with it until it grows worse.
+    #[test]
+    fn analytic_an_alarm_says_what_it_rests_on_and_who_has_seen_it() {
+        let mut health = health();
+        let mut window = verdict(0, MachineState::Alarm, InstrumentState::Ok);
+        window.harmonics[0].deviation_percent = Estimate::new(20.0, 5.0);
+        window.harmonics[1].deviation_percent = Estimate::new(-12.0, 0.5);
+        for harmonic in &mut window.harmonics[..2] {
+            harmonic.amplitude = Estimate::new(0.3, 0.01);
+        }
+        window.input_speed_hz = Estimate::new(25.0, 0.01);
+        let raise = |health: &mut Health, window: &Verdict| (0..3).find_map(|_| health.take(window));
+        let alarm = raise(&mut health, &window).expect("raised");
+        let evidence = alarm.evidence.as_ref().expect("deviations are known");
+        assert_eq!((evidence.harmonic, evidence.deviation_percent, evidence.limit_percent), (2, -12.0, Some(10.0)));
+        assert_eq!((evidence.input_speed_hz, evidence.baseline), (Some(25.0), None));
+        assert!(evidence.words().starts_with("2x -12.0 % ± 0.5 %"), "{}", evidence.words());
+        let seen = health.acknowledge(&alarm.id, &somebody()).expect("it is there");
+        assert_eq!(seen.seen.as_deref(), Some(&somebody()));
+        assert_eq!(health.alarms().next().and_then(|alarm| alarm.seen.clone()), Some(Box::new(somebody())));
+        // A warning that becomes critical must be seen again, and rests on what it has become.
+        let mut warned = self::health();
+        let slight = Verdict { machine: MachineState::Deviating, ..window.clone() };
+        let id = raise(&mut warned, &slight).expect("raised").id;
+        warned.acknowledge(&id, &somebody());
+        let worse = raise(&mut warned, &window).expect("worse");
+        assert_eq!((worse.seen, worse.evidence.and_then(|e| e.limit_percent)), (None, Some(10.0)));
+        // Records of earlier versions have neither, and are read.
+        let mut text = serde_json::to_value(&alarm).expect("JSON");
+        text.as_object_mut().expect("an object").retain(|key, _| key != "evidence");
+        assert_eq!(serde_json::from_value::<Alarm>(text).expect("an alarm").evidence, None);
     }
 
     /// A latched alarm of before the start stays; one that held goes on, and ends by normal windows as any other; one of a place that is no longer
@@ -395,7 +459,7 @@ mod tests {
         let mut elsewhere = health();
         elsewhere.restore(held.clone(), false);
         assert!(elsewhere.alarms().next().is_some_and(|alarm| !alarm.active));
-        assert!(elsewhere.acknowledge(&held.id).is_some_and(|alarm| alarm.over));
+        assert!(elsewhere.acknowledge(&held.id, &somebody()).is_some_and(|alarm| alarm.over));
         assert_eq!(elsewhere.alarms().count(), 0);
     }
 

@@ -9,6 +9,7 @@ pub mod event;
 pub mod fail;
 pub mod fleet;
 pub mod health;
+pub mod history;
 pub mod kinds;
 pub mod log;
 pub mod oneshot;

@@ -14,7 +14,6 @@ use tokio::runtime::Runtime;
 
 use crate::bench::{BenchError, WatchedBench};
 use crate::config::Config;
-use crate::log::AlarmRecord;
 use crate::selftest::SelfTestError;
 use crate::sink::SinkError;
 use crate::stop::Stop;
@@ -36,7 +35,7 @@ pub use draining::{SinkMonitor, SinkState};
 pub use feeding::{SourceMonitor, SourceState};
 
 use edge::PageAccess;
-use running::{Next, Running};
+use running::{Carried, Next, Running};
 
 /// Why the service cannot start, or had to end.
 #[derive(Debug, thiserror::Error)]
@@ -174,21 +173,21 @@ impl Service {
         let runtime =
             tokio::runtime::Builder::new_multi_thread().worker_threads(2).thread_name("gw-net").enable_all().build()?;
         let mut last_good = Written::of(&self.config);
-        let mut running = Running::start(self, &runtime, stop, Vec::new())?;
+        let mut running = Running::start(self, &runtime, stop, Carried::default())?;
         let summary = loop {
-            let Next { service, alarms } = match running.until_end(stop, reload, &again) {
+            let Next { service, carried } = match running.until_end(stop, reload, &again) {
                 (summary, None) => break summary,
                 (_, Some(next)) => next,
             };
             let written = Written::of(&service.config);
-            running = match Running::start(*service, &runtime, stop, alarms.clone()) {
+            running = match Running::start(*service, &runtime, stop, carried.clone()) {
                 Ok(running) => {
                     last_good = written;
                     running
                 }
                 Err(e) => {
                     tracing::error!("the new configuration cannot start, the old one goes on: {e}");
-                    last_good.start(&runtime, stop, &alarms)?
+                    last_good.start(&runtime, stop, &carried)?
                 }
             };
         };
@@ -211,12 +210,12 @@ impl Written {
     }
 
     /// Starts it again; what is in the way now may not be a moment later, and nobody watches meanwhile.
-    fn start(&self, runtime: &Runtime, stop: &Stop, alarms: &[AlarmRecord]) -> Result<Running, ServiceError> {
+    fn start(&self, runtime: &Runtime, stop: &Stop, carried: &Carried) -> Result<Running, ServiceError> {
         loop {
             let built = Config::parse(&self.text, &self.name, &self.folder)
                 .map_err(|e| ServiceError::Page(e.to_string()))
                 .and_then(|config| Service::build(config, stop))
-                .and_then(|service| Running::start(service, runtime, stop, alarms.to_vec()));
+                .and_then(|service| Running::start(service, runtime, stop, carried.clone()));
             match built {
                 Err(e) if stop.sleep(RETRY) => tracing::error!("{}: cannot be started again: {e}", self.name),
                 done => return done,

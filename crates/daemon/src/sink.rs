@@ -131,6 +131,11 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
         None
     }
 
+    /// Where it keeps a log that can be read back, relative to the folder of the configuration file.
+    fn log_folder(&self) -> Option<&Path> {
+        None
+    }
+
     /// The service has not ended well before this sink has written all it had.
     fn must_finish(&self) -> bool {
         false

@@ -6,6 +6,7 @@ use std::fmt::Write;
 use gearwatch_core::verdict::{MachineState, Verdict};
 use serde::{Deserialize, Serialize};
 
+use crate::health::{Acknowledgement, Evidence};
 use crate::web;
 
 /// The whole service.
@@ -102,7 +103,7 @@ pub struct PlaceSnapshot {
 }
 
 /// One alarm.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlarmSnapshot {
     /// Names it when it is acknowledged.
     pub id: String,
@@ -114,6 +115,18 @@ pub struct AlarmSnapshot {
     pub active: bool,
     /// Somebody has seen it.
     pub acknowledged: bool,
+    /// Stage name.
+    #[serde(default)]
+    pub stage: String,
+    /// Sensor name.
+    #[serde(default)]
+    pub channel: String,
+    /// What it rests on.
+    #[serde(default)]
+    pub evidence: Option<Evidence>,
+    /// Who has seen it, and what they said.
+    #[serde(default)]
+    pub seen: Option<Acknowledgement>,
 }
 
 /// One sink.
@@ -195,6 +208,10 @@ impl Snapshot {
                     what: alarm.severity.clone(),
                     state: if alarm.active { "active" } else { "latched" }.to_owned(),
                     acknowledged: alarm.acknowledged,
+                    stage: alarm.stage.clone(),
+                    channel: alarm.channel.clone(),
+                    evidence: alarm.evidence.clone(),
+                    seen: alarm.seen.clone(),
                 })
                 .collect(),
         });

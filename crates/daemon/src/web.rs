@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
-use axum::extract::{ConnectInfo, Path, State};
+use axum::extract::{ConnectInfo, Path, Query, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
@@ -32,6 +32,7 @@ use serde::Deserialize;
 use tokio::sync::{Semaphore, broadcast};
 
 use crate::health::Acknowledgement;
+use crate::history::{Asked, Store};
 use crate::source::now_unix_ns;
 
 pub use gate::{Gate, Peer};
@@ -59,6 +60,15 @@ const ASSETS: &[Asset] = &[
     ("/assets/spectrum.js", SCRIPT, include_bytes!("web/assets/spectrum.js")),
     ("/assets/service.js", SCRIPT, include_bytes!("web/assets/service.js")),
     ("/assets/plot.js", SCRIPT, include_bytes!("web/assets/plot.js")),
+    ("/assets/alarms.js", SCRIPT, include_bytes!("web/assets/alarms.js")),
+    ("/assets/cursors.js", SCRIPT, include_bytes!("web/assets/cursors.js")),
+    ("/assets/find.js", SCRIPT, include_bytes!("web/assets/find.js")),
+    ("/assets/indicators.js", SCRIPT, include_bytes!("web/assets/indicators.js")),
+    ("/assets/limits.js", SCRIPT, include_bytes!("web/assets/limits.js")),
+    ("/assets/time.js", SCRIPT, include_bytes!("web/assets/time.js")),
+    ("/assets/trend.js", SCRIPT, include_bytes!("web/assets/trend.js")),
+    ("/assets/waterfall.js", SCRIPT, include_bytes!("web/assets/waterfall.js")),
+    ("/assets/history.js", SCRIPT, include_bytes!("web/assets/history.js")),
     ("/assets/icon.svg", "image/svg+xml", include_bytes!("web/assets/icon.svg")),
     ("/assets/uPlot.min.css", "text/css; charset=utf-8", include_bytes!("web/assets/uPlot.min.css")),
     ("/assets/uPlot.iife.min.js", SCRIPT, include_bytes!("web/assets/uPlot.iife.min.js")),
@@ -83,21 +93,35 @@ pub struct Texts {
     pub snapshot: Text,
 }
 
+/// What the page shows, and what it can do.
+#[derive(Clone)]
+pub struct Ends {
+    /// The newest of everything.
+    pub hub: Arc<Hub>,
+    /// Acknowledges alarms.
+    pub acknowledge: Acknowledge,
+    /// The log, where there is one.
+    pub past: Option<Store>,
+}
+
 #[derive(Clone)]
 struct Shared {
     hub: Arc<Hub>,
     acknowledge: Acknowledge,
+    past: Option<Store>,
     listeners: Arc<Semaphore>,
 }
 
 /// The routes of the page. `bound` is the address that the server listens on; only requests that name it (or a host of `also`) in
 /// their `Host` header are answered, which keeps foreign pages and rebound names out.
-pub fn router(hub: Arc<Hub>, acknowledge: Acknowledge, texts: Texts, bound: SocketAddr, also: &[String]) -> Router {
+pub fn router(ends: Ends, texts: Texts, bound: SocketAddr, also: &[String]) -> Router {
     let Texts { metrics, snapshot } = texts;
-    let shared = Shared { hub, acknowledge, listeners: Arc::new(Semaphore::new(MOST_LISTENERS)) };
+    let Ends { hub, acknowledge, past } = ends;
+    let shared = Shared { hub, acknowledge, past, listeners: Arc::new(Semaphore::new(MOST_LISTENERS)) };
     let router = Router::new()
         .route("/metrics", get(move || async move { exposition(metrics()) }))
         .route("/api/events", get(events))
+        .route("/api/history", get(history))
         .route("/api/snapshot", get(move || async move { json(snapshot()) }))
         .route("/api/status", get(status))
         .route("/api/alarms/{id}/acknowledge", post(acknowledge_alarm))
@@ -144,6 +168,36 @@ fn json(text: String) -> Response {
 
 async fn status(State(shared): State<Shared>) -> Response {
     json(shared.hub.status_json())
+}
+
+/// A row and a time, from the log.
+#[derive(Deserialize)]
+struct Wanted {
+    bench: String,
+    stage: String,
+    channel: String,
+    /// ns since the epoch.
+    from: i64,
+    to: i64,
+    #[serde(default)]
+    indicator: String,
+}
+
+async fn history(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
+    let Some(store) = shared.past else {
+        return (StatusCode::NOT_FOUND, "the service keeps no log: it has no sink of kind mcap_log\n").into_response();
+    };
+    if wanted.from >= wanted.to {
+        return (StatusCode::BAD_REQUEST, "from must be before to (ns since the epoch)\n").into_response();
+    }
+    let Wanted { bench, stage, channel, from, to, indicator } = wanted;
+    let asked = Asked { row: (bench, stage, channel), from, to, indicator };
+    // Lists a folder, which a disk that hangs can make long.
+    match tokio::task::spawn_blocking(move || store.ask(&asked)).await {
+        Ok(Ok(answer)) => json(answer.to_string()),
+        Ok(Err(e)) => (StatusCode::SERVICE_UNAVAILABLE, format!("the log cannot be listed: {e}\n")).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
 }
 
 /// What somebody says who has seen an alarm.

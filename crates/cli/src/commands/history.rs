@@ -1,10 +1,11 @@
 //! `gearwatch history LOG…`: what the service's logs say over time.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
+use gearwatch_daemon::history::{self, History, time};
 
 use super::Run;
 use crate::exit::Exit;
@@ -12,13 +13,8 @@ use crate::output::OutputOptions;
 use crate::progress::Progress;
 use crate::terminal;
 
-mod collect;
 mod picture;
 mod tell;
-mod time;
-mod verdict_line;
-
-use collect::History;
 
 /// Ranks, deviations, speed, torque and events over time, from the logs of the service
 ///
@@ -117,29 +113,17 @@ impl Run for HistoryCommand {
 }
 
 /// The files of all logs: those of a folder in the order of their names, which is that of their numbers.
-fn files(logs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+pub(super) fn files(logs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut out = Vec::new();
     for log in logs {
         if !log.is_dir() {
             out.push(log.clone());
             continue;
         }
-        let entries = std::fs::read_dir(log).with_context(|| format!("{} cannot be read", log.display()))?;
-        let is_log = |path: &Path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            name.starts_with("gearwatch-") && name.ends_with(".mcap")
-        };
-        let mut here = Vec::new();
-        for entry in entries {
-            let path = entry.with_context(|| format!("{} cannot be read", log.display()))?.path();
-            if is_log(&path) {
-                here.push(path);
-            }
-        }
+        let mut here = history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
         if here.is_empty() {
             bail!("{} holds no log file; name the folder of an mcap_log sink", log.display());
         }
-        here.sort();
         out.append(&mut here);
     }
     Ok(out)

@@ -7,6 +7,7 @@ mod chromium;
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use chromium::Chromium;
 use serde_json::json;
@@ -44,10 +45,19 @@ fn config(port: u16) -> String {
     format!(
         "format = \"gearwatch-service/1\"\n[service]\npage = \"127.0.0.1:{port}\"\n[[bench]]\nfile = \"bench.toml\"\n\
          alarm = {{ needed = 2, of = 3, clear = 10, latch = true }}\n\
-         [bench.learn_from]\n{}[[bench.source]]\n{}[[sink]]\nkind = \"stdout\"\n",
+         [bench.learn_from]\n{}[[bench.source]]\n{}[[sink]]\nkind = \"stdout\"\n\
+         [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n",
         source("speed = \"max\"\nduration_secs = 20.0\n"),
-        source("seed = 2\nfault = { after_secs = 6.0, stage = \"stage1\", percent = [3.0, 6.0, -9.0, 12.0, 20.0] }\n")
+        source(&format!(
+            "seed = 2\nfirst_sample_unix_ns = {}000000000\nfault = {{ after_secs = 6.0, stage = \"stage1\", percent = [3.0, 6.0, -9.0, 12.0, 20.0] }}\n",
+            now_secs()
+        ))
     )
+}
+
+/// The log is asked for by the time of day.
+fn now_secs() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
 const LAMP: &str = "document.querySelector('#lamp-machine').dataset.state";
@@ -81,10 +91,26 @@ fn conform_the_page_shows_a_fault_and_heals() {
         "!document.querySelector('#spectra').hidden && document.querySelector('#spectrum canvas') !== null",
     );
     browser.wait("nearest states", "document.querySelectorAll('#states li').length > 0");
+    browser.wait("the tab says it too", "document.title.startsWith('▲ alarm')");
+    browser.wait("indicators", "document.querySelectorAll('#indicators tbody tr:not([hidden])').length >= 5");
+    stays_where_it_was_put(&mut browser);
+    // The log is read by the page too: steps, and the alarm among the events.
+    browser.value("document.querySelector('#history').open = true; 0");
+    browser
+        .wait("steps from the log", "/^[1-9]\\d* steps of/.test(document.querySelector('#history-state').innerText)");
+    browser.wait(
+        "the alarm in the log",
+        "document.querySelector('#history-events').innerText.includes('critical stage1@acc_1')",
+    );
     // An alarm that grows must be acknowledged again: first all are as grave as they become.
     let grave = "[...document.querySelectorAll('#alarms tbody tr')].filter((r) => r.innerText.includes('critical')).length === 2";
     browser.wait("two grave alarms", grave);
-    browser.value("document.querySelector('#alarms button:not(:disabled)').click()");
+    // Both channels of the stage are one entry, with the harmonic, its value and the limit.
+    browser.wait("one group", "document.querySelectorAll('.alarm-group').length === 1");
+    let evidence = browser.value("document.querySelector('#alarms tbody tr').innerText");
+    let evidence = evidence.as_str().unwrap_or_default();
+    assert!(evidence.contains("rank V") && evidence.contains("± 10 %") && evidence.contains("Hz"), "{evidence}");
+    browser.value("document.querySelector('#alarms button.acknowledge').click()");
     // Without a name and a reason it stays unseen.
     browser.value("document.querySelector('#acknowledge .send').click()");
     browser
@@ -96,12 +122,14 @@ fn conform_the_page_shows_a_fault_and_heals() {
     );
     browser.wait(
         "acknowledged",
-        "[...document.querySelectorAll('#alarms button')].some((b) => b.innerText === 'Acknowledged')",
+        "[...document.querySelectorAll('#alarms .seen')].every((c) => /A. Smith, \\d{4}-\\d\\d-\\d\\dT.*: wheel is being changed/.test(c.innerText))",
     );
     // The keyboard moves between rows.
     browser.value("document.querySelector('#rows').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowDown', bubbles: true }))");
-    browser
-        .wait("the second row", "document.querySelectorAll('#rows .row')[1].getAttribute('aria-selected') === 'true'");
+    browser.wait(
+        "another row",
+        "document.querySelector('#rows .row[aria-selected=true]') !== document.querySelector('#rows .row')",
+    );
     assert_eq!(browser.complaints, Vec::<String>::new());
 
     drop(service);
@@ -112,6 +140,44 @@ fn conform_the_page_shows_a_fault_and_heals() {
     assert_eq!(browser.complaints, Vec::<String>::new());
     let foreign: Vec<_> = browser.requests.iter().filter(|r| r.starts_with("http") && !r.starts_with(&url)).collect();
     assert!(foreign.is_empty(), "{foreign:?}");
+}
+
+/// What somebody chose stays while windows come in: the part of the time that is shown, the words that are sought. What is shown can be taken along.
+fn stays_where_it_was_put(browser: &mut Chromium) {
+    browser.value("import('/assets/trend.js').then((m) => { window.time = m.time })");
+    browser.wait("the module", "window.time !== undefined");
+    let windows = "Number(/window (\\d+)/.exec(document.querySelector('#window').innerText)[1])";
+    browser.value(
+        "time.set([time.plots.values().next().value.shown()[0], time.plots.values().next().value.shown()[0] + 4])",
+    );
+    let put = browser.value("JSON.stringify(time.plots.values().next().value.shown())");
+    let before = browser.value(windows).as_u64().expect("a window");
+    browser.wait("three more windows", &format!("{windows} >= {}", before + 3));
+    assert_eq!(browser.value("JSON.stringify(time.plots.values().next().value.shown())"), put, "the zoom has moved");
+    let names = browser.value("window.saved = []; HTMLAnchorElement.prototype.click = function () { if (this.download) saved.push(this.download) }; [...document.querySelectorAll('[aria-label=\"CSV Deviations: download the numbers\"], [aria-label=\"PNG Deviations: download the picture\"]')].forEach((b) => b.click()); saved.length");
+    assert!(names == json!(1) || names == json!(2), "the CSV at once, the picture when it is ready: {names}");
+    browser.wait(
+        "both files",
+        "saved.length === 2 && saved.every((n) => /^gearwatch-Deviations-.*\\.(csv|png)$/.test(n))",
+    );
+    let over = "document.querySelector('#deviations .u-over')";
+    browser.value(&format!("{over}.dispatchEvent(new MouseEvent('dblclick', {{ bubbles: true }})); 0"));
+    browser.wait("all again", "time.range === null");
+    let shown = "document.querySelectorAll('#rows .row:not([hidden])').length";
+    let seek = |words: &str| {
+        format!(
+            "{{ const s = document.querySelector('#search'); s.value = '{words}'; s.dispatchEvent(new Event('input')); 0 }}"
+        )
+    };
+    browser.value(&seek("stage1 acc_2"));
+    browser.wait("one row is found", &format!("{shown} === 1"));
+    browser.value(&seek(""));
+    browser.wait("all rows", &format!("{shown} === 4"));
+    // The worst first: both channels of the stage that has the fault.
+    browser.wait(
+        "the worst first",
+        "[...document.querySelectorAll('#rows .row')].slice(0, 2).every((r) => r.innerText.includes('stage1'))",
+    );
 }
 
 /// An hour of eight channels and two stages, and what comes in at twenty times the usual pace: the page shows it all from its first

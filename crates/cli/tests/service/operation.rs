@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::MetadataExt;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use super::fixture::{Bench, gearwatch, output, stderr, stdout, text};
 
@@ -106,21 +106,106 @@ fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
     // Every file of the log is whole, and holds verdicts with the configuration beside them.
     let files: Vec<_> = std::fs::read_dir(bench.path("log")).unwrap().map(|e| e.unwrap().path()).collect();
-    let mut verdicts = 0;
+    let (mut verdicts, mut reloads) = (0, Vec::new());
     for file in files.iter().filter(|f| f.extension().is_some_and(|e| e == "mcap")) {
         let bytes = std::fs::read(file).unwrap();
         let summary = mcap::Summary::read(&bytes).unwrap().expect("footer and index are there");
         assert!(summary.attachment_indexes.iter().any(|a| a.name == "service.toml"), "{}", file.display());
         for message in mcap::MessageStream::new(&bytes).unwrap() {
             let message = message.unwrap();
+            let object = || serde_json::from_slice::<serde_json::Value>(&message.data).unwrap();
             if message.channel.topic == "/gear/stage1/rank" {
-                let object: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
-                assert_eq!(object["rank_5x"], "V");
+                assert_eq!(object()["rank_5x"], "V");
                 verdicts += 1;
+            } else if message.channel.topic == "/gap" && object()["cause"] == "configuration" {
+                reloads.push(object());
             }
         }
     }
     assert!(verdicts > 20, "{verdicts} verdicts in {files:?}");
+    // The one reload that took over says for how long nothing was watched; the refused one changed nothing.
+    let [reload] = &reloads[..] else { panic!("{reloads:?}") };
+    let number = |key: &str| reload[key].as_i64().unwrap();
+    let now_ms = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_millis()).unwrap();
+    assert_eq!((reload["channel"].as_str(), number("count")), (Some("reload"), number("last") - number("first")));
+    assert!((0..60_000).contains(&number("count")) && (0..120_000).contains(&(now_ms - number("last"))), "{reload}");
+    assert_eq!(number("t_ns") / 1_000_000, number("last"));
+    let history = output(&["history", text(&bench.path("log"))]);
+    assert!(
+        stdout(&history).contains("the configuration was read again; nothing was watched for"),
+        "{}",
+        stdout(&history)
+    );
+}
+
+/// What the page is told of a past time is what `gearwatch history` says of it: windows, deviations, an indicator, the alarm among the events.
+#[test]
+fn oracle_the_page_reads_the_log_as_the_command_does() {
+    let bench = Bench::new();
+    bench.baseline();
+    let start_s = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs()).unwrap() / 5 * 5;
+    let config = format!(
+        "format = \"gearwatch-service/1\"\nservice = {{ workers = 2, page = \"127.0.0.1:0\" }}\n\
+         [[bench]]\nfile = \"bench.toml\"\nbaseline = \"baseline.json\"\n\
+         [[bench.source]]\nkind = \"test_signal\"\nspeed = 20.0\nseed = 4\nfirst_sample_unix_ns = {start_s}000000000\n\
+         fault = {{ after_secs = 4.0, stage = \"stage1\", percent = [0.0, 5.5, 0.0, 0.0, 20.0] }}\n\
+         [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n"
+    );
+    let path = bench.write("service.toml", &config);
+    let mut child = gearwatch(&["run", "--config", text(&path)])
+        .env("GEARWATCH_LOG", "info")
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut said = talk(&mut child);
+    let page = said("metrics at http://");
+    let address = page.rsplit("http://").next().unwrap().trim_end_matches("/metrics").to_owned();
+    said("alarm=\"stage1@acc_1\"");
+    // Twenty seconds of the data's time, which pass in one; until they are in the log, they are asked for again.
+    let from = start_s;
+    let query = format!(
+        "/api/history?bench=small&stage=stage1&channel=acc_1&from={from}000000000&to={}000000000&indicator=rms",
+        from + 20
+    );
+    let end = Instant::now() + Duration::from_secs(60);
+    let answer = loop {
+        let text = request(&address, &address, &query);
+        let body = text.split_once("\r\n\r\n").map_or("", |(_, body)| body);
+        let answer: serde_json::Value = serde_json::from_str(body).unwrap_or_else(|e| panic!("{e}: {text}"));
+        let last = answer["t0_s"].as_array().and_then(|all| all.last()).and_then(serde_json::Value::as_i64);
+        if answer["to_read"] == 0 && last == Some(from + 15) {
+            break answer;
+        }
+        assert!(Instant::now() < end, "{answer}");
+        std::thread::sleep(Duration::from_millis(500));
+    };
+    assert!(request(&address, &address, "/api/history?bench=small&stage=a&channel=b&from=2&to=1").contains(" 400 "));
+    signal(&child, "TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let to = gearwatch_daemon::history::time::iso((from + 15) * 1_000_000_000);
+    let told = output(&["history", text(&bench.path("log")), "--csv", "--every", "5s", "--to", &to]);
+    let told = stdout(&told);
+    let mut lines = told.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().unwrap();
+    let place = |name: &str| head.iter().position(|n| *n == name).unwrap_or_else(|| panic!("{name}: {head:?}"));
+    let rows: Vec<_> = lines.filter(|line| line[place("channel")] == "acc_1").collect();
+    assert_eq!(rows.len(), 3, "{told}");
+    for (i, row) in rows.iter().enumerate() {
+        let same = |name: &str, told: &serde_json::Value| {
+            let (a, b): (f64, f64) = (row[place(name)].parse().unwrap(), told.as_f64().unwrap());
+            // Six digits are sent.
+            assert!((a - b).abs() <= 1e-5 * a.abs(), "{name}: {a} and {b}");
+        };
+        same("windows", &answer["windows"][i]);
+        same("dev_5x_percent", &answer["dev"][4][i]);
+        same("amp_2x", &answer["amp"][1][i]);
+        same("rms", &answer["indicator"][i]);
+        assert_eq!(row[place("level_5x")], answer["level"][4][i].to_string());
+        assert_eq!(row[place("machine")], answer["machine"][i].as_str().unwrap());
+    }
+    let kinds: Vec<_> = answer["events"].as_array().unwrap().iter().filter_map(|e| e["kind"].as_str()).collect();
+    assert!(kinds.contains(&"alarm"), "{answer}");
 }
 
 #[test]

@@ -197,6 +197,21 @@ static ALARM_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
         active: true,
         acknowledged: false,
         over: false,
+        evidence: Some(Box::new(crate::health::Evidence {
+            harmonic: 1,
+            amplitude: 0.5,
+            unit: String::new(),
+            baseline: Some(0.5),
+            deviation_percent: 0.5,
+            deviation_sigma_percent: 0.5,
+            limit_percent: Some(0.5),
+            rank: String::new(),
+            window: 1,
+            input_speed_hz: Some(0.5),
+            mesh_hz: Some(0.5),
+            brake_torque_nm: Some(0.5),
+        })),
+        seen: Some(Box::default()),
     };
     schema_of("gearwatch.Alarm", &super::record::AlarmRecord::new("", &alarm, None))
 });

@@ -44,6 +44,7 @@ pub use handle::{LogError, LogHandle, spawn};
 pub use message::{ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC};
 #[cfg(feature = "foxglove")]
 pub(crate) use message::{Message, encode};
+pub(crate) use names::started_s;
 #[cfg(feature = "brokers")]
 pub(crate) use names::utc;
 pub use queue::Sent;

@@ -35,6 +35,11 @@ impl FileName {
     }
 }
 
+/// When a log file was begun (s since the epoch), by its name; `None` where it is no name of a log file.
+pub(crate) fn started_s(name: &str) -> Option<i64> {
+    FileName::parse(name).map(|name| name.start_s)
+}
+
 /// `20261121T024942Z` of seconds since the epoch (proleptic Gregorian calendar; years before 0 or after 9999 are shown as such).
 pub(crate) fn utc(seconds: i64) -> String {
     let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));

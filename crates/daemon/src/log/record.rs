@@ -57,10 +57,20 @@ pub struct Gap {
 impl Gap {
     /// Channel name of gaps in the log's own sequence numbers.
     pub const LOG: &str = "log";
+    /// Channel name of the time in which nothing was watched because the configuration was read again. It counts milliseconds since the epoch.
+    pub const RELOAD: &str = "reload";
+
+    /// The configuration was read again: nothing was watched between these times (ns since the epoch).
+    pub fn reload(from_ns: UnixNanos, to_ns: UnixNanos) -> Self {
+        let ms = |ns: UnixNanos| u64::try_from(ns / 1_000_000).unwrap_or(0);
+        let (first, last) = (ms(from_ns), ms(to_ns.max(from_ns)));
+        let channel = Self::RELOAD.to_owned();
+        Self { channel, first, last, count: last - first, cause: Cause::Configuration, t_ns: to_ns }
+    }
 }
 
 /// An alarm, as it is after what happened at `t_ns`. A file begins with those that stand, so that a start knows them from the newest file alone.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlarmRecord {
     /// Name of the bench.
     pub bench: String,

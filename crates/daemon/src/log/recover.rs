@@ -12,7 +12,7 @@ use super::salvage::salvage_as;
 use super::storage::{Storage, StorageFile};
 
 /// What was found at the start, and done about it.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recovery {
     /// Files of the log.
     pub files: u64,

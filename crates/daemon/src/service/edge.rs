@@ -12,7 +12,7 @@ use tokio::sync::watch;
 use super::Backoff;
 use crate::config::{PageTls, ServiceConfig};
 use crate::snapshot::Snapshot;
-use crate::web::{self, Gate, Hub, Peer, Token};
+use crate::web::{self, Gate, Peer, Token};
 
 /// With what the page proves who it is.
 #[cfg(feature = "tls")]
@@ -81,12 +81,7 @@ pub(super) async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl F
 }
 
 /// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is no reason not to watch.
-pub(super) async fn serve_page(
-    access: PageAccess,
-    hub: Arc<Hub>,
-    acknowledge: web::Acknowledge,
-    snapshots: watch::Receiver<Arc<Snapshot>>,
-) {
+pub(super) async fn serve_page(access: PageAccess, ends: web::Ends, snapshots: watch::Receiver<Arc<Snapshot>>) {
     let address = access.address;
     let listener = match TcpListener::bind(address).await {
         Ok(listener) => listener,
@@ -100,7 +95,7 @@ pub(super) async fn serve_page(
         metrics: Arc::new(move || snapshots.borrow().prometheus()),
         snapshot: Arc::new(move || serde_json::to_string(&**asked.borrow()).unwrap_or_default()),
     };
-    let mut router = web::router(hub, acknowledge, texts, bound, &access.hosts);
+    let mut router = web::router(ends, texts, bound, &access.hosts);
     if let Some(token) = access.token {
         router = web::with_token(router, token);
     }

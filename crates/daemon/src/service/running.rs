@@ -18,7 +18,8 @@ use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
 use crate::config::SinkEntry;
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
-use crate::log::AlarmRecord;
+use crate::history::Store;
+use crate::log::{AlarmRecord, Gap};
 use crate::queue::{self, WhenFull};
 use crate::selftest::SelfTest;
 use crate::sink::{Remembered, SinkContext};
@@ -46,7 +47,16 @@ struct RunningSink {
 /// What takes over.
 pub(super) struct Next {
     pub(super) service: Box<Service>,
+    pub(super) carried: Carried,
+}
+
+/// What a configuration leaves to the next one.
+#[derive(Clone, Default)]
+pub(super) struct Carried {
+    /// Alarms that stand.
     pub(super) alarms: Vec<AlarmRecord>,
+    /// When its sources were told to stop (ns since the epoch); none at the first start.
+    pub(super) unwatched_since_ns: Option<i64>,
 }
 
 /// All that runs.
@@ -76,12 +86,12 @@ pub(super) struct Running {
 }
 
 impl Running {
-    /// `carried` are the alarms of the configuration before this one.
+    /// `carried` is what the configuration before this one left.
     pub(super) fn start(
         service: Service,
         runtime: &Runtime,
         stop: &Stop,
-        carried: Vec<AlarmRecord>,
+        carried: Carried,
     ) -> Result<Self, ServiceError> {
         let Service { config, benches, page, ends_with_sinks } = service;
         let sinks_stop = Stop::default();
@@ -94,8 +104,10 @@ impl Running {
         let mut state_queues = Vec::new();
         let (mut spectrum_queues, mut spectra_every_secs) = (Vec::new(), f64::INFINITY);
         let mut sinks = Vec::new();
+        let logged = config.sinks.iter().find_map(|entry| entry.config.log_folder());
+        let past = logged.map(|folder| Store::new(config.folder.join(folder)));
         let remembered = Remembered::default();
-        remembered.put(carried);
+        remembered.put(carried.alarms);
         for (entry, policy) in config.sinks.into_iter().zip(policies) {
             let (outlet, events) = queue::bounded(entry.queue, policy);
             let context = SinkContext {
@@ -146,6 +158,12 @@ impl Running {
             let ours = alarms.extract_if(.., of_bench).map(|alarm| alarm.alarm).collect();
             running.push(start_bench(watched, bench, (sizes, ours), context, &pool, ends, runtime.handle())?);
         }
+        if let Some(since) = carried.unwatched_since_ns {
+            let gap = Gap::reload(since, now_unix_ns());
+            for bench in &running {
+                fanout.tell(Event::Gap { bench: bench.name.clone(), gap: gap.clone() });
+            }
+        }
         for AlarmRecord { bench, alarm, .. } in alarms {
             tracing::warn!(bench, alarm = alarm.id, "an alarm stands at a bench that the configuration does not name");
         }
@@ -155,7 +173,8 @@ impl Running {
         if let Some(access) = page {
             let acknowledge = acknowledge(&running, &fanout);
             let (hub, seen) = (hub.clone(), seen.clone());
-            let serve = move || edge::serve_page(access.clone(), hub.clone(), acknowledge.clone(), seen.clone());
+            let ends = web::Ends { hub, acknowledge, past };
+            let serve = move || edge::serve_page(access.clone(), ends.clone(), seen.clone());
             edge.spawn_on(edge::keep("page", serve), runtime.handle());
         }
         if let Some(path) = &config.service.status_socket {
@@ -247,6 +266,7 @@ impl Running {
         if next.is_none() {
             self.notifier.stopping();
         }
+        let stopped_ns = now_unix_ns();
         self.sources_stop.now();
         for bench in &self.benches {
             bench.packets.close();
@@ -277,7 +297,10 @@ impl Running {
         self.sinks_stop.now();
         // The next configuration may want the same address.
         self.runtime.block_on(self.edge.shutdown());
-        let next = next.map(|service| Next { service, alarms: self.alarms() });
+        let next = next.map(|service| {
+            let carried = Carried { alarms: self.alarms(), unwatched_since_ns: Some(stopped_ns) };
+            Next { service, carried }
+        });
         (self.summary(stopped, died), next)
     }
 
@@ -419,7 +442,7 @@ fn acknowledge(benches: &[RunningBench], sinks: &Fanout) -> web::Acknowledge {
     Arc::new(move |id, seen| {
         let found = all.iter().find_map(|(bench, health)| {
             let id = id.strip_prefix(&**bench)?.strip_prefix('/')?;
-            let alarm = health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id)?;
+            let alarm = health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id, &seen)?;
             Some((bench.clone(), alarm))
         });
         let Some((bench, alarm)) = found else { return false };

@@ -62,7 +62,7 @@ pub(super) fn start_bench(
     let live = config.sources.iter().any(|source| source.config.is_live());
     let overloaded = if live { Overloaded::Shed } else { Overloaded::Wait };
     let lane = Lane { pipeline: watched.pipeline, overloaded, windows_per_worker };
-    let mut health = Health::new(config.alarm);
+    let mut health = Health::new(config.alarm).with_ranks(config.pipeline.rank);
     for alarm in alarms {
         tracing::warn!(bench = &*watched.name, alarm = alarm.id, "an alarm of before the start stands");
         let (stages, sensors) = (&watched.bench.stages, &watched.bench.sensors);
@@ -171,6 +171,10 @@ impl RunningBench {
             since_ns: alarm.since_ns,
             active: alarm.active,
             acknowledged: alarm.acknowledged,
+            stage: alarm.stage.clone(),
+            channel: alarm.channel.clone(),
+            evidence: alarm.evidence.as_deref().cloned(),
+            seen: alarm.seen.as_deref().cloned(),
         }
     }
 }

@@ -32,6 +32,10 @@ impl SinkConfig for LogConfig {
         (self.spectra_secs > 0.0).then_some(self.spectra_secs)
     }
 
+    fn log_folder(&self) -> Option<&Path> {
+        Some(&self.folder)
+    }
+
     fn must_finish(&self) -> bool {
         true
     }

@@ -42,6 +42,9 @@ struct Webhook {
     /// File whose first line goes along as `Authorization: Bearer …`; none where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     token_file: Option<PathBuf>,
+    /// Where a reader of the text finds the page, such as `https://bench-3:8650`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    link: Option<String>,
     /// Certificate of the authority that signed the receiver's, where the system does not know it (PEM); for https.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ca_file: Option<PathBuf>,
@@ -122,6 +125,15 @@ impl SinkConfig for Webhook {
         if self.ca_file.is_some() && self.url.as_ref().is_some_and(|url| !is_https(url)) {
             out.push("ca_file goes with an https url".to_owned());
         }
+        if let Some(link) = &self.link {
+            if !is_address(link) {
+                out.push(format!("link is {link:?}; expected an address such as https://bench-3:8650"));
+            } else if carries_secret(link) {
+                out.push(
+                    "link carries a secret, and it is sent to the receiver; give the page's address alone".to_owned(),
+                );
+            }
+        }
         if !(0.1..=60.0).contains(&self.timeout_secs) {
             out.push(format!("timeout_secs is {}; expected 0.1 to 60", self.timeout_secs));
         }
@@ -134,7 +146,7 @@ impl SinkConfig for Webhook {
 
     fn open(&self, context: &SinkContext) -> Result<Drain, SinkError> {
         let (url, agent, token) = self.agent(&context.folder)?;
-        let hook = Hook { agent, url, token, counts: Arc::default() };
+        let hook = Hook { agent, url, token, link: self.link.clone(), counts: Arc::default() };
         let counts = hook.counts.clone();
         context.voice.answer_with(move || counts.standing());
         let context = context.clone();
@@ -186,6 +198,7 @@ struct Hook {
     agent: Agent,
     url: Secret,
     token: Option<Secret>,
+    link: Option<String>,
     counts: Arc<Counts>,
 }
 
@@ -195,7 +208,7 @@ impl Hook {
             crate::fail::point("sink-webhook");
             // That somebody has seen it is no news for whoever must come.
             let Event::Alarm { bench, alarm, seen: None } = &*event else { continue };
-            if !self.deliver(&body(bench, alarm), context) {
+            if !self.deliver(&body(bench, alarm, self.link.as_deref()), context) {
                 return;
             }
         }
@@ -262,8 +275,17 @@ fn without(words: &str, address: &str) -> String {
     words.replace(address, &place(address))
 }
 
-fn body(bench: &str, alarm: &Alarm) -> String {
+/// What is posted; `link` is where a reader of the text finds the page.
+fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
     let how = if alarm.active { "alarm" } else { "alarm over" };
+    let mut text =
+        format!("gearwatch: {how} at bench {bench}: {} at {}, {}", alarm.stage, alarm.channel, alarm.severity.code());
+    if let Some(evidence) = &alarm.evidence {
+        text.push_str(&format!(": {}", evidence.words()));
+    }
+    if let Some(link) = link {
+        text.push_str(&format!(" - {link}"));
+    }
     serde_json::json!({
         "kind": "alarm",
         "bench": bench,
@@ -275,7 +297,9 @@ fn body(bench: &str, alarm: &Alarm) -> String {
         "acknowledged": alarm.acknowledged,
         "since_ns": alarm.since_ns,
         "t_ns": alarm.t_ns,
-        "text": format!("gearwatch: {how} at bench {bench}: {} at {}, {}", alarm.stage, alarm.channel, alarm.severity.code()),
+        "evidence": alarm.evidence,
+        "link": link,
+        "text": text,
     })
     .to_string()
 }

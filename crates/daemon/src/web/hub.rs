@@ -10,6 +10,7 @@ use tokio::sync::broadcast;
 
 use super::past::Past;
 use crate::event::SpectrumFrame;
+use crate::health::{Acknowledgement, Evidence};
 
 /// Spectra kept per bench and channel: the rows of the waterfall.
 const SPECTRA_KEPT: usize = 60;
@@ -83,6 +84,14 @@ pub struct AlarmStatus {
     pub state: String,
     /// Somebody has seen it.
     pub acknowledged: bool,
+    /// Stage name.
+    pub stage: String,
+    /// Sensor name.
+    pub channel: String,
+    /// What it rests on, `null` where nothing is known.
+    pub evidence: Option<Evidence>,
+    /// Who has seen it, and what they said; `null` where nobody has.
+    pub seen: Option<Acknowledgement>,
 }
 
 /// Keeps what pages see. Publishing never waits for a page.

@@ -110,7 +110,7 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
                 if alarm.alarm.over {
                     stands.remove(&alarm.alarm.id);
                 } else {
-                    stands.insert(alarm.alarm.id.clone(), alarm.clone());
+                    stands.insert(alarm.alarm.id.clone(), (**alarm).clone());
                 }
             }
         }

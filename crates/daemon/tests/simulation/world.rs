@@ -33,7 +33,7 @@ pub enum What {
     /// A window, and its line.
     Window(u64, Vec<u8>),
     Gap,
-    Alarm(AlarmRecord),
+    Alarm(Box<AlarmRecord>),
 }
 
 /// All but the log itself, which is at work on the disk while the rest goes on.
@@ -226,7 +226,7 @@ impl Outside {
     }
 
     fn alarm(&mut self, alarm: AlarmRecord) {
-        self.offer(What::Alarm(alarm.clone()), Record::Alarm(Arc::new(alarm)));
+        self.offer(What::Alarm(Box::new(alarm.clone())), Record::Alarm(Arc::new(alarm)));
     }
 
     /// The supervisor looks, and is checked by what this world knows itself.
@@ -586,9 +586,9 @@ impl World {
         self.at(|outside| {
             let ids: Vec<String> = outside.health.alarms().map(|alarm| alarm.id.clone()).collect();
             for id in ids {
-                let Some(alarm) = outside.health.acknowledge(&id) else { continue };
                 let t_ns = outside.now().wall_ns;
                 let seen = Acknowledgement { who: "somebody".into(), why: "seen".into(), from: "here".into(), t_ns };
+                let Some(alarm) = outside.health.acknowledge(&id, &seen) else { continue };
                 outside.totals.witnessed(Fault::Seen, 1);
                 outside.alarm(AlarmRecord::new("bench", &alarm, Some(&seen)));
             }

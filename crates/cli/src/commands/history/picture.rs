@@ -4,11 +4,9 @@ use std::collections::BTreeMap;
 
 use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
+use gearwatch_daemon::history::time::iso;
+use gearwatch_daemon::history::{Event, History, STATES, Span, indicator_names};
 use gearwatch_report::{Cell, Chart, Lines, Mark, Part, Report, Section, Series, Table, Tone, render};
-
-use super::collect::{History, Span};
-use super::time::iso;
-use super::verdict_line::indicator_names;
 
 const HOUR_NS: f64 = 3.6e12;
 
@@ -73,8 +71,7 @@ pub(super) fn page(history: &History) -> String {
         });
     }
     let hidden = history.events.len().saturating_sub(MOST_EVENTS);
-    let cells =
-        |e: &super::collect::Event| -> Vec<Cell> { vec![iso(e.t_ns).into(), e.kind.into(), e.text.as_str().into()] };
+    let cells = |e: &Event| -> Vec<Cell> { vec![iso(e.t_ns).into(), e.kind.into(), e.text.as_str().into()] };
     let table = Table {
         caption: if hidden > 0 { format!("the last {MOST_EVENTS}; {hidden} before") } else { "all".to_owned() },
         head: ["time (UTC)", "what", ""].map(str::to_owned).into(),
@@ -85,7 +82,7 @@ pub(super) fn page(history: &History) -> String {
     }
     let mut states: BTreeMap<&str, u64> = BTreeMap::new();
     for (_, _, span) in history.rows() {
-        for (name, count) in super::collect::STATES.iter().zip(span.states) {
+        for (name, count) in STATES.iter().zip(span.states) {
             *states.entry(name).or_default() += count;
         }
     }

@@ -5,10 +5,9 @@ use std::io::Write;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::{HARMONICS, published};
+use gearwatch_daemon::history::time::iso;
+use gearwatch_daemon::history::{History, STATES, Span, indicator_names};
 
-use super::collect::{History, Span};
-use super::time::iso;
-use super::verdict_line::indicator_names;
 use crate::terminal;
 
 /// Events that a table shows; CSV of events is not needed for more.
@@ -36,7 +35,7 @@ fn indicator(span: &Span, i: usize) -> Estimate {
 fn numbers(span: &Span) -> Vec<(String, f64)> {
     let mut out: Vec<(String, f64)> =
         vec![("windows".into(), span.windows as f64), ("not_ok".into(), span.not_ok as f64)];
-    for (name, count) in super::collect::STATES.iter().zip(span.states) {
+    for (name, count) in STATES.iter().zip(span.states) {
         out.push(((*name).to_owned(), count as f64));
     }
     let mut estimate = |name: &str, sigma: &str, x: Estimate| {

@@ -2,11 +2,14 @@
 //
 // app (link, theme) ─► state (rows, spectra, status) ─► strips · detail · spectrum · service (drawing)
 
-import { LOOKS, RANKS, el, invalidate, node, paintWith, rows, shade, view } from "./state.js";
+import { LOOKS, RANKS, el, invalidate, node, paintWith, remember, remembered, rows, shade, view } from "./state.js";
 import { drawStrip, rowOf } from "./strips.js";
 import { drawDetail } from "./detail.js";
 import { drawSpectrum, onSpectrum } from "./spectrum.js";
-import { drawStatus, lamp } from "./service.js";
+import { drawStatus, lamp, title } from "./service.js";
+import { drawHistory } from "./history.js";
+import { takeIndicators } from "./indicators.js";
+import { arrange } from "./find.js";
 
 const STEPS = "< 1 %,≥ 1 %,≥ 4 %,≥ 7 %,≥ 10 %,≥ 13 %".split(",");
 
@@ -15,6 +18,7 @@ paintWith((todo) => {
   if (view.status && (all || todo.has("status"))) drawStatus();
   for (const row of rows.values()) if (all || todo.has(row.key)) drawStrip(row, all);
   if (view.selected && (all || todo.has("detail"))) drawDetail();
+  if (view.selected && all) drawHistory();
   if (view.selected && (all || todo.has("spectrum"))) drawSpectrum();
 });
 
@@ -22,6 +26,7 @@ paintWith((todo) => {
 
 function changed(row) {
   invalidate(row.key);
+  arrange();
   if (row === view.selected) invalidate("detail");
 }
 
@@ -31,6 +36,7 @@ function onVerdict(v) {
   const row = rowOf(v);
   row.last = v;
   row.unit = v.unit;
+  takeIndicators(row, v);
   // A replay that starts anew.
   if (v.t0_ns < row.past.newest) row.past.clear();
   // The newest window comes twice to a page that has just been opened: in the past, and by itself.
@@ -77,6 +83,7 @@ function connect() {
 function stale() {
   lamp("lamp-machine", "unknown", "unknown");
   lamp("lamp-instrument", "unknown", "unknown");
+  title("unknown", "unknown", 0, 0, 0);
 }
 setInterval(() => {
   if (lastHeard && performance.now() - lastHeard > 6000) {
@@ -97,7 +104,14 @@ function legend() {
   const names = ["unknown", ...RANKS.map((r, i) => `${r} ${STEPS[i]}`), "path changed"];
   el("legend").replaceChildren(...LOOKS.map((look, i) => node("li", {}, node("i", { style: `background:${shade(look, 1)}` }), names[i])));
 }
-el("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme !== "dark"));
-theme(matchMedia("(prefers-color-scheme: dark)").matches);
+el("theme").addEventListener("click", () => {
+  const dark = document.documentElement.dataset.theme !== "dark";
+  remember("theme", dark ? "dark" : "light");
+  theme(dark);
+});
+const system = matchMedia("(prefers-color-scheme: dark)");
+const chosen = () => remembered("theme", system.matches ? "dark" : "light") === "dark";
+system.addEventListener("change", () => theme(chosen()));
+theme(chosen());
 new ResizeObserver(() => invalidate("all")).observe(document.querySelector("main"));
 connect();

@@ -1,30 +1,33 @@
-// The selected row: its last window as a table, its past beside the baseline, its deviations beside the nearest fault states.
+// The selected row: its last window as a table, its deviations beside the nearest fault states.
 
-import { HARMONICS, RANKS, clock, codeOf, css, el, fit, invalidate, known, lookOf, node, percent, shade, strengthOf, text, view } from "./state.js";
-import { axis, sized } from "./plot.js";
-
-let trendPlot = null;
+import { HARMONICS, RANKS, codeOf, colourOf, css, el, fit, inkOn, known, lookOf, node, percent, plain, shade, strengthOf, text, view } from "./state.js";
+import { iso } from "./time.js";
+import { drawIndicators } from "./indicators.js";
+import { wantHistory } from "./history.js";
+import { drawTrends } from "./trend.js";
+import { LIMITS, frame } from "./limits.js";
 
 export function drawDetail() {
   const row = view.selected;
   const last = row.last;
   if (!last) return;
-  el("h-detail").textContent = `${row.stage} · ${row.channel}, window ${last.window}, ${clock(last.t0_ns)}, mesh ${text(last.mesh_hz, 6, "Hz")}`;
+  const name = `${row.bench} · ${row.stage} · ${row.channel}`;
+  if (el("h-detail").textContent !== name) el("h-detail").textContent = name;
+  const why = last.reason ? ` (${plain(last.reason)})` : "";
+  el("window").textContent = `${plain(last.machine)}${why}, instrument ${plain(last.instrument)} · window ${last.window}, ${iso(last.t0_ns)} · mesh ${text(last.mesh_hz, 6, "Hz")}${known(last.brake_torque_nm) ? `, ${text(last.brake_torque_nm, 4, "N m")}` : ""}${last.cell ? ` · baseline cell ${last.cell}` : ""}`;
   el("doubts").hidden = !last.doubts;
-  el("doubts").textContent = `Doubtful: ${(last.doubts || "").replaceAll(" ", ", ").replaceAll("_", " ")} (gearwatch check says what to do)`;
+  el("doubts").textContent = `Doubtful: ${plain((last.doubts || "").replaceAll(" ", ", "))} (gearwatch check says what to do)`;
   el("ranks").tBodies[0].replaceChildren(...HARMONICS.map((h) => harmonicRow(h, last)));
-  drawTrend(row);
+  drawIndicators(row);
+  drawTrends(row);
+  wantHistory();
   drawPillars(last);
 }
 
-function colour(last, h) {
-  const level = last[`level_${h}x`];
-  const look = lookOf(last.machine, level);
-  return shade(look, strengthOf(look, level, last[`p_${h}x`]));
-}
-
 function harmonicRow(h, last) {
-  const badge = node("b", { style: `background:${colour(last, h)}` }, codeOf(last, h));
+  const look = lookOf(last.machine, last[`level_${h}x`]);
+  const strength = strengthOf(look, last[`level_${h}x`], last[`p_${h}x`]);
+  const badge = node("b", { style: `background:${shade(look, strength)};color:${inkOn(look, Math.round(100 * strength) / 100)}` }, codeOf(last, h));
   const sigma = last[`dev_sigma_${h}x_percent`];
   return node("tr", {}, node("th", { scope: "row" }, (last.shared || "").includes(`${h}x`) ? `${h}x, shared` : `${h}x`), node("td", { class: "rank" }, badge),
     node("td", {}, known(last[`p_${h}x`]) ? `${(100 * last[`p_${h}x`]).toFixed(0)} %` : "–"),
@@ -32,26 +35,9 @@ function harmonicRow(h, last) {
     node("td", {}, text(last[`amp_${h}x`], 4, last.unit)), node("td", {}, text(last[`base_${h}x`], 4)), node("td", {}, text(last[`floor_${h}x`], 2)));
 }
 
-function drawTrend(row) {
-  const host = el("trend");
-  const k = view.harmonic - 1;
-  const t = Array.from(row.past.t0.subarray(row.past.start, row.past.end), (ns) => ns / 1e9);
-  const base = row.past.column("base", k);
-  const sigma = row.past.column("sigma", k);
-  const band = (sign) => base.map((b, i) => (b === null || sigma[i] === null ? null : b * (1 + (sign * 2 * sigma[i]) / 100)));
-  trendPlot = sized(host, (width) => new uPlot({
-    width, height: 240, legend: { show: false }, cursor: { drag: { x: true, y: false } },
-    axes: [axis(""), axis(`${view.harmonic}x (${row.unit})`)],
-    series: [{}, { label: "amplitude", stroke: css("--accent"), width: 2 }, { label: "baseline", stroke: css("--ok"), width: 1 },
-      { label: "+2σ", stroke: css("--line") }, { label: "−2σ", stroke: css("--line") }],
-    bands: [{ series: [3, 4], fill: `${css("--r0")}33` }],
-  }, [[], [], [], [], []], host), trendPlot, `${row.key}#${view.harmonic}`);
-  trendPlot.u.setData([t, row.past.column("amp", k), base, band(1), band(-1)]);
-}
-
 // A fault state's pillars: signed where its table knows the sign; where it knows ranks alone, the middle of the rank on the side of the
 // measured deviation, drawn from the rank's lower to its upper step.
-const STEP = [0, 1, 4, 7, 10, 13, 16];
+const STEP = [0, ...LIMITS, 16];
 function pattern(expected, last) {
   const dev = [];
   const range = [];
@@ -70,23 +56,24 @@ function drawPillars(last) {
   const near = (Array.isArray(last.states) ? last.states : []).slice(0, 3);
   const groups = [{ name: "now", dev: HARMONICS.map((h) => last[`dev_${h}x_percent`]), sigma: HARMONICS.map((h) => last[`dev_sigma_${h}x_percent`]) }]
     .concat(near.map((s) => ({ name: s.name, sigma: [], ...pattern(s.expected || [], last) })));
-  const limit = Math.max(15, ...groups.flatMap((s) => s.dev.map((d, i) => (known(d) ? Math.abs(d) + (s.sigma[i] || 0) : 0)))) * 1.08;
-  const left = 40;
+  const limit = frame(Math.max(0, ...groups.flatMap((s) => s.dev.map((d) => (known(d) ? Math.abs(d) : 0)))));
+  const left = 52;
   const bottom = 18;
-  const y = (d) => (height - bottom) * (0.5 - d / (2 * limit));
+  const y = (d) => (height - bottom) * (0.5 - Math.max(-limit, Math.min(limit, d)) / (2 * limit));
   g.font = "11px system-ui";
   g.textBaseline = "middle";
-  for (const step of [-13, -10, -7, -4, -1, 1, 4, 7, 10, 13]) {
-    g.strokeStyle = css("--line");
+  const steps = limit > 32 ? [13, limit / 2] : limit > 16 ? [1, 7, 13, 24] : LIMITS;
+  for (const step of [0, ...steps, ...steps.map((s) => -s)]) {
+    g.strokeStyle = css(step === 0 ? "--soft" : "--line");
     g.beginPath();
     g.moveTo(left, y(step));
     g.lineTo(width, y(step));
     g.stroke();
-    if (Math.abs(step) !== 1) {
-      g.fillStyle = css("--soft");
-      g.textAlign = "right";
-      g.fillText(`${step > 0 ? "+" : "−"}${Math.abs(step)} %`, left - 4, y(step));
-    }
+    g.fillStyle = css("--soft");
+    g.textAlign = "right";
+    const rank = LIMITS.indexOf(Math.abs(step)) + 1;
+    if (step === 0 || (Math.abs(step) === 1 && limit > 16)) continue;
+    g.fillText(`${rank ? `${RANKS[rank]} ` : ""}${step > 0 ? "+" : "−"}${Math.abs(step)} %`, left - 4, y(step));
   }
   const slot = (width - left) / HARMONICS.length;
   const bar = Math.min(26, (slot * 0.8) / groups.length);
@@ -96,7 +83,7 @@ function drawPillars(last) {
       const d = s.dev[i];
       if (!known(d)) return;
       const x = left + i * slot + slot * 0.1 + k * bar;
-      g.fillStyle = k === 0 ? colour(last, h) : inks[k];
+      g.fillStyle = k === 0 ? colourOf(last, h) : inks[k];
       const range = s.range && s.range[i];
       if (range) {
         const [near0, far] = range.map(y);
@@ -118,15 +105,5 @@ function drawPillars(last) {
   });
   const words = { none: "No known state fits these deviations. The nearest, and their shares of the likelihood:", several: "Several states fit about equally.", not_compared: "Not compared: nothing is known of the deviations." };
   el("fit").textContent = words[last.state_fit] || "";
-  el("states").replaceChildren(...near.map((s, k) => node("li", {}, node("i", { style: `background:${inks[k + 1]}` }), `${s.name.replaceAll("_", " ")}: ${(100 * s.probability).toFixed(0)} %`)));
-}
-
-for (const h of HARMONICS) {
-  const button = node("button", { type: "button", "aria-pressed": String(h === view.harmonic) }, `${h}x`);
-  button.addEventListener("click", () => {
-    view.harmonic = h;
-    for (const other of el("pick").children) other.setAttribute("aria-pressed", String(other === button));
-    invalidate("detail");
-  });
-  el("pick").append(button);
+  el("states").replaceChildren(...near.map((s, k) => node("li", {}, node("i", { style: `background:${inks[k + 1]}` }), `${plain(s.name)}: ${(100 * s.probability).toFixed(0)} %`)));
 }

@@ -1,6 +1,8 @@
-// The service itself: lamps, operating point, alarms, sources, facts.
+// The service itself: lamps, operating point, the benches, sources, facts, and the tab's title.
 
-import { clock, el, known, node, text, view } from "./state.js";
+import { MACHINE, el, invalidate, known, node, plain, text, view } from "./state.js";
+import { arrange } from "./find.js";
+import { drawAlarms } from "./alarms.js";
 
 export function lamp(id, state, words) {
   const n = el(id);
@@ -24,17 +26,26 @@ export function drawStatus() {
   el("op-speed").textContent = known(bench.motor_speed_hz) ? `${text(bench.motor_speed_hz, 5, "Hz")} (${(60 * bench.motor_speed_hz).toFixed(0)} rpm)` : "–";
   el("op-torque").textContent = text(bench.brake_torque_nm, 4, "N m");
   el("op-temperature").textContent = text(bench.temperature_c, 3, "°C");
-  const alarms = benches.flatMap((b) => b.alarms.map((a) => [b, a]));
-  el("alarms").tBodies[0].replaceChildren(...(alarms.length ? alarms.map(([b, a]) => alarmRow(a, benches.length > 1 ? `${b.name} · ${a.place}` : a.place)) : [node("tr", {}, node("td", { colspan: "5" }, "none"))]));
+  drawBenches(benches);
+  const alarms = drawAlarms(benches);
+  // Where the page is one tab of many, its title is all that is seen of it.
+  title(machine.machine, instrument.instrument, alarms, benches.filter((b) => b.machine === machine.machine).length, benches.length);
   el("sources").tBodies[0].replaceChildren(...benches.flatMap((b) => b.sources.map((s) => node("tr", {}, node("th", { scope: "row" }, benches.length > 1 ? `${b.name} · ${s.name}` : s.name), node("td", {}, s.state), node("td", {}, String(s.windows)), node("td", {}, String(s.gaps))))));
   const facts = Object.entries(status.facts || {});
   el("log").replaceChildren(...facts.map(([k, v]) => node("div", {}, node("dt", {}, k), node("dd", {}, String(v)))));
 }
 
-// From good to grave.
-const MACHINE = ["normal", "unknown", "deviating", "path_changed", "alarm"];
+const SIGN = { alarm: "▲", path_changed: "◆", deviating: "△", unknown: "?", normal: "●" };
 
-// The lamps speak of all benches: one that is in order must not hide another that is not.
+export function title(machine, instrument, alarms, of, all) {
+  const benches = all > 1 && machine !== "normal" ? ` ${of}/${all}` : "";
+  const open = alarms ? ` · ${alarms} open` : "";
+  const deaf = ["ok", "unknown"].includes(instrument) ? "" : " · instrument";
+  const now = `${SIGN[machine] || "?"} ${plain(machine)}${benches}${open}${deaf} – gearwatch`;
+  if (document.title !== now) document.title = now;
+}
+
+// From good to grave: the lamps speak of all benches; one that is in order must not hide another that is not.
 function gravest(benches, severity) {
   return benches.reduce((a, b) => (severity(b) > severity(a) ? b : a));
 }
@@ -42,45 +53,26 @@ function gravest(benches, severity) {
 // A state in words, with the benches that it is of where there are several.
 function words(state, benches, has) {
   const of = benches.filter(has).map((b) => b.name);
-  const plain = state.replaceAll("_", " ");
-  return benches.length < 2 || of.length === benches.length ? plain : `${plain}: ${of.length > 2 ? `${of.length} of ${benches.length} benches` : of.join(", ")}`;
+  return benches.length < 2 || of.length === benches.length ? plain(state) : `${plain(state)}: ${of.length > 2 ? `${of.length} of ${benches.length} benches` : of.join(", ")}`;
 }
 
-// Who has seen an alarm, and why it may be acknowledged: both stand in the log.
-function ask(a, place) {
-  const who = node("input", { type: "text", name: "who", maxlength: "100", autocomplete: "name" });
-  who.value = localStorage.getItem("gearwatch-who") || "";
-  const why = node("input", { type: "text", name: "why", maxlength: "1000" });
-  const said = node("p", { role: "status" });
-  const send = node("button", { type: "button", class: "send" }, "Acknowledge");
-  const leave = node("button", { type: "button" }, "Cancel");
-  const dialog = node("dialog", { id: "acknowledge", "aria-label": `Acknowledge ${a.what} on ${place}` },
-    node("p", {}, `${a.what} on ${place}`), node("label", {}, "Your name ", who), node("label", {}, "Reason ", why), said, node("div", { class: "buttons" }, send, leave));
-  dialog.addEventListener("close", () => dialog.remove());
-  leave.addEventListener("click", () => dialog.close());
-  send.addEventListener("click", async () => {
-    if (!who.value.trim() || !why.value.trim()) {
-      said.textContent = "Name and reason are needed.";
-      return;
-    }
-    const body = JSON.stringify({ who: who.value, why: why.value });
-    const reply = await fetch(`/api/alarms/${encodeURIComponent(a.id)}/acknowledge`, { method: "POST", headers: { "content-type": "application/json" }, body }).catch(() => null);
-    if (reply && reply.ok) {
-      localStorage.setItem("gearwatch-who", who.value);
-      dialog.close();
-    } else {
-      said.textContent = !reply ? "The service does not answer." : "There is no such alarm any more.";
-    }
-  });
-  document.body.append(dialog);
-  dialog.showModal();
-  (who.value ? why : who).focus();
-}
-
-function alarmRow(a, place) {
-  const button = node("button", { type: "button" }, a.acknowledged ? "Acknowledged" : "Acknowledge");
-  button.disabled = a.acknowledged;
-  button.setAttribute("aria-label", `Acknowledge ${a.what} on ${place}`);
-  button.addEventListener("click", () => ask(a, place));
-  return node("tr", {}, node("td", {}, clock(a.since_ns)), node("td", {}, place), node("td", {}, a.what), node("td", {}, a.state), node("td", {}, button));
+// One button a bench, the gravest first: pressed, it shows the rows of that bench alone.
+let told = "";
+function drawBenches(benches) {
+  const list = [...benches].sort((a, b) => MACHINE.indexOf(b.machine) - MACHINE.indexOf(a.machine));
+  const now = JSON.stringify([view.bench, list.map((b) => [b.name, b.machine, b.instrument, b.alarms.length])]);
+  if (now === told) return;
+  told = now;
+  el("benches").hidden = benches.length < 2;
+  const focused = document.activeElement?.dataset?.bench;
+  el("benches").replaceChildren(...list.map((b) => {
+    const button = node("button", { type: "button", class: "lamp", "data-state": b.machine, "data-bench": b.name, "aria-pressed": String(view.bench === b.name) }, node("b", {}, b.name), node("span", {}, `${plain(b.machine)}${b.instrument === "ok" ? "" : `, ${plain(b.instrument)}`}`));
+    button.addEventListener("click", () => {
+      view.bench = view.bench === b.name ? "" : b.name;
+      arrange(true);
+      invalidate("status");
+    });
+    return button;
+  }));
+  if (focused) [...el("benches").children].find((b) => b.dataset.bench === focused)?.focus();
 }

@@ -1,59 +1,94 @@
-// The selected channel's order spectrum with its mesh lines, and the spectra of the last minute below each other.
+// The selected channel's order spectrum with its mesh lines, what the baseline says of them, and cursors for harmonics and sidebands.
 
-import { css, el, fit, invalidate, spectra, view } from "./state.js";
-import { axis, sized } from "./plot.js";
+import { HARMONICS, css, el, invalidate, known, rows, spectra, text, view } from "./state.js";
+import { Plot, axis } from "./plot.js";
+import { cursors, describe, drawCursors, place } from "./cursors.js";
+import { drawWaterfall, remember } from "./waterfall.js";
+import { iso } from "./time.js";
 
-const WATERFALL_ROWS = 120;
-const WATERFALL_COLUMNS = 400;
-const DECADES = 4; // that the colours span
-
-let spectrumPlot = null;
+const DECADES = 5; // that the ordinate spans
 
 export function onSpectrum(s) {
   el("spectra").hidden = false;
   const key = `${s.bench}/${s.channel}`;
   let store = spectra.get(key);
-  if (!store) spectra.set(key, (store = { last: null, waterfall: [] }));
+  if (!store) spectra.set(key, (store = { last: null, held: null, waterfall: [] }));
   store.last = s;
-  store.waterfall.push(peaks(s.amplitude));
-  if (store.waterfall.length > WATERFALL_ROWS) store.waterfall.shift();
+  remember(store, s);
   if (view.selected && key === keyOf(view.selected)) invalidate("spectrum");
 }
 
 const keyOf = (row) => `${row.bench}/${row.channel}`;
+const chosen = () => view.selected && spectra.get(keyOf(view.selected));
+const orderAt = (s, i) => s.first_order + i * s.order_step;
 
-// As many columns as are drawn, each the largest of its lines, so that no peak is lost.
-function peaks(amplitude) {
-  const out = new Float32Array(Math.min(WATERFALL_COLUMNS, amplitude.length));
-  amplitude.forEach((a, i) => {
-    const c = Math.floor((i * out.length) / amplitude.length);
-    out[c] = Math.max(out[c], a);
-  });
-  return out;
-}
+let top = 1; // decade above the largest line: moves by whole decades only
+
+const plot = new Plot(el("spectrum"), {
+  name: "Order spectrum", x: "order", height: 300,
+  title: () => `Order spectrum, ${keyOf(view.selected)}, ${iso(chosen().last.t0_ns)}`,
+  options: () => ({
+    scales: { x: { time: false }, y: { distr: 3, range: () => [top / 10 ** DECADES, top] } },
+    axes: [axis("order of the input shaft"), axis(chosen().last.unit, { size: 64, values: (u, ticks) => ticks.map((t) => (t && Number.isInteger(Math.round(1e6 * Math.log10(t)) / 1e6) ? t.toExponential(0) : "")) })],
+    series: [{}, { label: "amplitude", stroke: css("--accent"), width: 1 }, { label: "held", stroke: css("--r3"), width: 1 }],
+  }),
+  marks: (u, g) => {
+    const store = chosen();
+    if (!store) return;
+    marks(u, g, store.last.lines);
+    baseline(u, g, store.last);
+    drawCursors(u, g, store.last);
+  },
+  read: (u, i) => `order ${u.data[0][i].toFixed(3)} · ${text(u.data[1][i], 4, chosen()?.last.unit)}${known(u.data[2][i]) ? ` · held ${text(u.data[2][i], 4)}` : ""}`,
+});
+plot.zoom.told.push(() => invalidate("spectrum"));
+
+let down = 0;
+el("spectrum").addEventListener("mousedown", (event) => { down = event.clientX; });
+el("spectrum").addEventListener("click", (event) => {
+  const store = chosen();
+  if (!store || cursors.mode === "off" || Math.abs(event.clientX - down) > 4 || !event.target.classList.contains("u-over")) return;
+  place(plot.u.posToVal(event.clientX - plot.u.over.getBoundingClientRect().left, "x"), store.last, plot.shown());
+  invalidate("spectrum");
+});
+
+el("hold").addEventListener("click", () => {
+  const store = chosen();
+  if (!store) return;
+  store.held = store.held ? null : store.last;
+  invalidate("spectrum");
+});
 
 export function drawSpectrum() {
-  const store = spectra.get(keyOf(view.selected));
+  const store = chosen();
+  el("spectra").hidden = !store;
   if (!store) return;
-  const host = el("spectrum");
   const s = store.last;
-  const orders = s.amplitude.map((_, i) => s.first_order + i * s.order_step);
-  spectrumPlot = sized(host, (width) => new uPlot({
-    width, height: 240, legend: { show: false },
-    scales: { x: { time: false }, y: { distr: 3 } },
-    axes: [axis("order of the input shaft"), { ...axis(s.unit), size: 64, values: (u, ticks) => ticks.map((t) => (t && Number.isInteger(Math.log10(t)) ? t.toExponential(0) : "")) }],
-    series: [{}, { label: "amplitude", stroke: css("--accent"), width: 1 }],
-    hooks: { draw: [(u) => marks(u, spectra.get(keyOf(view.selected)).last.lines)] },
-  }, [[], []], host), spectrumPlot, keyOf(view.selected));
-  const floor = Math.max(...s.amplitude) * 1e-6 || 1e-12;
-  spectrumPlot.u.setData([orders, s.amplitude.map((a) => Math.max(a, floor))]);
-  drawWaterfall(store.waterfall);
+  const largest = s.amplitude.reduce((a, b) => Math.max(a, b), 1e-12);
+  const decade = 10 ** Math.ceil(Math.log10(largest * 1.05));
+  if (decade > top || decade < top / 10) top = decade;
+  const floor = top / 10 ** DECADES;
+  const held = store.held && store.held.amplitude.length === s.amplitude.length ? store.held.amplitude.map((a) => Math.max(a, floor)) : s.amplitude.map(() => null);
+  el("hold").setAttribute("aria-pressed", String(!!store.held));
+  el("hold").textContent = store.held ? `Held: ${iso(store.held.t0_ns)}` : "Hold as reference";
+  plot.show(`${keyOf(view.selected)}#${top}`, [s.amplitude.map((_, i) => orderAt(s, i)), s.amplitude.map((a) => Math.max(a, floor)), held]);
+  el("cursor-values").textContent = describe(s);
+  drawWaterfall(store, plot);
 }
 
-function marks(u, lines) {
-  const g = u.ctx;
+function inside(u, g, draw) {
+  g.save();
+  g.beginPath();
+  g.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
+  g.clip();
+  draw();
+  g.restore();
+}
+
+function marks(u, g, lines) {
   const stages = [];
   const ratio = window.devicePixelRatio || 1;
+  const ends = []; // right ends of the labels of each stage's row
   g.save();
   g.font = `${11 * ratio}px system-ui`;
   for (const line of lines || []) {
@@ -67,52 +102,44 @@ function marks(u, lines) {
     g.globalAlpha = 0.55;
     g.stroke();
     g.globalAlpha = 1;
-    if (!line.sideband) {
-      g.fillStyle = css("--ink");
-      g.textAlign = "left";
-      // One row of labels a stage: lines of two stages often lie close together.
-      const stage = line.label.slice(0, line.label.lastIndexOf(" "));
-      if (!stages.includes(stage)) stages.push(stage);
-      g.fillText(line.label, x + 3 * ratio, u.bbox.top + (10 + 13 * stages.indexOf(stage)) * ratio);
-    }
+    if (line.sideband) continue;
+    // One row of labels a stage: lines of two stages often lie close together. Where there is no room, the line stands without its name.
+    const stage = line.label.slice(0, line.label.lastIndexOf(" "));
+    if (!stages.includes(stage)) stages.push(stage);
+    const lane = stages.indexOf(stage);
+    if (x + 3 * ratio < (ends[lane] ?? -Infinity)) continue;
+    g.fillStyle = css("--ink");
+    g.textAlign = "left";
+    g.fillText(line.label, x + 3 * ratio, u.bbox.top + (10 + 13 * lane) * ratio);
+    ends[lane] = x + 6 * ratio + g.measureText(line.label).width;
   }
   g.restore();
 }
 
-// Colours of the waterfall from nothing to the largest line, dark to light: red, green, blue, opacity.
-const INKS = Uint8ClampedArray.from(Array.from({ length: 256 }, (_, i) => [...colour(i / 255), 255]).flat());
-
-function colour(level) {
-  const [h, s, l] = [(250 - 210 * level) / 30, 0.4 + 0.5 * level, 0.08 + 0.52 * level];
-  const reach = s * Math.min(l, 1 - l);
-  return [0, 8, 4].map((n) => {
-    const at = (n + h) % 12;
-    return Math.round(255 * (l - reach * Math.max(-1, Math.min(at - 3, 9 - at, 1))));
-  });
-}
-
-// One point a column and spectrum, then stretched: thousands of small rectangles would hold up the page.
-const points = document.createElement("canvas");
-
-function drawWaterfall(waterfall) {
-  const { g, width, height } = fit(el("waterfall"));
-  const columns = Math.max(...waterfall.map((row) => row.length));
-  points.width = columns;
-  points.height = waterfall.length;
-  let top = 1e-300;
-  for (const row of waterfall) for (const a of row) if (a > top) top = a;
-  const pen = points.getContext("2d");
-  const image = pen.createImageData(columns, waterfall.length);
-  waterfall.forEach((row, r) => {
-    for (let c = 0; c < columns; c++) {
-      const a = row[Math.floor((c * row.length) / columns)];
-      const level = Math.max(0, 1 + Math.log10(a / top) / DECADES);
-      const ink = 4 * Math.round(255 * level);
-      for (let part = 0; part < 4; part++) image.data[4 * (r * columns + c) + part] = INKS[ink + part];
+// What the baseline knows: the normal amplitude of each mesh line with its band of two sigmas, a beam at the line.
+function baseline(u, g, s) {
+  const ratio = window.devicePixelRatio || 1;
+  inside(u, g, () => {
+    for (const row of rows.values()) {
+      const v = row.last;
+      if (!v || row.bench !== s.bench || row.channel !== s.channel) continue;
+      for (const h of HARMONICS) {
+        const line = (s.lines || []).find((l) => !l.sideband && l.label === `${row.stage} ${h}x`);
+        const [base, sigma] = [v[`base_${h}x`], v[`dev_sigma_${h}x_percent`]];
+        if (!line || !known(base) || base <= 0) continue;
+        const x = u.valToPos(line.order, "x", true);
+        const y = (a) => u.valToPos(Math.max(a, top / 10 ** DECADES), "y", true);
+        const wide = 7 * ratio;
+        if (known(sigma)) {
+          const [low, high] = [y(base * (1 - sigma / 50)), y(base * (1 + sigma / 50))];
+          g.globalAlpha = 0.35;
+          g.fillStyle = css("--ok");
+          g.fillRect(x - wide, high, 2 * wide, Math.max(ratio, low - high));
+          g.globalAlpha = 1;
+        }
+        g.fillStyle = css("--ok");
+        g.fillRect(x - wide, y(base) - ratio, 2 * wide, 2 * ratio);
+      }
     }
   });
-  pen.putImageData(image, 0, 0);
-  const tall = (height * waterfall.length) / WATERFALL_ROWS;
-  g.imageSmoothingEnabled = false;
-  g.drawImage(points, 0, height - tall, width, tall);
 }

@@ -2,7 +2,7 @@
 
 export const HARMONICS = [1, 2, 3, 4, 5];
 export const RANKS = ["0", "I", "II", "III", "IV", "V"];
-export const view = { selected: null, harmonic: 1, span: 0, status: null }; // span: seconds a strip shows; 0: each window by itself
+export const view = { selected: null, harmonic: 1, span: 0, status: null, bench: "" }; // span: seconds a strip shows; 0: each window by itself. bench: the only one shown
 export const rows = new Map(); // bench/stage/channel → row
 export const spectra = new Map(); // bench/channel → { last, waterfall }
 
@@ -104,6 +104,17 @@ const borneOut = (look, level) => look !== 0 || level <= 0;
 export const strengthOf = (look, level, p) => (look < 0 ? 1 : 0.2 + 0.8 * (known(p) && borneOut(look, level) ? p : 0));
 const inkOf = (look) => (look < 0 ? "--ru" : look === 6 ? "--rp" : `--r${look}`);
 export const shade = (look, strength) => `color-mix(in srgb, ${css(inkOf(look))} ${Math.round(100 * strength)}%, ${css("--panel")})`;
+const channels = (hex) => [1, 3, 5].map((i) => parseInt(hex.length === 4 ? hex[(i + 1) / 2].repeat(2) : hex.slice(i, i + 2), 16));
+// Black or white, whichever is read better on a shade: relative luminance of WCAG 2, where both have the same contrast at 0.179.
+export function inkOn(look, strength) {
+  const [on, under] = [css(inkOf(look)), css("--panel")].map(channels);
+  const linear = on.map((c, i) => (c * strength + under[i] * (1 - strength)) / 255).map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+  return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2] > 0.179 ? "#000" : "#fff";
+}
+export const colourOf = (last, h) => {
+  const look = lookOf(last.machine, last[`level_${h}x`]);
+  return shade(look, strengthOf(look, last[`level_${h}x`], last[`p_${h}x`]));
+};
 // The rank in words, with a question mark where it is as likely wrong as right.
 export function codeOf(v, h) {
   const level = v[`level_${h}x`];
@@ -114,7 +125,28 @@ export function codeOf(v, h) {
 export const known = (x) => typeof x === "number" && Number.isFinite(x);
 export const text = (x, digits, unit) => (known(x) ? `${Number(x).toPrecision(digits)}${unit ? ` ${unit}` : ""}` : "–");
 export const percent = (x) => (known(x) ? `${x > 0 ? "+" : x < 0 ? "−" : ""}${Math.abs(x).toFixed(1)} %` : "–");
-export const clock = (ns) => new Date(ns / 1e6).toLocaleTimeString();
+export const plain = (words) => String(words).replaceAll("_", " ");
+
+// What somebody has chosen, for the next visit. A browser that keeps nothing is no reason to stop.
+export function remembered(name, otherwise) {
+  try {
+    return localStorage.getItem(`gearwatch-${name}`) ?? otherwise;
+  } catch {
+    return otherwise;
+  }
+}
+export function remember(name, value) {
+  try {
+    localStorage.setItem(`gearwatch-${name}`, value);
+  } catch {
+    // Not kept.
+  }
+}
+
+/* ---- states, from good to grave ---- */
+
+export const MACHINE = ["normal", "unknown", "deviating", "path_changed", "alarm"];
+export const gravity = (v) => MACHINE.indexOf(v.machine);
 
 export function node(tag, attributes = {}, ...children) {
   const n = document.createElement(tag);

@@ -1,6 +1,7 @@
 // The rows on the left: one strip of ranks 1x–5x over time each.
 
-import { HARMONICS, LOOKS, Past, codeOf, el, fit, invalidate, lookOf, node, rows, shade, strengthOf, view } from "./state.js";
+import { HARMONICS, LOOKS, Past, codeOf, el, fit, invalidate, lookOf, node, plain, remember, remembered, rows, shade, strengthOf, view } from "./state.js";
+import { arrange, inOrder } from "./find.js";
 
 const WIDE = HARMONICS.length;
 const NOTHING = -2; // no window in this column
@@ -17,16 +18,17 @@ function addRow(key, v) {
   const state = node("span", {}, "");
   const box = node("div", { class: "row", role: "option", id: `row-${rows.size}`, "aria-selected": "false" },
     node("div", { class: "head" }, node("span", {}, node("span", { class: "bench" }, `${v.bench} · `), `${v.stage} · ${v.channel}`), state), canvas);
-  const row = { key, bench: v.bench, stage: v.stage, channel: v.channel, unit: v.unit, past: new Past(), last: null, canvas, box, state, columns: null };
+  const row = { key, bench: v.bench, stage: v.stage, channel: v.channel, unit: v.unit, past: new Past(), last: null, indicators: {}, canvas, box, state, columns: null };
   box.addEventListener("click", () => select(row));
   rows.set(key, row);
   el("rows").append(box);
   el("rows").classList.toggle("benches", new Set([...rows.values()].map((r) => r.bench)).size > 1);
   if (!view.selected) select(row);
+  arrange();
   return row;
 }
 
-function select(row) {
+export function select(row) {
   if (view.selected) view.selected.box.setAttribute("aria-selected", "false");
   view.selected = row;
   row.box.setAttribute("aria-selected", "true");
@@ -41,8 +43,8 @@ el("rows").addEventListener("keydown", (event) => {
   const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
   if (!step || rows.size === 0) return;
   event.preventDefault();
-  const all = [...rows.values()];
-  select(all[(all.indexOf(view.selected) + step + all.length) % all.length]);
+  const all = inOrder();
+  if (all.length) select(all[(all.indexOf(view.selected) + step + all.length) % all.length]);
 });
 
 // What a strip's cells look like: the level, the look, the strength in steps, of `cells` cells.
@@ -118,10 +120,10 @@ function shown(row, width, anew) {
 }
 
 export function drawStrip(row, anew) {
-  if (!row.last) return;
+  if (!row.last || row.box.hidden) return;
   const codes = HARMONICS.map((h) => codeOf(row.last, h)).join(" ");
   const words = row.last.instrument === "ok" ? row.last.machine : row.last.instrument;
-  row.state.textContent = `${words.replaceAll("_", " ")} · ${codes}`;
+  row.state.textContent = `${plain(words)} · ${codes}`;
 
   const what = shown(row, Math.max(1, row.canvas.clientWidth), anew);
   if (!what) return;
@@ -141,10 +143,12 @@ export function drawStrip(row, anew) {
   }
 }
 
+view.span = Number(remembered("span", 0)) || 0;
 for (const [seconds, name] of [[0, "Windows"], [600, "10 min"], [3600, "1 h"]]) {
   const button = node("button", { type: "button", "aria-pressed": String(seconds === view.span) }, name);
   button.addEventListener("click", () => {
     view.span = seconds;
+    remember("span", seconds);
     for (const other of el("span").children) other.setAttribute("aria-pressed", String(other === button));
     invalidate("all");
   });

@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::io::BufReader;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
-use gearwatch_daemon::log::{ALARM_TOPIC, AlarmRecord, GAP_TOPIC, Gap, NOTE_TOPIC};
 use gearwatch_io::mcap::walk::{Limits, Walk};
 use serde::Deserialize;
+
+use crate::log::{ALARM_TOPIC, AlarmRecord, Cause, GAP_TOPIC, Gap, NOTE_TOPIC};
 
 use super::verdict_line::{VerdictLine, indicator_names};
 
@@ -21,26 +21,48 @@ const MOST_ROWS: usize = 1_000_000;
 const MOST_EVENTS: usize = 100_000;
 
 /// Machine states, in the order of their weight.
-pub(super) const STATES: [&str; 5] = ["alarm", "deviating", "path_changed", "unknown", "normal"];
+pub const STATES: [&str; 5] = ["alarm", "deviating", "path_changed", "unknown", "normal"];
+
+/// Why a history cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum HistoryError {
+    /// A file cannot be opened.
+    #[error("{} cannot be read: {source}", path.display())]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// More than anybody reads.
+    #[error("more than {MOST_ROWS} rows; take a longer --every or a shorter time")]
+    TooMany,
+}
 
 /// Bench, stage and channel.
-pub(super) type Key = (String, String, String);
+pub type Key = (String, String, String);
 
 /// What a span of time holds of one row.
 #[derive(Clone)]
-pub(super) struct Span {
-    pub(super) windows: u64,
+pub struct Span {
+    /// Windows.
+    pub windows: u64,
     /// Windows by [`STATES`].
-    pub(super) states: [u64; 5],
+    pub states: [u64; 5],
     /// Windows whose instrument state is not `ok`.
-    pub(super) not_ok: u64,
+    pub not_ok: u64,
     /// Highest level of a rank by harmonic, −1 where none was known.
-    pub(super) levels: [i8; HARMONICS],
-    pub(super) deviations: [Mean; HARMONICS],
-    pub(super) amplitudes: [Mean; HARMONICS],
-    pub(super) speed: Mean,
-    pub(super) torque: Mean,
-    pub(super) indicators: Vec<Mean>,
+    pub levels: [i8; HARMONICS],
+    /// Deviations from the baseline (percent).
+    pub deviations: [Mean; HARMONICS],
+    /// Amplitudes in the channel's unit.
+    pub amplitudes: [Mean; HARMONICS],
+    /// Speed of the input shaft (Hz).
+    pub speed: Mean,
+    /// Torque at the brake (N m).
+    pub torque: Mean,
+    /// By the names of [`indicator_names`]; empty where no window has any.
+    pub indicators: Vec<Mean>,
 }
 
 impl Span {
@@ -59,7 +81,7 @@ impl Span {
     }
 
     /// The gravest state that a window was in, and how many were.
-    pub(super) fn state(&self) -> (&'static str, u64) {
+    pub fn state(&self) -> (&'static str, u64) {
         STATES.iter().zip(self.states).find(|(_, count)| *count > 0).map_or(("unknown", 0), |(&name, n)| (name, n))
     }
 
@@ -90,26 +112,31 @@ impl Span {
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Event {
-    pub(super) t_ns: i64,
+pub struct Event {
+    /// When (ns since the epoch).
+    pub t_ns: i64,
     /// `alarm`, `acknowledged`, `ended`, `gap`, `reload`, `note`.
-    pub(super) kind: &'static str,
-    pub(super) text: String,
+    pub kind: &'static str,
+    /// In a sentence.
+    pub text: String,
 }
 
 /// All rows and events.
-pub(super) struct History {
+pub struct History {
     every: i64,
     from: Option<i64>,
     to: Option<i64>,
     spans: BTreeMap<Key, BTreeMap<i64, Span>>,
-    pub(super) units: BTreeMap<Key, String>,
-    pub(super) events: Vec<Event>,
-    pub(super) left_out: u64,
+    /// Unit of the amplitudes.
+    pub units: BTreeMap<Key, String>,
+    /// What happened, in order after [`Self::finish`].
+    pub events: Vec<Event>,
+    /// Events that were too many to keep.
+    pub left_out: u64,
     count: usize,
     times: Option<(i64, i64)>,
     /// What could not be read, one sentence each.
-    pub(super) troubles: Vec<String>,
+    pub troubles: Vec<String>,
 }
 
 #[derive(Deserialize)]
@@ -121,7 +148,8 @@ struct Sentence {
 }
 
 impl History {
-    pub(super) fn new(every: i64, from: Option<i64>, to: Option<i64>) -> Self {
+    /// Puts together what lies within spans of `every` ns, of windows in `from..to` (ns since the epoch).
+    pub fn new(every: i64, from: Option<i64>, to: Option<i64>) -> Self {
         Self {
             every,
             from,
@@ -144,9 +172,9 @@ impl History {
     ///
     /// # Errors
     /// When it cannot be opened, or there are more rows than anybody reads.
-    pub(super) fn read(&mut self, path: &Path) -> anyhow::Result<()> {
-        let file =
-            gearwatch_io::text::open_regular(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    pub fn read(&mut self, path: &Path) -> Result<(), HistoryError> {
+        let open = |source| HistoryError::Open { path: path.to_owned(), source };
+        let file = gearwatch_io::text::open_regular(path).map_err(open)?;
         let mut walk = Walk::new(BufReader::with_capacity(1 << 20, file), Limits::default());
         let mut wrong = 0_u64;
         loop {
@@ -187,7 +215,7 @@ impl History {
         Ok(())
     }
 
-    fn verdict(&mut self, data: &[u8]) -> anyhow::Result<bool> {
+    fn verdict(&mut self, data: &[u8]) -> Result<bool, HistoryError> {
         let Ok(line) = serde_json::from_slice::<VerdictLine>(data) else { return Ok(false) };
         let (first, last) = self.times.unwrap_or((line.t0_ns, line.t0_ns));
         self.times = Some((first.min(line.t0_ns), last.max(line.t0_ns)));
@@ -202,10 +230,9 @@ impl History {
         let spans = self.spans.entry(key).or_default();
         if !spans.contains_key(&at) {
             self.count += 1;
-            anyhow::ensure!(
-                self.count <= MOST_ROWS,
-                "more than {MOST_ROWS} rows; take a longer --every or a shorter time"
-            );
+            if self.count > MOST_ROWS {
+                return Err(HistoryError::TooMany);
+            }
         }
         spans.entry(at).or_insert_with(Span::new).push(&line);
         Ok(true)
@@ -222,28 +249,28 @@ impl History {
     }
 
     /// Puts the events into order; files of several logs overlap.
-    pub(super) fn finish(&mut self) {
+    pub fn finish(&mut self) {
         self.events.sort();
         self.events.dedup();
     }
 
     /// Earliest and latest window of all files.
-    pub(super) fn span(&self) -> Option<(i64, i64)> {
+    pub fn span(&self) -> Option<(i64, i64)> {
         self.times
     }
 
     /// By bench, stage and channel, then by time.
-    pub(super) fn rows(&self) -> impl Iterator<Item = (&Key, i64, &Span)> {
+    pub fn rows(&self) -> impl Iterator<Item = (&Key, i64, &Span)> {
         self.spans.iter().flat_map(|(key, spans)| spans.iter().map(move |(&at, span)| (key, at, span)))
     }
 
     /// The same, a bench, stage and channel after the other.
-    pub(super) fn groups(&self) -> impl Iterator<Item = (&Key, &BTreeMap<i64, Span>)> {
+    pub fn groups(&self) -> impl Iterator<Item = (&Key, &BTreeMap<i64, Span>)> {
         self.spans.iter()
     }
 
     /// Length of a span (ns).
-    pub(super) fn every(&self) -> i64 {
+    pub fn every(&self) -> i64 {
         self.every
     }
 }
@@ -263,13 +290,17 @@ fn event(topic: &str, data: &[u8]) -> Option<Option<(&'static str, String)>> {
     }
     if topic == GAP_TOPIC {
         let gap: Gap = serde_json::from_slice(data).ok()?;
+        if gap.cause == Cause::Configuration {
+            let secs = gap.count as f64 / 1000.0;
+            return Some(Some((
+                "reload",
+                format!("the configuration was read again; nothing was watched for {secs:.1} s"),
+            )));
+        }
         let cause = serde_json::to_value(gap.cause).ok()?;
         let cause = cause.as_str().unwrap_or("");
-        let kind = if cause == "configuration" { "reload" } else { "gap" };
-        return Some(Some((
-            kind,
-            format!("{} {} to {}: {} missing, {cause}", gap.channel, gap.first, gap.last, gap.count),
-        )));
+        let text = format!("{} {} to {}: {} missing, {cause}", gap.channel, gap.first, gap.last, gap.count);
+        return Some(Some(("gap", text)));
     }
     let sentence: Sentence = serde_json::from_slice(data).ok()?;
     // Alarms are told by their own records.

@@ -5,7 +5,10 @@ use gearwatch_core::calendar::{civil, days};
 const SECOND: i64 = 1_000_000_000;
 
 /// Nanoseconds since the epoch of `2026-11-22`, `2026-11-22T14:30`, with seconds, with `Z` or without.
-pub(super) fn parse(text: &str) -> Result<i64, String> {
+///
+/// # Errors
+/// With what was expected, when it is no time.
+pub fn parse(text: &str) -> Result<i64, String> {
     let wrong =
         || format!("{text:?} is not a time; expected such as 2026-11-22, 2026-11-22T14:30 or 2026-11-22T14:30:00Z");
     let plain = text.strip_suffix('Z').unwrap_or(text);
@@ -32,7 +35,10 @@ pub(super) fn parse(text: &str) -> Result<i64, String> {
 }
 
 /// Nanoseconds of `30s`, `10m`, `1h`, `1d`, `1w`.
-pub(super) fn parse_span(text: &str) -> Result<i64, String> {
+///
+/// # Errors
+/// With what was expected, when it is no span.
+pub fn parse_span(text: &str) -> Result<i64, String> {
     let wrong = || format!("{text:?} is not a span; expected a number and s, m, h, d or w, such as 1h");
     let unit = text.chars().last().ok_or_else(wrong)?;
     let seconds = match unit {
@@ -51,7 +57,7 @@ pub(super) fn parse_span(text: &str) -> Result<i64, String> {
 }
 
 /// `2026-11-22T14:30:00Z`.
-pub(super) fn iso(ns: i64) -> String {
+pub fn iso(ns: i64) -> String {
     let seconds = ns.div_euclid(SECOND);
     let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
     let (year, month, day) = civil(days);

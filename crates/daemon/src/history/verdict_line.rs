@@ -25,7 +25,7 @@ static PLACES: LazyLock<HashMap<&'static str, usize>> =
     LazyLock::new(|| NAMES.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect());
 
 /// Names of the indicators.
-pub(super) fn indicator_names() -> impl Iterator<Item = &'static str> {
+pub fn indicator_names() -> impl Iterator<Item = &'static str> {
     NAMES[INDICATORS_AT..].iter().step_by(2).map(String::as_str)
 }
 

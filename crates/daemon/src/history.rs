@@ -1,0 +1,33 @@
+//! What the service's logs say over time: windows put together by spans, and what happened. Read by `gearwatch history`, by reports and by the page.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+mod collect;
+mod store;
+pub mod time;
+mod verdict_line;
+
+pub use collect::{Event, History, HistoryError, Key, STATES, Span};
+pub use store::{Asked, Store};
+pub use verdict_line::indicator_names;
+
+/// The files of a log folder in the order of their names, which is that of their numbers.
+///
+/// # Errors
+/// When the folder cannot be listed.
+pub fn files(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let is_log = |path: &Path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with("gearwatch-") && name.ends_with(".mcap")
+    };
+    let mut out = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if is_log(&path) {
+            out.push(path);
+        }
+    }
+    out.sort();
+    Ok(out)
+}
