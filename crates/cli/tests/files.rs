@@ -59,7 +59,7 @@ fn conform_bad_input_exits_with_3_and_says_why() {
         (&["info", "bench.toml"], "line 2: unknown key \"nam\"; did you mean \"name\"?"),
         (&["convert", "t.csv", "t.mcap"], "--sample-rate"),
         (&["convert", "t.csv", "t.mcap", "--sample-rate", "10"], "line 102"),
-        (&["convert", "t.csv", "t.xyz", "--sample-rate", "10"], "must end in .mcap or .uff"),
+        (&["convert", "t.csv", "t.xyz", "--sample-rate", "10"], "must end in .mcap, .uff, .csv, .wav, .mat or .tdms"),
         (&["convert", "t.csv", "new.mcap", "--sample-rate", "0"], "--sample-rate"),
     ] {
         let out = gearwatch(folder.path(), args);

@@ -16,6 +16,7 @@ pub mod open;
 pub mod options;
 pub mod output;
 pub mod problem;
+pub mod save;
 mod sealed;
 pub mod signature_file;
 pub mod summary;

@@ -5,8 +5,8 @@ import csv
 import gearwatch as gw
 import numpy as np
 import pytest
-from nptdms import ChannelObject, TdmsWriter
-from scipy.io import savemat, wavfile
+from nptdms import ChannelObject, TdmsFile, TdmsWriter
+from scipy.io import loadmat, savemat, wavfile
 
 RATE_HZ = 2048.0
 
@@ -71,6 +71,48 @@ def test_conform_files_of_the_command_are_read(command, folder, bench, name):
     assert found.channels == ours.channels
     for sensor in ours.channels:
         np.testing.assert_array_equal(found[sensor].samples, ours[sensor].samples)
+
+
+def by_scipy_wav(path):
+    rate_hz, values = wavfile.read(path)
+    assert rate_hz == RATE_HZ
+    return {"acc_1": values[:, 0], "acc_2": values[:, 1]}
+
+
+def by_scipy_mat(path):
+    found = loadmat(path)
+    assert found["fs"] == RATE_HZ
+    return {name: found[name].ravel() for name in ("acc_1", "acc_2")}
+
+
+def by_nptdms(path):
+    group = TdmsFile.read(path)["gearwatch"]
+    for channel in group.channels():
+        assert channel.properties["unit_string"] == "m/s^2"
+        assert channel.properties["wf_increment"] == 1 / RATE_HZ
+        assert str(channel.properties["wf_start_time"]).startswith("2026-01-01T00:00")
+    return {channel.name: channel[:] for channel in group.channels()}
+
+
+def by_numpy(path):
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    np.testing.assert_allclose(np.diff(table["time"]), 1 / RATE_HZ, rtol=1e-9)
+    return {name: table[name] for name in ("acc_1", "acc_2")}
+
+
+@pytest.mark.parametrize(("end", "load"), [("wav", by_scipy_wav), ("mat", by_scipy_mat), ("tdms", by_nptdms), ("csv", by_numpy)])
+def test_oracle_other_programs_read_what_convert_writes(command, folder, tmp_path, end, load):
+    """SciPy, npTDMS and NumPy find the samples, the rate and the unit; `read` finds them with names and operating point."""
+    recording = tmp_path / "run.mcap"
+    command("simulate", folder / "bench.toml", "--speed", "300rpm", "--torque", 10, "--duration", 3, "-o", recording)
+    command("convert", recording, tmp_path / f"run.{end}")
+    ours, theirs, back = gw.read(recording), load(tmp_path / f"run.{end}"), gw.read(tmp_path / f"run.{end}")
+    assert back.channels == ours.channels == list(theirs)
+    for name in ours.channels:
+        np.testing.assert_array_equal(theirs[name], ours[name].samples)
+        np.testing.assert_array_equal(back[name].samples, ours[name].samples)
+        assert back[name].sample_rate_hz == RATE_HZ and back[name].unit == "m/s^2"
+    assert back.operating_points["brake_torque_nm"][0] == pytest.approx(10.0)
 
 
 def test_conform_progress_of_reading_is_told(tmp_path, samples):

@@ -1,18 +1,19 @@
-//! `gearwatch convert IN OUT`: a recording of any format as MCAP or UFF.
+//! `gearwatch convert IN OUT`: a recording of any format as MCAP, or in a format of other programs.
 
 mod join;
 
-use std::io::Write;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
-use gearwatch_io::ReadError;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
 use gearwatch_io::output::{Output, Target};
+use gearwatch_io::save::{Kind, save};
 use gearwatch_io::uff::{self, Dataset, Form, Values};
+use gearwatch_io::{ReadError, sidecar_path};
 
 use self::join::Joined;
 use super::Run;
@@ -21,18 +22,22 @@ use crate::input::InputOptions;
 use crate::output::{OutputOptions, with_sidecars};
 use crate::terminal;
 
-/// Write a recording of any format as MCAP (or UFF)
+/// Write a recording of any format as MCAP, UFF, CSV, WAV, MATLAB or TDMS
+///
+/// MCAP holds all of a recording. Beside a CSV, WAV, MATLAB or TDMS file a file OUT.toml says units, names, rate and operating point; what neither holds
+/// is told on standard error, and gaps are refused.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch convert run.csv.gz run.mcap --sample-rate 12800 --unit g
   gearwatch convert bench.mat run.mcap --channel acc_1=bearing.gs:g --motor-speed 25
   gearwatch convert run.mcap run.uff
+  gearwatch convert run.mcap run.tdms                 also .csv, .wav, .mat
   gearwatch convert acc_1.csv run.mcap --join acc_2.csv acc_3.csv --sample-rate 12800 --unit g")]
 pub struct Convert {
     /// The recording to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// The file to write; its end says the format: .mcap or .uff
+    /// The file to write; its end says the format: .mcap, .uff, .csv, .wav, .mat or .tdms
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Further files of the same recording, with other channels of it; what has the same name in two of them is called as its file
@@ -75,24 +80,50 @@ impl Run for Convert {
 
     fn run(self) -> anyhow::Result<Exit> {
         let end = self.output.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        if !matches!(end.as_str(), "mcap" | "uff") {
-            bail!("{}: the name must end in .mcap or .uff, which says the format to write", self.output.display());
+        let foreign = Kind::ALL.into_iter().find(|kind| kind.extension() == end);
+        if !matches!(end.as_str(), "mcap" | "uff") && foreign.is_none() {
+            bail!(
+                "{}: the name must end in .mcap, .uff, .csv, .wav, .mat or .tdms, which says the format to write",
+                self.output.display()
+            );
         }
         let files: Vec<PathBuf> = std::iter::once(&self.input).chain(&self.join).cloned().collect();
-        let target = self.overwrite.reading(with_sidecars(&files)).target(&self.output)?;
+        let mut outputs = self.overwrite.reading(with_sidecars(&files));
+        let target = outputs.target(&self.output)?;
+        let target = match foreign {
+            Some(kind) => To::Foreign(kind, target, outputs.target(&sidecar_path(&self.output))?),
+            None if end == "mcap" => To::Mcap(target),
+            None => To::Uff(target),
+        };
         if !self.join.is_empty() {
             let mut source = Joined::open(&files, &self.options)?;
-            self.write(&mut source, target, &end)?;
+            self.write(&mut source, target)?;
             return files.iter().zip(source.warnings()).try_fold(Exit::Ok, |exit, (path, warnings)| {
                 warn(path, &warnings)?;
                 Ok(exit)
             });
         }
         let mut source = self.options.open(&self.input)?;
-        self.write(&mut source, target, &end)?;
+        self.write(&mut source, target)?;
         warn(&self.input, &source.opened().warnings())?;
         Ok(Exit::Ok)
     }
+}
+
+/// What is written.
+enum To {
+    Mcap(Target),
+    Uff(Target),
+    /// With its sidecar file.
+    Foreign(Kind, Target, Target),
+}
+
+fn whole<S: Source<Error = ReadError>>(source: &mut S) -> Result<Recording, ReadError> {
+    let mut recording = Recording::default();
+    while let Some(packet) = source.next_packet()? {
+        recording.push(packet);
+    }
+    Ok(recording)
 }
 
 /// What is doubtful about a file, on standard error.
@@ -105,10 +136,30 @@ fn warn(path: &Path, warnings: &[String]) -> anyhow::Result<()> {
 }
 
 impl Convert {
-    fn write<S: Source<Error = ReadError>>(&self, source: &mut S, target: Target, end: &str) -> anyhow::Result<()> {
-        let out = target.create()?;
-        let out = if end == "mcap" { self.write_mcap(source, out)? } else { self.write_uff(source, out)? };
-        Ok(out.finish()?)
+    fn write<S: Source<Error = ReadError>>(&self, source: &mut S, to: To) -> anyhow::Result<()> {
+        match to {
+            To::Mcap(target) => Ok(self.write_mcap(source, target.create()?)?.finish()?),
+            To::Uff(target) => Ok(self.write_uff(source, target.create()?)?.finish()?),
+            To::Foreign(kind, target, sidecar) => self.write_foreign(source, kind, target, sidecar),
+        }
+    }
+
+    fn write_foreign<S: Source<Error = ReadError>>(
+        &self,
+        source: &mut S,
+        kind: Kind,
+        target: Target,
+        sidecar: Target,
+    ) -> anyhow::Result<()> {
+        let recording = whole(source)?;
+        let mut out = BufWriter::new(target.create()?);
+        let saved = save(&recording, kind, &mut out).with_context(|| self.input.display().to_string())?;
+        out.into_inner()
+            .map_err(std::io::IntoInnerError::into_error)
+            .context("the file cannot be written")?
+            .finish()?;
+        sidecar.write(saved.sidecar)?;
+        warn(&self.output, &saved.left_out)
     }
 
     fn write_mcap<S: Source<Error = ReadError>>(&self, source: &mut S, out: Output) -> anyhow::Result<Output> {
@@ -125,10 +176,11 @@ impl Convert {
     }
 
     fn write_uff<S: Source<Error = ReadError>>(&self, source: &mut S, mut out: Output) -> anyhow::Result<Output> {
-        let mut recording = Recording::default();
-        while let Some(packet) = source.next_packet()? {
-            recording.push(packet);
-        }
+        let recording = whole(source)?;
+        let mut left_out = Vec::new();
+        left_out.extend((!recording.operating_points.is_empty()).then(|| "the operating point is left out".to_owned()));
+        left_out.extend(recording.tachos.keys().map(|shaft| format!("the tacho of shaft {shaft} is left out")));
+        warn(&self.output, &left_out)?;
         let mut datasets = Vec::with_capacity(recording.channels.len());
         for (name, channel) in recording.channels {
             let [segment] = &channel.segments[..] else {
