@@ -39,6 +39,7 @@ mod paper;
 mod prove;
 mod recover;
 mod replay;
+mod report;
 mod run;
 mod signatures;
 mod simulate;
@@ -92,6 +93,7 @@ const COMMANDS: &[Kind] = &[
     #[cfg(not(feature = "explain"))]
     left_out("prove", "explain"),
     kind::<history::HistoryCommand>(),
+    kind::<report::ReportCommand>(),
     kind::<recover::Recover>(),
     kind::<doctor::Doctor>(),
     kind::<layout::Layout>(),

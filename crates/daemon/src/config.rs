@@ -18,11 +18,13 @@ use keys::{BenchKeys, File};
 mod bench;
 mod entry;
 mod keys;
+mod report;
 mod schema;
 mod service;
 
 pub use bench::BenchConfig;
 pub use entry::{SinkEntry, SourceEntry};
+pub use report::ReportConfig;
 pub use schema::schema;
 pub use service::{PageTls, ServiceConfig};
 
@@ -73,6 +75,8 @@ pub struct Config {
     pub folder: PathBuf,
     /// The whole service.
     pub service: ServiceConfig,
+    /// What reports say of bench and people.
+    pub report: ReportConfig,
     /// The benches.
     pub benches: Vec<BenchConfig>,
     /// Where verdicts go.
@@ -122,7 +126,8 @@ impl Config {
         for table in &file.sinks {
             sinks.push(sink_entry(table.get_ref()).map_err(|e| at("[[sink]]", table, e))?);
         }
-        let config = Self { name: name.to_owned(), folder: folder.to_owned(), service: file.service, benches, sinks };
+        let (name, folder) = (name.to_owned(), folder.to_owned());
+        let config = Self { name, folder, service: file.service, report: file.report, benches, sinks };
         let problems = config.problems();
         if problems.is_empty() { Ok(config) } else { Err(ConfigError::Values { name: config.name, problems }) }
     }
@@ -158,6 +163,7 @@ impl Config {
             name: text(recording),
             folder: PathBuf::new(),
             service: ServiceConfig { workers, self_test: false, ..ServiceConfig::default() },
+            report: ReportConfig::default(),
             benches: vec![BenchConfig {
                 file: Some(bench.to_owned()),
                 baseline: baseline.map(Path::to_owned),
@@ -222,6 +228,7 @@ impl Config {
         let file = File {
             format: FORMAT.to_owned(),
             service: self.service.clone(),
+            report: self.report.clone(),
             benches: self
                 .benches
                 .iter()

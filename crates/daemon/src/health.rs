@@ -1,8 +1,9 @@
 //! Health of one bench: alarms that do not flicker, and an instrument state per channel that must be earned.
 //!
-//! Pure: driven by verdicts alone, so that a replay gives the same alarms. All delays are counted in judged windows.
+//! Pure: driven by verdicts alone, so that a replay gives the same alarms. Delays are counted in judged windows, and in the data's own time.
 //!
 //! - *N of M*: an alarm comes when at least `needed` of the last `of` judged windows ask for it (on delay).
+//! - *Delay in time*: beside that, the vote must have held for `delay_secs`, and normal windows must go on for `clear_secs`.
 //! - *Hysteresis, off delay*: it goes when `clear` judged windows in a row are `normal`; a window that is merely less bad does not count.
 //! - *Latch*: a latched alarm that has gone stays until somebody acknowledges it.
 //! - A window whose state is unknown neither raises nor clears: unknown is never normal. A channel is `ok` only after `earn` good windows
@@ -29,6 +30,10 @@ pub struct AlarmConfig {
     pub of: usize,
     /// So many normal windows in a row end it (1–100000).
     pub clear: usize,
+    /// The windows must have asked for it so long, in the data's own time (s, 0–86400).
+    pub delay_secs: f64,
+    /// Normal windows must have gone on so long before it ends, in the data's own time (s, 0–86400).
+    pub clear_secs: f64,
     /// It stays until it is acknowledged.
     pub latch: bool,
     /// So many good windows in a row make a channel `ok` (1–1000).
@@ -37,7 +42,7 @@ pub struct AlarmConfig {
 
 impl Default for AlarmConfig {
     fn default() -> Self {
-        Self { needed: 3, of: 5, clear: 10, latch: true, earn: 3 }
+        Self { needed: 3, of: 5, clear: 10, delay_secs: 0.0, clear_secs: 0.0, latch: true, earn: 3 }
     }
 }
 
@@ -53,6 +58,11 @@ impl AlarmConfig {
         }
         if !(1..=100_000).contains(&self.clear) {
             out.push(format!("alarm.clear is {}; expected 1 to 100000", self.clear));
+        }
+        for (key, secs) in [("delay_secs", self.delay_secs), ("clear_secs", self.clear_secs)] {
+            if !(0.0..=86_400.0).contains(&secs) {
+                out.push(format!("alarm.{key} is {secs}; expected 0 to 86400 s"));
+            }
         }
         if !(1..=1000).contains(&self.earn) {
             out.push(format!("alarm.earn is {}; expected 1 to 1000", self.earn));
@@ -148,7 +158,11 @@ impl ChannelHealth {
 #[derive(Debug, Default)]
 struct Place {
     recent: VecDeque<Option<Severity>>,
+    /// Since when enough windows ask for at least a critical alarm, and for at least a warning (ns since the epoch).
+    asked_since: [Option<i64>; 2],
     normal_in_a_row: usize,
+    /// The first of these.
+    normal_since: Option<i64>,
     alarm: Option<Alarm>,
 }
 
@@ -259,6 +273,11 @@ impl Health {
     }
 }
 
+/// Keeps when something began that holds or not. Data that begin anew in the past begin it anew.
+fn since(began: &mut Option<i64>, holds: bool, t_ns: i64) {
+    *began = holds.then(|| began.filter(|&t| t <= t_ns).unwrap_or(t_ns));
+}
+
 impl Place {
     fn take(&mut self, config: &AlarmConfig, ranks: &RankConfig, verdict: &Verdict) -> Option<Alarm> {
         let asked = match verdict.machine {
@@ -268,12 +287,20 @@ impl Place {
             MachineState::Alarm => Some(Severity::Critical),
         };
         self.normal_in_a_row = if asked.is_none() { self.normal_in_a_row + 1 } else { 0 };
+        since(&mut self.normal_since, asked.is_none(), verdict.t0);
         self.recent.push_back(asked);
         if self.recent.len() > config.of {
             self.recent.pop_front();
         }
         let votes = |least: Severity| self.recent.iter().filter(|s| s.is_some_and(|s| s >= least)).count();
-        let voted = [Severity::Critical, Severity::Warning].into_iter().find(|&least| votes(least) >= config.needed);
+        let lasts = |began: Option<i64>, secs: f64| began.is_some_and(|t| (verdict.t0 - t) as f64 >= 1e9 * secs);
+        let mut voted = None;
+        for (least, began) in [Severity::Critical, Severity::Warning].into_iter().zip(&mut self.asked_since) {
+            since(began, votes(least) >= config.needed, verdict.t0);
+            // A window that asks for nothing raises nothing, however long the vote has stood.
+            voted = voted.or((asked.is_some() && lasts(*began, config.delay_secs)).then_some(least));
+        }
+        let is_clear = self.normal_in_a_row >= config.clear && lasts(self.normal_since, config.clear_secs);
         match (&mut self.alarm, voted) {
             (None, Some(severity)) => {
                 self.alarm = Some(Alarm {
@@ -303,12 +330,13 @@ impl Place {
                 }
                 self.alarm.clone()
             }
-            (Some(alarm), _) if alarm.active && self.normal_in_a_row >= config.clear => {
+            (Some(alarm), _) if alarm.active && is_clear => {
                 alarm.active = false;
                 alarm.t_ns = verdict.t0;
                 alarm.over = alarm.acknowledged || !config.latch;
                 let gone = alarm.clone();
                 self.recent.clear();
+                self.asked_since = [None; 2];
                 if gone.over {
                     self.alarm = None;
                 }
@@ -373,7 +401,7 @@ mod tests {
     }
 
     fn health() -> Health {
-        Health::new(AlarmConfig { needed: 3, of: 5, clear: 4, latch: true, earn: 3 })
+        Health::new(AlarmConfig { clear: 4, ..AlarmConfig::default() })
     }
 
     #[test]
@@ -388,6 +416,41 @@ mod tests {
         );
         // It grows worse with the third window that asks for it.
         assert_eq!(feed(&mut health(), "dddaaa"), [(2, true, Severity::Warning), (5, true, Severity::Critical)]);
+    }
+
+    /// Windows a second apart: the vote stands from the third deviating window on, so that a delay of 4 s raises the alarm at the seventh; a pause in the vote
+    /// begins the delay anew. Normal windows must go on for 6 s: the seventh ends it. Critical and warning wait each for itself.
+    #[test]
+    fn analytic_alarms_wait_in_time_too() {
+        let delayed =
+            || Health::new(AlarmConfig { clear: 2, delay_secs: 4.0, clear_secs: 6.0, ..AlarmConfig::default() });
+        let feed = |health: &mut Health, row: &str| {
+            let state = |c| match c {
+                'n' => MachineState::Normal,
+                'd' => MachineState::Deviating,
+                'a' => MachineState::Alarm,
+                _ => MachineState::Unknown,
+            };
+            let windows = row.chars().enumerate().filter_map(|(i, c)| {
+                let second =
+                    Verdict { t0: i as i64 * 1_000_000_000, ..verdict(i as u64, state(c), InstrumentState::Ok) };
+                health.take(&second).map(|alarm| (i, alarm.active, alarm.severity))
+            });
+            windows.collect::<Vec<_>>()
+        };
+        assert_eq!(feed(&mut delayed(), "dddddnnnn"), []);
+        assert_eq!(
+            feed(&mut delayed(), "dddddddnnnnnnnn"),
+            [(6, true, Severity::Warning), (13, false, Severity::Warning)]
+        );
+        assert_eq!(
+            feed(&mut delayed(), "dddddddaaaaaaa"),
+            [(6, true, Severity::Warning), (13, true, Severity::Critical)]
+        );
+        // Unknown windows stop neither the clock nor the vote.
+        assert_eq!(feed(&mut delayed(), "ddduuud"), [(6, true, Severity::Warning)]);
+        let wrong = AlarmConfig { delay_secs: f64::NAN, clear_secs: -1.0, ..AlarmConfig::default() };
+        assert_eq!(wrong.problems().len(), 2, "{:?}", wrong.problems());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table};
 
-use super::{ServiceConfig, schema};
+use super::{ReportConfig, ServiceConfig, schema};
 use crate::health::AlarmConfig;
 
 /// Keys as they stand in the file.
@@ -19,6 +19,9 @@ pub(super) struct File {
     /// Things that concern the whole service.
     #[serde(default)]
     pub(super) service: ServiceConfig,
+    /// What reports say of bench and people.
+    #[serde(default, skip_serializing_if = "ReportConfig::is_empty")]
+    pub(super) report: ReportConfig,
     /// The benches that are watched.
     #[serde(rename = "bench")]
     pub(super) benches: Vec<BenchKeys>,

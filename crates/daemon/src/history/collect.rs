@@ -135,8 +135,21 @@ pub struct History {
     pub left_out: u64,
     count: usize,
     times: Option<(i64, i64)>,
+    /// The row of each bench that its operating time is counted by, with its last window.
+    counted: BTreeMap<String, Counted>,
+    /// Seconds by bench and cell, then by span.
+    operating: BTreeMap<(String, String), BTreeMap<i64, f64>>,
+    /// How each alarm was last, by bench and id.
+    alarms: BTreeMap<(String, String), (i64, AlarmRecord)>,
     /// What could not be read, one sentence each.
     pub troubles: Vec<String>,
+}
+
+struct Counted {
+    stage: String,
+    channel: String,
+    t0_ns: i64,
+    first_sample: u64,
 }
 
 #[derive(Deserialize)]
@@ -160,6 +173,9 @@ impl History {
             left_out: 0,
             count: 0,
             times: None,
+            counted: BTreeMap::new(),
+            operating: BTreeMap::new(),
+            alarms: BTreeMap::new(),
             troubles: Vec::new(),
         }
     }
@@ -194,6 +210,9 @@ impl History {
                 self.verdict(message.data)?
             } else if topic == ALARM_TOPIC || topic == GAP_TOPIC || topic == NOTE_TOPIC {
                 let t_ns = i64::try_from(message.log_time).unwrap_or(i64::MAX);
+                if topic == ALARM_TOPIC {
+                    self.alarm(t_ns, message.data);
+                }
                 let event = event(topic, message.data);
                 match event {
                     Some(Some((kind, text))) => self.event(Event { t_ns, kind, text }),
@@ -235,7 +254,48 @@ impl History {
             }
         }
         spans.entry(at).or_insert_with(Span::new).push(&line);
+        self.operate(&line, at);
         Ok(true)
+    }
+
+    /// Counts the time from the last window of the bench's first row to this one, where no sample between them is missing.
+    fn operate(&mut self, line: &VerdictLine, at: i64) {
+        let (t0_ns, first_sample) = (line.t0_ns, line.first_sample);
+        let Some(last) = self.counted.get_mut(&line.bench) else {
+            let (stage, channel) = (line.stage.clone(), line.channel.clone());
+            self.counted.insert(line.bench.clone(), Counted { stage, channel, t0_ns, first_sample });
+            return;
+        };
+        if last.stage != line.stage || last.channel != line.channel {
+            return;
+        }
+        // Windows that touch or overlap. Indices begin anew with each start of the service.
+        let follows = first_sample > last.first_sample && first_sample - last.first_sample <= line.samples;
+        let secs = (t0_ns - last.t0_ns) as f64 / 1e9;
+        (last.t0_ns, last.first_sample) = (t0_ns, first_sample);
+        if follows && secs > 0.0 {
+            let cell = (line.bench.clone(), line.cell.clone());
+            *self.operating.entry(cell).or_default().entry(at).or_default() += secs;
+        }
+    }
+
+    /// Judged time (s) by bench and cell of the baseline, then by span.
+    pub fn operating(&self) -> impl Iterator<Item = (&(String, String), &BTreeMap<i64, f64>)> {
+        self.operating.iter()
+    }
+
+    /// How each alarm was at the end of the time, whenever that was told.
+    pub fn alarms(&self) -> impl Iterator<Item = &AlarmRecord> {
+        self.alarms.values().map(|(_, record)| record)
+    }
+
+    fn alarm(&mut self, t_ns: i64, data: &[u8]) {
+        let Ok(record) = serde_json::from_slice::<AlarmRecord>(data) else { return };
+        let key = (record.bench.clone(), record.alarm.id.clone());
+        let later = self.alarms.get(&key).is_none_or(|(before, _)| *before <= t_ns);
+        if later && self.to.is_none_or(|to| t_ns < to) {
+            self.alarms.insert(key, (t_ns, record));
+        }
     }
 
     fn event(&mut self, event: Event) {

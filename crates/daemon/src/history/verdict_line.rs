@@ -37,7 +37,12 @@ pub(super) struct VerdictLine {
     pub(super) unit: String,
     pub(super) machine: String,
     pub(super) instrument: String,
+    /// Name of the baseline's cell.
+    pub(super) cell: String,
     pub(super) t0_ns: i64,
+    /// Index of the first sample, and samples in the window; 0 where not told.
+    pub(super) first_sample: u64,
+    pub(super) samples: u64,
     numbers: Vec<f64>,
 }
 
@@ -80,7 +85,10 @@ impl<'de> Deserialize<'de> for VerdictLine {
                     unit: String::new(),
                     machine: String::new(),
                     instrument: String::new(),
+                    cell: String::new(),
                     t0_ns: 0,
+                    first_sample: 0,
+                    samples: 0,
                     numbers: vec![f64::NAN; NAMES.len()],
                 };
                 while let Some(key) = map.next_key::<std::borrow::Cow<'de, str>>()? {
@@ -91,6 +99,9 @@ impl<'de> Deserialize<'de> for VerdictLine {
                         "unit" => out.unit = map.next_value()?,
                         "machine" => out.machine = map.next_value()?,
                         "instrument" => out.instrument = map.next_value()?,
+                        "cell" => out.cell = map.next_value()?,
+                        "first_sample_index" => out.first_sample = map.next_value()?,
+                        "samples" => out.samples = map.next_value()?,
                         // A double has no place for the last digits of a time.
                         "t0_ns" => out.t0_ns = map.next_value()?,
                         key => match PLACES.get(key) {

@@ -606,5 +606,5 @@ impl World {
 }
 
 fn health() -> Health {
-    Health::new(AlarmConfig { needed: 3, of: 5, clear: 4, latch: true, earn: 3 })
+    Health::new(AlarmConfig { clear: 4, ..AlarmConfig::default() })
 }

@@ -74,7 +74,7 @@ pub(super) fn page(history: &History) -> String {
     let cells = |e: &Event| -> Vec<Cell> { vec![iso(e.t_ns).into(), e.kind.into(), e.text.as_str().into()] };
     let table = Table {
         caption: if hidden > 0 { format!("the last {MOST_EVENTS}; {hidden} before") } else { "all".to_owned() },
-        head: ["time (UTC)", "what", ""].map(str::to_owned).into(),
+        head: ["time (UTC)", "what", "more"].map(str::to_owned).into(),
         rows: history.events[hidden..].iter().map(cells).collect(),
     };
     if !table.rows.is_empty() {
