@@ -24,7 +24,7 @@ use self::cross::Cross;
 use self::repair::{Cut, common_run};
 use self::samples::{Facts, Repeat};
 use crate::error::ExplainError;
-use crate::judge::report::{Candidate, Evidence, Explanation, FORMAT, NamedEffect, Published, Status};
+use crate::judge::report::{Candidate, Entry, Evidence, Explanation, FORMAT, NamedEffect, Published, Status};
 use crate::read::dsp::{Transforms, median};
 use crate::read::features;
 use crate::read::kinematics;
@@ -549,16 +549,18 @@ fn mean(values: &[Estimate]) -> Estimate {
 
 impl From<&Fault> for NamedEffect {
     fn from(f: &Fault) -> Self {
+        let others: Vec<Candidate> = f
+            .alternatives
+            .iter()
+            .map(|(effect, place)| Candidate { effect: (*effect).into(), place: place.clone() })
+            .collect();
         Self {
             effect: f.effect.into(),
             place: f.place.clone(),
             probability: f.probability,
             parameters: f.parameters.iter().map(|(k, v)| ((*k).to_owned(), Published::from(*v))).collect(),
-            indistinguishable_from: f
-                .alternatives
-                .iter()
-                .map(|(effect, place)| Candidate { effect: (*effect).into(), place: place.clone() })
-                .collect(),
+            entry_point: Entry::of(f.effect, &f.place, f.probability, &others),
+            indistinguishable_from: others,
             evidence: Evidence { place: f.why.clone(), ..Evidence::default() },
         }
     }

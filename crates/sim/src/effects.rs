@@ -9,10 +9,12 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use crate::setup::SimSetup;
 use crate::signatures;
 
+mod entry;
 mod place;
 pub mod signature;
 mod values;
 
+pub use entry::EntryPoint;
 pub use place::{Place, PlaceKind};
 pub use signature::{Change, Law, Line, Signature, SpeedLaw};
 pub use values::{EffectError, Parameter, Values};
@@ -59,6 +61,8 @@ pub trait Effect: Sync {
     fn help(&self) -> &'static str;
     /// The kinds of places where it may sit.
     fn places(&self) -> &'static [PlaceKind];
+    /// Where it enters the equations.
+    fn entry_point(&self) -> EntryPoint;
     /// Its parameters; one that is left out takes its typical value, except where alternatives exist.
     fn parameters(&self) -> &'static [Parameter];
     /// Changes the setup.

@@ -6,6 +6,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
+use gearwatch_sim::effects::{self, EntryPoint};
+
 fn page(name: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name)).unwrap()
 }
@@ -83,5 +85,18 @@ fn conform_a_wrong_exit_code_of_a_page_is_noticed() {
     {
         let done = Command::new("bash").args(["-c", &script(page)]).output().unwrap();
         assert_eq!(done.status.success(), good, "{page}");
+    }
+}
+
+/// The table of entry points holds every effect of the library, at the kind that the library says.
+#[test]
+fn conform_the_table_of_entry_points_is_that_of_the_library() {
+    let text = page("docs/explain.md");
+    for kind in EntryPoint::ALL {
+        let mut own: Vec<&str> =
+            effects::ALL.iter().filter(|e| e.entry_point() == kind).map(|e| e.id()).collect();
+        own.sort_unstable();
+        let row = text.lines().find(|line| line.starts_with(&format!("| {} |", kind.code()))).unwrap_or_default();
+        assert!(row.ends_with(&format!("| {} |", own.join(", "))), "{}: {row}", kind.code());
     }
 }

@@ -99,9 +99,16 @@ fn log_mean_exp(values: &[f64]) -> f64 {
     largest + (values.iter().map(|v| (v - largest).exp()).sum::<f64>() / values.len() as f64).ln()
 }
 
-/// Log likelihood of one change, with limits: a single line does not decide.
-fn log_likelihood(seen: &Seen, predicted: f64) -> f64 {
-    let variance = seen.variance + MODEL_SIGMA.powi(2) + (MODEL_SHARE * predicted).powi(2);
+/// Shares of the change of a mesh harmonic that its sidebands may follow, all of them alike, and by how much each does otherwise: what modulates the harmonic's excitation changes with
+/// it, what adds to it does not.
+const FOLLOWS: [f64; 3] = [0.0, 0.5, 1.0];
+const FOLLOWS_SPREAD: f64 = 0.25;
+
+/// Log likelihood of one change, with limits: a single line does not decide. `dynamics` is what the train's response does, `teeth` what the mesh harmonic's excitation does.
+fn log_likelihood(seen: &Seen, dynamics: f64, teeth: f64, follows: f64) -> f64 {
+    let (share, spread) = if seen.beside { (follows, FOLLOWS_SPREAD) } else { (1.0, 0.0) };
+    let predicted = dynamics + share * teeth;
+    let variance = seen.variance + MODEL_SIGMA.powi(2) + (MODEL_SHARE * predicted).powi(2) + (spread * teeth).powi(2);
     -0.5 * (seen.change - predicted).powi(2).min(16.0 * variance) / variance - 0.5 * variance.ln()
 }
 
@@ -115,11 +122,11 @@ pub fn rank(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
             .filter(|c| c.pair == pair)
             .filter_map(|c| {
                 let sensor = q.bench.sensors.iter().position(|s| s.name == q.comparison.channels[c.channel])?;
-                let (stage, harmonic) = match c.family? {
-                    Family::Mesh { stage, harmonic } => (stage, Some(usize::from(harmonic))),
-                    Family::Side { stage, .. } => (stage, None),
+                let (stage, harmonic, beside) = match c.family? {
+                    Family::Mesh { stage, harmonic } => (stage, Some(usize::from(harmonic)), false),
+                    Family::Side { stage, harmonic, .. } => (stage, Some(usize::from(harmonic)), true),
                     // Orders of a shaft come from the teeth of its gears.
-                    Family::Shaft { shaft, .. } => (shaft.min(q.train.stages.len() - 1), None),
+                    Family::Shaft { shaft, .. } => (shaft.min(q.train.stages.len() - 1), None, false),
                     Family::Motor { .. } => return None,
                 };
                 Some(Seen {
@@ -127,6 +134,7 @@ pub fn rank(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
                     sensor,
                     stage,
                     harmonic,
+                    beside,
                     frequency_hz: c.frequency_hz,
                     change: c.change,
                     variance: c.variance,
@@ -134,7 +142,8 @@ pub fn rank(q: &Question<'_>, cells: &[Cell]) -> Vec<Ranked> {
             })
             .collect();
         // Mesh lines first, then the best sidebands.
-        of_pair.sort_by(|a, b| a.harmonic.is_none().cmp(&b.harmonic.is_none()).then(a.variance.total_cmp(&b.variance)));
+        let mesh = |s: &Seen| s.harmonic.is_some() && !s.beside;
+        of_pair.sort_by(|a, b| mesh(b).cmp(&mesh(a)).then(a.variance.total_cmp(&b.variance)));
         of_pair.truncate(LINES);
         seen.extend(of_pair);
     }
@@ -210,7 +219,7 @@ pub fn prior(effect: &str) -> f64 {
 
 type Draws = Vec<Vec<[Complex64; ERRORS]>>;
 
-/// Log likelihood of all lines: sidebands by the dynamics alone, mesh harmonics averaged over the unknown profile errors of each.
+/// Log likelihood of all lines: orders of shafts by the dynamics alone, mesh harmonics and their sidebands averaged over the unknown profile errors of each.
 fn total(
     seen: &[Seen],
     candidate: &Candidate,
@@ -224,38 +233,39 @@ fn total(
     for (i, line) in seen.iter().enumerate() {
         match line.harmonic {
             Some(h) => by_harmonic.entry((line.stage, h)).or_default().push(i),
-            None => sum += log_likelihood(line, after[i] - before[i]),
+            None => sum += log_likelihood(line, after[i] - before[i], 0.0, 0.0),
         }
     }
-    for ((stage, h), members) in by_harmonic {
-        let affected = candidate.stage == Some(stage);
-        let draws: Vec<f64> = (0..ERRORS)
-            .map(|j| {
-                members
-                    .iter()
-                    .map(|&i| {
+    let with = |follows: f64| -> f64 {
+        let of = |((stage, h), members): (&(usize, usize), &Vec<usize>)| -> f64 {
+            let affected = candidate.stage == Some(*stage);
+            let draws: Vec<f64> = (0..ERRORS)
+                .map(|j| {
+                    let one = |&i: &usize| {
                         let line = &seen[i];
-                        let (harmonics, stiffness, force) = &base.meshes[stage][line.pair];
-                        let own = harmonics[h - 1] + errors[stage][h - 1][j];
+                        let (harmonics, stiffness, force) = &base.meshes[*stage][line.pair];
+                        let own = harmonics[h - 1] + errors[*stage][h - 1][j];
                         let new = match (&candidate.action, altered) {
-                            (Action::Geometry(size), _) if affected => own + unknown[stage][h - 1][j] * *size,
+                            (Action::Geometry(size), _) if affected => own + unknown[*stage][h - 1][j] * *size,
                             (Action::Stiffness(share), _) if affected => {
-                                own + unknown[stage][h - 1][j] * (*share * force / stiffness)
+                                own + unknown[*stage][h - 1][j] * (*share * force / stiffness)
                             }
                             (Action::Simulated(_), Some(m)) => {
-                                m.meshes[stage][line.pair].0[h - 1] + errors[stage][h - 1][j]
+                                m.meshes[*stage][line.pair].0[h - 1] + errors[*stage][h - 1][j]
                             }
                             _ => own,
                         };
-                        let predicted = after[i] - before[i] + (new.norm().max(1e-12) / own.norm().max(1e-12)).ln();
-                        log_likelihood(line, predicted)
-                    })
-                    .sum()
-            })
-            .collect();
-        sum += log_mean_exp(&draws);
-    }
-    sum
+                        let teeth = (new.norm().max(1e-12) / own.norm().max(1e-12)).ln();
+                        log_likelihood(line, after[i] - before[i], teeth, follows)
+                    };
+                    members.iter().map(one).sum()
+                })
+                .collect();
+            log_mean_exp(&draws)
+        };
+        by_harmonic.iter().map(of).sum()
+    };
+    sum + log_mean_exp(&FOLLOWS.map(with))
 }
 
 fn ranking(candidates: &[Candidate], evidence: &[Vec<f64>]) -> Vec<Ranked> {

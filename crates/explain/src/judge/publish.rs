@@ -1,7 +1,7 @@
 //! From findings to the answer that is published: status, advice, the largest mismatches.
 
 use crate::change::locate::{self, Cell};
-use crate::judge::report::{Candidate, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
+use crate::judge::report::{Candidate, Entry, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
 use crate::name::subname;
 use crate::name::{Finding, Question};
 
@@ -41,17 +41,21 @@ pub fn publish(
     }
     let effects = findings
         .into_iter()
-        .map(|f| NamedEffect {
-            effect: f.effect.to_owned(),
-            place: f.place,
-            probability: f.probability,
-            parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
-            indistinguishable_from: f
+        .map(|f| {
+            let others: Vec<Candidate> = f
                 .alternatives
                 .into_iter()
                 .map(|(effect, place)| Candidate { effect: effect.to_owned(), place })
-                .collect(),
-            evidence: f.evidence,
+                .collect();
+            NamedEffect {
+                effect: f.effect.to_owned(),
+                entry_point: Entry::of(f.effect, &f.place, f.probability, &others),
+                place: f.place,
+                probability: f.probability,
+                parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
+                indistinguishable_from: others,
+                evidence: f.evidence,
+            }
         })
         .collect();
     Explanation {

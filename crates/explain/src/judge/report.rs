@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::verdict::published;
+use gearwatch_sim::effects::{self, EntryPoint};
 use serde::{Serialize, Serializer};
 
 use crate::judge::latent::LatentForce;
@@ -117,6 +118,36 @@ pub struct Evidence {
     pub shape: String,
 }
 
+/// Where an effect enters the equations, with the probability that this is where.
+#[derive(Clone, Debug, Serialize)]
+pub struct Entry {
+    /// What it is.
+    #[serde(serialize_with = "code")]
+    pub kind: EntryPoint,
+    /// Place.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Of kind and place (0–1).
+    #[serde(serialize_with = "rounded")]
+    pub probability: f64,
+}
+
+impl Entry {
+    /// Of an effect, its probability and what cannot be told from it. What the name leaves open is taken as shared evenly by these and by what is not in the set: those that enter at
+    /// the same place speak for the entry point, though not for the name. Names of the instrument, which no simulation has, are of the data.
+    pub fn of(effect: &str, place: &str, probability: f64, others: &[Candidate]) -> Self {
+        let kind = |effect: &str| effects::find(effect).map_or(EntryPoint::Data, |e| e.entry_point());
+        let own = kind(effect);
+        let alike = others.iter().filter(|o| o.place == place && kind(&o.effect) == own).count();
+        let share = alike as f64 / (others.len() + 1) as f64;
+        Self { kind: own, place: place.to_owned(), probability: probability + (1.0 - probability) * share }
+    }
+}
+
+fn code<S: Serializer>(kind: &EntryPoint, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(kind.code())
+}
+
 /// An effect that is named.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedEffect {
@@ -132,6 +163,8 @@ pub struct NamedEffect {
     pub parameters: BTreeMap<String, Published>,
     /// What these recordings cannot tell from it.
     pub indistinguishable_from: Vec<Candidate>,
+    /// Where it enters the equations.
+    pub entry_point: Entry,
     /// Why.
     pub evidence: Evidence,
 }
@@ -196,4 +229,29 @@ fn rounded<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error>
     // Six digits: more would be bits of the transform, not of the bench.
     let short: f64 = if value.is_finite() { format!("{value:.5e}").parse().unwrap_or(*value) } else { *value };
     serializer.serialize_f64(published(short))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(effect: &str, place: &str) -> Candidate {
+        Candidate { effect: effect.to_owned(), place: place.to_owned() }
+    }
+
+    /// Of 0.4 that a name leaves open, three others and the unknown have 0.1 each; wear and a profile error of the same stage are geometry as relief is, friction is not, and
+    /// another stage is another place.
+    #[test]
+    fn analytic_what_enters_alike_speaks_for_the_entry_point() {
+        let others = [
+            candidate("tooth_wear", "stage1"),
+            candidate("tooth_friction", "stage1"),
+            candidate("profile_error", "stage2"),
+        ];
+        let entry = Entry::of("tip_relief", "stage1", 0.6, &others);
+        assert_eq!((entry.kind, entry.place.as_str()), (EntryPoint::Geometry, "stage1"));
+        assert!((entry.probability - 0.7).abs() < 1e-12);
+        assert_eq!(Entry::of("tip_relief", "stage1", 0.6, &[]).probability, 0.6);
+        assert_eq!(Entry::of("channel_dead", "acc_1", 0.9, &[]).kind, EntryPoint::Data);
+    }
 }

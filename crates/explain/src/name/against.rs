@@ -87,7 +87,8 @@ pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         // What was named alters other lines of its shaft a little too.
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
         let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
-        let Some(mut chosen) = alone.or_else(|| choose(&ranked)) else { break };
+        let best = alone.or_else(|| choose(&ranked));
+        let Some(mut chosen) = best.map(|m| of_single_teeth(&m, &ranked, &remaining).unwrap_or(m)) else { break };
         for m in ranked.iter().take(3) {
             found.steps.push(format!(
                 "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
@@ -262,6 +263,18 @@ fn choose(ranked: &[Mask]) -> Option<Mask> {
         .filter(|m| m.gain >= near)
         .min_by(|a, b| simplicity(a.place).cmp(&simplicity(b.place)).then(b.gain.total_cmp(&a.gain)))
         .copied()
+}
+
+/// The gear to which a wide mask comes down: what concerns all teeth moves the mesh harmonics most, and errors of single teeth, which have no mean over a gear, its other lines.
+fn of_single_teeth(wide_one: &Mask, ranked: &[Mask], cells: &[Cell]) -> Option<Mask> {
+    let single = |m: &&Mask| match m.place {
+        Place::Gear(stage, _) => {
+            m.gain > RIVAL * wide_one.gain
+                && masks::median_change(cells, Place::Mesh(stage)) < masks::median_change(cells, m.place)
+        }
+        _ => false,
+    };
+    if wide(wide_one.place) { ranked.iter().find(single).copied() } else { None }
 }
 
 /// Whether a mask is believed beside what was named.

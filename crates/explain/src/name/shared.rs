@@ -3,10 +3,11 @@
 //! SHAPE ranks all of them over drawn benches; the best few are then fitted jointly with the bench's own numbers, each by itself. The evidence of
 //! that fit decides, SHAPE (which also hears the sidebands) has a small vote. What the fit leaves of the changes tells whether the library has the effect at all.
 
+use gearwatch_sim::effects::{self, EntryPoint};
+
 use crate::change::locate::{Cell, Place};
 use crate::fit::refit;
 use crate::fit::shape;
-use crate::name::classes::together;
 use crate::name::{Finding, Question};
 
 /// How closely effects are compared.
@@ -103,14 +104,23 @@ fn excess(f: &refit::Fit) -> f64 {
     0.5 * lines * (f.left - LEFT - (2.0 / lines).sqrt())
 }
 
-/// By how much (nats) the best effect's fit is better than that of every effect of another class. Strong effects bring out what the model has not, such as pitch errors of the size of
-/// what is missing from the flanks; an effect that is nearer to the lines than to its rivals is still the answer.
+/// By how much (nats) the fits of effects that enter where the best one does are better than those of all others. Strong effects bring out what the model has not, such as pitch errors
+/// of the size of what is missing from the flanks; an effect that is nearer to the lines than to what enters elsewhere is still the answer. Which of those that enter alike it is, its
+/// probability says.
 fn lead(scored: &[Scored]) -> f64 {
-    let evidence = |s: &Scored| s.fit.map(|f| f.evidence);
-    let Some((best, own)) = scored.first().and_then(|s| Some((s, evidence(s)?))) else { return 0.0 };
-    let other = |s: &&Scored| s.ranked.place != best.ranked.place || !together(s.ranked.effect, best.ranked.effect);
-    let rival = scored.iter().filter(other).filter_map(evidence).fold(f64::NEG_INFINITY, f64::max);
-    if rival.is_finite() { (own - rival).max(0.0) } else { 0.0 }
+    let Some(best) = scored.first() else { return 0.0 };
+    let alike = |s: &Scored| s.ranked.place == best.ranked.place && entry(s.ranked.effect) == entry(best.ranked.effect);
+    let most = |own: bool| {
+        let evidence = scored.iter().filter(|s| alike(s) == own).filter_map(|s| Some(s.fit?.evidence));
+        evidence.fold(f64::NEG_INFINITY, f64::max)
+    };
+    let (own, rival) = (most(true), most(false));
+    if own.is_finite() && rival.is_finite() { (own - rival).max(0.0) } else { 0.0 }
+}
+
+/// Where an effect enters.
+fn entry(effect: &str) -> Option<EntryPoint> {
+    effects::find(effect).ok().map(|e| e.entry_point())
 }
 
 /// Whether an effect at a place can be what changed a mask: where only the mesh harmonics of one stage moved, what sits elsewhere or
@@ -164,14 +174,14 @@ mod tests {
         Scored { score: 0.0, ranked, fit: Some(refit::Fit { evidence, left, lines: 60 }) }
     }
 
-    /// Wear leads by what it is ahead of another class, not of relief, its own; the same effect on another stage is a rival. What 60 lines leave beyond 1
-    /// and a scatter of √(2/60) each is half of it in nats.
+    /// Wear leads by what it and its like are ahead of what enters elsewhere, not of relief, an error of geometry as well; the same effect on another stage is a rival. What 60 lines leave
+    /// beyond 1 and a scatter of √(2/60) each is half of it in nats.
     #[test]
     fn analytic_lead_and_excess_are_in_nats() {
         let mut all = vec![
             scored("tooth_wear", "stage1", -40.0, 1.2),
             scored("tip_relief", "stage1", -42.0, 1.3),
-            scored("profile_error", "stage1", -55.0, 1.9),
+            scored("mesh_stiffness", "stage1", -55.0, 1.9),
         ];
         assert_eq!(lead(&all), 15.0);
         assert!((excess(&all[0].fit.unwrap()) - (6.0 - 30f64.sqrt())).abs() < 1e-12);

@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::rate_line;
-use super::{Change, Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::{Rate, SimSetup, Tone};
 
 /// Folded component.
@@ -21,6 +21,10 @@ impl Effect for Aliasing {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Sensor]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Data
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 
 use super::gear::mesh_harmonics;
-use super::{Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, Values};
+use super::{Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, Values};
 use crate::setup::SimSetup;
 
 /// Backlash other than the sheet says.
@@ -20,6 +20,10 @@ impl Effect for Backlash {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Stage]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Clearance
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::all_mesh_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::SimSetup;
 
 /// Factor on lateral bearing stiffness.
@@ -21,6 +21,10 @@ impl Effect for BearingCompliance {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Shaft]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Bearing
     }
 
     fn parameters(&self) -> &'static [Parameter] {

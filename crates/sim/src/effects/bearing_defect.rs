@@ -3,7 +3,9 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use super::{Change, Effect, EffectError, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{
+    Change, Effect, EffectError, EntryPoint, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values,
+};
 use crate::setup::{ShaftForce, SimSetup};
 
 /// Passage impacts.
@@ -20,6 +22,10 @@ impl Effect for BearingDefect {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Shaft]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Bearing
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::all_mesh_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::SimSetup;
 
 /// Belt creep.
@@ -21,6 +21,10 @@ impl Effect for BeltSlip {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Belt]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Clock
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 
 use super::gear::GearAt;
-use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::SimSetup;
 
 /// Eccentricity of a gear.
@@ -20,6 +20,10 @@ impl Effect for Eccentricity {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Gear]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Geometry
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -2,7 +2,9 @@
 
 use gearwatch_core::bench::Bench;
 
-use super::{Change, Effect, EffectError, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{
+    Change, Effect, EffectError, EntryPoint, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values,
+};
 use crate::setup::{Rate, SimSetup, Tone};
 
 /// Tone at fixed frequency.
@@ -19,6 +21,10 @@ impl Effect for ElectricalPickup {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Sensor]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Data
     }
 
     fn parameters(&self) -> &'static [Parameter] {

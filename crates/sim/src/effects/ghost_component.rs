@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::gear::GearAt;
-use super::{Change, Effect, EffectError, Law, Line, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Line, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::faults::Wave;
 use crate::setup::SimSetup;
 
@@ -22,6 +22,10 @@ impl Effect for GhostComponent {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Gear]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Geometry
     }
 
     fn parameters(&self) -> &'static [Parameter] {

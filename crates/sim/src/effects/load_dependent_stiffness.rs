@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 
 use super::gear::{mesh_harmonics, nominal_mesh_force_n};
-use super::{Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, Values};
+use super::{Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, Values};
 use crate::hertz::LEAST_LOAD_N;
 use crate::setup::SimSetup;
 
@@ -21,6 +21,10 @@ impl Effect for LoadDependentStiffness {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Stage]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Stiffness
     }
 
     fn parameters(&self) -> &'static [Parameter] {

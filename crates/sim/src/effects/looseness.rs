@@ -4,7 +4,9 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::shaft_lines;
-use super::{Change, Effect, EffectError, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{
+    Change, Effect, EffectError, EntryPoint, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values,
+};
 use crate::setup::{ShaftForce, SimSetup};
 
 /// Loose bearing seat.
@@ -21,6 +23,10 @@ impl Effect for Looseness {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Shaft]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Clearance
     }
 
     fn parameters(&self) -> &'static [Parameter] {

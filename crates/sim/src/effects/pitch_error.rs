@@ -2,7 +2,7 @@
 
 use gearwatch_core::bench::Bench;
 
-use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -23,6 +23,10 @@ impl Effect for PitchError {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Gear]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Geometry
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -5,7 +5,7 @@ use gearwatch_core::train::Train;
 
 use super::gear::GearAt;
 use super::signature::mesh_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::faults::Pit;
 use crate::geometry::GearGeometry;
 use crate::setup::SimSetup;
@@ -24,6 +24,10 @@ impl Effect for Pitting {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Gear]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Stiffness
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 
 use super::gear::GearAt;
-use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::faults::Crack;
 use crate::setup::SimSetup;
 
@@ -21,6 +21,10 @@ impl Effect for RootCrack {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Gear]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Stiffness
     }
 
     fn parameters(&self) -> &'static [Parameter] {

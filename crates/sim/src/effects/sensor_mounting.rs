@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::all_mesh_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::{Resonance, ResonanceKind, SimSetup};
 
 /// Damping of a magnet or wax mounting, fraction of critical.
@@ -24,6 +24,10 @@ impl Effect for SensorMounting {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Sensor]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Path
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -4,7 +4,9 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::{rate_line, sidebands};
-use super::{Change, Effect, EffectError, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{
+    Change, Effect, EffectError, EntryPoint, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values,
+};
 use crate::setup::{self, Rate, SimSetup};
 
 /// Uneven rotation.
@@ -21,6 +23,10 @@ impl Effect for SpeedFluctuation {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Shaft]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Clock
     }
 
     fn parameters(&self) -> &'static [Parameter] {

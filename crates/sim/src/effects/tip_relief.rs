@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 
 use super::gear::mesh_harmonics;
-use super::{Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, Values};
+use super::{Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, Values};
 use crate::faults;
 use crate::setup::SimSetup;
 
@@ -21,6 +21,10 @@ impl Effect for TipRelief {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Stage]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Geometry
     }
 
     fn parameters(&self) -> &'static [Parameter] {

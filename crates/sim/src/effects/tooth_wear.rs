@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 
 use super::gear::{mesh_harmonics, pair};
-use super::{Effect, EffectError, Law, Parameter, PlaceKind, Signature, Values};
+use super::{Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, Values};
 use crate::setup::SimSetup;
 
 /// Wear in proportion to sliding.
@@ -20,6 +20,10 @@ impl Effect for ToothWear {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Stage]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Geometry
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -4,7 +4,9 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::sidebands;
-use super::{Change, Effect, EffectError, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{
+    Change, Effect, EffectError, EntryPoint, Law, Line, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values,
+};
 use crate::setup::{self, RippleAt, SimSetup};
 
 /// Torque ripple.
@@ -21,6 +23,10 @@ impl Effect for TorqueRipple {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Motor, PlaceKind::Brake, PlaceKind::Coupling]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Force
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use super::signature::shaft_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::{ShaftForce, SimSetup};
 
 /// Rotating force.
@@ -21,6 +21,10 @@ impl Effect for Unbalance {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Shaft]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Force
     }
 
     fn parameters(&self) -> &'static [Parameter] {

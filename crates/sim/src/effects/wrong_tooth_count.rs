@@ -5,7 +5,7 @@ use gearwatch_core::train::Train;
 
 use super::gear::GearAt;
 use super::signature::mesh_lines;
-use super::{Change, Effect, EffectError, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
+use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::SimSetup;
 
 /// Another number of teeth.
@@ -22,6 +22,10 @@ impl Effect for WrongToothCount {
 
     fn places(&self) -> &'static [PlaceKind] {
         &[PlaceKind::Gear]
+    }
+
+    fn entry_point(&self) -> EntryPoint {
+        EntryPoint::Data
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -75,6 +75,8 @@ fn effect(out: &mut dyn Write, named: &NamedEffect) -> io::Result<()> {
         named.indistinguishable_from.iter().map(|other| format!("{} at {}", other.effect, other.place)).collect();
     let apart = if others.is_empty() { String::new() } else { format!("; not told apart from {}", others.join(", ")) };
     entry(out, "how sure", &format!("{:.0} %{apart}", 100.0 * named.probability))?;
+    let at = &named.entry_point;
+    entry(out, "enters as", &format!("{} at {} ({:.0} %)", at.kind.words(), at.place, 100.0 * at.probability))?;
     let sizes: Vec<String> =
         named.parameters.iter().map(|(name, p)| format!("{name} {}", size(p.value(), p.sigma()))).collect();
     let evidence = &named.evidence;

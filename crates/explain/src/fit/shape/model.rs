@@ -88,8 +88,10 @@ pub struct Seen {
     pub sensor: usize,
     /// Position of the stage.
     pub stage: usize,
-    /// Of the mesh; `None` for sidebands.
+    /// Of the mesh, for a sideband that which it stands beside; `None` for orders of a shaft.
     pub harmonic: Option<usize>,
+    /// A sideband.
+    pub beside: bool,
     /// (Hz).
     pub frequency_hz: f64,
     /// ln of the amplitude ratio.
