@@ -86,12 +86,25 @@ pub fn fits(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, 
         if *cost > nearest + 2.0 * OUT_OF_REACH {
             return fit(&mut problem, x, -0.5 * cost);
         }
-        let s = problem.settle(starts)?;
-        let volume: f64 = s.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
-        let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
-        fit(&mut problem, &s.x, -0.5 * s.cost.1 + volume - prior)
+        settled(&mut problem, starts)
     };
     seen.into_par_iter().map(settle).collect()
+}
+
+/// How well no effect accounts for the lines: what a name has to be better than.
+pub fn none(q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Fit> {
+    let mut problem = Problem::new(q, cells, &[])?;
+    let start = problem.start(base);
+    let cost = problem.cost(&start)?;
+    settled(&mut problem, vec![(cost, start)])
+}
+
+/// The best fit from some starts, with Laplace's evidence.
+fn settled(problem: &mut Problem<'_>, starts: Vec<Start>) -> Option<Fit> {
+    let s = problem.settle(starts)?;
+    let volume: f64 = s.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
+    let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
+    fit(problem, &s.x, -0.5 * s.cost.1 + volume - prior)
 }
 
 /// What a point leaves of the changes.

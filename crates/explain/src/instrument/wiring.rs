@@ -7,6 +7,8 @@ use super::{PRIOR, repetition};
 const MOST: f64 = 0.5;
 /// Neighbouring bins of Hann windows are not independent.
 const TEMPER: f64 = 0.5;
+/// Parts of the band whose scatter says how far one wiring being better than another is more than what changed besides: enough for a standard deviation, each wider than a resonance.
+const PARTS: usize = 20;
 
 /// Another wiring than the reference has.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +28,25 @@ struct Judged {
     wiring: Wiring,
     agrees: f64,
     ln_likelihood: f64,
+    /// By part of the band.
+    parts: Vec<f64>,
+}
+
+impl Judged {
+    /// Log odds against another wiring that the parts of the band allow: as many nats as their sum has, and no more than the likelihood ratio of a mean beside zero with the
+    /// scatter of the parts (`m/2 ln(1 + t²/(m − 1))`, Student's). Cables that were exchanged are so at all frequencies; a resonance or a gear that changed favours one wiring here and another there.
+    fn ln_odds(&self, other: &Self) -> f64 {
+        let gains: Vec<f64> = self.parts.iter().zip(&other.parts).map(|(a, b)| a - b).collect();
+        let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
+        let mean = sum / count;
+        let scatter = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>();
+        if count < 3.0 || mean <= 0.0 || scatter <= 0.0 {
+            return sum;
+        }
+        // t² = mean² m (m − 1) / Σ(g − mean)²
+        let student = 0.5 * count * (count * mean * mean / scatter).ln_1p();
+        sum.min(student)
+    }
 }
 
 /// No swap or one, no sensor turned or one.
@@ -63,8 +84,9 @@ fn judge(recording: &Cross, against: &Against<'_>, averages: f64) -> Vec<Judged>
             let costs: Vec<f64> =
                 against.divergence(recording, &wiring).into_iter().map(|d| counted * d.max(0.0)).collect();
             let agrees = costs.iter().filter(|c| **c < anything).count() as f64 / costs.len().max(1) as f64;
-            let ln_likelihood = -TEMPER * costs.iter().map(|c| c.min(anything)).sum::<f64>();
-            Judged { wiring, agrees, ln_likelihood }
+            let part = |of: &[f64]| -TEMPER * of.iter().map(|c| c.min(anything)).sum::<f64>();
+            let parts: Vec<f64> = costs.chunks(costs.len().div_ceil(PARTS).max(1)).map(part).collect();
+            Judged { wiring, agrees, ln_likelihood: parts.iter().sum(), parts }
         })
         .collect()
 }
@@ -89,7 +111,7 @@ pub fn rewired(recording: &Cross, reference: &Cross) -> Option<Rewired> {
     // Against staying as it was; what else it could be shares the odds.
     let near = |j: &&Judged| j.wiring != best.wiring && best.ln_likelihood - j.ln_likelihood < 3.0;
     let same: Vec<Wiring> = judged.iter().filter(near).map(|j| j.wiring.clone()).collect();
-    let odds = PRIOR * (best.ln_likelihood - straight.ln_likelihood).min(700.0).exp();
+    let odds = PRIOR * best.ln_odds(straight).min(700.0).exp();
     let probability = odds / (1.0 + odds);
     (probability > 0.5).then(|| Rewired {
         wiring: best.wiring.clone(),

@@ -61,15 +61,22 @@ pub fn finding(
         .map(|r| Scored { score: r.probability.max(LEAST_SHARE).ln(), ranked: r, fit: None })
         .collect();
     let compared = scored.len();
-    if depth == Depth::Refit {
-        fit_all(q, cells, &mut scored, steps);
-    }
+    let none = if depth == Depth::Refit { fit_all(q, cells, &mut scored, steps) } else { None };
     scored.sort_by(|a, b| b.score.total_cmp(&a.score));
     let best = scored.first()?;
     if let Some(fit) = best.fit.filter(|f| excess(f) > lead(&scored)) {
         steps.push(format!(
             "shape: none of the library accounts for it: {} at {} fits best and leaves {:.1} per line, more than the model's own error would",
             best.ranked.effect, best.ranked.place, fit.left
+        ));
+        return None;
+    }
+    if let (Some(fit), Some(none)) = (best.fit, none)
+        && fit.evidence <= none.evidence
+    {
+        steps.push(format!(
+            "shape: {} at {} fits best, and no effect at all does as well ({:.1} nats)",
+            best.ranked.effect, best.ranked.place, none.evidence
         ));
         return None;
     }
@@ -133,9 +140,9 @@ fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
     }
 }
 
-/// Fits every candidate and adds its evidence to the score.
-fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut Vec<String>) {
-    let Some(base) = refit::base(q, cells) else { return };
+/// Fits every candidate and adds its evidence to the score. Gives the fit without any.
+fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut Vec<String>) -> Option<refit::Fit> {
+    let base = refit::base(q, cells)?;
     let names: Vec<(&str, &str)> = scored.iter().map(|s| (s.ranked.effect, s.ranked.place.as_str())).collect();
     let fits = refit::fits(q, cells, &base, &names);
     for (s, fit) in scored.iter_mut().zip(fits) {
@@ -157,6 +164,7 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
             s.score = SHAPE_WEIGHT * (s.score - usual) + usual + EVIDENCE_WEIGHT * fitted;
         }
     }
+    refit::none(q, cells, &base)
 }
 
 #[cfg(test)]

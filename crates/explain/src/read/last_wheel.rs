@@ -81,7 +81,7 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> O
         return None;
     }
     let order = |teeth: u32| kinematic.mesh_order / f64::from(teeth);
-    let mut best: Option<(f64, f64, u32)> = None;
+    let mut tried: Vec<(f64, f64, u32)> = Vec::new();
     for change in (-REACH..=REACH).filter(|c| *c != 0) {
         let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
         let (a, b) = ((order(sheet), sheet as usize), (order(teeth), teeth as usize));
@@ -96,12 +96,14 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> O
         let sure = (mean(&new) - mean(&old)) / (variance(&old) + variance(&new)).sqrt().max(1e-9);
         // The whole comb moves, not a few strong lines that something else makes.
         let gain = median(&mut new) - median(&mut old);
-        if best.is_none_or(|b| gain > b.0) {
-            best = Some((gain, sure, teeth));
-        }
+        tried.push((gain, sure, teeth));
     }
-    let (gain, sure, teeth) = best?;
-    (gain > GAIN && sure > SURE).then(|| {
+    let best = tried.iter().map(|t| t.0).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?.0;
+    let (gain, sure, teeth) = tried.swap_remove(best);
+    // A comb that is not there is like that of any other number. Where the sheet's stands above the rest of them it is there, and the other lines are made by something else.
+    let mut above: Vec<f64> = tried.iter().map(|t| -t.0).collect();
+    let there = !above.is_empty() && median(&mut above) > GAIN;
+    (gain > GAIN && sure > SURE && !there).then(|| {
         (OtherTeeth { stage, pinion: false, teeth, sheet, gain }, kinematics::with_teeth(bench, stage, false, teeth))
     })
 }

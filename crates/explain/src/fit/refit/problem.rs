@@ -182,10 +182,15 @@ impl<'a> Problem<'a> {
         self.settle(seen)
     }
 
+    /// The bench's own numbers as the references show them, and the effects' usual ones.
+    pub fn start(&self, base: &Base) -> DVector<f64> {
+        let means = self.priors[self.own..].iter().map(|p| p.mean);
+        DVector::from_iterator(self.priors.len(), base.0.iter().copied().chain(means))
+    }
+
     /// Promising starts, least cost first. What one is worth shows once the teeth's own numbers have followed it a little.
     pub fn glance(&mut self, base: &Base) -> Option<Vec<Start>> {
-        let means = self.priors[self.own..].iter().map(|p| p.mean);
-        let mut x = DVector::from_iterator(self.priors.len(), base.0.iter().copied().chain(means));
+        let mut x = self.start(base);
         let mut tried = Vec::new();
         // The teeth concerned; of what sits on a shaft, all.
         let own = |i: &usize| self.specs.iter().any(|s| s.place == self.q.bench.stages[*i].name);
