@@ -178,7 +178,7 @@ cat "$here/doctor"
 # The kills left tails, which doctor tells with 3; anything else is damage.
 [ $code = 0 ] || [ $code = 3 ] || fail "doctor says $code"
 # A kill takes what a group holds. Thousands are what a log says that cannot tell.
-missing=$(grep -o 'at most [0-9]* missing' "$here/doctor" | grep -o '[0-9]*')
+missing=$(grep -o 'unclean_end: at most [0-9]* missing' "$here/doctor" | grep -o '[0-9]*')
 [ "${missing:-0}" -lt 1000 ] || fail "the log cannot tell how much the kills took: $missing"
 if in_it test -e /run/gearwatch; then fail "the folder of the socket stays"; fi
 echo "the unit starts, is reloaded, comes back and stops"
