@@ -93,8 +93,7 @@ fn conform_a_wrong_exit_code_of_a_page_is_noticed() {
 fn conform_the_table_of_entry_points_is_that_of_the_library() {
     let text = page("docs/explain.md");
     for kind in EntryPoint::ALL {
-        let mut own: Vec<&str> =
-            effects::ALL.iter().filter(|e| e.entry_point() == kind).map(|e| e.id()).collect();
+        let mut own: Vec<&str> = effects::ALL.iter().filter(|e| e.entry_point() == kind).map(|e| e.id()).collect();
         own.sort_unstable();
         let row = text.lines().find(|line| line.starts_with(&format!("| {} |", kind.code()))).unwrap_or_default();
         assert!(row.ends_with(&format!("| {} |", own.join(", "))), "{}: {row}", kind.code());

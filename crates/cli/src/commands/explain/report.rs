@@ -87,12 +87,8 @@ fn effects(e: &Explanation) -> Section {
 
 fn effect(effect: &NamedEffect) -> Vec<Part> {
     let entry = &effect.entry_point;
-    let mut lines = vec![format!(
-        "enters as {} at {} with probability {:.2}",
-        entry.kind.words(),
-        entry.place,
-        entry.probability
-    )];
+    let mut lines =
+        vec![format!("enters as {} at {} with probability {:.2}", entry.kind.words(), entry.place, entry.probability)];
     let evidence = &effect.evidence;
     for (kind, text) in
         [("where", &evidence.place), ("law", &evidence.law), ("support", &evidence.support), ("shape", &evidence.shape)]
