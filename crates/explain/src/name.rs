@@ -3,7 +3,6 @@
 pub mod against;
 pub mod alone;
 pub mod bearing;
-pub mod classes;
 pub mod direct;
 pub mod family;
 pub mod friction;

@@ -68,17 +68,7 @@ impl Run for HistoryCommand {
         let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         #[cfg(feature = "batch")]
         let parquet = self.parquet.as_deref().map(|path| outputs.target(path)).transpose()?;
-        let mut history = History::new(self.every, self.from, self.to);
-        let progress = Progress::new("files", files.len() as u64);
-        for path in &files {
-            history.read(path)?;
-            progress.finished(&path.display().to_string());
-        }
-        drop(progress);
-        history.finish();
-        for trouble in &history.troubles {
-            writeln!(terminal::err(), "gearwatch history: {}", terminal::plain(trouble))?;
-        }
+        let history = read_all::<Self>(History::new(self.every, self.from, self.to), &files)?;
         if history.rows().next().is_none() {
             bail!(
                 "no window between {} and {} in {} file(s); the logs {}",
@@ -110,6 +100,21 @@ impl Run for HistoryCommand {
         }
         Ok(if history.troubles.is_empty() { Exit::Ok } else { Exit::Unknown })
     }
+}
+
+/// Reads all files into a history, with progress; what could not be read to its end is said for the command that asks.
+pub(super) fn read_all<R: Run>(mut history: History, files: &[PathBuf]) -> anyhow::Result<History> {
+    let progress = Progress::new("files", files.len() as u64);
+    for path in files {
+        history.read(path)?;
+        progress.finished(&path.display().to_string());
+    }
+    drop(progress);
+    history.finish();
+    for trouble in &history.troubles {
+        writeln!(terminal::err(), "gearwatch {}: {}", R::NAME, terminal::plain(trouble))?;
+    }
+    Ok(history)
 }
 
 /// The files of all logs: those of a folder in the order of their names, which is that of their numbers.

@@ -1,6 +1,5 @@
 //! `gearwatch report --weekly LOG…`: a week of the service's logs on a few pages, to be read and handed on.
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -12,8 +11,6 @@ use gearwatch_daemon::history::{History, time};
 use super::{Run, history};
 use crate::exit::Exit;
 use crate::output::OutputOptions;
-use crate::progress::Progress;
-use crate::terminal;
 
 mod trend;
 mod week;
@@ -66,17 +63,7 @@ impl Run for ReportCommand {
         let files = history::files(&self.logs)?;
         let mut outputs = self.overwrite.reading(&files);
         let target = outputs.target(&self.out)?;
-        let mut read = History::new(DAY_NS, Some(to - TREND_DAYS * DAY_NS), Some(to));
-        let progress = Progress::new("files", files.len() as u64);
-        for path in &files {
-            read.read(path)?;
-            progress.finished(&path.display().to_string());
-        }
-        drop(progress);
-        read.finish();
-        for trouble in &read.troubles {
-            writeln!(terminal::err(), "gearwatch report: {}", terminal::plain(trouble))?;
-        }
+        let read = history::read_all::<Self>(History::new(DAY_NS, Some(to - TREND_DAYS * DAY_NS), Some(to)), &files)?;
         let week = Week { history: &read, to, now, who: &who };
         if week.windows() == 0 {
             let span = read.span().map_or_else(

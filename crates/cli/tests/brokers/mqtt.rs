@@ -12,7 +12,8 @@ use crate::nats::{logged, verdicts_in_order};
 use crate::server::{Server, free_port};
 use crate::service::{configure, ended_within, figure, said, signal, start, status, wait_for};
 
-/// Subscribes to everything of gearwatch, again after each loss of the connection: (topic, retained, letter). A session that the broker keeps.
+/// Subscribes to everything of gearwatch, again after each loss of the connection: (topic, sent by the broker itself, letter). A session that the broker keeps: it sends what is retained at a new
+/// subscription, and what was not confirmed again, which MQTT marks.
 fn subscribe(port: u16, id: &str) -> Receiver<(String, bool, Vec<u8>)> {
     let mut options = MqttOptions::new(id, ("127.0.0.1", port));
     options.set_clean_session(false);
@@ -27,7 +28,7 @@ fn subscribe(port: u16, id: &str) -> Receiver<(String, bool, Vec<u8>)> {
                 }
                 Ok(Event::Incoming(Incoming::Publish(publish))) => {
                     let topic = String::from_utf8(publish.topic.to_vec()).unwrap();
-                    if sender.send((topic, publish.retain, publish.payload.to_vec())).is_err() {
+                    if sender.send((topic, publish.retain || publish.dup, publish.payload.to_vec())).is_err() {
                         return;
                     }
                 }
@@ -76,14 +77,14 @@ fn conform_a_killed_mqtt_broker_costs_nothing() {
         all.push(message);
     }
     let letters: Vec<Heard> = all.iter().filter_map(|(_, _, payload)| Heard::read(0, payload)).collect();
-    // Once without a mark, and marked from then on. A retained state comes again from the broker itself at a new subscription.
+    // Once without a mark, and marked from then on.
     let mut first: BTreeMap<(String, u64), bool> = BTreeMap::new();
-    for ((_, retained, _), letter) in all.iter().filter(|m| Heard::read(0, &m.2).is_some()).zip(&letters) {
+    for ((_, broker, _), letter) in all.iter().filter(|m| Heard::read(0, &m.2).is_some()).zip(&letters) {
         let id = (letter.text("run").to_owned(), letter.object["seq"].as_u64().unwrap());
         let marked = letter.object["resent"] == true;
         let fresh = first.insert(id, marked).is_none();
         assert!(
-            fresh || marked || *retained || letter.text("kind") == "state",
+            fresh || marked || *broker || letter.text("kind") == "state",
             "a repetition without a mark: {letter:?}"
         );
     }

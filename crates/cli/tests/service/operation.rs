@@ -39,6 +39,26 @@ fn request(address: &str, host: &str, path: &str) -> String {
     answer
 }
 
+/// A service that is started: the process, and what it says.
+fn spawned(config: &std::path::Path) -> (Child, impl FnMut(&str) -> String + use<>) {
+    let mut child = gearwatch(&["run", "--config", text(config)])
+        .env("GEARWATCH_LOG", "info")
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let said = talk(&mut child);
+    (child, said)
+}
+
+/// A service with a page: the process, what it says, and the page's address.
+fn started(bench: &Bench, config: &str) -> (Child, impl FnMut(&str) -> String + use<>, String) {
+    let (child, mut said) = spawned(&bench.write("service.toml", config));
+    let page = said("metrics at http://");
+    let address = page.rsplit("http://").next().unwrap().trim_end_matches("/metrics").to_owned();
+    (child, said, address)
+}
+
 /// One service at fifty times the speed, with a fault from the beginning: alarm in status and metrics, a foreign host refused, a bad
 /// reload refused, a good one taken over, the log whole at the end.
 #[test]
@@ -55,16 +75,7 @@ fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
              [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n{further}"
         )
     };
-    let path = bench.write("service.toml", &config(1, ""));
-    let mut child = gearwatch(&["run", "--config", text(&path)])
-        .env("GEARWATCH_LOG", "info")
-        .stderr(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut said = talk(&mut child);
-    let page = said("metrics at http://");
-    let address = page.rsplit("http://").next().unwrap().trim_end_matches("/metrics").to_owned();
+    let (mut child, mut said, address) = started(&bench, &config(1, ""));
     said("alarm=\"stage1@acc_1\"");
     // The first snapshot comes within a second.
     let socket = bench.path("status.sock");
@@ -151,16 +162,7 @@ fn oracle_the_page_reads_the_log_as_the_command_does() {
          fault = {{ after_secs = 4.0, stage = \"stage1\", percent = [0.0, 5.5, 0.0, 0.0, 20.0] }}\n\
          [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n"
     );
-    let path = bench.write("service.toml", &config);
-    let mut child = gearwatch(&["run", "--config", text(&path)])
-        .env("GEARWATCH_LOG", "info")
-        .stderr(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut said = talk(&mut child);
-    let page = said("metrics at http://");
-    let address = page.rsplit("http://").next().unwrap().trim_end_matches("/metrics").to_owned();
+    let (mut child, mut said, address) = started(&bench, &config);
     said("alarm=\"stage1@acc_1\"");
     // Twenty seconds of the data's time, which pass in one; until they are in the log, they are asked for again.
     let from = start_s;
@@ -251,13 +253,7 @@ fn conform_a_page_with_tls_asks_for_the_token() {
     }
     let page = format!("{tls}\n{token}\npage_hosts = [\"localhost:{port}\"]");
     let path = bench.write("service.toml", &service(&page));
-    let mut child = gearwatch(&["run", "--config", text(&path)])
-        .env("GEARWATCH_LOG", "info")
-        .stderr(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut said = talk(&mut child);
+    let (mut child, mut said) = spawned(&path);
     said("metrics at https://");
     let url = format!("https://localhost:{port}/metrics");
     let ask = |further: &[&str]| {

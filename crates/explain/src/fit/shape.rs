@@ -99,8 +99,8 @@ fn log_mean_exp(values: &[f64]) -> f64 {
     largest + (values.iter().map(|v| (v - largest).exp()).sum::<f64>() / values.len() as f64).ln()
 }
 
-/// Shares of the change of a mesh harmonic that its sidebands may follow, all of them alike, and by how much each does otherwise: what modulates the harmonic's excitation changes with
-/// it, what adds to it does not.
+/// Shares of the change of a mesh harmonic that its sidebands may follow, all of them alike: what modulates the harmonic's excitation changes with it, what adds to it does not.
+/// Each line may follow half the step of these shares more or less.
 const FOLLOWS: [f64; 3] = [0.0, 0.5, 1.0];
 const FOLLOWS_SPREAD: f64 = 0.25;
 
@@ -236,36 +236,34 @@ fn total(
             None => sum += log_likelihood(line, after[i] - before[i], 0.0, 0.0),
         }
     }
-    let with = |follows: f64| -> f64 {
-        let of = |((stage, h), members): (&(usize, usize), &Vec<usize>)| -> f64 {
-            let affected = candidate.stage == Some(*stage);
-            let draws: Vec<f64> = (0..ERRORS)
-                .map(|j| {
-                    let one = |&i: &usize| {
-                        let line = &seen[i];
-                        let (harmonics, stiffness, force) = &base.meshes[*stage][line.pair];
-                        let own = harmonics[h - 1] + errors[*stage][h - 1][j];
-                        let new = match (&candidate.action, altered) {
-                            (Action::Geometry(size), _) if affected => own + unknown[*stage][h - 1][j] * *size,
-                            (Action::Stiffness(share), _) if affected => {
-                                own + unknown[*stage][h - 1][j] * (*share * force / stiffness)
-                            }
-                            (Action::Simulated(_), Some(m)) => {
-                                m.meshes[*stage][line.pair].0[h - 1] + errors[*stage][h - 1][j]
-                            }
-                            _ => own,
-                        };
-                        let teeth = (new.norm().max(1e-12) / own.norm().max(1e-12)).ln();
-                        log_likelihood(line, after[i] - before[i], teeth, follows)
-                    };
-                    members.iter().map(one).sum()
-                })
-                .collect();
-            log_mean_exp(&draws)
-        };
-        by_harmonic.iter().map(of).sum()
-    };
-    sum + log_mean_exp(&FOLLOWS.map(with))
+    // Of all harmonics, by share that the sidebands follow.
+    let mut with = FOLLOWS.map(|_| 0.0);
+    for ((stage, h), members) in by_harmonic {
+        let affected = candidate.stage == Some(stage);
+        let mut draws = [[0.0; ERRORS]; FOLLOWS.len()];
+        for j in 0..ERRORS {
+            let (error, deviation) = (errors[stage][h - 1][j], unknown[stage][h - 1][j]);
+            for &i in &members {
+                let line = &seen[i];
+                let (harmonics, stiffness, force) = &base.meshes[stage][line.pair];
+                let own = harmonics[h - 1] + error;
+                let new = match (&candidate.action, altered) {
+                    (Action::Geometry(size), _) if affected => own + deviation * *size,
+                    (Action::Stiffness(share), _) if affected => own + deviation * (*share * force / stiffness),
+                    (Action::Simulated(_), Some(m)) => m.meshes[stage][line.pair].0[h - 1] + error,
+                    _ => own,
+                };
+                let teeth = (new.norm().max(1e-12) / own.norm().max(1e-12)).ln();
+                for (sums, follows) in draws.iter_mut().zip(FOLLOWS) {
+                    sums[j] += log_likelihood(line, after[i] - before[i], teeth, follows);
+                }
+            }
+        }
+        for (sum, draws) in with.iter_mut().zip(&draws) {
+            *sum += log_mean_exp(draws);
+        }
+    }
+    sum + log_mean_exp(&with)
 }
 
 fn ranking(candidates: &[Candidate], evidence: &[Vec<f64>]) -> Vec<Ranked> {
@@ -306,4 +304,36 @@ fn ranking(candidates: &[Candidate], evidence: &[Vec<f64>]) -> Vec<Ranked> {
     out.iter_mut().for_each(|r| r.probability /= sum.max(1e-300));
     out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(beside: bool, change: f64) -> Seen {
+        Seen { pair: 0, sensor: 0, stage: 0, harmonic: Some(1), beside, frequency_hz: 500.0, change, variance: 0.01 }
+    }
+
+    /// A mesh harmonic takes all of the teeth's change, whatever its sidebands follow; a sideband that stood still agrees with what adds to the harmonic, one that came along with what modulates it.
+    #[test]
+    fn analytic_a_sideband_follows_its_harmonic_by_the_share() {
+        let of = |beside, change, follows| log_likelihood(&line(beside, change), 0.1, 0.8, follows);
+        assert_eq!(of(false, 0.9, 0.0), of(false, 0.9, 1.0));
+        assert!(of(true, 0.1, 0.0) > of(true, 0.1, 1.0));
+        assert!(of(true, 0.9, 1.0) > of(true, 0.9, 0.0));
+        // Where the sideband does what was predicted only the normal density's own width is left: σ² = 0.01 + 0.12² + (0.45·0.9)² + (0.25·0.8)².
+        let variance: f64 = 0.01 + 0.0144 + 0.405 * 0.405 + 0.04;
+        assert!((of(true, 0.9, 1.0) + 0.5 * variance.ln()).abs() < 1e-12);
+    }
+
+    /// A line four standard deviations off and one a hundred off cost the same 8 nats: a single line does not decide.
+    #[test]
+    fn analytic_one_line_costs_eight_nats_at_most() {
+        let cost = |change: f64| {
+            log_likelihood(&line(false, 0.0), 0.0, 0.0, 0.0) - log_likelihood(&line(false, change), 0.0, 0.0, 0.0)
+        };
+        assert!((cost(100.0) - 8.0).abs() < 1e-12);
+        assert!((cost(4.0 * 0.0244f64.sqrt()) - 8.0).abs() < 1e-12);
+        assert!((cost(0.0244f64.sqrt()) - 0.5).abs() < 1e-12);
+    }
 }

@@ -120,3 +120,27 @@ pub fn rewired(recording: &Cross, reference: &Cross) -> Option<Rewired> {
         same,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn judged(parts: &[f64]) -> Judged {
+        Judged { wiring: Wiring::straight(2), agrees: 1.0, ln_likelihood: parts.iter().sum(), parts: parts.to_vec() }
+    }
+
+    /// Twenty parts that gain 10 ± 1 nats each: mean² m / Σ(g − mean)² = 100 · 20 / 20, and 10 ln 101 nats are left of 200. One part that gains all 200 has a mean of one standard error:
+    /// mean² m / Σ(g − mean)² = 100 · 20 / (190² + 19 · 10²) = 1/19.
+    #[test]
+    fn analytic_odds_are_no_surer_than_the_parts_scatter_allows() {
+        let nothing = judged(&[0.0; 20]);
+        let even: Vec<f64> = (0..20).map(|k| if k % 2 == 0 { 9.0 } else { 11.0 }).collect();
+        assert!((judged(&even).ln_odds(&nothing) - 10.0 * 101f64.ln()).abs() < 1e-9);
+        let mut one = [0.0; 20];
+        one[7] = 200.0;
+        assert!((judged(&one).ln_odds(&nothing) - 10.0 * (20f64 / 19.0).ln()).abs() < 1e-9);
+        // Few nats stay what they are, and so does what speaks against.
+        assert!((judged(&[0.1; 20]).ln_odds(&nothing) - 2.0).abs() < 1e-9);
+        assert_eq!(nothing.ln_odds(&judged(&even)), -200.0);
+    }
+}

@@ -386,3 +386,44 @@ fn shaft_of(place: Place) -> Option<usize> {
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read::lines::Family;
+
+    /// Mesh harmonics and sidebands of the input shaft about them, which change by so many standard deviations.
+    fn cells(mesh: f64, side: f64) -> Vec<Cell> {
+        let of = |family, z: f64| Cell {
+            pair: 0,
+            channel: 0,
+            family: Some(family),
+            frequency_hz: 500.0,
+            change: 0.1 * z,
+            variance: 0.01,
+        };
+        (1..=5)
+            .flat_map(|harmonic| {
+                let beside =
+                    [-2, -1, 1, 2].map(|offset| of(Family::Side { stage: 0, harmonic, shaft: 0, offset }, side));
+                std::iter::once(of(Family::Mesh { stage: 0, harmonic }, mesh)).chain(beside)
+            })
+            .collect()
+    }
+
+    /// Where sidebands move more than mesh harmonics, a stage's mask comes down to the gear's that gains nearly as much; not where the harmonics move most, nor from a mask that is
+    /// narrow, nor to one that gains half.
+    #[test]
+    fn analytic_a_wide_mask_comes_down_to_the_gear_whose_sidebands_move_most() {
+        let mask = |place, gain| Mask { place, gain, inside: 2.0, outside: 0.5, cells: 25 };
+        let down = |wide_one: Mask, gear_gain: f64, cells: &[Cell]| {
+            let ranked = [wide_one, mask(Place::Gear(0, 0), gear_gain)];
+            of_single_teeth(&wide_one, &ranked, cells).map(|m| m.place)
+        };
+        let stage = mask(Place::Stage(0), 100.0);
+        assert_eq!(down(stage, 95.0, &cells(1.0, 6.0)), Some(Place::Gear(0, 0)));
+        assert_eq!(down(stage, 95.0, &cells(6.0, 1.0)), None);
+        assert_eq!(down(stage, 50.0, &cells(1.0, 6.0)), None);
+        assert_eq!(down(mask(Place::FirstSide(0, 0), 100.0), 95.0, &cells(1.0, 6.0)), None);
+    }
+}

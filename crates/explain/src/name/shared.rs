@@ -182,13 +182,14 @@ mod tests {
         Scored { score: 0.0, ranked, fit: Some(refit::Fit { evidence, left, lines: 60 }) }
     }
 
-    /// Wear leads by what it and its like are ahead of what enters elsewhere, not of relief, an error of geometry as well; the same effect on another stage is a rival. What 60 lines leave
+    /// Wear leads by what it and its like are ahead of what enters elsewhere, not of relief or a profile error, which are errors of geometry as well; the same effect on another stage is a rival. What 60 lines leave
     /// beyond 1 and a scatter of √(2/60) each is half of it in nats.
     #[test]
     fn analytic_lead_and_excess_are_in_nats() {
         let mut all = vec![
             scored("tooth_wear", "stage1", -40.0, 1.2),
             scored("tip_relief", "stage1", -42.0, 1.3),
+            scored("profile_error", "stage1", -45.0, 1.4),
             scored("mesh_stiffness", "stage1", -55.0, 1.9),
         ];
         assert_eq!(lead(&all), 15.0);

@@ -4,7 +4,6 @@ use gearwatch_core::bench::EffectSpec;
 
 use super::Truth;
 use crate::judge::report::{Explanation, Status};
-use crate::name::classes;
 
 /// How one case was answered.
 #[derive(Clone, Debug)]
@@ -31,6 +30,18 @@ pub struct Scored {
     pub p_null: Option<f64>,
 }
 
+/// Effects that recordings of vibration cannot tell apart, on physical grounds: one damaged tooth; a mode on the way to the sensor; material that is missing from the flanks.
+const CLASSES: &[&[&str]] = &[
+    &["tooth_breakage", "root_crack", "pitting"],
+    &["sensor_mounting", "structural_resonance"],
+    &["tip_relief", "tooth_wear"],
+];
+
+/// Whether two effects are the same, or of one class.
+fn together(a: &str, b: &str) -> bool {
+    a == b || CLASSES.iter().any(|class| class.contains(&a) && class.contains(&b))
+}
+
 fn is_ripple(effect: &str) -> bool {
     matches!(effect, "torque_ripple" | "speed_fluctuation")
 }
@@ -40,7 +51,7 @@ pub fn is_right(truth: &EffectSpec, effect: &str, place: &str) -> bool {
     if is_ripple(&truth.effect) && is_ripple(effect) {
         return true;
     }
-    classes::together(&truth.effect, effect) && truth.place == place
+    together(&truth.effect, effect) && truth.place == place
 }
 
 /// Judges an answer.

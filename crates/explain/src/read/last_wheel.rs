@@ -100,10 +100,39 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> O
     }
     let best = tried.iter().map(|t| t.0).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?.0;
     let (gain, sure, teeth) = tried.swap_remove(best);
-    // A comb that is not there is like that of any other number. Where the sheet's stands above the rest of them it is there, and the other lines are made by something else.
-    let mut above: Vec<f64> = tried.iter().map(|t| -t.0).collect();
-    let there = !above.is_empty() && median(&mut above) > GAIN;
-    (gain > GAIN && sure > SURE && !there).then(|| {
+    let others: Vec<f64> = tried.iter().map(|t| t.0).collect();
+    (gain > GAIN && sure > SURE && !sheet_stands(&others)).then(|| {
         (OtherTeeth { stage, pinion: false, teeth, sheet, gain }, kinematics::with_teeth(bench, stage, false, teeth))
     })
+}
+
+/// Whether the sheet's own comb is there, by what the other tooth numbers gain on it, without the best of them. A comb that is not there is like that of any other number; where the sheet's
+/// stands above the rest of them it is there, and the lines of the best one are made by something else.
+fn sheet_stands(gains: &[f64]) -> bool {
+    let mut above: Vec<f64> = gains.iter().map(|gain| -gain).collect();
+    !above.is_empty() && median(&mut above) > GAIN
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two first orders, ten sidebands on each side of each mesh harmonic, no mesh harmonic itself.
+    #[test]
+    fn analytic_multiples_are_orders_and_sidebands() {
+        let all = multiples(40);
+        assert_eq!(all[..12], [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
+        assert_eq!(all[12], 30);
+        assert!(all.contains(&39) && all.contains(&41) && !all.contains(&40) && !all.contains(&60));
+        // Orders 1 to 12; the first harmonic's 20 sidebands, and so on to the eighth's.
+        assert_eq!(all.len(), 12 + 8 * 20);
+    }
+
+    /// The sheet's comb that all others fall short of is there; one that they equal, more or less, is not.
+    #[test]
+    fn analytic_a_sheet_that_other_numbers_fall_short_of_stands() {
+        assert!(sheet_stands(&[-0.9, -0.7, -0.5, 0.1]));
+        assert!(!sheet_stands(&[0.1, -0.1, 0.05, -0.3]));
+        assert!(!sheet_stands(&[]));
+    }
 }
