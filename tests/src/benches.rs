@@ -25,6 +25,7 @@ pub fn bench(motor_hz: f64, teeth: &[(u32, u32)]) -> Bench {
         line_of_centres_deg: 0.0,
         pinion: gear(pinion),
         wheel: gear(wheel),
+        gearing: Default::default(),
     };
     Bench {
         format: FORMAT.into(),

@@ -1,7 +1,7 @@
 //! Speed of each recording and the tooth numbers that the lines themselves show.
 
-use gearwatch_core::bench::Bench;
-use gearwatch_core::train::Train;
+use gearwatch_core::bench::{Bench, gearing};
+use gearwatch_core::train::{StageKinematics, Train};
 
 use crate::angle::CombField;
 use crate::dsp;
@@ -12,7 +12,7 @@ pub const SHAFT_MULTIPLES: u8 = 12;
 
 /// Orders of the comb that finds the speed: the first mesh harmonics of every stage.
 pub fn comb_orders(train: &Train) -> Vec<f64> {
-    train.stages.iter().flat_map(|stage| (1..=5).map(|h| stage.mesh_order * f64::from(h))).collect()
+    train.stages.iter().flat_map(StageKinematics::harmonic_orders).collect()
 }
 
 /// Largest change of the teeth of one gear that is tried.
@@ -99,7 +99,9 @@ pub fn stranger(
     }
     let (low, high) = (speed.input_hz * (1.0 - 1e-3), speed.input_hz * (1.0 + 1e-3));
     let comb = |order: f64| -> Vec<f64> { (1..=5).map(|h| order * f64::from(h)).collect() };
-    for (stage, kinematics) in bench.stages.iter().zip(&train.stages) {
+    // Sun or ring of another number of teeth alone cannot be assembled, so that the lines of a planetary stage are not asked for another pinion.
+    let pairs = bench.stages.iter().zip(&train.stages).filter(|(_, kinematics)| kinematics.planetary.is_none());
+    for (stage, kinematics) in pairs {
         let own = field.search(&comb(kinematics.mesh_order), low, high).1;
         let mut others: Vec<(f64, u32)> = Vec::new();
         for teeth in TRIED_TEETH {
@@ -185,7 +187,7 @@ pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
     let mut out = comb_orders(train);
     for stage in &train.stages {
         for h in 1..=3 {
-            let centre = stage.mesh_order * f64::from(h);
+            let centre = stage.harmonic_order(h);
             for shaft in [stage.pinion_order, stage.wheel_order] {
                 out.extend([centre - shaft, centre + shaft]);
             }
@@ -230,14 +232,21 @@ impl Moved {
     }
 }
 
-/// The bench with other teeth on one gear.
-pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Bench {
+/// The bench with other teeth on one gear, of a planetary stage on sun or ring with the planets that then fit between them; none where it could not be
+/// assembled.
+pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Option<Bench> {
     let mut other = bench.clone();
-    if let Some(s) = other.stages.get_mut(stage) {
-        let gear = if pinion { &mut s.pinion } else { &mut s.wheel };
-        gear.teeth = teeth;
+    let s = other.stages.get_mut(stage)?;
+    let gear = if pinion { &mut s.pinion } else { &mut s.wheel };
+    let more = i64::from(teeth) - i64::from(gear.teeth);
+    gear.teeth = teeth;
+    if let Some(set) = &mut s.gearing.planetary {
+        // The ring has twice as many more teeth as the planets, the sun as many fewer.
+        let twice = if pinion { -more } else { more };
+        set.planet.teeth = u32::try_from(i64::from(set.planet.teeth) + twice / 2).ok()?;
+        (twice % 2 == 0 && gearing::problems(s).is_empty()).then_some(())?;
     }
-    other
+    Some(other)
 }
 
 /// Speeds of all recordings by the bench file's own teeth.
@@ -314,7 +323,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                 if change == 0 || teeth < 5 {
                     continue;
                 }
-                let candidate = with_teeth(bench, i, pinion, teeth);
+                let Some(candidate) = with_teeth(bench, i, pinion, teeth) else { continue };
                 if all.iter().any(|steady| against_display(&candidate, steady)) {
                     continue;
                 }
@@ -350,7 +359,7 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                 .flat_map(|change| [-change, change])
                 .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
                 .filter(|teeth| *teeth >= *TRIED_TEETH.start())
-                .map(|teeth| lines(&with_teeth(bench, gear.stage, gear.pinion, teeth), false).0)
+                .filter_map(|teeth| Some(lines(&with_teeth(bench, gear.stage, gear.pinion, teeth)?, false).0))
                 .collect();
             stands_out(*score, base.0, &nobody)
         })

@@ -57,11 +57,11 @@ fn unit(bench: &Bench, train: &Train, rate: f64) -> Option<Finding> {
 fn band(train: &Train, input_hz: f64, rate: f64) -> Vec<Finding> {
     let mut out = Vec::new();
     for stage in &train.stages {
-        let mesh_hz = stage.mesh_order * input_hz;
-        let above = |limit: f64| (1..=HARMONICS).find(|k| *k as f64 * mesh_hz > limit * rate);
-        let needed = HARMONICS as f64 * mesh_hz / FILTER_BEGINS;
+        let hz = |k: usize| stage.harmonic_order(k) * input_hz;
+        let above = |limit: f64| (1..=HARMONICS).find(|k| hz(*k) > limit * rate);
+        let needed = hz(HARMONICS) / FILTER_BEGINS;
         let found = |k: usize, limit: f64| {
-            format!("{k}x lies at {:.0} Hz, above {limit} of the sample rate of {rate} Hz", k as f64 * mesh_hz)
+            format!("{k}x lies at {:.0} Hz, above {limit} of the sample rate of {rate} Hz", hz(k))
         };
         let (severity, found, advice) = match (above(FILTERED), above(FILTER_BEGINS)) {
             (Some(1), _) => (
@@ -101,7 +101,7 @@ fn coinciding(train: &Train, input_hz: f64) -> Vec<Finding> {
     for (i, a) in train.stages.iter().enumerate() {
         for b in &train.stages[i + 1..] {
             for (k, m) in (1..=HARMONICS).flat_map(|k| (1..=HARMONICS).map(move |m| (k, m))) {
-                let apart_hz = (k as f64 * a.mesh_order - m as f64 * b.mesh_order).abs() * input_hz;
+                let apart_hz = (a.harmonic_order(k) - b.harmonic_order(m)).abs() * input_hz;
                 if apart_hz < TOGETHER_HZ {
                     out.push(Finding {
                         id: "coinciding_lines",

@@ -91,7 +91,8 @@ fn found(bench: &Bench, lags: &[(&Heard<'_>, f64)]) -> Option<Finding> {
 
 /// The teeth of the first pinion by sheet, and others that would put all lines where they are, in every recording.
 fn same_as_teeth(bench: &Bench, lags: &[(&Heard<'_>, f64)]) -> Option<(u32, u32)> {
-    let sheet = bench.stages.first()?.pinion.teeth;
+    // Another sun would need another planet and another ring.
+    let sheet = bench.stages.first().filter(|stage| stage.gearing.planetary.is_none())?.pinion.teeth;
     let slipping: Vec<f64> = lags.iter().filter(|(one, _)| one.slips).map(|lag| 1.0 - lag.1).collect();
     let first = *slipping.first()?;
     let other = (first * f64::from(sheet)).round();

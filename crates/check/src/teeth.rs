@@ -32,7 +32,7 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
         .zip(&speeds)
         .all(|(one, speed)| (one.slips || !one.is_settled()) && speed.score > one.stated_score + 1.0);
     let stage = &bench.stages[teeth.stage];
-    let gear = if teeth.pinion { "pinion" } else { "wheel" };
+    let gear = stage.gear_names()[usize::from(!teeth.pinion)];
     vec![Finding {
         id: "tooth_number",
         severity: if sure { Severity::Wrong } else { Severity::Doubtful },

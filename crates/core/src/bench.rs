@@ -9,10 +9,14 @@ use serde::{Deserialize, Serialize};
 
 pub mod bearing;
 mod bounds;
+pub mod gearing;
+pub mod stage;
 pub mod term;
 
 pub use bearing::{Bearing, BearingOrders, IndicatorSettings};
 pub use bounds::{LONGEST_NAME, MOST_PARTS, MOST_STAGES, MOST_TEETH};
+pub use gearing::{Gearing, Hand, Helix, Member, Planetary};
+pub use stage::{Gear, Stage, StageKind};
 pub use term::Term;
 
 /// The value of the key `format`.
@@ -161,53 +165,6 @@ pub struct Shaft {
     pub bearing_damping_n_s_per_m: f64,
 }
 
-/// A gear pair.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Stage {
-    /// Unique name.
-    pub name: String,
-    /// Normal module (mm, > 0).
-    #[serde(default = "defaults::module_mm")]
-    pub module_mm: f64,
-    /// (degrees, 10–35).
-    #[serde(default = "defaults::pressure_angle_deg")]
-    pub pressure_angle_deg: f64,
-    /// (mm, > 0).
-    #[serde(default = "defaults::face_width_mm")]
-    pub face_width_mm: f64,
-    /// Total, along the line of action (µm, ≥ 0).
-    #[serde(default = "defaults::backlash_um")]
-    pub backlash_um: f64,
-    /// Fraction of critical of the mesh mode (0–1).
-    #[serde(default = "defaults::mesh_damping_ratio")]
-    pub mesh_damping_ratio: f64,
-    /// From +x, counter-clockwise, seen from the motor, pinion to wheel (degrees).
-    #[serde(default)]
-    pub line_of_centres_deg: f64,
-    /// The driving gear, on shaft i.
-    pub pinion: Gear,
-    /// The driven gear, on shaft i + 1.
-    pub wheel: Gear,
-}
-
-/// One gear.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Gear {
-    /// Number of teeth (5 to [`MOST_TEETH`]).
-    pub teeth: u32,
-    /// Bore diameter (mm); a quarter of the pitch diameter where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub bore_mm: Option<f64>,
-    /// (kg); that of a solid disc with the bore where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mass_kg: Option<f64>,
-    /// (kg m²); that of a solid disc with the bore where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub inertia_kg_m2: Option<f64>,
-}
-
 /// Material of all gears.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -341,21 +298,6 @@ mod defaults {
     pub(super) fn bearing_damping_n_s_per_m() -> f64 {
         1500.0
     }
-    pub(super) fn module_mm() -> f64 {
-        3.0
-    }
-    pub(super) fn pressure_angle_deg() -> f64 {
-        20.0
-    }
-    pub(super) fn face_width_mm() -> f64 {
-        20.0
-    }
-    pub(super) fn backlash_um() -> f64 {
-        80.0
-    }
-    pub(super) fn mesh_damping_ratio() -> f64 {
-        0.06
-    }
     pub(super) fn unit() -> String {
         "m/s^2".to_owned()
     }
@@ -429,14 +371,7 @@ impl Bench {
             ));
         }
         for stage in &self.stages {
-            for (which, gear) in [("pinion", &stage.pinion), ("wheel", &stage.wheel)] {
-                if gear.teeth < 5 {
-                    out.push(format!(
-                        "stage {:?}: {which} has {} teeth; an involute gear has at least 5",
-                        stage.name, gear.teeth
-                    ));
-                }
-            }
+            out.extend(gearing::problems(stage));
             if !(10.0..=35.0).contains(&stage.pressure_angle_deg) {
                 out.push(format!(
                     "stage {:?}: pressure_angle_deg is {}; expected 10 to 35 degrees (20 is usual)",

@@ -50,6 +50,8 @@ pub enum JudgeError {
 pub struct Judge {
     config: JudgeConfig,
     stages: Vec<String>,
+    /// Stages whose states no table knows, by position; empty where all are of one kind.
+    without_states: Vec<bool>,
     normal: Option<Surface>,
     signatures: Signatures,
     doubts: Doubts,
@@ -76,12 +78,24 @@ impl Judge {
         if let Some(baseline) = baseline.filter(|b| b.stages != stages) {
             return Err(JudgeError::Stages { baseline: baseline.stages.clone(), bench: stages });
         }
-        Ok(Self { config, stages, normal, signatures: Signatures::Everywhere(signatures), doubts: Doubts::default() })
+        Ok(Self {
+            config,
+            stages,
+            without_states: Vec::new(),
+            normal,
+            signatures: Signatures::Everywhere(signatures),
+            doubts: Doubts::default(),
+        })
     }
 
     /// Compares with other states from now on.
     pub fn set_signatures(&mut self, signatures: Signatures) {
         self.signatures = signatures;
+    }
+
+    /// Leaves the stages that are marked uncompared with states: those of the paper, and of the simulator, are of spur pairs.
+    pub fn leave_states(&mut self, marked: Vec<bool>) {
+        self.without_states = marked;
     }
 
     /// The doubts that verdicts carry; setting them holds for all that share this judge.
@@ -165,7 +179,8 @@ impl Judge {
             match (&place, &self.normal) {
                 (Ok(place), Some(normal)) => {
                     normal.write_name(place, &mut verdict.cell);
-                    self.compare(verdict, &deviations(index, normal, place), &path);
+                    let with_states = !self.without_states.get(index).copied().unwrap_or(false);
+                    self.compare(verdict, &deviations(index, normal, place), &path, with_states);
                     if let Some(indicators) = &mut verdict.indicators {
                         indicators.compare(index, &|position| normal.indicator(place, &window.sensor, position));
                     }
@@ -211,7 +226,7 @@ impl Judge {
         }
     }
 
-    fn compare(&self, verdict: &mut Verdict, deviations: &StageDeviations, path: &Path) {
+    fn compare(&self, verdict: &mut Verdict, deviations: &StageDeviations, path: &Path, with_states: bool) {
         if deviations.lines.iter().all(Option::is_none) {
             verdict.reason = Reason::BaselineTooSmall;
             return;
@@ -232,7 +247,7 @@ impl Judge {
             let torn = self.config.state.is_path_or_gear(&self.config.rank, &deviations.lines, path);
             verdict.reason = if torn { Reason::PathOrGear } else { Reason::NotResolved };
         }
-        if verdict.machine != MachineState::PathChanged {
+        if with_states && verdict.machine != MachineState::PathChanged {
             let percents: [Estimate; HARMONICS] = std::array::from_fn(|h| verdict.harmonics[h].deviation_percent);
             let table = self.signatures.of(verdict);
             verdict.state_fit = table.map_or(StateFit::NotCompared, |table| {

@@ -13,7 +13,7 @@ use thiserror::Error;
 use crate::analysis::{SpeedOrigin, StageAnalysis, WindowAnalysis};
 use crate::assemble::Assembler;
 use crate::baseline::Baseline;
-use crate::bench::{Bearing, Bench};
+use crate::bench::{Bearing, Bench, Gearing};
 use crate::estimate::Estimate;
 use crate::health::instrument_state;
 use crate::indicators::plan::{IndicatorState, Known};
@@ -144,7 +144,8 @@ impl Pipeline {
         }
         let stages = bench.stages.iter().map(|s| s.name.clone()).collect();
         let judging = JudgeConfig { rank: config.rank, state: config.state };
-        let judge = Judge::new(judging, stages, baseline.as_ref(), SignatureTable::paper())?;
+        let mut judge = Judge::new(judging, stages, baseline.as_ref(), SignatureTable::paper())?;
+        judge.leave_states(bench.stages.iter().map(|stage| stage.gearing != Gearing::default()).collect());
         let train = Train::new(bench);
         let of_bearing = |bearing: &Bearing| {
             let shaft = train.shaft_order(&bearing.shaft).unwrap_or(f64::NAN);

@@ -8,6 +8,9 @@ pub enum ExplainError {
     /// The values of the bench file contradict each other.
     #[error("the bench file cannot be used: {0}")]
     Bench(String),
+    /// The bench has gears that the simulator does not know.
+    #[error("{0}")]
+    Beyond(String),
     /// There is nothing to judge.
     #[error("there is no recording to explain; name MCAP files or a folder that holds some")]
     NoRecording,

@@ -45,6 +45,9 @@ pub struct Answer {
 /// # Errors
 /// When bench file and recordings cannot be compared at all; the message says why.
 pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
+    if let Some(why) = input.bench.beyond_simulator() {
+        return Err(ExplainError::Beyond(why));
+    }
     progress("sensors, cables and converters");
     let mut examined = instrument::examine(input.bench, input.recordings, input.reference);
     let rest = Input { recordings: &examined.recordings, reference: &examined.reference, ..*input };

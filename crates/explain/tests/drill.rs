@@ -406,7 +406,7 @@ fn regress_slip_and_rate_of_a_real_motor_are_told_apart() {
 fn literature_a_tooth_off_in_a_faint_stage_is_counted() {
     for recording in recordings("hb", &[30]) {
         for sheet in [47, 48, 49] {
-            let sheet = kinematics::with_teeth(&bench(), 1, true, sheet);
+            let sheet = kinematics::with_teeth(&bench(), 1, true, sheet).unwrap();
             let steady: Vec<Steady<'_>> = steady(&sheet, &Train::new(&sheet), &recording).ok().into_iter().collect();
             let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut Transforms::default())).collect();
             let found = kinematics::other_teeth(&sheet, &steady, &fields).map(|f| (f.0.stage, f.0.pinion, f.0.teeth));

@@ -66,16 +66,16 @@ pub fn to_toml(bench: &Bench) -> Result<String, toml::ser::Error> {
 /// Keys that mean another kind of gear, and what to say of them.
 const OTHER_GEARS: [(&[&str], &str); 3] = [
     (
-        &["helix_angle_deg", "helix_deg", "beta_deg", "hand", "overlap_ratio"],
-        "gears are external spur gears; a helical pair has other mesh lines and stiffness, and is not simulated as if it were spur",
+        &["helix_deg", "helix_angle", "beta_deg", "overlap_ratio"],
+        "a helical stage is kind = \"helical\" with helix_angle_deg, and hand in each gear",
     ),
     (
-        &["planets", "sun", "ring", "carrier", "planetary", "kind", "internal"],
-        "each [[stage]] is one external spur pair that joins two shafts; planetary and internal stages are not known",
+        &["planets", "carrier", "planetary", "planet_count"],
+        "a planetary stage is kind = \"planetary\" with sun = { teeth }, planet = { teeth, count }, ring = { teeth }, and the members that are fixed, in and out",
     ),
     (
         &["profile_shift", "profile_shift_x", "addendum_modification", "centre_distance_mm", "tip_diameter_mm"],
-        "gears have no profile shift and run at the centre distance m (z1 + z2)/2; leave the key out where only ranks are wanted, which need tooth numbers alone",
+        "the simulator's gears have no profile shift and run at the centre distance m (z1 + z2)/2; leave the key out where only ranks are wanted, which need tooth numbers alone (profile_shifted = true tells the check of a planetary or helical stage that there is some)",
     ),
 ];
 
@@ -131,6 +131,9 @@ fn distance(a: &str, b: &str) -> usize {
 }
 
 #[cfg(test)]
+mod kinds;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -180,7 +183,7 @@ place = "output.bearing"
 parameters = { gap_m = 1.0e-5 }
 "#;
 
-    fn error(text: &str) -> String {
+    pub(super) fn error(text: &str) -> String {
         parse(text, Path::new("b.toml")).unwrap_err().to_string()
     }
 
@@ -194,8 +197,8 @@ parameters = { gap_m = 1.0e-5 }
     #[test]
     fn conform_a_key_of_another_kind_of_gear_is_refused_with_what_is_supported() {
         for (key, says) in [
-            ("helix_angle_deg = 12.0", "external spur gears"),
-            ("planets = 3", "planetary and internal stages are not known"),
+            ("beta_deg = 12.0", "kind = \"helical\" with helix_angle_deg"),
+            ("planets = 3", "kind = \"planetary\" with sun"),
             ("centre_distance_mm = 200.0", "no profile shift"),
         ] {
             let text = error(&SMALL.replace("name = \"stage1\"", &format!("name = \"stage1\"\n{key}")));

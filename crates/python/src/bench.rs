@@ -95,6 +95,7 @@ impl Bench {
             out.set_item("pinion_order", stage.pinion_order)?;
             out.set_item("wheel_order", stage.wheel_order)?;
             out.set_item("mesh_order", stage.mesh_order)?;
+            out.set_item("harmonic_orders", stage.harmonic_orders().to_vec())?;
             Ok(out)
         };
         Train::new(&self.inner).stages.iter().map(one).collect()

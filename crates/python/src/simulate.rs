@@ -194,7 +194,7 @@ pub fn steady(
     let torque_nm = torque_nm.unwrap_or(bench.brake.torque_nm);
     let harmonics = || {
         let stages = Train::new(&bench).stages;
-        stages.iter().flat_map(|stage| (1..=HARMONICS).map(|h| h as f64 * stage.mesh_order)).collect()
+        stages.iter().flat_map(gearwatch_core::train::StageKinematics::harmonic_orders).collect()
     };
     let orders = orders.unwrap_or_else(harmonics);
     interruptible(py, None, move |_| {

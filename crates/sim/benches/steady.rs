@@ -37,6 +37,7 @@ fn rig() -> Bench {
             line_of_centres_deg,
             pinion: gear(pinion),
             wheel: gear(wheel),
+            gearing: Default::default(),
         }
     };
     let sensor = |name: &str, shaft: &str, direction_deg| Sensor {

@@ -159,11 +159,20 @@ fn apply_state(state: signatures::State, spec: &EffectSpec, setup: &mut SimSetup
     signatures::damage(setup, stage, wheel, state).map_err(|error| problem(error.to_string()))
 }
 
+/// Whether the simulator knows the gears of a bench.
+///
+/// # Errors
+/// A sentence that names the stage and says what is supported.
+pub fn supported(bench: &Bench) -> Result<(), EffectError> {
+    bench.beyond_simulator().map_or(Ok(()), |why| Err(EffectError::Beyond(why)))
+}
+
 /// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order, then its `[[term]]` tables.
 ///
 /// # Errors
 /// As [`apply`].
 pub fn setup(bench: &Bench, further: &[EffectSpec]) -> Result<SimSetup, EffectError> {
+    supported(bench)?;
     let mut setup = SimSetup::nominal(bench);
     for spec in bench.effects.iter().chain(further) {
         apply(spec, &mut setup)?;

@@ -30,6 +30,16 @@ pub const BENCHES: &[Shipped] = &[
         help: "two stages 32/80 and 48/64, driven directly, as in many public recordings",
         text: include_str!("shipped/spectraquest-like.toml"),
     },
+    Shipped {
+        name: "helical-two-stage",
+        help: "two helical stages 23/67 and 29/71; watched and judged, not simulated",
+        text: include_str!("shipped/helical-two-stage.toml"),
+    },
+    Shipped {
+        name: "planetary-parallel",
+        help: "sun 28, four planets 36, ring 100, then 29/100; watched and judged, not simulated",
+        text: include_str!("shipped/planetary-parallel.toml"),
+    },
 ];
 
 /// The bench of the demonstration, as a bench file.

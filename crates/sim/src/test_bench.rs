@@ -58,6 +58,7 @@ fn stage(name: &str, pinion: u32, wheel: u32, line_of_centres_deg: f64) -> Stage
         line_of_centres_deg,
         pinion: gear(pinion),
         wheel: gear(wheel),
+        gearing: Default::default(),
     }
 }
 

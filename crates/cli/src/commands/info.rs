@@ -16,6 +16,8 @@ use gearwatch_io::summary::{ChannelSummary, Summary};
 use gearwatch_io::text::{open_regular, read_text};
 use serde_json::{Value, json};
 
+mod stages;
+
 use super::Run;
 use crate::exit::Exit;
 use crate::format::Format;
@@ -141,15 +143,7 @@ fn bench(path: &Path) -> anyhow::Result<Said> {
         bench.motor.speed_hz,
         bench.acquisition.sample_rate_hz
     )?;
-    let mut stages = Vec::new();
-    for stage in &train.stages {
-        let mesh_hz = stage.mesh_order * train.nominal_input_hz;
-        writeln!(text, "  {}: {} / {} teeth, mesh {mesh_hz:.2} Hz", stage.name, stage.pinion_teeth, stage.wheel_teeth)?;
-        stages.push(json!({
-            "name": stage.name, "pinion_teeth": stage.pinion_teeth, "wheel_teeth": stage.wheel_teeth,
-            "mesh_order": stage.mesh_order, "mesh_hz": mesh_hz,
-        }));
-    }
+    let stages = stages::stages(&mut text, &bench, &train)?;
     for sensor in &bench.sensors {
         writeln!(text, "  sensor {} on {}, {}", sensor.name, sensor.shaft, sensor.unit)?;
     }

@@ -26,10 +26,20 @@ pub struct Machine {
 pub struct Teeth {
     /// The stage.
     pub name: String,
-    /// Of the driving gear.
+    /// Of the driving gear; of the sun in a planetary stage.
     pub pinion: u32,
-    /// Of the driven gear.
+    /// Of the driven gear; of the ring in a planetary stage.
     pub wheel: u32,
+    /// Planets and the members' parts, in words; `None` for a pair.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub planets: Option<String>,
+}
+
+/// What of a planetary stage decides where its lines are, besides the teeth of sun and ring.
+fn planets(set: &crate::bench::Planetary) -> String {
+    let [fixed, input, output] = [set.fixed, set.input, set.output].map(crate::bench::Member::word);
+    let at = if set.positions_deg.is_empty() { String::new() } else { format!(" at {:?} degrees", set.positions_deg) };
+    format!("{} of {} teeth{at}, {fixed} fixed, {input} in, {output} out", set.planets, set.planet.teeth)
 }
 
 /// A sensor and where it sits.
@@ -74,6 +84,7 @@ impl Machine {
             name: stage.name.clone(),
             pinion: stage.pinion.teeth,
             wheel: stage.wheel.teeth,
+            planets: stage.gearing.planetary.as_ref().map(planets),
         };
         let mounted = |sensor: &crate::bench::Sensor| Mounted {
             name: sensor.name.clone(),
@@ -108,10 +119,15 @@ impl Machine {
             if was.name != is.name {
                 changed(field("name"), &was.name, &is.name, true);
             }
-            for (what, was, is) in [("pinion.teeth", was.pinion, is.pinion), ("wheel.teeth", was.wheel, is.wheel)] {
+            let [first, second] = if is.planets.is_some() { ["sun", "ring"] } else { ["pinion", "wheel"] };
+            for (gear, was, is) in [(first, was.pinion, is.pinion), (second, was.wheel, is.wheel)] {
                 if was != is {
-                    changed(field(what), &was, &is, true);
+                    changed(field(&format!("{gear}.teeth")), &was, &is, true);
                 }
+            }
+            if was.planets != is.planets {
+                let said = |planets: &Option<String>| planets.clone().unwrap_or_else(|| "none, a pair".to_owned());
+                changed(field("planets"), &said(&was.planets), &said(&is.planets), true);
             }
         }
         for was in &self.sensors {

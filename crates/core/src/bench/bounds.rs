@@ -143,7 +143,7 @@ impl Check {
             self.within(place("backlash_um"), stage.backlash_um, &BACKLASH);
             self.within(place("mesh_damping_ratio"), stage.mesh_damping_ratio, &DAMPING_RATIO);
             self.within(place("line_of_centres_deg"), stage.line_of_centres_deg, &ANGLE);
-            for (which, gear) in [("pinion", &stage.pinion), ("wheel", &stage.wheel)] {
+            for (which, gear) in &stage.gears() {
                 let part = |key: &'static str| move || format!("stage {:?}: {which}.{key}", stage.name);
                 if gear.teeth > MOST_TEETH {
                     self.0.push(format!("{} is {}; expected 5 to {MOST_TEETH}", part("teeth")(), gear.teeth));

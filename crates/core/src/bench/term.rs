@@ -473,12 +473,14 @@ impl Term {
             if self.place == spec.name {
                 return Ok(Flanks::Mesh(stage));
             }
-            for (wheel, which) in [(false, "pinion"), (true, "wheel")] {
+            let [first, second] = spec.gear_names();
+            for (wheel, which) in [(false, first), (true, second)] {
                 if self.place == format!("{}.{which}", spec.name) {
                     return Ok(Flanks::Gear { stage, wheel });
                 }
             }
-            known.extend([spec.name.clone(), format!("{}.pinion", spec.name), format!("{}.wheel", spec.name)]);
+            known.push(spec.name.clone());
+            known.extend(spec.gear_names().map(|gear| format!("{}.{gear}", spec.name)));
         }
         Err(self.wrong(self.no_place(known.into_iter())))
     }

@@ -57,7 +57,7 @@ pub fn columns(bench: &Bench) -> Vec<Column> {
     };
     of_channel.into_iter().for_each(|column| push("", column));
     for stage in &bench.stages {
-        for side in ["pinion", "wheel"] {
+        for side in stage.gear_names() {
             let place = format!("{}.{side}", stage.name);
             of_gear.into_iter().for_each(|column| push(&place, column));
         }

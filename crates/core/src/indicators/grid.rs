@@ -43,7 +43,7 @@ fn fractions(train: &Train) -> Vec<Option<(u128, u128)>> {
     for stage in &train.stages {
         let last = out.last().copied().flatten();
         out.push(last.and_then(|(p, q): (u128, u128)| {
-            let (p, q) = (p.checked_mul(stage.pinion_teeth.into())?, q.checked_mul(stage.wheel_teeth.into())?);
+            let (p, q) = (p.checked_mul(stage.ratio.0.into())?, q.checked_mul(stage.ratio.1.into())?);
             let common = gcd(p, q);
             Some((p / common, q / common))
         }));
@@ -124,16 +124,9 @@ mod tests {
     fn train(teeth: &[(u32, u32)]) -> Train {
         let (mut order, mut shafts, mut stages) = (1.0, vec![("s0".to_owned(), 1.0)], vec![]);
         for (i, &(pinion, wheel)) in teeth.iter().enumerate() {
-            let next = order * f64::from(pinion) / f64::from(wheel);
-            stages.push(StageKinematics {
-                name: format!("stage{i}"),
-                pinion_teeth: pinion,
-                wheel_teeth: wheel,
-                pinion_order: order,
-                wheel_order: next,
-                mesh_order: order * f64::from(pinion),
-            });
-            order = next;
+            let stage = StageKinematics::pair(&format!("stage{i}"), pinion, wheel, order);
+            order = stage.wheel_order;
+            stages.push(stage);
             shafts.push((format!("s{}", i + 1), order));
         }
         Train { motor_order: 1.0, shafts, stages, nominal_input_hz: 25.0 }

@@ -174,9 +174,7 @@ impl SpeedPlan {
         let (mut real, mut complex) = (RealFftPlanner::new(), FftPlanner::new());
         let mut group_plan = |group: crate::indicators::grid::Group| {
             let shaft_plan = |&(shaft, points): &(usize, usize)| {
-                let pinion = train.stages.get(shaft).map(|s| (shaft, 0, s.pinion_teeth));
-                let before = shaft.checked_sub(1).and_then(|i| train.stages.get(i).map(|s| (i, 1, s.wheel_teeth)));
-                let gears = pinion.into_iter().chain(before);
+                let gears = train.gears_on(shaft).into_iter();
                 let plan = ShaftPlan::new(points, gears, &mut real, &mut complex);
                 plan.prepare(state);
                 (train.shafts[shaft].1, points, plan)

@@ -204,20 +204,28 @@ impl Harmonics {
             *stage = StageAnalysis::UNKNOWN;
             stage.mesh_hz = kinematics.mesh_order * revolutions * rate_per_window;
             let first_centre = (kinematics.mesh_order * revolutions).round();
-            let Work { theta, carrier, power, .. } = work;
-            let (re, im) = (&mut carrier.re[..m], &mut carrier.im[..m]);
-            rotation(&theta[..m], kinematics.mesh_order, first_centre, re, im);
-            power.re[..m].copy_from_slice(re);
-            power.im[..m].copy_from_slice(im);
+            let comb = kinematics.is_comb();
+            if comb {
+                let Work { theta, carrier, power, .. } = work;
+                let (re, im) = (&mut carrier.re[..m], &mut carrier.im[..m]);
+                rotation(&theta[..m], kinematics.mesh_order, first_centre, re, im);
+                power.re[..m].copy_from_slice(re);
+                power.im[..m].copy_from_slice(im);
+            }
             for h in 0..HARMONICS {
-                if h > 0 {
-                    let Work { carrier, power, .. } = work;
-                    advance(&mut power.re[..m], &mut power.im[..m], carrier);
-                }
                 let at = s * HARMONICS + h;
                 let (Some(band), Some(solution)) = (self.lines.bands.get(at), cell.bands.get(at)) else { continue };
-                let centre = first_centre as i64 * (h as i64 + 1);
-                process_band(work, common, (at, band), solution, centre, stage);
+                let mut centre = first_centre * (h + 1) as f64;
+                let Work { theta, carrier, power, .. } = work;
+                let (re, im) = (&mut power.re[..m], &mut power.im[..m]);
+                if !comb {
+                    // Planets out of phase: no harmonic is a power of the first.
+                    centre = (band.order * revolutions).round();
+                    rotation(&theta[..m], band.order, centre, re, im);
+                } else if h > 0 {
+                    advance(re, im, carrier);
+                }
+                process_band(work, common, (at, band), solution, centre as i64, stage);
             }
         }
     }

@@ -2,8 +2,7 @@
 
 use num_complex::Complex64;
 
-use crate::train::Train;
-use crate::verdict::HARMONICS;
+use crate::train::{StageKinematics, Train};
 
 /// Mains frequencies of the world (Hz).
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
@@ -47,7 +46,7 @@ fn around(spectrum: &[Complex64], hz: f64, length_s: f64, reach: f64) -> f64 {
 fn is_of_machine(hz: f64, reach_hz: f64, train: &Train, input_hz: f64) -> bool {
     let shafts = train.shafts.iter().map(|(_, order)| *order).chain([train.motor_order]);
     let turns = shafts.flat_map(|order| [order, 2.0 * order]);
-    let meshes = train.stages.iter().flat_map(|s| (1..=HARMONICS).map(|k| k as f64 * s.mesh_order));
+    let meshes = train.stages.iter().flat_map(StageKinematics::harmonic_orders);
     turns.chain(meshes).any(|order| (order * input_hz - hz).abs() <= 2.0 * reach_hz + DRIFT * hz)
 }
 

@@ -56,7 +56,7 @@ pub struct Band {
     pub stage: usize,
     /// 0 for 1x.
     pub harmonic: usize,
-    /// Mesh order times the harmonic's number (input-shaft orders).
+    /// Of the harmonic: its number times the mesh order, or what a planetary stage shows in its place (input-shaft orders).
     pub order: f64,
     /// The carrier first.
     pub unknowns: Vec<Unknown>,
@@ -86,7 +86,7 @@ pub struct LinePlan {
     pub bands: Vec<Band>,
     /// In an order in which products refer to earlier ones only.
     pub tables: Vec<Table>,
-    /// Largest offset of a line that is reported.
+    /// Largest offset of a line of the stage itself.
     pub widest_offset: f64,
 }
 
@@ -95,25 +95,27 @@ struct KnownLine {
     order: f64,
     stage: usize,
     harmonic: usize,
-    slot: Slot,
+    /// None for what only must be separated: lines that passing planets or idlers make.
+    slot: Option<Slot>,
 }
 
 fn known_lines(train: &Train) -> Vec<KnownLine> {
     let mut out = Vec::new();
     for (s, stage) in train.stages.iter().enumerate() {
         for harmonic in 0..HARMONICS {
-            let carrier = stage.mesh_order * (harmonic + 1) as f64;
+            let carrier = stage.harmonic_order(harmonic + 1);
             let mut add = |offset: f64, slot| {
                 out.push(KnownLine { order: carrier + offset, stage: s, harmonic, slot });
             };
-            add(0.0, Slot::Carrier);
+            add(0.0, Some(Slot::Carrier));
             for k in 0..SIDEBANDS {
                 for (above, sign) in [(false, -1.0), (true, 1.0)] {
                     let times = sign * (k + 1) as f64;
-                    add(times * stage.pinion_order, Slot::Pinion(k, above));
-                    add(times * stage.wheel_order, Slot::Wheel(k, above));
+                    add(times * stage.pinion_order, Some(Slot::Pinion(k, above)));
+                    add(times * stage.wheel_order, Some(Slot::Wheel(k, above)));
                 }
             }
+            stage.beside(harmonic + 1).into_iter().for_each(|offset| add(offset, None));
         }
     }
     out
@@ -130,7 +132,9 @@ impl LinePlan {
         for (s, stage) in train.stages.iter().enumerate() {
             widest_offset = widest_offset.max(SIDEBANDS as f64 * stage.pinion_order.max(stage.wheel_order));
             for harmonic in 0..HARMONICS {
-                let order = stage.mesh_order * (harmonic + 1) as f64;
+                let order = stage.harmonic_order(harmonic + 1);
+                let beside = stage.beside(harmonic + 1);
+                widest_offset = beside.iter().fold(widest_offset, |widest, offset| widest.max(offset.abs()));
                 let (unknowns, own) = unknowns(&known, s, harmonic, order, half_width, revolutions, &mut tables);
                 bands.push(Band {
                     stage: s,
@@ -183,13 +187,13 @@ fn unknowns(
         let offset = line.order - order;
         match out.iter_mut().find(|u| (u.offset - offset).abs() < merge) {
             Some(unknown) => {
-                unknown.slots.push(line.slot);
+                unknown.slots.extend(line.slot);
                 unknown.shared = true;
             }
             None => out.push(Unknown {
                 offset,
-                table: table_of(offset, line.slot, tables),
-                slots: vec![line.slot],
+                table: table_of(offset, line.slot.unwrap_or(Slot::Carrier), tables),
+                slots: line.slot.into_iter().collect(),
                 shared: false,
             }),
         }

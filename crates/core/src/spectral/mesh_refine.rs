@@ -175,7 +175,7 @@ kernels! {
         }
         let bands = state.bands.re.as_chunks().0.iter().zip(state.bands.im.as_chunks().0);
         for (used, (re, im)) in state.used.iter().zip(bands) {
-            let rotator = &mut state.rotators[used.line.stage];
+            let rotator = &mut state.rotators[used.line.comb];
             rotator.turn_to(used.line, start, &angle);
             let [re, im] = rotator.take_out(re, im);
             let [sum_re, sum_im] = totals(simd, &re, &im);
@@ -207,7 +207,7 @@ kernels! {
         }
         let bands = state.bands.re.as_chunks().0.iter().zip(state.bands.im.as_chunks().0);
         for (used, (re, im)) in state.used.iter_mut().zip(bands) {
-            let rotator = &mut state.rotators[used.line.stage];
+            let rotator = &mut state.rotators[used.line.comb];
             rotator.turn_to(used.line, start, &angle);
             let [re, im] = rotator.take_out(re, im);
             let [sum_re, sum_im] = totals(simd, &re, &im);

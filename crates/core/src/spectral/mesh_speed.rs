@@ -17,6 +17,7 @@ use crate::spectral::kernels::{Phasors, kernels, powers};
 use crate::spectral::mesh_refine::{Basis, DEGREE, NARROW, Rotator, terms};
 use crate::spectral::windows::Windows;
 use crate::spectral::zoom::Zoom;
+use crate::train::StageKinematics;
 use crate::verdict::HARMONICS;
 
 /// Bins beyond the range of a line that belong to its neighbourhood.
@@ -102,16 +103,17 @@ const CLEAR: f64 = 0.95;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MeshLine {
     pub(crate) order: f64,
-    /// Mesh order of its stage, and its number from 1.
-    pub(crate) mesh_order: f64,
-    pub(crate) stage: usize,
+    /// It is the harmonic of this number, from 1, of this order: of the mesh, or of the line itself where planets out of phase leave no comb.
     pub(crate) harmonic: usize,
+    pub(crate) mesh_order: f64,
+    /// The comb it belongs to.
+    pub(crate) comb: usize,
 }
 
 /// Plan.
 pub struct MeshSearch {
     lines: Vec<MeshLine>,
-    stages: usize,
+    combs: usize,
     pub(crate) zoom: Zoom,
     pub(crate) ratio: Vec<f64>,
     pub(crate) basis: Basis,
@@ -146,23 +148,32 @@ pub(crate) struct UsedLine {
 }
 
 impl MeshSearch {
-    /// For the mesh harmonics of stages with these mesh orders; equal orders count once. `separation_bins` is how far from them
+    /// For the mesh harmonics of these stages; equal orders count once. `separation_bins` is how far from them
     /// their nearest sidebands are.
-    pub fn new(mesh_orders: &[f64], windows: &Windows, separation_bins: f64, planner: &mut FftPlanner<f64>) -> Self {
-        let harmonics = |(stage, &mesh_order): (usize, &f64)| {
-            (1..=HARMONICS).map(move |harmonic| MeshLine {
-                order: mesh_order * harmonic as f64,
-                mesh_order,
-                stage,
-                harmonic,
-            })
-        };
-        let mut lines: Vec<MeshLine> = mesh_orders.iter().enumerate().flat_map(harmonics).collect();
+    pub fn new(
+        stages: &[StageKinematics],
+        windows: &Windows,
+        separation_bins: f64,
+        planner: &mut FftPlanner<f64>,
+    ) -> Self {
+        let mut lines = Vec::with_capacity(stages.len() * HARMONICS);
+        let mut combs = 0;
+        for stage in stages {
+            for harmonic in 1..=HARMONICS {
+                let order = stage.harmonic_order(harmonic);
+                if stage.is_comb() {
+                    lines.push(MeshLine { order, harmonic, mesh_order: stage.mesh_order, comb: combs });
+                } else {
+                    lines.push(MeshLine { order, harmonic: 1, mesh_order: order, comb: combs + harmonic - 1 });
+                }
+            }
+            combs += if stage.is_comb() { 1 } else { HARMONICS };
+        }
         lines.sort_by(|a, b| a.order.total_cmp(&b.order));
         lines.dedup_by(|a, b| (a.order - b.order).abs() < 1e-9 * b.order);
         Self {
             lines,
-            stages: mesh_orders.len(),
+            combs,
             zoom: Zoom::new(planner, NARROW.0, NARROW.1),
             ratio: windows.weighting_to_guard(NARROW.0),
             basis: Basis::new(windows.guard_samples()),
@@ -180,7 +191,7 @@ impl MeshSearch {
             points: vec![Complex64::ZERO; NARROW.0],
             scratch: vec![Complex64::ZERO; self.zoom.scratch_len()],
             used: Vec::with_capacity(self.lines.len()),
-            rotators: vec![Rotator::default(); self.stages],
+            rotators: vec![Rotator::default(); self.combs],
         }
     }
 

@@ -51,8 +51,7 @@ impl RatePlan {
         let revolutions = train.nominal_input_hz * samples as f64 / sample_rate_hz;
         let windows = Windows::new(samples, NEAREST_ORDER * revolutions);
         let mut planner = FftPlanner::new();
-        let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
-        let search = MeshSearch::new(&mesh_orders, &windows, NEAREST_ORDER * revolutions, &mut planner);
+        let search = MeshSearch::new(&train.stages, &windows, NEAREST_ORDER * revolutions, &mut planner);
         let harmonics = Harmonics::new(train, &windows, revolutions, speed.max_ramp_percent * 1e-2, &mut planner);
         Self {
             samples,
@@ -60,7 +59,7 @@ impl RatePlan {
             transform: RealFftPlanner::new().plan_fft_forward(samples),
             search,
             harmonics,
-            lowest_mesh_order: train.stages.iter().map(|s| s.mesh_order).fold(f64::INFINITY, f64::min),
+            lowest_mesh_order: train.stages.iter().map(|s| s.harmonic_order(1)).fold(f64::INFINITY, f64::min),
             speed: speed.clone(),
             windows,
         }

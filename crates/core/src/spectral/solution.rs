@@ -168,18 +168,10 @@ mod tests {
     use crate::train::{StageKinematics, Train};
 
     fn train() -> Train {
-        let stage = |pinion_order: f64, wheel_order: f64, pinion_teeth, wheel_teeth| StageKinematics {
-            name: String::new(),
-            pinion_teeth,
-            wheel_teeth,
-            pinion_order,
-            wheel_order,
-            mesh_order: pinion_order * f64::from(pinion_teeth),
-        };
         Train {
             motor_order: 1.0,
             shafts: Vec::new(),
-            stages: vec![stage(1.0, 0.29, 29, 100), stage(0.29, 0.116, 36, 90)],
+            stages: vec![StageKinematics::pair("", 29, 100, 1.0), StageKinematics::pair("", 36, 90, 0.29)],
             nominal_input_hz: 25.0,
         }
     }

@@ -37,17 +37,10 @@ fn train(case: &Value) -> Train {
     let mut order = 1.0;
     let (mut shafts, mut stages) = (vec![("shaft0".to_owned(), 1.0)], Vec::new());
     for (i, teeth) in case["teeth"].as_array().expect("teeth").iter().enumerate() {
-        let [pinion, wheel] = [0, 1].map(|k| number(&teeth[k]));
-        let next = order * pinion / wheel;
-        stages.push(StageKinematics {
-            name: format!("stage{i}"),
-            pinion_teeth: pinion as u32,
-            wheel_teeth: wheel as u32,
-            pinion_order: order,
-            wheel_order: next,
-            mesh_order: order * pinion,
-        });
-        order = next;
+        let [pinion, wheel] = [0, 1].map(|k| number(&teeth[k]) as u32);
+        let stage = StageKinematics::pair(&format!("stage{i}"), pinion, wheel, order);
+        order = stage.wheel_order;
+        stages.push(stage);
         shafts.push((format!("shaft{}", i + 1), order));
     }
     Train { motor_order: 1.0, shafts, stages, nominal_input_hz: 25.0 }

@@ -150,7 +150,7 @@ fn show(views: &Receiver<View>, hub: &Hub, sinks: Option<&Fanout>) {
 /// The part of a spectrum that holds the mesh harmonics, in lines that a screen can show: each the largest of its group, so that no
 /// peak is lost.
 fn frame(view: &View, orders: &Orders) -> SpectrumFrame {
-    let highest = view.train.stages.iter().map(|s| s.mesh_order).fold(0.0, f64::max) * HARMONICS as f64 * BEYOND;
+    let highest = view.train.stages.iter().map(|s| s.harmonic_order(HARMONICS)).fold(0.0, f64::max) * BEYOND;
     let lines = ((highest / orders.step).ceil() as usize).clamp(2, orders.amplitude.len());
     let group = lines.div_ceil(MOST_LINES);
     let largest = |lines: &[f64]| lines.iter().fold(0.0, |a: f64, &b| a.max(b)) as f32;
@@ -166,17 +166,20 @@ fn frame(view: &View, orders: &Orders) -> SpectrumFrame {
     }
 }
 
-/// Mesh harmonics, and the first sidebands of both shafts.
+/// Mesh harmonics, the first sidebands of both shafts, and the lines that passing planets and idlers make.
 fn marked(train: &Train, highest: f64) -> Vec<SpectrumLine> {
     let mut out = Vec::new();
     for stage in &train.stages {
         for harmonic in 1..=HARMONICS {
-            let carrier = harmonic as f64 * stage.mesh_order;
+            let carrier = stage.harmonic_order(harmonic);
             out.push(SpectrumLine { order: carrier, label: format!("{} {harmonic}x", stage.name), sideband: false });
             for shaft in [stage.pinion_order, stage.wheel_order] {
                 for order in [carrier - shaft, carrier + shaft] {
                     out.push(SpectrumLine { order, label: String::new(), sideband: true });
                 }
+            }
+            for offset in stage.beside(harmonic) {
+                out.push(SpectrumLine { order: carrier + offset, label: String::new(), sideband: true });
             }
         }
     }

@@ -156,7 +156,7 @@ impl Generator {
         let mut tones = Vec::new();
         for stage in &train.stages {
             for (k, &before) in config.amplitudes.iter().enumerate() {
-                let frequency_hz = stage.mesh_order * train.nominal_input_hz * (k + 1) as f64;
+                let frequency_hz = stage.harmonic_order(k + 1) * train.nominal_input_hz;
                 let percent = config.fault.as_ref().filter(|f| f.stage == stage.name).map_or(0.0, |f| f.percent[k]);
                 // A tone that the converter's filter would take away is not there.
                 if frequency_hz < 0.45 * rate_hz {

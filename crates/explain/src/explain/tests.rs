@@ -37,6 +37,7 @@ fn bench() -> Bench {
             line_of_centres_deg: 0.0,
             pinion: gear(23),
             wheel: gear(41),
+            gearing: Default::default(),
         }],
         gear_material: GearMaterial::default(),
         brake: Brake { torque_nm: 40.0, inertia_kg_m2: 0.01 },

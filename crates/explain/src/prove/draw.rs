@@ -121,6 +121,7 @@ pub fn bench(d: &mut Draw) -> Bench {
                 line_of_centres_deg: 0.0,
                 pinion: gear(pinion, 20.0),
                 wheel: gear(wheel, 30.0),
+                gearing: Default::default(),
             }
         })
         .collect();

@@ -101,9 +101,9 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> O
     let best = tried.iter().map(|t| t.0).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?.0;
     let (gain, sure, teeth) = tried.swap_remove(best);
     let others: Vec<f64> = tried.iter().map(|t| t.0).collect();
-    (gain > GAIN && sure > SURE && !sheet_stands(&others)).then(|| {
-        (OtherTeeth { stage, pinion: false, teeth, sheet, gain }, kinematics::with_teeth(bench, stage, false, teeth))
-    })
+    let other = kinematics::with_teeth(bench, stage, false, teeth)?;
+    (gain > GAIN && sure > SURE && !sheet_stands(&others))
+        .then_some((OtherTeeth { stage, pinion: false, teeth, sheet, gain }, other))
 }
 
 /// Whether the sheet's own comb is there, by what the other tooth numbers gain on it, without the best of them. A comb that is not there is like that of any other number; where the sheet's

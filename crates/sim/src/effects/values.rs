@@ -22,6 +22,9 @@ pub struct Parameter {
 /// Why an effect cannot be switched on.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EffectError {
+    /// The bench has gears that the simulator does not know.
+    #[error("{0}")]
+    Beyond(String),
     /// No such id.
     #[error("there is no effect {found:?}; did you mean {nearest:?}? `gearwatch list effects` shows all")]
     UnknownEffect {

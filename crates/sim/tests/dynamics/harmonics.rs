@@ -81,6 +81,7 @@ fn drawn(seed: u64) -> Bench {
                 line_of_centres_deg: within(1.0, 90.0),
                 pinion: gear(pinion),
                 wheel: gear((pinion * within(1.3, 3.5)).round()),
+                gearing: Default::default(),
             }
         })
         .collect();

@@ -230,7 +230,7 @@ fn recording(one: &Diagnosis, pipeline: &Pipeline) -> Section {
 fn marks(pipeline: &Pipeline) -> Vec<Mark> {
     let stages = pipeline.train().stages.iter().zip(0..);
     let of = |(stage, row): (&StageKinematics, u32)| {
-        let mark = move |h: usize| Mark { x: stage.mesh_order * h as f64, label: format!("{} {h}x", stage.name), row };
+        let mark = move |h: usize| Mark { x: stage.harmonic_order(h), label: format!("{} {h}x", stage.name), row };
         (1..=HARMONICS).map(mark).collect::<Vec<_>>()
     };
     stages.flat_map(of).collect()

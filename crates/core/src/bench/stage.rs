@@ -1,0 +1,330 @@
+//! A stage: a gear pair or a planetary set, as the bench file says it.
+
+use serde::{Deserialize, Serialize};
+
+use super::gearing::{Gearing, Hand, Helix, Member, Planetary};
+
+/// A gear pair or a planetary set that joins two shafts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "StageKeys", into = "StageKeys")]
+pub struct Stage {
+    /// Unique name.
+    pub name: String,
+    /// Normal module (mm, > 0).
+    pub module_mm: f64,
+    /// In the normal section (degrees, 10–35).
+    pub pressure_angle_deg: f64,
+    /// (mm, > 0).
+    pub face_width_mm: f64,
+    /// Total, along the line of action (µm, ≥ 0).
+    pub backlash_um: f64,
+    /// Fraction of critical of the mesh mode (0–1).
+    pub mesh_damping_ratio: f64,
+    /// From +x, counter-clockwise, seen from the motor, pinion to wheel (degrees).
+    pub line_of_centres_deg: f64,
+    /// The driving gear, on shaft i; of a planetary stage the sun, wherever it is.
+    pub pinion: Gear,
+    /// The driven gear, on shaft i + 1; of a planetary stage the ring, wherever it is.
+    pub wheel: Gear,
+    /// What makes it another stage than one external spur pair.
+    pub gearing: Gearing,
+}
+
+/// One gear.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gear {
+    /// Number of teeth (5 to [`MOST_TEETH`](super::MOST_TEETH)).
+    pub teeth: u32,
+    /// Bore diameter (mm); a quarter of the pitch diameter where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bore_mm: Option<f64>,
+    /// (kg); that of a solid disc with the bore where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<f64>,
+    /// (kg m²); that of a solid disc with the bore where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inertia_kg_m2: Option<f64>,
+}
+
+/// Word of the key `kind`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StageKind {
+    /// Straight teeth.
+    #[default]
+    Spur,
+    /// Helical teeth.
+    Helical,
+    /// Sun, planets on a carrier, ring.
+    Planetary,
+}
+
+impl StageKind {
+    /// As a file says it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Spur => "spur",
+            Self::Helical => "helical",
+            Self::Planetary => "planetary",
+        }
+    }
+
+    fn is_spur(&self) -> bool {
+        *self == Self::Spur
+    }
+}
+
+impl Stage {
+    /// By the word of the file.
+    pub fn kind(&self) -> StageKind {
+        match (&self.gearing.planetary, &self.gearing.helix) {
+            (Some(_), _) => StageKind::Planetary,
+            (None, Some(_)) => StageKind::Helical,
+            (None, None) => StageKind::Spur,
+        }
+    }
+
+    /// What the file calls the two gears in [`Stage::pinion`] and [`Stage::wheel`].
+    pub fn gear_names(&self) -> [&'static str; 2] {
+        if self.gearing.planetary.is_some() { ["sun", "ring"] } else { ["pinion", "wheel"] }
+    }
+
+    /// All gears by the names of the file; the planet stands for all planets.
+    pub fn gears(&self) -> Vec<(String, &Gear)> {
+        let [first, second] = self.gear_names();
+        let mut out = vec![(first.to_owned(), &self.pinion), (second.to_owned(), &self.wheel)];
+        out.extend(self.gearing.planetary.iter().map(|p| ("planet".to_owned(), &p.planet)));
+        out.extend(self.gearing.idlers.iter().enumerate().map(|(i, gear)| (format!("idlers[{i}]"), gear)));
+        out
+    }
+}
+
+fn module_mm() -> f64 {
+    3.0
+}
+fn pressure_angle_deg() -> f64 {
+    20.0
+}
+fn face_width_mm() -> f64 {
+    20.0
+}
+fn backlash_um() -> f64 {
+    80.0
+}
+fn mesh_damping_ratio() -> f64 {
+    0.06
+}
+
+/// The stage as the file has it, with the keys of all kinds. What the file leaves out is left out again when it is written.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StageKeys {
+    name: String,
+    #[serde(default, skip_serializing_if = "StageKind::is_spur")]
+    kind: StageKind,
+    #[serde(default = "module_mm")]
+    module_mm: f64,
+    #[serde(default = "pressure_angle_deg")]
+    pressure_angle_deg: f64,
+    #[serde(default = "face_width_mm")]
+    face_width_mm: f64,
+    #[serde(default = "backlash_um")]
+    backlash_um: f64,
+    #[serde(default = "mesh_damping_ratio")]
+    mesh_damping_ratio: f64,
+    #[serde(default)]
+    line_of_centres_deg: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    helix_angle_deg: Option<f64>,
+    #[serde(default, skip_serializing_if = "is_false")]
+    profile_shifted: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fixed: Option<Member>,
+    #[serde(default, rename = "in", skip_serializing_if = "Option::is_none")]
+    input: Option<Member>,
+    #[serde(default, rename = "out", skip_serializing_if = "Option::is_none")]
+    output: Option<Member>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pinion: Option<PairGearKeys>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    wheel: Option<PairGearKeys>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    idlers: Vec<Gear>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sun: Option<Gear>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    planet: Option<PlanetKeys>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ring: Option<Gear>,
+}
+
+fn is_false(x: &bool) -> bool {
+    !x
+}
+
+/// A gear of a pair.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PairGearKeys {
+    teeth: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    bore_mm: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mass_kg: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    inertia_kg_m2: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    hand: Option<Hand>,
+    #[serde(default, skip_serializing_if = "is_false")]
+    internal: bool,
+}
+
+/// The planets, all alike.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlanetKeys {
+    teeth: u32,
+    count: u32,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    positions_deg: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    bore_mm: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mass_kg: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    inertia_kg_m2: Option<f64>,
+}
+
+impl PairGearKeys {
+    fn gear(&self) -> Gear {
+        let Self { teeth, bore_mm, mass_kg, inertia_kg_m2, .. } = *self;
+        Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 }
+    }
+
+    fn of(gear: Gear, hand: Option<Hand>, internal: bool) -> Self {
+        let Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 } = gear;
+        Self { teeth, bore_mm, mass_kg, inertia_kg_m2, hand, internal }
+    }
+}
+
+/// The value of a key that the kind cannot do without.
+fn needed<T>(value: Option<T>, key: &str, kind: StageKind, example: &str) -> Result<T, String> {
+    value.ok_or_else(|| match kind {
+        // As for any other key.
+        StageKind::Spur => format!("missing field `{key}`"),
+        _ => format!("kind = {:?} has no {key:?}; expected {example}", kind.word()),
+    })
+}
+
+impl TryFrom<StageKeys> for Stage {
+    type Error = String;
+
+    fn try_from(keys: StageKeys) -> Result<Self, String> {
+        let kind = keys.kind;
+        let foreign = |there: bool, key: &str, of: &str| {
+            if there {
+                Err(format!("kind = {:?} takes no {key:?}; that is a key of {of}", kind.word()))
+            } else {
+                Ok(())
+            }
+        };
+        let planetary = kind == StageKind::Planetary;
+        if planetary {
+            let pair = "a spur or helical pair; a planetary stage has sun, planet and ring";
+            foreign(keys.pinion.is_some(), "pinion", pair)?;
+            foreign(keys.wheel.is_some(), "wheel", pair)?;
+            foreign(!keys.idlers.is_empty(), "idlers", pair)?;
+        } else {
+            let set = "kind = \"planetary\"";
+            foreign(keys.sun.is_some(), "sun", set)?;
+            foreign(keys.planet.is_some(), "planet", set)?;
+            foreign(keys.ring.is_some(), "ring", set)?;
+            foreign(keys.fixed.is_some(), "fixed", set)?;
+            foreign(keys.input.is_some(), "in", set)?;
+            foreign(keys.output.is_some(), "out", set)?;
+        }
+        if kind == StageKind::Spur {
+            foreign(keys.helix_angle_deg.is_some(), "helix_angle_deg", "kind = \"helical\" and \"planetary\"")?;
+            let handed = [&keys.pinion, &keys.wheel].into_iter().flatten().any(|gear| gear.hand.is_some());
+            foreign(handed, "hand", "kind = \"helical\"")?;
+        }
+        let mut gearing = Gearing { profile_shifted: keys.profile_shifted, ..Gearing::default() };
+        let (pinion, wheel) = if planetary {
+            let sun = needed(keys.sun, "sun", kind, "sun = { teeth = 28 }")?;
+            let ring = needed(keys.ring, "ring", kind, "ring = { teeth = 100 }")?;
+            let planet = needed(keys.planet, "planet", kind, "planet = { teeth = 36, count = 4 }")?;
+            let PlanetKeys { teeth, bore_mm, mass_kg, inertia_kg_m2, count, positions_deg } = planet;
+            let (fixed, input, output) = Member::roles(keys.fixed, keys.input, keys.output)?;
+            let planet = Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 };
+            gearing.planetary = Some(Planetary { planets: count, planet, positions_deg, fixed, input, output });
+            gearing.helix = keys.helix_angle_deg.map(|angle_deg| Helix { angle_deg, hands: [None, None] });
+            (sun, ring)
+        } else {
+            let pinion = needed(keys.pinion, "pinion", kind, "pinion = { teeth = 23, hand = \"right\" }")?;
+            let wheel = needed(keys.wheel, "wheel", kind, "wheel = { teeth = 57, hand = \"left\" }")?;
+            if pinion.internal {
+                return Err("pinion.internal is set; only the wheel can be an internal gear".to_owned());
+            }
+            if kind == StageKind::Helical {
+                let angle_deg = needed(keys.helix_angle_deg, "helix_angle_deg", kind, "helix_angle_deg = 15.0")?;
+                gearing.helix = Some(Helix { angle_deg, hands: [pinion.hand, wheel.hand] });
+            }
+            gearing.internal = wheel.internal;
+            gearing.idlers = keys.idlers;
+            (pinion.gear(), wheel.gear())
+        };
+        Ok(Self {
+            name: keys.name,
+            module_mm: keys.module_mm,
+            pressure_angle_deg: keys.pressure_angle_deg,
+            face_width_mm: keys.face_width_mm,
+            backlash_um: keys.backlash_um,
+            mesh_damping_ratio: keys.mesh_damping_ratio,
+            line_of_centres_deg: keys.line_of_centres_deg,
+            pinion,
+            wheel,
+            gearing,
+        })
+    }
+}
+
+impl From<Stage> for StageKeys {
+    fn from(stage: Stage) -> Self {
+        let kind = stage.kind();
+        let Gearing { helix, internal, idlers, planetary, profile_shifted } = stage.gearing;
+        let hands = helix.as_ref().map_or([None, None], |helix| helix.hands);
+        let mut keys = Self {
+            name: stage.name,
+            kind,
+            module_mm: stage.module_mm,
+            pressure_angle_deg: stage.pressure_angle_deg,
+            face_width_mm: stage.face_width_mm,
+            backlash_um: stage.backlash_um,
+            mesh_damping_ratio: stage.mesh_damping_ratio,
+            line_of_centres_deg: stage.line_of_centres_deg,
+            helix_angle_deg: helix.map(|helix| helix.angle_deg),
+            profile_shifted,
+            fixed: None,
+            input: None,
+            output: None,
+            pinion: None,
+            wheel: None,
+            idlers,
+            sun: None,
+            planet: None,
+            ring: None,
+        };
+        if let Some(set) = planetary {
+            let Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 } = set.planet;
+            let (count, positions_deg) = (set.planets, set.positions_deg);
+            keys.planet = Some(PlanetKeys { teeth, count, positions_deg, bore_mm, mass_kg, inertia_kg_m2 });
+            (keys.fixed, keys.input, keys.output) = (Some(set.fixed), Some(set.input), Some(set.output));
+            (keys.sun, keys.ring) = (Some(stage.pinion), Some(stage.wheel));
+        } else {
+            keys.pinion = Some(PairGearKeys::of(stage.pinion, hands[0], false));
+            keys.wheel = Some(PairGearKeys::of(stage.wheel, hands[1], internal));
+        }
+        keys
+    }
+}
