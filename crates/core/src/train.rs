@@ -223,7 +223,7 @@ mod tests {
     fn literature_helicopter_gearbox() {
         let stages = serde_json::json!([
             { "name": "first", "pinion": { "teeth": 19 }, "wheel": { "teeth": 71 } },
-            { "name": "planetary", "kind": "planetary", "sun": { "teeth": 27 }, "planet": { "teeth": 35, "count": 3 }, "ring": { "teeth": 99 } },
+            { "name": "planetary", "kind": "planetary", "profile_shifted": true, "sun": { "teeth": 27 }, "planet": { "teeth": 35, "count": 3 }, "ring": { "teeth": 99 } },
         ]);
         let train = Train::new(&bench(stages, None));
         let [sun, carrier] = [1, 2].map(|i: usize| 100.0 * train.shafts[i].1);
@@ -239,7 +239,7 @@ mod tests {
         let stages = serde_json::json!([
             { "name": "planetary", "kind": "planetary", "module_mm": 10.0, "fixed": "ring", "in": "carrier", "out": "sun",
               "sun": { "teeth": 21 }, "planet": { "teeth": 39, "count": 3 }, "ring": { "teeth": 99 } },
-            { "name": "intermediate", "kind": "helical", "helix_angle_deg": 14.0, "pinion": { "teeth": 82 }, "wheel": { "teeth": 23 } },
+            { "name": "second", "kind": "helical", "helix_angle_deg": 14.0, "pinion": { "teeth": 82 }, "wheel": { "teeth": 23 } },
             { "name": "high", "kind": "helical", "helix_angle_deg": 14.0, "pinion": { "teeth": 88 }, "wheel": { "teeth": 22 } },
         ]);
         let train = Train::new(&bench(stages, None));

@@ -78,6 +78,11 @@ fn conform_get_started_runs_as_written() {
     follow("docs/get-started.md", 15, &files);
 }
 
+#[test]
+fn conform_helical_and_planetary_benches_run_as_written() {
+    follow("docs/gearboxes.md", 8, &["monday.mcap", "normal.json"]);
+}
+
 /// A command that fails, or does not fail as stated, must be noticed: the check itself can fail.
 #[test]
 fn conform_a_wrong_exit_code_of_a_page_is_noticed() {

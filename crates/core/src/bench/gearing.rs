@@ -342,7 +342,7 @@ impl Bench {
             StageKind::Spur => "has profile shift",
         };
         Some(format!(
-            "stage {:?} {what}; the simulator, and simulate, sweep, signatures, modes, explain and prove with it, know external spur pairs without profile shift. Such a bench can be watched and judged: info, check, run, baseline, diagnose, batch, indicators",
+            "stage {:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures, modes and explain, know external spur pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators",
             stage.name
         ))
     }

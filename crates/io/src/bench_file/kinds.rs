@@ -113,7 +113,7 @@ fn conform_a_planetary_stage_that_cannot_be_built_is_refused() {
         (
             "count = 4",
             "count = 8",
-            "planets 1 and 2 collide: their centres are 73.5 mm apart and their tips 114.0 mm across; at most 5 equally",
+            "planets 1 and 2 collide: their centres are 73.5 mm apart and their tips 114.0 mm across; at most 4 equally",
         ),
         (
             "count = 4",
@@ -149,6 +149,10 @@ fn literature_unequally_spaced_planets_of_a_helicopter() {
         .replace("teeth = 28", "teeth = 27")
         .replace("teeth = 36", "teeth = 35")
         .replace("teeth = 100", "teeth = 99");
+    // Their ring has two teeth more than sun and planets without profile shift leave room for.
+    let text = error(&teeth);
+    assert!(text.contains("with a ring of 97 (sun + 2 planet)"), "{text}");
+    let teeth = teeth.replace("kind", "profile_shifted = true\nkind");
     let text = error(&teeth);
     assert!(text.contains("(sun 27 + ring 99) / 4 = 31.500 is not whole"), "{text}");
     read(&teeth.replace("count = 4", "count = 4, positions_deg = [0.0, 91.43, 180.0, 271.43]"));
@@ -169,7 +173,7 @@ fn conform_a_helical_pair_that_cannot_be_built_is_refused() {
         ),
         ("helix_angle_deg = 15.0", "helix_angle_deg = -15.0", "helix_angle_deg is -15; expected above 0 to 45 degrees"),
         ("helix_angle_deg = 15.0\n", "", "has no \"helix_angle_deg\"; expected helix_angle_deg = 15.0"),
-        ("teeth = 23", "teeth = 14", "pinion.teeth is 14: below 15.6 teeth the root is undercut; expected 15 or more"),
+        ("teeth = 23", "teeth = 14", "pinion.teeth is 14: below 15.5 teeth the root is undercut; expected 15 or more"),
         (
             "kind = \"helical\"\n",
             "",
