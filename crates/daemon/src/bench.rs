@@ -52,6 +52,16 @@ pub enum BenchError {
         /// What does not fit.
         source: gearwatch_core::pipeline::PipelineError,
     },
+    /// A source cannot serve the bench.
+    #[error("bench {bench:?}: source {name:?}: {refusal}")]
+    Source {
+        /// Name of the bench.
+        bench: String,
+        /// Name of the source.
+        name: String,
+        /// Why not.
+        refusal: String,
+    },
     /// Sheet, recordings or baseline are wrong for sure.
     #[error("bench {bench:?}: {refusal}")]
     Check {
@@ -89,6 +99,11 @@ impl WatchedBench {
     pub fn build(config: &BenchConfig, folder: &Path, workers: usize, stop: &Stop) -> Result<Self, BenchError> {
         let file: Option<PathBuf> = config.file.as_ref().map(|path| folder.join(path));
         let bench = Arc::new(read_bench(file.as_deref())?);
+        for entry in config.sources.iter().chain(&config.learn_from) {
+            if let Some(refusal) = entry.config.refuses(&bench) {
+                return Err(BenchError::Source { bench: bench.name.clone(), name: entry.name.clone(), refusal });
+            }
+        }
         let window_s = config.pipeline.window.length_s;
         let signatures = match &config.signatures {
             Some(path) => Some(gearwatch_io::signature_file::read_for(&folder.join(path), &bench)?),

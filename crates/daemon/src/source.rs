@@ -211,6 +211,11 @@ pub trait SourceConfig: std::fmt::Debug + Send + Sync {
         Vec::new()
     }
 
+    /// Why it cannot serve a bench, whatever else is right; opens nothing.
+    fn refuses(&self, _bench: &Bench) -> Option<String> {
+        None
+    }
+
     /// Time goes on whether or not anybody listens. A live source is never held up: under overload whole windows are shed and
     /// counted, and it is opened again after an error. One that is not live waits, loses nothing, and ends at its first error.
     fn is_live(&self) -> bool;

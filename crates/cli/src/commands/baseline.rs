@@ -287,7 +287,10 @@ fn summary(baseline: &Baseline) -> Result<String, std::fmt::Error> {
     writeln!(out, "  bench {:?}, stages {}", baseline.bench, baseline.stages.join(", "))?;
     match &baseline.machine {
         Some(machine) => {
-            let teeth = machine.stages.iter().map(|s| format!("{} {}/{}", s.name, s.pinion, s.wheel));
+            let teeth = machine.stages.iter().map(|s| {
+                let planets = s.planets.as_ref().map_or(String::new(), |planets| format!(" (planets: {planets})"));
+                format!("{} {}/{}{planets}", s.name, s.pinion, s.wheel)
+            });
             let sensors = machine.sensors.iter().map(|s| format!("{} ({})", s.name, s.unit));
             writeln!(out, "  rests on teeth {}", teeth.collect::<Vec<_>>().join(", "))?;
             writeln!(out, "  belt ratio {}, sensors {}", machine.belt_ratio, sensors.collect::<Vec<_>>().join(", "))?;

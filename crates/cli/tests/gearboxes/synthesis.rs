@@ -65,11 +65,25 @@ fn turning(bench: &Bench) -> Vec<Turning> {
         let one = match &stage.gearing.planetary {
             None => Turning { first: speed, second: speed * a / b, mesh: speed * a, planets: None },
             Some(set) => {
-                assert_eq!((set.fixed, set.input, set.output), (Member::Ring, Member::Sun, Member::Carrier));
-                let carrier = speed / (1.0 + b / a);
+                // Teeth that planets roll over: of the central gear that stands still; speed of the other for one turn of the carrier.
+                let rolled = match set.fixed {
+                    Member::Ring => Some((b, 1.0 + b / a)),
+                    Member::Sun => Some((a, 1.0 + a / b)),
+                    Member::Carrier => None,
+                };
                 let count = f64::from(set.planets);
-                let ahead = (0..set.planets).map(|i| f64::from(i) / count).collect();
-                Turning { first: speed, second: carrier, mesh: b * carrier, planets: Some((ahead, carrier, b)) }
+                let ahead: Vec<f64> = (0..set.planets).map(|i| f64::from(i) / count).collect();
+                match rolled {
+                    Some((teeth, other)) => {
+                        let carrier = if set.input == Member::Carrier { speed } else { speed / other };
+                        let second = if set.output == Member::Carrier { carrier } else { carrier * other };
+                        Turning { first: speed, second, mesh: teeth * carrier, planets: Some((ahead, carrier, teeth)) }
+                    }
+                    None => {
+                        let (driving, driven) = if set.input == Member::Sun { (a, b) } else { (b, a) };
+                        Turning { first: speed, second: speed * driving / driven, mesh: speed * driving, planets: None }
+                    }
+                }
             }
         };
         speed = one.second;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use gearwatch_core::bench::Bench;
 use gearwatch_core::source::Source as _;
 use gearwatch_sim::scenario::{self, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator as Simulation};
@@ -87,6 +88,10 @@ impl SourceConfig for Simulator {
             out.push(format!("duration_secs is {secs}; expected a number above 0"));
         }
         out
+    }
+
+    fn refuses(&self, bench: &Bench) -> Option<String> {
+        bench.beyond_simulator()
     }
 
     fn is_live(&self) -> bool {
