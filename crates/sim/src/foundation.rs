@@ -3,7 +3,7 @@
 //!
 //! `1/k_f = cos²α₁/(E L) { L* (u_f/S_f)² + M* (u_f/S_f) + P* (1 + Q* tan²α₁) }`
 
-use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry};
+use crate::geometry::GearGeometry;
 use crate::hertz::Material;
 
 /// Coefficients A…F of `X*(h, θ) = A/θ² + B h² + C h/θ + D/θ + E h + F` for L*, M*, P*, Q*, with the range of values
@@ -44,9 +44,10 @@ impl Foundation {
     /// ratio outside 1.4–7 and a coefficient outside the range that it was fitted to are held at the limit.
     pub fn new(which: &str, gear: &GearGeometry, warnings: &mut Vec<String>) -> Self {
         let (sin, cos) = gear.pressure_angle_rad.sin_cos();
-        let fillet = CLEARANCE / (1.0 - sin);
-        let root_angle_rad = (std::f64::consts::FRAC_PI_2 + 2.0 * sin / cos * (ADDENDUM - fillet) + 2.0 * fillet / cos)
-            / f64::from(gear.teeth);
+        let fillet = gear.clearance / (1.0 - sin);
+        let root_angle_rad =
+            (std::f64::consts::FRAC_PI_2 + 2.0 * sin / cos * (gear.addendum - fillet) + 2.0 * fillet / cos)
+                / f64::from(gear.teeth);
         let ratio = gear.root_radius_m / gear.bore_radius_m;
         let held = ratio.clamp(RADIUS_RATIO[0], RADIUS_RATIO[1]);
         if held != ratio {

@@ -25,6 +25,10 @@ pub struct GearGeometry {
     pub module_m: f64,
     /// Pressure angle α₀ at the reference circle.
     pub pressure_angle_rad: f64,
+    /// Addendum / module h_a*; 1 for spur gears, in the transverse section of helical ones less.
+    pub addendum: f64,
+    /// Tip clearance / module c*.
+    pub clearance: f64,
     /// Face width L.
     pub face_width_m: f64,
     /// Radius of the bore, the rigid inner border of the gear body.
@@ -51,6 +55,19 @@ impl GearGeometry {
         face_width_m: f64,
         bore_radius_m: f64,
     ) -> Result<Self, String> {
+        let rack = [ADDENDUM, CLEARANCE];
+        Self::with_rack(which, teeth, [module_m, pressure_angle_rad], rack, face_width_m, bore_radius_m)
+    }
+
+    /// As [`Self::new`], with module (m) and pressure angle (rad) and with addendum and clearance by the module that are not those of the standard rack.
+    pub(crate) fn with_rack(
+        which: &str,
+        teeth: u32,
+        [module_m, pressure_angle_rad]: [f64; 2],
+        [addendum, clearance]: [f64; 2],
+        face_width_m: f64,
+        bore_radius_m: f64,
+    ) -> Result<Self, String> {
         if teeth < 5 {
             return Err(format!("{which} has {teeth} teeth; an involute gear has at least 5"));
         }
@@ -66,7 +83,7 @@ impl GearGeometry {
             ));
         }
         let reference_radius_m = 0.5 * module_m * f64::from(teeth);
-        let root_radius_m = reference_radius_m - (ADDENDUM + CLEARANCE) * module_m;
+        let root_radius_m = reference_radius_m - (addendum + clearance) * module_m;
         if !(bore_radius_m.is_finite() && bore_radius_m > 0.0 && bore_radius_m < root_radius_m) {
             return Err(format!(
                 "{which}: bore diameter is {:.3} mm; it must be above 0 and below the root diameter, {:.3} mm",
@@ -78,11 +95,13 @@ impl GearGeometry {
             teeth,
             module_m,
             pressure_angle_rad,
+            addendum,
+            clearance,
             face_width_m,
             bore_radius_m,
             reference_radius_m,
             base_radius_m: reference_radius_m * pressure_angle_rad.cos(),
-            tip_radius_m: reference_radius_m + ADDENDUM * module_m,
+            tip_radius_m: reference_radius_m + addendum * module_m,
             root_radius_m,
             half_base_angle_rad: PI / (2.0 * f64::from(teeth)) + involute(pressure_angle_rad),
         })
@@ -120,7 +139,7 @@ impl GearGeometry {
     /// `r_c² = (r_b tan α₀ − h_a* m / sin α₀)² + r_b²`. `None` where the rack undercuts the flank.
     pub fn involute_start_radius_m(&self) -> Option<f64> {
         let roll = self.base_radius_m * self.pressure_angle_rad.tan()
-            - ADDENDUM * self.module_m / self.pressure_angle_rad.sin();
+            - self.addendum * self.module_m / self.pressure_angle_rad.sin();
         (roll >= 0.0).then(|| roll.hypot(self.base_radius_m))
     }
 
@@ -183,7 +202,7 @@ impl PairGeometry {
                 long.teeth,
                 short.teeth,
                 pinion.pressure_angle_rad.to_degrees(),
-                fewest_teeth(long.teeth, pinion.pressure_angle_rad)
+                fewest_teeth(long.teeth, pinion.pressure_angle_rad, long.addendum)
             ));
         }
         if contact_ratio < 1.0 {
@@ -252,11 +271,11 @@ impl PairGeometry {
     }
 }
 
-/// Least number of teeth that mates with `other` teeth without interference (standard addendum, no shift).
-fn fewest_teeth(other: u32, pressure_angle_rad: f64) -> u32 {
+/// Least number of teeth that mates with `other` teeth of this addendum / module without interference (no shift).
+fn fewest_teeth(other: u32, pressure_angle_rad: f64, addendum: f64) -> u32 {
     let free = |z: u32| {
         let (z, other) = (f64::from(z), f64::from(other));
-        let reach = ((other / 2.0 + ADDENDUM).powi(2) - (other / 2.0 * pressure_angle_rad.cos()).powi(2)).sqrt();
+        let reach = ((other / 2.0 + addendum).powi(2) - (other / 2.0 * pressure_angle_rad.cos()).powi(2)).sqrt();
         reach <= (z + other) / 2.0 * pressure_angle_rad.sin()
     };
     (5..200).find(|&z| free(z)).unwrap_or(200)

@@ -13,6 +13,7 @@
 
 mod axes;
 mod check;
+mod helical;
 mod joint;
 mod near;
 mod options;
@@ -24,6 +25,7 @@ use gearwatch_core::bench::Bench;
 
 use self::axes::ShiftFactors;
 use self::check::check;
+pub use self::helical::{HelicalGears, HelicalMesh, Lead};
 pub use self::joint::Joint;
 use self::near::{Turns, tooth};
 pub use self::options::MeshOptions;

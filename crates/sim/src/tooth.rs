@@ -7,7 +7,7 @@
 //! M² splits into cumulative integrals of 1/I, y/I and y²/I: all contact points cost one pass over the tooth.
 
 use crate::faults::ToothDamage;
-use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry, fillet_range};
+use crate::geometry::{GearGeometry, fillet_range};
 use crate::hertz::Material;
 
 /// Form of the tooth between the root circle and the involute.
@@ -119,9 +119,9 @@ impl ToothProfile {
         let gear = &self.gear;
         let m = gear.module_m;
         let (sin_0, cos_0) = gear.pressure_angle_rad.sin_cos();
-        let rho = CLEARANCE * m / (1.0 - sin_0);
-        let a1 = (ADDENDUM + CLEARANCE) * m - rho;
-        let b1 = std::f64::consts::PI * m / 4.0 + ADDENDUM * m * sin_0 / cos_0 + rho * cos_0;
+        let rho = gear.clearance * m / (1.0 - sin_0);
+        let a1 = (gear.addendum + gear.clearance) * m - rho;
+        let b1 = std::f64::consts::PI * m / 4.0 + gear.addendum * m * sin_0 / cos_0 + rho * cos_0;
         let (from, to) = fillet_range(gear);
         let gamma = from + t * (to - from);
         let r = gear.reference_radius_m;
