@@ -206,12 +206,12 @@ mod tests {
         }
     }
 
-    /// The planetary stage of the drivetrain diagnostics simulator of SpectraQuest (sun 28, ring 100 fixed, four planets of 36): its data sheet states a ratio of
-    /// 4.571 (1 : 4.571), and the mesh at 21.875 times the sun's speed follows, as the studies on its recordings have it (4.571 and 175/8).
+    /// Sun 28, ring 100 standing still, four planets of 36: the carrier turns 7/32 times as fast as the sun (1 : 4.571), which makes the mesh 175/8 of it, and 100 is a
+    /// multiple of four.
     #[test]
-    fn literature_planetary_of_the_drivetrain_diagnostics_simulator() {
+    fn analytic_planetary_of_28_36_and_100_teeth() {
         let found = PlanetarySet::new(28, 100, &set(4, 36, Member::Ring, Member::Sun, Member::Carrier), 1.0);
-        assert!((1.0 / found.carrier_order - 4.571).abs() < 5e-4);
+        assert!((found.carrier_order - 7.0 / 32.0).abs() < 1e-15);
         assert!((100.0 * found.carrier_order - 21.875).abs() < 1e-12);
         assert_eq!(found.shifts, [0.0; HARMONICS]);
     }

@@ -141,10 +141,10 @@ fn conform_a_planetary_stage_that_cannot_be_built_is_refused() {
     }
 }
 
-/// The four planets of 35 teeth of the OH-58C helicopter (sun 27, ring 99) cannot be equally spaced, (27 + 99)/4 being 31.5: they stand at 91.4° and 88.6° by turns
-/// (M. Mosher, "Understanding vibration spectra of planetary gear systems for fault detection", ASME DETC2003/PTG-48082).
+/// Sun 27, planets 35, ring 99, the teeth of the Bell 206 helicopter: four planets cannot be equally spaced, (27 + 99)/4 being 31.5; 32 and 31 steps of 360°/126 by turns,
+/// 91.43° and 88.57°, hold them.
 #[test]
-fn literature_unequally_spaced_planets_of_a_helicopter() {
+fn analytic_planets_that_equal_spacing_cannot_hold() {
     let teeth = PLANETARY
         .replace("teeth = 28", "teeth = 27")
         .replace("teeth = 36", "teeth = 35")

@@ -41,7 +41,7 @@ fn pair(
     writeln!(text, ", mesh {mesh_hz:.2} Hz")?;
     let mut json = json!({
         "name": name, "kind": stage.kind().word(), "pinion_teeth": pinion_teeth, "wheel_teeth": wheel_teeth,
-        "mesh_order": mesh_order, "mesh_hz": mesh_hz,
+        "mesh_order": mesh_order, "mesh_hz": mesh_hz, "hunting_hz": mesh_hz / kinematics.hunting_meshes() as f64,
     });
     if stage.kind() == StageKind::Helical {
         json["helix_angle_deg"] = json!(helix);
@@ -96,7 +96,7 @@ fn planetary(
         "planets": planets, "fixed": fixed, "in": input, "out": output, "mesh_order": mesh_order, "mesh_hz": mesh_hz,
         "sun_order": set.sun_order, "carrier_order": set.carrier_order, "ring_order": set.ring_order,
         "planet_order": set.planet_order, "planet_spin_order": set.planet_spin_order, "pass_order": set.pass_order,
-        "harmonic_orders": lines,
+        "harmonic_orders": lines, "hunting_hz": mesh_hz / kinematics.hunting_meshes() as f64,
     });
     if let Some(positions) = positions_deg.filter(|positions| !positions.is_empty()) {
         json["positions_deg"] = json!(positions);
