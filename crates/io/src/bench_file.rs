@@ -251,6 +251,11 @@ parameters = { gap_m = 1.0e-5 }
             ("teeth = 29", "teeth = 4294967295", "pinion.teeth is 4294967295; expected 5 to 1000"),
             ("[motor]", belt, "belt.ratio is 1e-300; expected 0.01 to 100"),
             ("speed_hz = 30.0", "speed_hz = 1e9", "motor.speed_hz is 1e9; expected 0 to 1000 Hz"),
+            (
+                "speed_hz = 30.0",
+                "speed_hz = 1785.0",
+                "expected 0 to 1000 Hz; a speed in rpm is written speed_rpm = 1785",
+            ),
             ("bore_mm = 40.0", "bore_mm = nan", "wheel.bore_mm is NaN"),
             ("mass_kg = 25.0", "mass_kg = 1e300", "housing_mode 1: mass_kg is 1e300"),
             ("input = 0.8", "input = inf", "shape of \"input\" is inf"),

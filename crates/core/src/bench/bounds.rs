@@ -1,6 +1,7 @@
 //! Bounds of a bench: wider than any laboratory bench needs, narrow enough that no file asks for gigabytes or hours.
 
 use super::Bench;
+use crate::speed::RPM_PER_HZ;
 
 /// Gear stages.
 pub const MOST_STAGES: usize = 8;
@@ -112,6 +113,13 @@ impl Check {
 
     fn drive(&mut self, bench: &Bench) {
         self.within(|| "motor.speed_hz".into(), bench.motor.speed_hz, &SPEED);
+        let rpm = bench.motor.speed_hz;
+        if rpm > SPEED.high
+            && rpm / RPM_PER_HZ <= SPEED.high
+            && let Some(said) = self.0.last_mut()
+        {
+            said.push_str(&format!("; a speed in rpm is written speed_rpm = {rpm}"));
+        }
         self.within(|| "motor.inertia_kg_m2".into(), bench.motor.inertia_kg_m2, &INERTIA);
         self.within(|| "motor.slip_slope_nm_s_per_rad".into(), bench.motor.slip_slope_nm_s_per_rad, &TORSION_DAMPING);
         if let Some(belt) = &bench.belt {

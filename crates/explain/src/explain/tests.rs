@@ -129,6 +129,19 @@ fn conform_unchanged_bench_is_consistent_and_answers_repeat() {
     assert_eq!(format!("{answer:?}"), format!("{:?}", ask(&now, &before)));
 }
 
+/// A reference half as long, of the same bench: noise has less power in a finer bin, and that is no change of the background.
+#[test]
+fn regress_a_shorter_reference_is_no_change_of_the_background() {
+    let (now, mut before) = (session(1, 23.0, &nothing), session(50, 23.0, &nothing));
+    for run in before.iter_mut().flat_map(|r| r.channels.values_mut()).flat_map(|c| &mut c.segments) {
+        run.samples.truncate(SAMPLES / 2);
+    }
+    for (recordings, reference) in [(&now, &before), (&before, &now)] {
+        let answer = ask(recordings, reference);
+        assert_eq!(answer.status, Status::Consistent, "{:?}", answer.steps);
+    }
+}
+
 /// Power at ±1 of the wheel's shaft about every mesh harmonic is run-out of the wheel.
 #[test]
 fn analytic_first_sidebands_are_eccentricity() {

@@ -106,8 +106,7 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
     };
     let force: Vec<f64> = turn.iter().map(at).collect();
     let sigma = (0.5 * variances.iter().sum::<f64>()).sqrt();
-    let largest = force.iter().map(|f| f.abs()).fold(0.0, f64::max);
-    if largest.is_nan() || largest < TOLD * sigma {
+    if !is_told(&force, sigma) {
         steps.push(format!(
             "what is left repeats every {:.4} revolutions of the input shaft; its force cannot be told, for its standard deviation is of its own size",
             order.recip()
@@ -134,6 +133,12 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
         load_exponent: slope(&points, |p| p.1, |p| p.0),
         speed_exponent: slope(&points, |p| p.0, |p| p.1),
     })
+}
+
+/// The largest value of a force stands out of its own standard deviation; one that is zero throughout is none.
+fn is_told(force: &[f64], sigma: f64) -> bool {
+    let largest = force.iter().map(|f| f.abs()).fold(0.0, f64::max);
+    largest > 0.0 && largest >= TOLD * sigma
 }
 
 /// The order whose multiples account for most of the lines that are nobody's: the largest of those that account for nearly as much.
@@ -350,6 +355,14 @@ mod tests {
         let order = fundamental(&lines).unwrap();
         assert!((order - 0.37).abs() < 1e-9, "{order}");
         assert!(fundamental(&[]).is_none());
+    }
+
+    /// 352 ± 447 N and 0.000 ± 0.00 N are no estimates of a force; 229 ± 88 N is one.
+    #[test]
+    fn regress_a_force_below_its_uncertainty_is_none() {
+        assert!(!is_told(&[-352.0, 200.0], 447.0) && !is_told(&[-352.0, 200.0], 200.0));
+        assert!(!is_told(&[0.0; 3], 0.0) && !is_told(&[f64::NAN; 3], 1.0) && !is_told(&[1.0], f64::NAN));
+        assert!(is_told(&[229.0, -10.0], 88.0));
     }
 
     /// A force of one harmonic through a response of 2 with little noise comes back at its size; a harmonic that was not seen gets the

@@ -10,8 +10,8 @@ use rand_distr::{Distribution, StandardNormal, StudentT};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-use crate::change::locate::{Cell, Place};
-use crate::change::masks::{self, RESONANT_SHARE, RESONANT_SLOPE, SHARED_CHANGE, SHARED_SLOPE, TAIL};
+use crate::change::locate::{self, Cell, Place};
+use crate::change::masks::{self, Mask, RESONANT_SHARE, RESONANT_SLOPE, SHARED_CHANGE, SHARED_SLOPE, TAIL};
 use crate::read::lines::Family;
 
 /// Twins that are drawn: `p_null` is a multiple of a hundredth.
@@ -22,7 +22,7 @@ const TWINS: u64 = 99;
 pub struct Twins {
     /// Probability that an unchanged bench gains as much, the case itself counted: 0.01 at least.
     pub p_null: f64,
-    /// Gain of the best mask in the case, and the median and largest of those in its twins (nats).
+    /// Gain of the mask in the case, and the median and largest of those in its twins (nats).
     pub gains: [f64; 3],
     /// Mean excess over their median of the twins that gain more (nats).
     excess: f64,
@@ -36,18 +36,31 @@ impl Twins {
     }
 }
 
-/// Draws the twins of some cells; `None` without lines.
+/// Draws the twins of some cells as the lines outside their best mask are; `None` without lines.
+pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
+    let best = *masks::masks(cells, places, gaps).first()?;
+    twins_beside(cells, places, gaps, &best)
+}
+
+/// Draws the twins of some cells as the lines outside a mask are: those that an unchanged bench would make if the mask were one by chance.
 ///
 /// A change is `c + s σ t`: `c` common to the lines of one order in a pair, by as much as settings repeat and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`);
-/// `σ` of the cell; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside its best mask.
-pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
-    let found = *masks::masks(cells, places, gaps).first()?;
+/// `σ` of the cell; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside the mask. All sensors hear one source: of
+/// `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask, or in all
+/// where it covers all.
+pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask) -> Option<Twins> {
     let lines: Vec<Cell> = cells.iter().filter(|c| c.family.is_some()).copied().collect();
     let tails = StudentT::new(TAIL).ok()?;
+    let outside = |c: &&Cell| !locate::covers(found.place, c.family);
+    let rho = match lines.iter().any(|c| outside(&c)) {
+        true => between_channels(lines.iter().filter(outside)),
+        false => between_channels(lines.iter()),
+    };
     let drawn = |twin: u64| {
         let mut random = ChaCha8Rng::seed_from_u64(0x7477_696e);
         random.set_stream(twin);
         let mut common: BTreeMap<(usize, (u8, usize, u8)), f64> = BTreeMap::new();
+        let mut of_line: BTreeMap<(usize, Family), f64> = BTreeMap::new();
         let twin: Vec<Cell> = lines
             .iter()
             .filter_map(|c| {
@@ -58,7 +71,9 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
                 let resonant = random.random::<f64>() < RESONANT_SHARE;
                 let shared = if resonant { SHARED_CHANGE.hypot(RESONANT_SLOPE * gaps[c.pair]) } else { shared };
                 let common = *common.entry(order).or_insert(shared * z);
-                let t: f64 = tails.sample(&mut random);
+                let (line, own): (f64, f64) = (tails.sample(&mut random), tails.sample(&mut random));
+                let line = *of_line.entry((c.pair, c.family?)).or_insert(line);
+                let t = rho.sqrt() * line + (1.0 - rho).sqrt() * own;
                 Some(Cell { change: common + found.outside * c.variance.sqrt() * t, ..*c })
             })
             .collect();
@@ -78,6 +93,20 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
     })
 }
 
+/// Correlation of the changes of one line between channels, by how often they have the same sign: `ρ = sin π(p − ½)` (Sheppard 1899), which single large changes do not decide; 0 where
+/// they have it by chance at most, or where there is one channel.
+fn between_channels<'a>(lines: impl Iterator<Item = &'a Cell>) -> f64 {
+    let mut rising: BTreeMap<(usize, Family), (f64, f64)> = BTreeMap::new();
+    for c in lines {
+        let Some(family) = c.family else { continue };
+        let (up, down) = rising.entry((c.pair, family)).or_default();
+        *if c.change > 0.0 { up } else { down } += 1.0;
+    }
+    let of = |&(up, down): &(f64, f64)| (0.5 * (up * (up - 1.0) + down * (down - 1.0)), up * down);
+    let (same, other) = rising.values().map(of).fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
+    if same > other { (std::f64::consts::PI * (same / (same + other) - 0.5)).sin() } else { 0.0 }
+}
+
 /// What a line is modulated by: kind, shaft or stage, multiple.
 fn order_of(f: Family) -> (u8, usize, u8) {
     match f {
@@ -91,7 +120,6 @@ fn order_of(f: Family) -> (u8, usize, u8) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::change::locate;
 
     /// Mesh lines and sidebands of a stage in four pairs and two channels, changed by normal deviates of half a standard deviation; the first sidebands of the pinion by more.
     fn cells(seed: u64, moved: f64) -> Vec<Cell> {
@@ -134,5 +162,40 @@ mod tests {
         assert!(below <= 7, "{all:?}");
         assert!(all.iter().any(|p| *p > 0.3), "{all:?}");
         assert_eq!(p(&cells(1, 3.5)), 0.01);
+    }
+
+    /// Lines of one pair in four channels that all hear the same: heavy-tailed changes of the line, of which the channels' own part is a tenth of the power.
+    fn heard_alike(seed: u64) -> Vec<Cell> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let tails = StudentT::new(TAIL).unwrap();
+        let families = (0..3usize).flat_map(|shaft| (1..=12u8).map(move |multiple| Family::Shaft { shaft, multiple }));
+        families
+            .flat_map(|family| {
+                let line: f64 = tails.sample(&mut random);
+                std::array::from_fn::<Cell, 4, _>(|channel| {
+                    let own: f64 = tails.sample(&mut random);
+                    let change = 0.06 * 0.5 * (0.9f64.sqrt() * line + 0.1f64.sqrt() * own);
+                    Cell { pair: 0, channel, family: Some(family), frequency_hz: 100.0, change, variance: 0.0036 }
+                })
+            })
+            .collect()
+    }
+
+    /// Four channels that hear one source are no four witnesses. The sign test finds the correlation, 0.9, within five standard deviations (0.03 of 36 lines, whose six pairs of channels
+    /// are one and a half); no chance of 100 unchanged benches is below a thousandth, and at most 19 p below a tenth (ten are expected, three standard deviations above).
+    #[test]
+    fn regress_channels_that_hear_one_source_are_one_witness() {
+        let all: Vec<(f64, Twins)> = (0..100)
+            .map(|seed| {
+                let cells = heard_alike(seed);
+                (between_channels(cells.iter()), twins(&cells, &locate::places(2, false), &[0.0]).unwrap())
+            })
+            .collect();
+        let rho = all.iter().map(|(rho, _)| rho).sum::<f64>() / 100.0;
+        assert!((rho - 0.9).abs() < 0.05, "{rho}");
+        let below = |p: f64, of: &dyn Fn(&Twins) -> f64| all.iter().filter(|(_, t)| of(t) < p).count();
+        assert_eq!(below(1e-3, &|t| t.chance(t.gains[0])), 0);
+        assert!(below(0.1, &|t| t.p_null) <= 19, "{}", below(0.1, &|t| t.p_null));
+        assert_eq!(between_channels(cells(1, 0.0).iter().filter(|c| c.channel == 0)), 0.0);
     }
 }

@@ -79,8 +79,9 @@ pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
     let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));
     let before = remaining.clone();
-    let twins = twins::twins(&remaining, &places, &gaps);
-    let beyond_chance = |m: &Mask| twins.is_some_and(|t| t.chance(m.gain) < CHANCE);
+    // What is believed is held against a bench whose lines outside that very mask are as they are.
+    let beyond_chance =
+        |m: &Mask| twins::twins_beside(&before, &places, &gaps, m).is_some_and(|t| t.chance(m.gain) < CHANCE);
     let mut named: Vec<Mask> = Vec::new();
     for round in 0..MOST {
         let mut ranked = masks::masks(&remaining, &places, &gaps);

@@ -104,9 +104,9 @@ fn effect(effect: &NamedEffect) -> Vec<Part> {
             .map(|other| format!("not told apart from {} at {}", other.effect, other.place)),
     );
     let rows = effect.parameters.iter().map(|(name, p)| {
-        let (value, sigma) = match p.sigma() > p.value().abs() {
-            true => (super::summary::size(p.value(), p.sigma()), String::new()),
-            false => super::summary::rounded(p.value(), p.sigma()),
+        let (value, sigma) = match super::summary::is_determined(p.value(), p.sigma()) {
+            false => (super::summary::size(p.value(), p.sigma()), String::new()),
+            true => super::summary::rounded(p.value(), p.sigma()),
         };
         vec![Cell::from(name.as_str()), Cell::from(value), Cell::from(sigma)]
     });
@@ -212,4 +212,69 @@ fn mismatch(all: &[Mismatch]) -> Section {
         rows: rows.collect(),
     };
     Section { heading: "Where they differ".into(), parts: vec![Part::Chart(mismatch_chart(all)), Part::Table(table)] }
+}
+
+#[cfg(test)]
+mod tests {
+    use gearwatch_core::estimate::Estimate;
+    use gearwatch_explain::judge::report::{Entry, Evidence, FORMAT};
+
+    use super::*;
+
+    /// A softer bearing was named; without it the misfit of what was held out is 3.12.
+    fn named(status: Status, held_out_after: f64) -> Explanation {
+        let effect = NamedEffect {
+            effect: "bearing_compliance".into(),
+            place: "input".into(),
+            probability: 0.95,
+            parameters: [("factor".to_owned(), Estimate::new(0.7, 0.02).into())].into(),
+            indistinguishable_from: Vec::new(),
+            entry_point: Entry::of("bearing_compliance", "input", 0.95, &[]),
+            evidence: Evidence::default(),
+        };
+        let fit = Fit {
+            metric: "misfit".into(),
+            train_before: 3.0,
+            train_after: 1.5,
+            held_out_before: 3.12,
+            held_out_after,
+            noise_floor: 1.0,
+            held_out: vec!["30-60.mcap".into()],
+        };
+        Explanation {
+            format: FORMAT,
+            status,
+            effects: vec![effect],
+            mismatch: Vec::new(),
+            fit: Some(fit),
+            p_null: None,
+            latent_force: None,
+            advice: Vec::new(),
+            limits: Vec::new(),
+            steps: Vec::new(),
+        }
+    }
+
+    /// A change that describes held-out recordings worse is no success, neither at the head of the report nor on the terminal; one that describes them better is.
+    #[test]
+    fn regress_a_worse_misfit_is_no_success() {
+        let text = |e: &Explanation| {
+            let mut out = Vec::new();
+            super::super::summary::print(&mut out, "bench", e, false).unwrap();
+            String::from_utf8(out).unwrap().split_whitespace().collect::<Vec<_>>().join(" ")
+        };
+        for after in [3.67, 3.12, f64::NAN] {
+            for status in [Status::Explained, Status::Ambiguous] {
+                let e = named(status, after);
+                let head = sentence(&e);
+                assert!(!head.contains("Left out:") && !head.contains("goes from"), "{head}");
+                assert!(head.contains("does not describe recordings that were not fitted"), "{head}");
+                assert!(text(&e).contains("with, no better"), "{}", text(&e));
+            }
+            assert!(text(&named(Status::Explained, after)).contains("does not describe what was held out"));
+        }
+        let better = named(Status::Explained, 1.2);
+        assert!(sentence(&better).starts_with("Left out: bearing compliance at input (95 %). On recordings"));
+        assert!(text(&better).contains("this accounts for it") && text(&better).contains("62 % less"));
+    }
 }

@@ -131,9 +131,15 @@ pub fn decimals(sigma: f64) -> usize {
     if sigma > 0.0 { (1.0 - sigma.log10().floor()).clamp(0.0, 6.0) as usize } else { 3 }
 }
 
+/// The standard deviation is below the number itself, in the digits that are shown too.
+pub fn is_determined(value: f64, sigma: f64) -> bool {
+    let (shown, uncertain) = rounded(value.abs(), sigma);
+    sigma == 0.0 || (sigma < value.abs() && shown != uncertain)
+}
+
 /// `= 3.1 ± 0.2`; where the standard deviation is the larger of the two nothing is estimated, and what is left is a bound.
 pub fn size(value: f64, sigma: f64) -> String {
-    if sigma > value.abs() {
+    if !is_determined(value, sigma) {
         let (bound, _) = rounded(value.abs() + 2.0 * sigma, sigma);
         return format!("not determined (below {bound} with 95 %)");
     }
@@ -180,6 +186,8 @@ mod tests {
     fn regress_what_is_not_known_is_not_shown_as_a_size() {
         assert_eq!(size(352.0, 447.0), "not determined (below 1246 with 95 %)");
         assert_eq!(size(0.0, 0.0), "= 0.000 ± 0.000");
+        assert_eq!(size(-0.352, 0.348), "not determined (below 1.05 with 95 %)");
+        assert_eq!(size(0.36, 0.35), "= 0.36 ± 0.35");
         assert_eq!(size(22.14, 1.4), "= 22.1 ± 1.4");
         assert_eq!(size(3.2e-9, 4.0e-10), "= 3.2e-9 ± 4.0e-10");
     }

@@ -17,7 +17,7 @@ const FIRST_BAND_HZ: f64 = 50.0;
 pub struct FloorBand {
     /// Middle of the band (Hz).
     pub frequency_hz: f64,
-    /// Mean power of one bin of the windowed spectrum.
+    /// Mean power of one hertz: that of a bin is the less, the longer the recording.
     pub power: f64,
     /// Bins that were read.
     pub bins: usize,
@@ -98,7 +98,7 @@ pub fn bands(spectrum: &[Complex64], taken: &[bool], hz_per_bin: f64, rate: f64)
         let bins = powers.len();
         out.push(FloorBand {
             frequency_hz: low * ratio.sqrt(),
-            power: lower_quartile(&mut powers) / -(0.75f64.ln()),
+            power: lower_quartile(&mut powers) / (-(0.75f64.ln()) * hz_per_bin),
             bins,
         });
         low *= ratio;
