@@ -32,32 +32,36 @@ pub(crate) fn findings(bench: &Bench, looks: &[Look]) -> Vec<Finding> {
     let input_hz = fastest_input_hz(&train, looks);
     let rate = rate_hz(bench, looks);
     let mut out = Vec::new();
-    out.extend(unit(bench, &train, input_hz, rate));
+    out.extend(units(bench, &train, input_hz, rate));
     out.extend(band(&train, input_hz, rate));
     out.extend(coinciding(&train, input_hz));
     out
 }
 
-/// A speed that puts even the mesh frequency beyond the band, and as rpm does not: of the sheet, or stated for a recording.
-fn unit(bench: &Bench, train: &Train, input_hz: f64, rate: f64) -> Option<Finding> {
+/// A motor speed that puts even the mesh frequency beyond the band, and as rpm does not: `said` where it stands, `option` how it is written as rpm.
+fn unit(train: &Train, motor_hz: f64, rate: f64, said: &str, option: &str) -> Option<Finding> {
     let lowest = train.stages.iter().map(|stage| stage.mesh_order).reduce(f64::min)?;
-    let mesh_hz = lowest * input_hz;
-    // As it was typed: the way through the belt's ratio leaves the last digits of a double.
-    let motor_hz = (1e9 * input_hz * train.motor_order).round() / 1e9;
-    let nominal = input_hz == train.nominal_input_hz;
-    let (key, option) = match nominal {
-        true => (format!("speed_hz = {}", bench.motor.speed_hz), format!("speed_rpm = {}", bench.motor.speed_hz)),
-        false => (format!("a motor speed of {motor_hz} Hz is stated"), format!("{motor_hz}rpm")),
-    };
+    let mesh_hz = lowest * motor_hz / train.motor_order;
     (motor_hz > FAST_MOTOR_HZ && mesh_hz > FILTERED * rate && mesh_hz / 60.0 < FILTERED * rate).then(|| Finding {
         id: "speed_unit",
         severity: Severity::Wrong,
         recording: String::new(),
         place: "motor".into(),
-        found: format!("{key}, which puts the lowest mesh frequency at {mesh_hz:.0} Hz"),
+        found: format!("{said}, which puts the lowest mesh frequency at {mesh_hz:.0} Hz"),
         expected: format!("a mesh frequency below {:.0} Hz, {FILTERED} of the sample rate", FILTERED * rate),
         advice: format!("as rpm it is {:.4} Hz: write {option}", motor_hz / 60.0),
     })
+}
+
+/// The same of the nominal speed, and of the fastest that is stated for a recording.
+fn units(bench: &Bench, train: &Train, input_hz: f64, rate: f64) -> Vec<Finding> {
+    let nominal = bench.motor.speed_hz;
+    // As it was typed: the way through the belt's ratio leaves the last digits of a double.
+    let stated = (1e9 * input_hz * train.motor_order).round() / 1e9;
+    let of_sheet = unit(train, nominal, rate, &format!("speed_hz = {nominal}"), &format!("speed_rpm = {nominal}"));
+    let of_recording =
+        || unit(train, stated, rate, &format!("a motor speed of {stated} Hz is stated"), &format!("{stated}rpm"));
+    of_sheet.into_iter().chain(if stated == nominal { None } else { of_recording() }).collect()
 }
 
 fn band(train: &Train, input_hz: f64, rate: f64) -> Vec<Finding> {

@@ -151,6 +151,19 @@ fn regress_rpm_for_hz_is_named() {
     wrong.motor.speed_hz = 1500.0;
     let checked = check(&wrong, &[], None);
     assert!(found(&checked).contains(&("speed_unit", Severity::Wrong)), "{checked:#?}");
+    // A recording that states its speed rightly does not make the sheet right; one that states rpm as Hz is told by the band, with a tacho too.
+    let checked = check(&wrong, &[look(pair(), |_| {})], None);
+    assert!(checked.findings.iter().any(|f| f.id == "speed_unit" && f.found.starts_with("speed_hz = 1500")));
+    let stated = |packet: &mut Packet| {
+        if let Packet::OperatingPoint(point) = packet {
+            point.motor_speed_hz = 1500.0;
+        }
+    };
+    let checked = check(&bench, &[look(pair(), stated)], None);
+    assert!(
+        checked.findings.iter().any(|f| f.id == "speed_unit" && f.advice.ends_with("write 1500rpm")),
+        "{checked:#?}"
+    );
 }
 
 /// Pulses per revolution that the tacho does not have.

@@ -282,6 +282,22 @@ fn campaign_table_of_the_whole() {
     assert_eq!(outcomes.iter().map(Outcome::physics).sum::<usize>(), 0);
 }
 
+/// One tooth more in the sheet, on each gear, through the whole of `explain`: named, or nothing is. A tooth of the last wheel moves no mesh line, and shows in sidebands that a box without
+/// load hardly has.
+#[test]
+#[ignore = "minutes: just campaign-drill"]
+fn campaign_table_of_the_sheet() {
+    let recordings = recordings("hb", &WHOLE_LOADS);
+    if recordings.is_empty() {
+        return;
+    }
+    let outcomes = changed(&recordings, &[(Kind::Sheet, 1.0)], true);
+    write("sheet", &format!("{HEAD}{}", lines(&outcomes, "")));
+    assert_eq!(outcomes.iter().map(Outcome::physics).sum::<usize>(), 0);
+    let wrong = |o: &&Outcome| !o.is_right() && o.named.as_ref().is_ok_and(|named| !named.is_empty());
+    assert_eq!(outcomes.iter().filter(wrong).count(), 0);
+}
+
 /// Kinds by name from `GEARWATCH_KINDS`, recordings from `GEARWATCH_LOADS` and `GEARWATCH_STATES`; all without.
 #[test]
 #[ignore = "minutes: GEARWATCH_KINDS=Swap,Lost cargo test -p gearwatch-explain --test drill -- --ignored --nocapture"]
