@@ -84,12 +84,13 @@ impl Bench {
         self.inner.sensors.iter().map(|sensor| sensor.name.clone()).collect()
     }
 
-    /// Its stages from motor to brake: name, teeth, and orders of shafts and mesh in multiples of the input shaft's speed.
+    /// Its stages from motor to brake: name, kind, teeth (of a planetary stage sun and ring in place of pinion and wheel), and orders of shafts and mesh in multiples of the input shaft's speed.
     #[getter]
     fn stages<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        let one = |stage: &gearwatch_core::train::StageKinematics| {
+        let one = |(stage, sheet): (&gearwatch_core::train::StageKinematics, &gearwatch_core::bench::Stage)| {
             let out = PyDict::new(py);
             out.set_item("name", &stage.name)?;
+            out.set_item("kind", sheet.kind().word())?;
             out.set_item("pinion_teeth", stage.pinion_teeth)?;
             out.set_item("wheel_teeth", stage.wheel_teeth)?;
             out.set_item("pinion_order", stage.pinion_order)?;
@@ -98,7 +99,7 @@ impl Bench {
             out.set_item("harmonic_orders", stage.harmonic_orders().to_vec())?;
             Ok(out)
         };
-        Train::new(&self.inner).stages.iter().map(one).collect()
+        Train::new(&self.inner).stages.iter().zip(&self.inner.stages).map(one).collect()
     }
 
     /// The text of a bench file, all defaults written out.

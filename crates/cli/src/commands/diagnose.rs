@@ -154,7 +154,7 @@ impl Run for Diagnose {
         }
         let exit = all.iter().map(Diagnosis::exit).chain(failed).max_by_key(|exit| severity(*exit));
         let exit = exit.unwrap_or(Exit::Unknown);
-        self.print(&all, exit)?;
+        self.print(&all, &pipeline, exit)?;
         if let Some(target) = report {
             let baseline = self.baseline.as_deref().map(|path| ("baseline", path));
             let files: Vec<_> = [("bench", self.bench.as_path())].into_iter().chain(baseline).collect();
@@ -236,13 +236,13 @@ impl Diagnose {
         Ok(diagnosis)
     }
 
-    fn print(&self, all: &[Diagnosis], exit: Exit) -> anyhow::Result<()> {
+    fn print(&self, all: &[Diagnosis], pipeline: &Pipeline, exit: Exit) -> anyhow::Result<()> {
         // Colours are taken out where the output is no terminal or NO_COLOR is set.
         let mut out = std::io::BufWriter::new(terminal::coloured());
         // Windows were printed as they came.
         if !self.windows {
             match self.format {
-                Format::Table => all.iter().try_for_each(|one| table::table(&mut out, one))?,
+                Format::Table => all.iter().try_for_each(|one| table::table(&mut out, one, pipeline.train()))?,
                 Format::Json => plain::lines(&mut out, all)?,
                 Format::Csv => plain::csv(&mut out, all)?,
                 Format::Nagios => plain::nagios(&mut out, all, exit)?,

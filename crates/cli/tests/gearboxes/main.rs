@@ -91,6 +91,10 @@ fn one_harmonic_raised(bench_text: &str, raised: Raised) {
                    [[bench.source]]\nkind = \"file\"\npath = \"raised.mcap\"\n[[sink]]\nkind = \"stdout\"\n";
     std::fs::write(path.join("service.toml"), service).unwrap();
     let windows = lines(&gearwatch(path, &["run", "--config", "service.toml"]), 0);
+    let replayed = gearwatch(path, &[&["replay", "raised.mcap"][..], &USUAL].concat());
+    assert_eq!(lines(&replayed, 0), windows);
+    let batch = gearwatch(path, &[&["batch", "raised.mcap", "--out", "ranks"][..], &USUAL].concat());
+    assert_eq!(batch.status.code(), Some(0), "{}", text(&batch.stderr));
     // 16 s in windows of 1 s every half second.
     assert_eq!(windows.len(), 31 * verdicts.len());
     let mut third = (0, 0);
@@ -177,6 +181,13 @@ fn analytic_amplitudes_of_planets_out_of_phase() {
         let found = verdict[format!("amp_{k}x")].as_f64().unwrap_or(f64::NAN);
         assert!((found / expected - 1.0).abs() < 5e-3, "{k}x: {found}, expected {expected}");
     }
+    // The table and the report name the lines that were read: the mesh is at 30 Hz 62 22 / 84 = 487.14 Hz, 1x at 64/62 of it, within the drift of the speed.
+    let args = ["diagnose", "day.mcap", "--bench", "bench.toml", "--report", "day.html"];
+    let table = text(&gearwatch(path, &args).stdout);
+    let row = table.lines().find(|line| line.trim_start().starts_with("1x ")).expect("a row of 1x");
+    let hz: f64 = row.split_whitespace().nth(1).and_then(|hz| hz.parse().ok()).expect("a frequency");
+    assert!((hz / 502.86 - 1.0).abs() < 3e-3, "{row}");
+    assert!(std::fs::read_to_string(path.join("day.html")).unwrap().contains(&format!("1x, {hz:.2} Hz")), "{hz}");
 }
 
 /// One tooth too many on the sun, with the planets and the ring that go with it, is doubted; what asks for the simulator is refused with what is supported.

@@ -212,7 +212,7 @@ fn recording(one: &Diagnosis, pipeline: &Pipeline) -> Section {
         ordered.truncate(MOST_DETAILS);
     }
     for verdict in ordered {
-        parts.push(Part::Table(harmonics(verdict)));
+        parts.push(Part::Table(harmonics(verdict, pipeline)));
         if verdict.harmonics.iter().any(|h| h.deviation_percent.is_known()) {
             parts.push(Part::Chart(bars(verdict, pipeline)));
         }
@@ -236,7 +236,7 @@ fn marks(pipeline: &Pipeline) -> Vec<Mark> {
     stages.flat_map(of).collect()
 }
 
-fn harmonics(verdict: &Verdict) -> Table {
+fn harmonics(verdict: &Verdict, pipeline: &Pipeline) -> Table {
     let rows = verdict.harmonics.iter().enumerate().map(|(k, h)| {
         let estimate = |e: &gearwatch_core::estimate::Estimate, show: fn(f64) -> String| {
             if e.is_known() { format!("{} ± {}", show(e.value), show(e.sigma)) } else { "–".to_owned() }
@@ -244,7 +244,7 @@ fn harmonics(verdict: &Verdict) -> Table {
         let probability =
             if h.rank_probability.is_finite() { format!("{:.2}", h.rank_probability) } else { "–".to_owned() };
         vec![
-            Cell::from(format!("{}x, {:.2} Hz", k + 1, (k + 1) as f64 * verdict.mesh_hz)),
+            Cell::from(format!("{}x, {:.2} Hz", k + 1, table::line_hz(pipeline.train(), verdict, k + 1))),
             Cell::toned(h.rank.code(), rank_tone(h.rank)),
             probability.into(),
             estimate(&h.deviation_percent, |x| format!("{x:.2}")).into(),

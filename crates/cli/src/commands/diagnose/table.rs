@@ -4,6 +4,7 @@ use std::io::Write;
 
 use anstyle::{AnsiColor, Style};
 use gearwatch_core::speed::RPM_PER_HZ;
+use gearwatch_core::train::Train;
 use gearwatch_core::verdict::{HarmonicVerdict, MachineState, Rank, StateFit, Verdict};
 
 use super::Diagnosis;
@@ -14,7 +15,7 @@ const BAR_PERCENT: f64 = 15.0;
 const BAR_WIDTH: usize = 12;
 
 /// Prints one recording.
-pub(super) fn table(out: &mut impl Write, one: &Diagnosis) -> std::io::Result<()> {
+pub(super) fn table(out: &mut impl Write, one: &Diagnosis, train: &Train) -> std::io::Result<()> {
     let bold = Style::new().bold();
     writeln!(out, "{bold}{}{bold:#}", one.recording)?;
     let mut point = String::new();
@@ -24,7 +25,7 @@ pub(super) fn table(out: &mut impl Write, one: &Diagnosis) -> std::io::Result<()
             writeln!(out, "  {here}")?;
             point = here;
         }
-        verdict_table(out, verdict)?;
+        verdict_table(out, verdict, train)?;
     }
     if one.verdicts.is_empty() {
         writeln!(out, "  nothing could be judged")?;
@@ -49,7 +50,15 @@ pub(super) fn operating_point(verdict: &Verdict) -> String {
     format!("input shaft {hz:.3} Hz ({:.1} rpm){torque}; {cell}", RPM_PER_HZ * hz)
 }
 
-fn verdict_table(out: &mut impl Write, verdict: &Verdict) -> std::io::Result<()> {
+/// Frequency (Hz) of the line that is read as harmonic `k` (from 1): a planetary stage may have it beside `k` times its mesh frequency.
+pub(super) fn line_hz(train: &Train, verdict: &Verdict, k: usize) -> f64 {
+    match train.stages.iter().find(|stage| stage.name == verdict.stage && !stage.is_comb()) {
+        Some(stage) => stage.harmonic_order(k) * verdict.input_speed_hz.value,
+        None => k as f64 * verdict.mesh_hz,
+    }
+}
+
+fn verdict_table(out: &mut impl Write, verdict: &Verdict, train: &Train) -> std::io::Result<()> {
     let style = machine_style(verdict.machine);
     let reason = match verdict.reason.code() {
         "" => String::new(),
@@ -70,7 +79,6 @@ fn verdict_table(out: &mut impl Write, verdict: &Verdict) -> std::io::Result<()>
         "Hz", verdict.unit, "normal", "deviation %", ""
     )?;
     for (k, harmonic) in verdict.harmonics.iter().enumerate() {
-        let order = (k + 1) as f64;
         let amplitude = &harmonic.amplitude;
         let amplitude = if amplitude.is_known() {
             format!("{} ± {}", figure(amplitude.value), figure(amplitude.sigma))
@@ -88,7 +96,7 @@ fn verdict_table(out: &mut impl Write, verdict: &Verdict) -> std::io::Result<()>
             out,
             "  {}x  {:>9.2} {amplitude:>22} {:>11} {deviation:>16}  {style}{}  {}{style:#}{}{}",
             k + 1,
-            order * verdict.mesh_hz,
+            line_hz(train, verdict, k + 1),
             figure(harmonic.baseline),
             bar(harmonic),
             harmonic.rank.code(),
