@@ -26,8 +26,8 @@
 //! J. Vib. Acoust. 124 (2002) 150; M. Inalpolat, A. Kahraman, J. Sound Vib. 323 (2009) 677). With a fixed sun `z_s` is in place of `z_r`; with a fixed carrier
 //! nothing passes and the lines are those of the mesh.
 //!
-//! *The k-th harmonic* of such a stage is the line nearest to `k z` whose weight is [`LEAST_WEIGHT`] at least, the upper of two that are equally near: the
-//! acceleration of a given force or displacement grows with frequency. Where no line within N orders has that weight, it is the one with most.
+//! *The k-th harmonic* of such a stage is the line nearest to `k z` whose weight is [`LEAST_WEIGHT`] at least, of two that are equally near the one with
+//! more weight, of equals the upper: the acceleration of a given force or displacement grows with frequency. Where no line within N orders has that weight, it is the one with most.
 //!
 //! A central gear that is off centre or cracked turns with its own speed in space. Its sidebands about a visible line lie at multiples of that speed: in the frame
 //! of the carrier the once-per-turn error has `n_s - n_c` and meets planet `i` late by `ψ_i`, which selects `d = ± 1` in place of 0 and adds `n_c`.
@@ -167,15 +167,18 @@ impl PlanetarySet {
 /// Order of the carrier at which the harmonic at `mesh` is read.
 pub fn harmonic_line(positions: &[f64], mesh: i64) -> i64 {
     let reach = positions.len() as i64;
-    let nearest_first = (0..=reach).flat_map(|d| [mesh + d, mesh - d]).filter(|m| *m > 0);
-    let left = nearest_first.clone().find(|m| weight(positions, *m) >= LEAST_WEIGHT);
-    let most = || {
-        nearest_first.fold((mesh, 0.0), |best, m| {
-            let w = weight(positions, m);
-            if w > best.1 + 1e-9 { (m, w) } else { best }
-        })
-    };
-    left.unwrap_or_else(|| most().0)
+    // The heavier one, the first of equals.
+    let heavier = |a: (i64, f64), b: (i64, f64)| if b.1 > a.1 + 1e-9 { b } else { a };
+    let weighed = |m: i64| (m, if m > 0 { weight(positions, m) } else { 0.0 });
+    let mut most = (mesh, 0.0);
+    for d in 0..=reach {
+        let here = heavier(weighed(mesh + d), weighed(mesh - d));
+        if here.1 >= LEAST_WEIGHT {
+            return here.0;
+        }
+        most = heavier(most, here);
+    }
+    most.0
 }
 
 #[cfg(test)]
@@ -233,6 +236,17 @@ mod tests {
                 assert!((line - mesh).abs() * 2 != planets || line > mesh);
             }
         }
+    }
+
+    /// Sun 27, ring 99, four planets at 0, 32, 63 and 95 steps of 1/126 of a turn: two pairs that stand opposite, so that odd orders vanish, and with
+    /// `|cos(π m 32/126)|` for even ones 98 has 0.94 and 100 has 0.32; of 296 and 298, equally near to 297, 296 has more (0.85 and 0.54).
+    #[test]
+    fn analytic_lines_of_planets_at_unequal_places() {
+        let positions = [0.0, 32.0, 63.0, 95.0].map(|steps| steps / 126.0);
+        for (m, expected) in [(98, 0.9397), (99, 0.0), (100, 0.3185), (296, 0.8534), (297, 0.0), (298, 0.5425)] {
+            assert!((weight(&positions, m) - expected).abs() < 1e-3, "{m}: {}", weight(&positions, m));
+        }
+        assert_eq!([99, 198, 297].map(|mesh| harmonic_line(&positions, mesh)), [98, 198, 296]);
     }
 
     /// Two pairs of planets, 5° off equal spacing: the lines about a multiple of four stay, those that equal spacing forbids appear with little weight, and
