@@ -64,8 +64,8 @@ pub struct LoadPoint {
     half_per_blend: f64,
     /// Factor on every pair's compliance.
     factor: f64,
-    /// Approach (m) that misaligned flanks take up before they carry.
-    offset_m: f64,
+    /// Opening (m) of misaligned flanks at the far end of the face.
+    wedge_m: f64,
 }
 
 /// Where the mesh stands.
@@ -318,27 +318,15 @@ impl MeshModel {
         let pair = &self.modifications.pair;
         let width = self.face_width_m();
         let hertz = |share: f64| self.options.hertz.compliance_m_per_n(&self.material, width, share * load);
-        let approach = load / self.reference_stiffness_n_per_m;
         let mut factor = 1.0 / pair.stiffness_factor;
         if pair.load_exponent != 0.0 {
             factor *= (load.max(crate::hertz::LEAST_LOAD_N) / pair.reference_load_n).powf(-pair.load_exponent);
         }
-        // Flanks at an angle γ touch at one edge first: with k/b per width, F = k δ²/(2 γ b) up to δ = γ b, and
-        // k (δ − γ b/2) beyond; linearised about the load.
-        let wedge = pair.misalignment_rad.abs() * width;
-        let mut offset_m = 0.0;
-        if wedge > 0.0 {
-            let part = (2.0 * approach / wedge).sqrt();
-            if part >= 1.0 {
-                offset_m = 0.5 * wedge;
-            } else {
-                let part = part.max(0.02);
-                factor /= part;
-                offset_m = 0.5 * part * wedge;
-            }
-        }
-        let blend =
-            if self.options.corner_contact { (approach / self.corner[0][0]).sqrt().clamp(1e-3, 0.1) } else { 0.0 };
+        let blend = if self.options.corner_contact {
+            (load / self.reference_stiffness_n_per_m / self.corner[0][0]).sqrt().clamp(1e-3, 0.1)
+        } else {
+            0.0
+        };
         LoadPoint {
             load_n,
             hertz_alone: hertz(1.0),
@@ -346,7 +334,7 @@ impl MeshModel {
             blend,
             half_per_blend: 0.5 / blend,
             factor,
-            offset_m,
+            wedge_m: pair.misalignment_rad.abs() * width,
         }
     }
 }

@@ -13,7 +13,7 @@
 //!
 //! Left out: products of what two shafts add (second order), what one mesh does to another beyond its mean stiffness unless
 //! [`SteadyOptions::together`] asks for it, and what never repeats, such as the impacts of a bearing defect. Contact loss is found and
-//! reported, since then only stepping gives the answer.
+//! reported, since then only stepping gives the answer; [`SteadyOptions::parting`] takes the motion as it comes out.
 //!
 //! Against Runge–Kutta with located events on a two-stage bench, mesh harmonics 1 to 5 of both stages at two sensors (relative to
 //! a line, or to 5 % of the largest): 8e-4 with each mesh by itself, 1.5e-5 together; sidebands of an eccentric gear 3e-4.
@@ -49,11 +49,13 @@ pub struct SteadyOptions {
     /// Solve all meshes together over their common period, so that they modulate each other; otherwise each mesh sees the others
     /// at their mean stiffness.
     pub together: bool,
+    /// Give the motion also where teeth part for a part of the cycle. It is then one of several that may be possible, near that of teeth in contact, damped as in contact.
+    pub parting: bool,
 }
 
 impl Default for SteadyOptions {
     fn default() -> Self {
-        Self { samples_per_cycle: 512, tolerance: 1e-5, together: false }
+        Self { samples_per_cycle: 512, tolerance: 1e-5, together: false, parting: false }
     }
 }
 

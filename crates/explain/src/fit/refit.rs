@@ -5,7 +5,8 @@
 //! of each line between reference and recording, and the *trend* of the reference's line over the loads of one speed, less its mean.
 //! The effect's parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are coupled through their bodies and the
 //! spacing of its teeth scatters (as pairs that alternate), bearings and torsion of every
-//! shaft, and the first three profile errors that every pair of teeth has, are fitted with priors as wide as a sheet is wrong. Recordings see the effect, references do not.
+//! shaft, and a profile error that every pair of teeth has, of each mesh harmonic that takes part, are fitted with priors as wide as a sheet is wrong. Recordings see the effect, references do not.
+//! Where teeth part at a light load, the motion near that of teeth in contact is taken.
 //! Fits start from the bench's numbers as the references show them, and from the best sizes of the effect, on both sides of no effect.
 
 mod library;

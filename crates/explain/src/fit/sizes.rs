@@ -49,7 +49,7 @@ pub fn estimate(
     let plain = SimSetup::nominal(q.bench);
     let mut with = plain.clone();
     effects::apply(&spec, &mut with).ok()?;
-    let options = SteadyOptions { samples_per_cycle: 256, tolerance: 1e-3, together: false };
+    let options = SteadyOptions { samples_per_cycle: 256, tolerance: 1e-3, together: false, parting: false };
     let mut sizes = Vec::new();
     for (p, pair) in q.comparison.pairs.iter().enumerate() {
         let rec = &q.recordings[pair.recording];

@@ -119,7 +119,7 @@ pub fn lines(
 
 /// The solver of a case: each solution starts from the one before.
 pub fn solver() -> SteadySolver {
-    SteadySolver::new(SteadyOptions { samples_per_cycle: 256, tolerance: 1e-4, together: false })
+    SteadySolver::new(SteadyOptions { samples_per_cycle: 256, tolerance: 1e-4, together: false, parting: false })
 }
 
 /// One recording; `None` where the steady state cannot be found.

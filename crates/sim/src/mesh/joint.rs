@@ -120,7 +120,7 @@ impl Joint {
     #[inline]
     fn by_flanks(&self, mesh: &MeshModel, phase: f64) -> Touch {
         let shift = mesh.shift(&MeshState { phase, ..self.state });
-        let common = mesh.profile_gap_m(phase) + mesh.wave_gap_m(phase) + shift.gap_m + self.load.offset_m;
+        let common = mesh.profile_gap_m(phase) + mesh.wave_gap_m(phase) + shift.gap_m;
         let at = phase + shift.pinion;
         let newest = (at + self.reach).floor();
         let mut pairs = [[0.0; 3]; SLOTS];
@@ -202,7 +202,7 @@ impl Table {
                 .map(|i| {
                     let s = (i as f64 / SIXTHS as f64 - offset) / per_cycle;
                     let mut pair = Pair::default();
-                    let gap = mesh.profile_gap_m(s - advance) + load.offset_m;
+                    let gap = mesh.profile_gap_m(s - advance);
                     mesh.pair(s, s - lag, [pinion, wheel], gap, (load, reach), &mut pair);
                     let [w, g, gap] = reduced(&pair, mesh.coupling);
                     [w, g, gap, 0.0]

@@ -344,7 +344,7 @@ impl Grid {
             if worst.max(unsettled * scale) <= options.tolerance * scale
                 && angle_error <= options.tolerance * angle_scale
             {
-                if let Some(stage) = open {
+                if let Some(stage) = open.filter(|_| !options.parting) {
                     return Err(SteadyError::ContactLost { stage });
                 }
                 forces.extend(friction_spectra);

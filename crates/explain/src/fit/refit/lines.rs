@@ -8,10 +8,14 @@ use crate::read::lines::Family;
 /// Power over noise from which a line takes part.
 const CLEAR: f64 = 4.0;
 /// Mesh harmonics that take part.
-const HARMONICS: u8 = 8;
+pub const HARMONICS: u8 = 8;
 
 /// A mesh line of a pair.
 pub struct Line {
+    /// Position of the stage.
+    pub stage: usize,
+    /// Mesh harmonic.
+    pub harmonic: u8,
     /// Position of the pair.
     pub pair: usize,
     /// Position of the sensor on the sheet.
@@ -35,7 +39,7 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
     let mut out = Vec::new();
     let mut keys: Vec<(usize, Family, usize)> = Vec::new();
     for c in cells {
-        let Some(family @ Family::Mesh { harmonic, .. }) = c.family else { continue };
+        let Some(family @ Family::Mesh { stage, harmonic }) = c.family else { continue };
         let same = |l: &&LineChange| l.pair == c.pair && l.channel == c.channel && l.family == family;
         let Some(l) = q.comparison.lines.iter().find(same) else { continue };
         let name = &q.comparison.channels[c.channel];
@@ -57,7 +61,17 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
             of_pair.len() - 1
         });
         let reference = 0.5 * l.reference_power.ln();
-        out.push(Line { pair: c.pair, sensor, at, change: c.change, variance: c.variance, reference, group });
+        out.push(Line {
+            stage,
+            harmonic,
+            pair: c.pair,
+            sensor,
+            at,
+            change: c.change,
+            variance: c.variance,
+            reference,
+            group,
+        });
     }
     (orders, out, keys.len())
 }

@@ -10,9 +10,9 @@ use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
 use nalgebra::DVector;
 
 use super::library::{fitted, starts};
-use super::lines::{Line, lines};
+use super::lines::{HARMONICS, Line, lines};
 use crate::change::locate::Cell;
-use crate::fit::least_squares::{Prior, Solution, losses, minimise, pulls};
+use crate::fit::least_squares::{Prior, Reach, Solution, losses, minimise, pulls};
 use crate::name::Question;
 use crate::read::features::RecordingFeatures;
 
@@ -30,8 +30,11 @@ pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
 const SPACING_STARTS_UM: [f64; 3] = [0.4, 1.8, 3.2];
 /// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
 pub const USUAL_ERROR_UM: f64 = 0.5;
-/// Profile harmonics that are fitted.
-pub const ERRORS: usize = 3;
+/// Profile harmonics that are fitted: of what is always there, as many as lines take part; of what an effect adds.
+const ERRORS: usize = HARMONICS as usize;
+pub const CHANGED: usize = 5;
+/// Profile harmonics that are large enough to alter the lines of others.
+const LARGE: usize = 3;
 /// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many phases.
 const CHANGED_ERROR_UM: f64 = 3.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
@@ -76,6 +79,11 @@ pub enum Number {
     Changed(usize, usize, usize),
     /// ln of a parameter of a member.
     Effect(usize, &'static str),
+}
+
+/// Whether a number alters more than the lines of one harmonic.
+fn large(number: &Number) -> bool {
+    !matches!(number, Number::Error(_, h, _) if *h >= LARGE)
 }
 
 /// Effects, the bench's numbers and the lines that they have to account for.
@@ -139,7 +147,7 @@ impl<'a> Problem<'a> {
             }
             if *effect == "profile_error" {
                 let stage = q.bench.stages.iter().position(|s| s.name == *place)?;
-                for h in 0..ERRORS {
+                for h in 0..CHANGED {
                     for part in 0..2 {
                         add(Number::Changed(stage, h, part), 0.0, CHANGED_ERROR_UM / (h + 1) as f64);
                     }
@@ -152,7 +160,7 @@ impl<'a> Problem<'a> {
         if lines.len() < LEAST {
             return None;
         }
-        let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-3, together: false };
+        let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-5, together: false, parting: true };
         let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
         Some(Self { q, specs, numbers, priors, lines, own, orders, groups, solver, trend_only: false })
@@ -166,14 +174,32 @@ impl<'a> Problem<'a> {
         let all: Vec<usize> = (0..q.bench.stages.len()).collect();
         let spaced = problem.spaced(vec![start], &all);
         let (_, start) = problem.turned(spaced, &all).into_iter().next()?;
-        Some(Base(problem.minimise(start, &|_| true, ITERATIONS)?.x))
+        Some(Base(problem.minimise(start, &large, ITERATIONS)?.x))
     }
 
     /// Minimises over some of the numbers.
     fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
         let priors = self.priors.clone();
         let free: Vec<usize> = (0..priors.len()).filter(|&k| free(&self.numbers[k])).collect();
-        minimise(x, &priors, &free, iterations, &mut |x| self.residuals(x))
+        minimise(x, &priors, &self.reaches(), &free, iterations, &mut |x| self.residuals(x))
+    }
+
+    /// The residuals that each number moves. Where pairs of teeth meet and by what errors moves the lines of their own stage, since each mesh sees the others at their mean stiffness; a profile error
+    /// of high harmonic, which is small, only those of its own harmonic.
+    fn reaches(&self) -> Vec<Reach> {
+        let own = |stage: usize, harmonic: Option<usize>| -> Vec<usize> {
+            let line = |l: &Line| l.stage == stage && harmonic.is_none_or(|h| usize::from(l.harmonic) == h + 1);
+            let count = |l: &Line| self.lines.iter().filter(|m| m.group == l.group).count();
+            let changes = self.lines.iter().filter(|_| !self.trend_only).map(line);
+            let trends = self.lines.iter().filter(|l| count(l) > 1).map(line);
+            changes.chain(trends).enumerate().filter(|(_, of)| *of).map(|(i, _)| i).collect()
+        };
+        let reach = |n: &Number| match n {
+            Number::Error(stage, h, _) | Number::Changed(stage, h, _) if *h >= LARGE => Some(own(*stage, Some(*h))),
+            Number::Error(stage, ..) | Number::Changed(stage, ..) | Number::Spacing(stage) => Some(own(*stage, None)),
+            _ => None,
+        };
+        self.numbers.iter().map(reach).collect()
     }
 
     /// The best fit from the most promising starts.
@@ -206,7 +232,7 @@ impl<'a> Problem<'a> {
         }
         tried.truncate(TURNED);
         let tried = self.turned(tried, &concerned);
-        let teeth = |n: &Number| !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
+        let teeth = |n: &Number| large(n) && !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
         let mut seen = tried;
         for (count, iterations) in ROUNDS {
             let mut next: Vec<Start> = Vec::new();
@@ -232,8 +258,10 @@ impl<'a> Problem<'a> {
     pub fn settle(&mut self, seen: Vec<Start>) -> Option<Solution> {
         let enough = seen.first()?.0 + 2.0 * HOPELESS;
         let starts = self.best(seen, STARTS).into_iter().filter(|s| s.0 < enough);
-        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &|_| true, ITERATIONS)).collect();
-        fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))
+        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &large, ITERATIONS)).collect();
+        let best = fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))?;
+        // The small ones follow once the others have settled: free from the beginning they take up what is not theirs.
+        self.minimise(best.x, &|_| true, ITERATIONS)
     }
 
     /// Sizes of one member with all else as in `x`.
@@ -245,7 +273,7 @@ impl<'a> Problem<'a> {
             let Some(stage) = self.q.bench.stages.iter().position(|s| s.name == spec.place) else { return Vec::new() };
             let mut x = x.clone();
             let mut tried = Vec::new();
-            for h in 0..ERRORS {
+            for h in 0..CHANGED {
                 let part = |part: usize| {
                     let own = |n: &Number| matches!(n, Number::Changed(i, k, p) if (*i, *k, *p) == (stage, h, part));
                     self.numbers.iter().position(own)

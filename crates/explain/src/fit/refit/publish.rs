@@ -2,7 +2,7 @@
 
 use gearwatch_core::estimate::Estimate;
 
-use super::problem::{ERRORS, INDEPENDENT, Number, Problem, USUAL_ERROR_UM};
+use super::problem::{CHANGED, INDEPENDENT, Number, Problem, USUAL_ERROR_UM};
 use crate::fit::least_squares::Solution;
 use crate::name::Finding;
 
@@ -47,7 +47,7 @@ impl Problem<'_> {
         }
         if f.effect == "profile_error" {
             let Some(stage) = self.q.bench.stages.iter().position(|s| s.name == f.place) else { return };
-            for h in 0..ERRORS {
+            for h in 0..CHANGED {
                 let parts = |added: bool| -> Vec<usize> {
                     let own = |n: &Number| match n {
                         Number::Changed(i, k, _) => added && (*i, *k) == (stage, h),
