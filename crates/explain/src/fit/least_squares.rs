@@ -209,7 +209,7 @@ mod tests {
         let free = [0, 1, 2, 3];
         assert_eq!(groups(&reaches, &free).iter().map(Vec::len).collect::<Vec<_>>(), [3, 1]);
         assert_eq!(groups(&[], &free).len(), 4);
-        let mut find = |reaches: &[Reach]| {
+        let find = |reaches: &[Reach]| {
             let mut calls = 0;
             let mut residuals = |x: &DVector<f64>| {
                 calls += 1;
