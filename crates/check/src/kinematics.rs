@@ -352,19 +352,23 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
             }
         }
     }
+    // What tooth numbers score that nobody has.
+    let nobodys = |gear: &OtherTeeth| -> Vec<f64> {
+        (TEETH_REACH + 1..=NOBODYS_REACH)
+            .flat_map(|change| [-change, change])
+            .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
+            .filter(|teeth| *teeth >= *TRIED_TEETH.start())
+            .filter_map(|teeth| Some(lines(&with_teeth(bench, gear.stage, gear.pinion, teeth)?, false).0))
+            .collect()
+    };
     // A stage whose mesh is faint beside the other's: its share of all lines is small, but what tooth numbers score that nobody has says how small chance is.
-    let best = best.or_else(|| {
-        faint.filter(|(score, gear, _)| {
-            let nobody: Vec<f64> = (TEETH_REACH + 1..=NOBODYS_REACH)
-                .flat_map(|change| [-change, change])
-                .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
-                .filter(|teeth| *teeth >= *TRIED_TEETH.start())
-                .filter_map(|teeth| Some(lines(&with_teeth(bench, gear.stage, gear.pinion, teeth)?, false).0))
-                .collect();
-            stands_out(*score, base.0, &nobody)
-        })
-    });
-    best.map(|b| (b.1, b.2))
+    let best = best.or_else(|| faint.filter(|(score, gear, _)| stands_out(*score, base.0, &nobodys(gear))));
+    best.filter(|(score, gear, _)| !sheet_has_lines(base.0, *score, &nobodys(gear))).map(|b| (b.1, b.2))
+}
+
+/// Whether the sheet's own lines are there: its score lies nearer to that of the best tooth number than to what numbers score that nobody has. Then something else makes the lines of the best.
+fn sheet_has_lines(sheet: f64, best: f64, nobody: &[f64]) -> bool {
+    nobody.len() > 8 && sheet > 0.5 * (dsp::median(&mut nobody.to_vec()) + best)
 }
 
 /// Whether a score stands out of those of tooth numbers that nobody has, and the sheet's does not. Where sidebands of a pitch error make every whole number fit a

@@ -4,6 +4,7 @@ pub mod controls;
 pub mod held_out;
 pub mod latent;
 pub mod limits;
+pub mod predict;
 pub mod publish;
 pub mod report;
 pub mod twins;

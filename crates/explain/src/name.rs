@@ -142,7 +142,8 @@ pub fn answer(
         against::search(q, &cells, &speeds, &strange, &mut found);
         p = against::twins_of(q, &cells, &mut steps).map(|t| t.p_null);
         if findings.len() > direct || unexplained {
-            fit = held_out::held_out(q, &cells, &speeds, &findings);
+            progress("recordings that are held out");
+            fit = held_out::judge(q, &mut findings, &mut steps);
         }
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {

@@ -70,6 +70,20 @@ pub struct Comparison {
     pub floors: Vec<FloorChange>,
 }
 
+impl Comparison {
+    /// The comparison without some of its pairs.
+    pub fn without(&self, left_out: &[usize]) -> Self {
+        let kept: Vec<usize> = (0..self.pairs.len()).filter(|p| !left_out.contains(p)).collect();
+        let at = |pair: usize| kept.iter().position(|k| *k == pair);
+        Self {
+            pairs: kept.iter().map(|&k| self.pairs[k]).collect(),
+            channels: self.channels.clone(),
+            lines: self.lines.iter().filter_map(|l| Some(LineChange { pair: at(l.pair)?, ..*l })).collect(),
+            floors: self.floors.iter().filter_map(|f| Some(FloorChange { pair: at(f.pair)?, ..*f })).collect(),
+        }
+    }
+}
+
 /// Operating points count as the same within these relative differences.
 const SAME_SPEED: f64 = 0.03;
 const SAME_TORQUE: f64 = 0.05;

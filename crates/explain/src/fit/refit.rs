@@ -13,14 +13,17 @@ mod library;
 mod lines;
 mod problem;
 mod publish;
+pub mod sheet;
+mod written;
 
 use gearwatch_core::bench::Bench;
+use gearwatch_sim::setup::SimSetup;
 use nalgebra::DVector;
 use rayon::prelude::*;
 
 use self::library::fitted;
 pub use self::problem::{Base, SPACING_UM};
-use self::problem::{Problem, Start};
+use self::problem::{Problem, QUICK, Start};
 use crate::change::locate::Cell;
 use crate::fit::least_squares::losses;
 use crate::name::{Finding, Question};
@@ -28,7 +31,7 @@ use crate::name::{Finding, Question};
 /// What a joint refit gave.
 #[derive(Clone, Debug)]
 pub struct Refit {
-    /// The sheet with shafts, bearings and damping as fitted.
+    /// The sheet with the bench's own numbers as fitted.
     pub bench: Bench,
     /// In words, for the steps.
     pub steps: Vec<String>,
@@ -65,11 +68,24 @@ pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Opti
         problem.publish(&solution, &widened, member, &mut findings[i]);
     }
     let steps = problem.report(&solution);
-    Some(Refit { bench: problem.bench(&solution.x), steps })
+    Some(Refit { bench: problem.written(&solution.x), steps })
+}
+
+/// Whether an effect has a form on the mesh lines.
+pub fn has_form(effect: &str) -> bool {
+    fitted(effect).is_some()
+}
+
+/// The bench without and with some effects (id and place), all numbers as the lines have them; without effects as the references show it.
+pub fn setups(q: &Question<'_>, cells: &[Cell], members: &[(&str, &str)]) -> Option<[SimSetup; 2]> {
+    let base = base(q, cells)?;
+    let mut problem = Problem::new(q, cells, members)?.with_effort(QUICK);
+    let x = if members.is_empty() { problem.start(&base) } else { problem.solve(&base)?.x };
+    problem.setups(&x)
 }
 
 /// How much further from the lines (nats) than the nearest a candidate may be at a first look and still be fitted to the end.
-const OUT_OF_REACH: f64 = 150.0;
+const OUT_OF_REACH: f64 = 60.0;
 
 /// How well each of some effects (id and place) accounts for the lines with the bench's numbers free; `None` where one has no form on them or no steady
 /// state. What is far out of the others' reach is judged by its first look.

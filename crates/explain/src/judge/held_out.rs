@@ -1,50 +1,266 @@
-//! Whether what was named predicts a recording that took no part in naming it.
+//! Whether what was named predicts recordings that took no part in its fit.
+//!
+//! Some operating points are left out. The model is fitted to the others and simulated at those; what it leaves of the measured changes stands beside what no effect at all leaves, the
+//! runner-up, the same effect at a place where nothing was found, and the mean change of each line at the other points, which needs no physics. Between explanations that the lines left open
+//! the better prediction decides.
 
-use crate::change::locate::{self, Cell, Place};
-use crate::judge::report::Fit;
-use crate::name::subname;
+use std::collections::BTreeMap;
+
+use gearwatch_core::bench::EffectSpec;
+use gearwatch_core::estimate::Estimate;
+use gearwatch_sim::effects;
+use rayon::prelude::*;
+
+use crate::change::compare::Comparison;
+use crate::change::locate::{self, Cell};
+use crate::change::masks::INDEPENDENT;
+use crate::judge::predict::{self, Named};
+use crate::judge::report::{Beside, Fit};
+use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
 
-/// Leave-one-out figures of the comparison: each pair's line changes predicted from the other pairs by the law of what was named.
-pub fn held_out(q: &Question<'_>, cells: &[Cell], speeds: &[f64], findings: &[Finding]) -> Option<Fit> {
-    if speeds.len() < 2 {
+/// Largest misfit of one line (variances): no single one decides.
+const CAP: f64 = 100.0;
+/// From so many operating points on two are left out.
+const TWO: usize = 6;
+/// Rivals that are fitted: each costs as much as what is named.
+const RIVALS: usize = 3;
+/// Most that a prediction counts for or against (nats): it is one recording or two.
+const MOST: f64 = 10.0;
+/// Largest probability that comes of it, and the least of a rival that stays open.
+const SUREST: f64 = 0.95;
+const LEAST: f64 = 0.02;
+/// dB of a factor of e.
+const DB: f64 = 8.685_889_638;
+
+/// The pairs that are left out: in the middle of all, ordered by speed and load, so that what is fitted surrounds them.
+pub fn left_out(comparison: &Comparison) -> Vec<usize> {
+    let pairs = &comparison.pairs;
+    let mut order: Vec<usize> = (0..pairs.len()).collect();
+    order.sort_by(|a, b| {
+        let key = |k: &usize| ((pairs[*k].speed_hz * 10.0).round(), pairs[*k].torque_nm);
+        let (a, b) = (key(a), key(b));
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    match order.len() {
+        0 | 1 => Vec::new(),
+        n if n < TWO => vec![order[n / 2]],
+        n => vec![order[n / 3], order[2 * n / 3]],
+    }
+}
+
+/// The question without some pairs, and the cells of the rest.
+fn fitted<'a>(q: &Question<'a>, comparison: &'a Comparison) -> Question<'a> {
+    Question { comparison, ..*q }
+}
+
+/// How much better (nats) one prediction is than another. Lines share their errors, so that a part of them counts, and no model of a bench is right to within its repetition: the scale of what
+/// remains is unknown, with Jeffreys' prior (Gelman et al., *Bayesian Data Analysis*, 3rd ed., 2.8 and 3.2), which leaves the ratio of the two misfits; below repetition nothing is better.
+fn nats(lines: usize, misfit: f64, other: f64) -> f64 {
+    INDEPENDENT * lines as f64 * (other.max(1.0) / misfit.max(1.0)).ln()
+}
+
+/// Whether the model predicts what was held out worse than the bench as it was, by odds of a thousand at least.
+pub fn refuted(q: &Question<'_>, fit: &Fit) -> bool {
+    let held = left_out(q.comparison);
+    let lines = q.comparison.lines.iter().filter(|l| held.contains(&l.pair)).count();
+    nats(lines, fit.held_out_before, fit.held_out_after) > 1e3f64.ln()
+}
+
+/// Figures of a fit to all points but some; `None` where what was named has no model. Where the most probable finding has rivals, the one whose model predicts best comes first.
+pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>) -> Option<Fit> {
+    let held = left_out(q.comparison);
+    if held.is_empty() || findings.is_empty() {
         return None;
     }
-    let held = speeds.len() - 1;
-    let path = findings.iter().any(|f| subname::is_path(f.effect));
-    let machine = findings.iter().any(|f| !subname::is_path(f.effect));
-    let masks: Vec<Place> = findings.iter().filter_map(|f| subname::mask_of(q, f)).collect();
-    let mut sums = [0.0f64; 4];
-    let mut counts = [0usize; 2];
-    for cell in cells.iter().filter(|c| c.family.is_some()) {
-        let side = usize::from(cell.pair == held);
-        let others: Vec<Cell> = cells.iter().filter(|c| c.pair != held && c.pair != cell.pair).copied().collect();
-        let same: Vec<&Cell> = others.iter().filter(|c| c.channel == cell.channel && c.family == cell.family).collect();
-        let mut predicted = 0.0;
-        if machine && masks.iter().any(|m| locate::covers(*m, cell.family)) && !same.is_empty() {
-            // Shrunk by how far the other pairs agree.
-            let mean = same.iter().map(|c| c.change).sum::<f64>() / same.len() as f64;
-            let square = same.iter().map(|c| c.change * c.change).sum::<f64>() / same.len() as f64;
-            let noise = same.iter().map(|c| c.variance).sum::<f64>() / same.len() as f64;
-            predicted = mean * (mean * mean / square.max(1e-12)) * (square / (square + noise));
-        } else if path && let Some((p, v)) = locate::path_prediction(cell, &others, speeds) {
-            predicted = p * p * p / (p * p + v).max(1e-12);
-            predicted = if predicted.is_finite() { predicted } else { 0.0 };
+    let first = (0..findings.len()).max_by(|a, b| findings[*a].probability.total_cmp(&findings[*b].probability))?;
+    let rest = q.comparison.without(&held);
+    let train = fitted(q, &rest);
+    let cells = locate::cells(&rest);
+    let named: Vec<Named> = findings.iter().map(of_finding).collect();
+    let mut asked = vec![(words(&named[first].spec), named.clone())];
+    asked.extend(rivals(&findings[first]).into_iter().map(|rival| {
+        let mut other = named.clone();
+        let label = words(&rival.spec);
+        other[first] = rival;
+        (label, other)
+    }));
+    let count = asked.len();
+    asked.extend(elsewhere(q, &named));
+    let answers: Vec<Option<Residuals>> = asked
+        .par_iter()
+        .map(|(_, named)| {
+            let predicted = predict::predict(&train, &cells, q.comparison, named)?;
+            Some(Residuals::of(q.comparison, &predicted.0, &held))
+        })
+        .collect();
+    let none = Residuals::of(q.comparison, &vec![0.0; q.comparison.lines.len()], &held);
+    let mean = Residuals::of(q.comparison, &line_means(q.comparison, &rest), &held);
+    let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
+    let best = decide(&mut findings[first], &misfits, none.lines, steps);
+    let own = answers[best].as_ref()?;
+    let mut beside = vec![Beside { what: "no effect".into(), held_out: none.held }];
+    for (k, ((what, _), residuals)) in asked.iter().zip(&answers).enumerate().filter(|(k, _)| *k != best) {
+        // A sham of what is no longer first says nothing of it.
+        if k < count || best == 0 {
+            beside.extend(residuals.as_ref().map(|r| Beside { what: what.clone(), held_out: r.held }));
         }
-        sums[side] += (cell.change * cell.change / cell.variance).min(100.0);
-        sums[2 + side] += ((cell.change - predicted).powi(2) / cell.variance).min(100.0);
-        counts[side] += 1;
     }
-    let rms = |sum: f64, n: usize| (sum / n.max(1) as f64).sqrt();
+    beside.push(Beside { what: "mean change of each line at the other points".into(), held_out: mean.held });
+    let by_channel: Vec<String> = q
+        .comparison
+        .channels
+        .iter()
+        .zip(none.channels_db.iter().zip(&own.channels_db))
+        .map(|(name, (before, after))| format!("{name} {before:.1} → {after:.1}"))
+        .collect();
+    steps.push(format!(
+        "held out: rms change of the lines in dB that was measured, and that the model leaves: {}",
+        by_channel.join(", ")
+    ));
+    let beside_words: Vec<String> = beside.iter().map(|b| format!("{} {:.2}", b.what, b.held_out)).collect();
+    steps.push(format!("held out: the model {:.2}; beside it {}", own.held, beside_words.join(", ")));
     Some(Fit {
-        metric: "root mean square of ln(amplitude in recording / in model) over its standard deviation, all lines; the model before is \
-                 the reference, after it is the reference changed as the other recordings tell; 1 or less is repetition"
+        metric: "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, all lines; the model before is the bench as the reference shows it, after it \
+                 the same with what was named, fitted to the other recordings; 1 or less is repetition"
             .into(),
-        train_before: rms(sums[0], counts[0]),
-        train_after: rms(sums[2], counts[0]),
-        held_out_before: rms(sums[1], counts[1]),
-        held_out_after: rms(sums[3], counts[1]),
+        train_before: none.fitted,
+        train_after: own.fitted,
+        held_out_before: none.held,
+        held_out_after: own.held,
         noise_floor: 1.0,
-        held_out: vec![q.recordings[q.comparison.pairs[held].recording].name.clone()],
+        held_out: held.iter().map(|&p| q.recordings[q.comparison.pairs[p].recording].name.clone()).collect(),
+        beside,
     })
+}
+
+/// Weighs a finding against its rivals by what each leaves of the recordings that were held out (`misfits`, its own first, `None` without a model), and puts the most probable one first.
+/// Returns its index. Without a model of the finding nothing is weighed, and a rival without one stays as probable as it was.
+fn decide(finding: &mut Finding, misfits: &[Option<f64>], lines: usize, steps: &mut Vec<String>) -> usize {
+    let Some(own) = misfits[0] else { return 0 };
+    let count = finding.alternatives.len();
+    if count == 0 {
+        return 0;
+    }
+    let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
+    let gain = |k: usize| misfits.get(k).copied().flatten().map_or(0.0, |m| nats(lines, m, own).clamp(-MOST, MOST));
+    let weights: Vec<f64> = (0..=count).map(|k| prior(k) * gain(k).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    let best = (0..=count).max_by(|a, b| weights[*a].total_cmp(&weights[*b])).unwrap_or(0);
+    let mut names = vec![(finding.effect, finding.place.clone())];
+    names.append(&mut finding.alternatives);
+    if best > 0 {
+        let (effect, place) = names[best].clone();
+        steps.push(format!(
+            "held out: {effect} at {place} predicts better than {} at {}, by {:.1} nats",
+            finding.effect,
+            finding.place,
+            gain(best)
+        ));
+        finding.evidence.shape = format!(
+            "of {} models, each fitted without the recordings that are held out, this one predicts them best",
+            misfits.iter().flatten().count()
+        );
+        finding.parameters = shared_parameters(finding, effect);
+        (finding.effect, finding.place) = (effect, place);
+    }
+    finding.probability = (weights[best] / sum).min(SUREST.max(finding.probability));
+    let left = (0..=count).filter(|k| *k != best && weights[*k] > LEAST * sum);
+    finding.alternatives = left.map(|k| names[k].clone()).collect();
+    best
+}
+
+/// Parameters of a finding that another effect has too: the order of a ripple is that of any other.
+fn shared_parameters(finding: &Finding, effect: &str) -> BTreeMap<String, Estimate> {
+    let known = effects::find(effect).map(|e| e.parameters());
+    let shared = |name: &String| known.as_ref().is_ok_and(|all| all.iter().any(|p| p.name == *name));
+    finding.parameters.iter().filter(|(name, _)| shared(name)).map(|(name, size)| (name.clone(), *size)).collect()
+}
+
+/// What cannot be told from a finding by the lines, in its place.
+fn rivals(finding: &Finding) -> Vec<Named> {
+    let of = |(effect, place): &(&'static str, String)| {
+        let parameters = shared_parameters(finding, effect).into_iter().map(|(name, size)| (name, size.value));
+        Named {
+            spec: EffectSpec { effect: (*effect).to_owned(), place: place.clone(), parameters: parameters.collect() },
+        }
+    };
+    finding.alternatives.iter().take(RIVALS).map(of).collect()
+}
+
+fn words(spec: &EffectSpec) -> String {
+    format!("{} at {}", spec.effect, spec.place)
+}
+
+/// A finding as the predictor takes it.
+fn of_finding(f: &Finding) -> Named {
+    let parameters = f.parameters.iter().map(|(name, size)| (name.clone(), size.value)).collect();
+    Named { spec: EffectSpec { effect: f.effect.to_owned(), place: f.place.clone(), parameters } }
+}
+
+/// The first effect of the machine at another place of the same kind: nothing was found there.
+fn elsewhere(q: &Question<'_>, named: &[Named]) -> Option<(String, Vec<Named>)> {
+    let at = named.iter().position(|n| !is_path(&n.spec.effect)).or_else(|| (!named.is_empty()).then_some(0))?;
+    let own = &named[at].spec;
+    let effect = effects::find(&own.effect).ok()?;
+    let place = places_of(q, &own.place).into_iter().find(|p| {
+        let other = EffectSpec { place: p.clone(), parameters: Default::default(), ..own.clone() };
+        *p != own.place && effects::resolve(&other, q.bench).is_ok() && !named.iter().any(|n| n.spec.place == *p)
+    })?;
+    let mut sham = named.to_vec();
+    sham[at].spec.place.clone_from(&place);
+    Some((format!("{} at {place}", effect.id()), sham))
+}
+
+/// Places of the kind of one: gears, stages, shafts or sensors.
+fn places_of(q: &Question<'_>, place: &str) -> Vec<String> {
+    let gears = || q.bench.stages.iter().flat_map(|s| s.gear_names().map(|g| format!("{}.{g}", s.name)));
+    let kinds: [Vec<String>; 4] = [
+        gears().collect(),
+        q.bench.stages.iter().map(|s| s.name.clone()).collect(),
+        q.bench.shafts.iter().map(|s| s.name.clone()).collect(),
+        q.comparison.channels.clone(),
+    ];
+    kinds.into_iter().find(|k| k.iter().any(|p| p == place)).unwrap_or_default()
+}
+
+/// The mean change of each line in a channel over the fitted points, as the prediction for all.
+fn line_means(all: &Comparison, rest: &Comparison) -> Vec<f64> {
+    let mean = |l: &crate::change::compare::LineChange| {
+        let own = rest.lines.iter().filter(|m| m.channel == l.channel && m.family == l.family);
+        let (sum, n) = own.fold((0.0, 0usize), |(s, n), m| (s + m.log_ratio, n + 1));
+        sum / n.max(1) as f64
+    };
+    all.lines.iter().map(mean).collect()
+}
+
+/// What a prediction leaves.
+struct Residuals {
+    /// Lines of those left out.
+    lines: usize,
+    /// Root mean square over the standard deviation, of the fitted points and of those left out.
+    fitted: f64,
+    held: f64,
+    /// Of those left out in dB, by channel.
+    channels_db: Vec<f64>,
+}
+
+impl Residuals {
+    fn of(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
+        let cells: Vec<Cell> = locate::cells(comparison).into_iter().filter(|c| c.family.is_some()).collect();
+        let rms = |of: &dyn Fn(&Cell) -> bool, size: &dyn Fn(&Cell, f64) -> f64| {
+            let all = cells.iter().zip(predicted).filter(|(c, _)| of(c));
+            let (sum, n) = all.fold((0.0, 0usize), |(s, n), (c, p)| (s + size(c, c.change - p), n + 1));
+            (sum / n.max(1) as f64).sqrt()
+        };
+        let left = |c: &Cell| held.contains(&c.pair);
+        let scaled = |c: &Cell, r: f64| (r * r / c.variance).min(CAP);
+        let in_db = |_: &Cell, r: f64| (DB * r).powi(2);
+        Self {
+            lines: cells.iter().filter(|c| left(c)).count(),
+            fitted: rms(&|c| !left(c), &scaled),
+            held: rms(&left, &scaled),
+            channels_db: (0..comparison.channels.len()).map(|k| rms(&|c| left(c) && c.channel == k, &in_db)).collect(),
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! From findings to the answer that is published: status, advice, the largest mismatches.
 
 use crate::change::locate::{self, Cell};
+use crate::judge::held_out;
 use crate::judge::report::{Candidate, Entry, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
 use crate::name::subname;
 use crate::name::{Finding, Question};
@@ -15,7 +16,8 @@ pub fn publish(
     steps: Vec<String>,
 ) -> Explanation {
     findings.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    let ambiguous = findings.iter().any(|f| !f.alternatives.is_empty() && f.probability < 0.85);
+    let refuted = fit.as_ref().is_some_and(|fit| held_out::refuted(q, fit));
+    let ambiguous = refuted || findings.iter().any(|f| !f.alternatives.is_empty() && f.probability < 0.85);
     let status = if findings.is_empty() {
         if unexplained { Status::Unexplained } else { Status::Consistent }
     } else if ambiguous {
@@ -24,6 +26,9 @@ pub fn publish(
         Status::Explained
     };
     let mut advice = Vec::new();
+    if refuted {
+        advice.push("the model of what is named predicts the recordings that were held out worse than the bench as it was: take the name for a lead, and record further speeds and loads".into());
+    }
     for f in &findings {
         if let Some((other, place)) = f.alternatives.first() {
             advice.push(subname::advice(q, f.effect, &f.place, other, place));

@@ -223,6 +223,19 @@ pub struct Fit {
     pub noise_floor: f64,
     /// Recordings that were not fitted.
     pub held_out: Vec<String>,
+    /// What else was tried on the recordings that were not fitted.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub beside: Vec<Beside>,
+}
+
+/// A rival of what was named, fitted and judged in the same way.
+#[derive(Clone, Debug, Serialize)]
+pub struct Beside {
+    /// In words.
+    pub what: String,
+    /// Misfit of the recordings that were not fitted.
+    #[serde(serialize_with = "rounded")]
+    pub held_out: f64,
 }
 
 fn rounded<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {

@@ -266,13 +266,10 @@ fn choose(ranked: &[Mask]) -> Option<Mask> {
         .copied()
 }
 
-/// The gear to which a wide mask comes down: what concerns all teeth moves the mesh harmonics most, and errors of single teeth, which have no mean over a gear, its other lines.
+/// The gear to which a wide mask comes down: large errors of single teeth move every line of the train a little, and those of their own gear most.
 fn of_single_teeth(wide_one: &Mask, ranked: &[Mask], cells: &[Cell]) -> Option<Mask> {
     let single = |m: &&Mask| match m.place {
-        Place::Gear(stage, _) => {
-            m.gain > RIVAL * wide_one.gain
-                && masks::median_change(cells, Place::Mesh(stage)) < masks::median_change(cells, m.place)
-        }
+        Place::Gear(stage, shaft) => masks::of_one_gear(cells, stage, shaft),
         _ => false,
     };
     if wide(wide_one.place) { ranked.iter().find(single).copied() } else { None }
@@ -393,38 +390,41 @@ mod tests {
     use super::*;
     use crate::read::lines::Family;
 
-    /// Mesh harmonics and sidebands of the input shaft about them, which change by so many standard deviations.
-    fn cells(mesh: f64, side: f64) -> Vec<Cell> {
-        let of = |family, z: f64| Cell {
+    /// Mesh harmonics, and sidebands of input and output shaft about them, which change by so many standard deviations of 0.1, with signs that alternate.
+    fn cells(mesh: f64, input: f64, output: f64) -> Vec<Cell> {
+        let of = |family, z: f64, k: usize| Cell {
             pair: 0,
             channel: 0,
             family: Some(family),
             frequency_hz: 500.0,
-            change: 0.1 * z,
+            change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
             variance: 0.01,
         };
-        (1..=5)
+        (1..=8)
             .flat_map(|harmonic| {
-                let beside =
-                    [-2, -1, 1, 2].map(|offset| of(Family::Side { stage: 0, harmonic, shaft: 0, offset }, side));
-                std::iter::once(of(Family::Mesh { stage: 0, harmonic }, mesh)).chain(beside)
+                let side = move |shaft, z| {
+                    let offsets = [-2, -1, 1, 2].into_iter().enumerate();
+                    offsets.map(move |(k, offset)| of(Family::Side { stage: 0, harmonic, shaft, offset }, z, k))
+                };
+                let mesh = of(Family::Mesh { stage: 0, harmonic }, mesh, usize::from(harmonic));
+                std::iter::once(mesh).chain(side(0, input)).chain(side(1, output))
             })
             .collect()
     }
 
-    /// Where sidebands move more than mesh harmonics, a stage's mask comes down to the gear's that gains nearly as much; not where the harmonics move most, nor from a mask that is
-    /// narrow, nor to one that gains half.
+    /// Where the sidebands of one gear change and those of its mate do not, a stage's mask comes down to that gear, also where the mesh harmonics come along; not where both gears' sidebands follow mesh
+    /// harmonics that change more, nor from a mask that is narrow.
     #[test]
-    fn analytic_a_wide_mask_comes_down_to_the_gear_whose_sidebands_move_most() {
-        let mask = |place, gain| Mask { place, gain, inside: 2.0, outside: 0.5, cells: 25 };
-        let down = |wide_one: Mask, gear_gain: f64, cells: &[Cell]| {
-            let ranked = [wide_one, mask(Place::Gear(0, 0), gear_gain)];
+    fn analytic_a_wide_mask_comes_down_to_the_gear_whose_sidebands_move() {
+        let mask = |place| Mask { place, gain: 100.0, inside: 2.0, outside: 0.5, cells: 25 };
+        let down = |wide_one: Mask, cells: &[Cell]| {
+            let ranked = [wide_one, mask(Place::Gear(0, 1)), mask(Place::Gear(0, 0))];
             of_single_teeth(&wide_one, &ranked, cells).map(|m| m.place)
         };
-        let stage = mask(Place::Stage(0), 100.0);
-        assert_eq!(down(stage, 95.0, &cells(1.0, 6.0)), Some(Place::Gear(0, 0)));
-        assert_eq!(down(stage, 95.0, &cells(6.0, 1.0)), None);
-        assert_eq!(down(stage, 50.0, &cells(1.0, 6.0)), None);
-        assert_eq!(down(mask(Place::FirstSide(0, 0), 100.0), 95.0, &cells(1.0, 6.0)), None);
+        let stage = mask(Place::Stage(0));
+        assert_eq!(down(stage, &cells(1.0, 12.0, 1.0)), Some(Place::Gear(0, 0)));
+        assert_eq!(down(stage, &cells(12.0, 12.0, 1.0)), Some(Place::Gear(0, 0)));
+        assert_eq!(down(stage, &cells(12.0, 3.0, 3.0)), None);
+        assert_eq!(down(mask(Place::FirstSide(0, 0)), &cells(1.0, 12.0, 1.0)), None);
     }
 }

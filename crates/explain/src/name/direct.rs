@@ -259,5 +259,6 @@ pub fn ratio_fit(q: &Question<'_>, findings: &[Finding]) -> Option<Fit> {
         held_out_after: rms(vec![values[held] - model(held)]),
         noise_floor: 1.0,
         held_out: vec![q.recordings[held].name.clone()],
+        beside: Vec::new(),
     })
 }

@@ -8,9 +8,6 @@ use crate::read::dsp::median;
 /// background changes by less than 1 per band, by 2.05 at most.
 const FLOOR_MISFIT: f64 = 2.5;
 const FLOOR_SHARE: f64 = 0.55;
-/// How many times more per band the background must have changed than that of any other channel: 6.2 times at least where a path alone was changed on one of several sensors, 1.6
-/// times beside pitch errors; gears whose sidebands reach into the background do so on all.
-const FLOOR_ALONE: f64 = 1.2;
 /// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
 /// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
 const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
@@ -21,7 +18,7 @@ const ONE_FACTOR: f64 = 1.5;
 const OTHERS_SHARE: f64 = 1.0;
 
 /// The same at one speed, where only the background tells a path from the gears: least misfit per band, least share of the misfit of the
-/// lines that the background's own change accounts for, and how much less the background of some other channel must have moved.
+/// lines that the background's own change accounts for. How many times less the background of other channels must have moved, at one speed or several: meshes that make noise move it on all.
 const FLOOR_MISFIT_ALONE: f64 = 6.0;
 const LINE_SHARE_ALONE: f64 = 0.3;
 const STEADIER: f64 = 3.0;
@@ -157,7 +154,7 @@ pub fn path(
         }
     }
     let (c, misfit, share) = best?;
-    if floors.iter().enumerate().any(|(k, (_, other))| k != c && misfit < FLOOR_ALONE * other) {
+    if floors.iter().enumerate().any(|(k, (_, other))| k != c && *other > FLOOR_MISFIT && misfit < STEADIER * other) {
         return Some(((0..floors.len()).collect(), housing(cells, &floors, steps)?));
     }
     let lines = |k: usize| locate::line_misfit(cells, Some(k));

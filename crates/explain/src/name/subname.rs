@@ -140,7 +140,10 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         Place::LowSide(i, _) => shared::finding(q, Place::Mesh(i), cells, depth, steps)?,
         // Errors of single teeth have no mean over a gear: the mesh harmonics change less than the sidebands (0.1 to 0.6 times on drawn benches). What concerns
         // all teeth changes the mesh harmonics, and the sidebands follow, those of the gear with clearer lines first.
-        Place::Gear(i, _) if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place) => {
+        Place::Gear(i, j)
+            if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place)
+                && !masks::of_one_gear(cells, i, j) =>
+        {
             shared::finding(q, Place::Stage(i), cells, depth, steps)?
         }
         Place::Gear(i, j) => gear::gear(q, (i, j), cells, exponent, steps),

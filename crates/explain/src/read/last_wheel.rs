@@ -20,8 +20,8 @@ const ORDERS: usize = 12;
 const APART_BINS: f64 = 3.0;
 /// Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean, at which other teeth are believed.
 const GAIN: f64 = 0.4;
-const SURE: f64 = 6.0;
-/// Lines on each side, in all recordings together.
+const SURE: f64 = 4.0;
+/// Lines on each side.
 const LEAST_LINES: usize = 20;
 
 /// Multiples of the wheel's shaft that are counted.
@@ -33,20 +33,21 @@ fn multiples(teeth: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Log excess over the floor, by recording and channel, at the lines of one tooth number that neither the other nor the rest of the train has.
+/// Mean log excess over the floor of each line of one tooth number that neither the other nor the rest of the train has. Recordings and channels show the same lines, so that what falls on
+/// one by chance does so in all of them: a line is one witness, however often it was recorded.
 fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f64, usize)) -> Vec<f64> {
-    let mut out = Vec::new();
     let against = multiples(other.1);
-    for r in all {
-        let highest = USABLE_BAND * r.sample_rate_hz / r.input_hz;
-        let near =
-            |order: f64, spacing: f64| (order - (order / spacing).round() * spacing).abs() * r.revolutions < APART_BINS;
-        for n in multiples(own.1) {
-            let order = n as f64 * own.0;
+    let of = |n: usize| {
+        let order = n as f64 * own.0;
+        let mut seen = Vec::new();
+        for r in all {
+            let near = |order: f64, spacing: f64| {
+                (order - (order / spacing).round() * spacing).abs() * r.revolutions < APART_BINS
+            };
             let bin = (order * r.revolutions).round() as usize;
             let taken = train.shafts.iter().rev().skip(1).any(|s| near(order, s.1))
                 || against.iter().any(|m| (order - *m as f64 * other.0).abs() * r.revolutions < APART_BINS);
-            if order > highest || taken {
+            if order > USABLE_BAND * r.sample_rate_hz / r.input_hz || taken {
                 continue;
             }
             for c in &r.channels {
@@ -55,12 +56,13 @@ fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f
                     && *floor > 0.0
                 {
                     let power = bins.iter().map(|b| b.norm_sqr()).fold(0.0, f64::max);
-                    out.push((power / floor).max(0.1).ln());
+                    seen.push((power / floor).max(0.1).ln());
                 }
             }
         }
-    }
-    out
+        (!seen.is_empty()).then(|| mean(&seen))
+    };
+    multiples(own.1).into_iter().filter_map(of).collect()
 }
 
 /// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.

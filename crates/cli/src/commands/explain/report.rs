@@ -240,6 +240,7 @@ mod tests {
             held_out_after,
             noise_floor: 1.0,
             held_out: vec!["30-60.mcap".into()],
+            beside: Vec::new(),
         };
         Explanation {
             format: FORMAT,

@@ -41,6 +41,10 @@ pub fn print(out: &mut dyn Write, bench: &str, e: &Explanation, steps: bool) -> 
     if let Some(fit) = &e.fit {
         writeln!(out)?;
         entry(out, "held out", &held_out(fit))?;
+        let rivals: Vec<String> = fit.beside.iter().map(|b| format!("{} {:.2}", b.what, b.held_out)).collect();
+        if !rivals.is_empty() {
+            entry(out, "beside it", &rivals.join(", "))?;
+        }
     }
     if !e.mismatch.is_empty() {
         writeln!(out)?;

@@ -11,6 +11,7 @@ use nalgebra::DVector;
 
 use super::library::{fitted, starts};
 use super::lines::{HARMONICS, Line, lines};
+use super::sheet;
 use crate::change::locate::Cell;
 use crate::fit::least_squares::{Prior, Reach, Solution, losses, minimise, pulls};
 use crate::name::Question;
@@ -22,7 +23,7 @@ const DAMPING_TOLERANCE: f64 = 0.3;
 /// Share of the simulator's coupling of tooth pairs through their gear bodies: models in use have from none (pairs added up) to all of
 /// it (finite elements). It decides how mean stiffness and its change over a mesh cycle go together, so no effect on the loaded teeth is told without it.
 const COUPLING: (f64, f64) = (0.6, 0.4);
-const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
+pub const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
 /// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
 /// relieved and worn flanks most.
 pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
@@ -47,12 +48,23 @@ const TREND_SIGMA: f64 = 0.35;
 pub const INDEPENDENT: f64 = 0.4;
 /// Least number of lines.
 const LEAST: usize = 8;
-/// Starts that are tried, by how many iterations: at first, of the best of these, and of the best of these to a minimum.
-const ROUNDS: [(usize, usize); 2] = [(12, 1), (4, 3)];
-const STARTS: usize = 2;
+/// How far a search goes.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Starts that are tried, by how many iterations: at first, and of the best of these.
+    rounds: [(usize, usize); 2],
+    /// Starts that are followed to a minimum.
+    starts: usize,
+    /// Iterations to a minimum.
+    iterations: usize,
+}
+
+/// For what is named.
+pub const THOROUGH: Effort = Effort { rounds: [(12, 1), (4, 3)], starts: 2, iterations: 16 };
+/// For one of several that are only compared.
+pub const QUICK: Effort = Effort { rounds: [(6, 1), (2, 2)], starts: 1, iterations: 8 };
 /// Sizes, with or without another spacing, whose teeth's errors are turned.
 const TURNED: usize = 16;
-const ITERATIONS: usize = 16;
 /// A start so much further from the lines (nats) than the best is not followed to its minimum.
 const HOPELESS: f64 = 25.0;
 /// Sizes of a changed profile error that are kept from one harmonic to the next.
@@ -105,6 +117,7 @@ pub struct Problem<'a> {
     solver: Vec<[SteadySolver; 2]>,
     /// Only the references' trend over load counts.
     trend_only: bool,
+    effort: Effort,
 }
 
 /// Cost and numbers of a point.
@@ -123,7 +136,8 @@ impl<'a> Problem<'a> {
             priors.push(Prior { mean, sigma });
         };
         let mut own = 0;
-        for i in 0..q.bench.stages.len() {
+        let profile = sheet::profile(q.bench);
+        for (i, stated) in profile.iter().enumerate() {
             add(Number::Stiffness(i), 0.0, STIFFNESS_TOLERANCE);
             add(Number::Coupling(i), COUPLING.0, COUPLING.1);
             add(Number::Spacing(i), SPACING_UM.0, SPACING_UM.1);
@@ -131,7 +145,8 @@ impl<'a> Problem<'a> {
             own += 4 + 2 * ERRORS;
             for h in 0..ERRORS {
                 for part in 0..2 {
-                    add(Number::Error(i, h, part), 0.0, USUAL_ERROR_UM / (h + 1) as f64);
+                    let stated = stated.get(h).map_or(0.0, |parts| parts[part]);
+                    add(Number::Error(i, h, part), stated, USUAL_ERROR_UM / (h + 1) as f64);
                 }
             }
         }
@@ -163,7 +178,24 @@ impl<'a> Problem<'a> {
         let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-5, together: false, parting: true };
         let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
-        Some(Self { q, specs, numbers, priors, lines, own, orders, groups, solver, trend_only: false })
+        Some(Self {
+            q,
+            specs,
+            numbers,
+            priors,
+            lines,
+            own,
+            orders,
+            groups,
+            solver,
+            trend_only: false,
+            effort: THOROUGH,
+        })
+    }
+
+    /// The same with another effort.
+    pub fn with_effort(self, effort: Effort) -> Self {
+        Self { effort, ..self }
     }
 
     /// The bench's own numbers from the trend of the references' lines over load.
@@ -174,7 +206,7 @@ impl<'a> Problem<'a> {
         let all: Vec<usize> = (0..q.bench.stages.len()).collect();
         let spaced = problem.spaced(vec![start], &all);
         let (_, start) = problem.turned(spaced, &all).into_iter().next()?;
-        Some(Base(problem.minimise(start, &large, ITERATIONS)?.x))
+        Some(Base(problem.minimise(start, &large, problem.effort.iterations)?.x))
     }
 
     /// Minimises over some of the numbers.
@@ -234,7 +266,7 @@ impl<'a> Problem<'a> {
         let tried = self.turned(tried, &concerned);
         let teeth = |n: &Number| large(n) && !matches!(n, Number::Damping(_) | Number::Bearing(_) | Number::Torsion(_));
         let mut seen = tried;
-        for (count, iterations) in ROUNDS {
+        for (count, iterations) in self.effort.rounds {
             let mut next: Vec<Start> = Vec::new();
             for (_, start) in self.best(seen, count) {
                 next.extend(self.minimise(start, &teeth, iterations).map(|s| (s.cost.1, s.x)));
@@ -257,11 +289,12 @@ impl<'a> Problem<'a> {
     /// The best fit from the best of some starts.
     pub fn settle(&mut self, seen: Vec<Start>) -> Option<Solution> {
         let enough = seen.first()?.0 + 2.0 * HOPELESS;
-        let starts = self.best(seen, STARTS).into_iter().filter(|s| s.0 < enough);
-        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &large, ITERATIONS)).collect();
+        let iterations = self.effort.iterations;
+        let starts = self.best(seen, self.effort.starts).into_iter().filter(|s| s.0 < enough);
+        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &large, iterations)).collect();
         let best = fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))?;
         // The small ones follow once the others have settled: free from the beginning they take up what is not theirs.
-        self.minimise(best.x, &|_| true, ITERATIONS)
+        self.minimise(best.x, &|_| true, iterations)
     }
 
     /// Sizes of one member with all else as in `x`.
@@ -369,8 +402,8 @@ impl<'a> Problem<'a> {
     }
 
     /// Setups without and with the effects.
-    fn setups(&self, x: &DVector<f64>) -> Option<[SimSetup; 2]> {
-        let mut plain = SimSetup::nominal(&self.bench(x));
+    pub fn setups(&self, x: &DVector<f64>) -> Option<[SimSetup; 2]> {
+        let mut plain = sheet::setup(&self.bench(x))?;
         let mut errors = vec![[[0.0f64; 2]; ERRORS]; self.q.bench.stages.len()];
         let mut changed = errors.clone();
         let mut specs = self.specs.clone();

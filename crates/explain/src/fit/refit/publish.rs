@@ -65,6 +65,10 @@ impl Problem<'_> {
                         .hypot(PROFILE_SHARE * amplitude)
                         .hypot(USUAL_ERROR_UM / (h + 1) as f64);
                     f.parameters.insert(format!("e{}_um", h + 1), Estimate::new(amplitude, sigma));
+                    // At the pitch point; no better known than the amplitude is beside its own size.
+                    let phase_deg = y.atan2(x).to_degrees();
+                    let turn = (sigma / amplitude.max(f64::MIN_POSITIVE)).min(std::f64::consts::PI).to_degrees();
+                    f.parameters.insert(format!("phase{}_deg", h + 1), Estimate::new(phase_deg, turn));
                 }
             }
         }

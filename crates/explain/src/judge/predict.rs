@@ -1,0 +1,262 @@
+//! What a model of the bench says that the lines of a recording do, at an operating point that took no part in its fit.
+//!
+//! The model is the simulator's, with the bench's own numbers and the effects as fitted; its steady state is solved with and without the effects. A line that the bench has
+//! without them changes as the two amplitudes do: the path of the sensor cancels. A line that the effects add, such as a sideband beside perfect teeth, comes to what the reference shows:
+//! `P = P_ref + κ |J|²` on average over the phase between both, with `J` the difference of the two states at the sensor of the model and `κ` what the unknown path makes of it,
+//! a function of frequency that is read from the recordings that were fitted. A changed path is no machine: it is a function of frequency, the same at every load and speed, and is read
+//! from the lines and the background of the recordings that were fitted.
+
+use gearwatch_core::bench::EffectSpec;
+use gearwatch_sim::effects;
+use gearwatch_sim::setup::SimSetup;
+use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use crate::change::compare::{Comparison, LineChange};
+use crate::change::locate::{self, Cell};
+use crate::fit::refit;
+use crate::name::Question;
+use crate::name::path::HOUSING;
+use crate::name::subname::is_path;
+use crate::read::features::RecordingFeatures;
+use crate::read::lines::Family;
+
+/// Width over which a path is alike (standard deviation of ln Hz): half the bandwidth of a mode of 2 % damping. Where no line lies so near, as wide as a background is smooth.
+const PATH_WIDTH: f64 = 0.02;
+const PATH_WIDE: f64 = 0.15;
+/// Least weight of neighbours, in lines, from which the narrow width is taken.
+const LEAST_WEIGHT: f64 = 1.0;
+/// Added amplitude over that of the reference, in the model, below which a line is not one that the effect adds.
+const NOTHING: f64 = 1e-9;
+
+/// An effect at a place, with what is known of its sizes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Named {
+    /// Effect, place, sizes.
+    pub spec: EffectSpec,
+}
+
+impl Named {
+    /// An effect at a place with the usual sizes.
+    pub fn usual(effect: &str, place: &str) -> Self {
+        Self { spec: EffectSpec { effect: effect.to_owned(), place: place.to_owned(), parameters: Default::default() } }
+    }
+}
+
+/// What is predicted of each line of a comparison (ln of the amplitude ratio), in its order.
+pub struct Predicted(pub Vec<f64>);
+
+/// The bench without and with what was named, as the fitted recordings have it.
+struct Machine {
+    setups: [SimSetup; 2],
+}
+
+/// Predicts the line changes of `all`, from the pairs of `fitted`, whose cells are `cells`. `None` where nothing that is named has a model.
+pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Predicted> {
+    let of_path = |channel: usize| {
+        let on = |n: &&Named| is_path(&n.spec.effect) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place);
+        named.iter().find(on)
+    };
+    let machine = Machine::fitted(fitted, cells, named);
+    let paths = (0..all.channels.len()).any(|c| of_path(c).is_some());
+    if machine.is_none() && !paths {
+        return None;
+    }
+    let mut out = vec![0.0; all.lines.len()];
+    if let Some(machine) = machine {
+        let both = |m: &Machine| Some((m.states(fitted, all)?, m.states(fitted, fitted.comparison)?));
+        let (states, known) = both(&machine).or_else(|| both(&Machine::usual(fitted, cells, named)?))?;
+        let law = Law::read(fitted.comparison, &known);
+        out.iter_mut().enumerate().for_each(|(i, o)| *o = law.change(all, &states, i));
+    }
+    for (o, line) in out.iter_mut().zip(&all.lines) {
+        if let Some(path) = of_path(line.channel) {
+            let one_factor = path.spec.effect == "scaling";
+            *o = path_change(cells, line.channel, (!one_factor).then_some(line.frequency_hz));
+        }
+    }
+    Some(Predicted(out))
+}
+
+/// What a path does about a frequency, or to all, as the cells of its channel tell.
+fn path_change(cells: &[Cell], channel: usize, frequency_hz: Option<f64>) -> f64 {
+    let near = |width: f64| {
+        let of = |c: &Cell| {
+            let distance = frequency_hz.map_or(0.0, |hz| (c.frequency_hz / hz).ln() / width);
+            let weight = (-0.5 * distance * distance).exp() / (c.variance / locate::REPEAT_SIGMA.powi(2)).max(0.1);
+            (weight, weight * c.change)
+        };
+        let own = cells.iter().filter(|c| c.channel == channel);
+        own.map(of).fold((0.0, 0.0), |s, x| (s.0 + x.0, s.1 + x.1))
+    };
+    let (weight, sum) = match near(PATH_WIDTH) {
+        enough if enough.0 >= LEAST_WEIGHT => enough,
+        _ => near(PATH_WIDE),
+    };
+    if weight > 0.0 { sum / weight } else { 0.0 }
+}
+
+/// Amplitudes of each line of a comparison without and with the effects; `None` for sensors that the bench has not.
+type States = Vec<Option<[Complex64; 2]>>;
+
+impl Machine {
+    fn fitted(q: &Question<'_>, cells: &[Cell], named: &[Named]) -> Option<Self> {
+        let modelled: Vec<&Named> = named.iter().filter(|n| !is_path(&n.spec.effect)).collect();
+        if modelled.is_empty() {
+            return None;
+        }
+        let (refitted, applied): (Vec<&Named>, Vec<&Named>) =
+            modelled.into_iter().partition(|n| refit::has_form(&n.spec.effect));
+        let members: Vec<(&str, &str)> = refitted.iter().map(|n| (&*n.spec.effect, &*n.spec.place)).collect();
+        let mut setups = match refit::setups(q, cells, &members) {
+            Some(setups) => setups,
+            None if members.is_empty() => {
+                let plain = refit::sheet::setup(q.bench)?;
+                [plain.clone(), plain]
+            }
+            None => return None,
+        };
+        let mut any = !members.is_empty();
+        for n in applied {
+            any |= apply(&n.spec, &mut setups[1]);
+        }
+        any.then_some(Self { setups })
+    }
+
+    /// The same with the usual sizes of effects that add lines, where those of a large one part the teeth: their pattern is the same, and their size is read from the lines.
+    fn usual(q: &Question<'_>, cells: &[Cell], named: &[Named]) -> Option<Self> {
+        let of = |n: &Named| match refit::has_form(&n.spec.effect) {
+            true => n.clone(),
+            false => Named::usual(&n.spec.effect, &n.spec.place),
+        };
+        Self::fitted(q, cells, &named.iter().map(of).collect::<Vec<_>>())
+    }
+
+    /// The states at the points of a comparison; `None` where there is none at one of them.
+    fn states(&self, q: &Question<'_>, comparison: &Comparison) -> Option<States> {
+        let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-4, together: false, parting: true };
+        let of_pair = |p: usize| -> Option<Vec<(usize, [Complex64; 2])>> {
+            let pair = comparison.pairs[p];
+            let lines: Vec<(usize, &LineChange)> =
+                comparison.lines.iter().enumerate().filter(|(_, l)| l.pair == p).collect();
+            let orders: Vec<f64> = lines.iter().map(|(_, l)| l.order).collect();
+            let motor = |r: &RecordingFeatures| r.input_hz * q.train.motor_order;
+            let speeds = [motor(&q.references[pair.reference]), motor(&q.recordings[pair.recording])];
+            let mut states = Vec::with_capacity(2);
+            for (setup, hz) in self.setups.iter().zip(speeds) {
+                states.push(SteadySolver::new(options).solve(setup, hz, pair.torque_nm, 1, &orders).ok()?.sensors);
+            }
+            let sensor = |l: &LineChange| q.bench.sensors.iter().position(|s| s.name == comparison.channels[l.channel]);
+            let of = |(k, (i, l)): (usize, &(usize, &LineChange))| {
+                let s = sensor(l)?;
+                Some((*i, [states[0][s][k], states[1][s][k]]))
+            };
+            Some(lines.iter().enumerate().filter_map(of).collect())
+        };
+        let solved: Option<Vec<_>> = (0..comparison.pairs.len()).into_par_iter().map(of_pair).collect();
+        let mut out: States = vec![None; comparison.lines.len()];
+        for (i, state) in solved?.into_iter().flatten() {
+            out[i] = Some(state);
+        }
+        Some(out)
+    }
+}
+
+/// Puts an effect with its sizes, as far as the library allows them, into a setup; whether that was possible.
+fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> bool {
+    let Ok(effect) = effects::find(&spec.effect) else { return false };
+    let mut spec = spec.clone();
+    let range = |name: &str| effect.parameters().iter().find(|p| p.name == name);
+    spec.parameters = spec
+        .parameters
+        .into_iter()
+        .filter_map(|(name, value)| range(&name).map(|p| (name.clone(), value.clamp(p.min, p.max))))
+        .collect();
+    effects::apply(&spec, setup).is_ok()
+}
+
+/// Power of the effect's own lines over that of the reference in the model, of a line that the bench would not have; `None` of one that it has.
+fn added(line: &LineChange, state: &[Complex64; 2]) -> Option<f64> {
+    let own = state[0].norm_sqr();
+    let new = (state[1] - state[0]).norm_sqr();
+    let adds = !matches!(line.family, Family::Mesh { .. }) && new > own && new > NOTHING * NOTHING;
+    adds.then(|| new / line.reference_power.max(line.noise).max(f64::MIN_POSITIVE))
+}
+
+/// What the fitted recordings say of the way from the model to the lines.
+struct Law {
+    /// Channel, ln Hz, weight × x², weight × x y of each line that the effects add to: `y = κ x`.
+    added: Vec<(usize, f64, f64, f64)>,
+    /// Share of the change of its mesh harmonic that a sideband follows.
+    follows: f64,
+}
+
+impl Law {
+    fn read(comparison: &Comparison, states: &States) -> Self {
+        let mut out = Self { added: Vec::new(), follows: 0.0 };
+        let (mut product, mut square) = (0.0, 0.0);
+        for (i, line) in comparison.lines.iter().enumerate() {
+            let Some(state) = &states[i] else { continue };
+            let variance = line.variance + locate::repetition(comparison.pairs[line.pair].speed_gap);
+            if let Some(x) = added(line, state) {
+                let y = (2.0 * line.log_ratio).exp() - 1.0;
+                let weight = ((1.0 + y).powi(2) * 4.0 * variance + x * x).recip();
+                out.added.push((line.channel, line.frequency_hz.ln(), weight * x * x, weight * x * y));
+            } else if let Some(carrier) = carrier(comparison, line, states) {
+                product += carrier * line.log_ratio / variance;
+                square += carrier * carrier / variance;
+            }
+        }
+        if square > 0.0 {
+            out.follows = (product / square).clamp(0.0, 1.0);
+        }
+        out
+    }
+
+    /// What the path makes of an added line: of lines nearby, with all lines of the channel as one more.
+    fn path(&self, channel: usize, frequency_hz: f64) -> f64 {
+        let own = || self.added.iter().filter(|a| a.0 == channel);
+        let (squares, products) = own().fold((0.0, 0.0), |s, a| (s.0 + a.2, s.1 + a.3));
+        let count = own().count().max(1) as f64;
+        if squares <= 0.0 {
+            return 0.0;
+        }
+        let usual = (products / squares).max(0.0);
+        let near = |a: &&(usize, f64, f64, f64)| {
+            let weight = (-0.5 * ((a.1 - frequency_hz.ln()) / PATH_WIDTH).powi(2)).exp();
+            (weight * a.2, weight * a.3)
+        };
+        let (square, product) = own().map(|a| near(&a)).fold((0.0, 0.0), |s, x| (s.0 + x.0, s.1 + x.1));
+        let one = squares / count;
+        ((product + one * usual) / (square + one)).max(0.0)
+    }
+
+    /// What a line of a comparison does (ln of the amplitude ratio).
+    fn change(&self, comparison: &Comparison, states: &States, i: usize) -> f64 {
+        let line = &comparison.lines[i];
+        let Some(state) = &states[i] else { return 0.0 };
+        if let Some(x) = added(line, state) {
+            return 0.5 * (self.path(line.channel, line.frequency_hz) * x).ln_1p();
+        }
+        match line.family {
+            Family::Mesh { .. } => ratio(state),
+            _ => self.follows * carrier(comparison, line, states).unwrap_or(0.0),
+        }
+    }
+}
+
+/// ln of the amplitude ratio of two states; 0 where the first has no line.
+fn ratio(state: &[Complex64; 2]) -> f64 {
+    let [a, b] = state.map(|z| z.norm());
+    if a > NOTHING && b > NOTHING { (b / a).ln() } else { 0.0 }
+}
+
+/// What the model says of the mesh harmonic that a sideband stands beside.
+fn carrier(comparison: &Comparison, line: &LineChange, states: &States) -> Option<f64> {
+    let Family::Side { stage, harmonic, .. } = line.family else { return None };
+    let own = Family::Mesh { stage, harmonic };
+    let at =
+        comparison.lines.iter().position(|l| l.pair == line.pair && l.channel == line.channel && l.family == own)?;
+    states[at].as_ref().map(ratio)
+}
