@@ -15,9 +15,17 @@ test:
 sbom:
     packaging/sbom.sh target/release-files/gearwatch.cdx.json
 
-# The program as it is released: it holds the list of its dependencies (cargo install cargo-auditable; read it with cargo audit bin)
-auditable:
-    cargo auditable build --release --locked --package gearwatch
+# The program as it is released: it holds the list of its dependencies (cargo install cargo-auditable; read it with `cargo audit bin` or `rust-audit-info`)
+auditable *args:
+    packaging/build.sh {{args}}
+
+# The last commit built twice, in two folders: the same bytes, or exit 1
+reproducible *args:
+    packaging/reproducible.sh {{args}}
+
+# Signs the checksums of a release (SECURITY.md): KEY is an SSH key
+sign key:
+    packaging/sign.sh {{key}}
 
 # The benchmarks: figures are ratios within one run
 bench:

@@ -8,17 +8,7 @@ version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Carg
 rm -rf "$out" && mkdir -p "$out"
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
-# The paths of this machine do not get into the files: two builds of one commit are the same bytes, wherever they are made.
-export RUSTFLAGS="${RUSTFLAGS:-} --remap-path-prefix=$PWD=. --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo"
-
-# The program holds the list of its dependencies where the tool for it is there.
-build=(cargo build)
-if command -v cargo-auditable >/dev/null; then
-  build=(cargo auditable build)
-else
-  echo "left out: the list of dependencies inside the program (cargo install cargo-auditable)"
-fi
-"${build[@]}" --release --locked --package gearwatch --features full
+packaging/build.sh --features full
 packaging/sbom.sh "$out/gearwatch-$version.cdx.json"
 packaging/deb.sh target/release/gearwatch "$out"
 

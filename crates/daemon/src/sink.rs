@@ -33,6 +33,8 @@ mod standing;
 mod stdout;
 mod webhook;
 
+#[cfg(feature = "brokers")]
+pub use broker::{Desk, HandedOut, Position};
 pub use standing::{Missed, Remembered, Standing, Voice};
 
 /// All kinds of sinks.

@@ -12,6 +12,7 @@ mod log_content;
 #[expect(dead_code, reason = "shared with the campaigns, which use all of it")]
 mod service;
 
+mod between;
 mod fleet;
 mod live_view;
 mod mqtt;

@@ -1,14 +1,16 @@
 //! MQTT: mosquitto is killed and comes back; the same letters reach MQTT clients of a NATS server.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use gearwatch_daemon::fleet::Heard;
 use rumqttc::{Client, Event, Incoming, MqttOptions, QoS};
+use serde_json::Value;
 
+use crate::between::{Sent, listen};
 use crate::fixture::Bench;
-use crate::nats::{logged, verdicts_in_order};
+use crate::nats::{logged, own_part};
 use crate::server::{Server, free_port};
 use crate::service::{configure, ended_within, figure, said, signal, start, status, wait_for};
 
@@ -44,6 +46,8 @@ fn mqtt_figure(bench: &Bench, what: &str) -> Option<u64> {
     figure(status(bench)?.sinks.iter().find(|sink| sink.name == "mqtt")?, what)
 }
 
+/// The service is judged by what it publishes and what the broker confirms, letter by letter; the watcher by what the broker confirmed. A broker that is killed loses
+/// what it has confirmed and not yet saved (mosquitto saves each 20 changes): how much of that the watcher had got depends on the load of the machine.
 #[test]
 fn conform_a_killed_mqtt_broker_costs_nothing() {
     let bench = Bench::new();
@@ -51,16 +55,20 @@ fn conform_a_killed_mqtt_broker_costs_nothing() {
     let heard = subscribe(server.port, "watcher");
     std::thread::sleep(Duration::from_millis(300));
     let folder = bench.path("log");
-    let sink = format!("[[sink]]\nkind = \"mqtt\"\nport = {}\nspool = \"spool\"\n", server.port);
+    let (port, between) = listen(server.port);
+    let sink = format!("[[sink]]\nkind = \"mqtt\"\nport = {port}\nspool = \"spool\"\n");
     let config = configure(&bench, &folder, "20.0", &sink);
     let mut child = start(&config);
     let limit = Duration::from_secs(40);
     let confirmed = |least: u64| mqtt_figure(&bench, "confirmed").filter(|&count| count >= least);
     wait_for(limit, || confirmed(50)).expect("letters go out");
+    let mut kills = Vec::new();
     for _ in 0..2 {
         server.kill();
         wait_for(limit, || mqtt_figure(&bench, "waiting").filter(|&count| count > 100)).expect("letters wait");
         let before = mqtt_figure(&bench, "confirmed").unwrap();
+        // What was confirmed until now came from the broker that was killed.
+        kills.push(Instant::now());
         server.restart();
         // The watcher is there first, as a watcher that never left.
         wait_for(limit, || confirmed(before + 150)).expect("letters go out again");
@@ -76,25 +84,67 @@ fn conform_a_killed_mqtt_broker_costs_nothing() {
     while let Ok(message) = heard.recv_timeout(Duration::from_secs(2)) {
         all.push(message);
     }
-    let letters: Vec<Heard> = all.iter().filter_map(|(_, _, payload)| Heard::read(0, payload)).collect();
-    // Once without a mark, and marked from then on.
-    let mut first: BTreeMap<(String, u64), bool> = BTreeMap::new();
-    for ((_, broker, _), letter) in all.iter().filter(|m| Heard::read(0, &m.2).is_some()).zip(&letters) {
-        let id = (letter.text("run").to_owned(), letter.object["seq"].as_u64().unwrap());
-        let marked = letter.object["resent"] == true;
-        let fresh = first.insert(id, marked).is_none();
+    let logged = logged(&folder, "small");
+    let between = between.lock().unwrap();
+    let confirmed = judge_service(&between, &logged);
+    let arrived: BTreeSet<u64> =
+        all.iter().filter_map(|(_, _, payload)| Heard::read(0, payload)).map(|l| seq(&l)).collect();
+    let lost: Vec<_> = confirmed.iter().filter(|(seq, _)| !arrived.contains(seq)).collect();
+    for (seq, when) in &lost {
         assert!(
-            fresh || marked || *broker || letter.text("kind") == "state",
-            "a repetition without a mark: {letter:?}"
+            kills.iter().any(|kill| *when <= kill),
+            "letter {seq} never came, and no broker was killed after it was confirmed"
         );
     }
-    let verdicts = verdicts_in_order(&letters);
-    let logged = logged(&folder, "small");
-    let missing: Vec<_> = logged.keys().filter(|key| !verdicts.contains_key(*key)).collect();
-    assert!(missing.is_empty(), "missing at the watcher: {missing:?}");
-    assert!(verdicts == logged);
+    println!("{} letters confirmed, {} of them lost by the broker that was killed", confirmed.len(), lost.len());
+    for letter in all.iter().filter_map(|(_, _, payload)| Heard::read(0, payload)) {
+        if letter.text("kind") == "verdict" {
+            let window = letter.object["window"].as_u64().unwrap();
+            let key = (letter.text("bench").to_owned(), letter.text("channel").to_owned(), window);
+            assert_eq!(logged.get(&key), Some(&own_part(&letter)), "the watcher has what the log has");
+        }
+    }
     let online = all.iter().filter(|(topic, ..)| topic.starts_with("gearwatch/_service/")).count();
     assert!(online >= 1, "the service says that it is there");
+}
+
+fn seq(letter: &Heard) -> u64 {
+    letter.object["seq"].as_u64().unwrap()
+}
+
+/// Every letter was published in order without a hole, again only with a mark, and confirmed, but for the newest ones, which may be left in the spool; every
+/// verdict of the log is among them. Gives the numbers that were confirmed, and when.
+fn judge_service(between: &[Sent], logged: &BTreeMap<(String, String, u64), Value>) -> BTreeMap<u64, Instant> {
+    let (mut verdicts, mut published, mut confirmed) = (BTreeMap::new(), BTreeSet::new(), BTreeMap::new());
+    for sent in between {
+        let (letter, seq) = (&sent.letter, seq(&sent.letter));
+        if published.insert(seq) {
+            assert_eq!(seq, published.len() as u64, "letters go out in order without a hole");
+        } else {
+            assert!(letter.object["resent"] == true, "a repetition without a mark: {letter:?}");
+        }
+        confirmed.extend(sent.confirmed.map(|when| (seq, when)));
+        if letter.text("kind") == "verdict" {
+            let window = letter.object["window"].as_u64().unwrap();
+            let key = (letter.text("bench").to_owned(), letter.text("channel").to_owned(), window);
+            verdicts.insert(key, (seq, own_part(letter)));
+        }
+    }
+    let last = confirmed.keys().next_back().copied().unwrap_or(0);
+    assert_eq!(confirmed.len() as u64, last, "a letter was not confirmed, and a later one was");
+    let mut left = 0;
+    for (key, object) in logged {
+        match verdicts.get(key) {
+            Some((seq, letter)) => {
+                assert_eq!(letter, object, "the letter is what the log has");
+                left += usize::from(*seq > last);
+            }
+            None => left += 1,
+        }
+    }
+    // At the end a connected broker gets a second; the rest waits on disk for the next start.
+    assert!(left * 4 < logged.len(), "{left} of {} verdicts are left in the spool", logged.len());
+    confirmed
 }
 
 /// One NATS server serves both: the sink publishes to JetStream, MQTT clients subscribe.

@@ -1,6 +1,7 @@
 //! The pages that a new user follows: every command of them, in their order, in an empty folder.
 
 mod links;
+mod security;
 
 use std::fmt::Write as _;
 use std::path::Path;

@@ -11,11 +11,11 @@ use super::storage::{Marker, Storage, StorageFile};
 /// Name of the file whose lock says that a process owns the folder.
 const LOCK: &str = ".lock";
 
-/// A folder that this process alone writes to.
+/// A folder of files.
 pub struct Disk {
     folder: PathBuf,
-    /// Held as long as the value lives; the system gives it back even after `kill -9`.
-    lock: File,
+    /// Of a folder that this process alone writes to. Held as long as the value lives; the system gives it back even after `kill -9`.
+    lock: Option<File>,
     /// Descriptors for the moment when the process has no more: the log must be able to begin a new file then.
     reserve: Vec<File>,
 }
@@ -37,10 +37,19 @@ impl Disk {
     pub fn open(folder: &Path) -> io::Result<Self> {
         let place =
             |error: io::Error| io::Error::new(error.kind(), format!("log folder {}: {error}", folder.display()));
-        let lock = lock(folder).map_err(place)?;
+        let lock = Some(lock(folder).map_err(place)?);
         let mut disk = Self { folder: folder.to_owned(), lock, reserve: Vec::new() };
         disk.refill();
         Ok(disk)
+    }
+
+    /// Makes the folder if need be, and locks nothing: a sink that is opened again may find the value of before.
+    ///
+    /// # Errors
+    /// When the folder cannot be made.
+    pub fn shared(folder: &Path) -> io::Result<Self> {
+        fs::create_dir_all(folder)?;
+        Ok(Self { folder: folder.to_owned(), lock: None, reserve: Vec::new() })
     }
 
     /// Says whether a log could be written in this folder, and leaves it as it is. A folder that a process writes to counts as one that can be.
@@ -59,14 +68,17 @@ impl Disk {
     /// Makes the folder anew where somebody has removed it, and owns it again.
     fn make_folder(&mut self) -> io::Result<()> {
         if !self.folder.is_dir() {
-            self.lock = lock(&self.folder)?;
+            match &mut self.lock {
+                Some(held) => *held = lock(&self.folder)?,
+                None => fs::create_dir_all(&self.folder)?,
+            }
         }
         Ok(())
     }
 
     fn refill(&mut self) {
         while self.reserve.len() < RESERVED
-            && let Ok(spare) = self.lock.try_clone()
+            && let Some(Ok(spare)) = self.lock.as_ref().map(File::try_clone)
         {
             self.reserve.push(spare);
         }

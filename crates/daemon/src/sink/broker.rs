@@ -13,6 +13,8 @@
 #[cfg(feature = "brokers")]
 mod deliver;
 #[cfg(feature = "brokers")]
+mod desk;
+#[cfg(feature = "brokers")]
 mod letter;
 #[cfg(feature = "brokers")]
 mod outbox;
@@ -30,6 +32,10 @@ pub(super) use {
     deliver::{Carrier, Delivery, WINDOW},
     letter::Kind,
     outbox::{Outbox, Outgoing},
+};
+#[cfg(feature = "brokers")]
+pub use {
+    desk::{Desk, HandedOut},
     spool::Position,
 };
 

@@ -277,7 +277,11 @@ fn without(words: &str, address: &str) -> String {
 
 /// What is posted; `link` is where a reader of the text finds the page.
 fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
-    let how = if alarm.active { "alarm" } else { "alarm over" };
+    let how = match (alarm.active, alarm.over) {
+        (true, _) => "alarm",
+        (false, true) => "alarm over",
+        (false, false) => "alarm that no longer holds and that nobody has seen",
+    };
     let mut text =
         format!("gearwatch: {how} at bench {bench}: {} at {}, {}", alarm.stage, alarm.channel, alarm.severity.code());
     if let Some(evidence) = &alarm.evidence {
@@ -302,4 +306,77 @@ fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
         "text": text,
     })
     .to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::health::{Evidence, Severity};
+
+    fn alarm() -> Alarm {
+        Alarm {
+            id: "stage1@acc_1".into(),
+            stage: "stage1".into(),
+            channel: "acc_1".into(),
+            severity: Severity::Critical,
+            since_ns: 5,
+            t_ns: 7,
+            active: true,
+            acknowledged: false,
+            over: false,
+            evidence: Some(Box::new(Evidence {
+                harmonic: 2,
+                amplitude: 1.25,
+                unit: "m/s²".into(),
+                baseline: Some(1.0),
+                deviation_percent: 25.04,
+                deviation_sigma_percent: 0.83,
+                limit_percent: Some(10.0),
+                rank: "V".into(),
+                window: 12,
+                input_speed_hz: Some(25.0),
+                mesh_hz: Some(725.0),
+                brake_torque_nm: Some(40.0),
+            })),
+            seen: None,
+        }
+    }
+
+    fn text(alarm: &Alarm, link: Option<&str>) -> String {
+        let posted: serde_json::Value = serde_json::from_str(&body("bench 3", alarm, link)).unwrap();
+        posted["text"].as_str().unwrap().to_owned()
+    }
+
+    /// Whoever reads it on a telephone knows what, where, how much, beyond which limit and at which operating point, without another program.
+    #[test]
+    fn conform_the_text_says_what_and_where_and_by_how_much() {
+        let mut alarm = alarm();
+        assert_eq!(
+            text(&alarm, Some("https://bench-3:8650")),
+            "gearwatch: alarm at bench bench 3: stage1 at acc_1, critical: 2x +25.0 % ± 0.8 %, rank V (limit 10 %), \
+             input shaft 25.00 Hz, 40.0 N m - https://bench-3:8650"
+        );
+        // What is not known is not said.
+        let evidence = alarm.evidence.as_mut().unwrap();
+        (evidence.limit_percent, evidence.input_speed_hz, evidence.brake_torque_nm) = (None, None, None);
+        assert_eq!(
+            text(&alarm, None),
+            "gearwatch: alarm at bench bench 3: stage1 at acc_1, critical: 2x +25.0 % ± 0.8 %, rank V"
+        );
+        alarm.evidence = None;
+        alarm.severity = Severity::Warning;
+        assert_eq!(text(&alarm, None), "gearwatch: alarm at bench bench 3: stage1 at acc_1, warning");
+    }
+
+    #[test]
+    fn conform_an_alarm_that_nobody_has_seen_is_not_called_over() {
+        let mut alarm = Alarm { active: false, evidence: None, ..alarm() };
+        let place = "at bench bench 3: stage1 at acc_1, critical";
+        assert_eq!(
+            text(&alarm, None),
+            format!("gearwatch: alarm that no longer holds and that nobody has seen {place}")
+        );
+        alarm.over = true;
+        assert_eq!(text(&alarm, None), format!("gearwatch: alarm over {place}"));
+    }
 }

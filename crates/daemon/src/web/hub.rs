@@ -119,11 +119,16 @@ struct Kept {
 
 impl Default for Hub {
     fn default() -> Self {
-        Self { kept: Mutex::default(), out: broadcast::channel(LAG).0 }
+        Self::with_lag(LAG)
     }
 }
 
 impl Hub {
+    /// A page may lag behind by so many messages before it skips some.
+    pub fn with_lag(lag: usize) -> Self {
+        Self { kept: Mutex::default(), out: broadcast::channel(lag).0 }
+    }
+
     fn kept(&self) -> MutexGuard<'_, Kept> {
         // What is kept is replaced whole, so that a panic elsewhere cannot have left it half written.
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)

@@ -1,7 +1,9 @@
 //! The token that the page asks for: as `Authorization: Bearer …` from programs, and as the password of HTTP basic authentication from browsers.
 
-use std::sync::Arc;
-use std::time::Duration;
+use std::collections::BTreeMap;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use axum::extract::{ConnectInfo, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -15,12 +17,21 @@ const SHORTEST: usize = 16;
 /// Whoever guesses waits this long each time.
 const PENALTY: Duration = Duration::from_millis(300);
 
+/// Whoever has been let in is told of again after so long.
+const TOLD_FOR: Duration = Duration::from_secs(3600);
+/// So many addresses are remembered; with more, the one that was told of first is told of again sooner.
+const MOST_TOLD: usize = 256;
+
+/// Who was let in, and when that was told.
+type Admitted = BTreeMap<Option<IpAddr>, Instant>;
+
 /// The token.
 #[derive(Clone)]
 pub struct Token {
     text: Arc<str>,
     /// Whoever guesses waits in one row: many connections at once guess no faster than one.
     guesses: Arc<tokio::sync::Mutex<u64>>,
+    admitted: Arc<Mutex<Admitted>>,
 }
 
 impl std::fmt::Debug for Token {
@@ -39,7 +50,22 @@ impl Token {
         if length < SHORTEST {
             return Err(format!("the token has {length} characters; expected at least {SHORTEST}"));
         }
-        Ok(Self { text: text.into(), guesses: Arc::default() })
+        Ok(Self { text: text.into(), guesses: Arc::default(), admitted: Arc::default() })
+    }
+
+    /// Whether this address is to be told of: a page asks for many things, and its visit is told once.
+    fn is_news(&self, peer: Option<IpAddr>, now: Instant) -> bool {
+        let mut admitted = self.admitted.lock().unwrap_or_else(PoisonError::into_inner);
+        let news = admitted.get(&peer).is_none_or(|told| now.saturating_duration_since(*told) >= TOLD_FOR);
+        if news {
+            if admitted.len() == MOST_TOLD
+                && let Some(oldest) = admitted.iter().min_by_key(|(_, told)| **told).map(|(peer, _)| *peer)
+            {
+                admitted.remove(&oldest);
+            }
+            admitted.insert(peer, now);
+        }
+        news
     }
 
     fn admits(&self, headers: &HeaderMap) -> bool {
@@ -84,19 +110,22 @@ fn base64(text: &str) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// Refuses requests without the token with 401.
+/// Refuses requests without the token with 401. Who is let in is told, and who is not.
 pub async fn check(State(token): State<Token>, request: Request, next: Next) -> Response {
+    let peer = request.extensions().get::<ConnectInfo<Peer>>().map(|ConnectInfo(Peer(address))| address.ip());
+    let from = || peer.map_or_else(|| "somebody".to_owned(), |ip| ip.to_string());
     if token.admits(request.headers()) {
+        if token.is_news(peer, Instant::now()) {
+            tracing::info!("{} has asked the page with the token, and is let in", from());
+        }
         return next.run(request).await;
     }
-    let peer = request.extensions().get::<ConnectInfo<Peer>>().map(|ConnectInfo(Peer(address))| address.ip());
     let asked = request.headers().contains_key(header::AUTHORIZATION);
     // A browser asks without a token first, which is no guess.
     if asked {
         let mut guesses = token.guesses.lock().await;
         *guesses += 1;
-        let from = peer.map_or_else(|| "somebody".to_owned(), |ip| ip.to_string());
-        tracing::warn!(guesses = *guesses, "{from} has asked the page with a wrong token");
+        tracing::warn!(guesses = *guesses, "{} has asked the page with a wrong token", from());
         tokio::time::sleep(PENALTY).await;
     }
     let challenge = HeaderValue::from_static("Basic realm=\"gearwatch\", charset=\"UTF-8\"");
@@ -134,5 +163,18 @@ mod tests {
         }
         assert!(!token.admits(&HeaderMap::new()));
         assert!(Token::new("short").is_err());
+    }
+
+    /// For the audit: each address once an hour, however often it asks, and a bounded number of them.
+    #[test]
+    fn conform_who_is_let_in_is_told_once_an_hour() {
+        let token = Token::new("open sesame, please").unwrap();
+        let begin = Instant::now();
+        let peer = |n: u32| Some(IpAddr::from(n.to_be_bytes()));
+        assert!(token.is_news(peer(1), begin) && token.is_news(None, begin));
+        assert!(!token.is_news(peer(1), begin + Duration::from_secs(3599)));
+        assert!(token.is_news(peer(1), begin + Duration::from_secs(3600)));
+        (2..2000).for_each(|n| assert!(token.is_news(peer(n), begin + Duration::from_secs(3600))));
+        assert!(token.admitted.lock().unwrap().len() <= MOST_TOLD);
     }
 }

@@ -136,12 +136,30 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
     let jumps = differences.count() as u64;
     world.witness_of_lasting();
     world.at(|outside| outside.witness(Fault::Clock, jumps));
+    let delivered = world.at(|outside| {
+        assert!(outside.pages.lies.is_empty(), "{label}: {:?}", outside.pages.lies.first());
+        let lines = outside.offered.iter().filter_map(|offered| match &offered.what {
+            What::Window(number, line) => Some((*number, line.clone())),
+            _ => None,
+        });
+        outside.post.judge(&label, &lines.collect())
+    });
     // The last file was begun with the configuration that was read last.
     assert_eq!(content.packed.last().map(String::as_str), Some(world.compression()), "{label}: compression");
     let repacked = content.packed.windows(2).filter(|pair| pair[0] != pair[1]).count() as u64;
     world.at(|outside| outside.witness(Fault::Changed, repacked));
     let (looks, ok) = world.at(|outside| (outside.looks, outside.looks_ok));
-    vec![("results logged", logged), ("windows shed", shed), ("in gaps", tails), ("looks", looks), ("said ok", ok)]
+    vec![
+        ("results logged", logged),
+        ("windows shed", shed),
+        ("in gaps", tails),
+        ("looks", looks),
+        ("said ok", ok),
+        ("letters", delivered.letters),
+        ("letters resent", delivered.resent),
+        ("letters told as lost", delivered.told_lost),
+        ("letters missing", delivered.missing),
+    ]
 }
 
 /// A file was taken away: gap records that stood in it are gone too.

@@ -1,10 +1,11 @@
 //! The service in a world that one seed makes: its clock, its disk, its sensor, the network, the people who acknowledge alarms, and the order of it all.
-//! What runs in it are the service's own decoder, numbering, windows, verdicts, alarms, log and supervisor; played are only threads, sockets and the
-//! disk. Left out are the sinks beside the log and the page. Configurations are read by the service's own reader. A seed that fails fails again in the
+//! What runs in it are the service's own decoder, numbering, windows, verdicts, alarms, log, supervisor, the spool in front of a broker and what pages are
+//! told; played are only threads, sockets, the broker and the disks. Configurations are read by the service's own reader. A seed that fails fails again in the
 //! same way: `GEARWATCH_SEED=<seed> cargo test -p gearwatch-daemon --test simulation`.
 //!
 //! Judged is, at every moment, that nobody says `ok` while something older than two seconds is not durable; and at the end of each world, with the reader of
-//! the `mcap` crate, that each window is in the log once, or in a gap record, and that every alarm stands that nobody has seen. Every sample says where it
+//! the `mcap` crate, that each window is in the log once, or in a gap record, that every alarm stands that nobody has seen, and that each letter came to the broker in
+//! order, once or marked, or is counted as lost. Every sample says where it
 //! belongs, so that each window is compared with what the sensor measured, and all samples are accounted for after every piece that came.
 //!
 //! Every kind of fault has a witness that shares nothing with whoever injected it: a campaign in which a fault was never seen has not tried it.
@@ -13,6 +14,8 @@
 
 mod judge;
 mod line;
+mod page;
+mod post;
 mod trouble;
 mod world;
 mod written;
@@ -67,7 +70,10 @@ fn regress_worlds_that_failed_once() {
 /// The same seed makes the same world, byte for byte; another one makes another.
 #[test]
 fn conform_a_seed_replays_exactly() {
-    let files = |seed| World::live(seed, WORLD_SECS, &Fault::ALL).disk().contents();
+    let files = |seed| {
+        let world = World::live(seed, WORLD_SECS, &Fault::ALL);
+        (world.disk().contents(), world.at(|outside| outside.post.letters().to_vec()))
+    };
     assert_eq!(files(7), files(7));
     assert_ne!(files(7), files(8));
 }

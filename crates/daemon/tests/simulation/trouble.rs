@@ -43,10 +43,22 @@ pub enum Fault {
     Changed,
     /// The configuration is wrong, and is read again.
     Spoilt,
+    /// The broker is away for a while.
+    Broker,
+    /// The line to the broker breaks, with all that is under way.
+    Broken,
+    /// The spool's disk is full for a while.
+    SpoolFull,
+    /// Calls to the spool's disk fail for a while.
+    SpoolIo,
+    /// Somebody opens a page.
+    Opened,
+    /// Somebody opens a page that reads nothing for a while.
+    Stalled,
 }
 
 impl Fault {
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 25] = [
         Self::Hang,
         Self::Slow,
         Self::Full,
@@ -66,6 +78,12 @@ impl Fault {
         Self::Seen,
         Self::Changed,
         Self::Spoilt,
+        Self::Broker,
+        Self::Broken,
+        Self::SpoolFull,
+        Self::SpoolIo,
+        Self::Opened,
+        Self::Stalled,
     ];
 
     /// Those that there were when the worlds were lived that are kept because something was lost in them.

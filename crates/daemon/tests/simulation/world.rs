@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use gearwatch_core::verdict::{MachineState, Verdict};
 use gearwatch_core::window::Window;
+use gearwatch_daemon::event::Event;
 use gearwatch_daemon::health::{Acknowledgement, AlarmConfig, Health};
 use gearwatch_daemon::log::simulated::{Fault as DiskFault, Plan, Simulated};
 use gearwatch_daemon::log::{
@@ -13,6 +14,8 @@ use gearwatch_daemon::log::{
 
 use crate::judge::support::context;
 use crate::line::{Heard, Intake, Line, Seen};
+use crate::page::Pages;
+use crate::post::{Post, bench};
 use crate::trouble::{Chance, Fault, Totals};
 use crate::written;
 
@@ -46,6 +49,9 @@ pub struct Outside {
     /// Sender and network, and the service's side while there is one.
     line: Line,
     intake: Option<Intake>,
+    /// The sinks beside the log, and the pages.
+    pub post: Post,
+    pub pages: Pages,
     chance: Chance,
     /// Numbers of windows: of the first one of this start, and of the next one.
     first_window: u64,
@@ -129,6 +135,8 @@ pub struct World {
     log: Option<Stepper>,
     /// The disk is put right then.
     mend_at: Option<u64>,
+    /// The last sync that hangs is over then (ms).
+    hung_until: u64,
     /// Starts that ended by a kill or a power cut, or whose end the disk did not take; and those that ended by a power cut.
     pub crashed: Vec<usize>,
     pub powerless: Vec<usize>,
@@ -159,6 +167,10 @@ impl Outside {
             self.line.sample(self.mono_ms, wall_ns, self.intake.is_some());
             self.receive();
             self.look();
+            if self.log.is_some() {
+                self.post.pass(self.mono_ms);
+                self.pages.read(self.mono_ms);
+            }
         }
     }
 
@@ -192,6 +204,7 @@ impl Outside {
 
     fn gap(&mut self, channel: &str, (first, last, count): (u64, u64, u64), cause: Cause) {
         let gap = Gap { channel: channel.to_owned(), first, last, count, cause, t_ns: self.now().wall_ns };
+        self.tell(&Event::Gap { bench: bench(), gap: gap.clone() });
         self.offer(What::Gap, Record::Gap(gap));
     }
 
@@ -216,13 +229,23 @@ impl Outside {
             }
             let line = serde_json::to_string(&verdict).unwrap();
             let changed = self.health.take(&verdict);
-            let record = Record::Verdict { verdict: Arc::new(verdict), line: line.as_str().into() };
+            let verdict = Arc::new(verdict);
+            self.pages.verdict(&verdict);
+            self.tell(&Event::Verdict { bench: bench(), verdict: verdict.clone(), line: line.as_str().into() });
+            let record = Record::Verdict { verdict, line: line.as_str().into() };
             self.offer(What::Window(number, line.into_bytes()), record);
             if let Some(alarm) = changed {
                 self.totals.witnessed(Fault::Gears, u64::from(alarm.active));
+                self.tell(&Event::Alarm { bench: bench(), alarm: alarm.clone(), seen: None });
                 self.alarm(AlarmRecord::new("bench", &alarm, None));
             }
         }
+    }
+
+    /// Tells the sinks beside the log.
+    fn tell(&mut self, event: &Event) {
+        let t_ns = self.now().wall_ns;
+        self.post.tell(event, self.mono_ms, t_ns);
     }
 
     fn alarm(&mut self, alarm: AlarmRecord) {
@@ -238,6 +261,9 @@ impl Outside {
         let oldest_ms = self.waiting.first().map_or(0, |(_, since)| self.mono_ms - since);
         if let Some(seen) = self.waits.take(&judged, self.group_ms, self.mono_ms) {
             self.totals.witnessed(seen, 1);
+        }
+        if self.mono_ms.is_multiple_of(1000) {
+            self.pages.status(&self.health, if judged.ok { "ok" } else { &judged.why });
         }
         self.looks += 1;
         self.looks_ok += u64::from(judged.ok);
@@ -294,6 +320,8 @@ impl World {
             health: health(),
             line: Line::new(seed),
             intake: None,
+            post: Post::new(seed),
+            pages: Pages::new(),
             chance: Chance::new(!seed),
             first_window: 0,
             next_window: 0,
@@ -332,6 +360,7 @@ impl World {
             config: written::read(&written::text(&config)).expect("it is right"),
             log: None,
             mend_at: None,
+            hung_until: 0,
             crashed: Vec::new(),
             powerless: Vec::new(),
             taken: Vec::new(),
@@ -347,6 +376,7 @@ impl World {
         world.stop();
         world.start();
         world.stop();
+        world.at(|outside| outside.post.finish(outside.mono_ms));
         world
     }
 
@@ -386,7 +416,11 @@ impl World {
         self.mend_at = None;
         self.disk.plan(None);
         self.disk.set_capacity(None);
-        self.at(|outside| outside.trouble(1000));
+        self.at(|outside| {
+            outside.trouble(1000);
+            outside.post.disk().plan(None);
+            outside.post.disk().set_capacity(None);
+        });
     }
 
     /// Nothing goes wrong for a while.
@@ -419,6 +453,7 @@ impl World {
             restored.into_iter().for_each(|record| outside.health.restore(record.alarm, true));
             outside.log = Some((sender, watch));
             outside.intake = Some(Intake::new());
+            outside.pages.restart();
             outside.first_window = outside.next_window;
             outside.trouble(0);
         });
@@ -434,6 +469,7 @@ impl World {
         let closed = log.stop(now);
         let start = self.at(|outside| {
             outside.log = None;
+            outside.post.end(true, outside.mono_ms);
             outside.start
         });
         if !closed {
@@ -446,6 +482,7 @@ impl World {
         let start = self.at(|outside| {
             outside.hang_up();
             outside.log = None;
+            outside.post.end(false, outside.mono_ms);
             (outside.hang_ms, outside.slow) = (0, (0, 0));
             outside.start
         });
@@ -455,7 +492,14 @@ impl World {
     fn inject(&mut self) {
         let fault = self.faults[self.chance.below(self.faults.len() as u64) as usize];
         let (mono_ms, running) = self.at(|outside| (outside.mono_ms, outside.log.is_some()));
-        if !running || (self.mend_at.is_some() && matches!(fault, Fault::Full | Fault::Io | Fault::Taken)) {
+        if !running
+            || (self.mend_at.is_some()
+                && matches!(fault, Fault::Full | Fault::Io | Fault::Taken | Fault::SpoolFull | Fault::SpoolIo))
+        {
+            return;
+        }
+        // Syncs that hang soon after one another look like slow ones, whoever looks.
+        if fault == Fault::Hang && mono_ms < self.hung_until + 2 * SOON_MS {
             return;
         }
         let for_ms = self.chance.between(1, 15) * 1000;
@@ -468,7 +512,10 @@ impl World {
         let before = self.disk.witness();
         self.at(|outside| outside.totals.injected(fault));
         match fault {
-            Fault::Hang => self.at(|outside| outside.hang_ms = for_ms),
+            Fault::Hang => {
+                self.hung_until = mono_ms + for_ms;
+                self.at(|outside| outside.hang_ms = for_ms);
+            }
             Fault::Slow => {
                 let each_ms = self.chance.between(300, 1500);
                 self.at(|outside| outside.slow = (mono_ms + 2 * for_ms, each_ms));
@@ -489,6 +536,7 @@ impl World {
             Fault::Kill => {
                 self.crash();
                 self.disk.restart();
+                self.at(|outside| outside.post.disk().restart());
                 self.start();
                 // Whoever starts next finds that nobody closed the log.
                 let unclean = self.log.as_ref().is_some_and(|log| log.recovery().unclean);
@@ -498,6 +546,7 @@ impl World {
                 self.crash();
                 self.powerless.extend(self.crashed.last());
                 self.disk.power_cut();
+                self.at(|outside| outside.post.power_cut());
                 let torn = self.disk.witness().torn_bytes > before.torn_bytes;
                 self.at(|outside| outside.totals.witnessed(fault, u64::from(torn)));
                 self.start();
@@ -541,6 +590,26 @@ impl World {
             Fault::Worker => self.at(|outside| outside.worker_fails = true),
             Fault::Gears => self.at(|outside| outside.damaged_until = mono_ms + 2 * for_ms),
             Fault::Seen => self.acknowledge(),
+            // Long enough for the spool to become full now and then.
+            Fault::Broker => self.at(|outside| outside.post.away_until = mono_ms + 5 * for_ms),
+            Fault::Broken => self.at(|outside| outside.post.broken_until = mono_ms + for_ms / 5),
+            Fault::SpoolFull => {
+                let room = self.chance.below(3000);
+                self.at(|outside| {
+                    let used = outside.post.disk().contents().values().map(|file| file.len() as u64).sum::<u64>();
+                    outside.post.disk().set_capacity(Some(used + room));
+                });
+                self.mend_at = Some(mono_ms + for_ms);
+            }
+            Fault::SpoolIo => {
+                let (for_good, call) = (self.chance.below(2) == 0, self.chance.between(1, 6));
+                let plan = Some(Plan { call, fault: DiskFault::Io, for_good });
+                self.at(|outside| outside.post.disk().plan(plan));
+                self.mend_at = Some(mono_ms + for_ms);
+            }
+            Fault::Opened => self.at(|outside| outside.pages.open(mono_ms, 0)),
+            // Two messages a second, and room for sixteen.
+            Fault::Stalled => self.at(|outside| outside.pages.open(mono_ms, mono_ms + 2 * for_ms)),
         }
     }
 
@@ -590,6 +659,11 @@ impl World {
                 let seen = Acknowledgement { who: "somebody".into(), why: "seen".into(), from: "here".into(), t_ns };
                 let Some(alarm) = outside.health.acknowledge(&id, &seen) else { continue };
                 outside.totals.witnessed(Fault::Seen, 1);
+                outside.tell(&Event::Alarm {
+                    bench: bench(),
+                    alarm: alarm.clone(),
+                    seen: Some(Arc::new(seen.clone())),
+                });
                 outside.alarm(AlarmRecord::new("bench", &alarm, Some(&seen)));
             }
         });
@@ -601,6 +675,18 @@ impl World {
         self.at(|outside| {
             outside.totals.witnessed(Fault::Io, disk.io_errors);
             outside.totals.witnessed(Fault::Full, disk.found_full);
+            let spool = outside.post.disk().witness();
+            let told_lost = outside.post.told_lost();
+            for (fault, count) in [
+                (Fault::SpoolIo, spool.io_errors),
+                (Fault::SpoolFull, spool.found_full),
+                (Fault::Broker, outside.post.outages.min(told_lost)),
+                (Fault::Broken, outside.post.resent()),
+                (Fault::Opened, outside.pages.opened),
+                (Fault::Stalled, outside.pages.skipped),
+            ] {
+                outside.totals.witnessed(fault, count);
+            }
         });
     }
 }

@@ -1,5 +1,5 @@
 /* Makes trouble for a process that it is loaded into: what is to go wrong is said by files in the folder that TROUBLE names.
-   hang: data of the log do not become durable while the file is there; slow: that takes a third of a second each time; full: the disk takes
+   hang: data of log and spools do not become durable while the file is there; slow: that takes a third of a second each time; full: the disk takes
    nothing; fail: every tenth write and sync ends with an I/O error; clock: the wall clock is off by so many seconds. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -19,13 +19,13 @@ static int there(const char *name) {
   return access(path, F_OK) == 0;
 }
 
-static int of_log(int fd) {
+static int of_disk(int fd) {
   char link[64], path[4096];
   snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
   ssize_t n = readlink(link, path, sizeof path - 1);
   if (n <= 0) return 0;
   path[n] = 0;
-  return strstr(path, ".mcap") != NULL;
+  return strstr(path, ".mcap") || strstr(path, ".spool");
 }
 
 static int tenth(void) {
@@ -44,7 +44,7 @@ static void pause_ms(long ms) {
 ssize_t write(int fd, const void *bytes, size_t count) {
   static ssize_t (*real)(int, const void *, size_t);
   if (!real) real = dlsym(RTLD_NEXT, "write");
-  if (fd > 2 && of_log(fd)) {
+  if (fd > 2 && of_disk(fd)) {
     if (there("full")) { errno = ENOSPC; return -1; }
     if (there("fail") && tenth()) {
       if (count > 1) real(fd, bytes, count / 2);
@@ -58,7 +58,7 @@ ssize_t write(int fd, const void *bytes, size_t count) {
 int fdatasync(int fd) {
   static int (*real)(int);
   if (!real) real = dlsym(RTLD_NEXT, "fdatasync");
-  if (of_log(fd)) {
+  if (of_disk(fd)) {
     while (there("hang")) pause_ms(20);
     if (there("slow")) pause_ms(300);
     if (there("fail") && tenth()) { errno = EIO; return -1; }

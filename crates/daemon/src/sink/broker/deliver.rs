@@ -5,12 +5,14 @@ use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use rand::RngExt;
+
+use super::desk::Desk;
 use super::io_error;
-use super::letter::Secretary;
 use super::outbox::Outbox;
-use super::spool::Spool;
+use crate::log::Disk;
 use crate::service::Backoff;
 use crate::sink::{Events, SinkContext, SinkError};
 
@@ -47,13 +49,15 @@ pub(in crate::sink) async fn run(
     carrier: Arc<dyn Carrier>,
 ) -> Result<(), SinkError> {
     let failed = |e: std::io::Error| io_error(&place.folder, e);
-    let outbox = Arc::new(Outbox::new(Spool::open(&place.folder, place.most_bytes).map_err(failed)?));
+    let disk = Disk::shared(&place.folder).map_err(failed)?;
+    let mut desk = Desk::open(Box::new(disk), place.most_bytes, place.heartbeat, new_run()).map_err(failed)?;
+    let outbox = desk.outbox().clone();
     let seen = outbox.clone();
     context.voice.answer_with(move || seen.standing());
     let deliver = keep_delivering(&outbox, &*carrier);
     tokio::pin!(deliver);
     tokio::select! {
-        () = collect(&events, &outbox, place.heartbeat) => {}
+        () = collect(&events, &mut desk) => {}
         _ = &mut deliver => {}
         _ = keep_ticking(&outbox) => {}
     }
@@ -70,16 +74,17 @@ pub(in crate::sink) async fn run(
     Ok(())
 }
 
-async fn collect(events: &Events, outbox: &Outbox, heartbeat: Duration) {
-    let mut secretary = Secretary::new(heartbeat);
+/// Never the same twice, so that a number of this run is never that of another letter.
+fn new_run() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    // In order of time for people, and random in case that the clock is wrong.
+    format!("{:011x}{:08x}", since.as_millis(), rand::rng().random::<u32>())
+}
+
+async fn collect(events: &Events, desk: &mut Desk) {
     while let Ok(event) = events.recv().await {
         crate::fail::point("sink-broker");
-        if let Some(letter) = secretary.write(&event, Instant::now()) {
-            let lost = outbox.put(&letter);
-            if lost > 0 {
-                outbox.put(&secretary.write_lost(&event, lost));
-            }
-        }
+        desk.take(&event, Instant::now(), crate::source::now_unix_ns());
     }
 }
 
@@ -97,7 +102,7 @@ async fn keep_delivering(outbox: &Outbox, carrier: &dyn Carrier) -> Infallible {
     loop {
         let began = Instant::now();
         let Err(error) = carrier.deliver(outbox).await;
-        let was_connected = outbox.disconnected(&error);
+        let was_connected = outbox.disconnected(&error.to_string());
         let wait = backoff.next_wait(began);
         if was_connected {
             tracing::warn!("{error}; letters wait on disk, next try in {wait:.1?}");

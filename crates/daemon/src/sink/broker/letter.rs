@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-use rand::RngExt;
+use gearwatch_core::block::UnixNanos;
 use serde::Serialize;
 
 use crate::event::{BenchState, Event};
@@ -99,7 +99,6 @@ impl<'a> Seen<'a> {
 
 /// Numbers letters and writes them.
 pub(in crate::sink) struct Secretary {
-    /// Never the same twice, so that a number of this run is never that of another letter.
     run: String,
     numbers: BTreeMap<Arc<str>, u64>,
     heartbeat: Duration,
@@ -107,10 +106,7 @@ pub(in crate::sink) struct Secretary {
 }
 
 impl Secretary {
-    pub fn new(heartbeat: Duration) -> Self {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        // In order of time for people, and random in case that the clock is wrong.
-        let run = format!("{:011x}{:08x}", since.as_millis(), rand::rng().random::<u32>());
+    pub fn new(heartbeat: Duration, run: String) -> Self {
         Self { run, numbers: BTreeMap::new(), heartbeat, states: BTreeMap::new() }
     }
 
@@ -143,7 +139,7 @@ impl Secretary {
     }
 
     /// Says that letters were lost because the spool was full; to the bench of the event that had to have room.
-    pub fn write_lost(&mut self, event: &Event, count: u64) -> Letter {
+    pub fn write_lost(&mut self, event: &Event, count: u64, t_ns: UnixNanos) -> Letter {
         let bench: Arc<str> = match event {
             Event::Verdict { bench, .. }
             | Event::Alarm { bench, .. }
@@ -151,7 +147,6 @@ impl Secretary {
             | Event::State { bench, .. } => bench.clone(),
             Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => "".into(),
         };
-        let t_ns = crate::source::now_unix_ns();
         let gap = Gap { channel: "spool".to_owned(), first: 0, last: 0, count, cause: Cause::SpoolFull, t_ns };
         self.letter(&bench, Kind::Gap, &[], &gap)
     }
@@ -192,7 +187,7 @@ mod tests {
 
     #[test]
     fn conform_letters_are_numbered_by_bench_and_read_back() {
-        let mut secretary = Secretary::new(Duration::from_secs(10));
+        let mut secretary = Secretary::new(Duration::from_secs(10), "run".into());
         let gap = Gap { channel: "acc".into(), first: 1, last: 2, count: 2, cause: Cause::Overload, t_ns: 5 };
         let mut numbers = Vec::new();
         for bench in ["a", "b", "a"] {

@@ -1,12 +1,16 @@
 //! Between the collector, which puts letters in, and the carrier, which takes them out and confirms them.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
 use super::letter::Letter;
 use super::spool::{Position, Spool};
-use crate::sink::{SinkError, Standing};
+use crate::sink::Standing;
+
+/// A spool that somebody works on for longer has a disk that does not answer.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
 
 /// A letter to be sent.
 #[derive(Clone, Debug)]
@@ -40,12 +44,15 @@ pub(in crate::sink) struct Outbox {
     inner: Mutex<Inner>,
     filled: Notify,
     emptied: Notify,
+    /// How all stood when it could be asked last.
+    stood: Mutex<(Instant, Standing)>,
 }
 
 impl Outbox {
     pub fn new(spool: Spool) -> Self {
         let inner = Inner { spool, connected: false, error: String::new(), confirmed: 0, resent: 0, refused: 0 };
-        Self { inner: Mutex::new(inner), filled: Notify::new(), emptied: Notify::new() }
+        let stood = Mutex::new((Instant::now(), inner.standing()));
+        Self { inner: Mutex::new(inner), filled: Notify::new(), emptied: Notify::new(), stood }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -81,10 +88,17 @@ impl Outbox {
         }
     }
 
-    fn try_next(&self) -> Option<Outgoing> {
+    /// The same, if there is one now.
+    pub fn try_next(&self) -> Option<Outgoing> {
         let mut inner = self.lock();
         loop {
-            let (position, resent, bytes) = inner.spool.next()?;
+            let (position, resent, bytes) = match inner.spool.next() {
+                Ok(next) => next?,
+                Err(error) => {
+                    inner.error = error.to_string();
+                    return None;
+                }
+            };
             match Letter::from_bytes(&bytes) {
                 Some(letter) => {
                     inner.resent += u64::from(resent);
@@ -115,10 +129,10 @@ impl Outbox {
     }
 
     /// The connection is gone: what was not confirmed is handed out again. Whether there had been one.
-    pub fn disconnected(&self, error: &SinkError) -> bool {
+    pub fn disconnected(&self, error: &str) -> bool {
         let mut inner = self.lock();
         inner.spool.rewind();
-        inner.error = crate::service::short(&error.to_string());
+        inner.error = crate::service::short(error);
         std::mem::replace(&mut inner.connected, false)
     }
 
@@ -133,12 +147,16 @@ impl Outbox {
         }
     }
 
-    /// Makes durable what was spooled, and writes down what was confirmed.
-    pub fn tick(&self) {
+    /// Makes durable what was spooled, and writes down what was confirmed; whether it is.
+    pub fn tick(&self) -> bool {
         let mut inner = self.lock();
-        if let Err(error) = inner.spool.sync() {
+        let synced = inner.spool.sync();
+        if let Err(error) = &synced {
             inner.error = error.to_string();
         }
+        // What the disk did not give may be had now.
+        self.filled.notify_one();
+        synced.is_ok()
     }
 
     /// The last tick: what was never handed out needs no mark of a repetition after the next start.
@@ -148,15 +166,33 @@ impl Outbox {
         }
     }
 
-    /// How all stands.
+    /// How all stands. Whoever asks does not wait for a disk that hangs.
     pub fn standing(&self) -> Standing {
-        let inner = self.lock();
-        let waiting = inner.spool.waiting();
-        let lost = inner.spool.lost() + inner.refused;
-        let link = if inner.connected { "connected" } else { "not connected" };
+        let mut stood = self.stood.lock().unwrap_or_else(PoisonError::into_inner);
+        match self.inner.try_lock() {
+            Ok(inner) => *stood = (Instant::now(), inner.standing()),
+            Err(TryLockError::Poisoned(inner)) => *stood = (Instant::now(), inner.into_inner().standing()),
+            Err(TryLockError::WouldBlock) => {}
+        }
+        let (when, standing) = &*stood;
+        let silent = when.elapsed();
+        if silent < ANSWERS_WITHIN {
+            return standing.clone();
+        }
+        let detail =
+            format!("the spool's disk has not answered for {:.0} s; before: {}", silent.as_secs_f64(), standing.detail);
+        Standing { ok: false, detail, ..standing.clone() }
+    }
+}
+
+impl Inner {
+    fn standing(&self) -> Standing {
+        let waiting = self.spool.waiting();
+        let lost = self.spool.lost() + self.refused;
+        let link = if self.connected { "connected" } else { "not connected" };
         let mut detail = format!("{link}, {waiting} letters wait, {lost} lost");
-        if !inner.error.is_empty() {
-            detail = format!("{detail}: {}", inner.error);
+        if !self.error.is_empty() {
+            detail = format!("{detail}: {}", self.error);
         }
         Standing {
             // A broker that is away costs nothing as long as letters can wait.
@@ -164,12 +200,50 @@ impl Outbox {
             stalled: false,
             detail,
             figures: vec![
-                ("connected", f64::from(u8::from(inner.connected))),
-                ("confirmed", inner.confirmed as f64),
-                ("resent", inner.resent as f64),
+                ("connected", f64::from(u8::from(self.connected))),
+                ("confirmed", self.confirmed as f64),
+                ("resent", self.resent as f64),
                 ("waiting", waiting as f64),
                 ("lost", lost as f64),
             ],
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use crate::log::simulated::Simulated;
+
+    /// The supervisor asks all sinks: one whose disk hangs must not hold it up, or `ok` would stand as it was said last.
+    #[test]
+    fn regress_who_asks_does_not_wait_for_a_disk_that_hangs() {
+        let disk = Simulated::new(3);
+        let (hangs, seen) = channel();
+        let (go_on, wait) = channel::<()>();
+        let wait = Mutex::new(wait);
+        let spool = Spool::open(Box::new(disk.clone()), 1 << 20).unwrap();
+        let outbox = Arc::new(Outbox::new(spool));
+        outbox.put(&Letter { topic: "a/state".into(), id: "a".into(), body: "\"a\":1}".into() });
+        disk.set_meanwhile(move || {
+            hangs.send(()).unwrap();
+            wait.lock().unwrap().recv().unwrap();
+        });
+        let ticking = outbox.clone();
+        let tick = std::thread::spawn(move || ticking.tick());
+        seen.recv().unwrap();
+        let begin = Instant::now();
+        assert!(outbox.standing().ok, "a moment is no hang");
+        std::thread::sleep(ANSWERS_WITHIN + Duration::from_millis(50));
+        let standing = outbox.standing();
+        assert!(!standing.ok && standing.detail.contains("has not answered for 2 s"), "{standing:?}");
+        // Both answers came at once; the machine may be busy.
+        assert!(begin.elapsed() < ANSWERS_WITHIN + Duration::from_secs(1));
+        go_on.send(()).unwrap();
+        assert!(tick.join().unwrap());
+        assert!(outbox.standing().ok);
     }
 }

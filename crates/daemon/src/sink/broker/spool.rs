@@ -2,12 +2,13 @@
 //!
 //! Frame: length (u32, little-endian), CRC-32 of the bytes, bytes. A new run begins a new segment, so that a torn end of an old one stays where it
 //! is: reading goes on in the next. The cursor file holds `<segment> <offset>` of the first record that is not confirmed, and after a close
-//! in order those of the first one that was never handed out; without them all that is left counts as handed out.
+//! in order those of the first one that was never handed out; without them all that is left counts as handed out. Its last word is a checksum: half a
+//! cursor, as a power cut leaves it, would skip what nobody has got.
 
 use std::collections::VecDeque;
-use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::io::{self, ErrorKind};
+
+use crate::log::{Storage, StorageFile};
 
 /// A full segment (bytes).
 const SEGMENT_BYTES: u64 = 4 << 20;
@@ -16,11 +17,12 @@ const HEAD: usize = 8;
 /// A longer record is damage.
 const LONGEST: u32 = 16 << 20;
 const CURSOR: &str = "cursor";
+const NEXT_CURSOR: &str = "cursor.tmp";
 const SUFFIX: &str = ".spool";
 
 /// A place in the spool: behind a record, or in front of the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::sink) struct Position {
+pub struct Position {
     segment: u64,
     offset: u64,
 }
@@ -33,14 +35,26 @@ struct Segment {
     confirmed: u64,
 }
 
+/// The segment that is written.
+struct Tail {
+    file: Box<dyn StorageFile>,
+    /// What surely is on the disk (bytes).
+    durable: u64,
+    /// A sync failed: what lies behind `durable` can be read and is on no disk before it is written again.
+    unsure: bool,
+    /// Half a record may be at its end.
+    torn: bool,
+}
+
 /// The queue.
-#[derive(Debug)]
 pub(in crate::sink) struct Spool {
-    folder: PathBuf,
+    storage: Box<dyn Storage>,
     most_bytes: u64,
     /// Oldest first; the last one is written to.
     segments: VecDeque<Segment>,
-    file: File,
+    tail: Tail,
+    /// Of the next segment: never one that was tried before, whose name may be taken.
+    next_number: u64,
     /// The segment that is read, and its bytes.
     open: (u64, Vec<u8>),
     read: Position,
@@ -48,25 +62,23 @@ pub(in crate::sink) struct Spool {
     /// Records before this were handed out once already.
     handed_out: Position,
     lost: u64,
-    dirty: bool,
+    /// Of those, what no [`Self::append`] has told yet.
+    untold: u64,
     saved: Option<Position>,
 }
 
 impl Spool {
     /// Opens a spool with what the last run left in it.
-    pub fn open(folder: &Path, most_bytes: u64) -> io::Result<Self> {
-        fs::create_dir_all(folder)?;
-        let (confirmed, handed_out) = read_cursor(folder);
-        let mut numbers: Vec<u64> = Vec::new();
-        for entry in fs::read_dir(folder)? {
-            let name = entry?.file_name();
-            numbers.extend(name.to_str().and_then(|name| name.strip_suffix(SUFFIX)?.parse::<u64>().ok()));
-        }
+    pub fn open(mut storage: Box<dyn Storage>, most_bytes: u64) -> io::Result<Self> {
+        let (confirmed, handed_out) = read_cursor(&mut *storage);
+        let listed = storage.list()?;
+        let mut numbers: Vec<u64> =
+            listed.iter().filter_map(|(name, _)| name.strip_suffix(SUFFIX)?.parse().ok()).collect();
         numbers.sort_unstable();
         let next = numbers.last().map_or(1, |last| last + 1).max(confirmed.segment + 1);
         let mut segments = VecDeque::new();
         for number in numbers {
-            let bytes = fs::read(path(folder, number))?;
+            let bytes = storage.read(&name(number))?;
             let mut segment = Segment { number, bytes: bytes.len() as u64, records: 0, confirmed: 0 };
             let mut at = 0;
             while let Some((_, end)) = frame(&bytes, at) {
@@ -77,20 +89,21 @@ impl Spool {
             }
             segments.push_back(segment);
         }
-        let file = create(folder, next)?;
+        let tail = create(&mut *storage, next)?;
         segments.push_back(Segment { number: next, bytes: 0, records: 0, confirmed: 0 });
         let end = Position { segment: next, offset: 0 };
         let mut spool = Self {
-            folder: folder.to_owned(),
+            storage,
             most_bytes,
             segments,
-            file,
+            tail,
+            next_number: next + 1,
             open: (0, Vec::new()),
             read: confirmed,
             confirmed,
             handed_out: handed_out.unwrap_or(end),
             lost: 0,
-            dirty: false,
+            untold: 0,
             saved: None,
         };
         spool.drop_confirmed();
@@ -98,25 +111,23 @@ impl Spool {
         Ok(spool)
     }
 
-    /// Puts a record in; how many older ones had to go for it.
+    /// Puts a record in; how many older ones had to go since the last one that was put in.
     pub fn append(&mut self, record: &[u8]) -> io::Result<u64> {
         let length = (HEAD + record.len()) as u64;
         let full =
             self.segments.back().is_some_and(|last| last.bytes > 0 && last.bytes + length > self.segment_bytes());
-        if full {
+        if full || self.tail.torn {
             self.begin_segment()?;
         }
-        let lost = self.make_room(length);
+        self.make_room(length);
         let mut bytes = Vec::with_capacity(HEAD + record.len());
         bytes.extend((record.len() as u32).to_le_bytes());
         bytes.extend(crc32fast::hash(record).to_le_bytes());
         bytes.extend(record);
         let Some(last) = self.segments.back_mut() else { return Err(ErrorKind::NotFound.into()) };
-        if let Err(error) = self.file.write_all(&bytes) {
-            // Half a record may be there now: what comes later goes into another segment.
-            if self.file.set_len(last.bytes).is_err() {
-                let _ = self.begin_segment();
-            }
+        if let Err(error) = self.tail.file.append(&bytes) {
+            // Nothing can be read behind half a record: what comes later goes into another segment where this one cannot be cut back.
+            self.tail.torn = self.tail.file.truncate(last.bytes).is_err();
             return Err(error);
         }
         last.bytes += length;
@@ -124,8 +135,7 @@ impl Spool {
         if self.open.0 == last.number {
             self.open.1.extend(&bytes);
         }
-        self.dirty = true;
-        Ok(lost)
+        Ok(std::mem::take(&mut self.untold))
     }
 
     fn segment_bytes(&self) -> u64 {
@@ -133,47 +143,75 @@ impl Spool {
     }
 
     fn begin_segment(&mut self) -> io::Result<()> {
-        let number = self.segments.back().map_or(1, |last| last.number + 1);
-        self.file.sync_data()?;
-        self.file = create(&self.folder, number)?;
+        self.sync_tail()?;
+        let number = self.next_number;
+        self.next_number += 1;
+        self.tail = create(&mut *self.storage, number)?;
         self.segments.push_back(Segment { number, bytes: 0, records: 0, confirmed: 0 });
         Ok(())
     }
 
-    /// Removes the oldest segments until there is room; how many records that nobody confirmed were in them.
-    fn make_room(&mut self, length: u64) -> u64 {
-        let mut lost = 0;
+    /// Removes the oldest segments until there is room, and counts the records in them that nobody confirmed.
+    fn make_room(&mut self, length: u64) {
         while self.segments.len() > 1 && self.segments.iter().map(|s| s.bytes).sum::<u64>() + length > self.most_bytes {
             let Some(oldest) = self.segments.pop_front() else { break };
-            lost += oldest.records - oldest.confirmed;
+            self.count_lost(oldest.records - oldest.confirmed);
             // What cannot be removed is found, and counted as waiting, at the next start.
-            let _ = fs::remove_file(path(&self.folder, oldest.number));
+            let _ = self.storage.remove(&name(oldest.number));
         }
-        self.lost += lost;
-        lost
+    }
+
+    fn count_lost(&mut self, records: u64) {
+        self.lost += records;
+        self.untold += records;
     }
 
     /// The next record: the place behind it, whether it may have been handed out before, and its bytes.
-    pub fn next(&mut self) -> Option<(Position, bool, Vec<u8>)> {
+    ///
+    /// # Errors
+    /// When the disk does not give it now; the next call asks again.
+    pub fn next(&mut self) -> io::Result<Option<(Position, bool, Vec<u8>)>> {
         loop {
-            let first = self.segments.front()?.number;
+            let Some(first) = self.segments.front().map(|first| first.number) else { return Ok(None) };
             if self.read.segment < first {
                 self.read = Position { segment: first, offset: 0 };
             }
             if self.open.0 != self.read.segment {
-                let bytes = fs::read(path(&self.folder, self.read.segment)).unwrap_or_default();
+                let bytes = match self.storage.read(&name(self.read.segment)) {
+                    Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+                    // Somebody took it away.
+                    read => read.unwrap_or_default(),
+                };
                 self.open = (self.read.segment, bytes);
             }
             let at = usize::try_from(self.read.offset).unwrap_or(usize::MAX);
             if let Some((record, end)) = frame(&self.open.1, at) {
                 let record = record.to_vec();
                 self.read.offset = end as u64;
-                return Some((self.read, self.read <= self.handed_out, record));
+                return Ok(Some((self.read, self.read <= self.handed_out, record)));
             }
             // The end of this segment, torn or not: on to the next, where there is one.
-            let later = self.segments.iter().find(|segment| segment.number > self.read.segment)?.number;
+            let later = self.segments.iter().find(|segment| segment.number > self.read.segment);
+            let Some(later) = later.map(|segment| segment.number) else { return Ok(None) };
+            self.count_unreadable();
             self.read = Position { segment: later, offset: 0 };
         }
+    }
+
+    /// Reading leaves a segment: what was put into it and cannot be read is lost.
+    fn count_unreadable(&mut self) {
+        let (number, bytes) = (self.open.0, self.open.1.len() as u64);
+        let Some(segment) = self.segments.iter_mut().find(|segment| segment.number == number) else { return };
+        if bytes >= segment.bytes {
+            return;
+        }
+        let (mut readable, mut at) = (0, 0);
+        while let Some((_, end)) = frame(&self.open.1, at) {
+            (readable, at) = (readable + 1, end);
+        }
+        let missing = segment.records - segment.confirmed.max(readable).min(segment.records);
+        (segment.records, segment.bytes) = (segment.records - missing, bytes);
+        self.count_lost(missing);
     }
 
     /// A record was delivered; called in the order in which they were handed out.
@@ -190,7 +228,7 @@ impl Spool {
     fn drop_confirmed(&mut self) {
         while self.segments.len() > 1 && self.segments.front().is_some_and(|first| first.confirmed >= first.records) {
             if let Some(first) = self.segments.pop_front() {
-                let _ = fs::remove_file(path(&self.folder, first.number));
+                let _ = self.storage.remove(&name(first.number));
             }
         }
     }
@@ -213,61 +251,86 @@ impl Spool {
 
     /// Makes durable what was appended, and writes the cursor if it moved.
     pub fn sync(&mut self) -> io::Result<()> {
-        if std::mem::take(&mut self.dirty) {
-            self.file.sync_data()?;
-        }
+        self.sync_tail()?;
         if self.saved != Some(self.confirmed) { self.save() } else { Ok(()) }
     }
 
+    fn sync_tail(&mut self) -> io::Result<()> {
+        let Some(last) = self.segments.back() else { return Ok(()) };
+        let (number, bytes) = (last.number, last.bytes);
+        if self.tail.durable == bytes && !self.tail.unsure {
+            return Ok(());
+        }
+        if std::mem::replace(&mut self.tail.unsure, true) {
+            let held = self.storage.read(&name(number))?;
+            let rest = usize::try_from(self.tail.durable).ok().and_then(|from| held.get(from..));
+            self.tail.file.overwrite(self.tail.durable, rest.unwrap_or_default())?;
+        }
+        self.tail.file.sync()?;
+        (self.tail.unsure, self.tail.durable) = (false, bytes);
+        Ok(())
+    }
+
     fn save(&mut self) -> io::Result<()> {
-        self.write_cursor(&format!("{} {}\n", self.confirmed.segment, self.confirmed.offset))?;
+        let Position { segment, offset } = self.confirmed;
+        self.write_cursor(&[segment, offset])?;
         self.saved = Some(self.confirmed);
         Ok(())
     }
 
     /// Ends in order.
     pub fn close(&mut self) -> io::Result<()> {
-        self.file.sync_data()?;
-        let handed_out = self.handed_out.max(self.read);
-        self.write_cursor(&format!(
-            "{} {} {} {}\n",
-            self.confirmed.segment, self.confirmed.offset, handed_out.segment, handed_out.offset
-        ))
+        self.sync_tail()?;
+        let (confirmed, handed_out) = (self.confirmed, self.handed_out.max(self.read));
+        self.write_cursor(&[confirmed.segment, confirmed.offset, handed_out.segment, handed_out.offset])
     }
 
-    fn write_cursor(&self, text: &str) -> io::Result<()> {
-        let temporary = self.folder.join("cursor.tmp");
-        fs::write(&temporary, text)?;
-        fs::rename(&temporary, self.folder.join(CURSOR))
+    fn write_cursor(&mut self, numbers: &[u64]) -> io::Result<()> {
+        // A kill may have left half of one.
+        let _ = self.storage.remove(NEXT_CURSOR);
+        self.storage.create(NEXT_CURSOR)?.append(&cursor(numbers))?;
+        self.storage.rename(NEXT_CURSOR, CURSOR)
     }
 }
 
-fn path(folder: &Path, number: u64) -> PathBuf {
-    folder.join(format!("{number:012}{SUFFIX}"))
+fn name(number: u64) -> String {
+    format!("{number:012}{SUFFIX}")
 }
 
-fn create(folder: &Path, number: u64) -> io::Result<File> {
-    let file = File::options().append(true).create_new(true).open(path(folder, number))?;
+fn create(storage: &mut dyn Storage, number: u64) -> io::Result<Tail> {
+    let file = storage.create(&name(number))?;
     // A name that is not durable is no file after a power cut.
-    File::open(folder)?.sync_all()?;
-    Ok(file)
+    storage.sync_dir()?;
+    Ok(Tail { file, durable: 0, unsure: false, torn: false })
+}
+
+/// A cursor with its checksum.
+fn cursor(numbers: &[u64]) -> Vec<u8> {
+    let words: Vec<String> = numbers.iter().map(u64::to_string).collect();
+    let text = words.join(" ");
+    format!("{text} {:08x}\n", crc32fast::hash(text.as_bytes())).into_bytes()
 }
 
 /// What was confirmed, and what was handed out if that is known. A cursor that cannot be read confirms nothing: all is sent again.
-fn read_cursor(folder: &Path) -> (Position, Option<Position>) {
-    let text = fs::read_to_string(folder.join(CURSOR)).unwrap_or_default();
-    let numbers: Vec<u64> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
+fn read_cursor(storage: &mut dyn Storage) -> (Position, Option<Position>) {
+    let bytes = storage.read(CURSOR).unwrap_or_default();
+    let text = std::str::from_utf8(&bytes).unwrap_or_default();
+    let words = text.rsplit_once(' ').map_or("", |(words, _)| words);
+    let numbers: Vec<u64> = words.split(' ').map_while(|word| word.parse().ok()).collect();
+    if cursor(&numbers) != bytes {
+        return (Position::default(), None);
+    }
     let position = |at: usize| Some(Position { segment: *numbers.get(at)?, offset: *numbers.get(at + 1)? });
     (position(0).unwrap_or_default(), position(2))
 }
 
-/// The record at an offset and where it ends, if it is whole and right.
+/// The record at an offset and where it ends, if it is whole and right. None is empty: zeros, as a power cut leaves them, are no record.
 fn frame(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     let head = bytes.get(at..)?.get(..HEAD)?;
     let (length, crc) = head.split_at(4);
     let length = u32::from_le_bytes(length.try_into().ok()?);
     let crc = u32::from_le_bytes(crc.try_into().ok()?);
-    if length > LONGEST {
+    if length == 0 || length > LONGEST {
         return None;
     }
     let start = at + HEAD;
@@ -278,7 +341,16 @@ fn frame(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+    use std::path::Path;
+
     use super::*;
+    use crate::log::Disk;
+    use crate::log::simulated::{Fault, Plan, Simulated};
+
+    fn open(folder: &Path, most_bytes: u64) -> Spool {
+        Spool::open(Box::new(Disk::shared(folder).unwrap()), most_bytes).unwrap()
+    }
 
     fn record(number: u64) -> Vec<u8> {
         format!("{number:06} {}", "x".repeat(number as usize % 90)).into_bytes()
@@ -289,17 +361,17 @@ mod tests {
     }
 
     fn drain(spool: &mut Spool) -> Vec<(u64, bool)> {
-        std::iter::from_fn(|| spool.next().map(|(_, again, bytes)| (number(&bytes), again))).collect()
+        std::iter::from_fn(|| spool.next().unwrap().map(|(_, again, bytes)| (number(&bytes), again))).collect()
     }
 
     #[test]
     fn conform_what_is_not_confirmed_comes_again_marked_and_in_order() {
         let folder = tempfile::tempdir().unwrap();
-        let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
+        let mut spool = open(folder.path(), 1 << 20);
         for i in 0..10 {
             assert_eq!(spool.append(&record(i)).unwrap(), 0);
         }
-        let first: Vec<_> = (0..4).map(|_| spool.next().unwrap()).collect();
+        let first: Vec<_> = (0..4).map(|_| spool.next().unwrap().unwrap()).collect();
         assert!(first.iter().all(|(_, again, _)| !again));
         spool.confirm(first[0].0);
         spool.confirm(first[1].0);
@@ -310,7 +382,7 @@ mod tests {
         // Closed in order after all were handed out: all that is left is marked, what comes new is not.
         spool.close().unwrap();
         drop(spool);
-        let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
+        let mut spool = open(folder.path(), 1 << 20);
         spool.append(&record(10)).unwrap();
         let expected: Vec<_> = (2..11).map(|i| (i, i < 10)).collect();
         assert_eq!(drain(&mut spool), expected);
@@ -319,19 +391,19 @@ mod tests {
     #[test]
     fn conform_what_was_never_handed_out_is_not_marked_after_a_close_in_order() {
         let folder = tempfile::tempdir().unwrap();
-        let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
+        let mut spool = open(folder.path(), 1 << 20);
         for i in 0..5 {
             spool.append(&record(i)).unwrap();
         }
-        let (position, ..) = spool.next().unwrap();
+        let (position, ..) = spool.next().unwrap().unwrap();
         spool.confirm(position);
         spool.next().unwrap();
         spool.close().unwrap();
-        let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
+        let mut spool = open(folder.path(), 1 << 20);
         assert_eq!(drain(&mut spool), [(1, true), (2, false), (3, false), (4, false)]);
         // Without the close all are, since nobody knows.
         drop(spool);
-        let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
+        let mut spool = open(folder.path(), 1 << 20);
         assert_eq!(drain(&mut spool), [(1, true), (2, true), (3, true), (4, true)]);
     }
 
@@ -340,12 +412,12 @@ mod tests {
     fn analytic_a_full_spool_loses_the_oldest_and_counts_them() {
         let folder = tempfile::tempdir().unwrap();
         let most = 32 << 10;
-        let mut spool = Spool::open(folder.path(), most).unwrap();
+        let mut spool = open(folder.path(), most);
         let (mut lost, mut taken, mut last) = (0, 0, None);
         for i in 0..40_000 {
             lost += spool.append(&record(i)).unwrap();
             if i % 7 == 0
-                && let Some((position, _, bytes)) = spool.next()
+                && let Some((position, _, bytes)) = spool.next().unwrap()
             {
                 assert!(last < Some(number(&bytes)), "out of order");
                 last = Some(number(&bytes));
@@ -360,16 +432,80 @@ mod tests {
         assert_eq!(drain(&mut spool).last(), Some(&(39_999, false)));
     }
 
+    fn simulated(disk: &Simulated) -> Spool {
+        Spool::open(Box::new(disk.clone()), 1 << 20).unwrap()
+    }
+
+    /// After a failed sync the records can be read and are on no disk; the next one that succeeds says nothing of them unless they are written again.
+    #[test]
+    fn regress_what_a_failed_sync_left_is_written_again() {
+        let disk = Simulated::new(5);
+        let mut spool = simulated(&disk);
+        spool.append(&record(0)).unwrap();
+        disk.plan(Some(Plan { call: 1, fault: Fault::Io, for_good: false }));
+        assert!(spool.sync().is_err(), "the disk fails");
+        disk.plan(None);
+        spool.append(&record(1)).unwrap();
+        spool.sync().unwrap();
+        drop(spool);
+        disk.power_cut();
+        assert_eq!(drain(&mut simulated(&disk)), [(0, true), (1, true)]);
+    }
+
+    /// Half a cursor would name a place in the middle of a record, and all behind it in that segment would never be sent.
+    #[test]
+    fn regress_half_a_cursor_skips_nothing() {
+        let disk = Simulated::new(5);
+        let mut spool = simulated(&disk);
+        (0..9).for_each(|i| assert_eq!(spool.append(&record(i)).unwrap(), 0));
+        let (position, ..) = spool.next().unwrap().unwrap();
+        spool.confirm(position);
+        spool.sync().unwrap();
+        drop(spool);
+        let whole = disk.contents()[CURSOR].clone();
+        for cut in 0..whole.len() {
+            disk.overwrite(CURSOR, whole[..cut].to_vec());
+            let got: Vec<u64> = drain(&mut simulated(&disk)).into_iter().map(|(n, _)| n).collect();
+            assert_eq!(got, (0..9).collect::<Vec<_>>(), "cut at {cut}");
+        }
+        disk.overwrite(CURSOR, whole);
+        assert_eq!(drain(&mut simulated(&disk)).len(), 8);
+    }
+
+    /// A disk that does not read for a moment, and half a record that could neither be written nor taken back, cost nothing that was spooled.
+    #[test]
+    fn regress_a_disk_that_fails_hides_no_records() {
+        let disk = Simulated::new(9);
+        let mut spool = simulated(&disk);
+        spool.append(&record(40)).unwrap();
+        disk.plan(Some(Plan { call: 1, fault: Fault::Io, for_good: true }));
+        assert!(spool.next().is_err() && spool.append(&record(41)).is_err());
+        disk.plan(None);
+        spool.append(&record(42)).unwrap();
+        spool.append(&record(43)).unwrap();
+        assert_eq!(drain(&mut spool), [(40, false), (42, false), (43, false)]);
+        assert_eq!((spool.waiting(), spool.lost()), (3, 0));
+        // Somebody removes a segment: what was in it is counted.
+        spool.rewind();
+        spool.begin_segment().unwrap();
+        spool.append(&record(44)).unwrap();
+        disk.take_away(&name(1));
+        disk.take_away(&name(2));
+        spool.open = (0, Vec::new());
+        assert_eq!(drain(&mut spool), [(44, false)]);
+        assert_eq!((spool.waiting(), spool.lost()), (1, 3));
+    }
+
     /// Cut at every byte, the last segment gives its whole records and nothing else, and a new run goes on behind it.
     #[test]
     fn conform_a_torn_end_costs_what_was_torn() {
         let folder = tempfile::tempdir().unwrap();
-        let mut spool = Spool::open(folder.path(), 1 << 20).unwrap();
+        let mut spool = open(folder.path(), 1 << 20);
         for i in 0..6 {
             spool.append(&record(i)).unwrap();
         }
         drop(spool);
-        let file = path(folder.path(), 1);
+        let file = folder.path().join(name(1));
         let whole = fs::read(&file).unwrap();
         for cut in 0..whole.len() {
             let mut bytes = whole[..cut].to_vec();
@@ -380,8 +516,8 @@ mod tests {
             // What stands behind the cut may be anything.
             bytes.extend([0xa5; 5]);
             let other = tempfile::tempdir().unwrap();
-            fs::write(path(other.path(), 1), &bytes).unwrap();
-            let mut spool = Spool::open(other.path(), 1 << 20).unwrap();
+            fs::write(other.path().join(name(1)), &bytes).unwrap();
+            let mut spool = open(other.path(), 1 << 20);
             spool.append(&record(77)).unwrap();
             let got: Vec<u64> = drain(&mut spool).into_iter().map(|(n, _)| n).collect();
             let expected: Vec<u64> = (0..records).chain([77]).collect();
