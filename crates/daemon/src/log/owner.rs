@@ -3,14 +3,16 @@
 //! A group is acknowledged in this order: chunk appended, file synced, `durable_seq` published. After a failed append or sync the file is cut back to what was
 //! acknowledged and never written again; the group stays in memory and goes to a new file.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
 
 use super::config::LogConfig;
+use super::examine::{Rules, examine};
 use super::format::Layout;
 use super::keeper::Keeper;
 use super::message::{Group, Message, encode, unsigned};
@@ -53,8 +55,8 @@ const GAPS_KEPT: usize = 256;
 /// What was acknowledged in a file.
 struct Acknowledged {
     name: String,
-    /// Length of the file up to there.
-    bytes: u64,
+    groups: Range<u64>,
+    /// Numbers of its results.
     first: u64,
     last: u64,
 }
@@ -116,7 +118,7 @@ pub(super) struct Owner {
     write_failures: u64,
     files_lost: u64,
     looked: Duration,
-    /// Files that were given up while the disk could not tell how long they are.
+    /// Files that were given up and not read since: the length of a file that was cut and written to tells nothing.
     doubtful: Vec<Acknowledged>,
     /// What the log has to say of itself, on its way into the queue.
     own_records: VecDeque<Record>,
@@ -310,14 +312,19 @@ impl Owner {
         }
     }
 
-    /// Looks at files that were given up while nobody could tell whether what was acknowledged is still in them.
+    /// Reads files that were given up, and says so where what was acknowledged is not in them. What the disk does not give is read at the next look.
     fn look_back(&mut self, now: Now) {
-        if self.doubtful.is_empty() {
-            return;
-        }
-        let Ok(lengths) = self.storage.list() else { return };
         for file in std::mem::take(&mut self.doubtful) {
-            if !lengths.iter().any(|(name, length)| *name == file.name && *length >= file.bytes) {
+            let held = match self.storage.read(&file.name) {
+                Ok(bytes) => examine(&bytes, Some(Rules::Own)).chunks,
+                Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+                Err(_) => {
+                    self.doubtful.push(file);
+                    continue;
+                }
+            };
+            let held: BTreeSet<u64> = held.iter().filter_map(|chunk| chunk.group).map(|group| group.group).collect();
+            if !file.groups.clone().all(|group| held.contains(&group)) {
                 self.miss(&file, now);
             }
         }
@@ -516,7 +523,7 @@ impl Owner {
         let Some(mut open) = self.open.take() else { return };
         let acknowledged = Acknowledged {
             name: open.name.name.clone(),
-            bytes: open.durable_bytes,
+            groups: open.name.first_group..open.name.first_group + open.groups,
             first: open.seq_first,
             last: *self.durable.borrow(),
         };
@@ -527,16 +534,12 @@ impl Owner {
             return;
         }
         self.unclosed = true;
-        match length {
-            Some(length) if length.is_none_or(|length| length < open.durable_bytes) => self.miss(&acknowledged, now),
-            // If it cannot be cut either: what is too much in it stands in the next file too, and is cut off when this one is closed.
-            Some(_) => {
-                let _ = open.file.truncate(open.durable_bytes);
-            }
-            None => {
-                let _ = open.file.truncate(open.durable_bytes);
-                self.doubtful.push(acknowledged);
-            }
+        if length.is_some_and(|length| length.is_none_or(|length| length < open.durable_bytes)) {
+            self.miss(&acknowledged, now);
+        } else {
+            // If it cannot be cut: what is too much in it stands in the next file too, and is cut off when this one is closed.
+            let _ = open.file.truncate(open.durable_bytes);
+            self.doubtful.push(acknowledged);
         }
     }
 
