@@ -5,7 +5,7 @@ use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::{HARMONICS, InstrumentState};
 use gearwatch_tests::benches::{bench, with_tacho};
-use gearwatch_tests::tones::{Run, Tone, block, pulses, samples};
+use gearwatch_tests::tones::{Run, Tone, add_noise, block, pulses, samples};
 
 const RATE_HZ: f64 = 16_384.0;
 const WINDOW: usize = 16_384;
@@ -100,6 +100,26 @@ fn analytic_ramps_with_tacho() {
         let worst = worst_error(&bench, ramps(25.0), &[], Some((shaft, order, per_rev)));
         eprintln!("ramps with tacho on {shaft}: {worst:e}");
         assert!(worst <= 1e-3, "{shaft}: {worst:e}");
+    }
+}
+
+/// Mesh frequencies are the published speed of the input shaft times their orders, in noise and where the speed changes over the window. They were up to sixteen of the stated sigmas
+/// apart; one multiplication leaves no more than rounding, 1e-12.
+#[test]
+fn regress_mesh_frequencies_are_those_of_the_published_speed() {
+    let bench = bench(25.0, &[(29, 100), (36, 90)]);
+    let train = Train::new(&bench);
+    let pipeline = Pipeline::new(&bench, &PipelineConfig::default(), None).expect("a usable bench");
+    let mut worker = pipeline.worker();
+    for (seed, run) in ramps(25.0).enumerate().take(8) {
+        let mut x = samples(run, &mesh_tones(&bench), RATE_HZ, WINDOW);
+        add_noise(&mut x, 0.3, seed as u64);
+        let analysis = &super::analyse_with(&pipeline, &mut worker, &[block(&x, RATE_HZ)])[0];
+        assert_eq!(analysis.instrument, InstrumentState::Ok, "{run:?}");
+        for (found, stage) in analysis.stages.iter().zip(&train.stages) {
+            let expected = stage.mesh_order * analysis.input_speed_hz.value;
+            assert!((found.mesh_hz / expected - 1.0).abs() < 1e-12, "{run:?}: {} Hz, {expected} Hz", found.mesh_hz);
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! [`Finding`] says what was found, what was expected and what to do. What is wrong for sure is refused by whoever asks; what is doubtful goes
 //! along with every verdict until somebody has cleared it (`[check] cleared` of the bench file).
 //!
-//! Below that lies how a recording's speed and tooth numbers are read from its lines ([`steady`], [`angle`], [`kinematics`]), which explanations
+//! Below that lies how a recording's speed and tooth numbers are read from its lines ([`steady`], [`angle`], [`kinematics`], [`last_wheel`]), which explanations
 //! begin with too.
 
 use std::fmt;
@@ -15,9 +15,13 @@ use serde::Serialize;
 
 pub mod angle;
 pub mod belt;
+pub mod carriers;
 pub mod dsp;
 pub mod integrity;
 pub mod kinematics;
+pub mod last_wheel;
+pub mod lines;
+pub mod orders;
 pub mod steady;
 
 mod channels;

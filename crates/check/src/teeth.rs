@@ -1,10 +1,14 @@
 //! Tooth numbers by the lines themselves, with a tacho or without.
 
 use gearwatch_core::bench::Bench;
+use gearwatch_core::recording::Segment;
+use gearwatch_core::train::Train;
 
 use crate::angle::CombField;
 use crate::dsp::Transforms;
-use crate::kinematics;
+use crate::kinematics::{self, OtherTeeth};
+use crate::last_wheel::{self, OrderSpectra};
+use crate::orders::{OrderSpectrum, Turned};
 use crate::speed::Heard;
 use crate::steady::Steady;
 use crate::{Finding, Severity};
@@ -23,23 +27,58 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
         steady.display_motor_hz = f64::NAN;
     }
     let fields: Vec<CombField> = steady.iter().map(|one| one.comb_field(&mut transforms)).collect();
-    let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else { return Vec::new() };
-    let train = gearwatch_core::train::Train::new(&other);
+    let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else {
+        return of_the_last_wheel(bench, &mut transforms, &asked).into_iter().collect();
+    };
+    let train = Train::new(&other);
     // Sure where the sheet's lines are not there and the other's are, in every recording.
     let speeds = kinematics::speeds(&other, &train, &steady, &fields);
     let sure = asked
         .iter()
         .zip(&speeds)
         .all(|(one, speed)| (one.slips || !one.is_settled()) && speed.score > one.stated_score + 1.0);
+    vec![finding(bench, &teeth, if sure { Severity::Wrong } else { Severity::Doubtful })]
+}
+
+/// The last wheel moves no mesh line, and is counted over shaft angle, in recordings whose speed is known. Its sidebands may be faint: that is a doubt.
+fn of_the_last_wheel(bench: &Bench, transforms: &mut Transforms, asked: &[&Heard<'_>]) -> Option<Finding> {
+    let train = Train::new(bench);
+    let settled = asked.iter().filter(|one| one.is_settled());
+    let turned: Vec<(f64, Turned, Vec<OrderSpectrum>)> = settled
+        .map(|one| {
+            let turned = Turned::of(transforms, &train, bench.belt.is_some(), &one.steady, one.input_hz);
+            let spectrum = |channel: &(_, _, &Segment)| {
+                let resampled = turned.resampled(transforms, &channel.2.samples);
+                OrderSpectrum::of(transforms, &resampled, &turned.taken)
+            };
+            let spectra = one.steady.channels.iter().map(spectrum).collect();
+            (one.steady.sample_rate_hz, turned, spectra)
+        })
+        .collect();
+    let spectra: Vec<OrderSpectra<'_>> = turned
+        .iter()
+        .map(|(sample_rate_hz, turned, spectra)| OrderSpectra {
+            sample_rate_hz: *sample_rate_hz,
+            input_hz: turned.input_hz,
+            tacho_input_hz: turned.tacho_input_hz,
+            revolutions: turned.revolutions,
+            channels: spectra.iter().map(|s| (&s.bins[..], &s.floor[..])).collect(),
+        })
+        .collect();
+    let (teeth, _) = last_wheel::other_wheel(bench, &train, &spectra)?;
+    Some(finding(bench, &teeth, Severity::Doubtful))
+}
+
+fn finding(bench: &Bench, teeth: &OtherTeeth, severity: Severity) -> Finding {
     let stage = &bench.stages[teeth.stage];
     let gear = stage.gear_names()[usize::from(!teeth.pinion)];
-    vec![Finding {
+    Finding {
         id: "tooth_number",
-        severity: if sure { Severity::Wrong } else { Severity::Doubtful },
+        severity,
         recording: String::new(),
         place: format!("{}.{gear}", stage.name),
         found: format!("lines of {} teeth, {:.1} nats a line better than those of the sheet", teeth.teeth, teeth.gain),
         expected: format!("lines of {} teeth, as the bench file says", teeth.sheet),
         advice: "count the teeth, and correct the bench file before anything is learned".into(),
-    }]
+    }
 }

@@ -1,6 +1,7 @@
 use std::sync::OnceLock;
 
 use gearwatch_core::baseline::{Baseline, BaselineConfig, Run};
+use gearwatch_core::bench::EffectSpec;
 use gearwatch_core::block::{OperatingPoint, Packet, Samples};
 use gearwatch_core::source::Source;
 use gearwatch_sim::scenario::Scenario;
@@ -11,7 +12,11 @@ use super::*;
 
 /// Eight seconds of a shipped bench, healthy.
 fn packets(name: &str) -> Vec<Packet> {
-    let bench = shipped::bench(name).expect("a shipped bench");
+    simulated(shipped::bench(name).expect("a shipped bench"))
+}
+
+/// Eight seconds of a bench with its own effects.
+fn simulated(bench: Bench) -> Vec<Packet> {
     let scenario = Scenario { duration_s: Some(8.0), ..Scenario::default() };
     let config = SimConfig { bench, effects: Vec::new(), scenario, seed: 5, t0: 1_000_000_000 };
     let mut source = Simulator::new(config).expect("a simulator");
@@ -75,6 +80,23 @@ fn regress_a_wrong_tooth_number_is_found_with_a_tacho_too() {
         assert_eq!(finding.place, format!("{}.pinion", bench.stages[0].name));
         assert!(finding.found.contains(&format!("{} teeth", bench.stages[0].pinion.teeth - 1)), "{finding}");
     }
+}
+
+/// The last wheel moves no mesh line, its shaft's sidebands do: two teeth more on the sheet than on the wheel, whose spacing has errors. With the right number nothing is doubtful.
+#[test]
+fn regress_a_wrong_tooth_number_of_the_last_wheel_is_found() {
+    let mut bench = sheet();
+    let parameters = [("total_um".to_owned(), 40.0)].into();
+    bench.effects.push(EffectSpec { effect: "pitch_error".into(), place: "stage1.wheel".into(), parameters });
+    let packets = without_tacho(&simulated(bench));
+    let one = look(&packets, |_| {});
+    let mut wrong = sheet();
+    wrong.stages[0].wheel.teeth += 2;
+    let checked = check(&wrong, std::slice::from_ref(&one), None);
+    let finding = checked.findings.iter().find(|f| f.id == "tooth_number").unwrap_or_else(|| panic!("{checked:#?}"));
+    assert_eq!((&*finding.place, finding.severity), ("stage1.wheel", Severity::Doubtful));
+    assert!(finding.found.contains(&format!("{} teeth", sheet().stages[0].wheel.teeth)), "{finding}");
+    assert_eq!(found(&check(&sheet(), &[one], None)), []);
 }
 
 /// Twice the rate on the command line against that of the sheet: refused, with and without a tacho.

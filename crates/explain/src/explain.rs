@@ -1,6 +1,7 @@
 //! The whole way from recordings to the answer.
 
 use gearwatch_check::belt::{self, OtherRatio};
+use gearwatch_check::last_wheel;
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
@@ -17,7 +18,6 @@ use crate::read::features::{self, RecordingFeatures, Steady, Unused};
 use crate::read::fixed;
 use crate::read::folded;
 use crate::read::kinematics;
-use crate::read::last_wheel;
 use crate::read::ratio;
 
 /// What is asked.
@@ -150,8 +150,9 @@ fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(
         steady.iter().zip(&speeds).map(one).collect()
     };
     let mut all = lines(&bench, &train);
+    let spectra: Vec<_> = all.iter().map(RecordingFeatures::order_spectra).collect();
     if teeth.is_none()
-        && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &all)
+        && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &spectra)
     {
         (bench, teeth) = (corrected, Some(wheel));
         train = Train::new(&bench);

@@ -1,14 +1,11 @@
 //! What was measured: speed and teeth, complex lines with their noise, and what is heard beside them.
 
-pub use gearwatch_check::{angle, dsp, integrity, kinematics};
+pub use gearwatch_check::{angle, dsp, integrity, kinematics, lines};
 
-pub mod carriers;
 pub mod envelope;
 pub mod features;
 pub mod fixed;
 pub mod folded;
-pub mod last_wheel;
-pub mod lines;
 pub mod plain;
 pub mod ratio;
 pub mod scan;

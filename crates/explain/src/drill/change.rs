@@ -128,6 +128,11 @@ impl Kind {
                 .map(|(i, j)| vec![Truth::new("channels_swapped", format!("{}+{}", sensors[i], sensors[j]))])
                 .collect(),
             Self::Dead => each(&["channel_dead"]),
+            // Of two channels nobody can tell which was turned, and of one that it was.
+            Self::Polarity if sensors.len() < 2 => Vec::new(),
+            Self::Polarity if sensors.len() == 2 => {
+                vec![sensors.iter().map(|s| Truth::new("polarity_reversed", *s)).collect(); 2]
+            }
             Self::Polarity => each(&["polarity_reversed"]),
             Self::Clipping => each(&["clipping"]),
             Self::Mains => each(&["electrical_pickup"]),

@@ -5,26 +5,24 @@ mod line_fit;
 
 use num_complex::Complex64;
 
+use gearwatch_check::last_wheel::OrderSpectra;
+use gearwatch_check::orders::{OrderSpectrum, Turned, floor_of, occupied};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::read::carriers;
 use crate::read::dsp::{self, Transforms};
 use crate::read::integrity::{self, Integrity};
-use crate::read::lines::{self, Line};
+use crate::read::lines::Line;
 
 pub use self::background::FloorBand;
 pub use self::line_fit::LineValue;
 pub use gearwatch_check::kinematics::comb_orders;
+pub use gearwatch_check::orders::USABLE_BAND;
 pub use gearwatch_check::steady::{Steady, Unused, steady};
 
-use self::background::{bands, floor_of, occupied};
+use self::background::bands;
 use self::line_fit::{LineFit, comb};
 
-/// Distance of two listed lines from which they are told apart (bins): the joint fit pays for it with ten times the noise of a line alone.
-const SEPARABLE_BINS: f64 = 0.5;
-/// Share of the sample rate up to which lines are used: below the usual anti-alias corner.
-pub const USABLE_BAND: f64 = 0.45;
 /// Bins between neighbours of a shaft's comb above which the whole comb is taken out.
 const COMB_SPACING: f64 = 40.0;
 
@@ -89,6 +87,17 @@ pub struct RecordingFeatures {
 }
 
 impl RecordingFeatures {
+    /// What tells the teeth of the last wheel.
+    pub fn order_spectra(&self) -> OrderSpectra<'_> {
+        OrderSpectra {
+            sample_rate_hz: self.sample_rate_hz,
+            input_hz: self.input_hz,
+            tacho_input_hz: self.tacho_input_hz,
+            revolutions: self.revolutions,
+            channels: self.channels.iter().map(|c| (&c.order_spectrum[..], &c.order_floor[..])).collect(),
+        }
+    }
+
     /// Frequency of an order (Hz).
     pub fn order_hz(&self, order: f64) -> f64 {
         order * self.input_hz
@@ -110,25 +119,9 @@ pub fn read(
     comb_score: f64,
 ) -> RecordingFeatures {
     let rate = steady.sample_rate_hz;
-    let len = steady.channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
-    let tacho = steady.tacho_angle(train);
-    let tacho_input_hz = tacho.as_ref().map(|t| t.1);
-    let start: Vec<f64> = (0..len).map(|n| input_hz * n as f64 / rate).collect();
-    let slowest = train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min) * input_hz;
-    let half_width = (0.4 * slowest).min(1.5);
-    let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
-    let signals: Vec<&[f64]> = steady.channels.iter().map(|c| c.2.samples.as_slice()).collect();
-    // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
-    let start = match &tacho {
-        Some((angle, speed)) => (0..len).map(|n| at_sample(angle, n as f64 * input_hz / speed)).collect(),
-        None => start,
-    };
-    let (angle, carried) = carriers::refine(transforms, &signals, rate, &start, &mesh_orders, half_width);
-    let revolutions = (angle[len - 1] - angle[0]) * len as f64 / (len - 1) as f64;
-    let input_hz = revolutions * rate / len as f64;
-    let start_rev = tacho.as_ref().map_or(0.0, |t| t.0[0]);
-    let lines = lines::of_train(train, bench.belt.is_some(), SEPARABLE_BINS / revolutions);
-    let taken = occupied(len / 2 + 1, lines.iter().map(|l| l.order * revolutions));
+    let turned = Turned::of(transforms, train, bench.belt.is_some(), steady, input_hz);
+    let (len, revolutions, input_hz) = (turned.angle.len(), turned.revolutions, turned.input_hz);
+    let (lines, taken) = (&turned.lines, &turned.taken);
     let mut of_shafts = taken.clone();
     for (_, order) in &train.shafts {
         // A shaft's whole comb can go where that leaves most bins free.
@@ -144,10 +137,10 @@ pub fn read(
         .iter()
         .map(|(name, unit, run)| {
             let samples = &run.samples[..len];
-            let angle_signal = dsp::resample_to_angle(transforms, samples, &angle);
-            let order_spectrum = dsp::windowed_spectrum(transforms, &angle_signal);
+            let angle_signal = turned.resampled(transforms, samples);
+            let OrderSpectrum { bins: order_spectrum, floor: order_floor } =
+                OrderSpectrum::of(transforms, &angle_signal, taken);
             let highest = USABLE_BAND * rate / input_hz;
-            let order_floor = floor_of(&order_spectrum, &taken);
             let combs: Vec<Vec<LineValue>> = train
                 .shafts
                 .iter()
@@ -156,14 +149,14 @@ pub fn read(
             let fit = LineFit {
                 spectrum: &order_spectrum,
                 floor: &order_floor,
-                lines: &lines,
+                lines,
                 shafts: &train.shafts,
                 combs: &combs,
                 revolutions,
             };
             let values = fit.all(highest);
-            let floor = bands(&order_spectrum, &taken, rate / len as f64, rate);
-            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &of_shafts, &angle);
+            let floor = bands(&order_spectrum, taken, rate / len as f64, rate);
+            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &of_shafts, &turned.angle);
             let remainder_floor = floor_of(&remainder, &of_shafts);
             ChannelFeatures {
                 name: (*name).to_owned(),
@@ -185,22 +178,16 @@ pub fn read(
         display_motor_hz: steady.display_motor_hz,
         brake_torque_nm: steady.brake_torque_nm,
         input_hz,
-        tacho_input_hz,
+        tacho_input_hz: turned.tacho_input_hz,
         comb_score,
-        carriers: carried,
+        carriers: turned.carriers,
         revolutions,
-        start_rev,
+        start_rev: turned.start_rev,
         hz_per_bin: rate / len as f64,
         sample_rate_hz: rate,
-        lines,
+        lines: turned.lines,
         taken: of_shafts,
-        phase_rev: angle,
+        phase_rev: turned.angle,
         channels,
     }
-}
-
-/// Angle by the tacho at a time in its own samples: where the sample clock is off, sample `n` was not taken at `n` steps of the tacho's time.
-fn at_sample(angle: &[f64], position: f64) -> f64 {
-    let k = (position as usize).min(angle.len() - 2);
-    angle[k] + (angle[k + 1] - angle[k]) * (position - k as f64)
 }

@@ -1,12 +1,9 @@
-//! What stands between the lines: the noise beside each bin, and the background in bands.
+//! What stands between the lines: the background in bands.
 
 use num_complex::Complex64;
 
 use super::USABLE_BAND;
-use crate::read::dsp::{MAIN_LOBE_BINS, median};
 
-/// Bins on each side of a line from which its noise is read.
-const NOISE_BINS: usize = 60;
 /// Floor bands per octave.
 const BANDS_PER_OCTAVE: f64 = 6.0;
 /// Lower edge of the first floor band (Hz).
@@ -21,59 +18,6 @@ pub struct FloorBand {
     pub power: f64,
     /// Bins that were read.
     pub bins: usize,
-}
-
-/// Bins within the main lobe of a line.
-pub fn occupied(len: usize, positions: impl Iterator<Item = f64>) -> Vec<bool> {
-    let mut taken = vec![false; len];
-    for p in positions {
-        let centre = p.round() as usize;
-        for t in
-            taken.iter_mut().take((centre + MAIN_LOBE_BINS).min(len)).skip(centre.saturating_sub(MAIN_LOBE_BINS - 1))
-        {
-            *t = true;
-        }
-    }
-    taken
-}
-
-/// Mean noise power of each bin from the median of its free neighbours (median of exponential = ln 2 × mean).
-pub fn floor_of(spectrum: &[Complex64], taken: &[bool]) -> Vec<f64> {
-    let step = NOISE_BINS / 2;
-    let mut knots: Vec<f64> = Vec::new();
-    let mut window = Vec::with_capacity(8 * NOISE_BINS);
-    let mut centre = 0;
-    while centre < spectrum.len() + step {
-        let mut half = NOISE_BINS;
-        loop {
-            window.clear();
-            let high = (centre + half + 1).min(spectrum.len());
-            for k in centre.saturating_sub(half).min(high)..high {
-                if !taken[k] {
-                    window.push(spectrum[k].norm_sqr());
-                }
-            }
-            // Crowded neighbourhoods are widened until enough free bins stand for the noise.
-            if window.len() >= NOISE_BINS / 2 || half >= 4 * NOISE_BINS {
-                break;
-            }
-            half *= 2;
-        }
-        let value = median(&mut window) / std::f64::consts::LN_2;
-        knots.push(if value.is_finite() && value > 0.0 {
-            value
-        } else {
-            knots.last().copied().unwrap_or(f64::MIN_POSITIVE)
-        });
-        centre += step;
-    }
-    (0..spectrum.len())
-        .map(|i| {
-            let k = i / step;
-            let t = (i % step) as f64 / step as f64;
-            knots[k] * (1.0 - t) + knots[(k + 1).min(knots.len() - 1)] * t
-        })
-        .collect()
 }
 
 /// The value below which a quarter lies; `NaN` of nothing. Lines that nobody listed sit in the upper part of a band, its lower quartile

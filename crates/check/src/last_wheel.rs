@@ -6,9 +6,25 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::read::dsp::{mean, median};
-use crate::read::features::{RecordingFeatures, USABLE_BAND};
-use crate::read::kinematics::{self, OtherTeeth};
+use num_complex::Complex64;
+
+use crate::dsp::{mean, median};
+use crate::kinematics::{self, OtherTeeth};
+use crate::orders::USABLE_BAND;
+
+/// A recording over shaft angle.
+pub struct OrderSpectra<'a> {
+    /// Samples per second.
+    pub sample_rate_hz: f64,
+    /// Input-shaft speed that the gear lines show (Hz).
+    pub input_hz: f64,
+    /// The same by the tacho.
+    pub tacho_input_hz: Option<f64>,
+    /// Revolutions of the input shaft in the recording.
+    pub revolutions: f64,
+    /// Spectrum and mean noise power of its bins, by channel.
+    pub channels: Vec<(&'a [Complex64], &'a [f64])>,
+}
 
 /// Largest change of the teeth that is tried.
 const REACH: i64 = 4;
@@ -35,7 +51,7 @@ fn multiples(teeth: usize) -> Vec<usize> {
 
 /// Mean log excess over the floor of each line of one tooth number that neither the other nor the rest of the train has. Recordings and channels show the same lines, so that what falls on
 /// one by chance does so in all of them: a line is one witness, however often it was recorded.
-fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f64, usize)) -> Vec<f64> {
+fn excess(all: &[OrderSpectra<'_>], train: &Train, own: (f64, usize), other: (f64, usize)) -> Vec<f64> {
     let against = multiples(other.1);
     let of = |n: usize| {
         let order = n as f64 * own.0;
@@ -50,9 +66,8 @@ fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f
             if order > USABLE_BAND * r.sample_rate_hz / r.input_hz || taken {
                 continue;
             }
-            for c in &r.channels {
-                if let (Some(bins), Some(floor)) =
-                    (c.order_spectrum.get(bin.saturating_sub(1)..bin + 2), c.order_floor.get(bin))
+            for (spectrum, floor) in &r.channels {
+                if let (Some(bins), Some(floor)) = (spectrum.get(bin.saturating_sub(1)..bin + 2), floor.get(bin))
                     && *floor > 0.0
                 {
                     let power = bins.iter().map(|b| b.norm_sqr()).fold(0.0, f64::max);
@@ -66,7 +81,7 @@ fn excess(all: &[RecordingFeatures], train: &Train, own: (f64, usize), other: (f
 }
 
 /// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.
-fn tacho_agrees(bench: &Bench, train: &Train, all: &[RecordingFeatures], teeth: u32) -> bool {
+fn tacho_agrees(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>], teeth: u32) -> bool {
     let last = train.shafts.last().map(|s| s.0.as_str());
     if bench.tacho.as_ref().map(|t| t.shaft.as_str()) != last {
         return false;
@@ -76,7 +91,7 @@ fn tacho_agrees(bench: &Bench, train: &Train, all: &[RecordingFeatures], teeth: 
 }
 
 /// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the sheet says.
-pub fn other_wheel(bench: &Bench, train: &Train, all: &[RecordingFeatures]) -> Option<(OtherTeeth, Bench)> {
+pub fn other_wheel(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>]) -> Option<(OtherTeeth, Bench)> {
     let stage = bench.stages.len().checked_sub(1)?;
     let (sheet, kinematic) = (bench.stages[stage].wheel.teeth, train.stages.get(stage)?);
     if tacho_agrees(bench, train, all, sheet) {

@@ -7,7 +7,7 @@
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
-use crate::read::dsp::{Transforms, median};
+use crate::dsp::{Transforms, median};
 
 /// Mesh harmonics that may carry the angle.
 const HARMONICS: usize = 8;

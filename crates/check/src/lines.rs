@@ -52,7 +52,7 @@ pub const MESH_HARMONICS: u8 = 12;
 pub const SIDE_HARMONICS: u8 = 8;
 /// Sidebands on each side.
 pub const SIDE_OFFSETS: i8 = 5;
-pub use gearwatch_check::kinematics::SHAFT_MULTIPLES;
+pub use crate::kinematics::SHAFT_MULTIPLES;
 /// Multiples of the motor's speed.
 pub const MOTOR_MULTIPLES: u8 = 6;
 
