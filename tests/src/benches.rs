@@ -13,6 +13,7 @@ pub fn bench(motor_hz: f64, teeth: &[(u32, u32)]) -> Bench {
         torsion_damping_nm_s_per_rad: 0.4,
         bearing_n_per_m: 1.2e8,
         bearing_damping_n_s_per_m: 1500.0,
+        axial_n_per_m: None,
     };
     let gear = |teeth| Gear { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
     let stage = |(i, &(pinion, wheel)): (usize, &(u32, u32))| Stage {

@@ -163,6 +163,17 @@ pub struct Shaft {
     /// Lateral, isotropic, at each gear (N s/m, ≥ 0).
     #[serde(default = "defaults::bearing_damping_n_s_per_m")]
     pub bearing_damping_n_s_per_m: f64,
+    /// Along the axis, of the whole shaft, which helical gears push (N/m, > 0); a third of `bearing_n_per_m` where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axial_n_per_m: Option<f64>,
+}
+
+impl Shaft {
+    /// Stiffness (N/m) and damping (N s/m) of its bearings along the axis; the damping is to the stiffness as across the axis.
+    pub fn axial(&self) -> (f64, f64) {
+        let stiffness = self.axial_n_per_m.unwrap_or(self.bearing_n_per_m / 3.0);
+        (stiffness, self.bearing_damping_n_s_per_m * stiffness / self.bearing_n_per_m)
+    }
 }
 
 /// Material of all gears.

@@ -24,6 +24,7 @@ fn rig() -> Bench {
         torsion_damping_nm_s_per_rad: 0.4,
         bearing_n_per_m: 1.2e8,
         bearing_damping_n_s_per_m: 1500.0,
+        axial_n_per_m: None,
     };
     let stage = |name: &str, pinion, wheel, line_of_centres_deg| {
         let gear = |teeth| Gear { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None };

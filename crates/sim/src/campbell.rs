@@ -51,7 +51,7 @@ pub struct Train {
     pub coordinates: Vec<String>,
     /// Mean mesh stiffness by stage (N/m).
     pub mesh_stiffness_n_per_m: Vec<f64>,
-    /// What ISO 6336-1, method B, gives for it (N/m); see [`crate::mesh::MeshModel::iso_stiffness_n_per_m`].
+    /// What ISO 6336-1, method B, gives for it (N/m); see [`crate::mesh::StageMesh::iso_stiffness_n_per_m`].
     pub iso_stiffness_n_per_m: Vec<f64>,
     /// In ascending order, the free rotation left out.
     pub modes: Vec<Mode>,
@@ -117,7 +117,7 @@ impl Train {
                 .contacts
                 .iter()
                 .zip(&model.force_per_torque)
-                .map(|(c, f)| c.mesh().iso_stiffness_n_per_m(torque_nm * f))
+                .map(|(c, f)| c.iso_stiffness_n_per_m(torque_nm * f))
                 .collect(),
             modes,
             lines,

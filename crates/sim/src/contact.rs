@@ -1,12 +1,14 @@
 //! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on either flank.
 
 use crate::impact::Impact;
-use crate::mesh::{Joint, LoadPoint, MeshModel, MeshState, Pairs};
+use crate::mesh::{Face, FaceTable, Joint, LoadPoint, MeshModel, MeshState, Pairs, StageMesh};
 
 /// The force law of one mesh at an operating point.
 #[derive(Clone, Debug)]
 pub struct StageContact {
-    mesh: MeshModel,
+    mesh: StageMesh,
+    /// The law of a face whose slices repeat with the mesh cycle.
+    table: Option<Box<FaceTable>>,
     impact: Option<Impact>,
     load: LoadPoint,
     displacement_m: [f64; 2],
@@ -48,11 +50,18 @@ impl Contact {
 
 impl StageContact {
     /// The law of a mesh under a static mesh force (N), its gears displaced by the static load (m, local frame).
-    pub fn new(mesh: MeshModel, impact: Option<Impact>, static_force_n: f64, displacement_m: [f64; 2]) -> Self {
+    pub fn new(
+        mesh: impl Into<StageMesh>,
+        impact: Option<Impact>,
+        static_force_n: f64,
+        displacement_m: [f64; 2],
+    ) -> Self {
+        let mesh = mesh.into();
         let load = mesh.at_load(static_force_n);
-        let friction = if impact.is_some() { 0.0 } else { mesh.friction() };
+        let friction = if impact.is_some() { 0.0 } else { mesh.section().friction() };
         let mut out = Self {
             mesh,
+            table: None,
             impact,
             load,
             displacement_m,
@@ -61,9 +70,25 @@ impl StageContact {
             friction,
             backlash_m: 0.0,
         };
-        out.backlash_m = out.mesh.backlash_m(&MeshState { phase: 0.0, displacement_m });
+        out.backlash_m = out.mesh().backlash_m(&MeshState { phase: 0.0, displacement_m });
         out.mean_stiffness_n_per_m = out.mean_stiffness(static_force_n);
+        if let Some(face) = out.mesh.face().filter(|_| friction == 0.0) {
+            let approach = out.static_approach(0.0, static_force_n.max(1.0));
+            let table = FaceTable::new(face, out.mesh.section(), &out.load, displacement_m, approach);
+            out.table = table.map(Box::new);
+        }
         out
+    }
+
+    /// The slices of helical teeth: pairs come and go along the face, without events.
+    #[inline(always)]
+    pub fn face(&self) -> Option<&Face> {
+        self.mesh.face()
+    }
+
+    /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m), at a mesh force (N).
+    pub fn iso_stiffness_n_per_m(&self, load_n: f64) -> f64 {
+        self.mesh.iso_stiffness_n_per_m(load_n)
     }
 
     /// The multibody contact law, where it was chosen.
@@ -71,25 +96,32 @@ impl StageContact {
         self.impact.as_ref()
     }
 
-    /// The gear pair.
+    /// The gear pair; of helical teeth the transverse section.
+    #[inline(always)]
     pub fn mesh(&self) -> &MeshModel {
-        &self.mesh
+        self.mesh.section()
     }
 
     /// The pairs near contact of the driving flanks at a mesh phase.
     #[inline(always)]
     pub fn pairs(&self, phase: f64, out: &mut Pairs) {
-        self.mesh.pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
+        self.mesh().pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
     }
 
-    /// Tables of whole tooth pairs for this law; `None` where too many pairs may be near contact at once.
+    /// Tables of whole tooth pairs for this law; `None` where too many pairs may be near contact at once, and for helical teeth.
     pub(crate) fn joint(&self) -> Option<Joint> {
-        Joint::new(&self.mesh, &self.load, self.displacement_m)
+        if self.face().is_some() {
+            return None;
+        }
+        Joint::new(self.mesh(), &self.load, self.displacement_m)
     }
 
     /// Force at a mesh phase, an approach and its rate, `pairs` being scratch. The rate matters to the impact law alone.
     #[inline]
     pub fn at(&self, phase: f64, approach_m: f64, rate_m_per_s: f64, pairs: &mut Pairs) -> Contact {
+        if let Some(face) = self.face() {
+            return self.along(face, phase, approach_m, pairs);
+        }
         self.pairs(phase, pairs);
         match &self.impact {
             Some(law) => self.impact_contact(law, phase, approach_m, rate_m_per_s, pairs),
@@ -100,11 +132,11 @@ impl StageContact {
     /// The mean of [`Self::at`] over a stretch of `width` mesh cycles about a phase, as far as pairs that come and go make it differ from the value in its
     /// middle: without corner contact they do so at once.
     pub fn mean_about(&self, phase: f64, width: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
-        if self.mesh.options().corner_contact {
+        if self.mesh().options().corner_contact || self.face().is_some() {
             return self.at(phase, approach_m, 0.0, pairs);
         }
         let begin = phase - 0.5 * width;
-        let event = self.mesh.next_event(&MeshState { phase: begin, displacement_m: self.displacement_m });
+        let event = self.mesh().next_event(&MeshState { phase: begin, displacement_m: self.displacement_m });
         let before = (event - begin) / width;
         if before >= 1.0 {
             return self.at(phase, approach_m, 0.0, pairs);
@@ -121,9 +153,50 @@ impl StageContact {
         }
     }
 
+    /// Force of all slices of the face. Pairs come and go in slices, so that `touching` says driving or back flanks alone.
+    fn along(&self, face: &Face, phase: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
+        if let Some((force_n, stiffness_n_per_m)) = self.table.as_ref().and_then(|table| table.at(phase, approach_m)) {
+            return Contact { force_n, stiffness_n_per_m, touching: 1, ..Default::default() };
+        }
+        let state = MeshState { phase, displacement_m: self.displacement_m };
+        let share = 1.0 / face.count();
+        let mut out = Contact::default();
+        for cut in face.cuts(self.mesh()) {
+            cut.mesh.pairs_behind(&state, cut.lag, &self.load, pairs);
+            let slice = self.pressed(pairs, approach_m - cut.gap_m);
+            out.force_n += share * slice.force_n;
+            out.stiffness_n_per_m += share * slice.stiffness_n_per_m;
+            out.touching |= u32::from(slice.touching != 0);
+            for (sum, value) in out.friction.iter_mut().zip(slice.friction) {
+                // Friction follows the force along the normal, of which this is the transverse part.
+                *sum += share / face.base_helix_rad().cos() * value;
+            }
+        }
+        if out.touching == 0 && approach_m < -self.backlash_m {
+            for cut in face.cuts(self.mesh()) {
+                cut.mesh.back_pairs(phase - cut.lag, &self.load, pairs);
+                let slice = pairs.force(-approach_m - self.backlash_m);
+                out.force_n -= share * slice.force_n;
+                out.stiffness_n_per_m += share * slice.stiffness_n_per_m;
+                out.touching |= u32::from(slice.set != 0) << 16;
+            }
+        }
+        out
+    }
+
     /// As [`Self::at`] for pairs that were found before.
     #[inline]
     pub fn among(&self, pairs: &Pairs, phase: f64, approach_m: f64) -> Contact {
+        let out = self.pressed(pairs, approach_m);
+        if out.touching == 0 && approach_m < -self.backlash_m {
+            return self.back(phase, approach_m);
+        }
+        out
+    }
+
+    /// The driving flanks of some pairs.
+    #[inline]
+    fn pressed(&self, pairs: &Pairs, approach_m: f64) -> Contact {
         let force = pairs.force(approach_m);
         let mut out =
             Contact { force_n: force.force_n, stiffness_n_per_m: force.stiffness_n_per_m, ..Default::default() };
@@ -132,16 +205,13 @@ impl StageContact {
                 out.touching |= 1 << (pair.index & 15);
                 // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the pinion: before the pitch
                 // point the wheel's flank is the faster one and drags the pinion along +tangent.
-                let ratio = self.mesh.base_radii_m()[0] / self.mesh.base_radii_m()[1];
+                let ratio = self.mesh().base_radii_m()[0] / self.mesh().base_radii_m()[1];
                 let sliding = pair.pinion_roll_m - ratio * pair.wheel_roll_m;
                 let sign = if sliding > 0.0 { 1.0 } else { -1.0 };
                 out.friction[0] -= sign * share;
                 out.friction[1] -= sign * share * pair.pinion_roll_m;
                 out.friction[2] += sign * share * pair.wheel_roll_m;
             }
-        }
-        if out.touching == 0 && approach_m < -self.backlash_m {
-            return self.back(phase, approach_m);
         }
         out
     }
@@ -150,7 +220,7 @@ impl StageContact {
     #[cold]
     fn back(&self, phase: f64, approach_m: f64) -> Contact {
         let mut pairs = Pairs::default();
-        self.mesh.back_pairs(phase, &self.load, &mut pairs);
+        self.mesh().back_pairs(phase, &self.load, &mut pairs);
         let force = pairs.force(-approach_m - self.backlash_m);
         let mut out =
             Contact { force_n: -force.force_n, stiffness_n_per_m: force.stiffness_n_per_m, ..Default::default() };
@@ -181,7 +251,7 @@ impl StageContact {
             let (force_n, stiffness_n_per_m) = law.mesh_force(pairs, approach_m, rate_m_per_s);
             return Contact { force_n, stiffness_n_per_m, touching: driving, ..Default::default() };
         }
-        self.mesh.back_pairs(phase, &self.load, pairs);
+        self.mesh().back_pairs(phase, &self.load, pairs);
         let (force, stiffness_n_per_m) = law.mesh_force(pairs, back, -rate_m_per_s);
         Contact { force_n: -force, stiffness_n_per_m, touching: touching(pairs, back) << 16, ..Default::default() }
     }
@@ -191,9 +261,21 @@ impl StageContact {
         if let Some(law) = &self.impact {
             return law.penetration_m(force_n.max(0.0));
         }
+        self.static_point(phase, force_n).map_or(0.0, |(approach, _)| approach)
+    }
+
+    /// Static approach (m) and tangent stiffness (N/m) of elastic teeth under a static force at a phase.
+    fn static_point(&self, phase: f64, force_n: f64) -> Option<(f64, f64)> {
+        if let Some(face) = self.face() {
+            if let Some(point) = self.table.as_ref().and_then(|table| table.static_point(phase, force_n)) {
+                return Some(point);
+            }
+            let state = MeshState { phase, displacement_m: self.displacement_m };
+            return face.static_point(self.mesh(), &state, &self.load, force_n.max(1e-3));
+        }
         let mut pairs = Pairs::default();
         self.pairs(phase, &mut pairs);
-        pairs.approach_at(force_n).map_or(0.0, |(approach, _)| approach)
+        pairs.approach_at(force_n)
     }
 
     /// Tangent stiffness under a static force at a phase (N/m).
@@ -209,12 +291,11 @@ impl StageContact {
         if let Some(law) = &self.impact {
             return law.tangent_n_per_m(law.penetration_m(force));
         }
-        let mut pairs = Pairs::default();
         let sum: f64 = (0..PHASES)
             .map(|i| {
                 // Another tooth each time: one bad tooth is not the mean.
-                self.pairs(f64::from(i) * (1.0 + 1.0 / f64::from(PHASES)), &mut pairs);
-                pairs.approach_at(force).map_or(0.0, |(_, stiffness)| stiffness)
+                let phase = f64::from(i) * (1.0 + 1.0 / f64::from(PHASES));
+                self.static_point(phase, force).map_or(0.0, |(_, stiffness)| stiffness)
             })
             .sum();
         sum / f64::from(PHASES)

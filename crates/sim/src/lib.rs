@@ -15,6 +15,7 @@ pub mod mesh;
 pub mod modal;
 pub mod model;
 pub mod path;
+pub mod planetary;
 pub mod render;
 pub mod rk4;
 pub mod rotation;

@@ -7,7 +7,7 @@
 //!                              pinion₁         from the reference rotation Ω_i(t) that the kinematics prescribe
 //!                              wheel₁ in₁ ═══ out₁ pinion₂
 //!                                                wheel₂ in₂ ═══ out₂ ── brake
-//! every gear: x, y against its bearing; every housing mode and sensor direction: one modal coordinate
+//! every gear: x, y against its bearing; every shaft of helical gears: z along its axis; every housing mode and sensor direction: one modal coordinate
 //! ```
 //!
 //! A shaft's own inertia sits half at each end. Without a belt the motor is rigidly one with the first shaft's driven end.
@@ -59,8 +59,12 @@ pub struct StageGeometry {
     /// `normal` turned by 90° in the pinion's sense of rotation: the way in which its flank moves past the wheel's beyond the
     /// pitch point (x, y; unit vector).
     pub tangent: [f64; 2],
-    /// Operating pressure angle (rad).
+    /// Operating pressure angle of the transverse section (rad).
     pub pressure_angle_rad: f64,
+    /// Coordinates along the axes of pinion and wheel of a helical pair.
+    pub axial: Option<[usize; 2]>,
+    /// Force on the pinion along its axis per mesh force: `tan β_b`, positive towards the motor; 0 for straight teeth.
+    pub thrust: f64,
     /// Where the pinion sits.
     pub pinion: GearPlace,
     /// Where the wheel sits.
@@ -108,6 +112,8 @@ pub struct LinearTrain {
     pub motor_angle: usize,
     /// Coordinates of each shaft's driven and driving end angle.
     pub shaft_angles: Vec<(usize, usize)>,
+    /// Coordinate of each shaft along its axis; `None` for shafts without helical gears.
+    pub axial: Vec<Option<usize>>,
     /// Number of coordinates before the housing modes.
     pub structural: usize,
 }
@@ -138,6 +144,15 @@ impl LinearTrain {
             };
             places.push((place("pinion", shaft_angles[i].1, i), place("wheel", shaft_angles[i + 1].0, i + 1)));
         }
+        let helical = |stage: usize| bench.stages.get(stage).is_some_and(|stage| stage.gearing.helix.is_some());
+        let axial = (bench.shafts.iter().enumerate())
+            .map(|(i, shaft)| {
+                (helical(i) || i > 0 && helical(i - 1)).then(|| {
+                    names.push(format!("{}.z", shaft.name));
+                    names.len() - 1
+                })
+            })
+            .collect();
         let structural = names.len();
         let directions = distinct_directions(bench);
         for (r, _) in bench.housing_modes.iter().enumerate() {
@@ -164,6 +179,7 @@ impl LinearTrain {
             shaft_orders: Train::new(bench).shafts.into_iter().map(|(_, order)| order).collect(),
             motor_angle,
             shaft_angles,
+            axial,
             structural,
             names,
         };

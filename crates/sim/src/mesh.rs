@@ -13,11 +13,14 @@
 
 mod axes;
 mod check;
+mod face;
+mod face_table;
 mod helical;
 mod joint;
 mod near;
 mod options;
 mod pairs;
+mod stage;
 mod tables;
 mod touch;
 
@@ -25,11 +28,15 @@ use gearwatch_core::bench::Bench;
 
 use self::axes::ShiftFactors;
 use self::check::check;
+pub use self::face::Face;
+pub(crate) use self::face_table::FaceTable;
+pub(crate) use self::helical::iso_stiffness_n_per_m;
 pub use self::helical::{HelicalGears, HelicalMesh, Lead};
 pub use self::joint::Joint;
 use self::near::{Turns, tooth};
 pub use self::options::MeshOptions;
 pub use self::pairs::{MAX_PAIRS, MeshForce, Pair, Pairs};
+pub use self::stage::StageMesh;
 pub use self::tables::FlankStore;
 use self::tables::{GapShape, GearTables, Side};
 pub use self::touch::{SLOTS, SetLaw, Touch};
@@ -48,6 +55,15 @@ pub struct MeshError {
     pub stage: String,
     /// What is wrong, and what would be right.
     pub problem: String,
+}
+
+impl MeshError {
+    fn no_stage(bench: &Bench, stage: usize) -> Self {
+        Self {
+            stage: format!("number {stage}"),
+            problem: format!("there is no such stage; the bench has {}, numbered from 0", bench.stages.len()),
+        }
+    }
 }
 
 /// What the pair's compliance takes from the load; made once per load, not once per call.
@@ -103,7 +119,7 @@ pub struct MeshModel {
 }
 
 impl MeshModel {
-    /// The pair of stage `stage` (from 0) of a bench.
+    /// The spur pair of stage `stage` (from 0) of a bench; [`StageMesh`] knows helical ones too.
     ///
     /// # Errors
     /// For a stage that cannot be, in a sentence that says what would be right.
@@ -127,12 +143,7 @@ impl MeshModel {
         teeth: &ToothModifications,
         flanks: &mut FlankStore,
     ) -> Result<Self, MeshError> {
-        let Some(spec) = bench.stages.get(stage) else {
-            return Err(MeshError {
-                stage: format!("number {stage}"),
-                problem: format!("there is no such stage; the bench has {}, numbered from 0", bench.stages.len()),
-            });
-        };
+        let Some(spec) = bench.stages.get(stage) else { return Err(MeshError::no_stage(bench, stage)) };
         let gear = |which: &str, gear: &gearwatch_core::bench::Gear| {
             let module_m = spec.module_mm * 1e-3;
             let bore_radius_m = gear.bore_mm.map_or(module_m * f64::from(gear.teeth) / 8.0, |bore| bore * 0.5e-3);
@@ -166,7 +177,7 @@ impl MeshModel {
         Self::made((pinion, wheel), material, options, teeth, (backlash_m, &mut FlankStore::default()))
     }
 
-    fn made(
+    pub(in crate::mesh) fn made(
         (pinion, wheel): (GearGeometry, GearGeometry),
         material: Material,
         options: &MeshOptions,
@@ -292,15 +303,7 @@ impl MeshModel {
     /// materials in proportion to E, lighter loads by the fourth root of the load per width / 100 N/mm. The norm claims no better than ± 30 %; it takes the bodies for
     /// solid discs, so that torsion of a blank over its bore is not in it.
     pub fn iso_stiffness_n_per_m(&self, load_n: f64) -> f64 {
-        let z = |gear: &GearGeometry| f64::from(gear.teeth);
-        let (pinion, wheel) = (&self.geometry.pinion, &self.geometry.wheel);
-        let flexibility = 0.04723 + 0.15551 / z(pinion) + 0.25791 / z(wheel);
-        let basic_rack = (1.0 + 0.5 * (1.2 - 1.25)) * (1.0 - 0.02 * (20.0 - pinion.pressure_angle_rad.to_degrees()));
-        let single = 0.8 * basic_rack / flexibility * self.material.youngs_modulus_pa / 2.06e11;
-        let per_mm = load_n.abs() / (1e3 * self.face_width_m());
-        let light = (per_mm / 100.0).clamp(1e-4, 1.0).powf(0.25);
-        // N/(mm µm) times 1e9 is N/m per metre of width.
-        single * light * (0.75 * self.geometry.contact_ratio + 0.25) * 1e9 * self.face_width_m()
+        iso_stiffness_n_per_m(self, 0.0, self.geometry.pinion.pressure_angle_rad, load_n)
     }
 
     /// Coefficient of friction between the flanks.

@@ -21,7 +21,7 @@ use self::springs::{fold_terms, take_mesh_dampers};
 use crate::contact::{Contact, StageContact};
 use crate::impact::Impact;
 use crate::linear::LinearTrain;
-use crate::mesh::{FlankStore, MeshError, MeshModel, Pairs};
+use crate::mesh::{FlankStore, MeshError, Pairs, StageMesh};
 use crate::rotation::{Profile, Rotation};
 use crate::setup::{SimSetup, TorqueRipple};
 use crate::springs::Spring;
@@ -116,11 +116,18 @@ impl TrainModel {
         let mut initial_phases = Vec::new();
         for (i, stage) in linear.stages.iter().enumerate() {
             let teeth = teeth_with_terms(setup, i, &torque_nm, &motor_hz)?;
-            let mesh = MeshModel::with_flanks(bench, i, &setup.mesh, &teeth, flanks)?;
+            let mesh = StageMesh::new(bench, i, &setup.mesh, &teeth, flanks)?;
             let force = torque * force_per_torque[i];
             let shift = static_displacement(&linear, i, torque, &force_per_torque);
-            let usual = || setup.usual_impact.then(|| Impact::usual(mesh.geometry(), mesh.material()));
+            let section = mesh.section();
+            let usual = || setup.usual_impact.then(|| Impact::usual(section.geometry(), section.material()));
             let impact = setup.impact.or_else(usual);
+            if impact.is_some() && mesh.face().is_some() {
+                return Err(ModelError::Bench(format!(
+                    "stage {:?} is helical, and the impact law knows spur pairs alone; leave contact_law out or say \"elastic\"",
+                    bench.stages[i].name
+                )));
+            }
             let mut contact = StageContact::new(mesh, impact, force, shift);
             if impact.is_none() {
                 let k = contact.mean_stiffness_n_per_m;
@@ -225,12 +232,11 @@ impl TrainModel {
         let n = self.coordinates();
         let (mut approach, mut rate) = (0.0, 0.0);
         let geometry = &self.linear.stages[stage];
-        for at in [geometry.pinion.angle, geometry.wheel.angle].into_iter().chain([
-            geometry.pinion.x,
-            geometry.pinion.x + 1,
-            geometry.wheel.x,
-            geometry.wheel.x + 1,
-        ]) {
+        for at in [geometry.pinion.angle, geometry.wheel.angle]
+            .into_iter()
+            .chain([geometry.pinion.x, geometry.pinion.x + 1, geometry.wheel.x, geometry.wheel.x + 1])
+            .chain(geometry.axial.into_iter().flatten())
+        {
             approach += row[at] * state[at];
             rate += row[at] * state[n + at];
         }

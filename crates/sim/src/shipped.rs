@@ -32,7 +32,7 @@ pub const BENCHES: &[Shipped] = &[
     },
     Shipped {
         name: "helical-two-stage",
-        help: "two helical stages 23/67 and 29/71; watched and judged, not simulated",
+        help: "two helical stages 23/67 and 29/71, driven directly",
         text: include_str!("shipped/helical-two-stage.toml"),
     },
     Shipped {

@@ -43,6 +43,7 @@ fn shaft(name: &str) -> Shaft {
         torsion_damping_nm_s_per_rad: 0.4,
         bearing_n_per_m: 1.2e8,
         bearing_damping_n_s_per_m: 1500.0,
+        axial_n_per_m: None,
     }
 }
 

@@ -213,7 +213,6 @@ fn conform_wrong_teeth_are_found_and_the_simulator_refuses() {
         &["run", "--config", "service.toml"][..],
         &["config", "check", "service.toml"],
         &["simulate", "bench.toml", "-o", "x.mcap"],
-        &["simulate", "helical-two-stage", "-o", "x.mcap"],
         &["signatures", "bench.toml"],
         &["modes", "bench.toml"],
         &["sweep", "bench.toml", "--out", "sweep.csv"],
@@ -222,7 +221,7 @@ fn conform_wrong_teeth_are_found_and_the_simulator_refuses() {
         let done = gearwatch(path, args);
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(3), "{args:?}: {said}");
-        assert!(said.contains("stage \"") && said.contains("know external spur pairs"), "{args:?}: {said}");
+        assert!(said.contains("stage \"") && said.contains("know external spur and helical pairs"), "{args:?}: {said}");
         assert!(!path.join("x.mcap").exists(), "{args:?}");
     }
 }

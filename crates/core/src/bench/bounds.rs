@@ -142,6 +142,9 @@ impl Check {
             self.within(place("torsion_nm_per_rad"), shaft.torsion_nm_per_rad, &TORSION);
             self.within(place("torsion_damping_nm_s_per_rad"), shaft.torsion_damping_nm_s_per_rad, &TORSION_DAMPING);
             self.within(place("bearing_n_per_m"), shaft.bearing_n_per_m, &BEARING);
+            if let Some(axial) = shaft.axial_n_per_m {
+                self.within(place("axial_n_per_m"), axial, &BEARING);
+            }
             self.within(place("bearing_damping_n_s_per_m"), shaft.bearing_damping_n_s_per_m, &BEARING_DAMPING);
         }
         for stage in &bench.stages {

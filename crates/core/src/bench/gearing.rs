@@ -330,19 +330,19 @@ fn room(stage: &Stage, set: &Planetary, tell: &mut dyn FnMut(String)) {
 }
 
 impl Bench {
-    /// Why the simulator cannot serve the bench, if it cannot: it knows external spur pairs without profile shift.
+    /// Why the simulator cannot serve the bench, if it cannot: it knows external spur and helical pairs without profile shift.
     pub fn beyond_simulator(&self) -> Option<String> {
-        let stage = self.stages.iter().find(|stage| stage.gearing != Gearing::default())?;
+        let beyond = |gearing: &Gearing| Gearing { helix: None, ..gearing.clone() } != Gearing::default();
+        let stage = self.stages.iter().find(|stage| beyond(&stage.gearing))?;
         let gearing = &stage.gearing;
         let what = match stage.kind() {
             StageKind::Planetary => "is planetary",
-            StageKind::Helical => "is helical",
-            StageKind::Spur if gearing.internal => "has an internal wheel",
-            StageKind::Spur if !gearing.idlers.is_empty() => "has idlers",
-            StageKind::Spur => "has profile shift",
+            _ if gearing.internal => "has an internal wheel",
+            _ if !gearing.idlers.is_empty() => "has idlers",
+            _ => "has profile shift",
         };
         Some(format!(
-            "stage {:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures, modes and explain, know external spur pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators",
+            "stage {:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures, modes and explain, know external spur and helical pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators",
             stage.name
         ))
     }

@@ -85,6 +85,25 @@ impl Stage {
         }
     }
 
+    /// Helix angle on the reference cylinder (rad), 0 for straight teeth.
+    pub fn helix_rad(&self) -> f64 {
+        self.gearing.helix.as_ref().map_or(0.0, |helix| helix.angle_deg.to_radians())
+    }
+
+    /// Pressure angle in the transverse section (rad): `tan α_t = tan α_n / cos β`.
+    pub fn transverse_angle_rad(&self) -> f64 {
+        let normal = self.pressure_angle_deg.to_radians();
+        match &self.gearing.helix {
+            None => normal,
+            Some(_) => (normal.tan() / self.helix_rad().cos()).atan(),
+        }
+    }
+
+    /// Reference radius (m) of a gear with so many teeth: `r = m_n z / (2 cos β)`.
+    pub fn reference_radius_m(&self, teeth: u32) -> f64 {
+        0.5e-3 * self.module_mm * f64::from(teeth) / self.helix_rad().cos()
+    }
+
     /// What the file calls the two gears in [`Stage::pinion`] and [`Stage::wheel`].
     pub fn gear_names(&self) -> [&'static str; 2] {
         if self.gearing.planetary.is_some() { ["sun", "ring"] } else { ["pinion", "wheel"] }

@@ -19,6 +19,7 @@ fn bench() -> Bench {
         torsion_damping_nm_s_per_rad: 0.4,
         bearing_n_per_m: 1.5e8,
         bearing_damping_n_s_per_m: 1e3,
+        axial_n_per_m: None,
     };
     let gear = |teeth| Gear { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
     Bench {

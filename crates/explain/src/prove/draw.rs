@@ -100,6 +100,7 @@ pub fn bench(d: &mut Draw) -> Bench {
         torsion_damping_nm_s_per_rad: d.uniform(0.3, 0.7),
         bearing_n_per_m: d.uniform(1.2e8, 2.4e8),
         bearing_damping_n_s_per_m: d.uniform(800.0, 2000.0),
+        axial_n_per_m: None,
     };
     let names: &[&str] = if stages == 1 { &["input", "output"] } else { &["input", "intermediate", "output"] };
     let shafts: Vec<Shaft> = names.iter().map(|n| shaft(d, n)).collect();

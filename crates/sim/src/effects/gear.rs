@@ -84,7 +84,7 @@ pub(super) fn nominal_mesh_force_n(bench: &Bench, stage: usize) -> f64 {
     let ratio: f64 =
         bench.stages[stage + 1..].iter().map(|s| f64::from(s.pinion.teeth) / f64::from(s.wheel.teeth)).product();
     let spec = &bench.stages[stage];
-    let base_m = 0.5e-3 * spec.module_mm * f64::from(spec.wheel.teeth) * spec.pressure_angle_deg.to_radians().cos();
+    let base_m = spec.reference_radius_m(spec.wheel.teeth) * spec.transverse_angle_rad().cos();
     bench.brake.torque_nm * ratio / base_m
 }
 

@@ -14,6 +14,8 @@ pub(super) const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
 const MOST_ITERATIONS: usize = 12;
 /// Largest move, as a part of the largest approach, at which friction counts as settled.
 const SETTLED: f64 = 1e-7;
+/// The same, at which the smooth force of a helical stage counts as solved.
+const SMOOTH: f64 = 1e-6;
 
 /// Approach, phase, contact and remainder of all stages at one instant.
 #[derive(Clone, Copy, Debug, Default)]
@@ -57,8 +59,13 @@ pub(super) fn evaluate(plan: &Plan, reference_rad: f64, approach: &[f64], pinion
     let mut pairs = Pairs::default();
     for stage in 0..plan.stiffness.len() {
         let phase = plan.model.phase(stage, reference_rad, pinion_rad[stage]);
-        plan.find_pairs(stage, phase, &mut pairs);
-        let contact = plan.model.contacts[stage].among(&pairs, phase, approach[stage]);
+        let law = &plan.model.contacts[stage];
+        let contact = if law.face().is_some() {
+            law.at(phase, approach[stage], 0.0, &mut pairs)
+        } else {
+            plan.find_pairs(stage, phase, &mut pairs);
+            law.among(&pairs, phase, approach[stage])
+        };
         node.approach[stage] = approach[stage];
         node.pinion_rad[stage] = pinion_rad[stage];
         node.phase[stage] = phase;
@@ -139,7 +146,14 @@ impl Solver {
             let before = [self.nodes[0].touching, self.nodes[1].touching];
             for half in 0..2 {
                 for stage in 0..stages {
-                    let (node, pairs) = (&mut self.nodes[half], &self.pairs[half][stage]);
+                    let (node, pairs) = (&mut self.nodes[half], &mut self.pairs[half][stage]);
+                    let contact = &plan.model.contacts[stage];
+                    if contact.face().is_some() {
+                        let now = contact.at(node.phase[stage], node.approach[stage], 0.0, pairs);
+                        tangent[half][stage] = now.stiffness_n_per_m - plan.stiffness[stage];
+                        store(plan, node, stage, &now);
+                        continue;
+                    }
                     let law = pairs.force(node.approach[stage]);
                     tangent[half][stage] = law.stiffness_n_per_m - plan.stiffness[stage];
                     if rubs {
@@ -165,6 +179,11 @@ impl Solver {
             for half in 0..2 {
                 for stage in 0..stages {
                     let approach = self.nodes[half].approach[stage];
+                    if plan.model.contacts[stage].face().is_some() {
+                        // Smooth: what Newton's next step would be is the square of this one.
+                        settled &= steps[half][stage].abs() <= SMOOTH * approach.abs();
+                        continue;
+                    }
                     settled &= still(&self.pairs[half][stage], &self.laws[half][stage], approach, steps[half][stage]);
                 }
             }
@@ -202,7 +221,9 @@ impl Solver {
                 node.approach[stage] = fixed + guess;
                 node.pinion_rad[stage] = angle;
                 node.phase[stage] = plan.model.phase(stage, references[half], angle);
-                plan.find_pairs(stage, node.phase[stage], &mut self.pairs[half][stage]);
+                if plan.model.contacts[stage].face().is_none() {
+                    plan.find_pairs(stage, node.phase[stage], &mut self.pairs[half][stage]);
+                }
             }
         }
     }

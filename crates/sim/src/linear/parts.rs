@@ -1,6 +1,6 @@
 //! What a bench file's parts add to the matrices: rotation, gears, housing and sensors.
 
-use gearwatch_core::bench::{Bench, Gear, Stage};
+use gearwatch_core::bench::{Bench, Gear, Hand, Stage};
 use nalgebra::DVector;
 
 use super::{DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, OutputRow, StageGeometry};
@@ -10,12 +10,28 @@ use super::{DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, OutputRow, StageGeometr
 /// # Formula
 /// `m = ρ π b (r² − r_b²)`, `J = m (r² + r_b²) / 2`, with the bore a quarter of the pitch diameter where it is left out.
 pub fn gear_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
-    let radius = 0.5e-3 * stage.module_mm * f64::from(gear.teeth);
+    let radius = stage.reference_radius_m(gear.teeth);
     let bore = gear.bore_mm.map_or(0.25 * radius, |mm| 0.5e-3 * mm);
     let disc = density_kg_per_m3 * std::f64::consts::PI * 1e-3 * stage.face_width_mm * (radius.powi(2) - bore.powi(2));
     let mass = gear.mass_kg.unwrap_or(disc);
     let inertia = gear.inertia_kg_m2.unwrap_or(0.5 * mass * (radius.powi(2) + bore.powi(2)));
     (mass, inertia)
+}
+
+/// Force along the pinion's axis per mesh force on the transverse line of action, where the pinion turns counter-clockwise seen from the motor; positive towards
+/// the motor. 0 for straight teeth.
+///
+/// # Formula
+/// `tan β_b = tan β cos α_t`. The flank of a right-hand gear is a right-hand screw: the force that brakes it pushes it along its own vector of rotation.
+fn thrust(stage: &Stage) -> f64 {
+    let Some(helix) = &stage.gearing.helix else { return 0.0 };
+    let right = match helix.hands {
+        [Some(pinion), _] => pinion == Hand::Right,
+        [None, Some(wheel)] => wheel == Hand::Left,
+        [None, None] => true,
+    };
+    let base_helix = helix.angle_deg.to_radians().tan() * stage.transverse_angle_rad().cos();
+    if right { base_helix } else { -base_helix }
 }
 
 impl LinearTrain {
@@ -48,19 +64,22 @@ impl LinearTrain {
     pub(super) fn add_stages(&mut self, bench: &Bench, places: &[(GearPlace, GearPlace)]) {
         let mut sense = 1.0;
         for (stage, &(pinion, wheel)) in bench.stages.iter().zip(places) {
-            let alpha = stage.pressure_angle_deg.to_radians();
+            let alpha = stage.transverse_angle_rad();
             let centres = stage.line_of_centres_deg.to_radians();
             let along = [centres.cos(), centres.sin()];
             let driving = [-sense * centres.sin(), sense * centres.cos()];
             let normal =
                 [alpha.cos() * driving[0] + alpha.sin() * along[0], alpha.cos() * driving[1] + alpha.sin() * along[1]];
-            let base = |gear: &Gear| 0.5e-3 * stage.module_mm * f64::from(gear.teeth) * alpha.cos();
+            let base = |gear: &Gear| stage.reference_radius_m(gear.teeth) * alpha.cos();
             let mut inertias = [0.0; 2];
             for (k, (gear, place)) in [(&stage.pinion, pinion), (&stage.wheel, wheel)].into_iter().enumerate() {
                 let (mass, inertia) = gear_mass_and_inertia(gear, stage, bench.gear_material.density_kg_per_m3);
                 inertias[k] = inertia;
                 self.mass[(place.angle, place.angle)] += inertia;
                 let shaft = &bench.shafts[place.shaft];
+                if let Some(at) = self.axial[place.shaft] {
+                    self.mass[(at, at)] += mass;
+                }
                 for at in [place.x, place.x + 1] {
                     self.mass[(at, at)] += mass;
                     self.stiffness[(at, at)] += shaft.bearing_n_per_m;
@@ -75,6 +94,13 @@ impl LinearTrain {
                 row[pinion.x + axis] += component;
                 row[wheel.x + axis] -= component;
             }
+            let axial = self.axial[pinion.shaft].zip(self.axial[wheel.shaft]).map(|(a, b)| [a, b]);
+            let axial = axial.filter(|_| stage.gearing.helix.is_some());
+            let thrust = sense * thrust(stage);
+            if let Some([a, b]) = axial {
+                row[a] -= thrust;
+                row[b] += thrust;
+            }
             self.mesh.push(row);
             self.stages.push(StageGeometry {
                 pinion_base_m: r1,
@@ -82,11 +108,20 @@ impl LinearTrain {
                 normal,
                 tangent: [-sense * normal[1], sense * normal[0]],
                 pressure_angle_rad: alpha,
+                axial,
+                thrust,
                 pinion,
                 wheel,
                 effective_mass_kg: 1.0 / (r1 * r1 / inertias[0] + r2 * r2 / inertias[1]),
             });
             sense = -sense;
+        }
+        for (at, shaft) in self.axial.iter().zip(&bench.shafts) {
+            if let Some(at) = *at {
+                let (stiffness, damping) = shaft.axial();
+                self.stiffness[(at, at)] += stiffness;
+                self.damping[(at, at)] += damping;
+            }
         }
         for shaft in 0..bench.shafts.len() {
             let gears: Vec<_> = self.gears_on(shaft);

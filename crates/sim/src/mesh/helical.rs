@@ -20,16 +20,16 @@
 //!
 //! # Limits
 //! At `β = 0` this is the spur model. Slices do not hold each other: the part of the tooth beside a loaded one does not help it, so that the ends of contact
-//! lines are too soft and load is spread a little too evenly. Bending of the teeth along the axis by the axial force is left out.
-//! Nothing of the simulator rests on this file yet.
+//! lines are too soft and load is spread a little too evenly. Bending of the teeth along the axis by the axial force is left out, and so is the tilt of the
+//! gears by its moment. A break of the width takes away the slices at the end that enters last; pits are spread over the width.
 
-use super::{LoadPoint, MeshModel, MeshOptions, MeshState, Pairs};
+use gearwatch_core::bench::{Bench, Gear};
+
+use super::face::{Cut, Face};
+use super::{FlankStore, LoadPoint, MeshError, MeshModel, MeshOptions, MeshState};
 use crate::faults::ToothModifications;
 use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry, PairGeometry};
 use crate::hertz::{Hertz, Material};
-
-/// Steps of Newton's method on a force that is piecewise linear in the approach.
-const ROUNDS: usize = 64;
 
 /// A helical pair as a sheet has it; lengths in metres, angles in radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,15 +70,15 @@ pub struct HelicalMesh {
     gears: HelicalGears,
     /// The transverse section over the whole width.
     transverse: MeshModel,
-    base_helix_rad: f64,
-    overlap_ratio: f64,
-    hertz_factor: f64,
-    /// Of each slice: lag (mesh cycles), missing material (m).
-    slices: Vec<[f64; 2]>,
+    face: Face,
 }
 
+/// Slices a mesh cycle of overlap, and the least of a face.
+const SLICES_A_CYCLE: f64 = 24.0;
+const FEWEST_SLICES: usize = 16;
+
 impl HelicalMesh {
-    /// A pair cut into `slices` parts (1 to 1000); 32 a mesh cycle of overlap leave less than 1e-3 of the stiffness in single harmonics.
+    /// A pair cut into `slices` parts (1 to 1000); 24 a mesh cycle of overlap leave less than 1 % of single harmonics.
     ///
     /// # Errors
     /// For a pair that cannot be, in a sentence that says what would be right.
@@ -90,22 +90,72 @@ impl HelicalMesh {
         lead: Lead,
         slices: usize,
     ) -> Result<Self, String> {
+        if !(1..=1000).contains(&slices) {
+            return Err(format!("{slices} slices; expected 1 to 1000"));
+        }
+        Self::made(gears, material, options, teeth, (lead, slices), (0.0, &mut FlankStore::default()))
+    }
+
+    /// The pair of stage `stage` (from 0) of a bench, with the slices that its overlap asks for. Misaligned axes are a lead slope.
+    ///
+    /// # Errors
+    /// For a stage that cannot be, in a sentence that says what would be right.
+    pub fn of_stage(
+        bench: &Bench,
+        stage: usize,
+        options: &MeshOptions,
+        teeth: &ToothModifications,
+        flanks: &mut FlankStore,
+    ) -> Result<Self, MeshError> {
+        let Some(spec) = bench.stages.get(stage) else { return Err(MeshError::no_stage(bench, stage)) };
+        let module_m = spec.module_mm * 1e-3;
+        let bore = |gear: &Gear| gear.bore_mm.map_or(0.25 * spec.reference_radius_m(gear.teeth), |mm| mm * 0.5e-3);
+        let face_width_m = spec.face_width_mm * 1e-3;
+        let gears = HelicalGears {
+            teeth: [spec.pinion.teeth, spec.wheel.teeth],
+            module_m,
+            pressure_angle_rad: spec.pressure_angle_deg.to_radians(),
+            helix_rad: spec.helix_rad(),
+            face_width_m,
+            bore_radii_m: [bore(&spec.pinion), bore(&spec.wheel)],
+        };
+        let material = Material {
+            youngs_modulus_pa: bench.gear_material.youngs_modulus_pa,
+            poisson_ratio: bench.gear_material.poisson_ratio,
+        };
+        let mut of_sections = teeth.clone();
+        let slope_m = std::mem::take(&mut of_sections.pair.misalignment_rad) * face_width_m;
+        let lead = Lead { slope_m, crown_m: 0.0 };
+        let overlap = face_width_m * gears.helix_rad.sin() / (std::f64::consts::PI * module_m);
+        let slices = ((SLICES_A_CYCLE * overlap).ceil() as usize).clamp(FEWEST_SLICES, 1000);
+        Self::made(gears, material, options, &of_sections, (lead, slices), (spec.backlash_um * 1e-6, flanks))
+            .map_err(|problem| MeshError { stage: spec.name.clone(), problem })
+    }
+
+    fn made(
+        gears: HelicalGears,
+        material: Material,
+        options: &MeshOptions,
+        teeth: &ToothModifications,
+        (lead, slices): (Lead, usize),
+        (backlash_m, flanks): (f64, &mut FlankStore),
+    ) -> Result<Self, String> {
         let HelicalGears { module_m, pressure_angle_rad, helix_rad, face_width_m, .. } = gears;
         if !(0.0..std::f64::consts::FRAC_PI_4).contains(&helix_rad) {
             return Err(format!("the helix angle is {} degrees; expected 0 to below 45", helix_rad.to_degrees()));
         }
-        if !(1..=1000).contains(&slices) {
-            return Err(format!("{slices} slices; expected 1 to 1000"));
-        }
         let (sin, cos) = helix_rad.sin_cos();
-        let transverse_angle = (pressure_angle_rad.tan() / cos).atan();
+        let transverse_angle =
+            if helix_rad == 0.0 { pressure_angle_rad } else { (pressure_angle_rad.tan() / cos).atan() };
         let section = |i: usize, which: &str| {
             let rack = [ADDENDUM * cos, CLEARANCE * cos];
             let of_section = [module_m / cos, transverse_angle];
             GearGeometry::with_rack(which, gears.teeth[i], of_section, rack, face_width_m, gears.bore_radii_m[i])
         };
-        let transverse =
-            MeshModel::from_gears((section(0, "pinion")?, section(1, "wheel")?), material, options, teeth, 0.0)?;
+        let pair = (section(0, "pinion")?, section(1, "wheel")?);
+        let mut model = |teeth: &ToothModifications| {
+            MeshModel::made(pair.clone(), material, options, teeth, (backlash_m, &mut *flanks))
+        };
         let base_helix_rad = (helix_rad.tan() * transverse_angle.cos()).atan();
         let overlap_ratio = face_width_m * sin / (std::f64::consts::PI * module_m);
         let load_exponent = match options.hertz {
@@ -113,16 +163,20 @@ impl HelicalMesh {
             Hertz::LoadDependent => 0.1,
         };
         let hertz_factor = base_helix_rad.cos().powf(options.hertz.length_exponent() + load_exponent - 2.0);
-        let slices = (0..slices)
-            .map(|j| (j as f64 + 0.5) / slices as f64 - 0.5)
-            .map(|x| [overlap_ratio * x, lead.gap_m(x)])
-            .collect();
-        Ok(Self { gears, transverse, base_helix_rad, overlap_ratio, hertz_factor, slices })
+        let mut face = Face::new(slices, overlap_ratio, base_helix_rad, hertz_factor, |x| lead.gap_m(x));
+        let transverse = model(&face.whole(teeth))?;
+        face.break_off(teeth, model)?;
+        Ok(Self { gears, transverse, face })
+    }
+
+    /// The section of the whole face, and the face.
+    pub fn into_parts(self) -> (MeshModel, Face) {
+        (self.transverse, self.face)
     }
 
     /// Transverse contact ratio ε_α and overlap ratio ε_β.
     pub fn contact_ratios(&self) -> [f64; 2] {
-        [self.transverse.contact_ratio(), self.overlap_ratio]
+        [self.transverse.contact_ratio(), self.face.overlap_ratio()]
     }
 
     /// Geometry of the transverse section.
@@ -132,83 +186,52 @@ impl HelicalMesh {
 
     /// Helix angle β_b on the base cylinders (rad).
     pub fn base_helix_rad(&self) -> f64 {
-        self.base_helix_rad
+        self.face.base_helix_rad()
     }
 
     /// Force along the axis (N) at a mesh force along the transverse line of action.
     pub fn axial_force_n(&self, force_n: f64) -> f64 {
-        force_n * self.base_helix_rad.tan()
+        force_n * self.face.base_helix_rad().tan()
     }
 
     /// What the compliances take from a mesh force along the transverse line of action (N).
     pub fn at_load(&self, load_n: f64) -> LoadPoint {
-        let mut load = self.transverse.at_load(load_n);
-        load.hertz_alone *= self.hertz_factor;
-        load.hertz_shared *= self.hertz_factor;
-        load
+        self.face.at_load(&self.transverse, load_n)
     }
 
     /// Stiffness (N/m) of all contact lines inside their path, whatever the load, deviations and corner contact.
     pub fn stiffness_n_per_m(&self, phase: f64, load: &LoadPoint) -> f64 {
-        let sum: f64 = self.slices.iter().map(|[lag, _]| self.transverse.stiffness_n_per_m(phase - lag, load)).sum();
-        sum / self.slices.len() as f64
-    }
-
-    /// Force (N) and tangent stiffness (N/m) at an approach (m).
-    pub fn force(&self, phase: f64, load: &LoadPoint, approach_m: f64) -> (f64, f64) {
-        let mut pairs = Pairs::default();
-        let (mut force, mut stiffness) = (0.0, 0.0);
-        for [lag, gap] in &self.slices {
-            let state = MeshState { phase: phase - lag, displacement_m: [0.0; 2] };
-            self.transverse.pairs_at(&state, load, &mut pairs);
-            let of_slice = pairs.force(approach_m - gap);
-            force += of_slice.force_n;
-            stiffness += of_slice.stiffness_n_per_m;
-        }
-        let count = self.slices.len() as f64;
-        (force / count, stiffness / count)
+        let of_slice = |cut: Cut<'_>| cut.mesh.stiffness_n_per_m(phase - cut.lag, load);
+        self.face.cuts(&self.transverse).map(of_slice).sum::<f64>() / self.face.count()
     }
 
     /// Static approach (m) under the load, the static transmission error, and the tangent stiffness (N/m) there. `None` without load or where nothing can touch.
     pub fn static_point(&self, phase: f64, load: &LoadPoint) -> Option<(f64, f64)> {
-        if load.load_n <= 0.0 {
-            return None;
-        }
-        // The force rises and steepens with the approach but for pairs that unload others: Newton from the stiff side.
-        let mut approach = self
-            .slices
-            .iter()
-            .filter_map(|[lag, gap]| {
-                let (approach, stiffness) = self.transverse.static_point(phase - lag, load);
-                (stiffness > 0.0).then_some(approach + gap)
-            })
-            .max_by(f64::total_cmp)?;
-        let mut tangent = 0.0;
-        for _ in 0..ROUNDS {
-            let (force, stiffness) = self.force(phase, load, approach);
-            tangent = stiffness;
-            let step = (load.load_n - force) / stiffness;
-            approach += step;
-            if step.abs() <= 1e-13 * approach.abs() {
-                break;
-            }
-        }
-        Some((approach, tangent))
+        self.face.static_point(&self.transverse, &MeshState { phase, displacement_m: [0.0; 2] }, load, load.load_n)
     }
 
     /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m), as [`MeshModel::iso_stiffness_n_per_m`] for spur gears: with the virtual teeth `z_n = z / cos³ β` and
     /// the single stiffness times `cos β`.
     pub fn iso_stiffness_n_per_m(&self, load_n: f64) -> f64 {
-        let HelicalGears { teeth, helix_rad, pressure_angle_rad, face_width_m, .. } = self.gears;
-        let cos = helix_rad.cos();
-        let [z1, z2] = teeth.map(|z| f64::from(z) / cos.powi(3));
-        let flexibility = 0.04723 + 0.15551 / z1 + 0.25791 / z2;
-        let basic_rack = (1.0 + 0.5 * (1.2 - 1.25)) * (1.0 - 0.02 * (20.0 - pressure_angle_rad.to_degrees()));
-        let youngs_modulus = self.transverse.material().youngs_modulus_pa / 2.06e11;
-        let single = 0.8 * basic_rack / flexibility * youngs_modulus * cos;
-        let light = (load_n.abs() / (1e5 * face_width_m)).clamp(1e-4, 1.0).powf(0.25);
-        single * light * (0.75 * self.transverse.contact_ratio() + 0.25) * 1e9 * face_width_m
+        let HelicalGears { helix_rad, pressure_angle_rad, .. } = self.gears;
+        iso_stiffness_n_per_m(&self.transverse, helix_rad, pressure_angle_rad, load_n)
     }
+}
+
+/// c_γ b by ISO 6336-1, method B (N/m), of a transverse section whose teeth have a helix angle and a normal pressure angle (rad).
+pub(crate) fn iso_stiffness_n_per_m(section: &MeshModel, helix_rad: f64, normal_angle_rad: f64, load_n: f64) -> f64 {
+    let pair = section.geometry();
+    let cos = helix_rad.cos();
+    let [z1, z2] = [&pair.pinion, &pair.wheel].map(|gear| f64::from(gear.teeth) / cos.powi(3));
+    let flexibility = 0.04723 + 0.15551 / z1 + 0.25791 / z2;
+    let basic_rack = (1.0 + 0.5 * (1.2 - 1.25)) * (1.0 - 0.02 * (20.0 - normal_angle_rad.to_degrees()));
+    let youngs_modulus = section.material().youngs_modulus_pa / 2.06e11;
+    let single = 0.8 * basic_rack / flexibility * youngs_modulus * cos;
+    let width_m = pair.pinion.face_width_m.min(pair.wheel.face_width_m);
+    // Of the load along the line of action: a tenth less than the norm's tangential one.
+    let light = (load_n.abs() / (1e5 * width_m)).clamp(1e-4, 1.0).powf(0.25);
+    // N/(mm µm) times 1e9 is N/m per metre of width.
+    single * light * (0.75 * section.contact_ratio() + 0.25) * 1e9 * width_m
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use gearwatch_core::bench::term::Harmonic;
 
 use super::tables::ToothTable;
 use super::{CORNER_REACH, LoadPoint, MeshModel, MeshState, Pair, Pairs};
+use crate::faults::GearModifications;
 use crate::geometry::GearGeometry;
 use crate::hertz::Hertz;
 use crate::terms::series;
@@ -24,7 +25,12 @@ impl MeshModel {
     /// As [`Self::pairs`], for a prepared load and displaced axes.
     #[inline(always)]
     pub fn pairs_at(&self, state: &MeshState, load: &LoadPoint, out: &mut Pairs) {
-        self.collect(state, load, self.reach(), out);
+        self.collect(state, 0.0, load, self.reach(), out);
+    }
+
+    /// As [`Self::pairs_at`] in a slice of the face whose pairs enter `lag` mesh cycles later. Both gears stand as `state` says.
+    pub(crate) fn pairs_behind(&self, state: &MeshState, lag: f64, load: &LoadPoint, out: &mut Pairs) {
+        self.collect(state, lag, load, self.reach(), out);
     }
 
     /// How far outside their path pairs are looked for (mesh cycles).
@@ -34,14 +40,14 @@ impl MeshModel {
     }
 
     #[inline(always)]
-    fn collect(&self, state: &MeshState, load: &LoadPoint, reach: f64, out: &mut Pairs) {
+    fn collect(&self, state: &MeshState, lag: f64, load: &LoadPoint, reach: f64, out: &mut Pairs) {
         let pitch = self.geometry.base_pitch_m;
         let shift = self.shift(state);
         out.clear();
         out.coupling = self.coupling;
-        let common = self.profile_gap_m(state.phase) + self.wave_gap_m(state.phase) + shift.gap_m;
+        let common = self.profile_gap_m(state.phase - lag) + self.wave_gap_m(state.phase) + shift.gap_m;
         let softer = 1.0 / self.stiffness_at(state.phase);
-        let at = state.phase + shift.pinion;
+        let at = state.phase - lag + shift.pinion;
         let mut index = (at + reach).floor();
         while at - index <= self.geometry.contact_ratio + reach {
             let s = at - index;
@@ -151,6 +157,19 @@ impl MeshModel {
         }
     }
 
+    /// All pairs are alike, and nothing turns with a gear: the law of the teeth repeats with the mesh cycle.
+    pub(super) fn repeats_with_the_mesh(&self) -> bool {
+        let gears = [&self.modifications.pinion, &self.modifications.wheel];
+        let even = |gear: &GearModifications| {
+            gear.teeth.is_empty()
+                && gear.pitch_error_m.iter().all(|&error| error == 0.0)
+                && gear.eccentricity_m == 0.0
+                && gear.waves.is_empty()
+                && gear.stiffness_waves.is_empty()
+        };
+        gears.into_iter().all(even) && self.modifications.pair.alternating_m == 0.0
+    }
+
     /// Profile error (m) at a phase, by mesh harmonic.
     #[inline(always)]
     pub(super) fn profile_gap_m(&self, phase: f64) -> f64 {
@@ -249,7 +268,7 @@ impl MeshModel {
     pub fn stiffness_n_per_m(&self, phase: f64, load: &LoadPoint) -> f64 {
         let mut pairs = Pairs::default();
         let state = MeshState { phase, displacement_m: [0.0; 2] };
-        self.collect(&state, load, 0.0, &mut pairs);
+        self.collect(&state, 0.0, load, 0.0, &mut pairs);
         pairs.force(1.0).stiffness_n_per_m
     }
 }

@@ -26,7 +26,7 @@ pub(super) fn check_operating_point(
     let train = Train::new(&setup.bench);
     let last = train.shafts.last().map_or(1.0, |&(_, order)| order);
     for (i, stage) in setup.bench.stages.iter().enumerate() {
-        let wheel_radius = 0.5e-3 * stage.module_mm * f64::from(stage.wheel.teeth);
+        let wheel_radius = stage.reference_radius_m(stage.wheel.teeth);
         let bearable = 1e9 * (1e-3 * stage.face_width_mm) * (1e-3 * stage.module_mm) / 3.0;
         let torque = bearable * wheel_radius * train.shafts[i + 1].1 / last;
         if most > torque {

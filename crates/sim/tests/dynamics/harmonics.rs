@@ -65,6 +65,7 @@ fn drawn(seed: u64) -> Bench {
         torsion_damping_nm_s_per_rad: within(0.3, 1.5),
         bearing_n_per_m: within(6e7, 4e8),
         bearing_damping_n_s_per_m: within(800.0, 4000.0),
+        axial_n_per_m: None,
     };
     let shafts: Vec<Shaft> = names.iter().map(|name| shaft(name, &mut within)).collect();
     let stages: Vec<Stage> = (0..stages)

@@ -17,6 +17,7 @@ use gearwatch_sim::shipped;
 use gearwatch_sim::source::{SimConfig, Simulator};
 
 mod harmonics;
+mod helical;
 mod oscillator;
 
 const RATE_HZ: f64 = 16_384.0;

@@ -2,7 +2,7 @@
 
 use gearwatch_core::bench::Bench;
 use gearwatch_sim::linear::{LinearTrain, StageGeometry};
-use gearwatch_sim::mesh::MeshModel;
+use gearwatch_sim::mesh::{FlankStore, StageMesh};
 use gearwatch_sim::setup::SimSetup;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -53,7 +53,8 @@ pub fn model(setup: &SimSetup, pairs: &[Pair]) -> Option<Model> {
     let train = LinearTrain::new(&setup.bench);
     let mut meshes = Vec::new();
     for stage in 0..setup.bench.stages.len() {
-        let mesh = MeshModel::new(&setup.bench, stage, &setup.mesh, setup.teeth.get(stage)?).ok()?;
+        let teeth = setup.teeth.get(stage)?;
+        let mesh = StageMesh::new(&setup.bench, stage, &setup.mesh, teeth, &mut FlankStore::default()).ok()?;
         let mut by_pair: Vec<(Vec<Complex64>, f64, f64)> = Vec::new();
         for pair in pairs {
             let force = mesh_force_n(&setup.bench, &train, stage, pair.torque_nm).max(1.0);
