@@ -2,8 +2,9 @@
 //!
 //! Frame: length (u32, little-endian), CRC-32 of the bytes, bytes. A new run begins a new segment, so that a torn end of an old one stays where it
 //! is: reading goes on in the next. The cursor file holds `<segment> <offset>` of the first record that is not confirmed, and after a close
-//! in order those of the first one that was never handed out; without them all that is left counts as handed out. Its last word is a checksum: half a
-//! cursor, as a power cut leaves it, would skip what nobody has got.
+//! in order those of the first one that was never handed out and the number of the last segment; without them, or where a later segment is there, all that
+//! is left counts as handed out: a power cut may bring back the cursor of an earlier run. The last word is a checksum: half a cursor, as a power cut leaves it,
+//! would skip what nobody has got.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
@@ -70,12 +71,14 @@ pub(in crate::sink) struct Spool {
 impl Spool {
     /// Opens a spool with what the last run left in it.
     pub fn open(mut storage: Box<dyn Storage>, most_bytes: u64) -> io::Result<Self> {
-        let (confirmed, handed_out) = read_cursor(&mut *storage);
+        let Cursor { confirmed, closed } = read_cursor(&mut *storage);
         let listed = storage.list()?;
         let mut numbers: Vec<u64> =
             listed.iter().filter_map(|(name, _)| name.strip_suffix(SUFFIX)?.parse().ok()).collect();
         numbers.sort_unstable();
-        let next = numbers.last().map_or(1, |last| last + 1).max(confirmed.segment + 1);
+        let newest = numbers.last().copied().unwrap_or(0);
+        let next = (newest + 1).max(confirmed.segment + 1);
+        let handed_out = closed.filter(|closed| newest <= closed.last_segment).map(|closed| closed.handed_out);
         let mut segments = VecDeque::new();
         for number in numbers {
             let bytes = storage.read(&name(number))?;
@@ -282,7 +285,8 @@ impl Spool {
     pub fn close(&mut self) -> io::Result<()> {
         self.sync_tail()?;
         let (confirmed, handed_out) = (self.confirmed, self.handed_out.max(self.read));
-        self.write_cursor(&[confirmed.segment, confirmed.offset, handed_out.segment, handed_out.offset])
+        let last = self.segments.back().map_or(0, |last| last.number);
+        self.write_cursor(&[confirmed.segment, confirmed.offset, handed_out.segment, handed_out.offset, last])
     }
 
     fn write_cursor(&mut self, numbers: &[u64]) -> io::Result<()> {
@@ -311,17 +315,35 @@ fn cursor(numbers: &[u64]) -> Vec<u8> {
     format!("{text} {:08x}\n", crc32fast::hash(text.as_bytes())).into_bytes()
 }
 
-/// What was confirmed, and what was handed out if that is known. A cursor that cannot be read confirms nothing: all is sent again.
-fn read_cursor(storage: &mut dyn Storage) -> (Position, Option<Position>) {
+/// What a cursor file says.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cursor {
+    confirmed: Position,
+    /// After a close in order.
+    closed: Option<Closed>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Closed {
+    handed_out: Position,
+    last_segment: u64,
+}
+
+/// A cursor that cannot be read confirms nothing: all is sent again.
+fn read_cursor(storage: &mut dyn Storage) -> Cursor {
     let bytes = storage.read(CURSOR).unwrap_or_default();
     let text = std::str::from_utf8(&bytes).unwrap_or_default();
     let words = text.rsplit_once(' ').map_or("", |(words, _)| words);
     let numbers: Vec<u64> = words.split(' ').map_while(|word| word.parse().ok()).collect();
     if cursor(&numbers) != bytes {
-        return (Position::default(), None);
+        return Cursor::default();
     }
     let position = |at: usize| Some(Position { segment: *numbers.get(at)?, offset: *numbers.get(at + 1)? });
-    (position(0).unwrap_or_default(), position(2))
+    let closed = position(2).zip(numbers.get(4));
+    Cursor {
+        confirmed: position(0).unwrap_or_default(),
+        closed: closed.map(|(handed_out, &last_segment)| Closed { handed_out, last_segment }),
+    }
 }
 
 /// The record at an offset and where it ends, if it is whole and right. None is empty: zeros, as a power cut leaves them, are no record.
@@ -405,6 +427,22 @@ mod tests {
         drop(spool);
         let mut spool = open(folder.path(), 1 << 20);
         assert_eq!(drain(&mut spool), [(1, true), (2, true), (3, true), (4, true)]);
+    }
+
+    /// World 949: the cursor of the next run is not durable yet when the power goes, and that of the last close in order comes back.
+    #[test]
+    fn regress_the_cursor_of_an_earlier_run_takes_no_mark_away() {
+        let disk = Simulated::new(11);
+        let mut spool = simulated(&disk);
+        spool.append(&record(0)).unwrap();
+        spool.close().unwrap();
+        let closed = disk.contents()[CURSOR].clone();
+        drop(spool);
+        let mut spool = simulated(&disk);
+        assert_eq!(drain(&mut spool), [(0, false)], "never handed out before the close");
+        drop(spool);
+        disk.overwrite(CURSOR, closed);
+        assert_eq!(drain(&mut simulated(&disk)), [(0, true)]);
     }
 
     /// A hundred times as much as there is room for: the newest stay, and taken + lost + waiting = put in.
