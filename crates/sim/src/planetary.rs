@@ -20,6 +20,7 @@
 use std::f64::consts::TAU;
 
 use gearwatch_core::bench::{Bench, Member};
+use gearwatch_core::train::Train;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// One member.
@@ -300,6 +301,107 @@ pub fn excited(sun_teeth: u32, planets: u32, harmonic: u32) -> ModeKind {
     }
 }
 
+/// A frequency of a stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageMode {
+    /// (Hz).
+    pub frequency_hz: f64,
+    /// Its kind.
+    pub kind: ModeKind,
+    /// Modes of this frequency.
+    pub count: usize,
+}
+
+/// A motor speed at which a mesh harmonic meets a mode that it can excite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanetaryCritical {
+    /// Position in [`StageModes::modes`].
+    pub mode: usize,
+    /// Mesh harmonic, from 1.
+    pub harmonic: u32,
+    /// (Hz).
+    pub motor_hz: f64,
+}
+
+/// The modes of a planetary stage of a bench by itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageModes {
+    /// Of the stage.
+    pub name: String,
+    /// In ascending order, the free rotation left out.
+    pub modes: Vec<StageMode>,
+    /// Mean stiffness of one mesh of sun and planet (N/m).
+    pub sun_mesh_n_per_m: f64,
+    /// Mean stiffness of one mesh of ring and planet (N/m).
+    pub ring_mesh_n_per_m: f64,
+    /// Mesh frequency / speed of the first shaft.
+    pub mesh_order: f64,
+    /// Motor speed / speed of the first shaft.
+    pub motor_order: f64,
+    sun_teeth: u32,
+    planets: u32,
+    equally_spaced: bool,
+}
+
+/// Relative distance below which frequencies of one kind are one: rounding of the eigenvalues.
+const SAME_FREQUENCY: f64 = 1e-6;
+/// Slower than this (Hz) a mode is the free rotation.
+const FREE_HZ: f64 = 0.1;
+
+impl StageModes {
+    /// Of stage `stage` (from 0).
+    ///
+    /// # Errors
+    /// As [`PlanetaryModel::parameters`].
+    pub fn new(bench: &Bench, stage: usize) -> Result<Self, String> {
+        let parameters = PlanetaryModel::parameters(bench, stage)?;
+        let mut modes: Vec<StageMode> = Vec::new();
+        for mode in PlanetaryModel::new(&parameters).modes().into_iter().filter(|mode| mode.frequency_hz > FREE_HZ) {
+            let same = |known: &&mut StageMode| {
+                known.kind == mode.kind && (known.frequency_hz / mode.frequency_hz - 1.0).abs() < SAME_FREQUENCY
+            };
+            match modes.iter_mut().find(same) {
+                Some(known) => known.count += 1,
+                None => modes.push(StageMode { frequency_hz: mode.frequency_hz, kind: mode.kind, count: 1 }),
+            }
+        }
+        let train = Train::new(bench);
+        let planets = parameters.positions_rad.len() as u32;
+        let even = |(i, psi): (usize, &f64)| (psi - TAU * i as f64 / f64::from(planets)).abs() < 1e-9;
+        Ok(Self {
+            name: bench.stages[stage].name.clone(),
+            modes,
+            sun_mesh_n_per_m: parameters.sun_mesh_n_per_m,
+            ring_mesh_n_per_m: parameters.ring_mesh_n_per_m,
+            mesh_order: train.stages[stage].mesh_order,
+            motor_order: train.motor_order,
+            sun_teeth: bench.stages[stage].pinion.teeth,
+            planets,
+            equally_spaced: parameters.positions_rad.iter().enumerate().all(even),
+        })
+    }
+
+    /// The kind of modes that a mesh harmonic excites; `None` where the planets' spacing lets it excite any.
+    pub fn excited(&self, harmonic: u32) -> Option<ModeKind> {
+        self.equally_spaced.then(|| excited(self.sun_teeth, self.planets, harmonic))
+    }
+
+    /// Motor speeds up to `highest_motor_hz` at which harmonics 1 to `harmonics` meet a mode that they can excite, in ascending order.
+    pub fn critical_speeds(&self, harmonics: u32, highest_motor_hz: f64) -> Vec<PlanetaryCritical> {
+        let mut out = Vec::new();
+        for (at, mode) in self.modes.iter().enumerate() {
+            for harmonic in (1..=harmonics).filter(|&h| self.excited(h).is_none_or(|kind| kind == mode.kind)) {
+                let motor_hz = mode.frequency_hz / (f64::from(harmonic) * self.mesh_order) * self.motor_order;
+                if motor_hz <= highest_motor_hz {
+                    out.push(PlanetaryCritical { mode: at, harmonic, motor_hz });
+                }
+            }
+        }
+        out.sort_by(|a, b| a.motor_hz.total_cmp(&b.motor_hz));
+        out
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -419,5 +521,28 @@ mod tests {
         let per_mm = parameters.sun_mesh_n_per_m / 1e9 / (1e-3 * bench.stages[0].face_width_mm);
         assert!((per_mm - 19.3).abs() < 0.4, "{per_mm}");
         assert!(PlanetaryModel::parameters(&bench, 1).unwrap_err().contains("not planetary"));
+    }
+    /// Frequencies of the shipped stage with their counts make up all modes but the free rotation; with all planets in phase only rotational modes are met, at the speed at which
+    /// harmonic × mesh frequency is the mode's frequency; unequal planets forbid nothing.
+    #[test]
+    fn analytic_critical_speeds_of_the_shipped_planetary_stage() {
+        let mut bench = crate::shipped::bench("planetary-parallel").unwrap();
+        let found = StageModes::new(&bench, 0).unwrap();
+        assert_eq!(found.modes.iter().map(|mode| mode.count).sum::<usize>(), 20);
+        let critical = found.critical_speeds(5, 300.0);
+        assert!(!critical.is_empty());
+        // Mesh frequency of a sun of 28 within a ring of 100 that stands still: 28 × 100 / 128 of the sun's speed.
+        let mesh_order = 28.0 * 100.0 / 128.0;
+        for c in &critical {
+            let mode = found.modes[c.mode];
+            assert_eq!(mode.kind, ModeKind::Rotational);
+            let mesh_hz = f64::from(c.harmonic) * mesh_order * c.motor_hz;
+            assert!((mesh_hz / mode.frequency_hz - 1.0).abs() < 1e-12, "{c:?}");
+        }
+        let set = bench.stages[0].gearing.planetary.as_mut().unwrap();
+        set.positions_deg = vec![0.0, 87.1875, 180.0, 267.1875];
+        let uneven = StageModes::new(&bench, 0).unwrap();
+        assert_eq!(uneven.excited(1), None);
+        assert!(uneven.critical_speeds(5, 300.0).len() > critical.len());
     }
 }

@@ -1,5 +1,7 @@
 //! `gearwatch modes BENCH`: eigenfrequencies, mode shapes and the speeds at which mesh and shaft orders meet them.
 
+mod planets;
+
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -10,6 +12,7 @@ use gearwatch_report::{Bars, Cell, Chart, Lines, Part, Report, Section, Series, 
 use gearwatch_sim::campbell::{Critical, HARMONICS, Mode, Train};
 use serde_json::json;
 
+use self::planets::PlanetaryStages;
 use super::Run;
 use super::simulate::read_bench;
 use crate::exit::Exit;
@@ -24,10 +27,12 @@ const SPEEDS: f64 = 1.5;
 
 /// Eigenfrequencies, mode shapes and critical speeds of a bench
 ///
-/// Every mesh has its mean stiffness under the load; a Campbell diagram shows which mesh and shaft orders meet which mode at which speed.
+/// Every mesh has its mean stiffness under the load; a Campbell diagram shows which mesh and shaft orders meet which mode at which speed. Of a planetary stage the modes are those of the
+/// stage by itself, by kind, with the harmonics that the phases of its planets let through.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch modes paper-rig
+  gearwatch modes planetary-parallel
   gearwatch modes bench.toml --torque 40 --highest 60 --plot modes.html
   gearwatch modes bench.toml --format json | jq '.critical[] | select(.line == \"stage1 1x\")'
 
@@ -64,6 +69,16 @@ impl Run for Modes {
         let highest = self.highest.unwrap_or(SPEEDS * bench.motor.speed_hz);
         if !(highest.is_finite() && highest > 0.0) {
             bail!("--highest {highest}: expected a motor speed above 0 Hz");
+        }
+        if bench.stages.iter().any(|stage| stage.gearing.planetary.is_some()) {
+            let found = PlanetaryStages::new(&bench, highest).map_err(gearwatch_sim::effects::EffectError::Beyond)?;
+            let text = match self.format {
+                Format::Text => found.text()?,
+                Format::Json => format!("{}\n", serde_json::to_string_pretty(&found.object())?),
+            };
+            terminal::out().write_all(text.as_bytes()).context("standard output")?;
+            plot.map_or(Ok(()), |plot| plot.write(found.page().as_bytes()))?;
+            return Ok(Exit::Ok);
         }
         let torque_nm = self.torque.unwrap_or(bench.brake.torque_nm);
         let setup = gearwatch_sim::effects::setup(&bench, &[])?;

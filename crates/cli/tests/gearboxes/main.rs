@@ -214,7 +214,6 @@ fn conform_wrong_teeth_are_found_and_the_simulator_refuses() {
         &["config", "check", "service.toml"],
         &["simulate", "bench.toml", "-o", "x.mcap"],
         &["signatures", "bench.toml"],
-        &["modes", "bench.toml"],
         &["sweep", "bench.toml", "--out", "sweep.csv"],
         &["explain", "bench.toml", "day.mcap"],
     ] {
@@ -223,5 +222,35 @@ fn conform_wrong_teeth_are_found_and_the_simulator_refuses() {
         assert_eq!(done.status.code(), Some(3), "{args:?}: {said}");
         assert!(said.contains("stage \"") && said.contains("know external spur and helical pairs"), "{args:?}: {said}");
         assert!(!path.join("x.mcap").exists(), "{args:?}");
+    }
+}
+
+/// Modes of a planetary stage: text, JSON and page agree, and only modes of the kind that the planets' phases let through have critical speeds.
+#[test]
+fn conform_modes_of_a_planetary_stage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let shown = gearwatch(path, &["modes", "planetary-parallel", "--highest", "200", "--plot", "modes.html"]);
+    let said = text(&shown.stdout);
+    assert_eq!(shown.status.code(), Some(0), "{}", text(&shown.stderr));
+    assert!(
+        said.contains("1x rotational, 2x rotational") && said.contains("parallel and the shafts between"),
+        "{said}"
+    );
+    let page = std::fs::read_to_string(path.join("modes.html")).unwrap();
+    assert!(page.contains("Campbell") || page.contains("Eigenfrequencies (level)"));
+    let parsed = gearwatch(path, &["modes", "planetary-parallel", "--highest", "200", "--format", "json"]);
+    let object: serde_json::Value = serde_json::from_slice(&parsed.stdout).unwrap();
+    let stage = &object["planetary_stages"][0];
+    let critical = stage["critical"].as_array().unwrap();
+    assert!(!critical.is_empty());
+    for crossing in critical {
+        let mode = &stage["modes"][crossing["mode"].as_u64().unwrap() as usize - 1];
+        assert_eq!(mode["kind"], "rotational", "{crossing}");
+        assert!(said.contains(&format!(
+            "{:.2} Hz   {}",
+            crossing["motor_hz"].as_f64().unwrap(),
+            crossing["line"].as_str().unwrap()
+        )));
     }
 }

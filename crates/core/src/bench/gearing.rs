@@ -342,7 +342,7 @@ impl Bench {
             _ => "has profile shift",
         };
         Some(format!(
-            "stage {:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures, modes and explain, know external spur and helical pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators",
+            "stage {:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures and explain, know external spur and helical pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators, and of planetary stages modes",
             stage.name
         ))
     }
