@@ -22,6 +22,22 @@ pub struct StageContact {
     pub backlash_m: f64,
 }
 
+/// The pairs of all slices of a face at one phase, kept from one approach to the next.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Slices {
+    phase: Option<f64>,
+    /// With the slice's missing material (m).
+    found: Vec<(Pairs, f64)>,
+    scratch: Pairs,
+}
+
+impl Slices {
+    /// The next question is of another instant.
+    pub(crate) fn forget(&mut self) {
+        self.phase = None;
+    }
+}
+
 /// What a mesh does at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Contact {
@@ -154,28 +170,78 @@ impl StageContact {
     }
 
     /// Force of all slices of the face. Pairs come and go in slices, so that `touching` says driving or back flanks alone.
-    fn along(&self, face: &Face, phase: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
-        if let Some((force_n, stiffness_n_per_m)) = self.table.as_ref().and_then(|table| table.at(phase, approach_m)) {
-            return Contact { force_n, stiffness_n_per_m, touching: 1, ..Default::default() };
+    fn along(&self, face: &Face, phase: f64, approach_m: f64, scratch: &mut Pairs) -> Contact {
+        if let Some(contact) = self.tabulated(phase, approach_m) {
+            return contact;
         }
         let state = MeshState { phase, displacement_m: self.displacement_m };
-        let share = 1.0 / face.count();
         let mut out = Contact::default();
         for cut in face.cuts(self.mesh()) {
-            cut.mesh.pairs_behind(&state, cut.lag, &self.load, pairs);
-            let slice = self.pressed(pairs, approach_m - cut.gap_m);
-            out.force_n += share * slice.force_n;
-            out.stiffness_n_per_m += share * slice.stiffness_n_per_m;
-            out.touching |= u32::from(slice.touching != 0);
-            for (sum, value) in out.friction.iter_mut().zip(slice.friction) {
-                // Friction follows the force along the normal, of which this is the transverse part.
-                *sum += share / face.base_helix_rad().cos() * value;
-            }
+            cut.mesh.pairs_behind(&state, cut.lag, &self.load, scratch);
+            self.add_slice(face, scratch, approach_m - cut.gap_m, &mut out);
         }
+        self.with_back_flanks(face, phase, approach_m, out, scratch)
+    }
+
+    /// As [`Self::at`] of helical teeth, for several approaches at one phase: the pairs of the slices are found once.
+    pub(crate) fn at_slices(&self, face: &Face, phase: f64, approach_m: f64, slices: &mut Slices) -> Contact {
+        if let Some(contact) = self.tabulated(phase, approach_m) {
+            return contact;
+        }
+        if slices.phase != Some(phase) {
+            let state = MeshState { phase, displacement_m: self.displacement_m };
+            slices.found.resize_with(face.count() as usize, Default::default);
+            for ((pairs, gap_m), cut) in slices.found.iter_mut().zip(face.cuts(self.mesh())) {
+                cut.mesh.pairs_behind(&state, cut.lag, &self.load, pairs);
+                *gap_m = cut.gap_m;
+            }
+            slices.phase = Some(phase);
+        }
+        let mut out = Contact::default();
+        for (pairs, gap_m) in &slices.found {
+            self.add_slice(face, pairs, approach_m - gap_m, &mut out);
+        }
+        self.with_back_flanks(face, phase, approach_m, out, &mut slices.scratch)
+    }
+
+    fn tabulated(&self, phase: f64, approach_m: f64) -> Option<Contact> {
+        let (force_n, stiffness_n_per_m) = self.table.as_ref()?.at(phase, approach_m)?;
+        Some(Contact { force_n, stiffness_n_per_m, touching: 1, ..Default::default() })
+    }
+
+    #[inline(always)]
+    fn add_slice(&self, face: &Face, pairs: &Pairs, approach_m: f64, out: &mut Contact) {
+        let share = 1.0 / face.count();
+        if self.friction == 0.0 {
+            let force = pairs.force(approach_m);
+            out.force_n += share * force.force_n;
+            out.stiffness_n_per_m += share * force.stiffness_n_per_m;
+            out.touching |= u32::from(force.set != 0);
+            return;
+        }
+        let slice = self.pressed(pairs, approach_m);
+        out.force_n += share * slice.force_n;
+        out.stiffness_n_per_m += share * slice.stiffness_n_per_m;
+        out.touching |= u32::from(slice.touching != 0);
+        for (sum, value) in out.friction.iter_mut().zip(slice.friction) {
+            // Friction follows the force along the normal, of which this is the transverse part.
+            *sum += share / face.base_helix_rad().cos() * value;
+        }
+    }
+
+    fn with_back_flanks(
+        &self,
+        face: &Face,
+        phase: f64,
+        approach_m: f64,
+        mut out: Contact,
+        scratch: &mut Pairs,
+    ) -> Contact {
         if out.touching == 0 && approach_m < -self.backlash_m {
+            let share = 1.0 / face.count();
             for cut in face.cuts(self.mesh()) {
-                cut.mesh.back_pairs(phase - cut.lag, &self.load, pairs);
-                let slice = pairs.force(-approach_m - self.backlash_m);
+                cut.mesh.back_pairs(phase - cut.lag, &self.load, scratch);
+                let slice = scratch.force(-approach_m - self.backlash_m);
                 out.force_n -= share * slice.force_n;
                 out.stiffness_n_per_m += share * slice.stiffness_n_per_m;
                 out.touching |= u32::from(slice.set != 0) << 16;

@@ -190,6 +190,19 @@ pub struct ToothModifications {
     pub pair: PairModifications,
 }
 
+impl ToothModifications {
+    /// All teeth but damaged ones are alike, and nothing turns with a gear: beside the damage the law of the teeth repeats with the mesh cycle.
+    pub(crate) fn repeat_with_the_mesh(&self) -> bool {
+        let even = |gear: &GearModifications| {
+            gear.pitch_error_m.iter().all(|&error| error == 0.0)
+                && gear.eccentricity_m == 0.0
+                && gear.waves.is_empty()
+                && gear.stiffness_waves.is_empty()
+        };
+        even(&self.pinion) && even(&self.wheel) && self.pair.alternating_m == 0.0
+    }
+}
+
 impl ToothDamage {
     /// True where nothing is wrong.
     pub fn is_healthy(&self) -> bool {

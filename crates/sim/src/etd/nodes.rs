@@ -2,7 +2,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
-use crate::contact::Contact;
+use crate::contact::{Contact, Slices};
 use crate::mesh::{MAX_PAIRS, MeshForce, Pairs, Touch};
 
 use super::plan::{Plan, Weights};
@@ -14,8 +14,9 @@ pub(super) const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
 const MOST_ITERATIONS: usize = 12;
 /// Largest move, as a part of the largest approach, at which friction counts as settled.
 const SETTLED: f64 = 1e-7;
-/// The same, at which the smooth force of a helical stage counts as solved.
-const SMOOTH: f64 = 1e-6;
+/// The same, at which the smooth force of a helical stage counts as solved: what Newton's next step would be is some square of this, or, where a slice of the face comes to carry,
+/// that slice's part of it.
+const SMOOTH: f64 = 1e-5;
 
 /// Approach, phase, contact and remainder of all stages at one instant.
 #[derive(Clone, Copy, Debug, Default)]
@@ -46,6 +47,8 @@ pub(super) struct Solver {
     /// Middle and end.
     pub(super) nodes: [Node; 2],
     pairs: [[Pairs; MOST_STAGES]; 2],
+    /// Of helical stages.
+    slices: [[Slices; MOST_STAGES]; 2],
     /// The same pairs as steps with changes take them.
     pub(super) touch: [[Touch; MOST_STAGES]; 2],
     /// Approaches that the state, the held forces and the remainder at the start alone would give.
@@ -148,8 +151,9 @@ impl Solver {
                 for stage in 0..stages {
                     let (node, pairs) = (&mut self.nodes[half], &mut self.pairs[half][stage]);
                     let contact = &plan.model.contacts[stage];
-                    if contact.face().is_some() {
-                        let now = contact.at(node.phase[stage], node.approach[stage], 0.0, pairs);
+                    if let Some(face) = contact.face() {
+                        let slices = &mut self.slices[half][stage];
+                        let now = contact.at_slices(face, node.phase[stage], node.approach[stage], slices);
                         tangent[half][stage] = now.stiffness_n_per_m - plan.stiffness[stage];
                         store(plan, node, stage, &now);
                         continue;
@@ -180,7 +184,6 @@ impl Solver {
                 for stage in 0..stages {
                     let approach = self.nodes[half].approach[stage];
                     if plan.model.contacts[stage].face().is_some() {
-                        // Smooth: what Newton's next step would be is the square of this one.
                         settled &= steps[half][stage].abs() <= SMOOTH * approach.abs();
                         continue;
                     }
@@ -223,6 +226,8 @@ impl Solver {
                 node.phase[stage] = plan.model.phase(stage, references[half], angle);
                 if plan.model.contacts[stage].face().is_none() {
                     plan.find_pairs(stage, node.phase[stage], &mut self.pairs[half][stage]);
+                } else {
+                    self.slices[half][stage].forget();
                 }
             }
         }

@@ -89,11 +89,6 @@ impl Face {
         Ok(())
     }
 
-    /// No part of a tooth is broken off.
-    pub(super) fn is_whole(&self) -> bool {
-        self.sections.is_empty()
-    }
-
     /// Base helix angle β_b (rad).
     pub fn base_helix_rad(&self) -> f64 {
         self.base_helix_rad

@@ -75,6 +75,8 @@ pub struct HelicalMesh {
 
 /// Slices a mesh cycle of overlap, and the least of a face.
 const SLICES_A_CYCLE: f64 = 24.0;
+/// Where the law repeats with the mesh cycle a table holds it, which takes finer slices at no cost.
+const SLICES_OF_A_TABLE: f64 = 96.0;
 const FEWEST_SLICES: usize = 16;
 
 impl HelicalMesh {
@@ -127,7 +129,8 @@ impl HelicalMesh {
         let slope_m = std::mem::take(&mut of_sections.pair.misalignment_rad) * face_width_m;
         let lead = Lead { slope_m, crown_m: 0.0 };
         let overlap = face_width_m * gears.helix_rad.sin() / (std::f64::consts::PI * module_m);
-        let slices = ((SLICES_A_CYCLE * overlap).ceil() as usize).clamp(FEWEST_SLICES, 1000);
+        let a_cycle = if of_sections.repeat_with_the_mesh() { SLICES_OF_A_TABLE } else { SLICES_A_CYCLE };
+        let slices = ((a_cycle * overlap).ceil() as usize).clamp(FEWEST_SLICES, 1000);
         Self::made(gears, material, options, &of_sections, (lead, slices), (spec.backlash_um * 1e-6, flanks))
             .map_err(|problem| MeshError { stage: spec.name.clone(), problem })
     }

@@ -157,17 +157,21 @@ impl MeshModel {
         }
     }
 
-    /// All pairs are alike, and nothing turns with a gear: the law of the teeth repeats with the mesh cycle.
+    /// Teeth of pinion and wheel with damage of their own.
+    pub(super) fn special_teeth(&self) -> [Vec<bool>; 2] {
+        let of = |gear: &GearModifications, teeth: u32| (0..teeth).map(|t| gear.teeth.contains_key(&t)).collect();
+        let [pinion, wheel] = self.tooth_counts();
+        [of(&self.modifications.pinion, pinion), of(&self.modifications.wheel, wheel)]
+    }
+
+    /// Of pinion and wheel.
+    pub(super) fn tooth_counts(&self) -> [u32; 2] {
+        [self.geometry.pinion.teeth, self.geometry.wheel.teeth]
+    }
+
+    /// All pairs but those of damaged teeth are alike, and nothing turns with a gear: beside the damage the law of the teeth repeats with the mesh cycle.
     pub(super) fn repeats_with_the_mesh(&self) -> bool {
-        let gears = [&self.modifications.pinion, &self.modifications.wheel];
-        let even = |gear: &GearModifications| {
-            gear.teeth.is_empty()
-                && gear.pitch_error_m.iter().all(|&error| error == 0.0)
-                && gear.eccentricity_m == 0.0
-                && gear.waves.is_empty()
-                && gear.stiffness_waves.is_empty()
-        };
-        gears.into_iter().all(even) && self.modifications.pair.alternating_m == 0.0
+        self.modifications.repeat_with_the_mesh()
     }
 
     /// Profile error (m) at a phase, by mesh harmonic.
