@@ -63,6 +63,10 @@ campaign-sensors:
 campaign-drill:
     GEARWATCH_WRITE=1 cargo test --release -p gearwatch-explain --test drill -- --ignored --nocapture campaign_table
 
+# Laws that no effect has, concealed in simulated recordings: the table in docs/free-terms.md
+campaign-laws:
+    cargo test --release -p gearwatch --test explain -- --ignored --nocapture campaign_laws
+
 # A day in ten minutes: memory, descriptors, threads, windows
 campaign-soak:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture soak

@@ -5,7 +5,7 @@
 //!                                                ◄─ POST /api/alarms/{id}/acknowledge    ◄─
 //! ```
 //!
-//! The page never touches the pipeline: it sees what the [`Hub`] was told. A slow page loses events, never ranks.
+//! The page never touches the pipeline: it sees what the [`Hub`] was told. A slow page never holds up ranks: it is told all anew.
 
 mod gate;
 mod guard;
@@ -27,9 +27,9 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router};
-use futures_util::stream::{self, Stream, StreamExt};
+use futures_util::stream;
 use serde::Deserialize;
-use tokio::sync::{Semaphore, broadcast};
+use tokio::sync::Semaphore;
 
 use crate::health::Acknowledgement;
 use crate::history::{Asked, Store};
@@ -37,7 +37,7 @@ use crate::source::now_unix_ns;
 
 pub use gate::{Gate, Peer};
 pub use guard::AllowedHosts;
-pub use hub::{AlarmStatus, BenchStatus, Hub, Message, SourceStatus, Status};
+pub use hub::{AlarmStatus, BenchStatus, Hub, Listener, Message, SourceStatus, Status};
 #[cfg(feature = "tls")]
 pub use tls::{Secured, acceptor};
 pub use token::Token;
@@ -239,28 +239,13 @@ async fn events(State(shared): State<Shared>) -> Response {
     let Ok(permit) = Arc::clone(&shared.listeners).try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open").into_response();
     };
-    let (history, receiver) = shared.hub.subscribe();
-    let past = stream::iter(history.map(|message| event(&message)));
-    let live = live(receiver).map(move |event| {
-        let _held = &permit;
-        event
+    let told = stream::unfold((Listener::new(&shared.hub), permit), |(mut listener, permit)| async move {
+        let message = listener.next().await?;
+        Some((event(&message), (listener, permit)))
     });
-    Sse::new(past.chain(live)).keep_alive(KeepAlive::new().interval(Duration::from_secs(2))).into_response()
+    Sse::new(told).keep_alive(KeepAlive::new().interval(Duration::from_secs(2))).into_response()
 }
 
 fn event(message: &Message) -> Result<Event, Infallible> {
     Ok(Event::default().event(message.kind).data(&*message.json))
-}
-
-/// Messages from now on. A listener that falls behind skips what it missed.
-fn live(receiver: broadcast::Receiver<Message>) -> impl Stream<Item = Result<Event, Infallible>> {
-    stream::unfold(receiver, |mut receiver| async move {
-        loop {
-            match receiver.recv().await {
-                Ok(message) => return Some((event(&message), receiver)),
-                Err(broadcast::error::RecvError::Lagged(_)) => {}
-                Err(broadcast::error::RecvError::Closed) => return None,
-            }
-        }
-    })
 }

@@ -4,3 +4,4 @@ pub mod least_squares;
 pub mod refit;
 pub mod shape;
 pub mod sizes;
+pub mod terms;

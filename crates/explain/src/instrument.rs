@@ -605,6 +605,7 @@ impl Examined {
             format: FORMAT,
             status: Status::Explained,
             effects: Vec::new(),
+            free_term: None,
             mismatch: Vec::new(),
             fit: None,
             p_null: None,

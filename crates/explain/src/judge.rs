@@ -1,6 +1,7 @@
 //! What the answer is worth and what is said: controls, held-out recordings, what is left over, the report.
 
 pub mod controls;
+pub mod free_term;
 pub mod held_out;
 pub mod latent;
 pub mod limits;

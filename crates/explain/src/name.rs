@@ -24,6 +24,7 @@ use self::against::Found;
 use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
 use crate::fit::refit;
+use crate::judge::free_term;
 use crate::judge::held_out;
 use crate::judge::latent;
 use crate::judge::publish::publish;
@@ -124,6 +125,7 @@ pub fn answer(
     let mut unexplained = false;
     let mut fit = None;
     let mut p = None;
+    let mut free = None;
     let mut cells = locate::cells(q.comparison);
     if let Some(l) = &strange.folded {
         cells.retain(|c| !folded_onto(q, l, c));
@@ -144,6 +146,14 @@ pub fn answer(
         if findings.len() > direct || unexplained {
             progress("recordings that are held out");
             fit = held_out::judge(q, &mut findings, &mut steps);
+            progress("laws that no effect has");
+            free = free_term::find(q, &own, (&findings[direct..], fit.as_ref(), unexplained), &mut steps);
+        }
+        if let Some(shown) = &free {
+            // A law that predicts what a name does not has taken its place.
+            findings.truncate(direct);
+            unexplained = true;
+            fit = Some(shown.fit.clone());
         }
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
@@ -182,7 +192,17 @@ pub fn answer(
     if let Some(r) = &refitted {
         steps.extend(r.steps.iter().cloned());
     }
-    let latent_force = if unexplained && findings.is_empty() { latent::force(q, &strange, &mut steps) } else { None };
-    let explanation = Explanation { p_null: p, latent_force, ..publish(q, findings, unexplained, &cells, fit, steps) };
-    Named { explanation, bench: refitted.map(|r| r.bench) }
+    let latent_force = if unexplained && findings.is_empty() && free.is_none() {
+        latent::force(q, &strange, &mut steps)
+    } else {
+        None
+    };
+    let (term, bench) = free.map_or((None, refitted.map(|r| r.bench)), |shown| (Some(shown.term), Some(shown.bench)));
+    let mut published = publish(q, findings, unexplained, &cells, fit, steps);
+    if let Some(term) = &term {
+        let places = "look at what stands there: the law says how it gives way, not why";
+        let points = "record further loads and speeds: they tell laws of one place apart";
+        published.advice = vec![format!("{}: {places}", term.place), points.into()];
+    }
+    Named { explanation: Explanation { p_null: p, latent_force, free_term: term, ..published }, bench }
 }

@@ -44,8 +44,8 @@ fn script(text: &str) -> String {
     out
 }
 
-/// Runs a page's commands; `files` are what must be there afterwards.
-fn follow(name: &str, least: usize, files: &[&str]) {
+/// Runs a page's commands in a new folder, which is given back; `files` are what must be there afterwards.
+fn follow(name: &str, least: usize, files: &[&str]) -> tempfile::TempDir {
     let script = script(&page(name));
     let commands = script.lines().filter(|line| line.starts_with("gearwatch ")).count();
     assert!(commands >= least, "{name}: only {commands} commands were found");
@@ -66,6 +66,7 @@ fn follow(name: &str, least: usize, files: &[&str]) {
     for file in files {
         assert!(folder.path().join(file).metadata().is_ok_and(|m| m.len() > 0), "{name}: {file} was not written");
     }
+    folder
 }
 
 #[test]
@@ -82,6 +83,31 @@ fn conform_get_started_runs_as_written() {
 #[test]
 fn conform_helical_and_planetary_benches_run_as_written() {
     follow("docs/gearboxes.md", 8, &["monday.mcap", "normal.json"]);
+}
+
+/// A law that no effect has, concealed in a rig that differs from its sheet: place and law are found, its sizes within 20 %, it predicts what was held out better than the name that comes nearest, and the bench file
+/// that is written has it, alone.
+#[test]
+fn conform_physics_without_a_name_is_located_and_modelled() {
+    let folder = follow("docs/free-terms.md", 3, &["answer/bench.toml", "again.mcap"]);
+    let answer = std::fs::read_to_string(folder.path().join("answer/explanation.json")).unwrap();
+    let answer: serde_json::Value = serde_json::from_str(&answer).unwrap();
+    assert_eq!(answer["status"], "unexplained");
+    let found = &answer["effects"][0];
+    assert!(found["effect"].is_null(), "{found}");
+    assert_eq!((&found["where"], &found["term"]["expression"]), (&"input.torsion".into(), &"dead_zone(u)".into()));
+    assert_eq!(found["entry_point"]["kind"], "clearance");
+    let near = |value: &serde_json::Value, truth: f64| (value.as_f64().unwrap() / truth - 1.0).abs() < 0.2;
+    assert!(near(&found["term"]["parameters"]["nm_per_rad"], 9000.0), "{found}");
+    assert!(near(&found["term"]["parameters"]["gap_rad"], 0.0025), "{found}");
+    let fit = &answer["fit"];
+    let after = fit["held_out_after"].as_f64().unwrap();
+    for rival in fit["beside"].as_array().unwrap() {
+        assert!(after < rival["held_out"].as_f64().unwrap(), "{fit}");
+    }
+    let bench = gearwatch_io::bench_file::read(&folder.path().join("answer/bench.toml")).unwrap();
+    let laws: Vec<&str> = bench.terms.iter().map(|t| t.expression.as_str()).filter(|e| *e != "e(theta)").collect();
+    assert_eq!(laws, ["dead_zone(u)"]);
 }
 
 /// A command that fails, or does not fail as stated, must be noticed: the check itself can fail.

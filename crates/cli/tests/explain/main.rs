@@ -3,6 +3,7 @@
 mod answer;
 mod bad_input;
 mod fixture;
+mod laws;
 mod limited;
 mod load_trend;
 mod only;

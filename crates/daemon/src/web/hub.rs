@@ -1,12 +1,13 @@
 //! What pages may see: the newest status, a bounded history of verdicts and spectra, and a stream of what comes in.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use gearwatch_core::verdict::Verdict;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 
 use super::past::Past;
 use crate::event::SpectrumFrame;
@@ -14,7 +15,7 @@ use crate::health::{Acknowledgement, Evidence};
 
 /// Spectra kept per bench and channel: the rows of the waterfall.
 const SPECTRA_KEPT: usize = 60;
-/// Messages that a page may lag behind before it skips some.
+/// Messages that a page may lag behind before it is told all anew.
 const LAG: usize = 1024;
 
 /// One server-sent event.
@@ -124,7 +125,7 @@ impl Default for Hub {
 }
 
 impl Hub {
-    /// A page may lag behind by so many messages before it skips some.
+    /// A page may lag behind by so many messages before it is told all anew.
     pub fn with_lag(lag: usize) -> Self {
         Self { kept: Mutex::default(), out: broadcast::channel(lag).0 }
     }
@@ -179,7 +180,7 @@ impl Hub {
 
     /// All that is kept, and the stream of what comes next, without a gap or an overlap between them, but that the newest verdict of a
     /// row is also the end of its past.
-    pub fn subscribe(&self) -> (impl Iterator<Item = Message> + Send + use<>, broadcast::Receiver<Message>) {
+    fn subscribe(&self) -> (impl Iterator<Item = Message> + Send + use<>, broadcast::Receiver<Message>) {
         let kept = self.kept();
         let receiver = self.out.subscribe();
         let pasts: Vec<_> = kept.rows.iter().map(|(key, row)| (key.clone(), row.past.clone())).collect();
@@ -189,6 +190,60 @@ impl Hub {
         // Written when its turn comes: hours of windows are many numbers, and the lock is not held for them.
         let pasts = pasts.into_iter().map(|(key, past)| Message { kind: "past", json: past.json(&key).into() });
         (status.into_iter().chain(pasts).chain(rest), receiver)
+    }
+}
+
+/// What one page is told: all that is kept, then what comes in. A page that falls behind is told all that is kept once more, so that it has no hole.
+pub struct Listener {
+    /// Not held: streams end with the hub.
+    hub: Weak<Hub>,
+    kept: Box<dyn Iterator<Item = Message> + Send>,
+    receiver: broadcast::Receiver<Message>,
+    /// Messages that it fell behind by, all together.
+    pub skipped: u64,
+}
+
+impl Listener {
+    /// A page that opens.
+    pub fn new(hub: &Arc<Hub>) -> Self {
+        let (kept, receiver) = hub.subscribe();
+        Self { hub: Arc::downgrade(hub), kept: Box::new(kept), receiver, skipped: 0 }
+    }
+
+    /// The next message; `None` when there is no hub any more.
+    pub async fn next(&mut self) -> Option<Message> {
+        loop {
+            if let Some(message) = self.kept.next() {
+                return Some(message);
+            }
+            match self.receiver.recv().await {
+                Ok(message) => return Some(message),
+                Err(RecvError::Lagged(count)) => self.begin_again(count)?,
+                Err(RecvError::Closed) => return None,
+            }
+        }
+    }
+
+    /// The next message, if there is one now.
+    pub fn try_next(&mut self) -> Option<Message> {
+        loop {
+            if let Some(message) = self.kept.next() {
+                return Some(message);
+            }
+            match self.receiver.try_recv() {
+                Ok(message) => return Some(message),
+                Err(TryRecvError::Lagged(count)) => self.begin_again(count)?,
+                Err(TryRecvError::Empty | TryRecvError::Closed) => return None,
+            }
+        }
+    }
+
+    fn begin_again(&mut self, skipped: u64) -> Option<()> {
+        let (kept, receiver) = self.hub.upgrade()?.subscribe();
+        // Spectra that it has shown stay; a waterfall may lack rows.
+        (self.kept, self.receiver) = (Box::new(kept.filter(|message| message.kind != "spectrum")), receiver);
+        self.skipped += skipped;
+        Some(())
     }
 }
 

@@ -1,30 +1,28 @@
 //! What pages see: the service's own hub, pages that open at any moment, and pages that read nothing for a while.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use gearwatch_core::verdict::Verdict;
 use gearwatch_daemon::health::Health;
-use gearwatch_daemon::web::{AlarmStatus, BenchStatus, Hub, Message, Status};
+use gearwatch_daemon::web::{AlarmStatus, BenchStatus, Hub, Listener, Status};
 use serde_json::Value;
-use tokio::sync::broadcast::{Receiver, error::TryRecvError};
 
-/// A page that lags behind by more messages skips some: few, so that it happens in a world.
+/// A page that lags behind by more messages is told all anew: few, so that it happens in a world.
 const LAG: usize = 16;
 
 /// A page that somebody has open.
 struct Open {
-    receiver: Receiver<Message>,
+    listener: Listener,
     /// It reads nothing until then (ms).
     stalls_until: u64,
     newest: Option<u64>,
-    /// Messages that it was told to have missed since the last verdict.
-    skipped: u64,
     /// Ids of the alarms that it shows.
     alarms: Vec<String>,
 }
 
 pub struct Pages {
-    hub: Hub,
+    hub: Arc<Hub>,
     open: Option<Open>,
     /// Windows that a page should show: since the start of the service, or since the time of the data went back.
     past: Vec<(u64, i64)>,
@@ -32,7 +30,7 @@ pub struct Pages {
     /// As told last.
     alarms: Vec<String>,
     pub opened: u64,
-    /// Messages that pages skipped, as they were told.
+    /// Messages that pages fell behind by.
     pub skipped: u64,
     pub lies: Vec<String>,
 }
@@ -40,7 +38,7 @@ pub struct Pages {
 impl Pages {
     pub fn new() -> Self {
         Self {
-            hub: Hub::with_lag(LAG),
+            hub: Arc::new(Hub::with_lag(LAG)),
             open: None,
             past: Vec::new(),
             newest: None,
@@ -53,7 +51,7 @@ impl Pages {
 
     /// The service begins anew: pages lose their connection, and nothing is remembered.
     pub fn restart(&mut self) {
-        (self.hub, self.open) = (Hub::with_lag(LAG), None);
+        (self.hub, self.open) = (Arc::new(Hub::with_lag(LAG)), None);
         self.past.clear();
         (self.newest, self.alarms) = (None, Vec::new());
     }
@@ -98,58 +96,52 @@ impl Pages {
 
     /// Somebody opens a page: it shows at once all that there is.
     pub fn open(&mut self, now_ms: u64, stalls_until: u64) {
-        let (kept, receiver) = self.hub.subscribe();
-        let kept: Vec<(&str, Value)> =
-            kept.map(|m| (m.kind, serde_json::from_str(&m.json).unwrap_or_default())).collect();
-        let of = |kind: &str| kept.iter().filter(|(k, _)| *k == kind).map(|(_, json)| json.clone()).collect::<Vec<_>>();
-        let times: Vec<i64> = self.past.iter().map(|(_, t0)| *t0).collect();
-        let past = of("past").pop().map_or_else(Vec::new, |past| {
-            past["t0_ns"].as_array().into_iter().flatten().filter_map(Value::as_i64).collect::<Vec<_>>()
-        });
-        if past != times {
-            let (shown, all) = (past.len(), times.len());
-            self.lies.push(format!("at {now_ms} ms a page that opens shows {shown} windows of {all}"));
-        }
-        let newest = of("verdict").pop().and_then(|verdict| verdict["window"].as_u64());
-        if newest != self.newest {
-            self.lies.push(format!("at {now_ms} ms a page that opens shows window {newest:?}, not {:?}", self.newest));
-        }
         self.opened += 1;
-        let alarms = of("status").pop().map_or_else(Vec::new, |status| ids(&status));
-        self.open = Some(Open { receiver, stalls_until, newest, skipped: 0, alarms });
-        self.compare(now_ms);
+        self.open = Some(Open { listener: Listener::new(&self.hub), stalls_until, newest: None, alarms: Vec::new() });
+        self.take_in(now_ms);
     }
 
     /// Pages read what has come.
     pub fn read(&mut self, now_ms: u64) {
-        let Some(page) = self.open.as_mut().filter(|page| now_ms >= page.stalls_until) else { return };
-        loop {
-            match page.receiver.try_recv() {
-                Ok(message) if message.kind == "verdict" => {
-                    let json: Value = serde_json::from_str(&message.json).unwrap_or_default();
-                    let window = json["window"].as_u64();
-                    let (after, skipped) = (page.newest, std::mem::take(&mut page.skipped));
+        if self.open.as_ref().is_some_and(|page| now_ms >= page.stalls_until) {
+            self.take_in(now_ms);
+        }
+    }
+
+    fn take_in(&mut self, now_ms: u64) {
+        let Some(page) = &mut self.open else { return };
+        let fell_behind_by = page.listener.skipped;
+        while let Some(message) = page.listener.try_next() {
+            let json: Value = serde_json::from_str(&message.json).unwrap_or_default();
+            match message.kind {
+                // All that is kept, told anew.
+                "past" => {
+                    let times: Vec<i64> = self.past.iter().map(|(_, t0)| *t0).collect();
+                    let shown = json["t0_ns"].as_array().into_iter().flatten();
+                    let shown: Vec<i64> = shown.filter_map(Value::as_i64).collect();
+                    if shown != times {
+                        let (shown, all) = (shown.len(), times.len());
+                        self.lies.push(format!("at {now_ms} ms a page is shown {shown} windows of {all}"));
+                    }
+                    page.newest = None;
+                }
+                "verdict" => {
+                    let (window, after) = (json["window"].as_u64(), page.newest);
                     if window <= after && after.is_some() {
                         self.lies.push(format!("at {now_ms} ms a page is told of window {window:?} after {after:?}"));
                     }
-                    let hole = self.past.iter().any(|(w, _)| Some(*w) > after && Some(*w) < window);
-                    if hole && skipped == 0 {
+                    let between = |w: u64| after.is_some_and(|after| w > after) && Some(w) < window;
+                    if self.past.iter().any(|(w, _)| between(*w)) {
                         self.lies
                             .push(format!("at {now_ms} ms a page misses what lies between {after:?} and {window:?}"));
                     }
                     page.newest = window;
                 }
-                Ok(message) if message.kind == "status" => {
-                    page.alarms = ids(&serde_json::from_str(&message.json).unwrap_or_default());
-                }
-                Ok(_) => {}
-                Err(TryRecvError::Lagged(count)) => {
-                    page.skipped += count;
-                    self.skipped += count;
-                }
-                Err(TryRecvError::Empty | TryRecvError::Closed) => break,
+                "status" => page.alarms = ids(&json),
+                _ => {}
             }
         }
+        self.skipped += page.listener.skipped - fell_behind_by;
         self.compare(now_ms);
     }
 

@@ -22,8 +22,8 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use self::library::fitted;
-pub use self::problem::{Base, SPACING_UM};
-use self::problem::{Problem, QUICK, Start};
+pub use self::problem::{Base, FreeTerm, Number, Problem, SPACING_UM};
+use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
 use crate::fit::least_squares::losses;
 use crate::name::{Finding, Question};

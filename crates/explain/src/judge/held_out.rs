@@ -18,6 +18,7 @@ use crate::judge::predict::{self, Named};
 use crate::judge::report::{Beside, Fit};
 use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
+use crate::read::lines::Family;
 
 /// Largest misfit of one line (variances): no single one decides.
 const CAP: f64 = 100.0;
@@ -56,8 +57,13 @@ fn fitted<'a>(q: &Question<'a>, comparison: &'a Comparison) -> Question<'a> {
 
 /// How much better (nats) one prediction is than another. Lines share their errors, so that a part of them counts, and no model of a bench is right to within its repetition: the scale of what
 /// remains is unknown, with Jeffreys' prior (Gelman et al., *Bayesian Data Analysis*, 3rd ed., 2.8 and 3.2), which leaves the ratio of the two misfits; below repetition nothing is better.
-fn nats(lines: usize, misfit: f64, other: f64) -> f64 {
+pub fn nats(lines: usize, misfit: f64, other: f64) -> f64 {
     INDEPENDENT * lines as f64 * (other.max(1.0) / misfit.max(1.0)).ln()
+}
+
+/// What a prediction costs (nats) beside one within repetition.
+pub fn loss(residuals: &Residuals) -> f64 {
+    nats(residuals.lines, 1.0, residuals.held)
 }
 
 /// Whether the model predicts what was held out worse than the bench as it was, by odds of a thousand at least.
@@ -193,7 +199,7 @@ fn words(spec: &EffectSpec) -> String {
 }
 
 /// A finding as the predictor takes it.
-fn of_finding(f: &Finding) -> Named {
+pub fn of_finding(f: &Finding) -> Named {
     let parameters = f.parameters.iter().map(|(name, size)| (name.clone(), size.value)).collect();
     Named { spec: EffectSpec { effect: f.effect.to_owned(), place: f.place.clone(), parameters } }
 }
@@ -235,21 +241,32 @@ fn line_means(all: &Comparison, rest: &Comparison) -> Vec<f64> {
 }
 
 /// What a prediction leaves.
-struct Residuals {
+pub struct Residuals {
     /// Lines of those left out.
-    lines: usize,
-    /// Root mean square over the standard deviation, of the fitted points and of those left out.
-    fitted: f64,
-    held: f64,
+    pub lines: usize,
+    /// Root mean square over the standard deviation, of the fitted points.
+    pub fitted: f64,
+    /// Of those left out.
+    pub held: f64,
     /// Of those left out in dB, by channel.
     channels_db: Vec<f64>,
 }
 
 impl Residuals {
-    fn of(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
+    /// Of a prediction of all lines of a comparison.
+    pub fn of(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
+        Self::of_some(comparison, predicted, held, &|_| true)
+    }
+
+    /// The same of mesh harmonics alone, which the model has whatever the errors of single teeth.
+    pub fn of_mesh(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
+        Self::of_some(comparison, predicted, held, &|c| matches!(c.family, Some(Family::Mesh { .. })))
+    }
+
+    fn of_some(comparison: &Comparison, predicted: &[f64], held: &[usize], wanted: &dyn Fn(&Cell) -> bool) -> Self {
         let cells: Vec<Cell> = locate::cells(comparison).into_iter().filter(|c| c.family.is_some()).collect();
         let rms = |of: &dyn Fn(&Cell) -> bool, size: &dyn Fn(&Cell, f64) -> f64| {
-            let all = cells.iter().zip(predicted).filter(|(c, _)| of(c));
+            let all = cells.iter().zip(predicted).filter(|(c, _)| wanted(c) && of(c));
             let (sum, n) = all.fold((0.0, 0usize), |(s, n), (c, p)| (s + size(c, c.change - p), n + 1));
             (sum / n.max(1) as f64).sqrt()
         };
@@ -257,7 +274,7 @@ impl Residuals {
         let scaled = |c: &Cell, r: f64| (r * r / c.variance).min(CAP);
         let in_db = |_: &Cell, r: f64| (DB * r).powi(2);
         Self {
-            lines: cells.iter().filter(|c| left(c)).count(),
+            lines: cells.iter().filter(|c| wanted(c) && left(c)).count(),
             fitted: rms(&|c| !left(c), &scaled),
             held: rms(&left, &scaled),
             channels_db: (0..comparison.channels.len()).map(|k| rms(&|c| left(c) && c.channel == k, &in_db)).collect(),

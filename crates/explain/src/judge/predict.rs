@@ -52,6 +52,14 @@ struct Machine {
     setups: [SimSetup; 2],
 }
 
+/// Predicts the line changes of `all` from the bench without and with something, as the pairs of `fitted` have it. `None` where there is no steady state.
+pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2]) -> Option<Predicted> {
+    let machine = Machine { setups };
+    let (states, known) = (machine.states(fitted, all)?, machine.states(fitted, fitted.comparison)?);
+    let law = Law::read(fitted.comparison, &known);
+    Some(Predicted((0..all.lines.len()).map(|i| law.change(all, &states, i)).collect()))
+}
+
 /// Predicts the line changes of `all`, from the pairs of `fitted`, whose cells are `cells`. `None` where nothing that is named has a model.
 pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Predicted> {
     let of_path = |channel: usize| {

@@ -67,6 +67,7 @@ pub fn publish(
         format: FORMAT,
         status,
         effects,
+        free_term: None,
         mismatch: if status == Status::Consistent { Vec::new() } else { mismatch(q, cells) },
         fit,
         p_null: None,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use gearwatch_core::bench::Term;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::verdict::published;
 use gearwatch_sim::effects::{self, EntryPoint};
@@ -13,7 +14,7 @@ use crate::judge::latent::LatentForce;
 pub const FORMAT: &str = "gearwatch-explanation/1";
 
 /// What the mismatch finder says.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct Explanation {
     /// Always [`FORMAT`].
     pub format: &'static str,
@@ -21,24 +22,72 @@ pub struct Explanation {
     pub status: Status,
     /// Most probable first.
     pub effects: Vec<NamedEffect>,
+    /// A law that accounts for what has no name; in JSON it stands among the effects, whose `effect` is then null.
+    pub free_term: Option<FreeTerm>,
     /// Largest first.
     pub mismatch: Vec<Mismatch>,
     /// How much better the model is with the effects in it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
     /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub p_null: Option<f64>,
     /// Of what has no name: the force that would account for it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub latent_force: Option<LatentForce>,
     /// What to record next, and why.
     pub advice: Vec<String>,
     /// What these recordings keep from being told: settings that are missing, channels and recordings that could not be used.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub limits: Vec<String>,
     /// What was found on the way, in order: data, calibration, tests.
     pub steps: Vec<String>,
+}
+
+/// The keys of the JSON object in their order.
+#[derive(Serialize)]
+struct Object<'a> {
+    format: &'static str,
+    status: Status,
+    effects: Vec<Member<'a>>,
+    mismatch: &'a [Mismatch],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fit: Option<&'a Fit>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    p_null: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    latent_force: Option<&'a LatentForce>,
+    advice: &'a [String],
+    #[serde(skip_serializing_if = "<[String]>::is_empty")]
+    limits: &'a [String],
+    steps: &'a [String],
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Member<'a> {
+    Named(&'a NamedEffect),
+    Free {
+        effect: Option<()>,
+        #[serde(flatten)]
+        term: &'a FreeTerm,
+    },
+}
+
+impl Serialize for Explanation {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let named = self.effects.iter().map(Member::Named);
+        let free = self.free_term.iter().map(|term| Member::Free { effect: None, term });
+        let object = Object {
+            format: self.format,
+            status: self.status,
+            effects: named.chain(free).collect(),
+            mismatch: &self.mismatch,
+            fit: self.fit.as_ref(),
+            p_null: self.p_null,
+            latent_force: self.latent_force.as_ref(),
+            advice: &self.advice,
+            limits: &self.limits,
+            steps: &self.steps,
+        };
+        object.serialize(serializer)
+    }
 }
 
 /// The answer in one word.
@@ -167,6 +216,23 @@ pub struct NamedEffect {
     pub entry_point: Entry,
     /// Why.
     pub evidence: Evidence,
+}
+
+/// A law of a spring or damper that no effect of the library has.
+#[derive(Clone, Debug, Serialize)]
+pub struct FreeTerm {
+    /// Where it stands.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// That law and place are right (0–1), among the laws that were tried.
+    #[serde(serialize_with = "rounded")]
+    pub probability: f64,
+    /// Its coefficient.
+    pub parameters: BTreeMap<String, Published>,
+    /// Where it enters the equations.
+    pub entry_point: Entry,
+    /// As the new bench file has it.
+    pub term: Term,
 }
 
 /// A line at which recordings and model differ.

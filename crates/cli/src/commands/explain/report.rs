@@ -68,7 +68,13 @@ fn sentence(e: &Explanation) -> String {
         Status::Ambiguous => {
             format!("One of several, which these recordings cannot tell apart: {}.{better}", named.join("; "))
         }
-        Status::Unexplained => "There is a mismatch, and nothing in the library accounts for it.".into(),
+        Status::Unexplained => match &e.free_term {
+            Some(free) => format!(
+                "No effect of the library accounts for it; a law {} at {} does.{better}",
+                free.term.expression, free.place
+            ),
+            None => "There is a mismatch, and nothing in the library accounts for it.".into(),
+        },
     }
 }
 
@@ -76,6 +82,17 @@ fn effects(e: &Explanation) -> Section {
     let mut parts: Vec<Part> = e.effects.iter().flat_map(effect).collect();
     if parts.is_empty() {
         parts.push(Part::Text("No effect is named.".into()));
+    }
+    if let Some(free) = &e.free_term {
+        let sizes =
+            free.parameters.iter().map(|(name, p)| format!("{name} {}", super::summary::size(p.value(), p.sigma())));
+        parts.push(Part::Text(format!(
+            "A law that no effect has accounts for it: {} at {}, {}; probability {:.2} among the laws that were tried. It stands as [[term]] in the bench file, and simulate runs it.",
+            free.term.expression,
+            free.place,
+            sizes.collect::<Vec<_>>().join(", "),
+            free.probability
+        )));
     }
     if let Some(p) = e.p_null {
         parts.push(Part::Text(format!(
@@ -246,6 +263,7 @@ mod tests {
             format: FORMAT,
             status,
             effects: vec![effect],
+            free_term: None,
             mismatch: Vec::new(),
             fit: Some(fit),
             p_null: None,

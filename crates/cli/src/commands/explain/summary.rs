@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use gearwatch_explain::judge::latent::LatentForce;
-use gearwatch_explain::judge::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
+use gearwatch_explain::judge::report::{Explanation, Fit, FreeTerm, Mismatch, NamedEffect, Status};
 
 use crate::format::wrapped;
 
@@ -24,6 +24,9 @@ pub fn print(out: &mut dyn Write, bench: &str, e: &Explanation, steps: bool) -> 
         }
         Status::Explained => "recordings and model differ; this is named, and does not describe what was held out",
         Status::Ambiguous => "recordings and model differ; these recordings leave several explanations",
+        Status::Unexplained if e.free_term.is_some() => {
+            "recordings and model differ; no effect of the library accounts for it, and this law does"
+        }
         Status::Unexplained => "recordings and model differ, and nothing in the library accounts for it",
     };
     entry(out, "", sentence)?;
@@ -33,6 +36,10 @@ pub fn print(out: &mut dyn Write, bench: &str, e: &Explanation, steps: bool) -> 
     for named in &e.effects {
         writeln!(out)?;
         effect(out, named)?;
+    }
+    if let Some(term) = &e.free_term {
+        writeln!(out)?;
+        law(out, term)?;
     }
     if let Some(f) = &e.latent_force {
         writeln!(out)?;
@@ -96,6 +103,20 @@ fn effect(out: &mut dyn Write, named: &NamedEffect) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+/// A law without a name.
+fn law(out: &mut dyn Write, free: &FreeTerm) -> io::Result<()> {
+    entry(out, "what", &format!("a law {} at {}", free.term.expression, free.place))?;
+    entry(out, "how sure", &format!("{:.0} % of the laws that were tried", 100.0 * free.probability))?;
+    let at = &free.entry_point;
+    entry(out, "enters as", &format!("{} at {} ({:.0} %)", at.kind.words(), at.place, 100.0 * at.probability))?;
+    let fitted = free.parameters.iter().map(|(name, p)| format!("{name} {}", size(p.value(), p.sigma())));
+    let fixed = free.term.parameters.iter().filter(|(name, _)| !free.parameters.contains_key(*name));
+    let sizes: Vec<String> =
+        fitted.chain(fixed.map(|(name, value)| format!("{name} = {value:.4e} (tried, not fitted)"))).collect();
+    entry(out, "size", &sizes.join(", "))?;
+    entry(out, "model", "it stands as [[term]] in the bench file, and simulate runs it")
 }
 
 /// The force that nobody named.

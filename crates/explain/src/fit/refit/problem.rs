@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use gearwatch_core::bench::{Bench, EffectSpec};
+use gearwatch_core::bench::{Bench, EffectSpec, Term};
 use gearwatch_sim::effects;
 use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
@@ -91,6 +91,28 @@ pub enum Number {
     Changed(usize, usize, usize),
     /// ln of a parameter of a member.
     Effect(usize, &'static str),
+    /// Size of the free term, by its scale.
+    Term,
+}
+
+/// A term without a name, of which one coefficient is fitted.
+#[derive(Clone, Debug)]
+pub struct FreeTerm {
+    /// With the coefficient at its scale.
+    pub term: Term,
+    /// The coefficient.
+    pub name: &'static str,
+    /// A size that is felt beside the spring where it stands.
+    pub scale: f64,
+}
+
+impl FreeTerm {
+    /// The term at a size (in scales).
+    pub fn sized(&self, size: f64) -> Term {
+        let mut term = self.term.clone();
+        term.parameters.insert(self.name.to_owned(), size * self.scale);
+        term
+    }
 }
 
 /// Whether a number alters more than the lines of one harmonic.
@@ -118,6 +140,7 @@ pub struct Problem<'a> {
     /// Only the references' trend over load counts.
     trend_only: bool,
     effort: Effort,
+    term: Option<FreeTerm>,
 }
 
 /// Cost and numbers of a point.
@@ -190,7 +213,17 @@ impl<'a> Problem<'a> {
             solver,
             trend_only: false,
             effort: THOROUGH,
+            term: None,
         })
+    }
+
+    /// The problem of a term without a name.
+    pub fn of_term(q: &'a Question<'a>, cells: &[Cell], term: &FreeTerm) -> Option<Self> {
+        let mut out = Self::new(q, cells, &[])?;
+        out.numbers.push(Number::Term);
+        out.priors.push(Prior { mean: 0.0, sigma: 1.0 });
+        out.term = Some(term.clone());
+        Some(out)
     }
 
     /// The same with another effort.
@@ -210,7 +243,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Minimises over some of the numbers.
-    fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
+    pub fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
         let priors = self.priors.clone();
         let free: Vec<usize> = (0..priors.len()).filter(|&k| free(&self.numbers[k])).collect();
         minimise(x, &priors, &self.reaches(), &free, iterations, &mut |x| self.residuals(x))
@@ -438,6 +471,10 @@ impl<'a> Problem<'a> {
         profile(&mut with, &|i, h, p| errors[i][h][p] + changed[i][h][p]);
         for spec in specs.iter().filter(|s| s.effect != "profile_error") {
             effects::apply(spec, &mut with).ok()?;
+        }
+        if let Some(term) = &self.term {
+            let size = x[self.numbers.iter().position(|n| matches!(n, Number::Term))?];
+            gearwatch_sim::terms::apply(&term.sized(size), &mut with).ok()?;
         }
         Some([plain, with])
     }
