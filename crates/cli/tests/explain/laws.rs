@@ -23,7 +23,8 @@ fn row(folder: &Folder, k: usize, (law, place, name, size, gap): Law) -> String 
     folder.write(&format!("{k}.toml"), &(folder.read("rig.toml") + &term));
     session(folder, &format!("{k}.toml"), &format!("now-{k}"), 100 * (k as u64 + 2));
     let (now, out) = (format!("now-{k}"), format!("answer-{k}"));
-    assert!(folder.run(&["explain", "sheet.toml", &now, "--reference", "before", "--out", &out]).status.success());
+    let done = folder.run(&["explain", "sheet.toml", &now, "--reference", "before", "--out", &out]);
+    assert_eq!(done.status.code(), Some(1), "{}", String::from_utf8_lossy(&done.stderr));
     let answer: Value = serde_json::from_str(&folder.read(&format!("{out}/explanation.json"))).unwrap();
     let first = &answer["effects"][0];
     let (what, found) = match &first["effect"] {

@@ -109,8 +109,8 @@ pub(super) struct Owner {
     /// explains.
     beginning: Vec<Record>,
     retry_at: Option<Duration>,
-    /// Some file has no footer because something failed.
-    unclosed: bool,
+    /// Files that have no end because something failed, or one that may be on no disk.
+    unclosed: Vec<String>,
     /// The start found a file that nobody can close; that is told, and no fault of this run.
     left_before: bool,
     keeper: Keeper,
@@ -169,7 +169,7 @@ impl Owner {
             started: false,
             beginning,
             retry_at: None,
-            unclosed: !recovery.left.is_empty(),
+            unclosed: recovery.unclosed.clone(),
             left_before: !recovery.left.is_empty(),
             refused: 0,
             write_failures: 0,
@@ -375,11 +375,11 @@ impl Owner {
         let durable = all_taken && self.started && self.pending.is_empty() && self.retry_at.is_none();
         for _ in 0..LAST_TRIES {
             self.close(now);
-            if !self.unclosed {
+            if self.unclosed.is_empty() {
                 break;
             }
         }
-        let good = durable && (!self.unclosed || self.left_before);
+        let good = durable && (self.unclosed.is_empty() || self.left_before);
         self.state.send_modify(|state| state.condition = Condition::Stopped);
         self.publish(shed);
         good
@@ -533,7 +533,7 @@ impl Owner {
             let _ = self.storage.remove(&open.name.name);
             return;
         }
-        self.unclosed = true;
+        self.unclosed.push(acknowledged.name.clone());
         if length.is_some_and(|length| length.is_none_or(|length| length < open.durable_bytes)) {
             self.miss(&acknowledged, now);
         } else {
@@ -580,12 +580,14 @@ impl Owner {
             let closing = open.layout.closing();
             if open.file.append(&closing).and_then(|()| open.file.sync()).is_err() {
                 let _ = open.file.truncate(open.durable_bytes);
-                self.unclosed = true;
+                self.unclosed.push(open.name.name);
             }
         }
         self.look_back(now);
-        if self.unclosed {
-            self.unclosed = !close_open_files(&mut *self.storage, self.next_group).is_ok_and(|left| left == 0);
+        if !self.unclosed.is_empty()
+            && let Ok(left) = close_open_files(&mut *self.storage, self.next_group, &self.unclosed)
+        {
+            self.unclosed = left;
         }
         // Whatever goes wrong here, the log itself is whole.
         let _ = self.prune(now);

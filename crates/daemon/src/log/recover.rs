@@ -39,6 +39,8 @@ pub struct Recovery {
     pub alarms: Vec<AlarmRecord>,
     /// Losses that the last run knew of and had no time to tell.
     pub untold: Vec<Gap>,
+    /// Names of the files in `left`.
+    pub(super) unclosed: Vec<String>,
     /// Number of the newest file.
     pub(super) last_number: u64,
 }
@@ -69,7 +71,10 @@ pub(super) fn recover(storage: &mut dyn Storage) -> io::Result<Recovery> {
                 Done::Whole => {}
                 Done::Closed => report.closed.push(file.name),
                 Done::Rewritten => report.rewritten.push(file.name),
-                Done::Left(why) => report.left.push(format!("{}: {why}", file.name)),
+                Done::Left(why) => {
+                    report.left.push(format!("{}: {why}", file.name));
+                    report.unclosed.push(file.name);
+                }
             }
             if last.is_none() {
                 unreadable |= outcome.last_group.is_none();
@@ -114,16 +119,26 @@ const UNKNOWN: u64 = 1 << 32;
 /// Results that can be on their way at once with the longest queue that may be configured.
 const MOST_UNWRITTEN: u64 = 2 * ((1 << 20) + 1);
 
-/// Closes every file that has no end, and says how many could not be closed. For the owner, while no file is open.
-pub(super) fn close_open_files(storage: &mut dyn Storage, next_group: u64) -> io::Result<usize> {
+/// Closes every file that has no end, and names those that could not be closed. For the owner, while no file is open.
+///
+/// Files in `unsure` are closed again even where their end is there to be read: the sync behind it failed, so it may be on no disk, and a power cut
+/// would leave a hole in its place.
+pub(super) fn close_open_files(
+    storage: &mut dyn Storage,
+    next_group: u64,
+    unsure: &[String],
+) -> io::Result<Vec<String>> {
     let mut next_first_group = next_group;
-    let mut left = 0;
+    let mut left = Vec::new();
     for file in log_files(storage)?.into_iter().rev() {
-        if !is_closed(storage, &file.name, false) {
+        let first_group = file.first_group;
+        if unsure.contains(&file.name) || !is_closed(storage, &file.name, false) {
             let outcome = close_file(storage, &file.name, Some(next_first_group));
-            left += usize::from(matches!(outcome.done, Done::Left(_)));
+            if matches!(outcome.done, Done::Left(_)) {
+                left.push(file.name);
+            }
         }
-        next_first_group = file.first_group;
+        next_first_group = first_group;
     }
     Ok(left)
 }
