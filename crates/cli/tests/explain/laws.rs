@@ -27,26 +27,20 @@ fn row(folder: &Folder, k: usize, (law, place, name, size, gap): Law) -> String 
     assert_eq!(done.status.code(), Some(1), "{}", String::from_utf8_lossy(&done.stderr));
     let answer: Value = serde_json::from_str(&folder.read(&format!("{out}/explanation.json"))).unwrap();
     let first = &answer["effects"][0];
-    let (what, found) = match &first["effect"] {
-        Value::Null => {
-            let sized = &first["parameters"][name];
-            let found = format!(
-                "{:.2e} ± {:.0e}",
-                sized["value"].as_f64().unwrap_or(f64::NAN),
-                sized["sigma"].as_f64().unwrap_or(f64::NAN)
-            );
-            (first["term"]["expression"].to_string(), found)
+    let number = |value: &Value, show: fn(f64) -> String| value.as_f64().map_or("–".to_owned(), show);
+    let sized = &first["parameters"][name];
+    let (what, found) = match (&first["effect"], first["term"]["expression"].as_str()) {
+        (Value::Null, Some(term)) => {
+            let sizes = [&sized["value"], &sized["sigma"]].map(|value| number(value, |x| format!("{x:.1e}")));
+            (term, sizes.join(" ± "))
         }
-        effect => (effect.to_string(), String::new()),
+        (Value::String(effect), _) => (effect.as_str(), "–".to_owned()),
+        _ => ("nothing", "–".to_owned()),
     };
-    let fit = &answer["fit"];
-    format!(
-        "| `{law}` at {place} | {size:.2e} | {} at {} | {found} | {:.2} | {:.2} |",
-        what.replace('"', "`"),
-        first["where"].as_str().unwrap_or("-"),
-        fit["held_out_before"].as_f64().unwrap_or(f64::NAN),
-        fit["held_out_after"].as_f64().unwrap_or(f64::NAN)
-    )
+    let at = first["where"].as_str().map_or(String::new(), |at| format!(" at {at}"));
+    let misfit = ["held_out_before", "held_out_after"].map(|key| number(&answer["fit"][key], |x| format!("{x:.2}")));
+    let [before, after] = misfit;
+    format!("| {law} at {place} | {size:.1e} | {what}{at} | {found} | {before} | {after} |").replace("|u|", "\\|u\\|")
 }
 
 fn session(folder: &Folder, bench: &str, out: &str, seed: u64) {
