@@ -67,7 +67,7 @@ struct Inner {
     /// Keeps the highest number that may be given out, so that a start after a kill knows how much was lost at most.
     marker: Box<dyn Marker>,
     marked: u64,
-    runs: BTreeMap<String, Run>,
+    runs: BTreeMap<(String, Cause), Run>,
     shed: ShedCounts,
     /// Numbers may be given out: the log has written that it began.
     open: bool,
@@ -271,14 +271,14 @@ impl Inner {
             Record::Raw(_) => self.shed.raw += 1,
             _ => {}
         }
-        let (channel, first, last, count) = extent(record, self.shed.records);
-        match self.runs.get_mut(&channel) {
+        let (run, first, last, count) = extent(record, self.shed.records);
+        match self.runs.get_mut(&run) {
             Some(run) => {
-                run.last = last;
+                (run.first, run.last) = (run.first.min(first), run.last.max(last));
                 run.count += count;
             }
             None => {
-                self.runs.insert(channel, Run { first, last, count });
+                self.runs.insert(run, Run { first, last, count });
             }
         }
         Sent::Shed { total: self.shed.records }
@@ -287,24 +287,17 @@ impl Inner {
     /// Gap records go before the record that ends the run, where there is room for records.
     fn flush_runs(&mut self, now: Now, max_results: usize) {
         while self.results < max_results
-            && let Some((channel, run)) = self.runs.pop_first()
+            && let Some(((channel, cause), run)) = self.runs.pop_first()
         {
-            let gap = Gap {
-                channel,
-                first: run.first,
-                last: run.last,
-                count: run.count,
-                cause: Cause::LogQueueFull,
-                t_ns: now.wall_ns,
-            };
+            let gap = Gap { channel, first: run.first, last: run.last, count: run.count, cause, t_ns: now.wall_ns };
             self.push(Record::Gap(gap), now);
         }
     }
 }
 
-/// Channel, first and last number, and count of what is lost with this record.
-fn extent(record: &Record, shed: u64) -> (String, u64, u64, u64) {
-    match record {
+/// Channel and cause, first and last number, and count of what is lost with this record. What a gap record tells is told by the one that takes its place.
+fn extent(record: &Record, shed: u64) -> ((String, Cause), u64, u64, u64) {
+    let (channel, first, last, count) = match record {
         Record::Verdict { verdict: v, .. } => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
         Record::Raw(packet) => match &**packet {
             Packet::Vibration(b) => {
@@ -315,13 +308,14 @@ fn extent(record: &Record, shed: u64) -> (String, u64, u64, u64) {
             Packet::Tacho(b) => (format!("tacho/{}", b.shaft), shed, shed, b.pulse_times.len() as u64),
             Packet::OperatingPoint(_) => ("operating_point".into(), shed, shed, 1),
         },
-        Record::Gap(_) => ("gap".into(), shed, shed, 1),
+        Record::Gap(gap) => return ((gap.channel.clone(), gap.cause), gap.first, gap.last, gap.count),
         Record::Clock(_) => ("clock".into(), shed, shed, 1),
         Record::Spectrum(_) => ("spectrum".into(), shed, shed, 1),
         Record::Note(_) => ("log_note".into(), shed, shed, 1),
         Record::Alarm(_) => ("alarm".into(), shed, shed, 1),
         Record::Context(_) => ("context".into(), shed, shed, 1),
-    }
+    };
+    ((channel, Cause::LogQueueFull), first, last, count)
 }
 
 /// Memory that a packet holds (bytes), near enough for a bound.
@@ -335,4 +329,48 @@ pub(super) fn packet_bytes(packet: &Arc<Packet>) -> usize {
         Packet::OperatingPoint(_) => 0,
     };
     payload + 128
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct NoMarker;
+
+    impl Marker for NoMarker {
+        fn mark(&mut self, _: u64) {}
+    }
+
+    /// Gap records that found no room were counted as lost themselves, and nothing named the windows that they were about: seen in a week of trouble.
+    #[test]
+    fn regress_what_a_gap_record_tells_is_told_though_it_found_no_room() {
+        let now = Now { wall_ns: 7, mono: Duration::ZERO };
+        let queue = Queue::new(1, 0, 1, Box::new(NoMarker));
+        queue.open();
+        let gap = |first: u64, last: u64| Gap {
+            channel: "acc_1 windows".into(),
+            first,
+            last,
+            count: last + 1 - first,
+            cause: Cause::Overload,
+            t_ns: 3,
+        };
+        for (first, last) in [(1, 4), (5, 8), (12, 12)] {
+            queue.send(Record::Gap(gap(first, last)), now);
+        }
+        let mut told = Vec::new();
+        for _ in 0..2 {
+            queue.take(
+                Duration::ZERO,
+                || now,
+                |item| {
+                    if let Record::Gap(gap) = item.record {
+                        told.push(gap);
+                    }
+                    Fill::More
+                },
+            );
+        }
+        assert_eq!(told, [gap(1, 4), Gap { count: 5, t_ns: 7, ..gap(5, 12) }]);
+    }
 }
