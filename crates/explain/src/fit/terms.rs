@@ -64,7 +64,7 @@ impl Fitted {
     /// Fitted again to other recordings.
     pub fn again(&self, q: &Question<'_>, cells: &[Cell]) -> Option<Self> {
         let base = refit::base(q, cells)?;
-        follow(q, cells, &base, &self.term, self.size)
+        follow(q, cells, &base, &self.term, (self.size, f64::INFINITY))
     }
 }
 
@@ -73,10 +73,14 @@ pub fn tried(q: &Question<'_>) -> f64 {
     candidates(q).map_or(1, |all| all.len().max(1)) as f64
 }
 
-/// Laws by their evidence, best first, and the evidence of no law at all.
-pub fn search(q: &Question<'_>, cells: &[Cell]) -> Option<(Vec<Fitted>, f64)> {
+/// Laws by their evidence, best first, and the evidence of no law at all. Of the laws that leave least at some size those are followed that are wanted by `odds` as they are: what the bench's own
+/// numbers can make up for is no law.
+pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<(Vec<Fitted>, f64)> {
     let base = refit::base(q, cells)?;
     let all = candidates(q)?;
+    let mut none = Problem::new(q, cells, &[])?;
+    let start = none.start(&base);
+    let enough = none.cost(&start)? - 2.0 * (odds * all.len() as f64).ln();
     let glance = |term: &FreeTerm| {
         let mut problem = Problem::of_term(q, cells, term)?;
         let start = problem.start(&base);
@@ -90,10 +94,11 @@ pub fn search(q: &Question<'_>, cells: &[Cell]) -> Option<(Vec<Fitted>, f64)> {
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     seen.truncate(FOLLOWED);
     let mut found: Vec<Fitted> =
-        seen.par_iter().filter_map(|(_, size, term)| follow(q, cells, &base, term, *size)).collect();
+        seen.par_iter().filter_map(|(_, size, term)| follow(q, cells, &base, term, (*size, enough))).collect();
     found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    let mut none = Problem::new(q, cells, &[])?;
-    let start = none.start(&base);
+    if found.is_empty() {
+        return None;
+    }
     Some((found, settled(&mut none, start)?.evidence))
 }
 
@@ -123,10 +128,20 @@ fn sized(start: &DVector<f64>, size: f64) -> DVector<f64> {
     x
 }
 
-fn follow(q: &Question<'_>, cells: &[Cell], base: &Base, term: &FreeTerm, size: f64) -> Option<Fitted> {
+/// A law and the bench's numbers from a size on; `None` where the law alone leaves a cost above `enough`.
+fn follow(
+    q: &Question<'_>,
+    cells: &[Cell],
+    base: &Base,
+    term: &FreeTerm,
+    (size, enough): (f64, f64),
+) -> Option<Fitted> {
     let mut problem = Problem::of_term(q, cells, term)?;
     let start = sized(&problem.start(base), size);
     let alone = problem.minimise(start, &|n| matches!(n, Number::Term), ITERATIONS)?;
+    if alone.cost.1 > enough {
+        return None;
+    }
     let Settled { x, sigma, evidence } = settled(&mut problem, alone.x)?;
     let size = *x.iter().next_back()?;
     Some(Fitted { term: term.clone(), size, sigma, evidence, x })

@@ -65,7 +65,7 @@ pub fn find(
     let rest = q.comparison.without(&held);
     let train = Question { comparison: &rest, ..*q };
     let train_cells = locate::cells(&rest);
-    let (found, none) = terms::search(&train, &train_cells)?;
+    let (found, none) = terms::search(&train, &train_cells, ODDS)?;
     let first = found.first()?;
     let wanted = first.evidence - none - terms::tried(q).ln();
     let ranked: Vec<String> = found.iter().map(|f| format!("{} {:.0}", words(f), f.evidence - none)).collect();
@@ -147,6 +147,7 @@ pub fn find(
             noise_floor: 1.0,
             held_out: held.iter().map(|&p| q.recordings[q.comparison.pairs[p].recording].name.clone()).collect(),
             beside,
+            sham: None,
         },
     })
 }

@@ -66,11 +66,11 @@ pub fn loss(residuals: &Residuals) -> f64 {
     nats(residuals.lines, 1.0, residuals.held)
 }
 
-/// Whether the model predicts what was held out worse than the bench as it was, by odds of a thousand at least.
-pub fn refuted(q: &Question<'_>, fit: &Fit) -> bool {
-    let held = left_out(q.comparison);
-    let lines = q.comparison.lines.iter().filter(|l| held.contains(&l.pair)).count();
-    nats(lines, fit.held_out_before, fit.held_out_after) > 1e3f64.ln()
+/// Whether what was held out leaves the name unproved: its model predicts no better than the bench as it was, or than the same effect at a place where nothing was found. Recordings within
+/// repetition of their references prove nothing and refute nothing.
+pub fn unproved(fit: &Fit) -> bool {
+    let others = [Some(fit.held_out_before), fit.sham];
+    fit.held_out_before > 1.0 && others.into_iter().flatten().any(|other| fit.held_out_after.max(1.0) >= other)
 }
 
 /// Figures of a fit to all points but some; `None` where what was named has no model. Where the most probable finding has rivals, the one whose model predicts best comes first.
@@ -105,9 +105,10 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
     let best = decide(&mut findings[first], &misfits, none.lines, steps);
     let own = answers[best].as_ref()?;
+    // A sham of what is no longer first says nothing of it.
+    let sham = answers[count..].iter().flatten().map(|r| r.held).next().filter(|_| best == 0);
     let mut beside = vec![Beside { what: "no effect".into(), held_out: none.held }];
     for (k, ((what, _), residuals)) in asked.iter().zip(&answers).enumerate().filter(|(k, _)| *k != best) {
-        // A sham of what is no longer first says nothing of it.
         if k < count || best == 0 {
             beside.extend(residuals.as_ref().map(|r| Beside { what: what.clone(), held_out: r.held }));
         }
@@ -137,6 +138,7 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
         noise_floor: 1.0,
         held_out: held.iter().map(|&p| q.recordings[q.comparison.pairs[p].recording].name.clone()).collect(),
         beside,
+        sham,
     })
 }
 

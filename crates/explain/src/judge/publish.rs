@@ -16,8 +16,8 @@ pub fn publish(
     steps: Vec<String>,
 ) -> Explanation {
     findings.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    let refuted = fit.as_ref().is_some_and(|fit| held_out::refuted(q, fit));
-    let ambiguous = refuted || findings.iter().any(|f| !f.alternatives.is_empty() && f.probability < 0.85);
+    let unproved = !findings.is_empty() && fit.as_ref().is_some_and(held_out::unproved);
+    let ambiguous = unproved || findings.iter().any(|f| !f.alternatives.is_empty() && f.probability < 0.85);
     let status = if findings.is_empty() {
         if unexplained { Status::Unexplained } else { Status::Consistent }
     } else if ambiguous {
@@ -26,8 +26,8 @@ pub fn publish(
         Status::Explained
     };
     let mut advice = Vec::new();
-    if refuted {
-        advice.push("the model of what is named predicts the recordings that were held out worse than the bench as it was: take the name for a lead, and record further speeds and loads".into());
+    if unproved {
+        advice.push("the model of what is named predicts the recordings that were held out no better than the bench as it was, or than the same effect elsewhere: take the name for a lead, and record further speeds and loads".into());
     }
     for f in &findings {
         if let Some((other, place)) = f.alternatives.first() {

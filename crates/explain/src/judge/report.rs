@@ -292,6 +292,9 @@ pub struct Fit {
     /// What else was tried on the recordings that were not fitted.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub beside: Vec<Beside>,
+    /// Misfit of these recordings with the same effect at a place where nothing was found, which stands in `beside` too.
+    #[serde(skip)]
+    pub sham: Option<f64>,
 }
 
 /// A rival of what was named, fitted and judged in the same way.

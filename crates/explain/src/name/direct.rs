@@ -260,5 +260,6 @@ pub fn ratio_fit(q: &Question<'_>, findings: &[Finding]) -> Option<Fit> {
         noise_floor: 1.0,
         held_out: vec![q.recordings[held].name.clone()],
         beside: Vec::new(),
+        sham: None,
     })
 }

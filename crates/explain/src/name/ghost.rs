@@ -26,8 +26,9 @@ const SAME_SPEED: f64 = 0.03;
 /// path lifts a line at one. Of 706 benches without a ghost five lead by 1.25 to 1.47, none by more; at one speed one leads by more than 2.5.
 const LEAD: f64 = 1.7;
 const LEAD_AT_ONE_SPEED: f64 = 2.5;
-/// The same of the change against a reference, where bearings light single lines too: of 527 comparisons without a ghost three lead by 1.5 to 2.1.
-const LEAD_OF_CHANGE: f64 = 2.3;
+/// From this lead of the change against a reference on, nothing but a ghost is known. Below it, bearings light single lines too: of 527 comparisons without a ghost three lead by 1.5 to 2.1, which makes a
+/// ghost, one effect of some thirty, several times as probable.
+const SURE_LEAD_OF_CHANGE: f64 = 2.3;
 /// ln amplitude by which that lead exceeds that of every other multiple of the shaft, what the mesh mixes the waves to among them: a component of the pitch error that stands
 /// out does so about every mesh harmonic, and a bearing lights a family of lines. Ghosts that lead enough exceed by 1.4 at least.
 const LONE: f64 = 1.0;
@@ -150,11 +151,7 @@ fn comb(q: &Question<'_>, shaft: usize, reach: f64) -> Comb {
         let over = |v: &Vec<f64>| v[m - 1] - beside.iter().map(|k| v[k - 1]).fold(f64::NEG_INFINITY, f64::max);
         Some((over(&level), by_speed.iter().map(over).fold(f64::INFINITY, f64::min)))
     };
-    let needed = match (q.comparison.pairs.is_empty(), speeds.len()) {
-        (_, ..2) => LEAD_AT_ONE_SPEED,
-        (true, _) => LEAD,
-        (false, _) => LEAD_OF_CHANGE,
-    };
+    let needed = if speeds.len() < 2 { LEAD_AT_ONE_SPEED } else { LEAD };
     let lead = (1..=shown).map(lead).collect();
     Comb { order, level, lead, needed }
 }
@@ -232,7 +229,11 @@ pub fn ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
         own.multiple, q.train.shafts[own.shaft].0, own.lead, bearer.gear, bearer.mixed
     ));
     let new = !q.comparison.pairs.is_empty();
-    let sure = if new { 0.93 } else { 0.9 };
+    let sure = match (new, own.lead > SURE_LEAD_OF_CHANGE) {
+        (true, true) => 0.93,
+        (true, false) => 0.8,
+        (false, _) => 0.9,
+    };
     let mut f = Finding::new("ghost_component", bearer.gear.clone(), sure * share / sum).with(
         "order",
         own.multiple as f64,

@@ -258,6 +258,7 @@ mod tests {
             noise_floor: 1.0,
             held_out: vec!["30-60.mcap".into()],
             beside: Vec::new(),
+            sham: None,
         };
         Explanation {
             format: FORMAT,
