@@ -26,9 +26,9 @@ use rayon::prelude::*;
 
 /// Inferred from the lines in the recordings (README there).
 const RATE_HZ: f64 = 12_800.0;
-/// All loads of the recordings (%), and those that go through the whole of `explain`.
+/// All loads of the recordings (%), and those at which the sheet is asked.
 const LOADS: [u32; 6] = [0, 10, 30, 50, 70, 90];
-const WHOLE_LOADS: [u32; 3] = [0, 50, 90];
+const SHEET_LOADS: [u32; 3] = [0, 50, 90];
 /// Where the drive display stands: the motor turns at 29.6 to 29.8 Hz.
 const MOTOR_HZ: f64 = 29.7;
 
@@ -273,11 +273,11 @@ fn campaign_table_of_the_instruments_part() {
     most_are_right(&level);
 }
 
-/// One size of six changes, at every place, through the whole of `explain`: no run names anything of the machine.
+/// One size of six changes, at every place and load (`GEARWATCH_LOADS`), through the whole of `explain`: no run names anything of the machine.
 #[test]
 #[ignore = "an hour of one core: just campaign-drill"]
 fn campaign_table_of_the_whole() {
-    let recordings = recordings("hb", &WHOLE_LOADS);
+    let recordings = recordings("hb", &asked_loads());
     if recordings.is_empty() {
         return;
     }
@@ -292,7 +292,7 @@ fn campaign_table_of_the_whole() {
 #[test]
 #[ignore = "minutes: just campaign-drill"]
 fn campaign_table_of_the_sheet() {
-    let recordings = recordings("hb", &WHOLE_LOADS);
+    let recordings = recordings("hb", &SHEET_LOADS);
     if recordings.is_empty() {
         return;
     }
@@ -301,6 +301,12 @@ fn campaign_table_of_the_sheet() {
     assert_eq!(outcomes.iter().map(Outcome::physics).sum::<usize>(), 0);
     let wrong = |o: &&Outcome| !o.is_right() && o.named.as_ref().is_ok_and(|named| !named.is_empty());
     assert_eq!(outcomes.iter().filter(wrong).count(), 0);
+}
+
+/// Loads from `GEARWATCH_LOADS`; all without.
+fn asked_loads() -> Vec<u32> {
+    let asked = |text: String| text.split(',').map(|load| load.parse().unwrap()).collect();
+    std::env::var("GEARWATCH_LOADS").map_or(LOADS.to_vec(), asked)
 }
 
 /// Kinds by name from `GEARWATCH_KINDS`, recordings from `GEARWATCH_LOADS` and `GEARWATCH_STATES`; all without.
@@ -312,8 +318,7 @@ fn campaign_changes_in_real_recordings() {
     let all = std::iter::once(Kind::Nothing).chain(Kind::INSTRUMENT).chain(Kind::MACHINE);
     let kinds: Vec<Kind> =
         all.filter(|k| kinds.is_empty() || kinds.split(',').any(|n| n == format!("{k:?}"))).collect();
-    let loads: Vec<u32> = asked("GEARWATCH_LOADS", "0,10,30,50,70,90").split(',').map(|l| l.parse().unwrap()).collect();
-    let recordings = recordings(&asked("GEARWATCH_STATES", "hb"), &loads);
+    let recordings = recordings(&asked("GEARWATCH_STATES", "hb"), &asked_loads());
     if !recordings.is_empty() {
         println!("{}", lines(&run(&recordings, &kinds), ""));
     }
