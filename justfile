@@ -35,7 +35,11 @@ bench:
 spectraquest:
     cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture
 
-# All campaigns of the service (docs/reliability.md)
+# The documentation as a searchable site in target/book (cargo install mdbook)
+book:
+    mdbook build docs
+
+# All campaigns of the service (docs/reliability-evidence.md)
 campaign: campaign-kills campaign-worlds campaign-failures campaign-sensors campaign-network campaign-soak campaign-hour campaign-overload campaign-fleet campaign-fuzz
 
 # 300 kill -9, 100 stops, a full disk and 100 power cuts (the last two need root) against the release build
@@ -43,7 +47,7 @@ campaign-kills:
     GEARWATCH_ROUNDS=300 cargo test --release -p gearwatch --test campaign -- --nocapture kills disk_full
     GEARWATCH_ROUNDS=100 cargo test --release -p gearwatch --test campaign -- --nocapture --test-threads=1 stops power_cut
 
-# Worlds of 500 s each, made by seeds: clock, disk, network, workers and people against the service's own parts (docs/reliability.md); a failing seed is printed
+# Worlds of 500 s each, made by seeds: clock, disk, network, workers and people against the service's own parts (docs/reliability-evidence.md); a failing seed is printed
 campaign-worlds worlds="2000":
     GEARWATCH_ROUNDS={{worlds}} cargo test -p gearwatch-daemon --test simulation -- --nocapture no_world
 

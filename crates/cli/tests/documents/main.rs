@@ -2,6 +2,7 @@
 
 mod links;
 mod security;
+mod words;
 
 use std::fmt::Write as _;
 use std::path::Path;

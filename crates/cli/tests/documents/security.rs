@@ -19,7 +19,13 @@ fn conform_what_the_security_pages_point_to_is_there() {
     let justfile = page("justfile");
     let recipe = |name: &str| justfile.lines().any(|line| line.split([' ', ':']).next() == Some(name));
     let (mut missing, mut seen) = (Vec::new(), 0);
-    for name in ["SECURITY.md", "docs/security.md", "docs/reliability.md"] {
+    for name in [
+        "SECURITY.md",
+        "docs/security.md",
+        "docs/reliability.md",
+        "docs/reliability-method.md",
+        "docs/reliability-evidence.md",
+    ] {
         for text in quoted(&page(name)) {
             let first = text.split(' ').next().unwrap_or_default();
             let (kind, there) = match text.strip_prefix("just ") {
