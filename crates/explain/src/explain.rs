@@ -1,24 +1,14 @@
 //! The whole way from recordings to the answer.
 
-use gearwatch_check::belt::{self, OtherRatio};
-use gearwatch_check::last_wheel;
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
-use gearwatch_core::train::Train;
 
-use crate::change::compare;
 use crate::error::ExplainError;
 use crate::instrument::{self, Fault};
 use crate::judge::limits;
 use crate::judge::report::Explanation;
-use crate::name::strange;
+use crate::measure::{self, Measured};
 use crate::name::{self, Question};
-use crate::read::dsp::Transforms;
-use crate::read::features::{self, RecordingFeatures, Steady, Unused};
-use crate::read::fixed;
-use crate::read::folded;
-use crate::read::kinematics;
-use crate::read::ratio;
 
 /// What is asked.
 pub struct Input<'a> {
@@ -60,136 +50,14 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     }
 }
 
-/// Explains recordings whose instrument is in order. Of the sheet's numbers the ratio of the belt is asked here, for it takes the speeds; it joins the faults.
+/// Explains recordings whose instrument is in order.
 fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
-    let problems = input.bench.problems();
-    if !problems.is_empty() {
-        return Err(ExplainError::Bench(problems.join("; ")));
-    }
-    if input.recordings.is_empty() {
-        return Err(ExplainError::NoRecording);
-    }
-    let sheet = Train::new(input.bench);
-    let mut steps = Vec::new();
-    let mut limits = Vec::new();
-    let mut reasons = Vec::new();
-    let mut run_ups = Vec::new();
-    let mut pick = |all: &'_ [Recording]| -> Vec<usize> {
-        let mut out = Vec::new();
-        for (i, recording) in all.iter().enumerate() {
-            match features::steady(input.bench, &sheet, recording) {
-                Ok(_) => out.push(i),
-                Err(Unused::RunUp) => run_ups.push(recording.name.clone()),
-                Err(Unused::Bad(why)) => reasons.push(why),
-            }
-        }
-        out
-    };
-    let (used, used_reference) = (pick(input.recordings), pick(input.reference));
-    steps.extend(reasons.iter().map(|r| format!("not judged: {r}")));
-    if !run_ups.is_empty() {
-        let left_out = format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", "));
-        limits.push(left_out.clone());
-        steps.push(left_out);
-    }
-    if used.is_empty() {
-        if reasons.is_empty() {
-            reasons.push("only run-ups were given; at least one recording at steady speed is needed".into());
-        }
-        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
-    }
-    // A reference of other sensors is left out below; one of this bench that holds nothing to judge would make everything look as before.
-    let of_this_bench = |r: &Recording| input.bench.sensors.iter().any(|s| r.channels.contains_key(&s.name));
-    if used_reference.is_empty() && input.reference.iter().any(of_this_bench) {
-        if reasons.is_empty() {
-            reasons
-                .push("only run-ups were given as reference; at least one recording at steady speed is needed".into());
-        }
-        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
-    }
-    let mut transforms = Transforms::default();
-    let steady: Vec<Steady<'_>> = used
-        .iter()
-        .map(|&i| &input.recordings[i])
-        .chain(used_reference.iter().map(|&i| &input.reference[i]))
-        .filter_map(|r| features::steady(input.bench, &sheet, r).ok())
-        .collect();
-    progress("speeds and tooth numbers");
-    let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
-    let other = kinematics::other_teeth(input.bench, &steady, &fields);
-    let ratio = belt::other_ratio(input.bench, other.as_ref().map(|o| &o.1), &steady, &fields);
-    faults.extend(ratio.as_ref().map(wrong_ratio));
-    let (mut bench, mut teeth) = match (&ratio, other) {
-        (Some(ratio), _) => (belt::with_ratio(input.bench, ratio), None),
-        (None, Some((teeth, bench))) => (bench, Some(teeth)),
-        (None, None) => (input.bench.clone(), None),
-    };
-    let sheet = if ratio.is_some() { Train::new(&bench) } else { sheet };
-    let mut train = Train::new(&bench);
-    let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
-    // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
-    let strangers: Vec<Option<String>> = steady
-        .iter()
-        .zip(&fields)
-        .zip(&speeds)
-        .map(|((s, field), speed)| kinematics::stranger(&bench, &train, &sheet, s, field, speed))
-        .collect();
-    let judged = strangers[..used.len()].iter().filter(|s| s.is_none()).count();
-    reasons.extend(strangers.iter().flatten().cloned());
-    limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
-    if judged == 0 {
-        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
-    }
-    let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
-    let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
-    let mut lines = |bench: &Bench, train: &Train| -> Vec<RecordingFeatures> {
-        let one = |(s, speed): (&Steady<'_>, &kinematics::Speed)| {
-            progress(&format!("lines of {}", s.recording.name));
-            features::read(&mut transforms, bench, train, s, speed.input_hz, speed.score)
-        };
-        steady.iter().zip(&speeds).map(one).collect()
-    };
-    let mut all = lines(&bench, &train);
-    let spectra: Vec<_> = all.iter().map(RecordingFeatures::order_spectra).collect();
-    if teeth.is_none()
-        && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &spectra)
-    {
-        (bench, teeth) = (corrected, Some(wheel));
-        train = Train::new(&bench);
-        all = lines(&bench, &train);
-    }
-    let ratios = ratio::ratios(&steady, &all, &train);
-    progress("lines folded about half the sample rate");
-    let folded = folded::scan(&mut transforms, &steady, &all, judged);
-    let references = all.split_off(judged);
-    limits.extend(limits::settings(&all));
-    limits.extend(limits::overloads(&all));
-    let sensors: Vec<String> = bench.sensors.iter().map(|s| s.name.clone()).collect();
-    limits.extend(steady.iter().flat_map(|s| limits::dead_channels(s.recording, s, &sensors)));
-    progress("comparison");
-    let comparison = compare::compare(&all, &references);
-    if !input.reference.is_empty() && comparison.pairs.is_empty() {
-        steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
-        limits.push(match references.is_empty() {
-            true => "none of the reference recordings can be used: judged without a reference".into(),
-            false => format!(
-                "no reference matches a recording in speed (3 %) and load (5 %), so it was judged without: recorded at {}, the reference at {}",
-                limits::points(&all),
-                limits::points(&references)
-            ),
-        });
-    }
-    progress("lines that no gear makes");
-    let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
-    strange.folded = folded;
-    strange.picked_up = fixed::fit(&mut transforms, &train, &steady, &all, &references, &strange.beside_mains())
-        .into_iter()
-        .filter(fixed::FixedLine::is_picked_up)
-        .collect();
+    let Measured { bench, train, teeth, recordings, references, comparison, ratios, strange, mut limits, steps } =
+        measure::measure(input, faults, progress)?;
     let question = Question {
         bench: &bench,
         train: &train,
-        recordings: &all,
+        recordings: &recordings,
         references: &references,
         comparison: &comparison,
         ratios: &ratios,
@@ -216,16 +84,6 @@ fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(
         });
     }
     Ok(Answer { explanation, bench: with_effects })
-}
-
-/// The ratio of the sheet is not that of the belt.
-fn wrong_ratio(found: &OtherRatio) -> Fault {
-    let (ratio, sigma) = found.ratio;
-    let why = format!(
-        "with a ratio of {ratio:.3} the mesh lines of all recordings lie where they should, with the {} of the bench file they do not",
-        found.sheet
-    );
-    Fault::new("wrong_belt_ratio", "belt", 0.97, why).with("ratio", ratio, sigma)
 }
 
 #[cfg(test)]

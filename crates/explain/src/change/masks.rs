@@ -101,6 +101,20 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     out
 }
 
+/// Log likelihood of all lines of an unchanged bench, whose changes have one usual scale; variances count, so that cells with a prediction of their own can be compared with the same without.
+pub fn unchanged(cells: &[Cell]) -> f64 {
+    let mut all = [0.0; SCALES];
+    let mut widths = 0.0;
+    for c in cells.iter().filter(|c| c.family.is_some()) {
+        let table = densities(c.change * c.change / c.variance);
+        all.iter_mut().zip(table).for_each(|(a, v)| *a += INDEPENDENT * v);
+        widths -= INDEPENDENT * 0.5 * c.variance.ln();
+    }
+    let prior = |k: usize| -0.5 * ((scale(k) / USUAL_SCALE).ln() / USUAL_SPREAD).powi(2);
+    let usual = (0..SCALES).take_while(|&k| scale(k) <= LARGEST_USUAL);
+    widths + usual.map(|k| all[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider mask to be its cause: gears and bearings that change came to 28 nats
 /// and four times at most, not both.
 const CAUSE_GAIN: f64 = 40.0;
@@ -255,6 +269,25 @@ mod tests {
         assert_eq!(spreads_further(&apart, &side(1), &side(0)), 0.0);
         assert!(spreads_further(&cells([0.2, 0.2]), &side(0), &side(1)) < 1.0);
         assert_eq!(spreads_further(&apart, &side(0), &side(2)), 0.0);
+    }
+
+    /// Lines that change by their own scale are as an unchanged bench has them; by ten times that they are not, and a prediction that takes the changes off gains it back, less what its own variance costs:
+    /// half of ln 2 a line where it doubles the variance.
+    #[test]
+    fn analytic_a_prediction_gains_what_it_takes_off() {
+        let with = |z: f64, variance: f64| -> Vec<Cell> {
+            let of = |k: u8| {
+                let change = 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+                let family = Some(Family::Shaft { shaft: 0, multiple: k });
+                Cell { pair: 0, channel: 0, family, frequency_hz: 100.0, change, variance }
+            };
+            (1..=40).map(of).collect()
+        };
+        let (usual, moved, wide) =
+            (unchanged(&with(0.3, 0.01)), unchanged(&with(5.0, 0.01)), unchanged(&with(0.0, 0.02)));
+        assert!(usual > moved + INDEPENDENT * 40.0);
+        let narrow = unchanged(&with(0.0, 0.01));
+        assert!((narrow - wide - INDEPENDENT * 40.0 * 0.5 * 2f64.ln()).abs() < 1e-9);
     }
 
     /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard deviations; the others by less than one.

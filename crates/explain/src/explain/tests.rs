@@ -362,3 +362,56 @@ fn regress_a_wrong_belt_ratio_is_named() {
         }
     }
 }
+
+/// The angle of the whole train swings at 3.7 Hz, at every speed and on both sensors: a speed that fluctuates by 0.4 %, with and without a reference; a reference that swings alike says that nothing is new.
+#[test]
+fn analytic_a_swing_of_fixed_frequency_is_a_speed_that_fluctuates() {
+    let (hz, depth) = (3.7, 4e-3);
+    // Samples are taken at the times at which a train that turns evenly has the angle of the one that swings.
+    let swung = |seed: u64| -> Vec<Recording> {
+        let mut all = session(seed, 23.0, &nothing);
+        for recording in &mut all {
+            for channel in recording.channels.values_mut() {
+                let even = channel.segments[0].samples.clone();
+                let at = |n: usize| {
+                    let t = n as f64 / RATE_HZ;
+                    let position = (t + depth / (TAU * hz) * (TAU * hz * t).sin()) * RATE_HZ;
+                    let k = (position.max(1.0) as usize).min(SAMPLES - 3);
+                    let x = position - k as f64;
+                    let [a, b, c, d] = [even[k - 1], even[k], even[k + 1], even[k + 2]];
+                    b + 0.5 * x * (c - a + x * (2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a)))
+                };
+                channel.segments[0].samples = (0..SAMPLES).map(at).collect();
+            }
+        }
+        all
+    };
+    for reference in [Vec::new(), session(50, 23.0, &nothing)] {
+        let answer = ask(&swung(1), &reference);
+        assert_eq!(first(&answer), ("speed_fluctuation", "input"), "{:?}", answer.steps);
+        let found = answer.effects[0].parameters["frequency_hz"];
+        assert!((found.value() - hz).abs() < 3.0 * found.sigma(), "{found:?}");
+        let percent = answer.effects[0].parameters["depth_percent"];
+        assert!((percent.value() - 100.0 * depth).abs() < 2.0 * percent.sigma(), "{percent:?}");
+    }
+    assert_eq!(ask(&swung(1), &swung(50)).status, Status::Consistent);
+}
+
+/// Without a reference: the first order of the output shaft far above its row is unbalance, the first sidebands of the wheel far above the others run-out; a sound bench is neither.
+#[test]
+fn analytic_what_happens_once_a_turn_needs_no_reference() {
+    let shaft = 23.0 / 41.0;
+    let heavy = |_: usize, _: f64, angle: f64| 6.0 * (TAU * shaft * angle).cos();
+    let answer = ask(&session(1, 23.0, &heavy), &[]);
+    assert_eq!(first(&answer), ("unbalance", "output"), "{:?}", answer.steps);
+    let eccentric = |_: usize, _: f64, angle: f64| {
+        let sides = (1..=6).map(|h| {
+            let mesh = 23.0 * f64::from(h);
+            0.5 * ((TAU * (mesh - shaft) * angle).cos() + (TAU * (mesh + shaft) * angle + 1.0).cos())
+        });
+        sides.sum::<f64>()
+    };
+    let answer = ask(&session(1, 23.0, &eccentric), &[]);
+    assert_eq!(first(&answer), ("eccentricity", "stage1.wheel"), "{:?}", answer.steps);
+    assert_eq!(ask(&session(1, 23.0, &nothing), &[]).status, Status::Consistent);
+}

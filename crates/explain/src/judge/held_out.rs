@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_core::estimate::Estimate;
-use gearwatch_sim::effects;
+use gearwatch_sim::effects::{self, EntryPoint};
 use rayon::prelude::*;
 
 use crate::change::compare::Comparison;
@@ -31,6 +31,8 @@ const MOST: f64 = 10.0;
 /// Largest probability that comes of it, and the least of a rival that stays open.
 const SUREST: f64 = 0.95;
 const LEAST: f64 = 0.02;
+/// Most that is believed of a name whose model predicts nothing: as much for it as against it.
+const UNPROVED: f64 = 0.5;
 /// dB of a factor of e.
 const DB: f64 = 8.685_889_638;
 
@@ -127,7 +129,7 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     ));
     let beside_words: Vec<String> = beside.iter().map(|b| format!("{} {:.2}", b.what, b.held_out)).collect();
     steps.push(format!("held out: the model {:.2}; beside it {}", own.held, beside_words.join(", ")));
-    Some(Fit {
+    let fit = Fit {
         metric: "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, all lines; the model before is the bench as the reference shows it, after it \
                  the same with what was named, fitted to the other recordings; 1 or less is repetition"
             .into(),
@@ -139,7 +141,14 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
         held_out: held.iter().map(|&p| q.recordings[q.comparison.pairs[p].recording].name.clone()).collect(),
         beside,
         sham,
-    })
+    };
+    // What enters the data or the speeds has no lines of its own that a model could predict.
+    let modelled = effects::find(findings[first].effect)
+        .is_ok_and(|e| !matches!(e.entry_point(), EntryPoint::Data | EntryPoint::Clock));
+    if modelled && unproved(&fit) {
+        findings[first].probability = findings[first].probability.min(UNPROVED);
+    }
+    Some(fit)
 }
 
 /// Weighs a finding against its rivals by what each leaves of the recordings that were held out (`misfits`, its own first, `None` without a model), and puts the most probable one first.

@@ -49,6 +49,9 @@ pub struct Found<'a> {
     pub cells: &'a mut Vec<Cell>,
 }
 
+/// Cost of a free number (nats): half the logarithm of the lines that it is read from, some twenty.
+const NUMBER: f64 = 1.5;
+
 /// Masks of lines that every machine has.
 pub fn wide(place: Place) -> bool {
     matches!(place, Place::Mesh(_) | Place::Stage(_) | Place::Dynamics | Place::LowSide(..))
@@ -242,17 +245,24 @@ fn path_leaves_lines_moved(
         return false;
     }
     let (places, gaps) = (places(q), gaps(q));
-    let wide_one = masks::masks(remaining, &places, &gaps).into_iter().find(|m| wide(m.place));
-    let Some((mask, twins)) = wide_one.zip(twins::twins(remaining, &places, &gaps)) else { return false };
-    let moves = twins.chance(mask.gain) < CHANCE;
-    if moves {
+    let wide_gain = |cells: &[Cell]| {
+        masks::masks(cells, &places, &gaps)
+            .into_iter()
+            .filter(|m| wide(m.place))
+            .map(|m| m.gain.max(0.0))
+            .next()
+            .unwrap_or(0.0)
+    };
+    // Two explanations of the lines: the path with whatever it leaves, and one change of the machine. A path costs a number for each of its bands.
+    let bands = cells.iter().filter(|c| c.family.is_none() && c.pair == 0).count() as f64;
+    let path = masks::unchanged(remaining) - masks::unchanged(cells) + wide_gain(remaining) - NUMBER * bands;
+    let machine = wide_gain(cells);
+    if path < machine {
         steps.push(format!(
-            "a path would leave {} at {:.1} times repetition: it does not account for the lines",
-            subname::describe(q, mask.place),
-            mask.inside / masks::USUAL_SCALE
+            "one change of the machine accounts for the lines by {machine:.0} nats, a path with what it leaves by {path:.0}: no path"
         ));
     }
-    moves
+    path < machine
 }
 
 /// Among masks that gain nearly as much as the best, the simplest.

@@ -4,6 +4,8 @@
 //! bearings lie in a band of orders of their own shaft, and the same band is narrower on the axis of the input shaft the slower the shaft turns. And the impacts
 //! leave through one bearing's seat: sensors at that shaft's bearing hear them further above the background than the others do.
 
+use gearwatch_core::train::Train;
+
 use crate::judge::report::Evidence;
 use crate::name::family::Family;
 use crate::name::{Finding, Question};
@@ -68,6 +70,13 @@ fn shares(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Vec<f64
     logs.iter().map(|l| (l - most).exp() / sum).collect()
 }
 
+/// How much likelier (nats) an order is where a bearing on any shaft makes it than where it is the highest of a scan over `range` orders, all alike.
+pub fn usual(train: &Train, order: f64, range: f64) -> f64 {
+    let shafts = train.shafts.len() as f64;
+    let of_bearing: f64 = train.shafts.iter().map(|(_, turns)| density(order / turns) / turns / shafts).sum();
+    (of_bearing * range).max(f64::MIN_POSITIVE).ln()
+}
+
 /// A defect at the order that stands out of the envelope.
 pub fn finding(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Finding {
     let place =
@@ -77,7 +86,7 @@ pub fn finding(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Fi
 
 /// A defect whose passages stand in the spectrum as lines at multiples of one order.
 pub fn of_lines(q: &Question<'_>, family: &Family) -> Finding {
-    let heard = EnvelopeLine { order: family.order, score: 0.0, by_channel: Vec::new(), noise: 1.0 };
+    let heard = EnvelopeLine { order: family.order, score: 0.0, range: 1.0, by_channel: Vec::new(), noise: 1.0 };
     of_order(q, &heard, &[], family.in_words())
 }
 
@@ -110,6 +119,19 @@ mod tests {
         let sum: f64 = (0..300_000).map(|k| density(0.3 + 1e-4 * (f64::from(k) + 0.5)) * 1e-4).sum();
         assert!((sum - 1.0).abs() < 1e-3, "{sum}");
         assert!(density(3.6).min(density(5.4)) > 5.0 * density(1.5).max(density(15.0)));
+    }
+
+    /// Of one shaft that turns with the input: order 3.6 is the usual one of several races, 15 of hardly any, by more than three nats; a range twice as wide is one of ln 2.
+    #[test]
+    fn analytic_usual_orders_are_likelier_than_any() {
+        let text = r#"{"format":"gearwatch-bench/1","name":"t","motor":{"speed_hz":25.0},"brake":{"torque_nm":10.0},
+            "shaft":[{"name":"a"},{"name":"b"}],
+            "stage":[{"name":"s","module_mm":2.0,"face_width_mm":20.0,"pinion":{"teeth":20},"wheel":{"teeth":20}}],
+            "sensor":[],"acquisition":{"sample_rate_hz":2048.0}}"#;
+        let train = Train::new(&serde_json::from_str::<gearwatch_core::bench::Bench>(text).unwrap());
+        assert!((usual(&train, 3.6, 14.0) - (14.0 * density(3.6)).ln()).abs() < 1e-12);
+        assert!(usual(&train, 3.6, 14.0) > usual(&train, 15.0, 14.0) + 3.0);
+        assert!((usual(&train, 3.6, 28.0) - usual(&train, 3.6, 14.0) - 2f64.ln()).abs() < 1e-12);
     }
 
     /// Two sensors, of which one hears `NEARER` more: at its shaft the levels fit, at the other's they are off by twice that, ±NEARER about the mean.

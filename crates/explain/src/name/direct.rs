@@ -208,7 +208,12 @@ fn law(q: &Question<'_>, slip: &[f64], base: f64, with_torque: bool) -> SpeedLaw
 /// moves no line over shaft angle.
 pub fn comparable(q: &Question<'_>, findings: &[Finding]) -> bool {
     let clipped = |c: &String| findings.iter().any(|f| f.effect == "clipping" && f.place == *c);
-    !findings.iter().any(|f| f.effect == "belt_slip") && q.comparison.channels.iter().any(|c| !clipped(c))
+    !slips(findings) && q.comparison.channels.iter().any(|c| !clipped(c))
+}
+
+/// Whether the belt slips, so that speeds differ from those of the reference.
+pub fn slips(findings: &[Finding]) -> bool {
+    findings.iter().any(|f| f.effect == "belt_slip")
 }
 
 /// What can be said without a reference beyond the direct findings.
@@ -222,6 +227,9 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
     let known = findings.len();
     findings.extend(crate::name::ghost::ghost(q, steps));
     findings.extend(crate::name::alone::ripple(q, steps));
+    if !spoilt && findings.len() == known {
+        findings.extend(crate::name::first::once_a_turn(q, steps));
+    }
     if !spoilt && findings.len() == known {
         findings.extend(crate::name::gear::faint_lone_tooth(q, steps));
     }

@@ -17,10 +17,17 @@ const LIMIT: f64 = 3.0;
 /// Highest envelope order that is kept, of the input shaft.
 const HIGHEST_ORDER: f64 = 60.0;
 
+/// Orders that are scanned: from, in turns of the slowest shaft; to, of the input shaft.
+const LOWEST: f64 = 1.6;
+const HIGHEST: f64 = 16.0;
+
 /// Half width that is cut out about a line of a comb, in spacings, up to which a long comb leaves most orders.
 const APART: f64 = 0.1;
 /// Bins from a shaft's comb at which a line of the window that is used has fallen to nothing.
 const CLEAR_OF_COMB: f64 = 2.0;
+
+/// Share of the strongest multiple's power from which an order is heard.
+const HEARD: f64 = 0.3;
 
 /// Squared-envelope spectrum of one channel, power over local floor per bin; bin `k` is order `k / revolutions`.
 pub fn spectrum(transforms: &mut Transforms, recording: &RecordingFeatures, channel: &ChannelFeatures) -> Vec<f64> {
@@ -61,6 +68,8 @@ pub struct EnvelopeLine {
     pub order: f64,
     /// Standard scores of the summed logarithms against all other orders.
     pub score: f64,
+    /// Orders among which it stands out most.
+    pub range: f64,
     /// By channel: envelope power of the order beyond the noise, in units of a bin of noise, sum over recordings; `None` of channels that were left out.
     pub by_channel: Vec<Option<f64>>,
     /// What noise alone scatters such a sum by.
@@ -144,7 +153,7 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
         return None;
     }
     let slowest = train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
-    let (low, high) = (1.6 * slowest, 16.0);
+    let (low, high) = (LOWEST * slowest, HIGHEST);
     let near = |order: f64| is_of_train(train, order, least_revs);
     let mut orders = Vec::new();
     let mut order = low;
@@ -189,11 +198,18 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
     // is the gears'.
     let apart = |o: &f64| *o > low && scan::distance_to_combs(train, *o) * revolutions > CLEAR_OF_COMB;
     let parts = [2.0, 3.0].map(|m| order / m).into_iter().filter(apart);
-    let order =
-        std::iter::once(order).chain(parts).max_by(|a, b| strength(*a).total_cmp(&strength(*b))).unwrap_or(order);
+    // Impacts light their own order and its multiples: the lowest that is heard at all is theirs.
+    let most = std::iter::once(order).chain(parts.clone()).map(strength).fold(0.0, f64::max);
+    let order = parts.filter(|o| strength(*o) > HEARD * most).fold(order, f64::min);
     let all: Vec<Option<(f64, usize)>> = (0..channels).map(|c| heard(c, order)).collect();
     let noise = all.iter().flatten().map(|x| (x.1 as f64).sqrt()).fold(1.0, f64::max);
-    Some(EnvelopeLine { order, score, by_channel: all.iter().map(|x| x.map(|x| x.0)).collect(), noise })
+    Some(EnvelopeLine {
+        order,
+        score,
+        range: high - low,
+        by_channel: all.iter().map(|x| x.map(|x| x.0)).collect(),
+        noise,
+    })
 }
 
 /// Envelope power of an order beyond what noise gives its bins, in units of a bin of noise, and the number of bins.

@@ -5,12 +5,14 @@ mod line_fit;
 
 use num_complex::Complex64;
 
+use gearwatch_check::carriers::{self, Swing};
 use gearwatch_check::last_wheel::OrderSpectra;
 use gearwatch_check::orders::{OrderSpectrum, Turned, floor_of, occupied};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 use crate::read::dsp::{self, Transforms};
+use crate::read::fluctuation;
 use crate::read::integrity::{self, Integrity};
 use crate::read::lines::Line;
 
@@ -82,6 +84,8 @@ pub struct RecordingFeatures {
     pub taken: Vec<bool>,
     /// Input-shaft angle at each sample (revolutions).
     pub phase_rev: Vec<f64>,
+    /// How the input shaft swings about its even turning; `None` where no mesh harmonic is clear enough.
+    pub swing: Option<Swing>,
     /// By channel.
     pub channels: Vec<ChannelFeatures>,
 }
@@ -109,7 +113,7 @@ impl RecordingFeatures {
     }
 }
 
-/// Reads one steady recording, given the input-shaft speed that the comb search found.
+/// Reads one steady recording, given the input-shaft speed that the comb search found. Where the speed fluctuates at a fixed frequency (Hz), the angle follows that too.
 pub fn read(
     transforms: &mut Transforms,
     bench: &Bench,
@@ -117,10 +121,18 @@ pub fn read(
     steady: &Steady<'_>,
     input_hz: f64,
     comb_score: f64,
+    fluctuates_hz: Option<f64>,
 ) -> RecordingFeatures {
     let rate = steady.sample_rate_hz;
-    let turned = Turned::of(transforms, train, bench.belt.is_some(), steady, input_hz);
-    let (len, revolutions, input_hz) = (turned.angle.len(), turned.revolutions, turned.input_hz);
+    let mut turned = Turned::of(transforms, train, bench.belt.is_some(), steady, input_hz);
+    let len = turned.angle.len();
+    let signals: Vec<&[f64]> = steady.channels.iter().map(|(_, _, run)| &run.samples[..len]).collect();
+    let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
+    let swing = carriers::swing(transforms, &signals, rate, &turned.angle, &mesh_orders, fluctuation::HIGHEST_HZ);
+    if let (Some(hz), Some(swing)) = (fluctuates_hz, &swing) {
+        swing.follow(hz, &mut turned.angle);
+    }
+    let (revolutions, input_hz) = (turned.revolutions, turned.input_hz);
     let (lines, taken) = (&turned.lines, &turned.taken);
     let mut of_shafts = taken.clone();
     for (_, order) in &train.shafts {
@@ -188,6 +200,7 @@ pub fn read(
         lines: turned.lines,
         taken: of_shafts,
         phase_rev: turned.angle,
+        swing,
         channels,
     }
 }

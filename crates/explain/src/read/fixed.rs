@@ -291,6 +291,7 @@ mod tests {
             lines: Vec::new(),
             taken: Vec::new(),
             phase_rev: (0..count).map(angle).collect(),
+            swing: None,
             channels: Vec::new(),
         }
     }
