@@ -60,10 +60,11 @@ fn peaks(transforms: &mut Transforms, recording: &RecordingFeatures, channel: &C
         let bin = |hz: f64| ((hz / recording.hz_per_bin) as usize).min(channel.order_spectrum.len());
         let mut analytic = vec![Complex64::ZERO; len];
         let mut used = 0usize;
-        for k in bin(band[0])..bin(band[1]) {
+        let (low, high) = (bin(band[0]), bin(band[1]));
+        for (k, slot) in analytic.iter_mut().enumerate().take(high).skip(low) {
             if !recording.taken[k] && channel.order_floor[k] > 0.0 {
                 let value = channel.order_spectrum[k] / channel.order_floor[k].sqrt();
-                analytic[k] = value * (LIMIT / value.norm().max(LIMIT));
+                *slot = value * (LIMIT / value.norm().max(LIMIT));
                 used += 1;
             }
         }
