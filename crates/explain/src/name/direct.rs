@@ -7,6 +7,8 @@ use crate::read::ratio::{CREEP, DISPLAY_SIGMA};
 
 /// Sample clocks of good converters stay within 20 ppm; beyond three times that the clock is named.
 const CLOCK_PPM: f64 = 60.0;
+/// Least standard deviation of a clock's error (ppm).
+const CLOCK_SIGMA_PPM: f64 = 12.0;
 /// Standard deviations at which a speed ratio is believed.
 const RATIO_Z: f64 = 4.0;
 /// Slip of an induction motor at full load, at most (relative): design B of NEMA MG 1.
@@ -88,13 +90,10 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     let clock_known = clock.is_finite();
     if clock_known {
         steps.push(format!("gear lines against tacho: {:+.0} ppm", clock * 1e6));
-        if clock.abs() * 1e6 > CLOCK_PPM {
-            let spread = clocks.iter().map(|c| (c - clock).abs()).fold(0.0, f64::max) * 1e6;
-            let mut f = Finding::new("clock_offset", "acquisition", 0.95).with(
-                "ppm",
-                1e6 * fast(-clock),
-                (0.5 * spread).max(12.0),
-            );
+        let spread = clocks.iter().map(|c| (c - clock).abs()).fold(0.0, f64::max) * 1e6;
+        let sigma_ppm = (0.5 * spread).max(CLOCK_SIGMA_PPM);
+        if clock.abs() * 1e6 > CLOCK_PPM.max(RATIO_Z * sigma_ppm) {
+            let mut f = Finding::new("clock_offset", "acquisition", 0.95).with("ppm", 1e6 * fast(-clock), sigma_ppm);
             f.evidence.place = format!("all gear lines lie {:+.0} ppm off the tacho", clock * 1e6);
             f.evidence.law = "the same at every speed and load".into();
             out.push(f);
@@ -226,9 +225,12 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
     }
     let known = findings.len();
     findings.extend(crate::name::ghost::ghost(q, steps));
-    findings.extend(crate::name::alone::ripple(q, steps));
+    // A ripple leaves the first order as it is, while what happens once a turn may lift others of the row.
     if !spoilt && findings.len() == known {
         findings.extend(crate::name::first::once_a_turn(q, steps));
+    }
+    if findings.len() == known {
+        findings.extend(crate::name::alone::ripple(q, steps));
     }
     if !spoilt && findings.len() == known {
         findings.extend(crate::name::gear::faint_lone_tooth(q, steps));

@@ -27,10 +27,12 @@ const MOST: f64 = 12.0;
 const TAKEN_BINS: f64 = 2.2;
 const MULTIPLES: f64 = 3.0;
 /// Chance of such a line among all frequencies in a swing without one, below which it is believed, and above which a reference does not show it.
-const CHANCE: f64 = 1e-6;
+const CHANCE: f64 = 1e-8;
 const USUAL: f64 = 1e-2;
 /// Depth of a fluctuation (relative) below which nothing is named: converters and the mains leave a speed no more even than that.
 const SHALLOWEST: f64 = 6e-4;
+/// Least depth of one recording over the mean of all.
+const ALIKE: f64 = 0.3;
 
 /// A line in the swing of all recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,7 +157,8 @@ pub fn scan(
     }
     let depths: Vec<f64> = now.iter().map(|s| s.depth(hz)).collect();
     let depth = dsp::mean(&depths);
-    if depth < SHALLOWEST {
+    // One drive swings alike at all settings, give or take what its train makes of it.
+    if depth < SHALLOWEST || depths.iter().any(|d| *d < ALIKE * depth) {
         return None;
     }
     let spread = (depths.iter().map(|d| (d - depth).powi(2)).sum::<f64>() / depths.len() as f64).sqrt();
