@@ -37,7 +37,7 @@ spectraquest:
 
 # The documentation as a searchable site in target/book (cargo install mdbook)
 book:
-    mdbook build docs
+    packaging/book.sh
 
 # All campaigns of the service (docs/reliability-evidence.md)
 campaign: campaign-kills campaign-worlds campaign-failures campaign-sensors campaign-network campaign-soak campaign-hour campaign-overload campaign-fleet campaign-fuzz

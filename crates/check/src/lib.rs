@@ -1,11 +1,11 @@
-//! Whether sheet, recordings and baseline belong together: asked before the first verdict.
+//! Whether bench file, recordings and baseline belong together, before the first verdict.
 //!
-//! A wrong number in the sheet or in the set-up of the acquisition makes a healthy machine look faulty, or a faulty one look well. Each
-//! [`Finding`] says what was found, what was expected and what to do. What is wrong for sure is refused by whoever asks; what is doubtful goes
-//! along with every verdict until somebody has cleared it (`[check] cleared` of the bench file).
+//! A wrong number in the bench file or in the set-up of the acquisition makes a healthy machine look faulty, or a faulty one look healthy. Each
+//! [`Finding`] states what was found, what was expected and what to do. What is certainly wrong is refused by the command; what is doubtful stands
+//! in every verdict until it is cleared (`[check] cleared` of the bench file).
 //!
-//! Below that lies how a recording's speed and tooth numbers are read from its lines ([`steady`], [`angle`], [`kinematics`], [`last_wheel`]), which explanations
-//! begin with too.
+//! The lower part reads speed and tooth numbers of a recording from its lines ([`steady`], [`angle`], [`kinematics`], [`last_wheel`]); explanations
+//! begin with it too.
 
 use std::fmt;
 

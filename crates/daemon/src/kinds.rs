@@ -31,7 +31,7 @@ impl<C: ?Sized> Kind<C> {
     }
 
     /// Reads the kind's own keys; the error says which key is wrong and which there are.
-    pub(crate) fn read(&self, keys: toml::Table) -> Result<(Box<C>, toml::Table), String> {
+    pub fn read(&self, keys: toml::Table) -> Result<(Box<C>, toml::Table), String> {
         (self.read)(keys)
     }
 
@@ -66,7 +66,7 @@ pub(crate) fn one_line(error: &toml::de::Error) -> String {
 }
 
 /// Finds a kind by name, or says which there are.
-pub(crate) fn find<'a, C: ?Sized>(kinds: &'a [Kind<C>], name: &str, what: &str) -> Result<&'a Kind<C>, String> {
+pub fn find<'a, C: ?Sized>(kinds: &'a [Kind<C>], name: &str, what: &str) -> Result<&'a Kind<C>, String> {
     kinds.iter().find(|kind| kind.name == name).ok_or_else(|| {
         let names: Vec<_> = kinds.iter().map(|kind| kind.name).collect();
         format!("there is no {what} of kind {name:?}; there are {}", names.join(", "))

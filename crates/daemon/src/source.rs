@@ -51,11 +51,10 @@ mod tcp;
 mod test_signal;
 mod udp;
 
-pub(crate) use framing::{now_unix_ns, time_of};
-pub(crate) use pace::Pacer;
-pub use pace::Speed;
+pub use framing::{now_unix_ns, time_of};
+pub use pace::{Pacer, Speed};
 pub use readings::{Quantity, Readings};
-pub(crate) use socket::is_timeout;
+pub use socket::is_timeout;
 
 /// All kinds of sources.
 pub const KINDS: &[Kind<dyn SourceConfig>] = &[

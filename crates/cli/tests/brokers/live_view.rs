@@ -113,7 +113,7 @@ fn conform_a_viewer_sees_the_verdicts_of_the_log() {
     signal(&child, "TERM");
     assert_eq!(ended_within(&mut child, Duration::from_secs(5)).and_then(|s| s.code()), Some(0));
     // What the viewer saw is what the log keeps.
-    let logged = crate::log_content::content(&files(&folder)).verdicts;
+    let logged = gearwatch_testkit::log::content(&files(&folder)).verdicts;
     assert_eq!(seen.len(), 20);
     for message in &seen {
         let text = String::from_utf8_lossy(message);

@@ -5,9 +5,6 @@
 #[path = "../service/fixture.rs"]
 #[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
 mod fixture;
-#[path = "../../../daemon/tests/log/support.rs"]
-#[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
-mod log_content;
 #[path = "../campaign/service.rs"]
 #[expect(dead_code, reason = "shared with the campaigns, which use all of it")]
 mod service;

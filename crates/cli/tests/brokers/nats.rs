@@ -8,9 +8,9 @@ use gearwatch_daemon::fleet::{Access, Fleet, From, Heard, Notice, Told, follow};
 use serde_json::Value;
 
 use crate::fixture::{Bench, output, stdout};
-use crate::log_content::content;
 use crate::server::Server;
 use crate::service::{configure, ended_within, figure, files, said, signal, start, status, wait_for};
+use gearwatch_testkit::log::content;
 
 /// All letters that the stream holds.
 pub fn all_letters(url: &str) -> Vec<Heard> {

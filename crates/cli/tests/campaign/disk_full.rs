@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 use gearwatch_daemon::log::{Cause, Gap};
 
 use crate::fixture::{Bench, gearwatch, text};
-use crate::log_content::content;
 use crate::service::{configure, ended_within, files, log_of, said, signal, start, status, wait_for};
+use gearwatch_testkit::log::content;
 
 /// A small file system in memory; gone with the value.
 struct SmallDisk(PathBuf);

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use gearwatch_daemon::log::Cause;
 
 use crate::fixture::Bench;
-use crate::log_content::{Content, content};
 use crate::service::{
     Moments, configure, ended_within, figure, files, log_of, rounds, said, signal, start, status, wait_for,
 };
+use gearwatch_testkit::log::{Content, content};
 
 /// Runs of one folder before it is read as a whole.
 const CHAIN: u64 = 10;

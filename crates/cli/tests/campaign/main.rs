@@ -6,9 +6,6 @@
 #[path = "../service/fixture.rs"]
 #[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
 mod fixture;
-#[path = "../../../daemon/tests/log/support.rs"]
-#[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
-mod log_content;
 #[path = "../brokers/server.rs"]
 #[expect(dead_code, reason = "shared with the tests of brokers, which use all of it")]
 mod server;

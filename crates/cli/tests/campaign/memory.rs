@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use crate::fixture::{Bench, text};
 use crate::kills::judge;
-use crate::log_content::content;
 use crate::service::{configure, ended_within, figure, files, log_of, signal, start, status, wait_for};
+use gearwatch_testkit::log::content;
 
 /// A control group with a limit on memory; gone with the value.
 struct Group {

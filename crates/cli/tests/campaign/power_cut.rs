@@ -7,8 +7,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::fixture::{Bench, text};
 use crate::kills::judge;
-use crate::log_content::content;
 use crate::service::{Moments, configure, ended_within, figure, files, log_of, rounds, signal, start, status};
+use gearwatch_testkit::log::content;
 
 /// `ioctl(EXT4_IOC_SHUTDOWN, EXT4_GOING_FLAGS_NOLOGFLUSH)`.
 const CUT: &str = "import fcntl, os, struct, sys\n\

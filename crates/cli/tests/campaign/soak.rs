@@ -8,8 +8,8 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use crate::fixture::{Bench, gearwatch};
-use crate::log_content::content;
 use crate::service::{configure, ended_within, files, signal, status, wait_for};
+use gearwatch_testkit::log::content;
 
 /// What `/proc` says of a process.
 #[derive(Clone, Copy, Debug)]

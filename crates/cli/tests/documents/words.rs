@@ -6,6 +6,24 @@ use std::path::{Path, PathBuf};
 const MOST_WORDS: usize = 35;
 /// Words of persons, or of this project's own making, for which the field has better ones.
 const AVOIDED: [&str; 8] = ["whoever", "speaks", "hears", "told", "nobody", "owns up", "cries out", "good news"];
+/// Field terms in other spellings than the pages use: British, as in the codes of the instrument.
+const SPELLED: [(&str, &str); 15] = [
+    ("runout", "run-out"),
+    ("runouts", "run-outs"),
+    ("side band", "sideband"),
+    ("side bands", "sidebands"),
+    ("gear box", "gearbox"),
+    ("gear boxes", "gearboxes"),
+    ("meshing frequency", "mesh frequency"),
+    ("tooth mesh frequency", "mesh frequency"),
+    ("sampling rate", "sample rate"),
+    ("modeled", "modelled"),
+    ("behavior", "behaviour"),
+    ("color", "colour"),
+    ("analyzer", "analyser"),
+    ("quantization", "quantisation"),
+    ("center distance", "centre distance"),
+];
 
 fn pages() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
@@ -79,7 +97,9 @@ fn troubles(text: &str) -> Vec<String> {
         }
         // Names of fields and commands are what they are.
         let prose: String = paragraph.split('`').step_by(2).collect::<Vec<_>>().join(" ").to_lowercase();
-        let spaced = format!(" {} ", prose.replace(|c: char| !c.is_alphanumeric(), " "));
+        let spaced = format!(" {} ", prose.replace(|c: char| !(c.is_alphanumeric() || c == '_'), " "));
+        let misspelt = SPELLED.iter().filter(|(wrong, _)| spaced.contains(&format!(" {wrong} ")));
+        out.extend(misspelt.map(|(wrong, right)| format!("{wrong:?}, which is {right:?} here")));
         out.extend(
             AVOIDED
                 .iter()
@@ -113,5 +133,6 @@ fn conform_long_sentences_and_persons_are_noticed() {
     );
     assert_eq!(troubles(&format!("{}. {}", "word ".repeat(20).trim(), "word ".repeat(20))), Vec::<String>::new());
     assert_eq!(troubles("Nobody is told.").len(), 2);
+    assert_eq!(troubles("A run-out of 5 µm: the runout is `runout_um`."), ["\"runout\", which is \"run-out\" here"]);
     assert_eq!(troubles("Field `nobody` of [it](told.md)."), Vec::<String>::new());
 }

@@ -6,9 +6,6 @@
 
 #![expect(clippy::print_stdout, reason = "tests tell figures")]
 
-#[path = "../../../io/tests/formats/files.rs"]
-#[expect(dead_code, reason = "shared with the tests of the formats, which use all of it")]
-mod files;
 #[path = "../service/fixture.rs"]
 #[expect(dead_code, reason = "shared with the tests of the service, which use all of it")]
 mod fixture;
@@ -81,7 +78,11 @@ fn logs() -> Vec<Vec<u8>> {
 
 fn targets() -> Vec<Target> {
     let of = |end: &str| -> Vec<Vec<u8>> {
-        files::samples().into_iter().filter(|sample| sample.name.ends_with(end)).map(|sample| sample.bytes).collect()
+        gearwatch_testkit::files::samples()
+            .into_iter()
+            .filter(|sample| sample.name.ends_with(end))
+            .map(|sample| sample.bytes)
+            .collect()
     };
     let logs = logs();
     let home = fixture::Bench::new();

@@ -28,6 +28,7 @@ mod raw;
 mod record;
 mod recover;
 mod salvage;
+#[cfg(any(test, feature = "testkit"))]
 pub mod simulated;
 mod standing;
 mod state;

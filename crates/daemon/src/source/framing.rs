@@ -285,7 +285,7 @@ impl Deframer {
 }
 
 /// Time of a sample: `start + index · 10⁹ / rate`, rounded once, so that errors do not add up over weeks.
-pub(crate) fn time_of(start: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNanos {
+pub fn time_of(start: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNanos {
     // Whole seconds apart keep the product exact in f64 for as long as the service may run.
     let whole_secs = (index as f64 / sample_rate_hz).floor();
     let rest = index as f64 - whole_secs * sample_rate_hz;
@@ -293,7 +293,7 @@ pub(crate) fn time_of(start: UnixNanos, index: u64, sample_rate_hz: f64) -> Unix
 }
 
 /// Wall time, as a label.
-pub(crate) fn now_unix_ns() -> UnixNanos {
+pub fn now_unix_ns() -> UnixNanos {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(i64::MAX))
 }
 

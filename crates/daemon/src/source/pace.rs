@@ -78,19 +78,20 @@ impl std::str::FromStr for Speed {
 
 /// Waits in a thread until a packet's last sample is due.
 #[derive(Debug)]
-pub(crate) struct Pacer {
+pub struct Pacer {
     speed: Speed,
     stop: Stop,
     start: Option<(Instant, UnixNanos)>,
 }
 
 impl Pacer {
-    pub(crate) fn new(speed: Speed, stop: Stop) -> Self {
+    /// Begins with the first packet; `stop` ends a wait.
+    pub fn new(speed: Speed, stop: Stop) -> Self {
         Self { speed, stop, start: None }
     }
 
     /// Returns when the packet is due; `false` when asked to stop meanwhile.
-    pub(crate) fn wait_for(&mut self, packet: &Packet) -> bool {
+    pub fn wait_for(&mut self, packet: &Packet) -> bool {
         let Speed::Times(times) = self.speed else { return !self.stop.is_given() };
         let (begin, length_secs) = match packet {
             Packet::Vibration(block) => (block.t0, block.samples.len() as f64 / block.sample_rate_hz),

@@ -33,7 +33,7 @@ pub(super) fn feed(
 }
 
 /// A socket with a time limit has nothing to read.
-pub(crate) fn is_timeout(e: &std::io::Error) -> bool {
+pub fn is_timeout(e: &std::io::Error) -> bool {
     use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
     matches!(e.kind(), WouldBlock | TimedOut | Interrupted)
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use gearwatch_core::block::{Packet, Quality};
-use gearwatch_daemon::emulate::{Instrument, InstrumentConfig, TroubleConfig};
+use gearwatch_emulate::{Instrument, InstrumentConfig, TroubleConfig};
 
 use super::support::{DEADLINE, Judge, Opened, instrument, runtime, source, wait_until};
 

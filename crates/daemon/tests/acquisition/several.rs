@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::emulate::InstrumentConfig;
+use gearwatch_emulate::InstrumentConfig;
 
 use super::support::{Running, bench_file, instrument, runtime, wait_until};
 

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use gearwatch_core::verdict::Rank;
-use gearwatch_daemon::log::simulated::Simulated;
 use gearwatch_daemon::log::{Compression, LogConfig, Stepper, salvage};
+use gearwatch_testkit::disk::Simulated;
 
-use crate::support::{Content, at, content, context, line, read, small, verdict};
+use gearwatch_testkit::log::{Content, at, content, context, line, read, small, verdict};
 
 const WINDOWS: u64 = 5;
 

@@ -3,10 +3,10 @@
 use std::time::{Duration, Instant};
 
 use gearwatch_core::verdict::Rank;
-use gearwatch_daemon::log::simulated::{Fault, Plan, Simulated};
 use gearwatch_daemon::log::{Cause, Disk, LogConfig, Sent, Stepper, spawn};
+use gearwatch_testkit::disk::{Fault, Plan, Simulated};
 
-use crate::support::{at, content, context, small, verdict};
+use gearwatch_testkit::log::{at, content, context, small, verdict};
 
 fn secs(mono: u64) -> Duration {
     Duration::from_secs(mono)

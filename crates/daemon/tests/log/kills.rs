@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 
 use gearwatch_core::verdict::Rank;
-use gearwatch_daemon::log::simulated::{Fault, Plan, Simulated};
 use gearwatch_daemon::log::{Cause, LogConfig, Sent, Stepper};
+use gearwatch_testkit::disk::{Fault, Plan, Simulated};
 
-use crate::support::{Content, at, content, context, line, small, verdict};
+use gearwatch_testkit::log::{Content, at, content, context, line, small, verdict};
 
 /// What the outside knows of a run that ended somehow.
 #[derive(Default)]

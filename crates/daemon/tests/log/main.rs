@@ -5,4 +5,3 @@ mod damage;
 mod judged;
 mod kills;
 mod start_and_stop;
-mod support;

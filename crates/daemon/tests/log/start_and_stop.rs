@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use gearwatch_core::verdict::Rank;
-use gearwatch_daemon::log::simulated::Simulated;
 use gearwatch_daemon::log::{Sent, Stepper};
+use gearwatch_testkit::disk::Simulated;
 
-use crate::support::{at, content, context, line, small, verdict};
+use gearwatch_testkit::log::{at, content, context, line, small, verdict};
 
 #[test]
 fn conform_everything_sent_is_in_the_log_after_a_good_end() {

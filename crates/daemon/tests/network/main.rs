@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::emulate::{Instrument, InstrumentConfig, TroubleConfig};
+use gearwatch_emulate::{Instrument, InstrumentConfig, TroubleConfig};
 
 #[path = "../acquisition/support.rs"]
 #[allow(dead_code, reason = "shared with the other tests of sources")]

@@ -7,10 +7,6 @@ use gearwatch_daemon::log::{AlarmRecord, Cause, Gap, Group, Sent};
 use crate::trouble::Fault;
 use crate::world::{What, World};
 
-#[path = "../log/support.rs"]
-#[expect(dead_code, reason = "shared with the tests of the log, which use all of it")]
-pub mod support;
-
 /// What a log holds.
 #[derive(Default)]
 struct Content {
@@ -28,7 +24,7 @@ fn content(label: &str, files: &BTreeMap<String, Vec<u8>>) -> Content {
         let Ok(Some(summary)) = mcap::Summary::read(bytes) else { panic!("{label}: {name} is not closed") };
         content.packed.extend(summary.chunk_indexes.first().map(|chunk| chunk.compression.clone()));
         let mut seq = 0;
-        for message in support::read(name, bytes) {
+        for message in gearwatch_testkit::log::read(name, bytes) {
             if message.topic == "/log/group" {
                 let group: Group = serde_json::from_slice(&message.data).unwrap();
                 seq = group.seq_first;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use gearwatch_daemon::event::Event;
-use gearwatch_daemon::log::simulated::Simulated;
 use gearwatch_daemon::sink::{Desk, HandedOut, Position};
+use gearwatch_testkit::disk::Simulated;
 use serde_json::Value;
 
 use crate::trouble::Chance;

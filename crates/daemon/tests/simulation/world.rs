@@ -7,17 +7,17 @@ use gearwatch_core::verdict::{MachineState, Verdict};
 use gearwatch_core::window::Window;
 use gearwatch_daemon::event::Event;
 use gearwatch_daemon::health::{Acknowledgement, AlarmConfig, Health};
-use gearwatch_daemon::log::simulated::{Fault as DiskFault, Plan, Simulated};
 use gearwatch_daemon::log::{
     AlarmRecord, Cause, Compression, Condition, Gap, Judgement, LogConfig, Now, Record, Sender, Sent, Stepper, Watch,
 };
+use gearwatch_testkit::disk::{Fault as DiskFault, Plan, Simulated};
 
-use crate::judge::support::context;
 use crate::line::{Heard, Intake, Line, Seen};
 use crate::page::Pages;
 use crate::post::{Post, bench};
 use crate::trouble::{Chance, Fault, Totals};
 use crate::written;
+use gearwatch_testkit::log::context;
 
 /// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each second, the supervisor looks.
 const STEP_MS: u64 = 250;

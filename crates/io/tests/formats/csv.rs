@@ -1,7 +1,7 @@
 use gearwatch_core::block::Quality;
 use gearwatch_io::OpenOptions;
 
-use crate::files::{blocks, gzip, put, read, shared, values};
+use gearwatch_testkit::files::{blocks, gzip, put, read, shared, values};
 
 fn given(rate: f64) -> OpenOptions {
     OpenOptions { sample_rate_hz: Some(rate), unit: Some("g".into()), ..OpenOptions::default() }

@@ -1,7 +1,7 @@
 use gearwatch_core::source::Source;
 use gearwatch_io::{OpenOptions, open};
 
-use crate::files::{gzip, put, read_bytes, samples};
+use gearwatch_testkit::files::{gzip, put, read_bytes, samples};
 
 /// Cut after any byte (in strides) there is an error or a warning or fewer samples, never a panic; with every bit
 /// flipped (in strides) there is no panic and no run-away memory.

@@ -2,7 +2,6 @@
 
 mod csv;
 mod damaged;
-mod files;
 mod mat;
 mod options;
 mod oracle;

@@ -2,7 +2,7 @@ use gearwatch_io::budget::Budget;
 use gearwatch_io::mat::v5::parse;
 use gearwatch_io::{OpenOptions, Problem};
 
-use crate::files::{mat_file, matrix, put, read, shared, structure, values};
+use gearwatch_testkit::files::{mat_file, matrix, put, read, shared, structure, values};
 
 fn doubles(n: usize) -> Vec<u8> {
     (0..n).flat_map(|i| (i as f64).to_le_bytes()).collect()

@@ -4,7 +4,7 @@ use gearwatch_core::block::Packet;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
 use gearwatch_io::{ChannelOption, OpenOptions};
 
-use crate::files::{blocks, put, read, values};
+use gearwatch_testkit::files::{blocks, put, read, values};
 
 #[test]
 fn conform_channel_flags_are_understood() {

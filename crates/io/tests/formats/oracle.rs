@@ -1,6 +1,6 @@
 use gearwatch_io::open;
 
-use crate::files::shared;
+use gearwatch_testkit::files::shared;
 
 /// Each real file opens, or says why not.
 #[test]

@@ -3,7 +3,7 @@ use std::io::Cursor;
 use gearwatch_io::OpenOptions;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
 
-use crate::files::{LENGTH, blocks, count, put, read, samples, shared};
+use gearwatch_testkit::files::{LENGTH, blocks, count, put, read, samples, shared};
 
 /// Each format gives the samples that were put into the file, with rate and unit.
 #[test]

@@ -2,7 +2,7 @@ use gearwatch_io::OpenOptions;
 use gearwatch_io::budget::Budget;
 use gearwatch_io::tdms::parse;
 
-use crate::files::{LENGTH, read, shared, tdms, values};
+use gearwatch_testkit::files::{LENGTH, read, shared, tdms, values};
 
 /// A segment that its writer never closed (its length is all ones) is read as far as it goes.
 #[test]

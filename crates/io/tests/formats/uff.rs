@@ -2,7 +2,7 @@ use gearwatch_io::budget::Budget;
 use gearwatch_io::uff::{Dataset, Form, Parsed, Values, write};
 use gearwatch_io::{OpenOptions, Problem};
 
-use crate::files::{read, shared, values};
+use gearwatch_testkit::files::{read, shared, values};
 
 fn parse(bytes: &[u8]) -> Result<Parsed, Problem> {
     gearwatch_io::uff::parse(bytes, &mut Budget::of_bytes(bytes))

@@ -2,7 +2,7 @@ use std::io::Cursor;
 
 use gearwatch_io::OpenOptions;
 
-use crate::files::{put, read, values};
+use gearwatch_testkit::files::{put, read, values};
 
 fn spec(bits: u16, format: hound::SampleFormat) -> hound::WavSpec {
     hound::WavSpec { channels: 1, sample_rate: 48_000, bits_per_sample: bits, sample_format: format }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use gearwatch_daemon::log::{Cause, Gap, Group};
 
-use crate::log_content::read;
+use gearwatch_testkit::log::read;
 
 /// A gap record may come so many numbers behind the windows that it is about, at the usual speed.
 const LATE: u64 = 10_000;

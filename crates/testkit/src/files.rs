@@ -59,6 +59,7 @@ fn csv() -> Vec<u8> {
     text.into_bytes()
 }
 
+/// Packs bytes as gzip does.
 pub fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     encoder.write_all(bytes).unwrap();
@@ -131,6 +132,7 @@ pub fn structure(name: &str, fields: &[(&str, Vec<u8>)]) -> Vec<u8> {
     element(14, &inner)
 }
 
+/// A MATLAB 5 file of these elements.
 pub fn mat_file(elements: &[Vec<u8>], compressed: bool) -> Vec<u8> {
     let mut out = b"MATLAB 5.0 MAT-file, by hand".to_vec();
     out.resize(124, b' ');
@@ -213,11 +215,17 @@ pub fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
 }
 
 /// All packets of a file and the warnings at its end.
+///
+/// # Errors
+/// What the reader says of the file.
 pub fn read(path: &Path, options: &OpenOptions) -> Result<(Vec<Packet>, Vec<String>), ReadError> {
     all(open(path, options)?)
 }
 
 /// As [`read`], without a file.
+///
+/// # Errors
+/// What the reader says of the bytes.
 pub fn read_bytes(sample: &Sample, bytes: &[u8]) -> Result<(Vec<Packet>, Vec<String>), ReadError> {
     all(open_bytes(Path::new(sample.name), Box::new(Cursor::new(bytes.to_vec())), &sample.options)?)
 }

@@ -6,11 +6,11 @@ use std::time::Duration;
 use gearwatch_core::block::{Block, Packet, UnixNanos};
 use gearwatch_io::frames::{CHECKSUM, Frame, HEADER, Values, encode};
 
-use super::material::Material;
-use super::trouble::{Incident, Plan, TroubleConfig};
-use super::wire::Wire;
-use crate::source::{SourceError, now_unix_ns, time_of};
-use crate::stop::Stop;
+use crate::material::Material;
+use crate::trouble::{Incident, Plan, TroubleConfig};
+use crate::wire::Wire;
+use gearwatch_daemon::source::{SourceError, now_unix_ns, time_of};
+use gearwatch_daemon::stop::Stop;
 
 /// A datagram of this size needs no fragments on any network.
 const DATAGRAM: usize = 1472;
@@ -83,7 +83,7 @@ impl FrameSender {
                     tracing::info!("{from} is connected");
                     client = self.connection(socket).ok();
                 }
-                Err(e) if crate::source::is_timeout(&e) => {}
+                Err(e) if gearwatch_daemon::source::is_timeout(&e) => {}
                 Err(e) => return Err(failed(e)),
             }
             client = client.and_then(|client| self.put(client, bytes));

@@ -1,6 +1,6 @@
-//! Instruments that are not there: they play the simulator or a recording as the real ones would, and can misbehave as the real ones do.
+//! Emulated instruments: they play the simulator or a recording as the real ones would, and misbehave on demand as the real ones do.
 //!
-//! For tests, and for people without the hardware (`gearwatch emulate`). Nothing of the service depends on this.
+//! For tests, and for people without the hardware (`gearwatch emulate`). The service does not depend on this crate.
 
 mod frames;
 mod lanxi;

@@ -11,10 +11,10 @@ use gearwatch_io::lanxi::{
 };
 
 use super::{Shared, State, count};
-use crate::emulate::material::Material;
-use crate::emulate::trouble::{Incident, Plan};
-use crate::emulate::wire::{Gone, Wire};
-use crate::source::{now_unix_ns, time_of};
+use crate::material::Material;
+use crate::trouble::{Incident, Plan};
+use crate::wire::{Gone, Wire};
+use gearwatch_daemon::source::{now_unix_ns, time_of};
 
 /// Most values of a signal in one message.
 const LONGEST_RUN: usize = 8192;

@@ -64,6 +64,7 @@ pub fn small() -> LogConfig {
     LogConfig { group_ms: 10, group_bytes: 6000, rotate_bytes: 8 << 10, queue_records: 64, ..LogConfig::default() }
 }
 
+/// What each file of the log says of its service.
 pub fn context() -> Arc<Context> {
     let data = b"[bench]\nname = \"two-stage bench\"\n".to_vec();
     let attachment =
@@ -73,7 +74,9 @@ pub fn context() -> Arc<Context> {
 
 /// A message as the `mcap` crate reads it.
 pub struct Read {
+    /// Topic of its channel.
     pub topic: String,
+    /// Payload.
     pub data: Vec<u8>,
 }
 
@@ -90,12 +93,15 @@ pub fn read(name: &str, bytes: &[u8]) -> Vec<Read> {
 /// What a log holds, over all its files.
 #[derive(Default)]
 pub struct Content {
+    /// Group records, in order.
     pub groups: Vec<Group>,
     /// Payload of every verdict, with the sequence number that its place in the group gives it.
     pub verdicts: BTreeMap<u64, Vec<u8>>,
     /// Gap records.
     pub gaps: Vec<gearwatch_daemon::log::Gap>,
+    /// How many notes.
     pub notes: usize,
+    /// Raw data.
     pub raw: Vec<Read>,
 }
 

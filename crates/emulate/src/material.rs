@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use gearwatch_core::block::{Block, Packet};
 
-use crate::kinds;
-use crate::source::{Feed, KINDS, Pacer, Pull, SourceConfig, SourceContext, SourceError, Speed};
-use crate::stop::Stop;
+use gearwatch_daemon::kinds;
+use gearwatch_daemon::source::{Feed, KINDS, Pacer, Pull, SourceConfig, SourceContext, SourceError, Speed};
+use gearwatch_daemon::stop::Stop;
 
 /// Packets that are looked at for the list of channels.
 const PEEKED: usize = 4096;

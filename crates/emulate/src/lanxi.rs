@@ -12,10 +12,10 @@ use serde_json::{Value, json};
 use tokio::runtime::Handle;
 use tokio::sync::watch;
 
-use super::material::{Channel, Material, Open};
-use super::trouble::TroubleConfig;
-use crate::source::Speed;
-use crate::stop::Stop;
+use crate::material::{Channel, Material, Open};
+use crate::trouble::TroubleConfig;
+use gearwatch_daemon::source::Speed;
+use gearwatch_daemon::stop::Stop;
 
 mod play;
 mod rest;
