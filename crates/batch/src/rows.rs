@@ -1,18 +1,19 @@
-//! One row per window, channel and stage: the columns of a part.
+//! One row per window, channel and stage: where it comes from, and the fields of the verdict as columns.
+//!
+//! Names, types, units and descriptions of the columns are those of the table of fields (`core::verdict::FIELDS`); unit and description stand in the
+//! metadata of each column.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, LazyLock};
 
-use arrow_array::builder::{BooleanBuilder, Float64Builder, Int8Builder, Int64Builder, StringBuilder, UInt64Builder};
+use arrow_array::builder::{
+    BooleanBuilder, Float64Builder, Int8Builder, StringBuilder, TimestampNanosecondBuilder, UInt64Builder,
+};
 use arrow_array::{ArrayRef, RecordBatch};
-use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
-use gearwatch_core::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS};
-use gearwatch_core::verdict::{CHANNEL_NAMES, GEAR_NAMES, HARMONICS, TURNS_NAMES, Verdict, published};
+use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
+use gearwatch_core::verdict::{Datum, FIELDS, Field as VerdictField, Holds, Part, Verdict, published};
 
 use crate::part::Table;
-
-/// Columns of each harmonic, in order: number outside a rank's meaning is `null`, level −1 is unknown.
-const PER_HARMONIC: [&str; 7] =
-    ["dev_{}x_percent", "dev_sigma_{}x_percent", "amp_{}x", "sigma_{}x", "floor_{}x", "base_{}x", "p_{}x"];
 
 /// Where rows come from.
 #[derive(Clone, Debug, Default)]
@@ -27,96 +28,131 @@ pub struct Origin {
     pub baseline_sha256: String,
 }
 
+/// Columns that say where a row comes from, with their descriptions; the first three are its identity.
+const ORIGIN: [(&str, &str); 5] = [
+    ("file", "Recording, as named in the list of work."),
+    ("file_sha256", "SHA-256 of the recording."),
+    ("sidecar_sha256", "SHA-256 of the sidecar file; empty where there is none."),
+    ("baseline_sha256", "SHA-256 of the baseline file; empty where there is none."),
+    ("version", "Version of gearwatch that made the row."),
+];
+const SAMPLE_RATE: &str = "sample_rate_hz";
+/// Times are UTC.
+const ZONE: &str = "UTC";
+
 /// The table of a part.
 pub fn table() -> Table {
-    Table { schema: schema(), keys: 3 }
+    Table { schema: SCHEMA.clone(), keys: 3 }
 }
 
-fn schema() -> SchemaRef {
-    let mut fields = vec![
-        Field::new("file", DataType::Utf8, false),
-        Field::new("file_sha256", DataType::Utf8, false),
-        Field::new("sidecar_sha256", DataType::Utf8, false),
-        Field::new("baseline_sha256", DataType::Utf8, false),
-        Field::new("version", DataType::Utf8, false),
-        Field::new("stage", DataType::Utf8, false),
-        Field::new("channel", DataType::Utf8, false),
-        Field::new("window", DataType::UInt64, false),
-        Field::new("t0_ns", DataType::Int64, false),
-        Field::new("first_sample_index", DataType::UInt64, false),
-        Field::new("unit", DataType::Utf8, false),
-        Field::new("machine", DataType::Utf8, false),
-        Field::new("instrument", DataType::Utf8, false),
-        Field::new("reason", DataType::Utf8, false),
-        Field::new("cell", DataType::Utf8, false),
-        Field::new("state_fit", DataType::Utf8, false),
-        Field::new("state", DataType::Utf8, false),
-        Field::new("doubts", DataType::Utf8, false),
-        Field::new("resolvable", DataType::Boolean, false),
-        Field::new("state_probability", DataType::Float64, true),
-        Field::new("sample_rate_hz", DataType::Float64, true),
-        Field::new("input_speed_hz", DataType::Float64, true),
-        Field::new("input_speed_sigma_hz", DataType::Float64, true),
-        Field::new("mesh_hz", DataType::Float64, true),
-        Field::new("brake_torque_nm", DataType::Float64, true),
-    ];
-    for h in 1..=HARMONICS {
-        fields.push(Field::new(format!("rank_{h}x"), DataType::Utf8, false));
-        fields.push(Field::new(format!("level_{h}x"), DataType::Int8, false));
-        for name in PER_HARMONIC {
-            fields.push(Field::new(name.replace("{}", &h.to_string()), DataType::Float64, true));
+static SCHEMA: LazyLock<SchemaRef> = LazyLock::new(|| {
+    let described = |field: Field, unit: &str, meaning: &str| {
+        let unit = if unit == "channel" { "unit of the channel (column unit)" } else { unit };
+        let mut metadata = HashMap::from([("description".to_owned(), meaning.to_owned())]);
+        if !unit.is_empty() {
+            metadata.insert("unit".to_owned(), unit.to_owned());
         }
-    }
-    fields.extend(indicator_names().map(|name| Field::new(name, DataType::Float64, true)));
+        field.with_metadata(metadata)
+    };
+    let mut fields: Vec<Field> =
+        ORIGIN.iter().map(|(name, meaning)| described(Field::new(*name, DataType::Utf8, false), "", meaning)).collect();
+    let rate = Field::new(SAMPLE_RATE, DataType::Float64, true);
+    fields.push(described(rate, "Hz", "Sample rate of the window."));
+    fields.extend(FIELDS.iter().map(|field| {
+        let column = Field::new(&field.name, kind(field.holds), optional(field));
+        described(column, if matches!(field.holds, Holds::Time) { "" } else { field.unit }, &field.meaning)
+    }));
     Arc::new(Schema::new(fields))
-}
+});
 
-/// Columns of the condition indicators: revolutions averaged; value, sigma, baseline, deviation and its sigma of each.
-const INDICATORS: usize = 2 + 5 * (CHANNEL_INDICATORS + 2 * GEAR_INDICATORS);
-
-fn indicator_names() -> impl Iterator<Item = &'static str> {
-    TURNS_NAMES.into_iter().chain(CHANNEL_NAMES.into_iter().chain(GEAR_NAMES.into_iter().flatten()).flatten())
-}
-
-/// In the order of the names; `NaN` where the verdict has none.
-fn indicator_values(verdict: &Verdict) -> Vec<f64> {
-    let mut out = Vec::with_capacity(INDICATORS);
-    if let Some(indicators) = &verdict.indicators {
-        out.extend(indicators.gears.map(|gear| f64::from(gear.revolutions)));
-        indicators.numbers(|x| out.push(x));
+fn kind(holds: Holds) -> DataType {
+    match holds {
+        Holds::Text | Holds::Code(_) => DataType::Utf8,
+        Holds::Time => DataType::Timestamp(TimeUnit::Nanosecond, Some(ZONE.into())),
+        Holds::Count => DataType::UInt64,
+        Holds::Level => DataType::Int8,
+        Holds::Flag => DataType::Boolean,
+        Holds::Number => DataType::Float64,
     }
-    out.resize(INDICATORS, f64::NAN);
-    out
 }
 
-/// Rows on their way to a part.
-#[derive(Debug, Default)]
-pub struct Rows {
-    texts: [StringBuilder; 15],
-    window: UInt64Builder,
-    t0_ns: Int64Builder,
-    first_sample_index: UInt64Builder,
-    resolvable: BooleanBuilder,
-    numbers: [Float64Builder; 6],
-    ranks: [StringBuilder; HARMONICS],
-    levels: [Int8Builder; HARMONICS],
-    harmonics: [[Float64Builder; PER_HARMONIC.len()]; HARMONICS],
-    indicators: IndicatorColumns,
-    len: usize,
+/// A row may have no value there.
+fn optional(field: &VerdictField) -> bool {
+    matches!(field.holds, Holds::Number) || matches!(field.part, Part::State(_) | Part::Indicator)
 }
 
 #[derive(Debug)]
-struct IndicatorColumns([Float64Builder; INDICATORS]);
+enum Column {
+    Text(StringBuilder),
+    Time(TimestampNanosecondBuilder),
+    Count(UInt64Builder),
+    Level(Int8Builder),
+    Flag(BooleanBuilder),
+    Number(Float64Builder),
+}
 
-impl Default for IndicatorColumns {
-    fn default() -> Self {
-        Self(std::array::from_fn(|_| Float64Builder::new()))
+impl Column {
+    fn new(holds: Holds) -> Self {
+        match holds {
+            Holds::Text | Holds::Code(_) => Self::Text(StringBuilder::new()),
+            Holds::Time => Self::Time(TimestampNanosecondBuilder::new().with_timezone(ZONE)),
+            Holds::Count => Self::Count(UInt64Builder::new()),
+            Holds::Level => Self::Level(Int8Builder::new()),
+            Holds::Flag => Self::Flag(BooleanBuilder::new()),
+            Holds::Number => Self::Number(Float64Builder::new()),
+        }
+    }
+
+    /// Appends one value; what is absent, unknown or of another type becomes null.
+    fn push(&mut self, datum: Datum<'_>) {
+        match (self, datum) {
+            (Self::Text(column), Datum::Text(text)) => column.append_value(text),
+            (Self::Text(column), _) => column.append_null(),
+            (Self::Time(column), Datum::Integer(t)) => column.append_value(t),
+            (Self::Time(column), _) => column.append_null(),
+            (Self::Count(column), Datum::Count(x)) => column.append_value(x),
+            (Self::Count(column), _) => column.append_null(),
+            (Self::Level(column), Datum::Integer(x)) => column.append_option(i8::try_from(x).ok()),
+            (Self::Level(column), _) => column.append_null(),
+            (Self::Flag(column), Datum::Flag(x)) => column.append_value(x),
+            (Self::Flag(column), _) => column.append_null(),
+            (Self::Number(column), Datum::Number(x)) => {
+                column.append_option(x.is_finite().then(|| published(x)));
+            }
+            (Self::Number(column), _) => column.append_null(),
+        }
+    }
+
+    fn finish(&mut self) -> ArrayRef {
+        match self {
+            Self::Text(column) => Arc::new(column.finish()),
+            Self::Time(column) => Arc::new(column.finish()),
+            Self::Count(column) => Arc::new(column.finish()),
+            Self::Level(column) => Arc::new(column.finish()),
+            Self::Flag(column) => Arc::new(column.finish()),
+            Self::Number(column) => Arc::new(column.finish()),
+        }
     }
 }
 
-/// Unknown numbers are `null` in a table, as in the JSON lines.
-fn number(builder: &mut Float64Builder, value: f64) {
-    builder.append_option(value.is_finite().then(|| published(value)));
+/// Rows on their way to a part.
+#[derive(Debug)]
+pub struct Rows {
+    origin: [StringBuilder; ORIGIN.len()],
+    sample_rate_hz: Float64Builder,
+    verdict: Vec<Column>,
+    len: usize,
+}
+
+impl Default for Rows {
+    fn default() -> Self {
+        Self {
+            origin: Default::default(),
+            sample_rate_hz: Float64Builder::new(),
+            verdict: FIELDS.iter().map(|field| Column::new(field.holds)).collect(),
+            len: 0,
+        }
+    }
 }
 
 impl Rows {
@@ -131,49 +167,16 @@ impl Rows {
     }
 
     /// Adds a verdict on a window that was sampled at `sample_rate_hz`.
-    pub fn push(&mut self, origin: &Origin, sample_rate_hz: f64, v: &Verdict) {
-        let nearest = v.states.first();
-        let texts: [&str; 15] = [
-            &origin.file,
-            &origin.file_sha256,
-            &origin.sidecar_sha256,
-            &origin.baseline_sha256,
-            env!("CARGO_PKG_VERSION"),
-            &v.stage,
-            &v.channel,
-            &v.unit,
-            v.machine.code(),
-            v.instrument.code(),
-            v.reason.code(),
-            &v.cell,
-            v.state_fit.code(),
-            nearest.map_or("", |state| &*state.name),
-            &v.doubts,
-        ];
-        for (builder, text) in self.texts.iter_mut().zip(texts) {
-            builder.append_value(text);
+    pub fn push(&mut self, origin: &Origin, sample_rate_hz: f64, verdict: &Verdict) {
+        let version = env!("CARGO_PKG_VERSION");
+        let texts =
+            [&origin.file, &origin.file_sha256, &origin.sidecar_sha256, &origin.baseline_sha256].map(String::as_str);
+        for (column, text) in self.origin.iter_mut().zip(texts.into_iter().chain([version])) {
+            column.append_value(text);
         }
-        self.window.append_value(v.window);
-        self.t0_ns.append_value(v.t0);
-        self.first_sample_index.append_value(v.first_sample_index);
-        self.resolvable.append_value(v.resolvable);
-        let probability = nearest.map_or(f64::NAN, |state| state.probability);
-        let speed = v.input_speed_hz;
-        let numbers = [probability, sample_rate_hz, speed.value, speed.sigma, v.mesh_hz, v.brake_torque_nm];
-        for (builder, value) in self.numbers.iter_mut().zip(numbers) {
-            number(builder, value);
-        }
-        for (i, h) in v.harmonics.iter().enumerate() {
-            self.ranks[i].append_value(h.rank.code());
-            self.levels[i].append_value(h.rank.level());
-            let (d, a) = (h.deviation_percent, h.amplitude);
-            let values = [d.value, d.sigma, a.value, a.sigma, h.floor, h.baseline, h.rank_probability];
-            for (builder, value) in self.harmonics[i].iter_mut().zip(values) {
-                number(builder, value);
-            }
-        }
-        for (builder, value) in self.indicators.0.iter_mut().zip(indicator_values(v)) {
-            number(builder, value);
+        self.sample_rate_hz.append_option(sample_rate_hz.is_finite().then(|| published(sample_rate_hz)));
+        for (column, field) in self.verdict.iter_mut().zip(FIELDS.iter()) {
+            column.push(field.read(verdict));
         }
         self.len += 1;
     }
@@ -184,22 +187,10 @@ impl Rows {
     /// Never for rows that came in by [`Self::push`]; the type is that of the library.
     pub fn take(&mut self) -> Result<RecordBatch, ArrowError> {
         self.len = 0;
-        let mut columns: Vec<ArrayRef> = Vec::with_capacity(schema().fields().len());
-        // In the order of `schema`: seven texts, three counts, eight texts, and so on.
-        let (identity, states) = self.texts.split_at_mut(7);
-        columns.extend(identity.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
-        columns.push(Arc::new(self.window.finish()));
-        columns.push(Arc::new(self.t0_ns.finish()));
-        columns.push(Arc::new(self.first_sample_index.finish()));
-        columns.extend(states.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
-        columns.push(Arc::new(self.resolvable.finish()));
-        columns.extend(self.numbers.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
-        for i in 0..HARMONICS {
-            columns.push(Arc::new(self.ranks[i].finish()));
-            columns.push(Arc::new(self.levels[i].finish()));
-            columns.extend(self.harmonics[i].iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
-        }
-        columns.extend(self.indicators.0.iter_mut().map(|b| Arc::new(b.finish()) as ArrayRef));
-        RecordBatch::try_new(schema(), columns)
+        let origin = self.origin.iter_mut().map(|column| Arc::new(column.finish()) as ArrayRef);
+        let mut columns: Vec<ArrayRef> = origin.collect();
+        columns.push(Arc::new(self.sample_rate_hz.finish()));
+        columns.extend(self.verdict.iter_mut().map(Column::finish));
+        RecordBatch::try_new(SCHEMA.clone(), columns)
     }
 }

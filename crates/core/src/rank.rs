@@ -40,7 +40,7 @@ impl RankConfig {
             return Rank::Unknown;
         }
         let size = deviation_percent.abs();
-        Rank::ALL[self.steps_percent.iter().filter(|&&step| size >= step).count()]
+        Rank::KNOWN[self.steps_percent.iter().filter(|&&step| size >= step).count()]
     }
 
     /// Lower and upper end of |deviation| in a rank (percent; the upper end is excluded, infinite for V);
@@ -101,9 +101,9 @@ mod tests {
             assert_eq!(steps.rank_of(deviation), rank, "{deviation}");
         }
         for (level, edge) in steps.steps_percent.into_iter().enumerate() {
-            assert_eq!(steps.rank_of(edge), Rank::ALL[level + 1], "the lower end belongs to the rank");
-            assert_eq!(steps.rank_of(-edge), Rank::ALL[level + 1]);
-            assert_eq!(steps.rank_of(edge.next_down()), Rank::ALL[level]);
+            assert_eq!(steps.rank_of(edge), Rank::KNOWN[level + 1], "the lower end belongs to the rank");
+            assert_eq!(steps.rank_of(-edge), Rank::KNOWN[level + 1]);
+            assert_eq!(steps.rank_of(edge.next_down()), Rank::KNOWN[level]);
         }
         assert_eq!(steps.rank_of(f64::NAN), Rank::Unknown);
         assert_eq!(steps.rank_of(f64::INFINITY), Rank::V);
@@ -115,7 +115,7 @@ mod tests {
         for value in [-40.0, -13.0, -2.5, 0.0, 0.99, 5.5, 12.0] {
             for sigma in [0.01, 0.3, 2.0, 10.0, 300.0] {
                 let d = Estimate::new(value, sigma);
-                let sum: f64 = Rank::ALL.iter().map(|&rank| steps.probability_of(rank, d)).sum();
+                let sum: f64 = Rank::KNOWN.iter().map(|&rank| steps.probability_of(rank, d)).sum();
                 // Six differences of erfc, each good to a few 1e-16, absolute.
                 assert!((sum - 1.0).abs() < 1e-13, "{value} ± {sigma}: {sum}");
             }

@@ -5,6 +5,7 @@ use std::io::Write;
 
 use anyhow::Context;
 use clap::Args;
+use gearwatch_core::verdict::{FIELDS, Field, Holds, Part};
 use gearwatch_daemon::kinds::Kind;
 use gearwatch_daemon::{sink, source};
 use gearwatch_sim::effects::{Effect, Parameter, Place, Signature, Values};
@@ -13,17 +14,22 @@ use super::Run;
 use crate::exit::Exit;
 use crate::terminal;
 
-/// List the kinds of sources and sinks, file formats and simulated effects
+/// List the kinds of sources and sinks, file formats, simulated effects and the fields of a verdict
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch list                 everything
   gearwatch list sources         sources only, each with an example for the configuration
   gearwatch list effects         effects with their places, parameters, ranges and laws
-  gearwatch list formats")]
+  gearwatch list formats
+  gearwatch list fields          fields of a verdict: type, unit, meaning; codes with their meanings
+  gearwatch list fields --json-schema > verdict.schema.json")]
 pub struct List {
     /// What to list; everything where left out
     #[arg(value_enum)]
     what: Option<What>,
+    /// Print the JSON schema of a verdict instead (with `fields`)
+    #[arg(long)]
+    json_schema: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -36,6 +42,8 @@ enum What {
     Formats,
     /// Physics that the simulator can switch on
     Effects,
+    /// Fields of a verdict, in JSON, Parquet and the log
+    Fields,
 }
 
 impl Run for List {
@@ -43,6 +51,15 @@ impl Run for List {
 
     fn run(self) -> anyhow::Result<Exit> {
         let mut out = terminal::out();
+        if self.json_schema {
+            anyhow::ensure!(
+                self.what == Some(What::Fields),
+                "--json-schema goes with one list only: gearwatch list fields --json-schema"
+            );
+            serde_json::to_writer_pretty(&mut out, &gearwatch_daemon::log::verdict_schema())?;
+            writeln!(out)?;
+            return Ok(Exit::Ok);
+        }
         let wanted = |what| self.what.is_none_or(|one| one == what);
         if wanted(What::Sources) {
             kinds(&mut out, "Sources", "[[bench.source]]", source::KINDS, self.what.is_some())?;
@@ -65,8 +82,40 @@ impl Run for List {
                 }
             }
         }
+        if wanted(What::Fields) {
+            fields(&mut out, self.what.is_some())?;
+        }
         Ok(Exit::Ok)
     }
+}
+
+/// Fields of a verdict. Of the harmonics and states the first of each stands for all, of the indicators the value for its five numbers; `all` lists
+/// every one.
+fn fields(out: &mut impl Write, all: bool) -> std::io::Result<()> {
+    writeln!(out, "Fields of a verdict")?;
+    let first = |field: &&Field| match field.part {
+        Part::Window => true,
+        Part::Harmonic(k) | Part::State(k) => k == 1,
+        Part::Indicator => false,
+    };
+    for field in FIELDS.iter().filter(|field| all || first(field)) {
+        let (kind, codes) = match field.holds {
+            Holds::Text => ("text", Vec::new()),
+            Holds::Code(codes) => ("code", codes()),
+            Holds::Time => ("time", Vec::new()),
+            Holds::Count | Holds::Level => ("integer", Vec::new()),
+            Holds::Flag => ("flag", Vec::new()),
+            Holds::Number => ("number", Vec::new()),
+        };
+        writeln!(out, "  {:26} {kind:8} {:8} {}", field.name, field.unit, field.meaning)?;
+        // The ranks of all harmonics have the same codes.
+        if all && !matches!(field.part, Part::Harmonic(2..)) {
+            for (code, meaning) in codes {
+                writeln!(out, "      {:24} {meaning}", if code.is_empty() { "(empty)" } else { code })?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Places, parameters and declared laws of an effect, these as on the bench of the paper at typical values.

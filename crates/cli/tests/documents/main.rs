@@ -1,5 +1,6 @@
 //! The pages that a new user follows: every command of them, in their order, in an empty folder.
 
+mod fields;
 mod links;
 mod security;
 mod words;

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use gearwatch_core::verdict::InstrumentState;
+use gearwatch_core::verdict::{Code, InstrumentState};
 
 use crate::page;
 
@@ -63,28 +63,6 @@ fn conform_every_duty_has_its_answer() {
     }
 }
 
-/// All states of the instrument: a new one does not compile before it is here.
-fn instrument_states() -> Vec<InstrumentState> {
-    use InstrumentState as S;
-    let next = |state| match state {
-        S::Ok => Some(S::Overload),
-        S::Overload => Some(S::FlatLine),
-        S::FlatLine => Some(S::ChannelDead),
-        S::ChannelDead => Some(S::SamplesRepeated),
-        S::SamplesRepeated => Some(S::QuantisationCoarse),
-        S::QuantisationCoarse => Some(S::NotFinite),
-        S::NotFinite => Some(S::Settling),
-        S::Settling => Some(S::SensorFault),
-        S::SensorFault => Some(S::NoSpeed),
-        S::NoSpeed => Some(S::OutOfBand),
-        S::OutOfBand => Some(S::ClockTrouble),
-        S::ClockTrouble => Some(S::Bias),
-        S::Bias => Some(S::MainsHum),
-        S::MainsHum => None,
-    };
-    std::iter::successors(Some(S::Ok), |state| next(*state)).collect()
-}
-
 /// Each state of the instrument has one signal of NE 107, and the table names no state that there is not.
 #[test]
 fn conform_each_instrument_state_has_its_ne_107_signal() {
@@ -100,6 +78,6 @@ fn conform_each_instrument_state_has_its_ne_107_signal() {
             assert!(named.insert(code.to_owned()), "{code} twice");
         }
     }
-    let all: BTreeSet<String> = instrument_states().iter().map(|state| state.code().to_owned()).collect();
+    let all: BTreeSet<String> = InstrumentState::ALL.iter().map(|state| state.code().to_owned()).collect();
     assert_eq!(named, all);
 }

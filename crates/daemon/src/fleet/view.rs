@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use gearwatch_core::verdict::{HARMONICS, MachineState, Rank, Verdict};
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::SILENCE;
@@ -56,9 +57,9 @@ pub struct Place {
     /// Number of the window.
     pub window: u64,
     /// Machine state.
-    pub machine: String,
-    /// Ranks of 1x to 5x as written: `0`, `I` … `V` or `unknown`.
-    pub ranks: Vec<String>,
+    pub machine: MachineState,
+    /// Ranks of 1x to 5x.
+    pub ranks: [Rank; HARMONICS],
 }
 
 /// One bench.
@@ -139,10 +140,11 @@ impl Bench {
 
     fn verdict(&mut self, heard: &Heard) {
         self.verdicts += 1;
-        let ranks = (1..=5).map(|k| heard.text(&format!("rank_{k}x")).to_owned());
-        let ranks = ranks.map(|rank| if rank.is_empty() { "unknown".to_owned() } else { rank }).collect();
-        let place =
-            Place { window: heard.number("window").unwrap_or(0), machine: heard.text("machine").to_owned(), ranks };
+        // What a service of another version says in words that are not known here is unknown, never normal.
+        let place = match Verdict::deserialize(&heard.object) {
+            Ok(v) => Place { window: v.window, machine: v.machine, ranks: v.harmonics.map(|h| h.rank) },
+            Err(_) => Place { window: heard.number("window").unwrap_or(0), ..Place::default() },
+        };
         self.places.insert(format!("{}@{}", heard.text("stage"), heard.text("channel")), place);
     }
 
@@ -196,7 +198,7 @@ mod tests {
     #[test]
     fn analytic_letters_count_once_and_holes_are_counted() {
         let mut fleet = Fleet::default();
-        let verdict = "\"kind\":\"verdict\",\"stage\":\"s\",\"channel\":\"c\",\"window\":3,\"rank_1x\":\"V\"";
+        let verdict = "\"kind\":\"verdict\",\"stage\":\"s\",\"channel\":\"c\",\"window\":3,\"machine\":\"alarm\",\"instrument\":\"ok\",\"rank_1x\":\"V\"";
         // First heard in the middle of a run; then a repetition of everything, a hole of two, and another run.
         let row = [("a", 5), ("a", 6), ("a", 5), ("a", 6), ("a", 7), ("a", 10), ("b", 1), ("a", 9), ("b", 2)];
         let told: Vec<Told> = row.iter().map(|&(run, seq)| fleet.take(&letter(run, seq, verdict))).collect();
@@ -204,7 +206,11 @@ mod tests {
         assert_eq!(told, [New, New, Again, Again, New, New, New, Again, New]);
         let bench = &fleet.benches["b"];
         assert_eq!((bench.verdicts, bench.again, bench.missing), (6, 3, 2));
-        assert_eq!(bench.places["s@c"].ranks, ["V", "unknown", "unknown", "unknown", "unknown"]);
+        assert_eq!(bench.places["s@c"].ranks.map(Rank::code), ["V", "unknown", "unknown", "unknown", "unknown"]);
+        assert_eq!(bench.places["s@c"].machine, MachineState::Alarm);
+        // Codes of a later version are not understood here.
+        fleet.take(&letter("b", 3, &verdict.replace("alarm", "worn").replace("\"V\"", "\"0\"")));
+        assert_eq!(fleet.benches["b"].places["s@c"], Place { window: 3, ..Place::default() });
     }
 
     #[test]

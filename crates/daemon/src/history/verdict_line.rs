@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::LazyLock;
 
-use gearwatch_core::verdict::{CHANNEL_NAMES, GEAR_NAMES, HARMONICS};
+use gearwatch_core::verdict::{HARMONICS, INDICATOR_NAMES};
 use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
 
 /// Of each harmonic.
@@ -16,10 +16,9 @@ const INDICATORS_AT: usize = PLAIN.len() + HARMONICS * OF_HARMONIC.len();
 /// Names of all numbers, in the order of their places.
 static NAMES: LazyLock<Vec<String>> = LazyLock::new(|| {
     let harmonics = (1..=HARMONICS).flat_map(|h| OF_HARMONIC.map(|name| name.replace("{}", &h.to_string())));
-    let indicators = CHANNEL_NAMES.into_iter().chain(GEAR_NAMES.into_iter().flatten());
     // Value and sigma; baseline and deviation follow from means over the span.
-    let indicators = indicators.flat_map(|[value, sigma, ..]| [value, sigma]);
-    PLAIN.iter().map(|&name| name.to_owned()).chain(harmonics).chain(indicators.map(str::to_owned)).collect()
+    let indicators = INDICATOR_NAMES.iter().flat_map(|[value, sigma, ..]| [value.clone(), sigma.clone()]);
+    PLAIN.iter().map(|&name| name.to_owned()).chain(harmonics).chain(indicators).collect()
 });
 static PLACES: LazyLock<HashMap<&'static str, usize>> =
     LazyLock::new(|| NAMES.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect());

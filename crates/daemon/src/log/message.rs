@@ -3,12 +3,7 @@
 use std::sync::LazyLock;
 
 use gearwatch_core::block::UnixNanos;
-use gearwatch_core::estimate::Estimate;
-use gearwatch_core::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS, GearIndicators};
-use gearwatch_core::verdict::{
-    FromNormal, HarmonicVerdict, InstrumentState, MachineState, NEAREST_STATES, NearState, Rank, Reason,
-    StageIndicators, StateFit, Verdict,
-};
+use gearwatch_core::verdict::{FIELDS, Holds};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
@@ -162,7 +157,11 @@ static SPECTRUM_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let spectrum = Spectrum { bench: "", channel: "", unit: "", t0_ns: 1, order: vec![0.5], amplitude: &[0.5] };
     schema_of("gearwatch.OrderSpectrum", &spectrum)
 });
-static VERDICT_SCHEMA: LazyLock<Schema> = LazyLock::new(|| schema_of("gearwatch.Verdict", &verdict_example()));
+static VERDICT_SCHEMA: LazyLock<Schema> = LazyLock::new(|| Schema {
+    name: "gearwatch.Verdict".into(),
+    encoding: "jsonschema",
+    data: json_bytes(&verdict_schema()),
+});
 static GROUP_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let group = Group {
         group: 1,
@@ -234,8 +233,32 @@ pub(super) fn schema_for_topic(topic: &str) -> Option<&'static Schema> {
     }
 }
 
-/// The JSON schema of an object, from an example of it: so a field that joins the verdict joins the schema too. A number
-/// that is not known is written as `null`; viewers want one type per field, so the schema says `number`.
+/// The JSON schema of a verdict, by the table of its fields. A number that is not known is written as `null`; viewers want one type per field, so the
+/// schema says `number`.
+pub fn verdict_schema() -> Value {
+    let property = |field: &gearwatch_core::verdict::Field| {
+        let mut property = json!({ "type": match field.holds {
+            Holds::Text | Holds::Code(_) => "string",
+            Holds::Time | Holds::Count | Holds::Level => "integer",
+            Holds::Flag => "boolean",
+            Holds::Number => "number",
+        }});
+        let unit = match field.unit {
+            "" => String::new(),
+            "channel" => " (unit of the channel, field unit)".into(),
+            unit => format!(" ({unit})"),
+        };
+        property["description"] = json!(format!("{}{unit}", field.meaning));
+        if let Holds::Code(codes) = field.holds {
+            property["enum"] = codes().iter().map(|(code, _)| json!(code)).collect();
+        }
+        (field.name.clone(), property)
+    };
+    let properties: Map<String, Value> = FIELDS.iter().map(property).collect();
+    json!({ "type": "object", "properties": properties, "title": "gearwatch.Verdict" })
+}
+
+/// The JSON schema of an object, from an example of it: so a field that joins the object joins the schema too.
 fn schema_of(name: &str, example: &impl Serialize) -> Schema {
     let value = serde_json::to_value(example).unwrap_or_default();
     let mut root = type_of(&value);
@@ -260,62 +283,21 @@ fn type_of(value: &Value) -> Value {
     }
 }
 
-/// A verdict with every number known.
-fn verdict_example() -> Verdict {
-    let estimate = Estimate { value: 0.5, sigma: 0.5 };
-    let harmonic = HarmonicVerdict {
-        amplitude: estimate,
-        floor: 0.5,
-        baseline: 0.5,
-        deviation_percent: estimate,
-        rank: Rank::Zero,
-        shared: false,
-        rank_probability: 0.5,
-    };
-    Verdict {
-        stage: String::new(),
-        channel: String::new(),
-        window: 0,
-        t0: 0,
-        first_sample_index: 0,
-        samples: 0,
-        unit: String::new(),
-        input_speed_hz: estimate,
-        mesh_hz: 0.5,
-        brake_torque_nm: 0.5,
-        cell: String::new(),
-        harmonics: [harmonic; 5],
-        machine: MachineState::Unknown,
-        instrument: InstrumentState::Ok,
-        resolvable: false,
-        reason: Reason::default(),
-        windows: 1,
-        doubts: "".into(),
-        baseline_sessions: 1,
-        state_fit: StateFit::default(),
-        states: vec![NearState { name: "".into(), probability: 0.5, goodness: 0.5 }; NEAREST_STATES],
-        indicators: Some(StageIndicators {
-            channel: [estimate; CHANNEL_INDICATORS],
-            gears: [GearIndicators { revolutions: 0, values: [estimate; GEAR_INDICATORS] }; 2],
-            channel_normal: [FromNormal { baseline: 0.5, deviation_percent: estimate }; CHANNEL_INDICATORS],
-            gears_normal: [[FromNormal { baseline: 0.5, deviation_percent: estimate }; GEAR_INDICATORS]; 2],
-        }),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// A schema that a reader takes for the whole truth: every line of a verdict fits it.
     #[test]
     fn conform_every_field_of_a_verdict_has_a_type_in_the_schema() {
         let schema: Value = serde_json::from_slice(&VERDICT_SCHEMA.data).unwrap();
-        let verdict = serde_json::to_value(verdict_example()).unwrap();
-        for (field, _) in verdict.as_object().unwrap() {
-            assert!(schema["properties"][field]["type"].is_string(), "{field} has no type");
+        for field in FIELDS.iter() {
+            let property = &schema["properties"][&field.name];
+            assert!(property["type"].is_string() && property["description"].is_string(), "{}", field.name);
         }
         assert_eq!(schema["properties"]["dev_1x_percent"]["type"], "number");
         assert_eq!(schema["properties"]["window"]["type"], "integer");
         assert_eq!(schema["properties"]["rank_1x"]["type"], "string");
+        assert_eq!(schema["properties"]["machine"]["enum"][3], "alarm");
     }
 }

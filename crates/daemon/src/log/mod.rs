@@ -42,7 +42,7 @@ pub use disk::Disk;
 pub use doctor::{FileHealth, Health, RecoverError, doctor, recover_file};
 pub use examine::{Damage, Ending};
 pub use handle::{LogError, LogHandle, spawn};
-pub use message::{ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC};
+pub use message::{ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC, verdict_schema};
 #[cfg(feature = "foxglove")]
 pub(crate) use message::{Message, encode};
 pub(crate) use names::started_s;

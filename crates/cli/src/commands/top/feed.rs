@@ -4,17 +4,30 @@ use std::io::{BufRead, BufReader};
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 
+use gearwatch_core::verdict::Verdict;
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+use serde::Deserialize;
 use serde_json::Value;
 
 use crate::page::Page;
+
+/// A verdict, and the bench that it is of.
+#[derive(Debug, Deserialize)]
+pub struct Judged {
+    /// Name of the bench; empty where the service does not say it.
+    #[serde(default)]
+    pub bench: String,
+    /// The verdict.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+}
 
 /// What came in.
 pub enum Message {
     /// The past of a row: its levels, a letter a window.
     Past(Value),
     /// A verdict on one window.
-    Verdict(Value),
+    Verdict(Box<Judged>),
     /// How the service is.
     Status(Value),
     /// The link is up, or why it is not.
@@ -86,13 +99,13 @@ fn read(page: &Page, out: &SyncSender<Message>) -> anyhow::Result<()> {
         if let Some(name) = text.strip_prefix("event:") {
             name.trim().clone_into(&mut kind);
         } else if let Some(data) = text.strip_prefix("data:") {
-            let wrap: fn(Value) -> Message = match kind.as_str() {
-                "past" => Message::Past,
-                "verdict" => Message::Verdict,
-                "status" => Message::Status,
+            let message = match kind.as_str() {
+                "past" => Message::Past(serde_json::from_str(data)?),
+                "verdict" => Message::Verdict(serde_json::from_str(data)?),
+                "status" => Message::Status(serde_json::from_str(data)?),
                 _ => continue,
             };
-            if out.send(wrap(serde_json::from_str(data)?)).is_err() {
+            if out.send(message).is_err() {
                 return Ok(());
             }
         }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use gearwatch_core::speed::RPM_PER_HZ;
+use gearwatch_core::verdict::{Code, HARMONICS, HarmonicVerdict, InstrumentState, MachineState, Rank, Verdict};
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyCode;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -11,17 +12,16 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table};
 use serde_json::Value;
 
-use super::feed::Message;
+use super::feed::{Judged, Message};
 
 /// Windows kept per row; wider terminals exist, but not by much.
 const KEEP: usize = 400;
-const HARMONICS: [&str; 5] = ["1x", "2x", "3x", "4x", "5x"];
 /// The height of a strip's cell says the rank; the colour says it again.
 const HEIGHTS: [&str; 6] = ["▁", "▂", "▃", "▅", "▆", "█"];
 
 #[derive(Default)]
 struct Channel {
-    last: Value,
+    last: Option<Verdict>,
     /// The gravest look of the five harmonics by window, with the rank that it stands for.
     looks: VecDeque<Look>,
 }
@@ -41,14 +41,14 @@ const UNKNOWN: Look = Look { colour: -1, level: -1, sure: true };
 const PATH: i64 = 6;
 
 impl Look {
-    /// Of a machine state, of which the first letter is enough, a level and its probability.
-    fn of(machine: &str, level: i64, probability: Option<f64>) -> Self {
-        let proven = match machine.chars().next() {
-            Some('n') => 0,
-            Some('d') => 3,
-            Some('a') => 5,
-            Some('p') => PATH,
-            _ => return Self { level, ..UNKNOWN },
+    /// Of a machine state, a level and the probability of its rank.
+    fn of(machine: MachineState, level: i64, probability: Option<f64>) -> Self {
+        let proven = match machine {
+            MachineState::Normal => 0,
+            MachineState::Deviating => 3,
+            MachineState::Alarm => 5,
+            MachineState::PathChanged => PATH,
+            MachineState::Unknown => return Self { level, ..UNKNOWN },
         };
         let colour = match level {
             ..0 => -1,
@@ -61,10 +61,8 @@ impl Look {
     }
 
     /// Of a harmonic of a verdict.
-    fn in_verdict(verdict: &Value, harmonic: &str) -> Self {
-        let level = verdict[format!("level_{harmonic}")].as_i64().unwrap_or(-1);
-        let machine = verdict["machine"].as_str().unwrap_or_default();
-        Self::of(machine, level, verdict[format!("p_{harmonic}")].as_f64())
+    fn in_verdict(verdict: &Verdict, harmonic: &HarmonicVerdict) -> Self {
+        Self::of(verdict.machine, harmonic.rank.level().into(), finite(harmonic.rank_probability))
     }
 }
 
@@ -127,30 +125,29 @@ impl Screen {
             }
             Message::Status(status) => self.status = status,
             Message::Past(past) => {
-                let channel = self.channel(&past);
+                let text = |key: &str| past[key].as_str().unwrap_or_default().to_owned();
+                let channel = self.channels.entry((text("bench"), text("stage"), text("channel"))).or_default();
                 channel.looks.clear();
                 let machine = past["machine"].as_str().unwrap_or_default();
                 let letters = [0, 1, 2, 3, 4].map(|h| past["level"][h].as_str().unwrap_or_default().as_bytes());
                 let windows = letters.map(<[u8]>::len).into_iter().min().unwrap_or(0).min(machine.len());
                 // The newest window comes again by itself.
                 for window in windows.saturating_sub(KEEP)..windows.saturating_sub(1) {
+                    let state = state_of(machine.as_bytes()[window]);
                     channel.push([0, 1, 2, 3, 4].map(|h| {
                         let level = char::from(letters[h][window]).to_digit(10).map_or(-1, i64::from);
-                        Look::of(&machine[window..], level, past["p"][h][window].as_f64())
+                        Look::of(state, level, past["p"][h][window].as_f64())
                     }));
                 }
             }
-            Message::Verdict(verdict) => {
-                let channel = self.channel(&verdict);
-                channel.push(HARMONICS.map(|h| Look::in_verdict(&verdict, h)));
-                channel.last = verdict;
+            Message::Verdict(of) => {
+                let Judged { bench, verdict } = *of;
+                let key = (bench, verdict.stage.clone(), verdict.channel.clone());
+                let channel = self.channels.entry(key).or_default();
+                channel.push(verdict.harmonics.each_ref().map(|h| Look::in_verdict(&verdict, h)));
+                channel.last = Some(verdict);
             }
         }
-    }
-
-    fn channel(&mut self, of: &Value) -> &mut Channel {
-        let text = |key: &str| of[key].as_str().unwrap_or_default().to_owned();
-        self.channels.entry((text("bench"), text("stage"), text("channel"))).or_default()
     }
 
     /// Shows a sentence in the last line.
@@ -272,20 +269,21 @@ impl Screen {
         let longest = u16::try_from(lengths.max().unwrap_or(0)).unwrap_or(u16::MAX).clamp(22, area.width / 2);
         let strip = usize::from(area.width.saturating_sub(longest + 41));
         let lines = self.channels.iter().enumerate().map(|(i, ((bench, stage, name), channel))| {
-            let v = &channel.last;
-            let instrument = v["instrument"].as_str().unwrap_or("unknown");
-            let machine = v["machine"].as_str().unwrap_or("unknown");
-            let state = if instrument == "ok" { machine } else { instrument };
+            let v = channel.last.as_ref();
+            let machine = v.map_or(MachineState::Unknown, |v| v.machine).code();
+            let not_ok = v.map(|v| v.instrument).filter(|&state| state != InstrumentState::Ok);
+            let state = not_ok.map_or(machine, InstrumentState::code);
             let mut cells = vec![
                 Cell::from(place(bench, stage, name)),
                 Cell::from(Span::styled(
                     state.replace('_', " "),
-                    self.state_ink(if instrument == "ok" { machine } else { "" }),
+                    self.state_ink(if not_ok.is_none() { machine } else { "" }),
                 )),
             ];
-            for h in HARMONICS {
-                let look = Look::in_verdict(v, h);
-                let code = if look.level < 0 { "?" } else { v[format!("rank_{h}")].as_str().unwrap_or("?") };
+            for h in 0..HARMONICS {
+                let look = v.map_or(UNKNOWN, |v| Look::in_verdict(v, &v.harmonics[h]));
+                let rank = v.map_or(Rank::Unknown, |v| v.harmonics[h].rank);
+                let code = if rank == Rank::Unknown { "?" } else { rank.code() };
                 let doubt = if look.level < 0 || look.sure { "" } else { "?" };
                 cells.push(Cell::from(Span::styled(format!("{code}{doubt}"), self.rank_ink(look))));
             }
@@ -307,23 +305,22 @@ impl Screen {
 
     fn draw_detail(&self, frame: &mut Frame<'_>, area: Rect) {
         let Some(((bench, stage, name), channel)) = self.channels.iter().nth(self.row) else { return };
-        let v = &channel.last;
         let half = usize::from(area.width.saturating_sub(46)) / 2;
-        let lines: Vec<_> = HARMONICS
-            .iter()
-            .map(|h| {
-                let number = |key: String| v[key].as_f64();
+        let Some(v) = &channel.last else { return };
+        let lines: Vec<_> = (1..)
+            .zip(&v.harmonics)
+            .map(|(k, h)| {
                 let look = Look::in_verdict(v, h);
-                let figures = match (number(format!("dev_{h}_percent")), number(format!("dev_sigma_{h}_percent"))) {
+                let figures = match (finite(h.deviation_percent.value), finite(h.deviation_percent.sigma)) {
                     (Some(d), Some(s)) => format!("{d:+7.2} ± {s:4.2} %"),
                     _ => "      –        ".into(),
                 };
                 let probability =
-                    number(format!("p_{h}")).map_or_else(|| "  –".into(), |p| format!("{:3.0}", 100.0 * p));
-                let deviation = number(format!("dev_{h}_percent")).unwrap_or(0.0);
+                    finite(h.rank_probability).map_or_else(|| "  –".into(), |p| format!("{:3.0}", 100.0 * p));
+                let deviation = finite(h.deviation_percent.value).unwrap_or(0.0);
                 Line::from(vec![
-                    Span::raw(format!("{h}  ")),
-                    Span::styled(format!("{:>7}", v[format!("rank_{h}")].as_str().unwrap_or("?")), self.rank_ink(look)),
+                    Span::raw(format!("{k}x  ")),
+                    Span::styled(format!("{:>7}", h.rank.code()), self.rank_ink(look)),
                     Span::raw(format!("  {figures}  p {probability} % ")),
                     Span::styled(bar(deviation, half), self.rank_ink(look)),
                 ])
@@ -352,6 +349,16 @@ impl Screen {
         let body = if none { vec![Line::raw("none")] } else { lines };
         frame.render_widget(Paragraph::new(body).block(Block::new().borders(Borders::TOP).title(" alarms ")), area);
     }
+}
+
+fn finite(x: f64) -> Option<f64> {
+    x.is_finite().then_some(x)
+}
+
+/// The machine state whose code begins with this letter: the past of a row has a letter a window.
+fn state_of(letter: u8) -> MachineState {
+    let begins = |state: &&MachineState| state.code().as_bytes().first() == Some(&letter);
+    MachineState::ALL.iter().find(begins).copied().unwrap_or_default()
 }
 
 fn benches(status: &Value) -> &[Value] {
@@ -414,9 +421,8 @@ mod tests {
             {"name": "south", "machine": "alarm", "instrument": "flat_line", "alarms": [alarm]},
         ]})));
         for bench in ["north", "south"] {
-            screen.take(Message::Verdict(
-                serde_json::json!({"bench": bench, "stage": "stage1", "channel": "acc", "machine": "normal", "instrument": "ok"}),
-            ));
+            let verdict = serde_json::json!({"bench": bench, "stage": "stage1", "channel": "acc", "machine": "normal", "instrument": "ok"});
+            screen.take(Message::Verdict(Box::new(serde_json::from_value(verdict).unwrap())));
         }
         let mut terminal = Terminal::new(TestBackend::new(140, 30)).unwrap();
         terminal.draw(|frame| screen.draw(frame)).unwrap();
@@ -431,7 +437,7 @@ mod tests {
     /// A naked V on a stage that is called normal is green and dim, and a question.
     #[test]
     fn regress_the_colour_says_no_more_than_the_verdict() {
-        let of = |machine, p| Look::of(machine, 5, Some(p));
+        let of = |machine: &str, p| Look::of(state_of(machine.as_bytes()[0]), 5, Some(p));
         assert!(of("normal", 0.7) == Look { colour: 0, level: 5, sure: false });
         assert!(of("deviating", 0.8) == Look { colour: 3, level: 5, sure: true });
         assert!(of("alarm", 0.9) == Look { colour: 5, level: 5, sure: true });
