@@ -26,13 +26,13 @@ arguments.add_argument("--parts", help="Parquet files of `gearwatch batch`; * is
 arguments.add_argument("--plot", default="ranks.png")
 args = arguments.parse_args()
 
-# %% A log: topics /gear/<stage>/rank hold one flat JSON object a window and channel
+# %% A log: topics /gear/<stage>/rank, of several benches /gear/<bench>/<stage>/rank, hold one flat JSON object a window and channel
 verdicts = []
 for path in args.logs:
     with open(path, "rb") as file:
         for _, channel, message in make_reader(file).iter_messages():
             if channel.topic.startswith("/gear/") and channel.topic.endswith("/rank"):
-                verdicts.append(json.loads(message.data))
+                verdicts.append({"bench": "", **json.loads(message.data)})
 if not verdicts:
     raise SystemExit("no verdict in " + ", ".join(args.logs))
 
@@ -43,25 +43,25 @@ print(f"{log.num_rows} verdicts of {len(set(log['stage'].to_pylist()))} stage(s)
 
 # %% DuckDB asks an Arrow table by the name of its variable
 print(duckdb.sql("""
-    select stage, channel, count(*) as windows,
-           round(avg(dev_1x_percent), 2) as dev_1x, round(avg(dev_2x_percent), 2) as dev_2x, mode(machine) as machine
+    select bench, stage, channel, count(*) as windows,
+           round(avg(dev_1x_percent), 2) as mean_1x, round(avg(dev_2x_percent), 2) as mean_2x, mode(machine) as machine
     from log group by all order by all
 """))
 
 # %% Ranks over time: a strip a harmonic; a rank that no window can resolve is grey
 LEVEL = {"unknown": -1, "0": 0, "I": 1, "II": 2, "III": 3, "IV": 4, "V": 5}
 COLOURS = matplotlib.colors.ListedColormap(["#bbbbbb", "#1b7837", "#7fbf7b", "#fee08b", "#fdae61", "#f46d43", "#b2182b"])
-places = sorted({(verdict["stage"], verdict["channel"]) for verdict in verdicts})
+places = sorted({(verdict["bench"], verdict["stage"], verdict["channel"]) for verdict in verdicts})
 figure, axes = plt.subplots(len(places), 1, figsize=(9, 0.6 + 1.5 * len(places)), sharex=True, squeeze=False, layout="constrained")
 begin_ns = min(verdict["t0_ns"] for verdict in verdicts)
-for (stage, channel), axis in zip(places, axes[:, 0]):
-    here = sorted((v for v in verdicts if (v["stage"], v["channel"]) == (stage, channel)), key=lambda v: v["t0_ns"])
+for (bench, stage, channel), axis in zip(places, axes[:, 0]):
+    here = sorted((v for v in verdicts if (v["bench"], v["stage"], v["channel"]) == (bench, stage, channel)), key=lambda v: v["t0_ns"])
     seconds = [(v["t0_ns"] - begin_ns) * 1e-9 for v in here]
     hop = statistics.median(b - a for a, b in zip(seconds, seconds[1:])) if len(here) > 1 else 1.0
     levels = [[LEVEL[v[f"rank_{k}x"]] for v in here] for k in range(1, 6)]
     mesh = axis.pcolormesh(seconds + [seconds[-1] + hop], range(6), levels, cmap=COLOURS, vmin=-1.5, vmax=5.5)
     axis.set_yticks([k + 0.5 for k in range(5)], [f"{k}x" for k in range(1, 6)])
-    axis.set_title(f"{stage} at {channel}", loc="left", fontsize=9)
+    axis.set_title(f"{bench} {stage} at {channel}".strip(), loc="left", fontsize=9)
 axes[-1, 0].set_xlabel("time / s")
 bar = figure.colorbar(mesh, ax=axes[:, 0], ticks=range(-1, 6), fraction=0.03)
 bar.ax.set_yticklabels(LEVEL)
@@ -80,6 +80,6 @@ if args.parts:
     parts = duckdb.read_parquet(args.parts)
     print(duckdb.sql("""
         select file, channel, count(*) as windows, max(level_2x) as worst_2x,
-               round(avg(dev_2x_percent), 2) as dev_2x, round(stddev(dev_2x_percent) / sqrt(count(*)), 2) as standard_error
+               round(avg(dev_2x_percent), 2) as mean_2x, round(stddev(dev_2x_percent) / sqrt(count(*)), 2) as standard_error
         from parts group by all order by all
     """))

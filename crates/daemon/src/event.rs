@@ -18,6 +18,8 @@ pub enum Event {
     Verdict {
         /// Name of the bench.
         bench: Arc<str>,
+        /// The service watches several benches: whatever names no bench elsewhere names it.
+        several: bool,
         /// The verdict.
         verdict: Arc<Verdict>,
         /// The same as JSON: what stdout and the log carry, byte for byte.
@@ -59,6 +61,9 @@ pub enum Event {
 pub struct SpectrumFrame {
     /// Name of the bench.
     pub bench: String,
+    /// The service watches several benches: the topic names the bench.
+    #[serde(skip)]
+    pub several: bool,
     /// Sensor name.
     pub channel: String,
     /// Unit of the amplitudes.

@@ -50,7 +50,7 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         indicators: None,
     };
     let line = serde_json::to_string(&verdict).unwrap().into();
-    Record::Verdict { verdict: Arc::new(verdict), line }
+    Record::Verdict { bench: None, verdict: Arc::new(verdict), line }
 }
 
 /// The line that stdout shows for the verdict of [`verdict`].

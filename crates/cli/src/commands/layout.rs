@@ -30,6 +30,9 @@ pub struct Layout {
     /// Sensor, may be repeated; those of the bench file where left out
     #[arg(long = "channel", value_name = "NAME")]
     channels: Vec<String>,
+    /// The service watches several benches: topics of its log name the bench
+    #[arg(long)]
+    several: bool,
     /// File to write; standard output where left out
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -49,6 +52,8 @@ enum Viewer {
 /// What a layout shows.
 struct Shown {
     bench: String,
+    /// `<bench>/` in topics of a log of several benches, else nothing.
+    prefix: String,
     stages: Vec<String>,
     channels: Vec<Channel>,
 }
@@ -59,7 +64,7 @@ struct Channel {
 }
 
 impl Shown {
-    fn of(bench: &Bench, wanted: &[String]) -> anyhow::Result<Self> {
+    fn of(bench: &Bench, wanted: &[String], several: bool) -> anyhow::Result<Self> {
         let sensors = &bench.sensors;
         let unit = |name: &str| sensors.iter().find(|s| s.name == name).map_or("", |s| s.unit.as_str()).to_owned();
         let names: Vec<String> =
@@ -70,6 +75,7 @@ impl Shown {
             bench.name
         );
         Ok(Self {
+            prefix: if several { format!("{}/", bench.name) } else { String::new() },
             bench: bench.name.clone(),
             stages: bench.stages.iter().map(|stage| stage.name.clone()).collect(),
             channels: names.into_iter().map(|name| Channel { unit: unit(&name), name }).collect(),
@@ -81,7 +87,7 @@ impl Run for Layout {
     const NAME: &'static str = "layout";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let shown = Shown::of(&super::simulate::read_bench(&self.bench)?, &self.channels)?;
+        let shown = Shown::of(&super::simulate::read_bench(&self.bench)?, &self.channels, self.several)?;
         let text = match self.viewer {
             Viewer::Foxglove => foxglove::layout(&shown)?,
             Viewer::Plotjuggler => plotjuggler::layout(&shown),
@@ -102,7 +108,7 @@ mod tests {
 
     fn rig() -> Shown {
         let bench = gearwatch_sim::shipped::bench("paper-rig").expect("a shipped bench");
-        Shown::of(&bench, &["acc <1>".into(), "acc_2".into()]).expect("channels")
+        Shown::of(&bench, &["acc <1>".into(), "acc_2".into()], false).expect("channels")
     }
 
     /// Each panel that the arrangement names is configured, and each path names a topic and a field that the log has.
@@ -138,6 +144,10 @@ mod tests {
             assert!(text(field) > 0 || on_an_axis, "{field} is shown");
         }
         assert_eq!(text(r#"/gear/stage2/rank{channel=="acc_2"}.dev_1x_percent"#), 1);
+        // Of several benches each has its own topics.
+        let north = foxglove::layout(&Shown { prefix: "north/".into(), ..rig() }).expect("JSON");
+        assert!(north.contains("/gear/north/stage2/rank{") && north.contains("/spectrum/north/acc_2"), "{north}");
+        assert!(plotjuggler::layout(&Shown { prefix: "north/".into(), ..rig() }).contains("/gear/north/stage2/rank/"));
     }
 
     fn leaves(node: &serde_json::Value, out: &mut Vec<String>) {

@@ -14,7 +14,7 @@ pub struct LogConfig {
     pub group_ms: u64,
     /// Bytes of results that are made durable at once at the latest (1–16 MiB).
     pub group_bytes: usize,
-    /// Bytes of raw data that are made durable at once at the latest (1–64 MiB).
+    /// Bytes of raw data that are made durable at once at the latest (1–32 MiB).
     pub raw_group_bytes: usize,
     /// A new file begins when one has grown to this (bytes, 4 KiB–1 GiB).
     pub rotate_bytes: u64,
@@ -113,8 +113,8 @@ impl LogConfig {
         if !(1..=16 << 20).contains(&self.group_bytes) {
             return bad("group_bytes", &self.group_bytes, "between 1 B and 16 MiB");
         }
-        if !(1..=64 << 20).contains(&self.raw_group_bytes) {
-            return bad("raw_group_bytes", &self.raw_group_bytes, "between 1 B and 64 MiB");
+        if !(1..=32 << 20).contains(&self.raw_group_bytes) {
+            return bad("raw_group_bytes", &self.raw_group_bytes, "between 1 B and 32 MiB");
         }
         if !(4 << 10..=1 << 30).contains(&self.rotate_bytes) {
             return bad("rotate_bytes", &self.rotate_bytes, "between 4 KiB and 1 GiB");

@@ -14,6 +14,8 @@ pub(super) struct Keeper {
     policy: RawPolicy,
     buffer: VecDeque<Arc<Packet>>,
     bytes: usize,
+    /// The newest operating point before what waits.
+    point: Option<Arc<Packet>>,
     /// Raw data up to this time are wanted.
     keep_until: UnixNanos,
     /// Packets that the buffer had no room for before anybody could want them, though they were within the time to be kept.
@@ -22,7 +24,7 @@ pub(super) struct Keeper {
 
 impl Keeper {
     pub fn new(policy: RawPolicy) -> Self {
-        Self { policy, buffer: VecDeque::new(), bytes: 0, keep_until: UnixNanos::MIN, overflowed: 0 }
+        Self { policy, buffer: VecDeque::new(), bytes: 0, point: None, keep_until: UnixNanos::MIN, overflowed: 0 }
     }
 
     /// A packet came; what is to be written now goes to `write`.
@@ -36,6 +38,9 @@ impl Keeper {
         let now = time(&packet);
         if now <= self.keep_until {
             write(&packet);
+            if matches!(*packet, Packet::OperatingPoint(_)) {
+                self.point = Some(packet);
+            }
             return;
         }
         self.bytes += packet_bytes(&packet);
@@ -60,12 +65,18 @@ impl Keeper {
         let from = verdict.t0.saturating_sub(nanos(before_secs));
         let until = verdict.t0.saturating_add(WINDOW_NS).saturating_add(nanos(after_secs));
         self.keep_until = self.keep_until.max(until);
+        // What waits was not kept until now: samples begin anew, and a reader must know the speed and torque that hold.
+        let mut begun = false;
         while let Some(first) = self.buffer.front() {
             if time(first) > self.keep_until {
                 break;
             }
             // A block that begins before may still reach into the time that is wanted; blocks are short, so one second is enough.
             if time(first) >= from.saturating_sub(1_000_000_000) {
+                if let Some(point) = self.point.as_ref().filter(|_| !begun) {
+                    write(point);
+                }
+                begun = true;
                 write(first);
             }
             self.drop_first();
@@ -75,6 +86,9 @@ impl Keeper {
     fn drop_first(&mut self) {
         if let Some(first) = self.buffer.pop_front() {
             self.bytes -= packet_bytes(&first);
+            if matches!(*first, Packet::OperatingPoint(_)) {
+                self.point = Some(first);
+            }
         }
     }
 }

@@ -87,14 +87,17 @@ impl Group {
 /// The message of a record; `None` for a context, which is no message, and for what cannot be put into a recording.
 pub(crate) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Message> {
     let (topic, schema, log_ns, data): (String, &'static Schema, UnixNanos, Vec<u8>) = match record {
-        Record::Verdict { verdict, line } => {
-            (format!("/gear/{}/rank", verdict.stage), &*VERDICT_SCHEMA, verdict.t0, line.as_bytes().to_vec())
+        Record::Verdict { bench, verdict, line } => {
+            let topic = format!("/gear/{}{}/rank", part_of(bench.as_deref()), verdict.stage);
+            (topic, &*VERDICT_SCHEMA, verdict.t0, line.as_bytes().to_vec())
         }
         Record::Gap(gap) => (GAP_TOPIC.into(), &*GAP_SCHEMA, gap.t_ns, json_bytes(gap)),
         Record::Clock(clock) => (CLOCK_TOPIC.into(), &*CLOCK_SCHEMA, clock.wall_ns, json_bytes(clock)),
         Record::Note(note) => (NOTE_TOPIC.into(), &*NOTE_SCHEMA, note.t_ns, json_bytes(&foxglove_log(note))),
         Record::Spectrum(frame) => {
-            (format!("/spectrum/{}", frame.channel), &*SPECTRUM_SCHEMA, frame.t0_ns, json_bytes(&Spectrum::of(frame)))
+            let bench = part_of(frame.several.then_some(frame.bench.as_str()));
+            let topic = format!("/spectrum/{bench}{}", frame.channel);
+            (topic, &*SPECTRUM_SCHEMA, frame.t0_ns, json_bytes(&Spectrum::of(frame)))
         }
         Record::Alarm(alarm) => {
             let when = alarm.alarm.t_ns.max(alarm.acknowledged_ns);
@@ -104,6 +107,11 @@ pub(crate) fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Mes
         Record::Context(_) => return None,
     };
     Some(Message { topic, schema, seq, log_time: unsigned(log_ns), publish_time: unsigned(now_ns), data })
+}
+
+/// The part of a topic that names a bench: nothing where the log has one bench only.
+fn part_of(bench: Option<&str>) -> String {
+    bench.map_or_else(String::new, |bench| format!("{bench}/"))
 }
 
 /// A recording has no place for times before 1970; such a clock is wrong anyway, and the payload still holds what it said.

@@ -77,6 +77,18 @@ fn ages(files: &[FileName], now_s: i64, rotate_secs: u64) -> Vec<u64> {
     ages
 }
 
+/// Bytes of messages in a group at most: its chunk must stay below what every reader takes. The rest is for the group record, schemas and channels. Results
+/// and raw data have lower limits of their own; only what a deviation releases at once comes to this one.
+const MOST_IN_GROUP: usize = gearwatch_io::mcap::LARGEST_RECORD - (1 << 20);
+/// What a message takes in a chunk beside its data: opcode, length, channel, sequence and two times.
+const MESSAGE_HEAD: usize = 31;
+/// Results of a group at the end of the log, where few large groups are wanted (bytes at most).
+const HURRIED_BYTES: usize = 16 << 20;
+
+fn bytes_of(message: &Message) -> usize {
+    message.data.len() + MESSAGE_HEAD
+}
+
 /// A group that is written even if it is empty.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Mark {
@@ -91,8 +103,12 @@ pub(super) struct Owner {
     context: Arc<Context>,
     open: Option<Open>,
     pending: Vec<Message>,
+    /// Raw data for which the pending group has no room: they open the next ones.
+    waiting_raw: VecDeque<Message>,
     result_bytes: usize,
     raw_bytes: usize,
+    /// What the pending messages take in the chunk.
+    chunk_bytes: usize,
     results: usize,
     pending_since: Option<Duration>,
     /// The pending group must be written before anything else is taken.
@@ -155,8 +171,10 @@ impl Owner {
             context,
             open: None,
             pending: Vec::new(),
+            waiting_raw: VecDeque::new(),
             result_bytes: 0,
             raw_bytes: 0,
+            chunk_bytes: 0,
             results: 0,
             pending_since: None,
             urgent: false,
@@ -226,13 +244,18 @@ impl Owner {
     /// Nothing more is taken while a full group waits.
     pub fn has_room(&self) -> bool {
         !self.urgent
+            && self.waiting_raw.is_empty()
             && self.result_bytes < self.most_result_bytes()
             && self.raw_bytes < self.config.raw_group_bytes
             && self.results < self.config.queue_records
     }
 
     fn most_result_bytes(&self) -> usize {
-        if self.hurried { self.config.group_bytes.max(self.config.raw_group_bytes) } else { self.config.group_bytes }
+        if self.hurried {
+            self.config.group_bytes.max(self.config.raw_group_bytes.min(HURRIED_BYTES))
+        } else {
+            self.config.group_bytes
+        }
     }
 
     /// The end was asked for.
@@ -261,16 +284,29 @@ impl Owner {
 
     fn raw(&mut self, packet: Arc<gearwatch_core::block::Packet>, now: Now) {
         match encode(0, &Record::Raw(packet), now.wall_ns) {
-            Some(message) => {
-                self.raw_bytes += message.data.len();
+            // A packet that fills a chunk by itself is of no source that there is.
+            Some(message) if bytes_of(&message) <= MOST_IN_GROUP / 2 => self.waiting_raw.push_back(message),
+            _ => self.refused += 1,
+        }
+        self.fill_up(now);
+    }
+
+    /// Takes raw data into the pending group as far as there is room. What a deviation releases at once may fill several groups.
+    fn fill_up(&mut self, now: Now) {
+        while let Some(message) = self.waiting_raw.front() {
+            if self.chunk_bytes + bytes_of(message) > MOST_IN_GROUP {
+                return;
+            }
+            self.raw_bytes += message.data.len();
+            if let Some(message) = self.waiting_raw.pop_front() {
                 self.push(message, now);
             }
-            None => self.refused += 1,
         }
     }
 
     fn push(&mut self, message: Message, now: Now) {
         self.pending_since.get_or_insert(now.mono);
+        self.chunk_bytes += bytes_of(&message);
         self.pending.push(message);
     }
 
@@ -366,13 +402,18 @@ impl Owner {
                 while all_taken && let Some(record) = self.own_records.pop_front() {
                     self.result(&Item { seq: self.last_seq + 1, record }, now);
                 }
-                self.commit(now, mark);
+                while !self.waiting_raw.is_empty() && self.flush(now) {}
+                self.commit(now, if self.waiting_raw.is_empty() { mark } else { Mark::None });
             }
             if self.retry_at.is_none() && self.own_records.is_empty() {
                 break;
             }
         }
-        let durable = all_taken && self.started && self.pending.is_empty() && self.retry_at.is_none();
+        let durable = all_taken
+            && self.started
+            && self.pending.is_empty()
+            && self.waiting_raw.is_empty()
+            && self.retry_at.is_none();
         for _ in 0..LAST_TRIES {
             self.close(now);
             if self.unclosed.is_empty() {
@@ -501,7 +542,7 @@ impl Owner {
     /// The group is durable, or empty.
     fn finish_group(&mut self, now: Now) {
         self.pending.clear();
-        (self.results, self.result_bytes, self.raw_bytes) = (0, 0, 0);
+        (self.results, self.result_bytes, self.raw_bytes, self.chunk_bytes) = (0, 0, 0, 0);
         self.pending_since = None;
         self.urgent = false;
         let full = self.open.as_ref().is_some_and(|open| open.layout.position >= self.config.rotate_bytes);
@@ -509,6 +550,7 @@ impl Owner {
         if full || old || std::mem::take(&mut self.rotate) {
             self.close(now);
         }
+        self.fill_up(now);
     }
 
     /// Gives a file up after a failure.

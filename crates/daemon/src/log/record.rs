@@ -13,8 +13,10 @@ use crate::health::{Acknowledgement, Alarm};
 /// One thing to be logged.
 #[derive(Clone, Debug)]
 pub enum Record {
-    /// A verdict, on `/gear/<stage>/rank`.
+    /// A verdict, on `/gear/<stage>/rank`, or `/gear/<bench>/<stage>/rank` where several benches share the log.
     Verdict {
+        /// Name of the bench, where several share the log.
+        bench: Option<Arc<str>>,
         /// The verdict.
         verdict: Arc<Verdict>,
         /// The JSON object that is the line on stdout too, byte for byte; where several benches share a log it names the bench.
@@ -24,7 +26,7 @@ pub enum Record {
     Raw(Arc<Packet>),
     /// Something is missing, on `/gap`.
     Gap(Gap),
-    /// An order spectrum, on `/spectrum/<channel>`.
+    /// An order spectrum, on `/spectrum/<channel>`, or `/spectrum/<bench>/<channel>` where several benches share the log.
     Spectrum(Arc<SpectrumFrame>),
     /// How the clocks stand, on `/clock`.
     Clock(Clock),

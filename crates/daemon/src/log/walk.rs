@@ -12,8 +12,9 @@ use super::codec::{MAGIC, RECORD_HEAD, Take, op};
 use super::examine::Rules;
 use super::format::{Channel, FileSchema};
 
-/// Largest chunk that is unpacked (bytes); the writers of this project stay below 100 MiB, others by far too.
-const MAX_CHUNK: u64 = 256 << 20;
+/// Largest chunk that is unpacked (bytes). The log writes none above [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends
+/// files of earlier versions, whose chunks could be larger.
+const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
 
 /// Bytes that a search for the next good chunk may look at, in multiples of the file's length.
 const SEARCH_BUDGET: usize = 8;

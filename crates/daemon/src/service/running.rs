@@ -144,7 +144,7 @@ impl Running {
         let spectra = spectra_every_secs
             .is_finite()
             .then(|| viewing::Wanted { sinks: Fanout::new(spectrum_queues), every_secs: spectra_every_secs });
-        let views = viewing::start(&hub, spectra)?;
+        let views = viewing::start(&hub, spectra, several)?;
         let shown = page.is_some().then_some(&hub);
         let sources_stop = stop.child();
         let mut running = Vec::new();

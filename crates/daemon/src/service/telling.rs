@@ -78,6 +78,7 @@ impl Teller {
                 };
                 self.fanout.tell(Event::Verdict {
                     bench: self.bench.clone(),
+                    several: !self.label.is_empty(),
                     verdict: Arc::new(verdict.clone()),
                     line: line.into(),
                 });

@@ -29,6 +29,7 @@ struct View {
     for_page: bool,
     for_log: bool,
     bench: Arc<str>,
+    several: bool,
     train: Arc<Train>,
     samples: Vec<f64>,
     analysis: WindowAnalysis,
@@ -42,16 +43,23 @@ pub(super) struct Wanted {
 }
 
 /// Starts the viewing thread. It ends with the last viewer that was made from what is returned.
-pub(super) fn start(hub: &Arc<Hub>, wanted: Option<Wanted>) -> std::io::Result<Views> {
+pub(super) fn start(hub: &Arc<Hub>, wanted: Option<Wanted>, several: bool) -> std::io::Result<Views> {
     let (views, seen) = sync_channel(WAITING);
     let (page, sinks) = (hub.clone(), wanted.as_ref().map(|wanted| wanted.sinks.clone()));
     std::thread::Builder::new().name("gw-view".to_owned()).spawn(move || keep_showing(&seen, &page, sinks.as_ref()))?;
-    Ok(Views { views, hub: hub.clone(), logged_every_ns: wanted.map(|wanted| (1e9 * wanted.every_secs) as i64) })
+    Ok(Views {
+        views,
+        several,
+        hub: hub.clone(),
+        logged_every_ns: wanted.map(|wanted| (1e9 * wanted.every_secs) as i64),
+    })
 }
 
 /// The way to the viewing thread.
 pub(super) struct Views {
     views: SyncSender<View>,
+    /// The service watches several benches.
+    several: bool,
     hub: Arc<Hub>,
     logged_every_ns: Option<i64>,
 }
@@ -60,6 +68,7 @@ impl Views {
     pub(super) fn of(&self, bench: Arc<str>, train: Train) -> Viewer {
         Viewer {
             bench,
+            several: self.several,
             train: Arc::new(train),
             hub: self.hub.clone(),
             logged_every_ns: self.logged_every_ns,
@@ -73,6 +82,7 @@ impl Views {
 /// Hands windows of one bench to the viewing thread.
 pub(super) struct Viewer {
     bench: Arc<str>,
+    several: bool,
     train: Arc<Train>,
     hub: Arc<Hub>,
     logged_every_ns: Option<i64>,
@@ -109,6 +119,7 @@ impl Viewer {
             for_page,
             for_log,
             bench: self.bench.clone(),
+            several: self.several,
             train: self.train.clone(),
             samples: window.samples.clone(),
             analysis: analysis.clone(),
@@ -156,6 +167,7 @@ fn frame(view: &View, orders: &Orders) -> SpectrumFrame {
     let largest = |lines: &[f64]| lines.iter().fold(0.0, |a: f64, &b| a.max(b)) as f32;
     SpectrumFrame {
         bench: view.bench.to_string(),
+        several: view.several,
         channel: view.analysis.sensor.to_string(),
         unit: view.analysis.unit.to_string(),
         t0_ns: view.analysis.t0,

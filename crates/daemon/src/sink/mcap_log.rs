@@ -1,4 +1,4 @@
-//! The crash-safe MCAP log as a sink: verdicts on `/gear/<stage>/rank`, gaps, and raw data where wanted.
+//! The crash-safe MCAP log as a sink: verdicts on `/gear/<stage>/rank` (of several benches on `/gear/<bench>/<stage>/rank`), gaps, and raw data where wanted.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -74,8 +74,9 @@ impl SinkConfig for LogConfig {
 /// What is recorded of an event; nothing of states, which follow from the rest.
 pub(super) fn record(event: &Event) -> Option<Record> {
     Some(match event {
-        Event::Verdict { verdict, line, .. } => {
-            Record::Verdict { verdict: Arc::clone(verdict), line: Arc::clone(line) }
+        Event::Verdict { bench, several, verdict, line } => {
+            let bench = several.then(|| Arc::clone(bench));
+            Record::Verdict { bench, verdict: Arc::clone(verdict), line: Arc::clone(line) }
         }
         Event::Gap { gap, .. } => Record::Gap(gap.clone()),
         Event::Raw(packet) => Record::Raw(Arc::clone(packet)),

@@ -4,4 +4,5 @@
 mod damage;
 mod judged;
 mod kills;
+mod limit;
 mod start_and_stop;

@@ -231,8 +231,13 @@ impl Outside {
             let changed = self.health.take(&verdict);
             let verdict = Arc::new(verdict);
             self.pages.verdict(&verdict);
-            self.tell(&Event::Verdict { bench: bench(), verdict: verdict.clone(), line: line.as_str().into() });
-            let record = Record::Verdict { verdict, line: line.as_str().into() };
+            self.tell(&Event::Verdict {
+                bench: bench(),
+                several: false,
+                verdict: verdict.clone(),
+                line: line.as_str().into(),
+            });
+            let record = Record::Verdict { bench: None, verdict, line: line.as_str().into() };
             self.offer(What::Window(number, line.into_bytes()), record);
             if let Some(alarm) = changed {
                 self.totals.witnessed(Fault::Gears, u64::from(alarm.active));

@@ -13,4 +13,5 @@ pub mod walk;
 pub mod writer;
 
 pub use source::McapSource;
+pub use walk::LARGEST_RECORD;
 pub use writer::{Compression, Encoded, McapWriter, PublishTime, WriteError, encode};

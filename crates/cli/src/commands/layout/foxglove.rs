@@ -28,14 +28,14 @@ pub(super) fn layout(shown: &Shown) -> serde_json::Result<String> {
 }
 
 fn tab(shown: &Shown, channel: &Channel, panels: &mut Map<String, Value>) -> Value {
-    let stages = shown.stages.iter().map(|stage| stage_column(stage, channel, panels)).collect();
-    let spectrum = spectrum(channel, panels);
+    let stages = shown.stages.iter().map(|stage| stage_column(&shown.prefix, stage, channel, panels)).collect();
+    let spectrum = spectrum(&shown.prefix, channel, panels);
     json!({ "title": channel.name, "layout": split("column", beside(stages), spectrum, 68.0) })
 }
 
 /// Ranks, deviations and amplitudes of one stage below each other.
-fn stage_column(stage: &str, channel: &Channel, panels: &mut Map<String, Value>) -> Value {
-    let field = |field: &str| json!({ "value": path(&format!("/gear/{stage}/rank"), Some(&channel.name), field), "enabled": true, "timestampMethod": "receiveTime" });
+fn stage_column(prefix: &str, stage: &str, channel: &Channel, panels: &mut Map<String, Value>) -> Value {
+    let field = |field: &str| json!({ "value": path(&format!("/gear/{prefix}{stage}/rank"), Some(&channel.name), field), "enabled": true, "timestampMethod": "receiveTime" });
     let named = |name: String, label: &str, ink: &str| {
         let mut path = field(&name);
         path["label"] = json!(label);
@@ -69,8 +69,8 @@ fn stage_column(stage: &str, channel: &Channel, panels: &mut Map<String, Value>)
     split("column", ranks, split("column", deviations, amplitudes, 60.0), 30.0)
 }
 
-fn spectrum(channel: &Channel, panels: &mut Map<String, Value>) -> Value {
-    let topic = format!("/spectrum/{}", channel.name);
+fn spectrum(prefix: &str, channel: &Channel, panels: &mut Map<String, Value>) -> Value {
+    let topic = format!("/spectrum/{prefix}{}", channel.name);
     let line = json!({ "value": path(&topic, None, "amplitude[:]"), "label": "amplitude", "color": INKS[0], "enabled": true, "timestampMethod": "receiveTime" });
     let mut config =
         plot_config(format!("Order spectrum (order of the input shaft, {})", channel.unit), &channel.unit, &[line]);

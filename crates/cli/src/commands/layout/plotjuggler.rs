@@ -13,6 +13,7 @@ pub(super) fn layout(shown: &Shown) -> String {
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- gearwatch, bench {} -->\n<root>\n <tabbed_widget parent=\"main_window\" name=\"Main Window\">\n",
         escaped(&shown.bench).replace("--", "- -")
     );
+    let prefix = escaped(&shown.prefix);
     for stage in &shown.stages {
         let stage = escaped(stage);
         // Writing to a string cannot fail.
@@ -31,7 +32,7 @@ pub(super) fn layout(shown: &Shown) -> String {
             for (harmonic, ink) in HARMONICS.iter().zip(INKS) {
                 let _ = writeln!(
                     out,
-                    "       <curve name=\"/gear/{stage}/rank/{before}{harmonic}{after}\" color=\"{ink}\"/>"
+                    "       <curve name=\"/gear/{prefix}{stage}/rank/{before}{harmonic}{after}\" color=\"{ink}\"/>"
                 );
             }
             out.push_str("      </plot>\n     </DockArea>\n");
