@@ -17,6 +17,7 @@ const FORBIDDEN: &[(&str, &[&str])] = &[
     ),
     ("gearwatch-io", &["gearwatch-sim", "gearwatch-explain", "gearwatch-daemon", "tokio", "clap"]),
     ("gearwatch-explain", &["gearwatch-io", "gearwatch-daemon", "tokio", "mcap", "clap"]),
+    ("gearwatch-drivers", &["gearwatch-core", "gearwatch-io", "gearwatch-daemon", "tokio", "clap"]),
     ("gearwatch-daemon", &["clap", "gearwatch-emulate", "gearwatch-testkit"]),
     ("gearwatch-emulate", &["clap", "gearwatch-testkit"]),
     ("gearwatch-batch", &["gearwatch-daemon", "tokio", "clap"]),

@@ -36,10 +36,12 @@ mod file;
 pub mod frames;
 mod framing;
 mod growing_file;
+mod iio;
 mod inputs;
 mod lanxi;
 mod modbus;
 mod mqtt;
+mod nidaqmx;
 mod numbering;
 mod pace;
 mod pipe;
@@ -66,6 +68,8 @@ pub const KINDS: &[Kind<dyn SourceConfig>] = &[
     lanxi::KIND,
     tcp::KIND,
     udp::KIND,
+    nidaqmx::KIND,
+    iio::KIND,
     sound_card::KIND,
     modbus::KIND,
     mqtt::KIND,

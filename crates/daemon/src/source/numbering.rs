@@ -1,5 +1,6 @@
 //! Numbers samples by their time stamps, through gaps and new connections: what is missing becomes a jump of the index.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use gearwatch_core::block::{Quality, UnixNanos};
@@ -13,6 +14,63 @@ const SLACK_SECS: f64 = 10.0;
 const FOLLOWED: f64 = 1e-3;
 /// A stamp that is off by more is no jitter (s).
 const STEP_SECS: f64 = 0.25;
+
+/// Two rates of one device differ by no more than rounding (relative).
+const SAME_RATE: f64 = 1e-6;
+
+/// What a device's source remembers while it is opened again and again.
+#[derive(Debug, Default)]
+pub(crate) struct Device {
+    name: Option<String>,
+    numbering: Numbering,
+}
+
+impl Device {
+    /// It is the one that was met before, or the first one. Samples before a new opening are never followed without a gap.
+    ///
+    /// # Errors
+    /// When another one was met before.
+    pub(crate) fn meet(this: &Mutex<Self>, name: &str) -> Result<(), String> {
+        let mut this = this.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(before) = this.name.as_ref().filter(|before| *before != name) {
+            return Err(format!("the device is {name:?}; the one before was {before:?}"));
+        }
+        this.name = Some(name.to_owned());
+        this.numbering.break_here();
+        Ok(())
+    }
+
+    /// Numbers samples of all channels that ended at `end_ns`: their time, the index of the first, and whether there is a gap before them. After a loss,
+    /// and at an opening, the clock says how much is missing.
+    pub(crate) fn number(
+        this: &Mutex<Self>,
+        end_ns: UnixNanos,
+        samples: usize,
+        rate_hz: f64,
+        lost: bool,
+    ) -> (UnixNanos, u64, Quality) {
+        let numbering = &mut this.lock().unwrap_or_else(PoisonError::into_inner).numbering;
+        let seen_ns = end_ns - (samples as f64 / rate_hz * 1e9) as i64;
+        if lost {
+            numbering.break_here();
+            let (first, gap) = numbering.place(seen_ns, samples, rate_hz);
+            return (seen_ns, first, gap);
+        }
+        let (t0, first) = numbering.follow(seen_ns, samples, rate_hz);
+        (t0, first, Quality::GOOD)
+    }
+}
+
+/// A device samples as the file says.
+///
+/// # Errors
+/// When it has chosen another rate, as devices do that have a few only.
+pub(crate) fn same_rate(asked_hz: f64, found_hz: f64) -> Result<(), String> {
+    if (found_hz / asked_hz - 1.0).abs() <= SAME_RATE {
+        return Ok(());
+    }
+    Err(format!("the device samples at {found_hz} Hz instead of {asked_hz}; write sample_rate_hz = {found_hz:?}"))
+}
 
 /// Numbers the samples of one channel. Lives as long as the service, not as one connection.
 #[derive(Clone, Debug, Default)]

@@ -34,7 +34,7 @@ struct SoundCard {
     channels: Vec<Input>,
     #[cfg(feature = "sound-card")]
     #[serde(skip)]
-    memory: std::sync::Arc<std::sync::Mutex<capture::Memory>>,
+    known: std::sync::Arc<std::sync::Mutex<super::numbering::Device>>,
 }
 
 /// One input of a sound card.

@@ -47,6 +47,23 @@ fn conform_values_that_cannot_be_are_named() {
             "without wildcards",
         ),
         ("kind = \"mqtt\"\nbroker = \"x:1\"\ntopics = [{ quantity = \"torque\", topic = \"a\" }]", "brake_torque_nm"),
+        ("kind = \"nidaqmx\"\nsample_rate_hz = 1e9\nchannels = []", "channels is empty"),
+        (
+            "kind = \"nidaqmx\"\nsample_rate_hz = 1e4\nchannels = [{ input = \"ai0\", sensor = \"a\" }]",
+            "expected a device and an input",
+        ),
+        (
+            "kind = \"nidaqmx\"\nsample_rate_hz = 1e4\nchannels = [{ input = \"D/ai0\", sensor = \"a\", iepe_current_ma = 2.0 }]",
+            "goes with an accelerometer",
+        ),
+        (
+            "kind = \"iio\"\nuri = \"192.168.1.3\"\ndevice = \"x\"\nsample_rate_hz = 1e4\nchannels = []",
+            "expected local:",
+        ),
+        (
+            "kind = \"iio\"\ndevice = \"x\"\nsample_rate_hz = 1e4\nchannels = [{ input = \"accel_x\", sensor = \"a\", unit = \"g\" }]",
+            "the device says its unit itself",
+        ),
         (
             &format!("data_deadline_secs = inf\nkind = \"tcp\"\nconnect = \"x:1\"\n{frames}"),
             "data_deadline_secs is inf",

@@ -2,7 +2,9 @@
 
 mod examples;
 mod frames;
+mod iio;
 mod lanxi;
+mod nidaqmx;
 mod operating_point;
 mod several;
 mod support;

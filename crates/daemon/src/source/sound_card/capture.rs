@@ -13,21 +13,13 @@ use gearwatch_core::block::{Block, Packet, Quality, Samples};
 use super::calibration::{self, Calibration};
 use super::{Feed, SoundCard, SourceContext, SourceError};
 use crate::source::now_unix_ns;
-use crate::source::numbering::Numbering;
+use crate::source::numbering::Device as Known;
 use crate::stop::Stop;
 
 /// Buffers that may wait for the source's thread; a buffer is some milliseconds.
 const WAITING: usize = 256;
 /// How often a thread that gets nothing looks whether it should stop.
 const POLL: Duration = Duration::from_millis(50);
-
-/// What outlives an unplugged cable.
-#[derive(Debug, Default)]
-pub(super) struct Memory {
-    /// The device's whole name, serial number and calibration included.
-    name: Option<String>,
-    numbering: Numbering,
-}
 
 /// One buffer of the device, values from −1 to 1 of all inputs in turn.
 struct Buffer {
@@ -54,13 +46,8 @@ struct Channel {
 pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, SourceError> {
     let error = |message: String| SourceError::Peer { peer: config.device.clone(), message };
     let (device, name) = find(&config.device).map_err(error)?;
-    let mut memory = config.memory.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(before) = memory.name.as_ref().filter(|before| **before != name) {
-        return Err(error(format!("the device is {name:?}; the one before was {before:?}")));
-    }
-    memory.name = Some(name.clone());
-    memory.numbering.break_here();
-    drop(memory);
+    // Serial number and calibration are in the name.
+    Known::meet(&config.known, &name).map_err(error)?;
     let calibration = calibration::read(&name);
     if let Some(Calibration { model, serial, date, .. }) = &calibration {
         tracing::info!("{model} no. {serial}, calibrated {date} (yymmdd)");
@@ -99,7 +86,7 @@ pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, 
         channels,
         inputs,
         rate_hz: config.sample_rate_hz,
-        memory: config.memory.clone(),
+        known: config.known.clone(),
         opened: true,
         heard: Instant::now(),
         deadline: context.data_deadline,
@@ -193,7 +180,7 @@ struct Capture {
     channels: Vec<Channel>,
     inputs: usize,
     rate_hz: f64,
-    memory: Arc<Mutex<Memory>>,
+    known: Arc<Mutex<Known>>,
     /// The next buffer is the first one.
     opened: bool,
     heard: Instant,
@@ -233,24 +220,8 @@ impl Capture {
             return;
         }
         self.heard = Instant::now();
-        let length_ns = samples as f64 / self.rate_hz * 1e9;
-        let seen_ns = buffer.end_ns - length_ns as i64;
-        let lost = self.shared.lost.swap(false, Ordering::AcqRel);
-        let opened = std::mem::replace(&mut self.opened, false);
-        let (t0, first_sample_index, gap) = {
-            let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
-            if lost {
-                memory.numbering.break_here();
-            }
-            // After a loss, and at the start, the clock says how much is missing.
-            if lost || opened {
-                let (first, gap) = memory.numbering.place(seen_ns, samples, self.rate_hz);
-                (seen_ns, first, gap)
-            } else {
-                let (t0, first) = memory.numbering.follow(seen_ns, samples, self.rate_hz);
-                (t0, first, Quality::GOOD)
-            }
-        };
+        let lost = self.shared.lost.swap(false, Ordering::AcqRel) | std::mem::take(&mut self.opened);
+        let (t0, first_sample_index, gap) = Known::number(&self.known, buffer.end_ns, samples, self.rate_hz, lost);
         for channel in &self.channels {
             let values = buffer.values.iter().skip(channel.at).step_by(self.inputs).take(samples);
             let clipped = values.clone().any(|v| v.abs() >= 1.0);
