@@ -13,6 +13,7 @@ pub mod judging;
 pub mod part;
 pub mod rows;
 pub mod run;
+pub mod samples;
 pub mod shard;
 pub mod sweep;
 pub mod worklist;

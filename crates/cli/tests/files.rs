@@ -43,6 +43,11 @@ fn conform_a_table_becomes_a_recording() {
         let uff: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
         assert_eq!(uff["channels"]["a1"]["rms"], json["channels"]["a1"]["rms"]);
     }
+    // What is in it is tested where it is written.
+    let done = gearwatch(folder.path(), &["convert", "t.mcap", "t.parquet"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let table = std::fs::read(folder.path().join("t.parquet")).unwrap();
+    assert!(table.starts_with(b"PAR1") && table.ends_with(b"PAR1"));
 }
 
 /// Usage errors and bad input: exit 3, a message with the file, nothing on stdout, no half-written file.
@@ -59,7 +64,10 @@ fn conform_bad_input_exits_with_3_and_says_why() {
         (&["info", "bench.toml"], "line 2: unknown key \"nam\"; did you mean \"name\"?"),
         (&["convert", "t.csv", "t.mcap"], "--sample-rate"),
         (&["convert", "t.csv", "t.mcap", "--sample-rate", "10"], "line 102"),
-        (&["convert", "t.csv", "t.xyz", "--sample-rate", "10"], "must end in .mcap, .uff, .csv, .wav, .mat or .tdms"),
+        (
+            &["convert", "t.csv", "t.xyz", "--sample-rate", "10"],
+            "must end in .mcap, .uff, .csv, .wav, .mat, .tdms or .parquet",
+        ),
         (&["convert", "t.csv", "new.mcap", "--sample-rate", "0"], "--sample-rate"),
     ] {
         let out = gearwatch(folder.path(), args);

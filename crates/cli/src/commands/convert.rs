@@ -22,22 +22,23 @@ use crate::input::InputOptions;
 use crate::output::{OutputOptions, with_sidecars};
 use crate::terminal;
 
-/// Write a recording of any format as MCAP, UFF, CSV, WAV, MATLAB or TDMS
+/// Write a recording of any format as MCAP, UFF, CSV, WAV, MATLAB, TDMS or Parquet
 ///
-/// MCAP holds all of a recording. Beside a CSV, WAV, MATLAB or TDMS file a file OUT.toml says units, names, rate and operating point; what neither holds
-/// is told on standard error, and gaps are refused.
+/// MCAP holds all of a recording; a Parquet table has a row a sample instant. Beside a CSV, WAV, MATLAB or TDMS file a file OUT.toml says units, names,
+/// rate and operating point; what neither holds is told on standard error, and gaps are refused.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch convert run.csv.gz run.mcap --sample-rate 12800 --unit g
   gearwatch convert bench.mat run.mcap --channel acc_1=bearing.gs:g --motor-speed 25
   gearwatch convert run.mcap run.uff
   gearwatch convert run.mcap run.tdms                 also .csv, .wav, .mat
+  gearwatch convert run.mcap run.parquet              a row a sample instant, for DuckDB or pandas
   gearwatch convert acc_1.csv run.mcap --join acc_2.csv acc_3.csv --sample-rate 12800 --unit g")]
 pub struct Convert {
     /// The recording to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// The file to write; its end says the format: .mcap, .uff, .csv, .wav, .mat or .tdms
+    /// The file to write; its end says the format: .mcap, .uff, .csv, .wav, .mat, .tdms or .parquet
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Further files of the same recording, with other channels of it; what has the same name in two of them is called as its file
@@ -81,9 +82,12 @@ impl Run for Convert {
     fn run(self) -> anyhow::Result<Exit> {
         let end = self.output.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let foreign = Kind::ALL.into_iter().find(|kind| kind.extension() == end);
-        if !matches!(end.as_str(), "mcap" | "uff") && foreign.is_none() {
+        if end == "parquet" && cfg!(not(feature = "batch")) {
+            bail!("{}: {}", self.output.display(), gearwatch_daemon::kinds::with_feature("batch"));
+        }
+        if !matches!(end.as_str(), "mcap" | "uff" | "parquet") && foreign.is_none() {
             bail!(
-                "{}: the name must end in .mcap, .uff, .csv, .wav, .mat or .tdms, which says the format to write",
+                "{}: the name must end in .mcap, .uff, .csv, .wav, .mat, .tdms or .parquet, which says the format to write",
                 self.output.display()
             );
         }
@@ -93,6 +97,8 @@ impl Run for Convert {
         let target = match foreign {
             Some(kind) => To::Foreign(kind, target, outputs.target(&sidecar_path(&self.output))?),
             None if end == "mcap" => To::Mcap(target),
+            #[cfg(feature = "batch")]
+            None if end == "parquet" => To::Parquet(target),
             None => To::Uff(target),
         };
         if !self.join.is_empty() {
@@ -114,6 +120,8 @@ impl Run for Convert {
 enum To {
     Mcap(Target),
     Uff(Target),
+    #[cfg(feature = "batch")]
+    Parquet(Target),
     /// With its sidecar file.
     Foreign(Kind, Target, Target),
 }
@@ -140,6 +148,8 @@ impl Convert {
         match to {
             To::Mcap(target) => Ok(self.write_mcap(source, target.create()?)?.finish()?),
             To::Uff(target) => Ok(self.write_uff(source, target.create()?)?.finish()?),
+            #[cfg(feature = "batch")]
+            To::Parquet(target) => self.write_parquet(source, target),
             To::Foreign(kind, target, sidecar) => self.write_foreign(source, kind, target, sidecar),
         }
     }
@@ -160,6 +170,16 @@ impl Convert {
             .finish()?;
         sidecar.write(saved.sidecar)?;
         warn(&self.output, &saved.left_out)
+    }
+
+    #[cfg(feature = "batch")]
+    fn write_parquet<S: Source<Error = ReadError>>(&self, source: &mut S, target: Target) -> anyhow::Result<()> {
+        let recording = whole(source)?;
+        let mut out = target.create()?;
+        let left_out = gearwatch_batch::samples::write_parquet(&recording, &mut out)
+            .with_context(|| self.input.display().to_string())?;
+        out.finish()?;
+        warn(&self.output, &left_out)
     }
 
     fn write_mcap<S: Source<Error = ReadError>>(&self, source: &mut S, out: Output) -> anyhow::Result<Output> {
