@@ -84,8 +84,11 @@ fn conform_raw_data_around_deviations_are_read_as_a_recording() {
     assert!((4 * 2048..=9 * 2048).contains(&samples), "{samples} of 24576 samples: {said}");
     let (sheet, normal) = (bench.path("bench.toml"), text(&baseline).to_owned());
     let with = ["--bench", text(&sheet), "--baseline", &normal];
+    // The torque was stated once, long before: without it nothing could be compared. A mean over the change itself is not resolved.
     let judged = output(&[&["diagnose", &log], &with[..]].concat());
-    assert!(matches!(judged.status.code(), Some(1 | 2)), "{}{}", stdout(&judged), stderr(&judged));
+    assert!(stdout(&judged).contains("10.0 N m; baseline 5.00 Hz, 10.0 N m"), "{}{}", stdout(&judged), stderr(&judged));
+    let windows = output(&[&["diagnose", "--windows", &log], &with[..]].concat());
+    assert!(stdout(&windows).contains("\"rank_5x\":\"V\""), "{}{}", stdout(&windows), stderr(&windows));
     let replayed = output(&[&["replay", &log], &with[..]].concat());
     assert!(stdout(&replayed).contains("\"rank_5x\":\"V\""), "{}", stdout(&replayed));
     let parts = bench.path("parts");
