@@ -43,7 +43,6 @@ mod report;
 mod run;
 mod signatures;
 mod simulate;
-mod sketch;
 mod status;
 #[cfg(feature = "batch")]
 mod sweep;

@@ -1,12 +1,11 @@
 //! `gearwatch history LOG…`: what the service's logs say over time.
 
-use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use gearwatch_daemon::history::{self, History, Levels, time};
+use gearwatch_daemon::history::{self, History, time};
 
 use super::Run;
 use crate::exit::Exit;
@@ -64,13 +63,12 @@ impl Run for HistoryCommand {
         {
             bail!("--from {} is not before --to {}", time::iso(from), time::iso(to));
         }
-        let logs = logs(&self.logs)?;
-        let files = logs.files();
+        let files = files(&self.logs)?;
         let mut outputs = self.overwrite.reading(&files);
         let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         #[cfg(feature = "batch")]
         let parquet = self.parquet.as_deref().map(|path| outputs.target(path)).transpose()?;
-        let history = read_all::<Self>(History::new(self.every, self.from, self.to), &logs, self.from, self.to)?;
+        let history = read_all::<Self>(History::new(self.every, self.from, self.to), &files)?;
         if history.rows().next().is_none() {
             bail!(
                 "no window between {} and {} in {} file(s); the logs {}",
@@ -104,30 +102,12 @@ impl Run for HistoryCommand {
     }
 }
 
-/// Reads all logs into a history, with progress; what could not be read to its end is said for the command that asks.
-pub(super) fn read_all<R: Run>(
-    mut history: History,
-    logs: &Logs,
-    from: Option<i64>,
-    to: Option<i64>,
-) -> anyhow::Result<History> {
-    let progress = Progress::new("files", logs.files().len() as u64);
-    for log in &logs.0 {
-        let known = match log.folder.as_deref().map(Levels::read).transpose() {
-            Ok(Some(Some(levels))) => levels.fill(&mut history, from, to)?,
-            Ok(_) => BTreeSet::new(),
-            // The files say the same, slower.
-            Err(e) => {
-                writeln!(terminal::err(), "gearwatch {}: {}", R::NAME, terminal::plain(&e.to_string()))?;
-                BTreeSet::new()
-            }
-        };
-        for path in &log.files {
-            if !path.file_name().is_some_and(|name| known.contains(&*name.to_string_lossy())) {
-                history.read(path)?;
-            }
-            progress.finished(&path.display().to_string());
-        }
+/// Reads all files into a history, with progress; what could not be read to its end is said for the command that asks.
+pub(super) fn read_all<R: Run>(mut history: History, files: &[PathBuf]) -> anyhow::Result<History> {
+    let progress = Progress::new("files", files.len() as u64);
+    for path in files {
+        history.read(path)?;
+        progress.finished(&path.display().to_string());
     }
     drop(progress);
     history.finish();
@@ -137,34 +117,19 @@ pub(super) fn read_all<R: Run>(
     Ok(history)
 }
 
-/// What the arguments name.
-pub(super) struct Logs(Vec<Log>);
-
-struct Log {
-    /// Where the levels of detail are, where a folder is named.
-    folder: Option<PathBuf>,
-    files: Vec<PathBuf>,
-}
-
-impl Logs {
-    pub(super) fn files(&self) -> Vec<PathBuf> {
-        self.0.iter().flat_map(|log| &log.files).cloned().collect()
-    }
-}
-
 /// The files of all logs: those of a folder in the order of their names, which is that of their numbers.
-pub(super) fn logs(named: &[PathBuf]) -> anyhow::Result<Logs> {
+pub(super) fn files(logs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut out = Vec::new();
-    for log in named {
+    for log in logs {
         if !log.is_dir() {
-            out.push(Log { folder: None, files: vec![log.clone()] });
+            out.push(log.clone());
             continue;
         }
-        let files = history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
-        if files.is_empty() {
+        let mut here = history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
+        if here.is_empty() {
             bail!("{} holds no log file; name the folder of an mcap_log sink", log.display());
         }
-        out.push(Log { folder: Some(log.clone()), files });
+        out.append(&mut here);
     }
-    Ok(Logs(out))
+    Ok(out)
 }

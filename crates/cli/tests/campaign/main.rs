@@ -15,7 +15,6 @@ mod failures;
 mod hour;
 mod kills;
 mod memory;
-mod month;
 mod overload;
 mod power_cut;
 mod reader;
