@@ -33,7 +33,6 @@ pub mod impact;
 pub mod linear;
 pub mod lines;
 pub mod mesh;
-pub mod meshes;
 pub mod modal;
 pub mod model;
 pub mod path;
