@@ -21,11 +21,7 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
         return Vec::new();
     }
     let mut transforms = Transforms::default();
-    let mut steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
-    // Behind which a motor slips, a stated speed says nothing about teeth: the lines beside the mesh lines do.
-    for (steady, _) in steady.iter_mut().zip(&asked).filter(|(_, one)| one.slips) {
-        steady.display_motor_hz = f64::NAN;
-    }
+    let steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
     let fields: Vec<CombField> = steady.iter().map(|one| one.comb_field(&mut transforms)).collect();
     let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else {
         return of_the_last_wheel(bench, &mut transforms, &asked).into_iter().collect();
