@@ -43,6 +43,7 @@ mod modbus;
 mod mqtt;
 mod nidaqmx;
 mod numbering;
+mod opcua;
 mod pace;
 mod pipe;
 mod readings;
@@ -73,6 +74,7 @@ pub const KINDS: &[Kind<dyn SourceConfig>] = &[
     sound_card::KIND,
     modbus::KIND,
     mqtt::KIND,
+    opcua::KIND,
 ];
 
 /// A source silent for so long is NOT OK (s), where its configuration says nothing else.
