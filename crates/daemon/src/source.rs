@@ -43,7 +43,6 @@ mod modbus;
 mod mqtt;
 mod nidaqmx;
 mod numbering;
-mod opcua;
 mod pace;
 mod pipe;
 mod readings;
@@ -74,7 +73,6 @@ pub const KINDS: &[Kind<dyn SourceConfig>] = &[
     sound_card::KIND,
     modbus::KIND,
     mqtt::KIND,
-    opcua::KIND,
 ];
 
 /// A source silent for so long is NOT OK (s), where its configuration says nothing else.

@@ -27,7 +27,7 @@ pub(super) struct Linear {
 }
 
 #[cfg_attr(
-    not(any(feature = "brokers", feature = "modbus", feature = "opcua")),
+    not(any(feature = "brokers", feature = "modbus")),
     allow(dead_code, reason = "only these sources set values")
 )]
 impl Linear {
@@ -46,7 +46,7 @@ impl Linear {
 /// What is known of a bench's operating point. Clones are the same.
 #[derive(Clone, Debug, Default)]
 #[cfg_attr(
-    not(any(feature = "brokers", feature = "modbus", feature = "opcua")),
+    not(any(feature = "brokers", feature = "modbus")),
     allow(dead_code, reason = "only these sources set values")
 )]
 pub struct Readings(Arc<Mutex<[Option<Reading>; 3]>>);
@@ -55,7 +55,7 @@ pub struct Readings(Arc<Mutex<[Option<Reading>; 3]>>);
 type Reading = (f64, Instant);
 
 #[cfg_attr(
-    not(any(feature = "brokers", feature = "modbus", feature = "opcua")),
+    not(any(feature = "brokers", feature = "modbus")),
     allow(dead_code, reason = "only these sources set values")
 )]
 impl Readings {

@@ -5,7 +5,6 @@ mod frames;
 mod iio;
 mod lanxi;
 mod nidaqmx;
-mod opcua;
 mod operating_point;
 mod several;
 mod support;

@@ -52,7 +52,7 @@ impl Registers {
     }
 }
 
-pub fn service(operating_point: &str) -> Running {
+fn service(operating_point: &str) -> Running {
     let folder = tempfile::tempdir().unwrap();
     bench_file(folder.path(), "bench.toml", "b");
     // Readings are matched with samples by time. The signal's own operating point, at its start, is overruled by the first reading.
@@ -66,7 +66,7 @@ pub fn service(operating_point: &str) -> Running {
 }
 
 /// Torque as read and as told by the newest verdict, and whether the machine's state is known.
-pub fn seen(running: &Running) -> (Option<f64>, String) {
+fn seen(running: &Running) -> (Option<f64>, String) {
     let snapshot = running.status();
     let bench = &snapshot.benches[0];
     (bench.brake_torque_nm, bench.machine.clone())
