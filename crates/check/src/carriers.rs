@@ -28,6 +28,51 @@ struct Carrier {
     phase_rad: Vec<f64>,
 }
 
+impl Carrier {
+    /// Inverse variance of the angle that it gives, up to a constant; the power counts up to 40 dB.
+    fn weight(&self) -> f64 {
+        self.ratio.min(1e4) * self.order * self.order
+    }
+}
+
+/// The mesh harmonics that tell the angle best: those of all stages (`mesh_orders`, the first of each) up to an order, in all channels, `keep` bins on each side of each.
+fn clearest(
+    transforms: &mut Transforms,
+    channels: &[&[f64]],
+    angle: &[f64],
+    mesh_orders: &[f64],
+    highest_order: f64,
+    keep: usize,
+    blocks: usize,
+) -> Vec<Carrier> {
+    let mut out: Vec<Carrier> = Vec::new();
+    for order in mesh_orders {
+        let count = (1..=HARMONICS).take_while(|h| order * *h as f64 <= highest_order).count();
+        let demodulated = demodulate(channels, angle, *order, count, blocks);
+        out.extend(demodulated.into_iter().enumerate().filter_map(|(k, values)| {
+            let h = 1 + k / channels.len();
+            Some(carrier(transforms, values, order * h as f64, keep)).filter(|c| c.ratio > CARRIER_RATIO)
+        }));
+    }
+    out.sort_by(|a, b| (b.ratio * b.order * b.order).total_cmp(&(a.ratio * a.order * a.order)));
+    out.truncate(CARRIERS);
+    out
+}
+
+/// Mean of the angles (revolutions, at each block) that some harmonics give, by their weights. Where a harmonic begins says nothing of the angle, so that each is taken about its mean.
+fn mean_angle(carriers: &[Carrier]) -> Vec<f64> {
+    let total: f64 = carriers.iter().map(Carrier::weight).sum();
+    let blocks = carriers.first().map_or(0, |c| c.phase_rad.len());
+    let mut out = vec![0.0; blocks];
+    for c in carriers {
+        let mean = c.phase_rad.iter().sum::<f64>() / blocks as f64;
+        for (sum, p) in out.iter_mut().zip(&c.phase_rad) {
+            *sum += c.weight() * (p - mean) / (TAU * c.order * total);
+        }
+    }
+    out
+}
+
 /// Refines the input-shaft angle (revolutions, per sample) from the phase of strong mesh harmonics of all channels.
 ///
 /// Each pass demodulates the harmonics of all stages (`mesh_orders`, the first of each) with the angle so far, keeps `half_width_hz` about each, and adds the mean
@@ -51,31 +96,13 @@ pub fn refine(
         return (angle, 0);
     }
     for highest_hz in PASSES_HZ {
-        let limit = highest_hz.min(0.4 * sample_rate_hz);
-        let mut carriers: Vec<Carrier> = Vec::new();
-        for order in mesh_orders {
-            let count = (1..=HARMONICS).take_while(|h| order * mean_hz * *h as f64 <= limit).count();
-            let demodulated = demodulate(channels, &angle, *order, count, blocks);
-            carriers.extend(demodulated.into_iter().enumerate().filter_map(|(k, values)| {
-                let h = 1 + k / channels.len();
-                Some(carrier(transforms, values, order * h as f64, keep)).filter(|c| c.ratio > CARRIER_RATIO)
-            }));
-        }
-        let weight = |c: &Carrier| c.ratio.min(1e4) * c.order * c.order;
-        carriers.sort_by(|a, b| (b.ratio * b.order * b.order).total_cmp(&(a.ratio * a.order * a.order)));
-        carriers.truncate(CARRIERS);
+        let highest_hz = highest_hz.min(0.4 * sample_rate_hz);
+        let carriers = clearest(transforms, channels, &angle, mesh_orders, highest_hz / mean_hz, keep, blocks);
         if carriers.is_empty() {
             continue;
         }
         carried = carriers.len();
-        let total: f64 = carriers.iter().map(weight).sum();
-        let mut correction = vec![0.0; blocks];
-        for c in &carriers {
-            let mean = c.phase_rad.iter().sum::<f64>() / blocks as f64;
-            for (sum, p) in correction.iter_mut().zip(&c.phase_rad) {
-                *sum += weight(c) * (p - mean) / (TAU * c.order * total);
-            }
-        }
+        let correction = mean_angle(&carriers);
         for (n, a) in angle.iter_mut().enumerate() {
             *a += between(&correction, (n as f64 + 0.5) * blocks as f64 / len as f64 - 0.5);
         }
@@ -95,6 +122,8 @@ pub struct Swing {
     pub left: Vec<f64>,
 }
 
+/// Blocks a second of a swing over its highest frequency: the spline's zeros keep what lies beyond it out.
+const SWING_BLOCKS: f64 = 8.0;
 /// Half width of the window in which the amplitude of a line in the swing is read: seconds, and periods at least.
 const READ_S: f64 = 0.75;
 const READ_PERIODS: f64 = 2.0;
@@ -140,30 +169,13 @@ pub fn swing(
         return None;
     }
     let mean_hz = (angle[len - 1] - angle[0]) * sample_rate_hz / (len - 1) as f64;
-    let limit = PASSES_HZ[PASSES_HZ.len() - 1].min(0.4 * sample_rate_hz);
-    let mut carriers: Vec<Carrier> = Vec::new();
-    for order in mesh_orders {
-        let count = (1..=HARMONICS).take_while(|h| order * mean_hz * *h as f64 <= limit).count();
-        let demodulated = demodulate(channels, angle, *order, count, blocks);
-        carriers.extend(demodulated.into_iter().enumerate().filter_map(|(k, values)| {
-            let h = 1 + k / channels.len();
-            Some(carrier(transforms, values, order * h as f64, keep)).filter(|c| c.ratio > CARRIER_RATIO)
-        }));
-    }
-    let weight = |c: &Carrier| c.ratio.min(1e4) * c.order * c.order;
-    carriers.sort_by(|a, b| (b.ratio * b.order * b.order).total_cmp(&(a.ratio * a.order * a.order)));
-    carriers.truncate(CARRIERS);
-    let total: f64 = carriers.iter().map(weight).sum();
-    if carriers.is_empty() || total <= 0.0 {
+    let highest_order = PASSES_HZ[PASSES_HZ.len() - 1].min(0.4 * sample_rate_hz) / mean_hz;
+    let carriers = clearest(transforms, channels, angle, mesh_orders, highest_order, keep, blocks);
+    if carriers.is_empty() {
         return None;
     }
     let slope = (angle[len - 1] - angle[0]) / (len - 1) as f64;
-    let mut left: Vec<f64> = (0..blocks)
-        .map(|b| carriers.iter().map(|c| weight(c) * c.phase_rad[b] / (TAU * c.order * total)).sum())
-        .collect();
-    // Where a harmonic begins says nothing of the train.
-    let mean = left.iter().sum::<f64>() / blocks as f64;
-    left.iter_mut().for_each(|v| *v -= mean);
+    let left = mean_angle(&carriers);
     let rev = left
         .iter()
         .enumerate()
@@ -174,9 +186,6 @@ pub fn swing(
         .collect();
     Some(Swing { rate_hz: blocks as f64 / seconds, rev, left })
 }
-
-/// Blocks a second of a swing over its highest frequency: the spline's zeros keep what lies beyond it out.
-const SWING_BLOCKS: f64 = 8.0;
 
 /// Value between the middles of blocks: cubic through four (Catmull–Rom), straight on beyond the ends.
 fn between(values: &[f64], position: f64) -> f64 {
@@ -252,6 +261,15 @@ fn carrier(transforms: &mut Transforms, values: Vec<Complex64>, order: f64, keep
 mod tests {
     use super::*;
 
+    /// Even noise from −1 to 1.
+    fn noise() -> impl FnMut() -> f64 {
+        let mut state = 1u64;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
+        }
+    }
+
     /// Harmonics of a speed that wanders by half a per mille at 0.5 Hz, in noise: started at constant speed, the angle comes out to what the noise leaves.
     #[test]
     fn analytic_wander_is_followed() {
@@ -262,11 +280,7 @@ mod tests {
             // Whole periods, so that mean speed and start are the same as without the wander.
             25.0 * t + 25.0 * 5e-4 / (TAU * 0.5) * (1.0 - (TAU * 0.5 * t).cos())
         };
-        let mut state = 1u64;
-        let mut noise = move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        };
+        let mut noise = noise();
         let signal: Vec<f64> = (0..LEN)
             .map(|n| (1..=4).map(|h| (TAU * 23.0 * f64::from(h) * turn(n) + f64::from(h)).cos()).sum::<f64>() + noise())
             .collect();
@@ -292,11 +306,7 @@ mod tests {
             let t = n as f64 / RATE_HZ;
             25.0 * t + size * (TAU * 4.0 * t).sin()
         };
-        let mut state = 1u64;
-        let mut noise = move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        };
+        let mut noise = noise();
         let lines = |n: usize| (1..=4).map(move |h| (TAU * 23.0 * f64::from(h) * turn(n) + f64::from(h)).cos());
         let signal: Vec<f64> = (0..LEN).map(|n| lines(n).sum::<f64>() + 0.3 * noise()).collect();
         let mut angle: Vec<f64> = (0..LEN).map(|n| 25.0 * n as f64 / RATE_HZ).collect();

@@ -25,7 +25,6 @@ use self::repair::{Cut, common_run};
 use self::samples::{Facts, Repeat};
 use crate::error::ExplainError;
 use crate::judge::report::{Candidate, Entry, Evidence, Explanation, FORMAT, NamedEffect, Published, Status};
-use crate::name::subname::is_path;
 use crate::read::dsp::{Transforms, median};
 use crate::read::features;
 use crate::read::kinematics;
@@ -573,10 +572,7 @@ impl Examined {
         let Self { faults, limits, steps, .. } = self;
         let named: Vec<NamedEffect> = faults.iter().map(NamedEffect::from).collect();
         let is_named = |e: &NamedEffect| named.iter().any(|n| n.effect == e.effect && n.place == e.place);
-        // What one factor leaves of a channel, known to its own error, is no second fault of the same path.
-        let of_scaled =
-            |e: &NamedEffect| is_path(&e.effect) && named.iter().any(|n| n.effect == "scaling" && n.place == e.place);
-        explanation.effects.retain(|e| !is_named(e) && !of_scaled(e));
+        explanation.effects.retain(|e| !is_named(e));
         if !named.is_empty() {
             let ambiguous = named.iter().any(|n| !n.indistinguishable_from.is_empty() && n.probability < 0.85);
             explanation.status = match explanation.status {

@@ -96,9 +96,6 @@ impl Finding {
 /// benches with noise of another kind at least 46 %; two unchanged ones of 186 moved by 3.2 and 4.0 per band, of which 11 and 21 %.
 const BACKGROUND: f64 = 2.5;
 const BACKGROUND_SHARE: f64 = 0.33;
-/// ln of the share of energy in the highest hundredth of short blocks, over that in the reference or over that of noise, from which something bursts that no gear does.
-const BURSTS: f64 = 0.8;
-const BURSTS_ALONE: f64 = 2.5;
 /// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours' noise is not theirs.
 const FOLDED_HZ: f64 = 10.0;
 
@@ -184,15 +181,7 @@ pub fn answer(
     if q.comparison.pairs.is_empty() && !unexplained && findings.iter().all(|f| strange::leaves_shafts(f.effect)) {
         direct::without_reference(q, &mut findings, &mut steps);
     }
-    if let Some(bursts) = strange.bursts.as_ref().filter(|_| findings.is_empty() && !unexplained) {
-        let usual = if q.comparison.pairs.is_empty() { BURSTS_ALONE } else { BURSTS };
-        if bursts.excess > usual {
-            let names: Vec<String> = q.recordings[0].channels.iter().map(|c| c.name.clone()).collect();
-            let channels = if q.comparison.pairs.is_empty() { &names } else { &q.comparison.channels };
-            steps.push(bursts.describe(channels));
-            unexplained = true;
-        }
-    }
+    unexplained |= findings.is_empty() && !unexplained && strange::bursts(q, &strange, &mut steps);
     if fit.is_none() {
         fit = direct::ratio_fit(q, &findings);
     }

@@ -52,6 +52,21 @@ pub(crate) fn densities(z2: f64) -> [f64; SCALES] {
     })
 }
 
+/// Scales that an unchanged bench may have.
+fn usual_scales() -> impl Iterator<Item = usize> {
+    (0..SCALES).take_while(|&k| scale(k) <= LARGEST_USUAL)
+}
+
+/// ln prior density of a scale of an unchanged bench, up to a constant.
+fn prior(k: usize) -> f64 {
+    -0.5 * ((scale(k) / USUAL_SCALE).ln() / USUAL_SPREAD).powi(2)
+}
+
+/// Log likelihood, prior included, of sums by scale at the best scale of an unchanged bench.
+fn at_a_usual_scale(sums: &[f64; SCALES]) -> f64 {
+    usual_scales().map(|k| sums[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// Masks of the machine, best first: inside, changes have one scale, outside the usual one. The wider a mask, the more its quiet lines
 /// speak against it; the narrower, the more the changes that it leaves.
 ///
@@ -64,9 +79,8 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     for t in &tables {
         all.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
     }
-    let usual: Vec<usize> = (0..SCALES).take_while(|&k| scale(k) <= LARGEST_USUAL).collect();
-    let prior = |k: usize| -0.5 * ((scale(k) / USUAL_SCALE).ln() / USUAL_SPREAD).powi(2);
-    let null = usual.iter().map(|&k| all[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max);
+    let usual: Vec<usize> = usual_scales().collect();
+    let null = at_a_usual_scale(&all);
     let mut out: Vec<Mask> = places
         .iter()
         .filter_map(|&place| {
@@ -110,9 +124,7 @@ pub fn unchanged(cells: &[Cell]) -> f64 {
         all.iter_mut().zip(table).for_each(|(a, v)| *a += INDEPENDENT * v);
         widths -= INDEPENDENT * 0.5 * c.variance.ln();
     }
-    let prior = |k: usize| -0.5 * ((scale(k) / USUAL_SCALE).ln() / USUAL_SPREAD).powi(2);
-    let usual = (0..SCALES).take_while(|&k| scale(k) <= LARGEST_USUAL);
-    widths + usual.map(|k| all[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max)
+    widths + at_a_usual_scale(&all)
 }
 
 /// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider mask to be its cause: gears and bearings that change came to 28 nats

@@ -207,7 +207,7 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         }
         found.findings.push(finding);
     }
-    if path_leaves_lines_moved(q, cells, &remaining, &found.findings[known..], found.steps) {
+    if is_rather_the_machine(q, cells, &remaining, &found.findings[known..], found.steps) {
         found.findings.truncate(known);
         return (cells.to_vec(), false);
     }
@@ -231,9 +231,8 @@ fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
     path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
 }
 
-/// Whether a path of all sensors, or of the only one, leaves lines that move more than those of an unchanged bench: then one change of the machine, which meshes bring into the background too, is simpler
-/// than a path and a machine that changed.
-fn path_leaves_lines_moved(
+/// Whether one change of the machine, which meshes bring into the background too, accounts for all lines better than a changed path of all sensors, or of the only one, together with what that leaves.
+fn is_rather_the_machine(
     q: &Question<'_>,
     cells: &[Cell],
     remaining: &[Cell],
@@ -246,14 +245,10 @@ fn path_leaves_lines_moved(
     }
     let (places, gaps) = (places(q), gaps(q));
     let wide_gain = |cells: &[Cell]| {
-        masks::masks(cells, &places, &gaps)
-            .into_iter()
-            .filter(|m| wide(m.place))
-            .map(|m| m.gain.max(0.0))
-            .next()
-            .unwrap_or(0.0)
+        let best = masks::masks(cells, &places, &gaps).into_iter().find(|m| wide(m.place));
+        best.map_or(0.0, |m| m.gain.max(0.0))
     };
-    // Two explanations of the lines: the path with whatever it leaves, and one change of the machine. A path costs a number for each of its bands.
+    // A path costs a number for each of its bands.
     let bands = cells.iter().filter(|c| c.family.is_none() && c.pair == 0).count() as f64;
     let path = masks::unchanged(remaining) - masks::unchanged(cells) + wide_gain(remaining) - NUMBER * bands;
     let machine = wide_gain(cells);

@@ -47,11 +47,11 @@ const RISEN_EVERYWHERE: f64 = 0.3;
 const LEAST_ROW: usize = 6;
 
 /// How the amplitude of an order goes with the torque at one speed.
-struct Law {
+pub struct Law {
     /// Exponent of the torque.
-    exponent: f64,
+    pub exponent: f64,
     /// Log odds of exponent 1 against 0.
-    odds: f64,
+    pub odds: f64,
     /// χ² per value of the better of the two.
     misfit: f64,
 }
@@ -71,7 +71,7 @@ struct Order {
 }
 
 /// Power and noise by recording and channel.
-type Powers = Vec<Vec<Option<(f64, f64)>>>;
+pub type Powers = Vec<Vec<Option<(f64, f64)>>>;
 
 /// Power and noise of one multiple of a shaft by recording and channel; what clips shows its own lines.
 fn powers(q: &Question<'_>, shaft: usize, multiple: u8) -> Powers {
@@ -89,7 +89,8 @@ fn powers(q: &Question<'_>, shaft: usize, multiple: u8) -> Powers {
     q.recordings.iter().map(of).collect()
 }
 
-fn law(q: &Question<'_>, powers: &[Vec<Option<(f64, f64)>>]) -> Option<Law> {
+/// The law that the powers of one order follow; `None` without two loads at a speed.
+pub fn law(q: &Question<'_>, powers: &[Vec<Option<(f64, f64)>>]) -> Option<Law> {
     let mut values: Vec<(f64, f64)> = Vec::new();
     for (low, a) in q.recordings.iter().zip(powers) {
         for (high, b) in q.recordings.iter().zip(powers) {

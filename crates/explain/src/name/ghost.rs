@@ -5,9 +5,10 @@
 //! a path that neighbours share, like Rayleigh amplitudes. The ghost's own order alone leads its neighbours, at every speed and on all sensors, and those that it is
 //! mixed to as well. Against a reference the same is asked of what changed.
 
+use crate::name::alone::{self, Powers};
 use crate::name::direct::gears_on;
 use crate::name::{Finding, Question};
-use crate::read::dsp::{mean, median};
+use crate::read::dsp::mean;
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
 use crate::read::lines::SHAFT_MULTIPLES;
 
@@ -38,9 +39,6 @@ const MIXED: usize = 3;
 const OFF: f64 = 0.1;
 /// Scale (nats) on which the lead of the lines that a gear's teeth mix tells of two gears on a shaft.
 const MIXED_SCALE: f64 = 0.5;
-/// Ratio of two torques from which their lines are compared, and the exponent of the torque halfway between an error of geometry, 0, and a ripple of the torque, 1.
-const OTHER_LOAD: f64 = 1.4;
-const WITH_TORQUE: f64 = 0.5;
 /// What is believed of a ripple of the brake at a high multiple of its shaft.
 const OF_BRAKE: f64 = 0.8;
 /// Distance from a whole multiple of a shaft.
@@ -244,12 +242,12 @@ pub fn ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
         own.multiple as f64,
         0.2,
     );
-    if let Some(exponent) =
-        exponent(q, own.shaft, own.multiple).filter(|p| own.shaft + 1 == combs.len() && *p > WITH_TORQUE)
-    {
+    // A torque goes with the load, an error of geometry stays.
+    let of_brake = own.shaft + 1 == combs.len();
+    if let Some(law) = alone::law(q, &powers(q, own.shaft, own.multiple)).filter(|l| of_brake && l.odds > 0.0) {
         f = Finding::new("torque_ripple", "brake", OF_BRAKE).with("order", own.multiple as f64, 0.2);
         f.alternatives.push(("ghost_component", bearer.gear.clone()));
-        f.evidence.law = format!("amplitude ∝ torque^{exponent:.2} at one speed: a torque, no error of geometry");
+        f.evidence.law = format!("amplitude ∝ torque^{:.2} at one speed", law.exponent);
     }
     let others = shares[1..].iter().filter(|s| s.0 / sum > LEFT_OUT);
     f.alternatives.extend(others.map(|s| ("ghost_component", s.2.gear.clone())));
@@ -265,32 +263,18 @@ pub fn ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     Some(f)
 }
 
-/// Exponent of the torque with which a multiple of a shaft grows at one speed, less what the reference shows; `None` without two loads at a speed.
-fn exponent(q: &Question<'_>, shaft: usize, multiple: usize) -> Option<f64> {
-    let power = |r: &RecordingFeatures, c: &ChannelFeatures| {
-        let before = q.comparison.pairs.iter().find(|p| std::ptr::eq(&q.recordings[p.recording], r)).and_then(|p| {
-            let own = q.references[p.reference].channels.iter().find(|x| x.name == c.name)?;
-            own.combs[shaft].get(multiple - 1)
-        });
-        let own = c.combs[shaft].get(multiple - 1)?;
-        let added = own.amplitude.norm_sqr() - before.map_or(own.noise, |b| b.amplitude.norm_sqr());
-        (added > own.noise).then_some(added)
+/// Power of a multiple of a shaft beyond what the reference has, and its noise.
+fn powers(q: &Question<'_>, shaft: usize, multiple: usize) -> Powers {
+    let at = |c: &ChannelFeatures| c.combs[shaft].get(multiple - 1).map(|l| (l.amplitude.norm_sqr(), l.noise));
+    let before = |recording: usize, channel: &str| {
+        let pair = q.comparison.pairs.iter().find(|p| p.recording == recording)?;
+        at(q.references[pair.reference].channels.iter().find(|c| c.name == channel)?)
     };
-    let mut slopes = Vec::new();
-    for low in q.recordings {
-        for high in q.recordings {
-            let ratio = high.brake_torque_nm / low.brake_torque_nm;
-            if ratio.is_nan() || ratio < OTHER_LOAD || (low.input_hz / high.input_hz - 1.0).abs() > SAME_SPEED {
-                continue;
-            }
-            for (a, b) in low.channels.iter().zip(&high.channels) {
-                if let (Some(p), Some(r)) = (power(low, a), power(high, b)) {
-                    slopes.push(0.5 * (r / p).ln() / ratio.ln());
-                }
-            }
-        }
-    }
-    (!slopes.is_empty()).then(|| median(&mut slopes))
+    let of = |(i, r): (usize, &RecordingFeatures)| {
+        let added = |c: &ChannelFeatures| at(c).map(|(p, n)| (p - before(i, &c.name).map_or(0.0, |b| b.0), n));
+        r.channels.iter().map(added).collect()
+    };
+    q.recordings.iter().enumerate().map(of).collect()
 }
 
 /// Teeth of a gear by its place.
