@@ -1,7 +1,6 @@
 //! From what was measured in a window, or averaged over many, to the verdict.
 
 use std::fmt::Write;
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -305,28 +304,11 @@ fn blank() -> Verdict {
     // Room for the longest name of a cell.
     let _ = write!(cell, "{:80}", "");
     Verdict {
-        stage: String::new(),
-        channel: String::new(),
-        window: 0,
-        t0: 0,
-        first_sample_index: 0,
-        samples: 0,
-        unit: String::new(),
-        input_speed_hz: Estimate::UNKNOWN,
-        mesh_hz: f64::NAN,
-        brake_torque_nm: f64::NAN,
         cell,
-        harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
-        machine: MachineState::Unknown,
-        instrument: InstrumentState::Ok,
-        resolvable: false,
-        reason: Reason::None,
-        doubts: Arc::from(""),
-        windows: 0,
-        baseline_sessions: 0,
-        state_fit: StateFit::NotCompared,
         states: Vec::with_capacity(NEAREST_STATES),
-        indicators: None,
+        instrument: InstrumentState::Ok,
+        windows: 0,
+        ..Verdict::blank()
     }
 }
 

@@ -31,7 +31,7 @@ impl Serialize for Verdict {
 
 impl Verdict {
     /// Nothing is known. The instrument is in no state that could pass for good: readers replace it, or refuse.
-    fn blank() -> Self {
+    pub(crate) fn blank() -> Self {
         Self {
             stage: String::new(),
             channel: String::new(),

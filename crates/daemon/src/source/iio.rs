@@ -1,7 +1,6 @@
 //! Devices of Linux' Industrial I/O (converters and accelerometers on boards and HATs), in this machine or behind `iiod`, by libiio, which is loaded when
 //! the source is opened.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -9,7 +8,7 @@ use gearwatch_drivers::iio::Quantity;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::framing::UNITS;
+use super::inputs::{self, ConfiguredInput, Scalings};
 use super::numbering::Device;
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::Kind;
@@ -78,27 +77,6 @@ impl Input {
             (_, _, Quantity::Other) => ("1", 1.0),
         }
     }
-
-    fn problems(&self) -> Vec<String> {
-        let (name, mut out) = (&self.input, Vec::new());
-        match (self.sensitivity_v_per_unit, self.unit.as_deref()) {
-            (None, None) => {}
-            _ if Quantity::of(name) != Quantity::Voltage => {
-                out.push(format!("{name}: the device says its unit itself; leave sensitivity_v_per_unit and unit out"));
-            }
-            (Some(s), _) if !(s.is_finite() && s > 0.0) => {
-                out.push(format!("{name}: sensitivity_v_per_unit is {s}; expected a number above 0"));
-            }
-            (Some(_), None) | (None, Some(_)) => {
-                out.push(format!("{name}: sensitivity_v_per_unit and unit go together; give both or none"));
-            }
-            (Some(_), Some(unit)) if !UNITS.contains(&unit) => {
-                out.push(format!("{name}: unit is {unit:?}; expected one of {}", UNITS.join(", ")));
-            }
-            _ => {}
-        }
-        out
-    }
 }
 
 impl SourceConfig for Iio {
@@ -110,23 +88,19 @@ impl SourceConfig for Iio {
         if self.device.is_empty() {
             out.push("device is empty; expected a name that iio_info prints".to_owned());
         }
-        let rate = self.sample_rate_hz;
-        if !(rate.is_finite() && (1.0..=1e7).contains(&rate)) {
-            out.push(format!("sample_rate_hz is {rate}; expected a number from 1 to 1e7"));
+        out.extend(inputs::rate_problem(self.sample_rate_hz));
+        let told = |channel: &&Input| channel.sensitivity_v_per_unit.is_some() || channel.unit.is_some();
+        for channel in self.channels.iter().filter(told).filter(|c| Quantity::of(&c.input) != Quantity::Voltage) {
+            let name = &channel.input;
+            out.push(format!("{name}: the device says its unit itself; leave sensitivity_v_per_unit and unit out"));
         }
-        if self.channels.is_empty() {
-            out.push("channels is empty; expected at least one input".to_owned());
-        }
-        let (mut inputs, mut sensors) = (BTreeSet::new(), BTreeSet::new());
-        for channel in &self.channels {
-            out.extend(channel.problems());
-            if !inputs.insert(&channel.input) {
-                out.push(format!("input {:?} is named twice", channel.input));
-            }
-            if !sensors.insert(&channel.sensor) {
-                out.push(format!("channels names {:?} twice", channel.sensor));
-            }
-        }
+        let inputs = self.channels.iter().map(|channel| ConfiguredInput {
+            name: format!("input {:?}", channel.input),
+            sensor: &channel.sensor,
+            scaling: channel.sensitivity_v_per_unit,
+            unit: channel.unit.as_deref(),
+        });
+        out.extend(inputs::problems(inputs, "sensitivity_v_per_unit", Scalings::Positive));
         out
     }
 

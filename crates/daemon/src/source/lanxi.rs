@@ -19,7 +19,7 @@ use gearwatch_io::lanxi::Decoder;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::inputs::{self, NumberedInput};
+use super::inputs::{self, ConfiguredInput, Scalings};
 use super::numbering::Numbering;
 use super::socket::{self, POLL, READ_BYTES, is_timeout};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
@@ -149,13 +149,14 @@ impl SourceConfig for Lanxi {
         {
             out.push(format!("sample_rate_hz is {rate}; expected a number above 0"));
         }
-        let inputs = self.channels.iter().map(|channel| NumberedInput {
-            number: channel.input,
+        let inputs = self.channels.iter().map(|channel| ConfiguredInput {
+            name: format!("input {}", channel.input),
             sensor: &channel.sensor,
             scaling: channel.sensitivity_v_per_unit,
             unit: channel.unit.as_deref(),
         });
-        out.extend(inputs::problems(inputs, MOST_INPUTS, "sensitivity_v_per_unit"));
+        out.extend(inputs::number_problems(self.channels.iter().map(|channel| channel.input), MOST_INPUTS));
+        out.extend(inputs::problems(inputs, "sensitivity_v_per_unit", Scalings::NotZero));
         out
     }
 

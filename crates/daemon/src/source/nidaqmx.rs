@@ -1,6 +1,5 @@
 //! National Instruments' devices, by NI-DAQmx, which is loaded when the source is opened.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -8,7 +7,7 @@ use gearwatch_drivers::nidaqmx::{self, Measures};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::framing::UNITS;
+use super::inputs::{self, ConfiguredInput, Scalings};
 use super::numbering::Device;
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::Kind;
@@ -89,18 +88,6 @@ impl Input {
         if !name.contains('/') {
             out.push(format!("input is {name:?}; expected a device and an input, as cDAQ1Mod1/ai0"));
         }
-        match (self.sensitivity_v_per_unit, self.unit.as_deref()) {
-            (Some(s), _) if !(s.is_finite() && s > 0.0) => {
-                out.push(format!("{name}: sensitivity_v_per_unit is {s}; expected a number above 0"));
-            }
-            (Some(_), None) | (None, Some(_)) => {
-                out.push(format!("{name}: sensitivity_v_per_unit and unit go together; give both or none"));
-            }
-            (Some(_), Some(unit)) if !UNITS.contains(&unit) => {
-                out.push(format!("{name}: unit is {unit:?}; expected one of {}", UNITS.join(", ")));
-            }
-            _ => {}
-        }
         let current = self.iepe_current_ma;
         if !(0.0..=20.0).contains(&current) {
             out.push(format!("{name}: iepe_current_ma is {current}; expected 0 to 20"));
@@ -117,23 +104,15 @@ impl Input {
 impl SourceConfig for NiDaqmx {
     fn problems(&self) -> Vec<String> {
         let mut out = Vec::new();
-        let rate = self.sample_rate_hz;
-        if !(rate.is_finite() && (1.0..=1e7).contains(&rate)) {
-            out.push(format!("sample_rate_hz is {rate}; expected a number from 1 to 1e7"));
-        }
-        if self.channels.is_empty() {
-            out.push("channels is empty; expected at least one input".to_owned());
-        }
-        let (mut inputs, mut sensors) = (BTreeSet::new(), BTreeSet::new());
-        for channel in &self.channels {
-            out.extend(channel.problems());
-            if !inputs.insert(&channel.input) {
-                out.push(format!("input {:?} is named twice", channel.input));
-            }
-            if !sensors.insert(&channel.sensor) {
-                out.push(format!("channels names {:?} twice", channel.sensor));
-            }
-        }
+        out.extend(inputs::rate_problem(self.sample_rate_hz));
+        out.extend(self.channels.iter().flat_map(Input::problems));
+        let inputs = self.channels.iter().map(|channel| ConfiguredInput {
+            name: format!("input {:?}", channel.input),
+            sensor: &channel.sensor,
+            scaling: channel.sensitivity_v_per_unit,
+            unit: channel.unit.as_deref(),
+        });
+        out.extend(inputs::problems(inputs, "sensitivity_v_per_unit", Scalings::Positive));
         out
     }
 

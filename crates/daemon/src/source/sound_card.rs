@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::inputs::{self, NumberedInput};
+use super::inputs::{self, ConfiguredInput, Scalings};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::kinds::{self, Kind};
 
@@ -67,13 +67,14 @@ impl SourceConfig for SoundCard {
         if !(rate.is_finite() && (1.0..=1e7).contains(&rate) && rate.fract() == 0.0) {
             out.push(format!("sample_rate_hz is {rate}; expected a whole number from 1 to 1e7"));
         }
-        let inputs = self.channels.iter().map(|channel| NumberedInput {
-            number: channel.input,
+        let inputs = self.channels.iter().map(|channel| ConfiguredInput {
+            name: format!("input {}", channel.input),
             sensor: &channel.sensor,
             scaling: channel.full_scale,
             unit: channel.unit.as_deref(),
         });
-        out.extend(inputs::problems(inputs, MOST_INPUTS, "full_scale"));
+        out.extend(inputs::number_problems(self.channels.iter().map(|channel| channel.input), MOST_INPUTS));
+        out.extend(inputs::problems(inputs, "full_scale", Scalings::NotZero));
         out
     }
 

@@ -5,10 +5,9 @@ mod iiod;
 
 use std::time::{Duration, Instant};
 
-use gearwatch_core::block::{Block, Packet, Quality, Samples};
-use gearwatch_daemon::source::Pull;
+use gearwatch_core::block::Quality;
 
-use super::support::{Opened, source};
+use super::support::{Opened, block, source, values};
 use iiod::{ACCEL_SCALE, Iiod, VOLTAGE_OFFSET, VOLTAGE_SCALE, accel, temp, voltage};
 
 const BOTH: &str = "{ input = \"accel_z\", sensor = \"a\" }, { input = \"voltage0\", sensor = \"v\" }";
@@ -34,20 +33,6 @@ fn installed() -> bool {
         eprintln!("skipped: libiio is not installed (Debian: libiio0)");
     }
     !missing
-}
-
-fn block(pull: &mut Pull) -> Block {
-    match pull().unwrap() {
-        Some(Packet::Vibration(block)) => block,
-        other => panic!("{other:?}"),
-    }
-}
-
-fn values(block: &Block) -> &[f32] {
-    match &block.samples {
-        Samples::Physical(values) => values,
-        Samples::Counts { .. } => panic!("counts"),
-    }
 }
 
 /// Numbers of other byte order, shifted, signed or not, with scale and offset, become m/s² and V, sample by sample.

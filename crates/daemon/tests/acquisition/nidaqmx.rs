@@ -5,10 +5,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use gearwatch_core::block::{Block, Packet, Quality, Samples};
-use gearwatch_daemon::source::Pull;
+use gearwatch_core::block::{Block, Quality};
 
-use super::support::{Opened, source};
+use super::support::{Opened, block, source, values};
 
 /// Volts from one sample of the library's ramp to the next, and samples of the ramp.
 const STEP_V: f64 = 4e-6;
@@ -33,20 +32,6 @@ fn opened(folder: &Path, rate_hz: f64, channels: &str) -> Opened {
     let library = folder.join("libnidaqmx.so.1");
     let library = library.to_str().unwrap();
     source(&format!("kind = \"nidaqmx\"\nsample_rate_hz = {rate_hz:?}\nlibrary = {library:?}\nchannels = [{channels}]"))
-}
-
-fn block(pull: &mut Pull) -> Block {
-    match pull().unwrap() {
-        Some(Packet::Vibration(block)) => block,
-        other => panic!("{other:?}"),
-    }
-}
-
-fn values(block: &Block) -> &[f32] {
-    match &block.samples {
-        Samples::Physical(values) => values,
-        Samples::Counts { .. } => panic!("counts"),
-    }
 }
 
 /// Number of the first sample of a block by its value, whose following ones it checks. `per_unit` is V per unit.

@@ -52,6 +52,22 @@ pub fn ramp(sensors: &'static [&'static str]) -> Open {
     })
 }
 
+/// The next block of a source.
+pub fn block(pull: &mut Pull) -> Block {
+    match pull().unwrap() {
+        Some(Packet::Vibration(block)) => block,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Physical values of a block.
+pub fn values(block: &Block) -> &[f32] {
+    match &block.samples {
+        Samples::Physical(values) => values,
+        Samples::Counts { .. } => panic!("counts"),
+    }
+}
+
 pub fn runtime() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap()
 }

@@ -2,7 +2,9 @@ use gearwatch_core::block::Packet;
 use gearwatch_io::mcap::Compression;
 use gearwatch_io::{OpenOptions, read_recording};
 
-use crate::fixture::{packets, read, recorded, same, shared};
+use gearwatch_testkit::files::shared;
+
+use crate::fixture::{packets, read, recorded, same};
 
 /// What is written is read back, bit for bit, with each compression.
 #[test]

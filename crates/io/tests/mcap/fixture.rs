@@ -1,7 +1,6 @@
 //! Packets and files for the tests of MCAP.
 
-use std::io::{Cursor, Write};
-use std::path::PathBuf;
+use std::io::Cursor;
 
 use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock};
 use gearwatch_core::source::Source;
@@ -90,14 +89,4 @@ pub fn same(a: &Packet, b: &Packet) -> bool {
         }
         _ => a == b,
     }
-}
-
-/// The folder of shared material beside the checkout's parent; `None`, with a message, where it is missing.
-pub fn shared(sub: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(sub);
-    if path.exists() {
-        return Some(path);
-    }
-    let _ = writeln!(std::io::stderr(), "skipped: {} is not there", path.display());
-    None
 }

@@ -5,9 +5,10 @@ use gearwatch_core::block::{Packet, Quality};
 use gearwatch_io::mcap::foreign::raw_audio::{SCHEMA, Wire};
 use gearwatch_io::summary::Summary;
 use gearwatch_io::{OpenOptions, open, read_recording};
+use gearwatch_testkit::files::shared;
 use prost::Message;
 
-use crate::fixture::{read, shared};
+use crate::fixture::read;
 
 /// A nested Imu with jittered stamps: all 2983 messages, 40 Hz, one gap of 78 ms in which two samples are missing.
 #[test]
