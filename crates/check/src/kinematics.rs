@@ -178,7 +178,7 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64
     let known = steady.display_motor_hz.is_finite();
     let centre = if known { steady.display_motor_hz } else { bench.motor.speed_hz } / train.motor_order;
     let spread = if known { DIRECT_REACH } else { 0.05 };
-    let slip = if bench.belt.is_some() { SLIP_REACH } else { spread };
+    let slip = if bench.belt.is_some() { SLIP_REACH } else { steady.most_slip };
     (centre * (1.0 - slip.max(spread)), centre * (1.0 + spread))
 }
 

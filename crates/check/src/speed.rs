@@ -204,11 +204,14 @@ fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a>> {
         return None;
     }
     let count = speeds().count() as f64;
+    // What is stated without a tacho is the speed of the field, behind which the shaft of a motor lags.
+    let field = bench.belt.is_none() && recording.tachos.is_empty();
     Some(Steady {
         recording,
         channels,
         sample_rate_hz: rate,
         display_motor_hz: if count > 0.0 { speeds().sum::<f64>() / count } else { f64::NAN },
+        most_slip: if field { MOST_SLIP } else { 0.0 },
         brake_torque_nm: look.torques().next().unwrap_or(f64::NAN),
     })
 }

@@ -19,6 +19,8 @@ pub struct Steady<'a> {
     pub sample_rate_hz: f64,
     /// Motor speed as displayed, mean (Hz).
     pub display_motor_hz: f64,
+    /// By how much of it the shaft may lag behind (relative): 0 where the display is a reading of the shaft.
+    pub most_slip: f64,
     /// (N m).
     pub brake_torque_nm: f64,
 }
@@ -105,7 +107,8 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
             (SHORTEST_REVOLUTIONS / guess).ceil()
         ));
     }
-    Ok(Steady { recording, channels, sample_rate_hz: rate, display_motor_hz: display, brake_torque_nm: mean(&torques) })
+    let (sample_rate_hz, display_motor_hz, brake_torque_nm) = (rate, display, mean(&torques));
+    Ok(Steady { recording, channels, sample_rate_hz, display_motor_hz, most_slip: 0.0, brake_torque_nm })
 }
 
 impl Steady<'_> {

@@ -21,11 +21,7 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
         return Vec::new();
     }
     let mut transforms = Transforms::default();
-    let mut steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
-    // Behind which a motor slips, a stated speed says nothing about teeth: the lines beside the mesh lines do.
-    for (steady, _) in steady.iter_mut().zip(&asked).filter(|(_, one)| one.slips) {
-        steady.display_motor_hz = f64::NAN;
-    }
+    let steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
     let fields: Vec<CombField> = steady.iter().map(|one| one.comb_field(&mut transforms)).collect();
     let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else {
         return of_the_last_wheel(bench, &mut transforms, &asked).into_iter().collect();
@@ -40,10 +36,11 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
     vec![finding(bench, &teeth, if sure { Severity::Wrong } else { Severity::Doubtful })]
 }
 
-/// The last wheel moves no mesh line, and is counted over shaft angle, in recordings whose speed is known. Its sidebands may be faint: that is a doubt.
+/// The last wheel moves no mesh line, and is counted over shaft angle, in recordings whose speed is known: one that was only found by letting the motor lag may be that of other teeth. Its
+/// sidebands may be faint: that is a doubt.
 fn of_the_last_wheel(bench: &Bench, transforms: &mut Transforms, asked: &[&Heard<'_>]) -> Option<Finding> {
     let train = Train::new(bench);
-    let settled = asked.iter().filter(|one| one.is_settled());
+    let settled = asked.iter().filter(|one| one.is_settled() && !one.slips);
     let turned: Vec<(f64, Turned, Vec<OrderSpectrum>)> = settled
         .map(|one| {
             let turned = Turned::of(transforms, &train, bench.belt.is_some(), &one.steady, one.input_hz);

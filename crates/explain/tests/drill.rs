@@ -473,3 +473,35 @@ fn literature_a_tooth_off_in_a_faint_stage_is_counted() {
         }
     }
 }
+
+/// A tooth more or fewer on one gear, where the nominal speed is stated, behind which the motor slips by about as much as a tooth is: each is told at its gear by recordings of three loads, and by
+/// one of them alone in 23 of 24 at least (33 teeth for 32 at 30 % load may pass: with 3.9 % of slip that sheet meets as many lines). No other gear is named.
+#[test]
+fn regress_a_tooth_off_is_told_at_the_nominal_speed() {
+    let recordings = recordings("h", &[0, 30, 90]);
+    let looks: Vec<Look> = recordings.iter().map(|r| look(r, RATE_HZ, 30.0)).collect();
+    if looks.is_empty() {
+        return;
+    }
+    let mut silent = 0;
+    for (stage, pinion) in [(0, true), (0, false), (1, true), (1, false)] {
+        let right = &bench().stages[stage];
+        let (gear, teeth) = if pinion { ("pinion", right.pinion.teeth) } else { ("wheel", right.wheel.teeth) };
+        for wrong in [teeth - 1, teeth + 1] {
+            let sheet = kinematics::with_teeth(&bench(), stage, pinion, wrong).unwrap();
+            let expected = [(format!("{}.{gear}", right.name), format!("lines of {teeth} teeth"))];
+            let told = |looks: &[Look]| -> Vec<(String, String)> {
+                let checked = check(&sheet, looks, None);
+                let teeth = checked.findings.iter().filter(|f| f.id == "tooth_number" && f.severity > Severity::Note);
+                teeth.map(|f| (f.place.clone(), f.found.split(',').next().unwrap_or_default().to_owned())).collect()
+            };
+            assert_eq!(told(&looks), expected);
+            for look in &looks {
+                let told = told(std::slice::from_ref(look));
+                assert!(told.is_empty() || told == expected, "{}: {told:?}, {expected:?}", look.name());
+                silent += usize::from(told.is_empty());
+            }
+        }
+    }
+    assert!(silent <= 1, "{silent} of 24");
+}

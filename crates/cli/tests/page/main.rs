@@ -142,6 +142,61 @@ fn conform_the_page_shows_a_fault_and_heals() {
     assert!(foreign.is_empty(), "{foreign:?}");
 }
 
+/// Two benches, of which the one that is not selected has a fault: lamp, title, buttons and rows name it, and the speed is that of the selected one.
+#[test]
+fn regress_the_lamps_speak_of_all_benches() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let Some(mut browser) = Chromium::start(folder) else {
+        return eprintln!("skipped: there is no chromium on this machine");
+    };
+    let port = free_port();
+    let source =
+        |more: &str| format!("kind = \"test_signal\"\namplitudes = [1.0, 0.6, 0.4, 0.3, 0.2]\nnoise = 0.02\n{more}");
+    let mut config = format!("format = \"gearwatch-service/1\"\n[service]\npage = \"127.0.0.1:{port}\"\n");
+    for (name, fault) in [
+        ("east", ""),
+        ("west", "fault = { after_secs = 2.0, stage = \"stage1\", percent = [3.0, 6.0, -9.0, 12.0, 20.0] }\n"),
+    ] {
+        let bench = BENCH.replacen("name = \"paper-rig\"", &format!("name = \"{name}\""), 1);
+        assert!(bench.contains(&format!("name = \"{name}\"")), "the shipped bench has another name");
+        std::fs::write(folder.join(format!("{name}.toml")), bench).expect("written");
+        config += &format!(
+            "[[bench]]\nfile = \"{name}.toml\"\nalarm = {{ needed = 2, of = 3 }}\n[bench.learn_from]\n{}[[bench.source]]\n{}",
+            source("speed = \"max\"\nduration_secs = 20.0\n"),
+            source(&format!("seed = 2\n{fault}")),
+        );
+    }
+    std::fs::write(folder.join("service.toml"), config + "[[sink]]\nkind = \"stdout\"\n").expect("written");
+    let _service = Service::start(folder);
+    let url = format!("http://127.0.0.1:{port}/");
+    while browser.value("document.querySelector('#lamp-machine') !== null") != json!(true) {
+        browser.open(&url);
+        std::thread::sleep(std::time::Duration::from_millis(300));
+    }
+    browser.complaints.clear();
+    browser.wait("four rows of each", "document.querySelectorAll('#rows .row').length === 8");
+    let click = |what: &str| format!("{{ {what}.click(); 0 }}");
+    browser.value(&click("[...document.querySelectorAll('#rows .row')].find((r) => r.innerText.includes('east'))"));
+    browser.wait("the healthy bench is selected", "document.querySelector('#bench').innerText === 'east'");
+    browser.wait("the other one's fault", &format!("{LAMP} === 'alarm'"));
+    browser.wait("its name", "document.querySelector('#lamp-machine').innerText.includes('alarm: west')");
+    browser.wait("the title", "document.title.startsWith('▲ alarm 1/2')");
+    browser.wait("the healthy bench is selected still", "document.querySelector('#bench').innerText === 'east'");
+    let lamps =
+        "[...document.querySelectorAll('#benches button')].map((b) => `${b.dataset.bench} ${b.dataset.state}`).join()";
+    browser.wait("a button for each, the gravest first", &format!("{lamps} === 'west alarm,east normal'"));
+    // Each row says whose it is, in what is seen.
+    let named = "[...document.querySelectorAll('#rows .row')].every((r) => /^(east|west) · stage/.test(r.innerText))";
+    browser.wait("rows with their bench", named);
+    browser.value(&click("document.querySelector('#benches button[data-bench=west]')"));
+    browser.wait(
+        "rows of one bench",
+        "[...document.querySelectorAll('#rows .row:not([hidden])')].map((r) => r.innerText.slice(0, 4)).join() === 'west,west,west,west'",
+    );
+    assert_eq!(browser.complaints, Vec::<String>::new());
+}
+
 /// What somebody chose stays while windows come in: the part of the time that is shown, the words that are sought. What is shown can be taken along.
 fn stays_where_it_was_put(browser: &mut Chromium) {
     browser.value("import('/assets/trend.js').then((m) => { window.time = m.time })");

@@ -1,3 +1,5 @@
+use std::io::Read;
+
 use gearwatch_io::budget::Budget;
 use gearwatch_io::mat::v5::parse;
 use gearwatch_io::{OpenOptions, Problem};
@@ -62,6 +64,24 @@ fn regress_many_names_are_bounded() {
     let long = mat_file(&[matrix(&"n".repeat(2000), 1, 1, 2, &[1])], false);
     let problem = parse(&long[..], &mut Budget::of_bytes(&long)).unwrap_err();
     assert!(problem.to_string().contains("the length of names"), "{problem}");
+}
+
+/// HDF5 of a few kilobytes, made by h5py: ten groups with eight links each to the next one, which are a thousand million paths; and an array of which 2 GiB are declared and nothing is written.
+/// Each limit says its name.
+#[test]
+fn regress_small_files_that_ask_for_much_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (packed, limit) in [
+        (&include_bytes!("shared-groups.mat.gz")[..], "the work to walk its groups"),
+        (include_bytes!("declared.mat.gz"), "the memory for its values"),
+    ] {
+        let mut bytes = Vec::new();
+        flate2::read::GzDecoder::new(packed).read_to_end(&mut bytes).unwrap();
+        assert!(bytes.len() < 8192, "{limit}");
+        let options = OpenOptions { sample_rate_hz: Some(1000.0), unit: Some("g".into()), ..OpenOptions::default() };
+        let refused = read(&put(folder.path(), "t.mat", &bytes), &options).unwrap_err().to_string();
+        assert!(refused.contains(limit) && refused.contains("above the limit of"), "{refused}");
+    }
 }
 
 #[test]

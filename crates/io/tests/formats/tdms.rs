@@ -34,6 +34,42 @@ fn conform_sizes_beyond_the_file_are_refused() {
     }
 }
 
+/// A segment of one object in the group `g`, with the index and the raw bytes that it is given.
+fn segment(mask: u32, index: &[u32], raw: &[u8]) -> Vec<u8> {
+    let mut meta = [1_u32.to_le_bytes(), 8_u32.to_le_bytes()].concat();
+    meta.extend(b"/'g'/'a'");
+    meta.extend(index.iter().chain(&[0]).flat_map(|word| word.to_le_bytes()));
+    let mut out = b"TDSm".to_vec();
+    out.extend([mask, 4713].iter().flat_map(|word| word.to_le_bytes()));
+    out.extend([meta.len() + raw.len(), meta.len()].iter().flat_map(|length| (*length as u64).to_le_bytes()));
+    out.extend(meta);
+    out.extend(raw);
+    out
+}
+
+/// Half a megabyte of DAQmx with 20 000 scalers in 20 000 buffers, and 100 000 segments that say nothing: both are read once through. Looked up for each other, or told one by one, they would
+/// be without end.
+#[test]
+fn regress_many_scalers_and_segments_are_read_once_through() {
+    let count = 20_000;
+    let mut index = vec![0x1269, u32::MAX, 1, 1, 0, count];
+    (0..count).for_each(|_| index.extend([3, count - 1, 0, 0, 7]));
+    index.push(count);
+    index.extend((0..count).map(|k| if k + 1 == count { 2 } else { 0 }));
+    let bytes = segment(0x8E, &index, &[0; 200]);
+    assert!(bytes.len() > 480_000);
+    assert_eq!(parse(&bytes[..], &mut Budget::of_bytes(&bytes)).unwrap().channels.len(), 1);
+    let mut bytes = segment(0x0E, &[20, 10, 1, 1, 0], &[0; 8]);
+    for _ in 0..100_000 {
+        bytes.extend(b"TDSm");
+        bytes.extend([8_u32, 4713].iter().flat_map(|word| word.to_le_bytes()));
+        bytes.extend([1_u64, 0].iter().flat_map(|length| length.to_le_bytes()));
+        bytes.push(1);
+    }
+    let parsed = parse(&bytes[..], &mut Budget::of_bytes(&bytes)).unwrap();
+    assert!(parsed.warnings.len() <= 64, "{} sentences about one file", parsed.warnings.len());
+}
+
 /// Raw DAQmx data with linear scales: seven channels at five to seven tenths of a volt from each other.
 #[test]
 fn oracle_daqmx_data_are_scaled() {
