@@ -207,6 +207,15 @@ struct Moved {
 }
 
 impl Moved {
+    /// Of all recordings.
+    fn between(fields: &[CombField], sheet: &Fit, other: &Fit) -> Self {
+        let mut moved = Self::default();
+        for ((field, sheet), other) in fields.iter().zip(&sheet.lines).zip(&other.lines) {
+            moved.add(field, sheet, other);
+        }
+        moved
+    }
+
     /// Log excess at the frequencies (Hz) of each side that the other side has nothing near.
     fn add(&mut self, field: &CombField, sheet: &[f64], other: &[f64]) {
         let near = |all: &[f64], hz: f64| all.iter().any(|o| (o - hz).abs() < APART_BINS * field.bin_hz());
@@ -293,13 +302,73 @@ fn against_display(bench: &Bench, steady: &Steady<'_>) -> bool {
 /// Which lines move depends on where the speed is known: with a tacho on the output shaft, the pinion's teeth move nothing but the input
 /// shaft's own lines. So candidates are ranked by all lines and believed by those that move.
 pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
-    // Mean score of all lines, and the frequencies of the lines by recording.
-    let lines = |candidate: &Bench, own: bool| -> (f64, Vec<Vec<f64>>) {
+    let sheet = Fit::of(bench, all, fields, true);
+    let mut best: Option<Candidate> = None;
+    let mut faint: Option<Candidate> = None;
+    for (stage, gears) in bench.stages.iter().enumerate() {
+        for (pinion, teeth) in [(true, gears.pinion.teeth), (false, gears.wheel.teeth)] {
+            let near = (-TEETH_REACH..=TEETH_REACH).filter(|change| *change != 0);
+            for changed in near.filter_map(|change| u32::try_from(i64::from(teeth) + change).ok()).filter(|t| *t >= 5) {
+                let Some(other) = with_teeth(bench, stage, pinion, changed) else { continue };
+                if all.iter().any(|steady| against_display(&other, steady)) {
+                    continue;
+                }
+                let fit = Fit::of(&other, all, fields, false);
+                let moved = Moved::between(fields, &sheet, &fit);
+                let all_lines = fit.score - sheet.score;
+                if all_lines <= 0.0 {
+                    continue;
+                }
+                let (gain, sure) = moved.gain();
+                let believed = all_lines > TEETH_GAIN || (gain > TEETH_GAIN && sure > TEETH_SURE);
+                let place = if believed { &mut best } else { &mut faint };
+                if place.as_ref().is_none_or(|one| fit.score > one.score) {
+                    let gain = if believed { gain.max(all_lines) } else { all_lines };
+                    let gear = OtherTeeth { stage, pinion, teeth: changed, sheet: teeth, gain };
+                    *place = Some(Candidate { score: fit.score, moved, gear, bench: other });
+                }
+            }
+        }
+    }
+    // What tooth numbers score that nobody has, by all lines and by those that they move.
+    let nobodys = |gear: &OtherTeeth| -> Vec<(f64, Moved)> {
+        (TEETH_REACH + 1..=NOBODYS_REACH)
+            .flat_map(|change| [-change, change])
+            .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
+            .filter(|teeth| *teeth >= *TRIED_TEETH.start())
+            .filter_map(|teeth| {
+                let fit = Fit::of(&with_teeth(bench, gear.stage, gear.pinion, teeth)?, all, fields, false);
+                Some((fit.score, Moved::between(fields, &sheet, &fit)))
+            })
+            .collect()
+    };
+    // A stage whose mesh is faint beside the other's: its share of all lines is small, but what tooth numbers score that nobody has says how small chance is.
+    let best = best.or_else(|| faint.filter(|one| stands_out(one.score, sheet.score, &nobodys(&one.gear))));
+    best.filter(|one| !sheet_has_lines(&one.moved, &nobodys(&one.gear))).map(|one| (one.gear, one.bench))
+}
+
+/// A sheet with another tooth number that fits better.
+struct Candidate {
+    score: f64,
+    moved: Moved,
+    gear: OtherTeeth,
+    bench: Bench,
+}
+
+/// How a sheet fits all recordings.
+struct Fit {
+    /// Mean log excess of all lines.
+    score: f64,
+    /// Where it puts them in each recording (Hz).
+    lines: Vec<Vec<f64>>,
+}
+
+impl Fit {
+    fn of(candidate: &Bench, all: &[Steady<'_>], fields: &[CombField], own: bool) -> Self {
         let train = Train::new(candidate);
-        let orders = deciding_orders(&train);
-        let comb = comb_orders(&train);
+        let (orders, comb) = (deciding_orders(&train), comb_orders(&train));
         let mut sum = 0.0;
-        let mut frequencies = Vec::with_capacity(all.len());
+        let mut lines = Vec::with_capacity(all.len());
         for (steady, field) in all.iter().zip(fields) {
             let hz = if own {
                 own_speed(candidate, &train, steady, field, &comb, TACHO_REACH).0
@@ -308,74 +377,26 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
                 field.search(&comb, low, high).0
             };
             sum += field.score(&orders, hz);
-            frequencies.push(orders.iter().map(|o| o * hz).collect());
+            lines.push(orders.iter().map(|o| o * hz).collect());
         }
-        (sum / all.len().max(1) as f64, frequencies)
-    };
-    let base = lines(bench, true);
-    let mut best: Option<(f64, OtherTeeth, Bench)> = None;
-    let mut faint: Option<(f64, OtherTeeth, Bench)> = None;
-    for (i, stage) in bench.stages.iter().enumerate() {
-        for pinion in [true, false] {
-            let sheet = if pinion { stage.pinion.teeth } else { stage.wheel.teeth };
-            for change in -TEETH_REACH..=TEETH_REACH {
-                let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
-                if change == 0 || teeth < 5 {
-                    continue;
-                }
-                let Some(candidate) = with_teeth(bench, i, pinion, teeth) else { continue };
-                if all.iter().any(|steady| against_display(&candidate, steady)) {
-                    continue;
-                }
-                let (score, frequencies) = lines(&candidate, false);
-                let mut moved = Moved::default();
-                for ((field, sheet), other) in fields.iter().zip(&base.1).zip(&frequencies) {
-                    moved.add(field, sheet, other);
-                }
-                let (gain, sure) = moved.gain();
-                let all_lines = score - base.0;
-                if all_lines > 0.0 && faint.as_ref().is_none_or(|f| score > f.0) {
-                    faint = Some((
-                        score,
-                        OtherTeeth { stage: i, pinion, teeth, sheet, gain: all_lines },
-                        candidate.clone(),
-                    ));
-                }
-                let believed = all_lines > TEETH_GAIN || (all_lines > 0.0 && gain > TEETH_GAIN && sure > TEETH_SURE);
-                if believed && best.as_ref().is_none_or(|b| score > b.0) {
-                    best = Some((
-                        score,
-                        OtherTeeth { stage: i, pinion, teeth, sheet, gain: gain.max(all_lines) },
-                        candidate,
-                    ));
-                }
-            }
-        }
+        Self { score: sum / all.len().max(1) as f64, lines }
     }
-    // What tooth numbers score that nobody has.
-    let nobodys = |gear: &OtherTeeth| -> Vec<f64> {
-        (TEETH_REACH + 1..=NOBODYS_REACH)
-            .flat_map(|change| [-change, change])
-            .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
-            .filter(|teeth| *teeth >= *TRIED_TEETH.start())
-            .filter_map(|teeth| Some(lines(&with_teeth(bench, gear.stage, gear.pinion, teeth)?, false).0))
-            .collect()
-    };
-    // A stage whose mesh is faint beside the other's: its share of all lines is small, but what tooth numbers score that nobody has says how small chance is.
-    let best = best.or_else(|| faint.filter(|(score, gear, _)| stands_out(*score, base.0, &nobodys(gear))));
-    best.filter(|(score, gear, _)| !sheet_has_lines(base.0, *score, &nobodys(gear))).map(|b| (b.1, b.2))
 }
 
-/// Whether the sheet's own lines are there: its score lies nearer to that of the best tooth number than to what numbers score that nobody has. Then something else makes the lines of the best.
-fn sheet_has_lines(sheet: f64, best: f64, nobody: &[f64]) -> bool {
-    nobody.len() > 8 && sheet > 0.5 * (dsp::median(&mut nobody.to_vec()) + best)
+/// Whether the sheet's own lines are there: where the sheet alone puts lines, there is more like what the best tooth number's own lines show than like those of numbers that nobody has. Then
+/// something else makes the lines of the best. Lines that both sheets have say nothing: at another speed, behind which the motor slips, most are of that kind.
+fn sheet_has_lines(moved: &Moved, nobody: &[(f64, Moved)]) -> bool {
+    let enough = nobody.iter().filter(|(_, moved)| moved.other.len() >= TEETH_LINES);
+    let mut nobody: Vec<f64> = enough.map(|(_, moved)| dsp::mean(&moved.other)).collect();
+    nobody.len() > 8 && dsp::mean(&moved.sheet) > 0.5 * (dsp::median(&mut nobody) + dsp::mean(&moved.other))
 }
 
 /// Whether a score stands out of those of tooth numbers that nobody has, and the sheet's does not. Where sidebands of a pitch error make every whole number fit a
 /// little, they scatter by that; a few that share lines with another mesh do not count, the scatter being that of the median.
-fn stands_out(score: f64, sheet: f64, nobody: &[f64]) -> bool {
-    let middle = dsp::median(&mut nobody.to_vec());
-    let mut off: Vec<f64> = nobody.iter().map(|x| (x - middle).abs()).collect();
+fn stands_out(score: f64, sheet: f64, nobody: &[(f64, Moved)]) -> bool {
+    let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
+    let middle = dsp::median(&mut scores.clone());
+    let mut off: Vec<f64> = scores.iter().map(|x| (x - middle).abs()).collect();
     let sigma = 1.4826 * dsp::median(&mut off);
     nobody.len() > 8 && score > middle + OF_NOBODY * sigma && sheet < middle + 0.5 * (score - middle)
 }
