@@ -17,9 +17,9 @@ use crate::change::locate::Cell;
 use crate::fit::refit::{self, Base, FreeTerm, Number, Problem};
 use crate::name::Question;
 
-/// Sizes that are tried, in scales; dampers take energy, so that theirs are positive.
-const SPRING_SIZES: [f64; 6] = [-0.5, -0.1, 0.03, 0.1, 0.4, 1.5];
-const DAMPER_SIZES: [f64; 4] = [0.1, 0.4, 1.5, 4.0];
+/// Sizes that are tried, in scales, either way from no law; dampers take energy, so that theirs are positive.
+const SPRING_SIZES: [&[f64]; 2] = [&[-0.1, -0.5], &[0.03, 0.1, 0.4, 1.5]];
+const DAMPER_SIZES: [&[f64]; 2] = [&[], &[0.1, 0.4, 1.5, 4.0]];
 /// Edges of a dead zone, by the deflection under the mean load.
 const EDGES: [f64; 2] = [0.6, 1.0];
 /// Candidates that are fitted to the end.
@@ -73,21 +73,44 @@ pub fn tried(q: &Question<'_>) -> f64 {
     candidates(q).map_or(1, |all| all.len().max(1)) as f64
 }
 
-/// Laws by their evidence, best first, and the evidence of no law at all. Of the laws that leave least at some size those are followed that are wanted by `odds` as they are: what the bench's own
+/// What a search for laws gave.
+pub enum Search {
+    /// Laws by their evidence, best first, and the evidence of no law at all.
+    Found(Vec<Fitted>, f64),
+    /// The train has no steady state with its meshes solved together: laws of springs cannot be tried.
+    Unsteady,
+    /// No law leaves less than none.
+    Nothing,
+}
+
+/// Laws by their evidence, and the evidence of no law at all. Of the laws that leave least at some size those are followed that are wanted by `odds` as they are: what the bench's own
 /// numbers can make up for is no law.
-pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<(Vec<Fitted>, f64)> {
+pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<Search> {
     let base = refit::base(q, cells)?;
     let all = candidates(q)?;
     let mut none = Problem::new(q, cells, &[])?;
     let start = none.start(&base);
+    // A spring of size 0 changes nothing but that all meshes are solved together.
+    let mut idle = Problem::of_term(q, cells, all.first()?)?;
+    let at_rest = sized(&idle.start(&base), 0.0);
+    if idle.cost(&at_rest).is_none() {
+        return Some(Search::Unsteady);
+    }
     let enough = none.cost(&start)? - 2.0 * (odds * all.len() as f64).ln();
     let glance = |term: &FreeTerm| {
         let mut problem = Problem::of_term(q, cells, term)?;
         let start = problem.start(&base);
-        let damper = is_damper(term);
-        let sizes: &[f64] = if damper { &DAMPER_SIZES } else { &SPRING_SIZES };
-        let costs = sizes.iter().filter_map(|&size| Some((problem.cost(&sized(&start, size))?, size)));
-        costs.min_by(|a, b| a.0.total_cmp(&b.0))
+        let mut best: Option<(f64, f64)> = None;
+        for sizes in if is_damper(term) { DAMPER_SIZES } else { SPRING_SIZES } {
+            for &size in sizes {
+                // Where one size has no steady state, a larger one has none either.
+                let Some(cost) = problem.cost(&sized(&start, size)) else { break };
+                if best.is_none_or(|b| cost < b.0) {
+                    best = Some((cost, size));
+                }
+            }
+        }
+        best
     };
     let mut seen: Vec<(f64, f64, &FreeTerm)> =
         all.par_iter().filter_map(|term| glance(term).map(|(cost, size)| (cost, size, term))).collect();
@@ -97,9 +120,9 @@ pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<(Vec<Fitted
         seen.par_iter().filter_map(|(_, size, term)| follow(q, cells, &base, term, (*size, enough))).collect();
     found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     if found.is_empty() {
-        return None;
+        return Some(Search::Nothing);
     }
-    Some((found, settled(&mut none, start)?.evidence))
+    Some(Search::Found(found, settled(&mut none, start)?.evidence))
 }
 
 /// A minimum over law and bench, and its log evidence (Laplace, nats).

@@ -11,7 +11,7 @@ use gearwatch_sim::effects::EntryPoint;
 
 use crate::change::locate::{self, Cell};
 use crate::change::masks::INDEPENDENT;
-use crate::fit::terms::{self, Fitted};
+use crate::fit::terms::{self, Fitted, Search};
 use crate::judge::held_out::{self, Residuals};
 use crate::judge::predict::{self, Named};
 use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
@@ -65,7 +65,14 @@ pub fn find(
     let rest = q.comparison.without(&held);
     let train = Question { comparison: &rest, ..*q };
     let train_cells = locate::cells(&rest);
-    let (found, none) = terms::search(&train, &train_cells, ODDS)?;
+    let (found, none) = match terms::search(&train, &train_cells, ODDS)? {
+        Search::Found(found, none) => (found, none),
+        Search::Unsteady => {
+            steps.push("laws without a name were not sought: with its meshes solved together the train has no steady state at one of these loads and speeds".into());
+            return None;
+        }
+        Search::Nothing => return None,
+    };
     let first = found.first()?;
     let wanted = first.evidence - none - terms::tried(q).ln();
     let ranked: Vec<String> = found.iter().map(|f| format!("{} {:.0}", words(f), f.evidence - none)).collect();

@@ -13,7 +13,7 @@ use super::library::{fitted, starts};
 use super::lines::{HARMONICS, Line, lines};
 use super::sheet;
 use crate::change::locate::Cell;
-use crate::fit::least_squares::{Prior, Reach, Solution, losses, minimise, pulls};
+use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls};
 use crate::name::Question;
 use crate::read::features::RecordingFeatures;
 
@@ -239,14 +239,23 @@ impl<'a> Problem<'a> {
         let all: Vec<usize> = (0..q.bench.stages.len()).collect();
         let spaced = problem.spaced(vec![start], &all);
         let (_, start) = problem.turned(spaced, &all).into_iter().next()?;
-        Some(Base(problem.minimise(start, &large, problem.effort.iterations)?.x))
+        Some(Base(problem.approach(start, &large, problem.effort.iterations)?.1))
     }
 
     /// Minimises over some of the numbers.
     pub fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
-        let priors = self.priors.clone();
-        let free: Vec<usize> = (0..priors.len()).filter(|&k| free(&self.numbers[k])).collect();
+        let (priors, free) = (self.priors.clone(), self.free(free));
         minimise(x, &priors, &self.reaches(), &free, iterations, &mut |x| self.residuals(x))
+    }
+
+    /// A little of the way to the minimum over some of the numbers.
+    fn approach(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Start> {
+        let (priors, free) = (self.priors.clone(), self.free(free));
+        approach(x, &priors, &self.reaches(), &free, iterations, &mut |x| self.residuals(x))
+    }
+
+    fn free(&self, of: &dyn Fn(&Number) -> bool) -> Vec<usize> {
+        (0..self.numbers.len()).filter(|&k| of(&self.numbers[k])).collect()
     }
 
     /// The residuals that each number moves. Where pairs of teeth meet and by what errors moves the lines of their own stage, since each mesh sees the others at their mean stiffness; a profile error
@@ -302,7 +311,7 @@ impl<'a> Problem<'a> {
         for (count, iterations) in self.effort.rounds {
             let mut next: Vec<Start> = Vec::new();
             for (_, start) in self.best(seen, count) {
-                next.extend(self.minimise(start, &teeth, iterations).map(|s| (s.cost.1, s.x)));
+                next.extend(self.approach(start, &teeth, iterations));
             }
             next.sort_by(|a, b| a.0.total_cmp(&b.0));
             seen = next;
@@ -324,10 +333,10 @@ impl<'a> Problem<'a> {
         let enough = seen.first()?.0 + 2.0 * HOPELESS;
         let iterations = self.effort.iterations;
         let starts = self.best(seen, self.effort.starts).into_iter().filter(|s| s.0 < enough);
-        let fits: Vec<Solution> = starts.filter_map(|(_, x)| self.minimise(x, &large, iterations)).collect();
-        let best = fits.into_iter().min_by(|a, b| a.cost.1.total_cmp(&b.cost.1))?;
+        let fits: Vec<Start> = starts.filter_map(|(_, x)| self.approach(x, &large, iterations)).collect();
+        let best = fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
         // The small ones follow once the others have settled: free from the beginning they take up what is not theirs.
-        self.minimise(best.x, &|_| true, iterations)
+        self.minimise(best.1, &|_| true, iterations)
     }
 
     /// Sizes of one member with all else as in `x`.
