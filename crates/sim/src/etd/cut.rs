@@ -86,6 +86,11 @@ impl Lane {
         }
         let references = [plan.model.rotation.at(t + 0.5 * length).0, plan.model.rotation.at(t + length).0];
         self.solver.solve(plan, &self.weights, &self.start, &free, references);
+        // What is passed on to the housing is held: a cut step is short, and the next one begins anew.
+        for node in &mut self.solver.nodes {
+            node.remainder[plan.acting..plan.inputs.len()]
+                .copy_from_slice(&self.start.remainder[plan.acting..plan.inputs.len()]);
+        }
         (self.solver.nodes[0], self.solver.nodes[1])
     }
 
