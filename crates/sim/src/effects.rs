@@ -115,8 +115,7 @@ pub const ALL: &[&dyn Effect] = &[
 ];
 
 /// Effects of planetary stages, beyond the contract: pairs have no place for them.
-pub const PLANETARY: &[&dyn Effect] =
-    &[&planet_position::PlanetPosition, &carrier_eccentricity::CarrierEccentricity];
+pub const PLANETARY: &[&dyn Effect] = &[&planet_position::PlanetPosition, &carrier_eccentricity::CarrierEccentricity];
 
 /// All effects that the simulator can switch on.
 pub fn every() -> impl Iterator<Item = &'static dyn Effect> + Clone {

@@ -1,6 +1,7 @@
 //! What planetary stages pass on to housing and sensors within a step: known once the meshes are solved for, since the housing does not act back.
 
 use super::bank::GROUP;
+use super::kink::Kinks;
 use super::nodes::Node;
 use super::plan::{NODES, Plan};
 use super::{Etd, Lane};
@@ -16,6 +17,9 @@ pub(super) struct Passing {
     pub(super) housing: Vec<f64>,
     /// What each sensor hears directly there (m/s²).
     direct: Vec<f64>,
+    /// By row of the linear train what forces that set in during the step add, and the responses to one of them.
+    late: Vec<f64>,
+    terms: Vec<[f64; 3]>,
 }
 
 impl Passing {
@@ -23,7 +27,21 @@ impl Passing {
     pub(super) fn of_state(plan: &Plan, state: &[f64], t: f64) -> Self {
         let mut out = Self::default();
         out.settle(plan, state, t);
+        let rows = plan.outputs.len() - 2 * plan.stiffness.len();
+        (out.late, out.terms) = (vec![0.0; rows], vec![[0.0; 3]; rows]);
         out
+    }
+
+    /// What `kinks` add to the rows by a place (½ or 1) of the step.
+    fn add_late(&mut self, plan: &Plan, kinks: &Kinks, place: f64) {
+        self.late.fill(0.0);
+        for kink in kinks.as_slice() {
+            plan.late.passed(kink.stage, place - kink.at, &mut self.terms);
+            let c = kink.about_onset();
+            for (late, terms) in self.late.iter_mut().zip(&self.terms) {
+                *late += c[0] * terms[0] + c[1] * terms[1] + c[2] * terms[2];
+            }
+        }
     }
 
     /// Takes over a state `(q, q̇)`.
@@ -66,11 +84,16 @@ impl<const L: usize> Etd<L> {
         let first_row = 2 * meshes;
         let first_output = 2 * (2 * meshes + plan.sensors.len());
         let rows = plan.outputs.len() - first_row;
+        let mut passing = std::mem::take(&mut self.passing[l]);
+        passing.late.fill(0.0);
         for half in 0..2 {
+            if kinked {
+                passing.add_late(plan, &self.lanes[l].kinks, 0.5 * (half + 1) as f64);
+            }
             // What the rows of the linear train read there.
             let read = |row: usize| -> f64 {
                 let o = first_output + half * rows + row;
-                let mut value = self.outputs[o / GROUP][o % GROUP][l];
+                let mut value = self.outputs[o / GROUP][o % GROUP][l] + passing.late[row];
                 let coupling = &plan.full.coupling[half][first_row + row];
                 for (c, r) in coupling.iter().zip(self.remainder.chunks_exact(NODES)).take(plan.acting) {
                     for node in 0..NODES {
@@ -81,7 +104,7 @@ impl<const L: usize> Etd<L> {
             };
             let mut row = 0;
             let lane = &self.lanes[l];
-            let mut forces = std::mem::take(&mut self.passing[l].forces);
+            let mut forces = std::mem::take(&mut passing.forces);
             for (force, &(stage, passed)) in forces.iter_mut().zip(&passage.forces) {
                 let first = passage.carriers[stage].map_or(0, |(mesh, _)| mesh);
                 let carrier = plan.model.carrier_rad(stage, nodes[half].phase[first]);
@@ -106,9 +129,9 @@ impl<const L: usize> Etd<L> {
                 }
                 let at = (plan.acting + h) * NODES;
                 if half == 0 {
-                    self.remainder[at][l] = self.passing[l].housing[h];
+                    self.remainder[at][l] = passing.housing[h];
                 } else {
-                    self.passing[l].housing[h] = value;
+                    passing.housing[h] = value;
                 }
                 self.remainder[at + half + 1][l] = value;
             }
@@ -117,12 +140,13 @@ impl<const L: usize> Etd<L> {
                 self.direct[half][s][l] += value;
             }
             if half == 1 {
-                for (kept, reading) in self.passing[l].direct.iter_mut().zip(&self.direct[1]) {
+                for (kept, reading) in passing.direct.iter_mut().zip(&self.direct[1]) {
                     *kept = reading[l];
                 }
             }
-            self.passing[l].forces = forces;
+            passing.forces = forces;
         }
+        self.passing[l] = passing;
     }
 
     /// Takes over the state at the end of a step that was cut or flown through; in its middle the mean is heard.

@@ -16,7 +16,10 @@ use gearwatch_sim::rotation::Profile;
 use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
 
-use super::{RATE_HZ, bare, model, rms};
+use super::{RATE_HZ, bare, model, rms, spread};
+
+mod faults;
+mod refused;
 
 /// One planetary stage alone, the ring standing still, `planets` of them at equal spacing; in and out by their names.
 fn alone(teeth: [u32; 3], planets: u32, roles: [&str; 2]) -> Bench {
@@ -192,34 +195,32 @@ fn literature_lines_that_planets_leave() {
     assert!(far.iter().all(|amplitude| *amplitude < largest), "{far:?} {largest}");
 }
 
-/// Exponential stepping against Runge–Kutta with located events on the shipped bench: 1e-3 of the signal of either sensor.
-#[test]
-fn oracle_planetary_exponential_is_runge_kutta() {
-    let bench = bare("planetary-parallel");
-    let model = model(&bench, 30.0, 40.0, 3);
-    let samples = 800;
-    let mut etd = Etd::<1>::new([model.clone()], 1.0 / (RATE_HZ * 4.0)).expect("stepper");
+/// By sensor, what exponential steps (eight a sample) and Runge–Kutta with located events (24) differ by over 800 samples, as a part of the signal. The fastest mode, planets against sun and ring at
+/// 16.6 kHz, turns by 0.27 rad in a step of Runge–Kutta and by 0.8 in an exponential one.
+fn steppers_apart(model: &Arc<TrainModel>) -> Vec<f64> {
+    let (samples, sensors) = (800, model.linear.sensors.len());
+    let mut etd = Etd::<1>::new([model.clone()], 1.0 / (RATE_HZ * 8.0)).expect("stepper");
     let parts = (1.0 / (RATE_HZ * etd.step_s())).round() as u32;
-    let mut rk4 = Rk4::new(&model, 1.0 / (RATE_HZ * 12.0)).expect("stepper");
-    let (mut fast, mut slow) = (vec![Vec::new(); 2], vec![Vec::new(); 2]);
+    let mut rk4 = Rk4::new(model, 1.0 / (RATE_HZ * 24.0)).expect("stepper");
+    let (mut fast, mut slow) = (vec![Vec::new(); sensors], vec![Vec::new(); sensors]);
     for _ in 0..samples {
-        for _ in 0..parts {
-            etd.step().expect("steps");
-        }
-        for _ in 0..12 {
-            rk4.step_located().expect("steps");
-        }
-        for s in 0..2 {
+        (0..parts).for_each(|_| etd.step().expect("steps"));
+        (0..24).for_each(|_| rk4.step_located().expect("steps"));
+        for s in 0..sensors {
             fast[s].push(etd.readings()[1][s][0]);
             slow[s].push(rk4.sensor(s));
         }
     }
-    for (fast, slow) in fast.iter().zip(&slow) {
-        let mean = slow.iter().sum::<f64>() / samples as f64;
-        let size = rms(slow.iter().map(|x| x - mean));
-        let error = rms(fast.iter().zip(slow).map(|(a, b)| a - b));
-        assert!(error < 1e-3 * size, "{:.1e}", error / size);
-    }
+    let apart = |(fast, slow): (&Vec<f64>, &Vec<f64>)| rms(fast.iter().zip(slow).map(|(a, b)| a - b)) / spread(slow);
+    fast.iter().zip(&slow).map(apart).collect()
+}
+
+/// Two steppers on the shipped bench: 3e-4 of the signal of either sensor. Runge–Kutta changes by 3e-5 on halving. The exponential stepper changes by 7e-5 on halving, and its table of a pair, good to 1e-4 of the
+/// stiffness, leaves 1.3e-4.
+#[test]
+fn oracle_planetary_exponential_is_runge_kutta() {
+    let apart = steppers_apart(&model(&bare("planetary-parallel"), 30.0, 40.0, 3));
+    assert!(apart.iter().all(|&apart| apart < 3e-4), "{apart:.1e?}");
 }
 
 /// With housing modes, too, which the passing planets drive.
@@ -236,28 +237,12 @@ fn oracle_planets_that_pass_a_housing() {
             shape: shape.iter().map(|&(name, value)| (name.to_owned(), value)).collect(),
         });
     }
-    let model = model(&bench, 30.0, 40.0, 3);
-    let mut etd = Etd::<1>::new([model.clone()], 1.0 / (RATE_HZ * 4.0)).expect("stepper");
-    let parts = (1.0 / (RATE_HZ * etd.step_s())).round() as u32;
-    let mut rk4 = Rk4::new(&model, 1.0 / (RATE_HZ * 12.0)).expect("stepper");
-    let (mut fast, mut slow) = (Vec::new(), Vec::new());
-    for _ in 0..800 {
-        for _ in 0..parts {
-            etd.step().expect("steps");
-        }
-        for _ in 0..12 {
-            rk4.step_located().expect("steps");
-        }
-        fast.push(etd.readings()[1][0][0]);
-        slow.push(rk4.sensor(0));
-    }
-    let mean = slow.iter().sum::<f64>() / slow.len() as f64;
-    let size = rms(slow.iter().map(|x| x - mean));
-    let error = rms(fast.iter().zip(&slow).map(|(a, b)| a - b));
-    assert!(error < 1e-3 * size, "{:.1e}", error / size);
+    let apart = steppers_apart(&model(&bench, 30.0, 40.0, 3));
+    assert!(apart.iter().all(|&apart| apart < 3e-4), "{apart:.1e?}");
 }
 
-/// Lines of the steady state against stepping, carrier orders about the mesh: 2e-3 of the largest, healthy and with a pin out of its place.
+/// Lines of the steady state against stepping, carrier orders about the mesh: 1e-3 of the largest, healthy and with a pin out of its place. Angles are those that the first shaft has: what the dampers take from
+/// the vibration lets the motor slip by some 6e-5, and over four turns of the carrier that puts a thousandth of a line into its neighbour.
 #[test]
 fn oracle_steady_state_of_planets_by_stepping() {
     let bench = alone([22, 20, 62], 4, ["sun", "carrier"]);
@@ -266,90 +251,24 @@ fn oracle_steady_state_of_planets_by_stepping() {
     for setup in [SimSetup::nominal(&bench), with(&bench, "planet_position", "p.planet_2", &[("error_um", 5.0)])] {
         let solved = steady(&setup, &orders);
         let model = TrainModel::new(&setup, Profile::constant(20.0), Profile::constant(60.0), 1).expect("model");
+        let first = model.linear.motor_angle;
         let mut etd = Etd::<1>::new([Arc::new(model)], 0.5 / RATE_HZ).expect("stepper");
-        // Two turns of the carrier, after the start has settled.
+        // Four turns of the carrier, after the start has settled.
         let turn = (1.0 / (20.0 * carrier * etd.step_s())).round() as usize;
-        let (mut samples, mut angles) = (Vec::new(), Vec::new());
-        for step in 0..6 * turn {
+        let (mut samples, mut angles, mut state) = (Vec::new(), Vec::new(), Vec::new());
+        for step in 0..8 * turn {
             etd.step().expect("steps");
             if step >= 4 * turn {
+                etd.state(0, &mut state);
                 samples.push(etd.readings()[1][0][0]);
-                angles.push(20.0 * TAU * etd.time());
+                angles.push(20.0 * TAU * etd.time() + state[first]);
             }
         }
         let largest = solved.iter().copied().fold(0.0, f64::max);
         for (order, solved) in orders.iter().zip(&solved) {
             let stepped = line(&samples, &angles, *order).norm();
-            assert!((stepped - solved).abs() < 2e-3 * largest, "{}: {stepped} {solved}", order / carrier);
+            assert!((stepped - solved).abs() < 1e-3 * largest, "{}: {stepped} {solved}", order / carrier);
         }
-    }
-}
-
-/// The mean force of each planet at a crawl, a pin 2 µm ahead (20 µm take all of its load). Springs in parallel whose one end stands back by `e cos α` while the others take over: with a sun that cannot give way
-/// `ΔF = −k e cos α (N − 1)/N`, k of sun mesh, ring mesh and pin in a row; a sun that floats moves until opposite planets carry alike, and leaves a quarter of that change. So the true one lies between.
-#[test]
-fn analytic_a_pin_out_of_place_unloads_its_planet() {
-    let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
-    let setup = with(&bench, "planet_position", "p.planet_1", &[("error_um", 2.0)]);
-    let model = TrainModel::new(&setup, Profile::constant(0.5), Profile::constant(60.0), 1).expect("model");
-    let mut rk4 = Rk4::new(&model, 1.0 / (RATE_HZ * 2.0)).expect("stepper");
-    let mut sums = [0.0; 4];
-    let (skip, count) = (16_384, 32_768);
-    for step in 0..skip + count {
-        rk4.step_located().expect("steps");
-        if step >= skip {
-            let reference = model.rotation.at(rk4.time()).0;
-            for (planet, sum) in sums.iter_mut().enumerate() {
-                *sum +=
-                    model.contact(planet, reference, &rk4.state, &mut Pairs::default()).0.force_n / f64::from(count);
-            }
-        }
-    }
-    let mean = sums.iter().sum::<f64>() / 4.0;
-    assert!((mean / (60.0 * model.force_per_torque[0]) - 1.0).abs() < 1e-2, "{mean}");
-    let [k_sun, k_ring] = [0, 4].map(|mesh: usize| model.contacts[mesh].mean_stiffness_n_per_m);
-    // Planet moves against its two meshes and its pin: both meshes in parallel by cos² α each along the circle.
-    let cos = 20_f64.to_radians().cos();
-    let pin = bench.shafts[1].bearing_n_per_m;
-    let along = (k_sun + k_ring) * cos * cos;
-    let stiff = along * pin / (along + pin);
-    let rigid = stiff * 2e-6 / (2.0 * cos) * 0.75;
-    let found = mean - sums[0];
-    assert!(found > 0.2 * rigid && found < 1.1 * rigid, "{sums:?} {found} {rigid}");
-    assert!(sums[1] > mean - found && sums[2] > sums[0] && sums[3] > sums[0], "{sums:?}");
-}
-
-/// A damaged tooth shows at its own rate against the carrier: sun N times a turn of `n_s − n_c` (once each planet), planet and ring likewise; a healthy stage shows nothing between the lines of
-/// its planets. In the frame of the carrier the mesh force of one planet repeats with z teeth.
-#[test]
-fn analytic_damaged_teeth_of_every_member() {
-    let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
-    let healthy = SimSetup::nominal(&bench);
-    for (place, teeth) in [("p.sun", 28), ("p.ring", 100), ("p.planet_2", 36), ("p.planet_2.ring_side", 36)] {
-        let broken = with(&bench, "pitting", place, &[("area_fraction", 0.3)]);
-        let comb = |setup: &SimSetup| {
-            let model = TrainModel::new(setup, Profile::constant(20.0), Profile::constant(60.0), 1).expect("model");
-            let model = Arc::new(model);
-            let mut etd = Etd::<1>::new([model.clone()], 1.0 / RATE_HZ).expect("stepper");
-            let (mut phase, mut force) = (Vec::new(), Vec::new());
-            let mesh = if place.ends_with("ring_side") || place == "p.ring" { 5 } else { 1 };
-            let mut state = Vec::new();
-            for step in 0..20_000 {
-                etd.step().expect("steps");
-                if step >= 6_000 {
-                    etd.state(0, &mut state);
-                    let reference = model.rotation.at(etd.time()).0;
-                    phase.push(TAU * model.phase(mesh, reference, model.pinion_rad(mesh, &state)));
-                    force.push(model.contact(mesh, reference, &state, &mut Pairs::default()).0.force_n);
-                }
-            }
-            let mean = force.iter().sum::<f64>() / force.len() as f64;
-            // Once a turn of the gear, a few times over, beside the mesh's own harmonics.
-            let harmonics = (2..6).map(|k| line(&force, &phase, f64::from(k) / f64::from(teeth)).norm());
-            harmonics.fold(0.0, f64::max) / mean
-        };
-        let (sound, damaged) = (comb(&healthy), comb(&broken));
-        assert!(damaged > 5.0 * sound, "{place}: {damaged:.1e} {sound:.1e}");
     }
 }
 
@@ -411,26 +330,4 @@ fn oracle_steady_state_of_idlers_and_internal_wheels() {
             assert!((stepped - solved).abs() < 2e-3 * largest, "{order}: {stepped} {solved}");
         }
     }
-}
-
-/// What the simulator cannot do is said with the number that is wrong.
-#[test]
-fn conform_planets_beyond_the_simulator_are_refused() {
-    let mut many = alone([28, 36, 100], 4, ["sun", "carrier"]);
-    if let Some(set) = &mut many.stages[0].gearing.planetary {
-        set.planets = 9;
-    }
-    let said = many.beyond_simulator().expect("too many meshes");
-    assert!(said.contains("18 meshes") && said.contains("16 at most"), "{said}");
-    let mut shifted = alone([28, 36, 100], 4, ["sun", "carrier"]);
-    shifted.stages[0].gearing.profile_shifted = true;
-    assert!(shifted.beyond_simulator().expect("shifted").contains("profile shift"));
-    let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
-    let loose = with(&bench, "looseness", "first", &[]);
-    let said =
-        TrainModel::new(&loose, Profile::constant(20.0), Profile::constant(60.0), 1).expect_err("refused").to_string();
-    assert!(said.contains("planetary stage \"p\""), "{said}");
-    let spec = EffectSpec { effect: "planet_position".into(), place: "p.planet_5".into(), parameters: [].into() };
-    let said = effects::setup(&bench, &[spec]).expect_err("refused").to_string();
-    assert!(said.contains("p.planet_4"), "{said}");
 }
