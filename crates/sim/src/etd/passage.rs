@@ -86,7 +86,7 @@ impl<const L: usize> Etd<L> {
         let rows = plan.outputs.len() - first_row;
         let mut passing = std::mem::take(&mut self.passing[l]);
         passing.late.fill(0.0);
-        for half in 0..2 {
+        for (half, solved) in nodes.iter().enumerate() {
             if kinked {
                 passing.add_late(plan, &self.lanes[l].kinks, 0.5 * (half + 1) as f64);
             }
@@ -107,14 +107,14 @@ impl<const L: usize> Etd<L> {
             let mut forces = std::mem::take(&mut passing.forces);
             for (force, &(stage, passed)) in forces.iter_mut().zip(&passage.forces) {
                 let first = passage.carriers[stage].map_or(0, |(mesh, _)| mesh);
-                let carrier = plan.model.carrier_rad(stage, nodes[half].phase[first]);
+                let carrier = plan.model.carrier_rad(stage, solved.phase[first]);
                 match passed {
                     Passed::Bearing { .. } => {
                         *force = PassedForce { force_n: [read(row), read(row + 1)], angle_rad: carrier };
                         row += 2;
                     }
                     Passed::Ring { mesh, position_rad } => {
-                        let elastic = elastic(plan, lane, kinked, &nodes[half], half + 1, mesh);
+                        let elastic = elastic(plan, lane, kinked, solved, half + 1, mesh);
                         *force = PassedForce { force_n: [elastic + read(row), 0.0], angle_rad: carrier + position_rad };
                         row += 1;
                     }

@@ -173,8 +173,8 @@ impl<const L: usize> Etd<L> {
             for s in 0..sensors {
                 let o = first + half * sensors + s;
                 let mut reading = self.outputs[o / GROUP][o % GROUP];
-                for l in 0..L {
-                    reading[l] += self.direct[half][s][l];
+                for (reading, direct) in reading.iter_mut().zip(&self.direct[half][s]) {
+                    *reading += direct;
                 }
                 for (c, r) in self.sensor_coupling[half][s].iter().zip(&self.remainder) {
                     for l in 0..L {
