@@ -10,7 +10,7 @@
 mod campaign;
 
 use gearwatch_core::bench::{Bench, EffectSpec};
-use gearwatch_sim::effects::{self, PlaceKind};
+use gearwatch_sim::effects::{self, Place};
 
 use self::campaign::Campaign;
 use crate::error::ExplainError;
@@ -85,29 +85,6 @@ const WORDS: &[(&str, &str)] = &[
     ("scaling", "needs a reference: a factor beyond 1.16 or below 0.86"),
 ];
 
-/// Where an effect may sit on a bench.
-fn places(kinds: &[PlaceKind], bench: &Bench) -> Vec<String> {
-    let mut out = Vec::new();
-    for kind in kinds {
-        match kind {
-            PlaceKind::Stage => out.extend(bench.stages.iter().map(|s| s.name.clone())),
-            PlaceKind::Gear => {
-                out.extend(bench.stages.iter().flat_map(|s| ["pinion", "wheel"].map(|g| format!("{}.{g}", s.name))));
-            }
-            PlaceKind::Shaft => out.extend(bench.shafts.iter().map(|s| s.name.clone())),
-            PlaceKind::Sensor => out.extend(bench.sensors.iter().map(|s| s.name.clone())),
-            PlaceKind::Housing => out.push("housing".into()),
-            PlaceKind::Belt if bench.belt.is_none() => {}
-            PlaceKind::Belt => out.push("belt".into()),
-            PlaceKind::Motor => out.push("motor".into()),
-            PlaceKind::Coupling => out.push("coupling".into()),
-            PlaceKind::Brake => out.push("brake".into()),
-            PlaceKind::Acquisition => out.push("acquisition".into()),
-        }
-    }
-    out
-}
-
 /// The settings of a campaign when none are given: nominal and six tenths of the speed, nominal and four tenths of the load.
 pub fn usual_points(bench: &Bench) -> Vec<Point> {
     let (speed, torque) = (bench.motor.speed_hz, bench.brake.torque_nm);
@@ -143,7 +120,7 @@ pub fn blind_spots(
     let mut out = Vec::new();
     for effect in effects::ALL.iter().filter(|e| wanted(e.id())) {
         progress(effect.id());
-        for place in places(effect.places(), bench) {
+        for (place, _) in Place::of(*effect, bench) {
             let words = WORDS.iter().find(|w| w.0 == effect.id());
             let shows = match words {
                 Some((_, words)) => Shows::Words(words),

@@ -35,7 +35,7 @@ pub struct Answer {
 /// # Errors
 /// When bench file and recordings cannot be compared at all; the message says why.
 pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
-    if let Some(why) = input.bench.beyond_simulator() {
+    if let Some(why) = input.bench.beyond_pairs() {
         return Err(ExplainError::Beyond(why));
     }
     progress("sensors, cables and converters");

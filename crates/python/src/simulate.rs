@@ -214,7 +214,7 @@ pub fn steady(
 /// The library of effects: id, help, and parameters with unit, range and typical value.
 #[pyfunction]
 pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let one = |effect: &&dyn gearwatch_sim::effects::Effect| {
+    let one = |effect: &dyn gearwatch_sim::effects::Effect| {
         let out = PyDict::new(py);
         out.set_item("id", effect.id())?;
         out.set_item("help", effect.help())?;
@@ -231,5 +231,5 @@ pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         out.set_item("parameters", parameters)?;
         Ok(out)
     };
-    gearwatch_sim::effects::ALL.iter().map(one).collect()
+    gearwatch_sim::effects::every().map(one).collect()
 }

@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut pairs = Pairs::default();
     let meshes: Vec<_> = (0..model.contacts.len())
         .map(|stage| {
-            let (contact, geometry) = (&model.contacts[stage], &model.linear.stages[stage]);
+            let (contact, geometry) = (&model.contacts[stage], &model.linear.meshes[stage]);
             let force = torque * model.force_per_torque[stage];
             // F = K δ − G about the static approach, at phases between whole ones.
             let table: Vec<[f64; 2]> = (0..NODES)

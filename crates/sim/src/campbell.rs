@@ -49,7 +49,9 @@ pub struct Critical {
 pub struct Train {
     /// What each coordinate is, such as `input.out` (rad) or `stage1.pinion.x` (m).
     pub coordinates: Vec<String>,
-    /// Mean mesh stiffness by stage (N/m).
+    /// The meshes by name, in the order of their stages.
+    pub meshes: Vec<String>,
+    /// Mean stiffness of each mesh (N/m).
     pub mesh_stiffness_n_per_m: Vec<f64>,
     /// What ISO 6336-1, method B, gives for it (N/m); see [`crate::mesh::StageMesh::iso_stiffness_n_per_m`].
     pub iso_stiffness_n_per_m: Vec<f64>,
@@ -106,12 +108,15 @@ impl Train {
         }
         let bench = &setup.bench;
         let mut lines = Vec::new();
-        for (stage, mesh) in bench.stages.iter().zip(model.mesh_orders()) {
+        for (i, stage) in bench.stages.iter().enumerate() {
+            // All meshes of a stage have one order.
+            let mesh = model.linear.meshes.iter().find(|mesh| mesh.place.stage == i).map_or(0.0, |mesh| mesh.order);
             lines.extend((1..=HARMONICS).map(|h| (format!("{} {h}x", stage.name), f64::from(h) * mesh)));
         }
         lines.extend(bench.shafts.iter().zip(&model.linear.shaft_orders).map(|(s, &o)| (format!("{} 1x", s.name), o)));
         Ok(Self {
             coordinates: model.linear.names[..n].to_vec(),
+            meshes: model.linear.meshes.iter().map(|mesh| mesh.place.name(bench)).collect(),
             mesh_stiffness_n_per_m: stiffness,
             iso_stiffness_n_per_m: model
                 .contacts

@@ -272,11 +272,12 @@ impl StageContact {
                 // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the pinion: before the pitch
                 // point the wheel's flank is the faster one and drags the pinion along +tangent.
                 let ratio = self.mesh().base_radii_m()[0] / self.mesh().base_radii_m()[1];
-                let sliding = pair.pinion_roll_m - ratio * pair.wheel_roll_m;
+                let climb = self.mesh().geometry().climb();
+                let sliding = climb * (pair.pinion_roll_m - ratio * pair.wheel_roll_m);
                 let sign = if sliding > 0.0 { 1.0 } else { -1.0 };
                 out.friction[0] -= sign * share;
-                out.friction[1] -= sign * share * pair.pinion_roll_m;
-                out.friction[2] += sign * share * pair.wheel_roll_m;
+                out.friction[1] -= sign * share * climb * pair.pinion_roll_m;
+                out.friction[2] += sign * share * climb * pair.wheel_roll_m;
             }
         }
         out

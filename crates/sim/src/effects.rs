@@ -2,7 +2,7 @@
 //!
 //! An effect says how it changes the simulator, its parameters with range and unit, which lines of the spectrum it moves and how
 //! they follow load and speed, and what it is confused with. The simulator switches it on, the mismatch finder takes it as a hypothesis, and a
-//! conformance test measures it against its own declaration. To add one: write a file, add a line to [`ALL`].
+//! conformance test measures it against its own declaration. To add one: write a file, add a line to [`ALL`] or [`PLANETARY`].
 
 use gearwatch_core::bench::{Bench, EffectSpec};
 
@@ -25,6 +25,7 @@ mod bearing_compliance;
 mod bearing_defect;
 mod belt_slip;
 mod body_coupling;
+mod carrier_eccentricity;
 mod clipping;
 mod clock_offset;
 mod damping;
@@ -38,6 +39,7 @@ mod mesh_stiffness;
 mod misalignment;
 mod pitch_error;
 mod pitting;
+mod planet_position;
 mod profile_error;
 mod root_crack;
 mod scaling;
@@ -112,14 +114,22 @@ pub const ALL: &[&dyn Effect] = &[
     &scaling::Scaling,
 ];
 
+/// Effects of planetary stages, beyond the contract: pairs have no place for them.
+pub const PLANETARY: &[&dyn Effect] = &[&planet_position::PlanetPosition, &carrier_eccentricity::CarrierEccentricity];
+
+/// All effects that the simulator can switch on.
+pub fn every() -> impl Iterator<Item = &'static dyn Effect> + Clone {
+    ALL.iter().chain(PLANETARY).copied()
+}
+
 /// The effect with an id.
 ///
 /// # Errors
 /// When there is none; the message names the nearest id.
 pub fn find(id: &str) -> Result<&'static dyn Effect, EffectError> {
-    ALL.iter().copied().find(|effect| effect.id() == id).ok_or_else(|| EffectError::UnknownEffect {
+    every().find(|effect| effect.id() == id).ok_or_else(|| EffectError::UnknownEffect {
         found: id.to_owned(),
-        nearest: values::nearest(id, ALL.iter().map(|effect| effect.id())).to_owned(),
+        nearest: values::nearest(id, every().map(|effect| effect.id())).to_owned(),
     })
 }
 
@@ -165,6 +175,14 @@ fn apply_state(state: signatures::State, spec: &EffectSpec, setup: &mut SimSetup
 /// A sentence that names the stage and says what is supported.
 pub fn supported(bench: &Bench) -> Result<(), EffectError> {
     bench.beyond_simulator().map_or(Ok(()), |why| Err(EffectError::Beyond(why)))
+}
+
+/// Whether all stages of a bench are pairs, as signatures and explain need them.
+///
+/// # Errors
+/// A sentence that names the stage and says what is supported.
+pub fn pairs_alone(bench: &Bench) -> Result<(), EffectError> {
+    bench.beyond_pairs().map_or(Ok(()), |why| Err(EffectError::Beyond(why)))
 }
 
 /// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order, then its `[[term]]` tables.

@@ -27,12 +27,14 @@ mod cut;
 mod kink;
 mod late;
 mod nodes;
+mod passage;
 mod plan;
 mod smooth;
 mod step;
 
 use bank::{Bank, Block, GROUP, Reading, product};
-use nodes::{MOST_STAGES, Node, Solver, evaluate};
+use nodes::{MOST_HOUSING, MOST_INPUTS, MOST_STAGES, Node, Solver, evaluate};
+use passage::Passing;
 use plan::{LONGEST, NODES, Plan, Split, Weights};
 use smooth::Nodes;
 
@@ -68,6 +70,11 @@ pub struct Etd<const L: usize> {
     /// Response of the sensors at middle and end to the remainder: `[half][sensor][input × node][lane]`.
     sensor_coupling: [Vec<Vec<[f64; L]>>; 2],
     readings: [Vec<[f64; L]>; 2],
+    /// What planetary stages pass on, by run, and what of it the sensors hear directly in the middle and at the end of the step: `[half][sensor][lane]`.
+    passing: [Passing; L],
+    direct: [Vec<[f64; L]>; 2],
+    /// Runs whose last step went smoothly together with the others.
+    smooth: [bool; L],
 }
 
 /// What one run needs beyond the bank.
@@ -93,13 +100,14 @@ struct Lane {
     effort: Effort,
 }
 
-/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise.
+/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise, rows of what is passed on likewise.
 fn readings(plan: &Plan) -> Vec<Reading<'_>> {
-    let (approaches, angles) = plan.outputs.split_at(plan.stiffness.len());
+    let (approaches, others) = plan.outputs.split_at(plan.stiffness.len());
+    let (angles, passed) = others.split_at(plan.stiffness.len());
     let both = |rows: &'_ [Split]| -> Vec<(usize, usize)> {
         (0..2).flat_map(|half| (0..rows.len()).map(move |row| (row, half))).collect()
     };
-    [approaches, angles, &plan.sensors]
+    [approaches, angles, &plan.sensors, passed]
         .into_iter()
         .flat_map(|rows| both(rows).into_iter().map(move |(row, half)| Reading { row: &rows[row], half }))
         .collect()
@@ -118,7 +126,7 @@ impl<const L: usize> Etd<L> {
         }
         if stages > MOST_STAGES {
             return Err(ModelError::Bench(format!(
-                "the train has {stages} stages; at most {MOST_STAGES} are simulated"
+                "the train has {stages} meshes; at most {MOST_STAGES} are simulated"
             )));
         }
         if models.iter().any(|m| m.contacts.iter().any(|c| c.impact().is_some())) {
@@ -177,6 +185,13 @@ impl<const L: usize> Etd<L> {
             }
         }
         let sensors = plans[0].sensors.len();
+        if plans[0].inputs.len() > MOST_INPUTS {
+            return Err(ModelError::Bench(format!(
+                "the planetary stages drive {} housing modes and sensor directions; at most {MOST_HOUSING} are simulated",
+                plans[0].inputs.len() - plans[0].acting
+            )));
+        }
+        let passing = std::array::from_fn(|l| Passing::of_state(&plans[l], &states[l], 0.0));
         let mut sensor_coupling = [vec![Vec::new(); sensors], vec![Vec::new(); sensors]];
         for (l, plan) in plans.iter().enumerate() {
             for (half, all) in sensor_coupling.iter_mut().enumerate() {
@@ -195,6 +210,9 @@ impl<const L: usize> Etd<L> {
             remainder: vec![[0.0; L]; plans[0].inputs.len() * NODES],
             sensor_coupling,
             readings: [vec![[0.0; L]; sensors], vec![[0.0; L]; sensors]],
+            passing,
+            smooth: [false; L],
+            direct: [vec![[0.0; L]; sensors], vec![[0.0; L]; sensors]],
             bank,
             nodes,
             plans,
@@ -251,6 +269,7 @@ impl<const L: usize> Etd<L> {
         if let Some(nodes) = &mut self.nodes {
             nodes.set_begin(plan, lane, &self.lanes[lane].start);
         }
+        self.passing[lane] = Passing::of_state(plan, state, t);
     }
 
     /// Sets the clock, in whole steps from the model's time zero.
@@ -307,7 +326,7 @@ impl Etd<1> {
 fn node_of_state(plan: &Plan, state: &[f64], t: f64) -> Node {
     let linear = &plan.model.linear;
     let approach: Vec<f64> = linear.mesh.iter().map(|row| row.iter().zip(state).map(|(r, x)| r * x).sum()).collect();
-    let angle: Vec<f64> = linear.stages.iter().map(|stage| state[stage.pinion.angle]).collect();
+    let angle: Vec<f64> = (0..linear.meshes.len()).map(|mesh| plan.model.pinion_rad(mesh, state)).collect();
     evaluate(plan, plan.model.rotation.at(t).0, &approach, &angle)
 }
 

@@ -122,6 +122,31 @@ impl GearModifications {
         change(self.teeth.entry(tooth).or_insert_with(|| self.all_teeth.clone()));
     }
 
+    /// The same gear as another mesh sees it: its tooth `n` is tooth `n + shift` of `teeth` there, that mesh is `ahead` cycles ahead, and angles are counted from a line turned by `angle_rad`.
+    pub(crate) fn turned(&self, shift: i64, ahead: f64, angle_rad: f64, teeth: u32) -> Self {
+        let z = i64::from(teeth);
+        let back = std::f64::consts::TAU * ahead / f64::from(teeth) + angle_rad;
+        let mut out = self.clone();
+        out.teeth = self
+            .teeth
+            .iter()
+            .map(|(&tooth, damage)| ((i64::from(tooth) + shift).rem_euclid(z) as u32, damage.clone()))
+            .collect();
+        if self.pitch_error_m.len() == teeth as usize {
+            out.pitch_error_m.rotate_right(shift.rem_euclid(z) as usize);
+        }
+        out.eccentricity_phase_rad -= back;
+        for wave in &mut out.waves {
+            wave.phase_rad -= wave.order * back;
+        }
+        for wave in &mut out.stiffness_waves {
+            // cos(order (θ − back)) written out.
+            let (sin, cos) = (wave.order * back).sin_cos();
+            (wave.cos, wave.sin) = (wave.cos * cos - wave.sin * sin, wave.cos * sin + wave.sin * cos);
+        }
+        out
+    }
+
     /// Changes the damage of every tooth.
     pub fn damage_all(&mut self, change: impl Fn(&mut ToothDamage)) {
         change(&mut self.all_teeth);
@@ -155,6 +180,8 @@ pub struct PairModifications {
     pub reference_load_n: f64,
     /// Coefficient of friction between the flanks.
     pub friction: f64,
+    /// By how much both flanks stand back everywhere (m): a planet out of its place. Where two gears mesh alone it only turns one against the other.
+    pub offset_m: f64,
     /// Change of the operating centre distance (m).
     pub centre_shift_m: f64,
     /// The stiffness of pairs goes with 1 + Σ over the mesh cycle, 0 where a pair is at the pitch point.
@@ -173,6 +200,7 @@ impl Default for PairModifications {
             load_exponent: 0.0,
             reference_load_n: 1000.0,
             friction: 0.0,
+            offset_m: 0.0,
             centre_shift_m: 0.0,
             stiffness_waves: Vec::new(),
         }
@@ -271,7 +299,7 @@ impl ToothDamage {
             }
         }
         if let Some(crack) = self.crack {
-            let half_root = gear.base_radius_m * gear.half_base_angle_rad.sin();
+            let half_root = gear.half_root_m();
             let reach = crack.depth_m * crack.angle_rad.sin();
             if !(crack.depth_m > 0.0 && reach > 0.0 && reach <= 1.6 * half_root) {
                 return Err(format!(
@@ -327,7 +355,7 @@ impl ToothDamage {
         }
         let thickness = match self.crack {
             Some(crack) => {
-                let left = gear.base_radius_m * gear.half_base_angle_rad.sin() - crack.depth_m * crack.angle_rad.sin();
+                let left = gear.half_root_m() - crack.depth_m * crack.angle_rad.sin();
                 h_m + h_m.min(left)
             }
             None => 2.0 * h_m,

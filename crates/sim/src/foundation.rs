@@ -43,6 +43,9 @@ impl Foundation {
     /// `θ_f = (1/z)[π/2 + 2 tan α₀ (h_a* − ρ*) + 2 ρ*/cos α₀]`, `ρ* = c*/(1 − sin α₀)`, `h = r_f / r_bore`. A radius
     /// ratio outside 1.4–7 and a coefficient outside the range that it was fitted to are held at the limit.
     pub fn new(which: &str, gear: &GearGeometry, warnings: &mut Vec<String>) -> Self {
+        if gear.internal {
+            return Self::half_plane(gear);
+        }
         let (sin, cos) = gear.pressure_angle_rad.sin_cos();
         let fillet = gear.clearance / (1.0 - sin);
         let root_angle_rad =
@@ -76,6 +79,21 @@ impl Foundation {
         Self { coefficients, root_angle_rad, root_thickness_m: 2.0 * gear.root_radius_m * root_angle_rad }
     }
 
+    /// The rim of an internal gear, thick by the tooth, as a half plane.
+    ///
+    /// # Formula
+    /// R. W. Cornell, "Compliance and stress sensitivity of spur gear teeth", J. Mech. Des. 103 (1981) 447, plane stress: `L* = 16.67/π`, `M* = 2 (1 − ν)`, `P* = 1.534`,
+    /// `Q* = 1/(2.4 (1 + ν))` with ν = 0.3, in the form of Sainsot's, of which it is the limit of an infinite body.
+    fn half_plane(gear: &GearGeometry) -> Self {
+        const POISSON: f64 = 0.3;
+        let half = gear.half_root_m();
+        Self {
+            coefficients: [16.67 / std::f64::consts::PI, 2.0 * (1.0 - POISSON), 1.534, 1.0 / (2.4 * (1.0 + POISSON))],
+            root_angle_rad: half / gear.root_radius_m,
+            root_thickness_m: 2.0 * half,
+        }
+    }
+
     /// Compliance 1/k_f (m/N) under a force at load angle α₁ whose line crosses the tooth's centre line `lever_m` above
     /// the root circle (u_f).
     pub fn compliance_m_per_n(&self, material: &Material, face_width_m: f64, load_angle_rad: f64, lever_m: f64) -> f64 {
@@ -105,5 +123,6 @@ pub fn lever_m(gear: &GearGeometry, load_angle_rad: f64) -> f64 {
 
 /// As [`lever_m`], from the cosine of the load angle.
 pub(crate) fn lever_of(gear: &GearGeometry, cos: f64) -> f64 {
-    gear.base_radius_m / cos - gear.root_radius_m
+    let height = gear.base_radius_m / cos - gear.root_radius_m;
+    if gear.internal { -height } else { height }
 }

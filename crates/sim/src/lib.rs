@@ -33,6 +33,7 @@ pub mod impact;
 pub mod linear;
 pub mod lines;
 pub mod mesh;
+pub mod meshes;
 pub mod modal;
 pub mod model;
 pub mod path;

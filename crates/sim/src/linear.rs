@@ -7,7 +7,7 @@
 //!                              pinion₁         from the reference rotation Ω_i(t) that the kinematics prescribe
 //!                              wheel₁ in₁ ═══ out₁ pinion₂
 //!                                                wheel₂ in₂ ═══ out₂ ── brake
-//! every gear: x, y against its bearing; every shaft of helical gears: z along its axis; every housing mode and sensor direction: one modal coordinate
+//! every gear: x, y against its bearing; an idler its angle, too; planets and what they mesh with in the frame of their carrier (linear/planetary.rs); every shaft of helical gears: z along its axis; every housing mode and sensor direction: one modal coordinate
 //! ```
 //!
 //! A shaft's own inertia sits half at each end. Without a belt the motor is rigidly one with the first shaft's driven end.
@@ -18,9 +18,15 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 use nalgebra::{DMatrix, DVector};
 
+use crate::meshes::MeshPlace;
+
 mod parts;
+mod passage;
+mod planetary;
 
 pub use parts::gear_mass_and_inertia;
+pub(crate) use parts::ring_mass_and_inertia;
+pub use passage::{Heard, Passage, Passed};
 
 /// Mass that a bearing force moves at its sensor where the bench file knows no housing mode (kg): a laboratory gearbox.
 pub const DIRECT_PATH_MASS_KG: f64 = 25.0;
@@ -39,26 +45,31 @@ pub struct OutputRow {
 /// Where a gear sits among the coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GearPlace {
-    /// Its angle.
-    pub angle: usize,
-    /// Its lateral x; y is the next one.
+    /// Its angle; `None` where it cannot turn.
+    pub angle: Option<usize>,
+    /// Its lateral x; y is the next one. Of a planet the distance from the carrier's axis, then the way along its circle.
     pub x: usize,
-    /// Its shaft.
+    /// Its shaft; of a planet that of its carrier, of an idler that of the pinion, of a fixed member the stage's first.
     pub shaft: usize,
+    /// x and y turn with the carrier of this stage.
+    pub carried: Option<usize>,
 }
 
-/// Geometry of a stage as the dynamics see it.
+/// Geometry of a mesh as the dynamics see it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct StageGeometry {
-    /// Base radius of the pinion (m).
+pub struct MeshGeometry {
+    /// Which of the bench's.
+    pub place: MeshPlace,
+    /// Base radius of the driving gear (m).
     pub pinion_base_m: f64,
-    /// Base radius of the wheel (m).
+    /// Base radius of the driven gear (m).
     pub wheel_base_m: f64,
-    /// Direction of the line of action: that of the tooth force on the wheel (x, y; unit vector).
+    /// Direction of the line of action: that of the tooth force on the wheel (x, y; unit vector), in the pinion's coordinates.
     pub normal: [f64; 2],
-    /// `normal` turned by 90° in the pinion's sense of rotation: the way in which its flank moves past the wheel's beyond the
-    /// pitch point (x, y; unit vector).
-    pub tangent: [f64; 2],
+    /// 1 where the pinion turns counter-clockwise seen from the motor, else −1; against its carrier where it has one.
+    pub sense: f64,
+    /// Factors on the angles of pinion and wheel that make each positive in its gear's sense of rotation.
+    pub turning: [f64; 2],
     /// Operating pressure angle of the transverse section (rad).
     pub pressure_angle_rad: f64,
     /// Coordinates along the axes of pinion and wheel of a helical pair.
@@ -71,6 +82,27 @@ pub struct StageGeometry {
     pub wheel: GearPlace,
     /// `1 / (r_b1² / J_1 + r_b2² / J_2)` of the two gears (kg).
     pub effective_mass_kg: f64,
+    /// Angle of the pinion against what carries it, in its sense of rotation: coordinates and factors.
+    pub angle: Vec<(usize, f64)>,
+    /// Mesh cycles per turn of that angle.
+    pub cycles_per_turn: f64,
+    /// Mesh cycles per turn of the first shaft.
+    pub order: f64,
+    /// Static mesh force per torque on the last shaft (1/m).
+    pub force_per_torque: f64,
+}
+
+/// Generalised forces of unit forces at the bearings of a shaft's gears, which share them equally; of those gears that move in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BearingFrame {
+    /// Force along x of the frame.
+    pub x: DVector<f64>,
+    /// Along y.
+    pub y: DVector<f64>,
+    /// Counter-clockwise turns of the frame per revolution of the first shaft; 0 in space.
+    pub order: f64,
+    /// 1 where the shaft turns counter-clockwise seen from the motor, else −1.
+    pub sense: f64,
 }
 
 /// Mass, damping and stiffness matrices, input vectors and output rows of a bench without its tooth contacts.
@@ -88,7 +120,7 @@ pub struct LinearTrain {
     pub damping: DMatrix<f64>,
     /// Stiffness matrix (N/m, N m/rad).
     pub stiffness: DMatrix<f64>,
-    /// Per stage: `δ_j = mesh_j · q`, and the tooth force `F_j` acts as `−mesh_j F_j`.
+    /// Per mesh: `δ_j = mesh_j · q`, and the tooth force `F_j` acts as `−mesh_j F_j`.
     pub mesh: Vec<DVector<f64>>,
     /// Generalised force of a unit driving torque of the motor.
     pub motor: DVector<f64>,
@@ -96,16 +128,14 @@ pub struct LinearTrain {
     pub coupling: DVector<f64>,
     /// Generalised force of a unit braking torque (its sign is that of a load).
     pub brake: DVector<f64>,
-    /// Per shaft: generalised force of a unit force at its gears' bearings in x, shared equally by its gears.
-    pub bearing_x: Vec<DVector<f64>>,
-    /// As `bearing_x`, in y.
-    pub bearing_y: Vec<DVector<f64>>,
+    /// Per shaft: what a force at its gears' bearings acts on, by the frames in which its gears move.
+    pub bearings: Vec<Vec<BearingFrame>>,
     /// `-J_i n_i` of all inertias but the motor's, per rad/s² of the first shaft's reference acceleration.
     pub reference_acceleration: DVector<f64>,
     /// Per sensor of the bench, in its order.
     pub sensors: Vec<OutputRow>,
-    /// Per stage.
-    pub stages: Vec<StageGeometry>,
+    /// Per mesh.
+    pub meshes: Vec<MeshGeometry>,
     /// Speed of each shaft / speed of the first shaft.
     pub shaft_orders: Vec<f64>,
     /// Coordinate of the motor's angle.
@@ -114,6 +144,14 @@ pub struct LinearTrain {
     pub shaft_angles: Vec<(usize, usize)>,
     /// Coordinate of each shaft along its axis; `None` for shafts without helical gears.
     pub axial: Vec<Option<usize>>,
+    /// Gears and carriers on each shaft.
+    pub on_shaft: Vec<Vec<GearPlace>>,
+    /// Idlers.
+    pub idlers: Vec<GearPlace>,
+    /// Coordinates that follow the reference rotation though they are no shaft's, with their speed (or way per angle) / the first shaft's.
+    pub turning: Vec<(usize, f64)>,
+    /// What planetary stages pass on to housing and sensors.
+    pub passage: Passage,
     /// Number of coordinates before the housing modes.
     pub structural: usize,
 }
@@ -135,14 +173,27 @@ impl LinearTrain {
             let driven = if i == 0 && bench.belt.is_none() { motor_angle } else { dof(format!("{}.in", shaft.name)) };
             shaft_angles.push((driven, dof(format!("{}.out", shaft.name))));
         }
-        let mut places = Vec::with_capacity(bench.stages.len());
+        let mut places: Vec<StagePlaces> = Vec::with_capacity(bench.stages.len());
         for (i, stage) in bench.stages.iter().enumerate() {
+            if let Some(set) = &stage.gearing.planetary {
+                places.push(StagePlaces::Planetary(planetary::Places::new(stage, set, i, &shaft_angles, &mut dof)));
+                continue;
+            }
             let mut place = |which: &str, angle, shaft| {
                 let x = dof(format!("{}.{which}.x", stage.name));
                 dof(format!("{}.{which}.y", stage.name));
-                GearPlace { angle, x, shaft }
+                GearPlace { angle, x, shaft, carried: None }
             };
-            places.push((place("pinion", shaft_angles[i].1, i), place("wheel", shaft_angles[i + 1].0, i + 1)));
+            let mut chain = vec![place("pinion", Some(shaft_angles[i].1), i)];
+            for idler in 1..=stage.gearing.idlers.len() {
+                chain.push(place(&format!("idler_{idler}"), None, i));
+            }
+            chain.push(place("wheel", Some(shaft_angles[i + 1].0), i + 1));
+            let inner = 1..chain.len() - 1;
+            for (at, idler) in chain[inner].iter_mut().zip(1..) {
+                at.angle = Some(dof(format!("{}.idler_{idler}.angle", stage.name)));
+            }
+            places.push(StagePlaces::Chain(chain));
         }
         let helical = |stage: usize| bench.stages.get(stage).is_some_and(|stage| stage.gearing.helix.is_some());
         let axial = (bench.shafts.iter().enumerate())
@@ -171,11 +222,14 @@ impl LinearTrain {
             motor: zero(),
             coupling: zero(),
             brake: zero(),
-            bearing_x: vec![zero(); bench.shafts.len()],
-            bearing_y: vec![zero(); bench.shafts.len()],
+            bearings: Vec::new(),
             reference_acceleration: zero(),
             sensors: Vec::new(),
-            stages: Vec::new(),
+            meshes: Vec::new(),
+            on_shaft: vec![Vec::new(); bench.shafts.len()],
+            idlers: Vec::new(),
+            turning: Vec::new(),
+            passage: Passage::default(),
             shaft_orders: Train::new(bench).shafts.into_iter().map(|(_, order)| order).collect(),
             motor_angle,
             shaft_angles,
@@ -186,6 +240,7 @@ impl LinearTrain {
         train.add_rotation(bench);
         train.add_stages(bench, &places);
         train.add_housing(bench, &directions);
+        train.add_passage(bench, &places, &directions);
         train
     }
 
@@ -195,10 +250,28 @@ impl LinearTrain {
         self.damping.ger(damping, row, row, 1.0);
     }
 
-    /// The gears on a shaft.
+    /// The gears on a shaft, and the carrier where it has one.
     pub fn gears_on(&self, shaft: usize) -> Vec<GearPlace> {
-        let gears = self.stages.iter().flat_map(|stage| [stage.pinion, stage.wheel]);
-        gears.filter(|gear| gear.shaft == shaft).collect()
+        self.on_shaft[shaft].clone()
+    }
+
+    /// The gears whose bearings a sensor at a shaft hears, as far as their coordinates stand in space: idlers run on pins beside the pinion.
+    fn heard_at(&self, shaft: usize) -> Vec<GearPlace> {
+        let all = self.on_shaft[shaft].iter().chain(&self.idlers).copied();
+        all.filter(|gear| gear.shaft == shaft && gear.carried.is_none()).collect()
+    }
+
+    /// The reference rotation: speed of every coordinate / that of the first shaft, `motor_order` being the motor's.
+    pub fn rotation(&self, motor_order: f64) -> DVector<f64> {
+        let mut out = DVector::zeros(self.names.len());
+        out[self.motor_angle] = motor_order;
+        for (&(a, b), &order) in self.shaft_angles.iter().zip(&self.shaft_orders) {
+            (out[a], out[b]) = (order, order);
+        }
+        for &(at, order) in &self.turning {
+            out[at] = order;
+        }
+        out
     }
 
     /// Housing coordinates with the generalised force on each per unit force (x, y) that a shaft's bearing passes on.
@@ -260,6 +333,13 @@ impl LinearTrain {
     }
 }
 
+/// Where the gears of a stage sit.
+enum StagePlaces {
+    /// Pinion, idlers, wheel.
+    Chain(Vec<GearPlace>),
+    Planetary(planetary::Places),
+}
+
 fn distinct_directions(bench: &Bench) -> Vec<f64> {
     let mut out: Vec<f64> = Vec::new();
     for sensor in &bench.sensors {
@@ -285,11 +365,7 @@ mod tests {
         assert_eq!(frequencies.len(), 15, "motor, 2 × 3 shaft ends, 2 × 4 lateral");
         assert!(frequencies[0] < 1e-3 && frequencies[1] > 10.0, "{frequencies:?}");
         // The reference rotation itself: K · n = 0.
-        let mut rigid = DVector::zeros(meshed.names.len());
-        rigid[train.motor_angle] = bench.belt.as_ref().map_or(1.0, |belt| belt.ratio);
-        for (&(a, b), &order) in train.shaft_angles.iter().zip(&train.shaft_orders) {
-            (rigid[a], rigid[b]) = (order, order);
-        }
+        let rigid = train.rotation(bench.belt.as_ref().map_or(1.0, |belt| belt.ratio));
         assert!((&meshed.stiffness * rigid).amax() < 1e-6 * meshed.stiffness.amax() * f64::EPSILON.sqrt());
     }
 
@@ -304,7 +380,7 @@ mod tests {
         }
         let train = LinearTrain::new(&bench);
         let k = 3e8;
-        let expected = (k / train.stages[0].effective_mass_kg).sqrt() / std::f64::consts::TAU;
+        let expected = (k / train.meshes[0].effective_mass_kg).sqrt() / std::f64::consts::TAU;
         let meshed = train.with_meshes(&[k], &[0.0]);
         let nearest = meshed
             .natural_frequencies_hz()

@@ -43,6 +43,7 @@ pub use self::touch::{SLOTS, SetLaw, Touch};
 use crate::faults::ToothModifications;
 use crate::geometry::{GearGeometry, PairGeometry};
 use crate::hertz::Material;
+use crate::meshes::{MeshKind, MeshPlace};
 
 /// How far (mesh cycles) before entry and after exit a pair is watched for corner contact.
 const CORNER_REACH: f64 = 0.3;
@@ -143,27 +144,30 @@ impl MeshModel {
         teeth: &ToothModifications,
         flanks: &mut FlankStore,
     ) -> Result<Self, MeshError> {
-        let Some(spec) = bench.stages.get(stage) else { return Err(MeshError::no_stage(bench, stage)) };
-        let gear = |which: &str, gear: &gearwatch_core::bench::Gear| {
-            let module_m = spec.module_mm * 1e-3;
-            let bore_radius_m = gear.bore_mm.map_or(module_m * f64::from(gear.teeth) / 8.0, |bore| bore * 0.5e-3);
-            GearGeometry::new(
-                which,
-                gear.teeth,
-                module_m,
-                spec.pressure_angle_deg.to_radians(),
-                spec.face_width_mm * 1e-3,
-                bore_radius_m,
-            )
-        };
+        let place = MeshPlace { stage, kind: MeshKind::Chain { from: 0 } };
+        Self::of_mesh(bench, place, options, teeth, flanks)
+    }
+
+    /// The spur pair of a mesh of a bench.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_mesh(
+        bench: &Bench,
+        place: MeshPlace,
+        options: &MeshOptions,
+        teeth: &ToothModifications,
+        flanks: &mut FlankStore,
+    ) -> Result<Self, MeshError> {
+        let Some(spec) = bench.stages.get(place.stage) else { return Err(MeshError::no_stage(bench, place.stage)) };
         let material = Material {
             youngs_modulus_pa: bench.gear_material.youngs_modulus_pa,
             poisson_ratio: bench.gear_material.poisson_ratio,
         };
-        gear("pinion", &spec.pinion)
-            .and_then(|pinion| Ok((pinion, gear("wheel", &spec.wheel)?)))
+        place
+            .geometry(bench)
             .and_then(|gears| Self::made(gears, material, options, teeth, (spec.backlash_um * 1e-6, flanks)))
-            .map_err(|problem| MeshError { stage: spec.name.clone(), problem })
+            .map_err(|problem| MeshError { stage: place.name(bench), problem })
     }
 
     /// The pair of a pinion and a wheel; `backlash_m` is the total backlash along the line of action at nominal centres.

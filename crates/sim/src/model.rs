@@ -4,6 +4,7 @@
 
 mod operating_point;
 mod outside;
+mod passage;
 mod rows;
 mod springs;
 
@@ -14,14 +15,18 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+pub(crate) use self::passage::PassedForce;
+
 use self::operating_point::check_operating_point;
 use self::outside::External;
 use self::rows::SparseRows;
 use self::springs::{fold_terms, take_mesh_dampers};
 use crate::contact::{Contact, StageContact};
+use crate::faults::ToothModifications;
 use crate::impact::Impact;
-use crate::linear::LinearTrain;
+use crate::linear::{LinearTrain, MeshGeometry};
 use crate::mesh::{FlankStore, MeshError, Pairs, StageMesh};
+use crate::meshes::{self, Phase};
 use crate::rotation::{Profile, Rotation};
 use crate::setup::{SimSetup, TorqueRipple};
 use crate::springs::Spring;
@@ -46,9 +51,9 @@ pub enum ModelError {
 pub struct TrainModel {
     /// Matrices without meshes.
     pub linear: LinearTrain,
-    /// Per stage.
+    /// Per mesh.
     pub contacts: Vec<StageContact>,
-    /// Generalised forces of friction per stage: along the tangent, about the pinion, about the wheel.
+    /// Generalised forces of friction per mesh: along the tangent, about the pinion, about the wheel.
     pub friction_vectors: Vec<[DVector<f64>; 3]>,
     /// Prescribed rotation.
     pub rotation: Rotation,
@@ -57,14 +62,18 @@ pub struct TrainModel {
     ripples: Vec<TorqueRipple>,
     motor_order: f64,
     externals: Vec<External>,
-    /// Mesh cycles of each stage per rad of the first shaft's reference rotation.
+    /// Mesh cycles of each mesh per rad of the first shaft's reference rotation.
     cycles_per_rad: Vec<f64>,
-    /// Mesh cycles of each stage per rad of its pinion.
+    /// Mesh cycles of each mesh per rad of [`crate::linear::MeshGeometry::angle`].
     cycles_per_pinion_rad: Vec<f64>,
-    /// Mesh phase at t = 0, by stage.
+    /// Mesh phase at t = 0, by mesh.
     pub initial_phases: Vec<f64>,
-    /// Static mesh force per N m of brake torque (1/m).
+    /// Static mesh force per N m of brake torque (1/m), by mesh.
     pub force_per_torque: Vec<f64>,
+    /// Coordinates that each approach depends on, with their factors.
+    approach_entries: Vec<Vec<(usize, f64)>>,
+    /// Where carriers stand at the start, and how sharply sensors hear a planet.
+    pub(crate) planet_pass: f64,
     rows: SparseRows,
     temperature_c: Profile,
     /// Springs and dampers that are not linear, or whose size changes in the run.
@@ -105,18 +114,26 @@ impl TrainModel {
         let mut springs = fold_terms(setup, &mut linear, &torque_nm, &motor_hz)?;
         let torque = torque_nm.at(0.0);
         let last = linear.shaft_orders.last().copied().unwrap_or(1.0);
-        let force_per_torque: Vec<f64> = linear
-            .stages
-            .iter()
-            .map(|stage| last / (linear.shaft_orders[stage.wheel.shaft] * stage.wheel_base_m))
-            .collect();
+        let force_per_torque: Vec<f64> = linear.meshes.iter().map(|mesh| mesh.force_per_torque).collect();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut contacts = Vec::new();
         let mut friction_vectors = Vec::new();
-        let mut initial_phases = Vec::new();
-        for (i, stage) in linear.stages.iter().enumerate() {
-            let teeth = teeth_with_terms(setup, i, &torque_nm, &motor_hz)?;
-            let mesh = StageMesh::new(bench, i, &setup.mesh, &teeth, flanks)?;
+        let mut phases: Vec<Phase> = Vec::new();
+        let mut of_stage = ToothModifications::default();
+        for (i, geometry) in linear.meshes.iter().enumerate() {
+            let (place, spec) = (geometry.place, &bench.stages[geometry.place.stage]);
+            let begins = phases.len() == i;
+            if begins {
+                of_stage = teeth_with_terms(setup, place.stage, &torque_nm, &motor_hz)?;
+                let second = spec.gearing.planetary.as_ref().map_or(spec.wheel.teeth, |set| set.planet.teeth);
+                let teeth = f64::from(spec.pinion.teeth) * f64::from(second);
+                let cycles = (random.random::<f64>() * teeth).floor() + random.random::<f64>();
+                let more = meshes::phases(bench, place.stage, cycles)
+                    .map_err(|problem| MeshError { stage: spec.name.clone(), problem })?;
+                phases.extend(more);
+            }
+            let teeth = place.teeth(setup, of_stage.clone(), &phases[i]);
+            let mesh = StageMesh::of_mesh(bench, place, &setup.mesh, &teeth, flanks)?;
             let force = torque * force_per_torque[i];
             let shift = static_displacement(&linear, i, torque, &force_per_torque);
             let section = mesh.section();
@@ -125,33 +142,23 @@ impl TrainModel {
             if impact.is_some() && mesh.face().is_some() {
                 return Err(ModelError::Bench(format!(
                     "stage {:?} is helical, and the impact law knows spur pairs alone; leave contact_law out or say \"elastic\"",
-                    bench.stages[i].name
+                    spec.name
                 )));
             }
             let mut contact = StageContact::new(mesh, impact, force, shift);
             if impact.is_none() {
                 let k = contact.mean_stiffness_n_per_m;
-                contact.damping_n_s_per_m =
-                    2.0 * bench.stages[i].mesh_damping_ratio * (k * stage.effective_mass_kg).sqrt();
+                contact.damping_n_s_per_m = 2.0 * spec.mesh_damping_ratio * (k * geometry.effective_mass_kg).sqrt();
             }
             contact.damping_n_s_per_m += take_mesh_dampers(&mut springs, i, setup, &torque_nm, &motor_hz);
             if contact.damping_n_s_per_m < 0.0 {
                 return Err(ModelError::Bench(format!(
                     "the terms leave the mesh of stage {:?} a damping of {:.3e} N s/m; it must stay at 0 or above",
-                    bench.stages[i].name, contact.damping_n_s_per_m
+                    spec.name, contact.damping_n_s_per_m
                 )));
             }
-            let mut vectors = std::array::from_fn(|_| DVector::zeros(linear.names.len()));
-            for (axis, component) in stage.tangent.into_iter().enumerate() {
-                vectors[0][stage.pinion.x + axis] += component;
-                vectors[0][stage.wheel.x + axis] -= component;
-            }
-            vectors[1][stage.pinion.angle] = 1.0;
-            vectors[2][stage.wheel.angle] = 1.0;
             contacts.push(contact);
-            friction_vectors.push(vectors);
-            let teeth = f64::from(bench.stages[i].pinion.teeth) * f64::from(bench.stages[i].wheel.teeth);
-            initial_phases.push((random.random::<f64>() * teeth).floor() + random.random::<f64>());
+            friction_vectors.push(friction(&linear, i));
         }
         // After the gear pairs: a bore that is too large makes a gear's mass negative, and they say so.
         if let Some(at) = (0..linear.names.len()).find(|&i| linear.mass[(i, i)].is_nan() || linear.mass[(i, i)] < 1e-9)
@@ -162,11 +169,11 @@ impl TrainModel {
                 linear.mass[(at, at)]
             )));
         }
-        let z1 = |i: usize| f64::from(bench.stages[i].pinion.teeth) / TAU;
-        let stages = linear.stages.len();
         let mut out = Self {
-            cycles_per_rad: (0..stages).map(|i| z1(i) * linear.shaft_orders[linear.stages[i].pinion.shaft]).collect(),
-            cycles_per_pinion_rad: (0..stages).map(z1).collect(),
+            cycles_per_rad: linear.meshes.iter().map(|mesh| mesh.order / TAU).collect(),
+            cycles_per_pinion_rad: linear.meshes.iter().map(|mesh| mesh.cycles_per_turn / TAU).collect(),
+            approach_entries: linear.mesh.iter().map(entries).collect(),
+            planet_pass: setup.planet_pass,
             rotation: Rotation::new(
                 motor_hz,
                 &train,
@@ -184,7 +191,7 @@ impl TrainModel {
             friction_vectors,
             torque_nm,
             externals: Vec::new(),
-            initial_phases,
+            initial_phases: phases.iter().map(|phase| phase.cycles).collect(),
             force_per_torque,
         };
         out.add_externals(setup, &mut random);
@@ -201,7 +208,7 @@ impl TrainModel {
         self.motor_order
     }
 
-    /// Mesh cycles of each stage per revolution of the first shaft.
+    /// Mesh cycles of each mesh per revolution of the first shaft.
     pub fn mesh_orders(&self) -> impl Iterator<Item = f64> + '_ {
         self.cycles_per_rad.iter().map(|cycles| TAU * cycles)
     }
@@ -217,7 +224,7 @@ impl TrainModel {
         self.torque_nm.at(t)
     }
 
-    /// Mesh phase of a stage (cycles) at a first-shaft angle (rad) and a deviation of its pinion (rad).
+    /// Mesh phase of a mesh (cycles) at a first-shaft angle (rad) and a deviation of its pinion, against its carrier where it has one (rad).
     #[inline(always)]
     pub fn phase(&self, stage: usize, reference_rad: f64, pinion_rad: f64) -> f64 {
         self.initial_phases[stage]
@@ -225,30 +232,35 @@ impl TrainModel {
             + self.cycles_per_pinion_rad[stage] * pinion_rad
     }
 
-    /// Contact of a stage in a state.
+    /// Deviation of the angle that the phase of a mesh follows (rad).
     #[inline]
-    pub fn contact(&self, stage: usize, reference_rad: f64, state: &[f64], pairs: &mut Pairs) -> (Contact, f64) {
-        let row = &self.linear.mesh[stage];
-        let n = self.coordinates();
-        let (mut approach, mut rate) = (0.0, 0.0);
-        let geometry = &self.linear.stages[stage];
-        for at in [geometry.pinion.angle, geometry.wheel.angle]
-            .into_iter()
-            .chain([geometry.pinion.x, geometry.pinion.x + 1, geometry.wheel.x, geometry.wheel.x + 1])
-            .chain(geometry.axial.into_iter().flatten())
-        {
-            approach += row[at] * state[at];
-            rate += row[at] * state[n + at];
-        }
-        let phase = self.phase(stage, reference_rad, state[geometry.pinion.angle]);
-        (self.contacts[stage].at(phase, approach, rate, pairs), rate)
+    pub fn pinion_rad(&self, mesh: usize, state: &[f64]) -> f64 {
+        self.linear.meshes[mesh].angle.iter().map(|&(at, factor)| factor * state[at]).sum()
     }
 
-    /// Coordinates about which eccentric gears turn: stage, 0 for its pinion or 1 for its wheel, coordinate.
-    pub(crate) fn levers(&self) -> Vec<(usize, usize, usize)> {
-        let stages = self.linear.stages.iter().zip(&self.contacts).enumerate();
-        let eccentric = stages.filter(|(_, (_, contact))| contact.mesh().is_eccentric());
-        eccentric.flat_map(|(i, (stage, _))| [(i, 0, stage.pinion.angle), (i, 1, stage.wheel.angle)]).collect()
+    /// Contact of a mesh in a state, and the rate of its approach.
+    #[inline]
+    pub fn contact(&self, mesh: usize, reference_rad: f64, state: &[f64], pairs: &mut Pairs) -> (Contact, f64) {
+        let n = self.coordinates();
+        let (mut approach, mut rate) = (0.0, 0.0);
+        for &(at, factor) in &self.approach_entries[mesh] {
+            approach += factor * state[at];
+            rate += factor * state[n + at];
+        }
+        let phase = self.phase(mesh, reference_rad, self.pinion_rad(mesh, state));
+        (self.contacts[mesh].at(phase, approach, rate, pairs), rate)
+    }
+
+    /// Coordinates about which eccentric gears turn: mesh, 0 for its pinion or 1 for its wheel, coordinate, and the factor that makes it positive in the gear's sense.
+    pub(crate) fn levers(&self) -> Vec<(usize, usize, usize, f64)> {
+        let meshes = self.linear.meshes.iter().zip(&self.contacts).enumerate();
+        let eccentric = meshes.filter(|(_, (_, contact))| contact.mesh().is_eccentric());
+        let of_mesh = |(i, (mesh, _)): (usize, (&MeshGeometry, &StageContact))| {
+            let gears = [(0, mesh.pinion), (1, mesh.wheel)];
+            let turning = mesh.turning;
+            gears.into_iter().filter_map(move |(g, gear)| gear.angle.map(|angle| (i, g, angle, turning[g])))
+        };
+        eccentric.flat_map(of_mesh).collect()
     }
 
     /// Force on the line of action, damping included (N).
@@ -276,11 +288,13 @@ impl TrainModel {
             let force = self.mesh_force(stage, &contact, rate);
             add(out_v, &self.linear.mesh[stage], -force, &self.linear.mass);
             if self.contacts[stage].mesh().is_eccentric() {
-                let geometry = &self.linear.stages[stage];
-                let phase = self.phase(stage, reference_rad, state[geometry.pinion.angle]);
+                let geometry = &self.linear.meshes[stage];
+                let phase = self.phase(stage, reference_rad, self.pinion_rad(stage, state));
                 let levers = self.contacts[stage].mesh().lever_m(phase);
-                for (at, lever) in [geometry.pinion.angle, geometry.wheel.angle].into_iter().zip(levers) {
-                    out_v[at] -= lever * contact.force_n / self.linear.mass[(at, at)];
+                for (g, gear) in [geometry.pinion, geometry.wheel].into_iter().enumerate() {
+                    if let Some(at) = gear.angle {
+                        out_v[at] -= geometry.turning[g] * levers[g] * contact.force_n / self.linear.mass[(at, at)];
+                    }
                 }
             }
             let friction = self.contacts[stage].friction;
@@ -300,6 +314,12 @@ impl TrainModel {
                 add(out_v, input, force * scale, &self.linear.mass);
             }
         }
+        if !self.linear.passage.housing.is_empty() {
+            let forces = self.passed_forces(reference_rad, state, pairs);
+            for heard in &self.linear.passage.housing {
+                out_v[heard.at] += self.heard(heard, &forces) / self.linear.mass[(heard.at, heard.at)];
+            }
+        }
     }
 
     /// Reading of a sensor of the bench in a state (m/s²), static part included.
@@ -317,6 +337,10 @@ impl TrainModel {
                 let (u, v) = spring.motion(state);
                 sum += scale * spring.reading(sensor, spring.force.at(u, v).force);
             }
+        }
+        if let Some(heard) = self.linear.passage.sensors.get(sensor) {
+            let forces = self.passed_forces(self.rotation.at(t).0, state, &mut Pairs::default());
+            sum += self.heard(heard, &forces);
         }
         if row.acceleration.iter().any(|&factor| factor != 0.0) {
             let mut slope = vec![0.0; 2 * n];
@@ -340,6 +364,8 @@ impl TrainModel {
         for (stage, contact) in self.contacts.iter().enumerate() {
             let force = torque * self.force_per_torque[stage];
             let approach = contact.static_approach(self.phase(stage, reference, 0.0), force);
+            // One mesh of several between the same bodies may stand open at its share of the load.
+            let approach = if approach.is_finite() { approach } else { force / contact.mean_stiffness_n_per_m };
             load += &self.linear.mesh[stage] * (contact.mean_stiffness_n_per_m * approach - force);
         }
         let q = k.clone().lu().solve(&load).ok_or_else(|| {
@@ -370,10 +396,40 @@ fn creep_share(torque: f64, nominal: f64) -> f64 {
     if nominal > 0.0 { torque / nominal } else { 1.0 }
 }
 
-/// Static displacement of the pinion's axis relative to the wheel's under the mesh forces, in the stage's local frame (m).
-fn static_displacement(linear: &LinearTrain, stage: usize, torque: f64, force_per_torque: &[f64]) -> [f64; 2] {
-    let geometry = &linear.stages[stage];
-    let force = torque * force_per_torque[stage];
+/// Non-zero entries of a vector.
+fn entries(row: &DVector<f64>) -> Vec<(usize, f64)> {
+    row.iter().copied().enumerate().filter(|(_, value)| *value != 0.0).collect()
+}
+
+/// Generalised forces of friction of a mesh: along the tangent, `normal` turned by 90° in the pinion's sense of rotation, in which its flank moves past the wheel's beyond the pitch
+/// point; about the pinion and about the wheel in their senses.
+fn friction(linear: &LinearTrain, mesh: usize) -> [DVector<f64>; 3] {
+    let (geometry, row) = (&linear.meshes[mesh], &linear.mesh[mesh]);
+    let mut out = std::array::from_fn(|_| DVector::zeros(linear.names.len()));
+    let [tangent, pinion, wheel] = &mut out;
+    for gear in [geometry.pinion, geometry.wheel] {
+        // The row has the normal in either gear's own coordinates, with its sign.
+        tangent[gear.x] -= geometry.sense * row[gear.x + 1];
+        tangent[gear.x + 1] += geometry.sense * row[gear.x];
+    }
+    for (vector, gear, turning) in
+        [(pinion, geometry.pinion, geometry.turning[0]), (wheel, geometry.wheel, geometry.turning[1])]
+    {
+        if let Some(angle) = gear.angle {
+            vector[angle] = turning;
+        }
+    }
+    out
+}
+
+/// Static displacement of the pinion's axis relative to the wheel's under the mesh force, in the mesh's local frame (m). None where other meshes hold the gears, as planets and idlers.
+fn static_displacement(linear: &LinearTrain, mesh: usize, torque: f64, force_per_torque: &[f64]) -> [f64; 2] {
+    let geometry = &linear.meshes[mesh];
+    let of_stage = linear.meshes.iter().filter(|other| other.place.stage == geometry.place.stage);
+    if of_stage.count() > 1 {
+        return [0.0; 2];
+    }
+    let force = torque * force_per_torque[mesh];
     // The bearing alone acts on a gear's axis; terms at it are in the matrix.
     let stiffness = |x: usize| 0.5 * (linear.stiffness[(x, x)] + linear.stiffness[(x + 1, x + 1)]);
     let soft = 1.0 / stiffness(geometry.pinion.x) + 1.0 / stiffness(geometry.wheel.x);
@@ -398,7 +454,7 @@ mod tests {
             std::sync::Arc::new(TrainModel::new(&setup, Profile::constant(0.5), Profile::constant(60.0), 5).unwrap());
         let (step_s, every) = (2e-5, 100);
         let mut etd = crate::etd::Etd::<1>::new([model.clone()], step_s).unwrap();
-        let radius = model.linear.stages[0].wheel_base_m;
+        let radius = model.linear.meshes[0].wheel_base_m;
         let samples = (73.0 / 34.0 / 0.5 / step_s) as usize / every;
         let (mut state, mut pairs) = (Vec::new(), Pairs::default());
         let mut sums = [nalgebra::Complex::new(0.0, 0.0); 2];
@@ -410,7 +466,7 @@ mod tests {
             etd.state(0, &mut state);
             let reference = model.rotation.at(etd.time()).0;
             let (contact, rate) = model.contact(0, reference, &state, &mut pairs);
-            let phase = model.phase(0, reference, state[model.linear.stages[0].pinion.angle]);
+            let phase = model.phase(0, reference, model.pinion_rad(0, &state));
             // The damping of the approach of the bodies, 0.1 % here, acts at the base radius.
             let at_base = model.mesh_force(0, &contact, rate) * radius;
             let lever = model.contacts[0].mesh().lever_m(phase)[1];

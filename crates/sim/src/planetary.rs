@@ -19,7 +19,7 @@
 
 use std::f64::consts::TAU;
 
-use gearwatch_core::bench::{Bench, Member};
+use gearwatch_core::bench::{Bench, Member, Planetary, Stage};
 use gearwatch_core::train::Train;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -228,7 +228,6 @@ impl PlanetaryModel {
         if spec.gearing.profile_shifted {
             return Err(tell("has profile shift; the modes of planetary stages are those of standard teeth"));
         }
-        let density = bench.gear_material.density_kg_per_m3;
         let alpha = spec.pressure_angle_deg.to_radians();
         let (module, width) = (1e-3 * spec.module_mm, 1e-3 * spec.face_width_mm);
         let radius = |teeth: u32| spec.reference_radius_m(teeth);
@@ -246,14 +245,8 @@ impl PlanetaryModel {
             let torsion_n_per_m = if kind == set.fixed { 1e11 } else { 0.0 };
             Body { mass_kg, rotary_mass_kg, bearing_n_per_m: bearing(kind), torsion_n_per_m }
         };
-        let (sun_mass, sun_inertia) = crate::linear::gear_mass_and_inertia(&spec.pinion, spec, density);
-        let (planet_mass, planet_inertia) = crate::linear::gear_mass_and_inertia(&set.planet, spec, density);
-        let (inner, outer) = (radius(spec.wheel.teeth), radius(spec.wheel.teeth) + 4.25 * module);
-        let rim = density * std::f64::consts::PI * width * (outer * outer - inner * inner);
-        let ring_mass = spec.wheel.mass_kg.unwrap_or(rim);
-        let ring_inertia = spec.wheel.inertia_kg_m2.unwrap_or(0.5 * ring_mass * (outer * outer + inner * inner));
+        let Bodies { sun, planet, ring, carrier } = bodies(bench, spec, set);
         let centres = radius(spec.pinion.teeth) + radius(set.planet.teeth);
-        let carrier_mass = density * std::f64::consts::PI * width * centres * centres;
         let [sun_base, planet_base, ring_base] =
             [spec.pinion.teeth, set.planet.teeth, spec.wheel.teeth].map(|teeth| radius(teeth) * alpha.cos());
         let pitch = std::f64::consts::PI * module * alpha.cos();
@@ -272,12 +265,12 @@ impl PlanetaryModel {
         let one_by = |teeth: u32| 1.0 / f64::from(teeth);
         let (small, large) = (spec.pinion.teeth.min(set.planet.teeth), spec.pinion.teeth.max(set.planet.teeth));
         Ok(PlanetaryParameters {
-            sun: body(Member::Sun, sun_mass, sun_inertia, sun_base),
-            carrier: body(Member::Carrier, carrier_mass, 0.5 * carrier_mass * centres * centres, centres),
-            ring: body(Member::Ring, ring_mass, ring_inertia, ring_base),
+            sun: body(Member::Sun, sun.0, sun.1, sun_base),
+            carrier: body(Member::Carrier, carrier.0, carrier.1, centres),
+            ring: body(Member::Ring, ring.0, ring.1, ring_base),
             planet: Body {
-                mass_kg: planet_mass,
-                rotary_mass_kg: rotary(planet_inertia, planet_base),
+                mass_kg: planet.0,
+                rotary_mass_kg: rotary(planet.1, planet_base),
                 bearing_n_per_m: bearing(Member::Carrier),
                 torsion_n_per_m: 0.0,
             },
@@ -286,6 +279,29 @@ impl PlanetaryModel {
             ring_mesh_n_per_m: mesh([one_by(set.planet.teeth), 0.0], ring_ratio),
             pressure_angles_rad: [alpha, alpha],
         })
+    }
+}
+
+/// Mass (kg) and moment of inertia (kg m²) of the bodies of a stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bodies {
+    pub(crate) sun: (f64, f64),
+    pub(crate) planet: (f64, f64),
+    pub(crate) ring: (f64, f64),
+    pub(crate) carrier: (f64, f64),
+}
+
+/// As the sheet says; where it does not, discs with their bores, a ring with its rim, and for the carrier a disc on the planets' circle as wide as the teeth.
+pub(crate) fn bodies(bench: &Bench, spec: &Stage, set: &Planetary) -> Bodies {
+    let density = bench.gear_material.density_kg_per_m3;
+    let of = |gear| crate::linear::gear_mass_and_inertia(gear, spec, density);
+    let centres = spec.reference_radius_m(spec.pinion.teeth) + spec.reference_radius_m(set.planet.teeth);
+    let carrier = density * std::f64::consts::PI * 1e-3 * spec.face_width_mm * centres * centres;
+    Bodies {
+        sun: of(&spec.pinion),
+        planet: of(&set.planet),
+        ring: crate::linear::ring_mass_and_inertia(&spec.wheel, spec, density),
+        carrier: (carrier, 0.5 * carrier * centres * centres),
     }
 }
 

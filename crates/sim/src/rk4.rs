@@ -143,6 +143,9 @@ impl RungeKutta {
     }
 }
 
+/// Most meshes of a train.
+const MOST_MESHES: usize = 16;
+
 /// A train as a switched system: the regime is the set of touching tooth pairs of each stage.
 struct Train<'a> {
     model: &'a TrainModel,
@@ -151,7 +154,7 @@ struct Train<'a> {
 }
 
 impl Switched for Train<'_> {
-    type Regime = [u32; 8];
+    type Regime = [u32; MOST_MESHES + 1];
 
     fn derivative(&mut self, t: f64, state: &[f64], out: &mut [f64]) {
         self.model.external_values(t, self.externals);
@@ -159,14 +162,13 @@ impl Switched for Train<'_> {
         self.model.derivative(reference, state, self.externals, self.pairs, out);
     }
 
-    fn regime(&mut self, t: f64, state: &[f64]) -> [u32; 8] {
+    fn regime(&mut self, t: f64, state: &[f64]) -> Self::Regime {
         let (reference, _, _) = self.model.rotation.at(t);
-        let mut out = [0; 8];
+        let mut out = [0; MOST_MESHES + 1];
         for (stage, out) in (0..self.model.contacts.len()).zip(&mut out) {
             *out = self.model.contact(stage, reference, state, self.pairs).0.touching;
         }
-        // The last place is beyond the most stages of a train.
-        out[7] = self.model.free_springs(state);
+        out[MOST_MESHES] = self.model.free_springs(state);
         out
     }
 }

@@ -9,6 +9,7 @@ use gearwatch_core::bench::term::{PathMode, ResolvedTerm};
 use crate::faults::ToothModifications;
 use crate::impact::Impact;
 use crate::mesh::MeshOptions;
+use crate::meshes::Between;
 use crate::rotation::Profile;
 
 /// How often something repeats.
@@ -193,6 +194,10 @@ pub struct SimSetup {
     pub mesh: MeshOptions,
     /// What is wrong with the teeth, one per stage of the bench, in its order.
     pub teeth: Vec<ToothModifications>,
+    /// What is wrong with planets, carrier and idlers, one per stage of the bench, in its order.
+    pub between: Vec<Between>,
+    /// How sharply a sensor hears the planet that passes it: the κ of [`crate::linear::Passage`].
+    pub planet_pass: f64,
     /// The contact law of multibody programs in place of elastic tooth pairs, for all meshes.
     pub impact: Option<Impact>,
     /// The same, with the usual parameters of each pair.
@@ -217,6 +222,9 @@ pub struct SimSetup {
     pub temperature_c: Profile,
 }
 
+/// [`SimSetup::planet_pass`] of a bench of which nobody says one.
+pub const PLANET_PASS: f64 = 1.0;
+
 impl SimSetup {
     /// The bench as its file says, its own `[[effect]]` and `[[term]]` tables not yet applied.
     pub fn nominal(bench: &Bench) -> Self {
@@ -227,6 +235,8 @@ impl SimSetup {
             sensors: bench.sensors.iter().map(|sensor| SensorSetup::typical(&sensor.unit)).collect(),
             mesh: MeshOptions::default(),
             teeth: vec![ToothModifications::default(); bench.stages.len()],
+            between: bench.stages.iter().map(Between::of_stage).collect(),
+            planet_pass: PLANET_PASS,
             impact: None,
             usual_impact: false,
             bench,

@@ -37,7 +37,7 @@ pub const BENCHES: &[Shipped] = &[
     },
     Shipped {
         name: "planetary-parallel",
-        help: "sun 28, four planets 36, ring 100, then 29/100; watched and judged, not simulated",
+        help: "sun 28, four planets 36, ring 100, then 29/100 teeth",
         text: include_str!("shipped/planetary-parallel.toml"),
     },
 ];

@@ -230,7 +230,7 @@ pub fn in_state(bench: &Bench, conditions: Conditions, state: State) -> Result<S
 /// # Errors
 /// Where the bench cannot be simulated.
 pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, SignatureError> {
-    crate::effects::supported(bench)?;
+    crate::effects::pairs_alone(bench)?;
     let pit_scale = fitting_pits(bench, conditions)?;
     let base = crate::effects::setup(bench, &[])?;
     let train = gearwatch_core::train::Train::new(bench);

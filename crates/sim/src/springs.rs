@@ -16,7 +16,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::bench::term::{self, Entry, SpringLaw};
 use nalgebra::DVector;
 
-use crate::linear::{DIRECT_PATH_MASS_KG, LinearTrain};
+use crate::linear::{DIRECT_PATH_MASS_KG, LinearTrain, MeshGeometry};
 use crate::model::ModelError;
 use crate::terms::Scale;
 
@@ -197,7 +197,10 @@ pub(crate) fn of_term(
     };
     let force = ForceLaw { law, coefficient, gap, corner, own: (0.0, 0.0) };
     Ok(match at {
-        term::Spring::Bearing(shaft) => bearings(force, scale, bench, linear, shaft, direction_rad),
+        term::Spring::Bearing(shaft) => {
+            stands_in_space(bench, linear, shaft)?;
+            bearings(force, scale, bench, linear, shaft, direction_rad)
+        }
         term::Spring::Torsion(shaft) => {
             let (driven, driving) = linear.shaft_angles[shaft];
             let own = (bench.shafts[shaft].torsion_nm_per_rad, bench.shafts[shaft].torsion_damping_nm_s_per_rad);
@@ -210,8 +213,12 @@ pub(crate) fn of_term(
             vec![line(linear, &row, ForceLaw { own, ..force }, scale, None)]
         }
         term::Spring::Mesh(stage) => {
-            let row: Vec<(usize, f64)> = linear.mesh[stage].iter().copied().enumerate().collect();
-            vec![line(linear, &row, force, scale, Some(stage))]
+            let meshes = linear.meshes.iter().enumerate().filter(|(_, mesh)| mesh.place.stage == stage);
+            let spring = |(i, _): (usize, &MeshGeometry)| {
+                let row: Vec<(usize, f64)> = linear.mesh[i].iter().copied().enumerate().collect();
+                line(linear, &row, force, scale, Some(i))
+            };
+            meshes.map(spring).collect()
         }
         term::Spring::Housing(which) => {
             let modes = bench.housing_modes.len().max(1);
@@ -225,6 +232,17 @@ pub(crate) fn of_term(
                 .collect()
         }
     })
+}
+
+/// A shaft whose gears do not turn with a carrier.
+pub(crate) fn stands_in_space(bench: &Bench, linear: &LinearTrain, shaft: usize) -> Result<(), ModelError> {
+    match linear.gears_on(shaft).iter().find_map(|gear| gear.carried) {
+        None => Ok(()),
+        Some(stage) => Err(ModelError::Bench(format!(
+            "shaft {:?} carries a member of the planetary stage {:?}, whose bearings are simulated as linear and alike in all directions; change its bearing_n_per_m, or choose another shaft",
+            bench.shafts[shaft].name, bench.stages[stage].name
+        ))),
+    }
 }
 
 /// A law at the bearing of each gear of a shaft: in all directions alike, or along one line (rad).

@@ -19,6 +19,7 @@
 //! a line, or to 5 % of the largest): 8e-4 with each mesh by itself, 1.5e-5 together; sidebands of an eccentric gear 3e-4.
 
 mod gmres;
+mod passage;
 mod periods;
 mod response;
 mod solver;
@@ -28,7 +29,8 @@ mod tests;
 
 use nalgebra::Complex;
 
-use self::periods::{modulated_shafts, only};
+use self::passage::PassageLines;
+use self::periods::{Turn, modulated_shafts, only};
 use self::response::{Output, Response};
 use self::solver::{Grid, Linear, Problem, Solution};
 use crate::linear::LinearTrain;
@@ -110,6 +112,9 @@ struct Cache {
     slopes: Vec<SpringSlope>,
     response: Response,
     sensors: Vec<Output>,
+    /// What planetary stages pass on, and the sharpness that it was made with.
+    passage: PassageLines,
+    planet_pass: f64,
 }
 
 /// The lines of a steady state.
@@ -147,7 +152,7 @@ impl SteadySolver {
     ) -> Result<SteadyLines, SteadyError> {
         let shafts = modulated_shafts(setup)?;
         let mut models = Vec::with_capacity(1 + shafts.len());
-        for part in std::iter::once(None).chain(shafts.iter().map(|(shaft, _)| Some(*shaft))) {
+        for part in std::iter::once(None).chain(shafts.iter().map(|(turn, _)| Some(*turn))) {
             let (motor_hz, torque_nm) = (Profile::constant(motor_hz), Profile::constant(torque_nm));
             models.push(TrainModel::with_flanks(&only(setup, part), motor_hz, torque_nm, seed, &mut self.flanks)?);
         }
@@ -156,25 +161,29 @@ impl SteadySolver {
         self.prepare(base)?;
         let all: Vec<usize> = (0..base.contacts.len()).collect();
         let mut wanted: Vec<(f64, usize, Problem)> = Vec::new();
-        let problem = |active: &[usize], shaft: Option<usize>| self.problem(setup, active, shaft, first_shaft_hz);
+        let problem = |active: &[usize], turn: Option<Turn>| self.problem(setup, active, turn, first_shaft_hz);
+        // Several meshes of one stage share bodies.
+        let stage_of = |mesh: usize| base.linear.meshes[mesh].place.stage;
+        let mut by_stage: Vec<Vec<usize>> = vec![Vec::new(); setup.bench.stages.len()];
+        all.iter().for_each(|&mesh| by_stage[stage_of(mesh)].push(mesh));
         match problem(&all, None).filter(|_| self.options.together || models[0].has_springs()) {
             Some(together) => wanted.push((1.0, 0, together)),
             None => {
-                for &stage in &all {
-                    let alone = problem(&[stage], None).ok_or_else(|| SteadyError::NotPeriodic("the mesh".into()))?;
+                for group in &by_stage {
+                    let alone = problem(group, None).ok_or_else(|| SteadyError::NotPeriodic("the mesh".into()))?;
                     wanted.push((1.0, 0, alone));
                 }
             }
         }
-        for (i, (shaft, everywhere)) in shafts.into_iter().enumerate() {
-            let touched: Vec<usize> = (0..all.len()).filter(|&s| s == shaft || s + 1 == shaft).collect();
-            let mut groups = vec![touched.clone()];
+        for (i, (turn, everywhere)) in shafts.into_iter().enumerate() {
+            let mut groups = vec![all.iter().copied().filter(|&mesh| turn.touches(stage_of(mesh))).collect()];
             if everywhere {
-                groups.extend(all.iter().filter(|s| !touched.contains(s)).map(|&s| vec![s]));
+                let far = by_stage.iter().enumerate().filter(|(stage, _)| !turn.touches(*stage));
+                groups.extend(far.map(|(_, meshes)| meshes.clone()));
             }
             for group in groups {
-                let problem = problem(&group, Some(shaft)).ok_or_else(|| {
-                    SteadyError::NotPeriodic(format!("the revolution of shaft {shaft} together with a far mesh"))
+                let problem = problem(&group, Some(turn)).ok_or_else(|| {
+                    SteadyError::NotPeriodic(format!("the turn of {turn:?} together with a far mesh"))
                 })?;
                 wanted.push((-1.0, 0, problem.clone()));
                 wanted.push((1.0, 1 + i, problem));
@@ -223,7 +232,10 @@ impl SteadySolver {
         let near = |(a, b): (&(f64, f64), &(f64, f64))| a.0.max(b.0) <= NEAR_STIFFNESS * a.0.min(b.0);
         let slopes = base.spring_slopes()?;
         let keeps = |cache: &Cache| {
-            cache.linear == base.linear && cache.slopes == slopes && cache.meshes.iter().zip(&meshes).all(near)
+            cache.linear == base.linear
+                && cache.planet_pass == base.planet_pass
+                && cache.slopes == slopes
+                && cache.meshes.iter().zip(&meshes).all(near)
         };
         if self.cache.as_ref().is_some_and(keeps) {
             return Ok(());
@@ -240,7 +252,9 @@ impl SteadySolver {
             .iter()
             .map(|row| response.output(&row.position, &row.velocity, Some(&row.acceleration)))
             .collect();
-        self.cache = Some(Cache { linear: base.linear.clone(), meshes, slopes, response, sensors });
+        let passage = PassageLines::new(&base.linear, &meshes, &response, base.planet_pass);
+        let (linear, planet_pass) = (base.linear.clone(), base.planet_pass);
+        self.cache = Some(Cache { linear, meshes, slopes, response, sensors, passage, planet_pass });
         Ok(())
     }
 }
@@ -255,6 +269,9 @@ impl Cache {
         orders: &[f64],
         out: &mut [Vec<Complex<f64>>],
     ) {
+        if !self.passage.is_empty() {
+            self.passage.add((sign, problem, solution), (&self.linear, &self.response, &self.sensors), orders, out);
+        }
         for (k, order) in orders.iter().enumerate() {
             let bin = order * problem.revolutions;
             // Orders are products of tooth ratios: exact to rounding, while bins are whole numbers apart.

@@ -79,6 +79,12 @@ impl ToothProfile {
     /// The teeth of a gear. An undercut gear has no generated fillet that meets the involute smoothly: it gets the
     /// straight root, and a warning says so.
     pub fn new(which: &str, gear: &GearGeometry, root: Root, warnings: &mut Vec<String>) -> Self {
+        if gear.internal {
+            // The flank goes down to the root circle.
+            let involute_start_rad = gear.load_angle_rad(gear.roll_at_radius_m(gear.root_radius_m));
+            let root_height_m = gear.flank_point_m(involute_start_rad).0;
+            return Self { gear: gear.clone(), root: Root::Straight, involute_start_rad, root_height_m };
+        }
         let start = match root {
             Root::Fillet => gear.involute_start_radius_m(),
             Root::Straight => None,
@@ -135,7 +141,7 @@ impl ToothProfile {
         (r * psi.cos() - arm * sin_d, r * psi.sin() - arm * cos_d, y_rate * (to - from))
     }
 
-    /// Height, half thickness and d(height)/da of the involute at load angle `a`.
+    /// Height, half thickness and d(height)/da of the involute at load angle `a`; of an internal tooth d(height)/d(−a).
     fn involute_point(&self, a: f64) -> (f64, f64, f64) {
         let (sin, cos) = a.sin_cos();
         let (y, h) = self.gear.flank_point_of(a, (sin, cos));
@@ -173,7 +179,7 @@ impl ToothProfile {
                     self.add_cell(&mut sums, damage, &GAUSS, |t| self.fillet_point(t), (at(cell), at(cell + 1)));
                 }
             }
-            Root::Straight if self.gear.root_radius_m < self.gear.base_radius_m => {
+            Root::Straight if !self.gear.internal && self.gear.root_radius_m < self.gear.base_radius_m => {
                 let (low, high, half) = self.straight_root_m();
                 for cell in 0..cells {
                     let at = |i: usize| low + (high - low) * i as f64 / cells as f64;
@@ -185,7 +191,7 @@ impl ToothProfile {
         sums
     }
 
-    /// Compliances at contact points given by their load angles, in ascending order. Points below the start of the
+    /// Compliances at contact points given by their load angles, in their order from root to tip. Points below the start of the
     /// involute are taken at its start.
     pub fn flexure(&self, material: &Material, damage: &ToothDamage, load_angles_rad: &[f64]) -> Vec<Flexure> {
         self.flexure_by(cells(damage), material, damage, load_angles_rad)
@@ -201,24 +207,27 @@ impl ToothProfile {
         let mut sums = self.root_sums(damage, most_cells);
         // Points of a fine table are nearer than this share of a flank.
         let near = 0.5 / DAMAGED_CELLS as f64;
-        let mut at = self.involute_start_rad;
+        // The load angle grows from root to tip, on internal teeth from tip to root.
+        let sign = if self.gear.internal { -1.0 } else { 1.0 };
+        let start = sign * self.involute_start_rad;
+        let tip = sign * self.gear.load_angle_rad(self.gear.roll_at_radius_m(self.gear.tip_radius_m));
+        let mut at = start;
         let mut out = Vec::with_capacity(load_angles_rad.len());
         for &angle in load_angles_rad {
-            let angle = angle.max(self.involute_start_rad);
+            let angle = (sign * angle).max(start);
             if angle > at {
                 // Many short cells up to the first contact point, one cell between neighbouring points of a fine table.
-                let span = self.gear.load_angle_rad(self.gear.roll_at_radius_m(self.gear.tip_radius_m)) - at;
-                let share = (angle - at) / span;
+                let share = (angle - at) / (tip - at);
                 let cells = (share * most_cells as f64).ceil().max(1.0);
                 let rule: &[(f64, f64)] = if share < near { &GAUSS_SHORT } else { &GAUSS };
                 let step = (angle - at) / cells;
                 for cell in 0..cells as usize {
                     let from = at + step * cell as f64;
-                    self.add_cell(&mut sums, damage, rule, |a| self.involute_point(a), (from, from + step));
+                    self.add_cell(&mut sums, damage, rule, |a| self.involute_point(sign * a), (from, from + step));
                 }
                 at = angle;
             }
-            out.push(self.flexure_from(&sums, material, angle));
+            out.push(self.flexure_from(&sums, material, sign * angle));
         }
         out
     }

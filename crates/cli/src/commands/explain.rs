@@ -89,7 +89,7 @@ impl Run for Explain {
         }
         let Some(bench_file) = &self.bench else { bail!("no bench file is given") };
         let bench = gearwatch_io::bench_file::read(bench_file)?;
-        gearwatch_sim::effects::supported(&bench).with_context(|| bench_file.display().to_string())?;
+        gearwatch_sim::effects::pairs_alone(&bench).with_context(|| bench_file.display().to_string())?;
         for spec in &bench.effects {
             gearwatch_sim::effects::resolve(spec, &bench).with_context(|| bench_file.display().to_string())?;
         }

@@ -75,10 +75,10 @@ impl Run for List {
         }
         if wanted(What::Effects) {
             writeln!(out, "Effects of the simulator")?;
-            for effect in gearwatch_sim::effects::ALL {
+            for effect in gearwatch_sim::effects::every() {
                 writeln!(out, "  {:22} {}", effect.id(), effect.help())?;
                 if self.what.is_some() {
-                    describe(&mut out, *effect)?;
+                    describe(&mut out, effect)?;
                 }
             }
         }

@@ -90,7 +90,7 @@ impl TypedValueParser for EffectText {
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(gearwatch_sim::effects::ALL.iter().map(|e| PossibleValue::new(e.id()).help(e.help()))))
+        Some(Box::new(gearwatch_sim::effects::every().map(|e| PossibleValue::new(e.id()).help(e.help()))))
     }
 }
 

@@ -24,6 +24,8 @@ pub const MOST_IDLERS: usize = 8;
 const MOST_SHIFTED_TEETH: u32 = 4;
 /// How far, in steps of assembly, a stated position may lie from one in which the planet fits: two decimals of a degree with 250 steps a turn.
 const POSITION_REACH: f64 = 0.01;
+/// Most meshes that the simulator takes.
+pub const MOST_MESHES: usize = 16;
 /// Largest helix angle (degrees).
 const LARGEST_HELIX_DEG: f64 = 45.0;
 
@@ -330,8 +332,45 @@ fn room(stage: &Stage, set: &Planetary, tell: &mut dyn FnMut(String)) {
 }
 
 impl Bench {
-    /// Why the simulator cannot serve the bench, if it cannot: it knows external spur and helical pairs without profile shift.
+    /// Why the simulator cannot serve the bench, if it cannot: it knows spur pairs with idlers and internal wheels, helical pairs, and planetary stages with straight teeth, all without
+    /// profile shift.
     pub fn beyond_simulator(&self) -> Option<String> {
+        let what = |stage: &Stage| {
+            let gearing = &stage.gearing;
+            let alone = !gearing.internal && gearing.idlers.is_empty() && gearing.planetary.is_none();
+            if gearing.profile_shifted {
+                Some("has profile shift".to_owned())
+            } else if gearing.helix.is_some() && !alone {
+                let with = match (&gearing.planetary, gearing.internal) {
+                    (Some(_), _) => "planets",
+                    (None, true) => "an internal wheel",
+                    (None, false) => "idlers",
+                };
+                Some(format!("is helical with {with}"))
+            } else {
+                None
+            }
+        };
+        let of_stage = |stage: &Stage| what(stage).map(|what| (stage.name.clone(), what));
+        if let Some((name, what)) = self.stages.iter().find_map(of_stage) {
+            return Some(format!(
+                "stage {name:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures and explain, know external pairs with spur and helical teeth, and with straight teeth internal wheels, idlers and planets, all without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators"
+            ));
+        }
+        let meshes = |stage: &Stage| match &stage.gearing.planetary {
+            Some(set) => 2 * set.planets as usize,
+            None => 1 + stage.gearing.idlers.len(),
+        };
+        let count: usize = self.stages.iter().map(meshes).sum();
+        (count > MOST_MESHES).then(|| {
+            format!(
+                "the bench has {count} meshes, two for each planet and one for each idler and pair; the simulator knows {MOST_MESHES} at most"
+            )
+        })
+    }
+
+    /// Why explain and fault signatures cannot serve the bench, if they cannot: they know external spur and helical pairs without profile shift.
+    pub fn beyond_pairs(&self) -> Option<String> {
         let beyond = |gearing: &Gearing| Gearing { helix: None, ..gearing.clone() } != Gearing::default();
         let stage = self.stages.iter().find(|stage| beyond(&stage.gearing))?;
         let gearing = &stage.gearing;
@@ -342,7 +381,7 @@ impl Bench {
             _ => "has profile shift",
         };
         Some(format!(
-            "stage {:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures and explain, know external spur and helical pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators, and of planetary stages modes",
+            "stage {:?} {what}; signatures and explain know external spur and helical pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators and, without profile shift, simulate, sweep and modes",
             stage.name
         ))
     }

@@ -35,9 +35,10 @@ impl Effect for Eccentricity {
 
     fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {
         if let Some(gear) = GearAt::of(values) {
-            let modifications = gear.modifications(setup);
-            modifications.eccentricity_m = 1e-6 * values.get("runout_um");
-            modifications.eccentricity_phase_rad = values.get("phase_deg").to_radians();
+            gear.change_all(setup, |modifications| {
+                modifications.eccentricity_m = 1e-6 * values.get("runout_um");
+                modifications.eccentricity_phase_rad = values.get("phase_deg").to_radians();
+            });
         }
         Ok(())
     }

@@ -48,7 +48,7 @@ impl Effect for GhostComponent {
 
     fn signature(&self, values: &Values, bench: &Bench) -> Signature {
         let Some(gear) = GearAt::of(values) else { return Signature::nothing() };
-        let shaft = Train::new(bench).shafts[gear.shaft()].1;
+        let shaft = gear.order(&Train::new(bench), bench);
         Signature {
             lines: vec![Line::Order(shaft * values.get("order"))],
             change: Change::Rises,

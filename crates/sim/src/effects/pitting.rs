@@ -7,7 +7,6 @@ use super::gear::GearAt;
 use super::signature::mesh_lines;
 use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::faults::Pit;
-use crate::geometry::GearGeometry;
 use crate::setup::SimSetup;
 
 /// Pits about the pitch line of one or more teeth.
@@ -77,13 +76,8 @@ impl Pitting {
     /// As few equal pits side by side as take the area: each at most nine tenths of the flank's height across.
     fn pits(&self, values: &Values, bench: &Bench, at: GearAt) -> Result<Vec<Pit>, EffectError> {
         let stage = &bench.stages[at.stage];
-        let gear = if at.wheel { &stage.wheel } else { &stage.pinion };
-        let module_m = 1e-3 * stage.module_mm;
         let width = 1e-3 * stage.face_width_mm;
-        let bore = gear.bore_mm.map_or(module_m * f64::from(gear.teeth) / 8.0, |bore| 0.5e-3 * bore);
-        let geometry =
-            GearGeometry::new("gear", gear.teeth, module_m, stage.pressure_angle_deg.to_radians(), width, bore)
-                .map_err(|problem| values.unsuitable(problem))?;
+        let geometry = at.geometry(bench).map_err(|problem| values.unsuitable(problem))?;
         let flank = geometry.flank_height_m();
         let area = values.get("area_fraction") * flank * width;
         let greatest = 0.9 * flank;

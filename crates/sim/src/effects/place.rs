@@ -1,6 +1,6 @@
 //! Where an effect sits.
 
-use gearwatch_core::bench::Bench;
+use gearwatch_core::bench::{Bench, Stage};
 
 use super::{Effect, EffectError, values::nearest};
 
@@ -9,8 +9,13 @@ use super::{Effect, EffectError, values::nearest};
 pub enum PlaceKind {
     /// A gear pair, by the stage's name.
     Stage,
-    /// One gear: `<stage>.pinion` or `<stage>.wheel`.
+    /// One gear: `<stage>.pinion` or `<stage>.wheel`; `<stage>.sun`, `<stage>.ring`; `<stage>.planet_<k>` or `<stage>.idler_<k>` with the flanks towards sun or pinion, and
+    /// the same with `.ring_side` or `.wheel_side`.
     Gear,
+    /// A planet's pin: `<stage>.planet_<k>`.
+    Planet,
+    /// `<stage>.carrier`.
+    Carrier,
     /// A shaft, by name.
     Shaft,
     /// A sensor, by name.
@@ -34,7 +39,9 @@ impl PlaceKind {
     pub const fn pattern(self) -> &'static str {
         match self {
             Self::Stage => "STAGE",
-            Self::Gear => "STAGE.pinion or STAGE.wheel",
+            Self::Gear => "STAGE.pinion or STAGE.wheel; STAGE.sun, STAGE.ring, STAGE.planet_K, STAGE.idler_K",
+            Self::Planet => "STAGE.planet_K",
+            Self::Carrier => "STAGE.carrier",
             Self::Shaft => "SHAFT",
             Self::Sensor => "SENSOR",
             Self::Housing => "housing",
@@ -59,6 +66,24 @@ pub enum Place {
         /// The driven gear of the pair.
         wheel: bool,
     },
+    /// A planet or an idler.
+    Middle {
+        /// Index of its stage.
+        stage: usize,
+        /// From 0.
+        gear: usize,
+        /// By its flanks towards ring or wheel, otherwise towards sun or pinion.
+        second: bool,
+    },
+    /// The pin of a planet.
+    Pin {
+        /// Index of its stage.
+        stage: usize,
+        /// From 0.
+        planet: usize,
+    },
+    /// The carrier of a planetary stage.
+    Carrier(usize),
     /// A shaft.
     Shaft(usize),
     /// A sensor.
@@ -81,16 +106,41 @@ impl Place {
     /// All places of a kind on a bench, with their names.
     pub fn all(kind: PlaceKind, bench: &Bench) -> Vec<(String, Self)> {
         let stages = || bench.stages.iter().enumerate();
+        let planetary = || {
+            let set = |(i, stage): (usize, &'_ Stage)| {
+                stage.gearing.planetary.as_ref().map(|set| (i, stage.name.clone(), set.planets as usize))
+            };
+            stages().filter_map(set)
+        };
         match kind {
             PlaceKind::Stage => stages().map(|(i, stage)| (stage.name.clone(), Self::Stage(i))).collect(),
             PlaceKind::Gear => stages()
                 .flat_map(|(i, stage)| {
-                    [
-                        (format!("{}.pinion", stage.name), Self::Gear { stage: i, wheel: false }),
-                        (format!("{}.wheel", stage.name), Self::Gear { stage: i, wheel: true }),
-                    ]
+                    let [first, last] = stage.gear_names();
+                    let mut out = vec![
+                        (format!("{}.{first}", stage.name), Self::Gear { stage: i, wheel: false }),
+                        (format!("{}.{last}", stage.name), Self::Gear { stage: i, wheel: true }),
+                    ];
+                    let planets = stage.gearing.planetary.as_ref().map_or(0, |set| set.planets as usize);
+                    let (what, count) =
+                        if planets > 0 { ("planet", planets) } else { ("idler", stage.gearing.idlers.len()) };
+                    for gear in 0..count {
+                        let name = format!("{}.{what}_{}", stage.name, gear + 1);
+                        out.push((name.clone(), Self::Middle { stage: i, gear, second: false }));
+                        out.push((format!("{name}.{last}_side"), Self::Middle { stage: i, gear, second: true }));
+                    }
+                    out
                 })
                 .collect(),
+            PlaceKind::Planet => planetary()
+                .flat_map(|(stage, name, planets)| {
+                    let pin = move |planet| (format!("{name}.planet_{}", planet + 1), Self::Pin { stage, planet });
+                    (0..planets).map(pin)
+                })
+                .collect(),
+            PlaceKind::Carrier => {
+                planetary().map(|(stage, name, _)| (format!("{name}.carrier"), Self::Carrier(stage))).collect()
+            }
             PlaceKind::Shaft => {
                 bench.shafts.iter().enumerate().map(|(i, shaft)| (shaft.name.clone(), Self::Shaft(i))).collect()
             }

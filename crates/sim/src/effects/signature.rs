@@ -1,5 +1,6 @@
 //! What an effect declares of itself.
 
+use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
 /// A line of the spectrum.
@@ -132,6 +133,16 @@ pub fn sidebands(train: &Train, stage: usize, spacing: f64, sidebands: u32) -> V
         .flat_map(|h| (1..=sidebands).flat_map(move |k| [-1.0, 1.0].map(|sign| (f64::from(h), sign * f64::from(k)))))
         .map(|(h, k)| Line::Order(h * mesh + k * spacing))
         .collect()
+}
+
+/// Harmonics of a planetary stage's mesh, and lines at multiples of its carrier's speed beside them up to the next passing of planets.
+pub fn passing_lines(bench: &Bench, stage: usize) -> Vec<Line> {
+    let train = Train::new(bench);
+    let Some(set) = &train.stages[stage].planetary else { return Vec::new() };
+    let mut out = sidebands(&train, stage, set.carrier_order.abs(), set.planets);
+    out.extend(mesh_lines(&train, stage));
+    out.extend((1..=2 * set.planets).map(|k| Line::Order(f64::from(k) * set.carrier_order.abs())));
+    out
 }
 
 /// The line of a repetition rate; the motor's speed is `motor_order` times that of the first shaft.

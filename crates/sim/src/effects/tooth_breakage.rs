@@ -40,7 +40,7 @@ impl Effect for ToothBreakage {
         let tooth = gear.tooth(values, &setup.bench)?;
         let kind = if values.get("kind") < 0.5 { BreakageKind::Width } else { BreakageKind::Height };
         let breakage = Breakage { fraction: values.get("fraction"), kind };
-        gear.modifications(setup).damage_tooth(tooth, |damage| damage.breakage = Some(breakage));
+        gear.change_all(setup, |gear| gear.damage_tooth(tooth, |damage| damage.breakage = Some(breakage)));
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use super::gear::GearAt;
+use super::gear::{GearAt, Which};
 use super::signature::mesh_lines;
 use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, PlaceKind, Signature, SpeedLaw, Values};
 use crate::setup::SimSetup;
@@ -41,10 +41,16 @@ impl Effect for WrongToothCount {
             return Err(values.unsuitable(format!("a gear with {teeth} teeth; expected a whole number")));
         }
         let stage = &mut setup.bench.stages[gear.stage];
-        if gear.wheel {
-            stage.wheel.teeth = teeth as u32;
-        } else {
-            stage.pinion.teeth = teeth as u32;
+        match (gear.which, &mut stage.gearing.planetary) {
+            (Which::First, None) => stage.pinion.teeth = teeth as u32,
+            (Which::Last, None) => stage.wheel.teeth = teeth as u32,
+            (Which::Middle { gear, .. }, None) => stage.gearing.idlers[gear].teeth = teeth as u32,
+            // Sun, planets and ring fit each other or nothing turns.
+            (_, Some(_)) => {
+                return Err(values.unsuitable(
+                    "one gear of a planetary stage with another number of teeth cannot be assembled; change the bench file",
+                ));
+            }
         }
         Ok(())
     }

@@ -56,6 +56,7 @@ impl Lane {
                 done += EVENT_TOLERANCE_S;
                 let reference = plan.model.rotation.at(t + done).0;
                 self.start = evaluate(plan, reference, &solved.1.approach, &solved.1.pinion_rad);
+                self.hold_passage(plan, &solved.1);
             }
         }
         if self.start.is_open(stages) {
@@ -86,7 +87,17 @@ impl Lane {
         }
         let references = [plan.model.rotation.at(t + 0.5 * length).0, plan.model.rotation.at(t + length).0];
         self.solver.solve(plan, &self.weights, &self.start, &free, references);
+        let housing = plan.acting..plan.inputs.len();
+        for node in &mut self.solver.nodes {
+            node.remainder[housing.clone()].copy_from_slice(&self.start.remainder[housing.clone()]);
+        }
         (self.solver.nodes[0], self.solver.nodes[1])
+    }
+
+    /// What is passed on to the housing is held over a cut step: it is short, and the next one begins anew.
+    fn hold_passage(&mut self, plan: &Plan, from: &Node) {
+        let housing = plan.acting..plan.inputs.len();
+        self.start.remainder[housing.clone()].copy_from_slice(&from.remainder[housing]);
     }
 
     /// Takes over the part that was last tried.

@@ -31,6 +31,11 @@ pub(super) struct Kink {
 }
 
 impl Kink {
+    /// Difference at a node of the step: 1 in its middle, 2 at its end; 0 before the onset.
+    pub(super) fn value_at(&self, node: usize) -> f64 {
+        if self.at < 0.5 * node as f64 { self.values[node] } else { 0.0 }
+    }
+
     /// Coefficients of the quadratic through the values, about the onset.
     #[inline(always)]
     pub(super) fn about_onset(&self) -> [f64; 3] {
@@ -80,6 +85,8 @@ impl Solver {
         match plan.stiffness.len() {
             1 => self.solve_changes::<2>(plan, weights, start, kinks),
             2 => self.solve_changes::<4>(plan, weights, start, kinks),
+            3..=6 => self.solve_changes::<12>(plan, weights, start, kinks),
+            7..=10 => self.solve_changes::<20>(plan, weights, start, kinks),
             _ => self.solve_changes::<MOST_UNKNOWNS>(plan, weights, start, kinks),
         }
     }
@@ -241,7 +248,7 @@ impl Solver {
                 let row = half * stages + stage;
                 let coupling = &weights.coupling[half][stage];
                 let mut residual = self.nodes[half].approach[stage] - self.base[half][stage];
-                for (input, c) in coupling.iter().enumerate() {
+                for (input, c) in coupling.iter().enumerate().take(plan.acting) {
                     residual -= c[1] * self.nodes[0].remainder[input] + c[2] * self.nodes[1].remainder[input];
                 }
                 for other in 0..stages {

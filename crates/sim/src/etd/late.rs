@@ -24,12 +24,14 @@ const LEFT_OUT: f64 = 1e-10;
 /// What is left of the response by output and term of the quadratic.
 pub(super) type Responses<const M: usize> = [[f64; TERMS]; M];
 
-/// Scalar responses of approaches and sensors to the mesh forces, as polynomials in the time since the onset.
+/// Scalar responses of approaches, sensors and what is passed on to the mesh forces, as polynomials in the time since the onset.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Late {
     /// By input.
     approaches: Vec<Series>,
     sensors: Vec<Series>,
+    /// Of the rows that planetary stages pass on.
+    passed: Vec<Series>,
     /// Where the series may end, by group of modes; that of all modes is the last.
     degrees: Vec<Degrees>,
     /// `j! p!/(j+p+1)!` by degree.
@@ -135,6 +137,7 @@ impl Late {
         Self {
             approaches: series(&plan.outputs[..stages]),
             sensors: series(&plan.sensors),
+            passed: series(&plan.outputs[2 * stages..]),
             degrees: groups.chain([degrees(rate(&plan.modes.eigenvalues))]).collect(),
             betas: (0..=DEGREE).map(|j| std::array::from_fn(|p| beta(j, p))).collect(),
         }
@@ -156,6 +159,12 @@ impl Late {
     #[inline(always)]
     pub(super) fn sensors(&self, input: usize, sigma: f64, out: &mut [[f64; TERMS]]) {
         self.responses(&self.sensors[input], sigma, out);
+    }
+
+    /// Responses of the rows that planetary stages pass on likewise.
+    #[inline(always)]
+    pub(super) fn passed(&self, input: usize, sigma: f64, out: &mut [[f64; TERMS]]) {
+        self.responses(&self.passed[input], sigma, out);
     }
 
     #[inline(always)]

@@ -7,9 +7,13 @@ use crate::mesh::{MAX_PAIRS, MeshForce, Pairs, Touch};
 
 use super::plan::{Plan, Weights};
 
-/// Most stages of a train.
-pub(super) const MOST_STAGES: usize = 6;
+/// Most meshes of a train.
+pub(super) const MOST_STAGES: usize = 16;
 pub(super) const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
+/// Most housing coordinates that planetary stages drive.
+pub(super) const MOST_HOUSING: usize = 32;
+/// Mesh forces, three forces of friction of each mesh, forces on the housing.
+pub(super) const MOST_INPUTS: usize = 4 * MOST_STAGES + MOST_HOUSING;
 /// Newton steps; the force is piecewise linear, so one is the rule.
 const MOST_ITERATIONS: usize = 12;
 /// Largest move, as a part of the largest approach, at which friction counts as settled.
@@ -18,14 +22,26 @@ const SETTLED: f64 = 1e-7;
 /// that slice's part of it.
 const SMOOTH: f64 = 1e-5;
 
-/// Approach, phase, contact and remainder of all stages at one instant.
-#[derive(Clone, Copy, Debug, Default)]
+/// Approach, phase, contact and remainder of all meshes at one instant, and at the end of the remainder what is passed on to the housing.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     pub(super) approach: [f64; MOST_STAGES],
     pub(super) pinion_rad: [f64; MOST_STAGES],
     pub(super) phase: [f64; MOST_STAGES],
     pub(super) touching: [u32; MOST_STAGES],
-    pub(super) remainder: [f64; 4 * MOST_STAGES],
+    pub(super) remainder: [f64; MOST_INPUTS],
+}
+
+impl Default for Node {
+    fn default() -> Self {
+        Self {
+            approach: [0.0; MOST_STAGES],
+            pinion_rad: [0.0; MOST_STAGES],
+            phase: [0.0; MOST_STAGES],
+            touching: [0; MOST_STAGES],
+            remainder: [0.0; MOST_INPUTS],
+        }
+    }
 }
 
 impl Node {
@@ -82,7 +98,7 @@ fn store(plan: &Plan, node: &mut Node, stage: usize, contact: &Contact) {
     let stages = plan.stiffness.len();
     node.touching[stage] = contact.touching;
     node.remainder[stage] = contact.force_n - plan.stiffness[stage] * node.approach[stage];
-    if plan.inputs.len() > stages {
+    if plan.rubs {
         for (k, &value) in contact.friction.iter().enumerate() {
             node.remainder[stages + 3 * stage + k] = value;
         }
@@ -127,11 +143,12 @@ impl Solver {
         match plan.stiffness.len() {
             1 => self.solve_stages::<1, 2>(plan, weights, start, free, references),
             2 => self.solve_stages::<2, 4>(plan, weights, start, free, references),
+            3..=6 => self.solve_stages::<6, 12>(plan, weights, start, free, references),
             _ => self.solve_stages::<MOST_STAGES, MOST_UNKNOWNS>(plan, weights, start, free, references),
         }
     }
 
-    /// [`Self::solve`] for `N` stages, or up to `N` where that is the most there can be; `M` is `2 N`.
+    /// [`Self::solve`] for `N` meshes, or up to `N` where that is more than two; `M` is `2 N`.
     #[inline(always)]
     fn solve_stages<const N: usize, const M: usize>(
         &mut self,
@@ -141,9 +158,9 @@ impl Solver {
         free: &[[f64; 2 * MOST_STAGES]; 2],
         references: [f64; 2],
     ) -> bool {
-        let stages = if N == MOST_STAGES { plan.stiffness.len() } else { N };
+        let stages = if N > 2 { plan.stiffness.len() } else { N };
         self.predict(plan, weights, start, free, references, stages);
-        let rubs = plan.inputs.len() > stages;
+        let rubs = plan.rubs;
         for iteration in 0..MOST_ITERATIONS {
             let mut tangent = [[0.0; MOST_STAGES]; 2];
             let before = [self.nodes[0].touching, self.nodes[1].touching];
@@ -245,7 +262,7 @@ fn newton<const M: usize>(
     nodes: &mut [Node; 2],
     stages: usize,
 ) -> ([[f64; MOST_STAGES]; 2], f64) {
-    let inputs = plan.inputs.len();
+    let inputs = plan.acting;
     let mut matrix = [[[0.0]; M]; M];
     let mut right = [[0.0]; M];
     for half in 0..2 {

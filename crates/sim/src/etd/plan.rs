@@ -76,14 +76,18 @@ pub(super) struct Plan {
     pub(super) step_s: f64,
     /// Mesh stiffness that is part of the linear train, by stage (N/m).
     pub(super) stiffness: Vec<f64>,
-    /// Inputs of the remainder: the stages' mesh forces, then three friction forces per stage where there is friction.
+    /// Inputs of the remainder: the mesh forces, then three friction forces per mesh where there is friction, then forces on the housing that planetary stages pass on.
     pub(super) inputs: Vec<Split>,
-    /// Outputs that the remainder needs: approaches by stage, then pinion angles by stage.
+    /// How many of them act on the train; the housing does not.
+    pub(super) acting: usize,
+    /// There is friction.
+    pub(super) rubs: bool,
+    /// Outputs that the remainder needs: approaches by mesh, then pinion angles by mesh, then those of [`TrainModel::passed_rows`].
     pub(super) outputs: Vec<Split>,
     /// Inputs of outside forces, then of the moments of [`Self::levers`].
     pub(super) externals: Vec<Split>,
     /// Moments of the mesh forces about eccentric gears: stage, pinion or wheel, coordinate.
-    pub(super) levers: Vec<(usize, usize, usize)>,
+    pub(super) levers: Vec<(usize, usize, usize, f64)>,
     /// Sensors of the bench (m/s²).
     pub(super) sensors: Vec<Split>,
     /// Per degree: `(λh)^k / k!`.
@@ -141,13 +145,22 @@ impl Plan {
         let mut outputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.output(row, &zero))).collect();
         for stage in 0..stages {
             let mut row = zero.clone();
-            row[model.linear.stages[stage].pinion.angle] = 1.0;
+            model.linear.meshes[stage].angle.iter().for_each(|&(at, factor)| row[at] += factor);
             outputs.push(split(modes.output(&row, &zero)));
             if friction {
                 for vector in &model.friction_vectors[stage] {
                     inputs.push(split(modes.input(&(vector * model.contacts[stage].friction))));
                 }
             }
+        }
+        let acting = inputs.len();
+        for heard in &model.linear.passage.housing {
+            let mut vector = zero.clone();
+            vector[heard.at] = 1.0;
+            inputs.push(split(modes.input(&vector)));
+        }
+        for (position, velocity) in model.passed_rows() {
+            outputs.push(split(modes.output(&position, &velocity)));
         }
         let a = meshed.state_matrix();
         let n = model.coordinates();
@@ -183,9 +196,9 @@ impl Plan {
         let levers = model.levers();
         let lever_vectors: Vec<_> = levers
             .iter()
-            .map(|&(_, _, at)| {
+            .map(|&(_, _, at, turning)| {
                 let mut vector = zero.clone();
-                vector[at] = 1.0;
+                vector[at] = turning;
                 vector
             })
             .collect();
@@ -196,6 +209,8 @@ impl Plan {
             externals: model.external_vectors().chain(&lever_vectors).map(|v| split(modes.input(v))).collect(),
             levers,
             inputs,
+            acting,
+            rubs: friction,
             outputs,
             sensors,
             powers,

@@ -56,7 +56,7 @@ impl<const L: usize> Nodes<L> {
     /// `None` where a train needs the general way: friction, or more pairs at once than are watched here.
     pub(super) fn new(plans: &[Plan; L]) -> Option<Self> {
         let stages = plans[0].stiffness.len();
-        if plans.iter().any(|plan| plan.inputs.len() > stages || plan.joints.iter().any(Option::is_none)) {
+        if plans.iter().any(|plan| plan.rubs || plan.joints.iter().any(Option::is_none)) {
             return None;
         }
         let nodes = 2 * stages;
@@ -128,6 +128,20 @@ impl<const L: usize> Nodes<L> {
         out
     }
 
+    /// Middle and end of a run's step as they were solved for.
+    pub(super) fn solved(&self, stages: usize, l: usize) -> [Node; 2] {
+        std::array::from_fn(|half| {
+            let mut out = Node::default();
+            for stage in 0..stages {
+                let node = half * stages + stage;
+                out.approach[stage] = self.approach[node][l];
+                out.phase[stage] = self.phase[node][l];
+                out.remainder[stage] = self.remainder[node][l];
+            }
+            out
+        })
+    }
+
     /// Sets where a run's step begins.
     pub(super) fn set_begin(&mut self, plan: &Plan, l: usize, node: &Node) {
         let start = &mut self.start;
@@ -159,11 +173,13 @@ impl<const L: usize> Nodes<L> {
         match plans[0].stiffness.len() {
             1 => self.solve_nodes::<1, 2>(plans, outputs, references, 1),
             2 => self.solve_nodes::<2, 4>(plans, outputs, references, 2),
+            stages @ 3..=6 => self.solve_nodes::<6, 12>(plans, outputs, references, stages),
+            stages @ 7..=10 => self.solve_nodes::<10, 20>(plans, outputs, references, stages),
             stages => self.solve_nodes::<MOST_STAGES, MOST_UNKNOWNS>(plans, outputs, references, stages),
         }
     }
 
-    /// [`Self::solve`] for `N` stages, or up to `N` where that is the most there can be; `M` is `2 N`.
+    /// [`Self::solve`] for `N` meshes, or up to `N` where that is more than two; `M` is `2 N`.
     #[inline(always)]
     fn solve_nodes<const N: usize, const M: usize>(
         &mut self,
@@ -172,7 +188,7 @@ impl<const L: usize> Nodes<L> {
         references: &[Row<L>; 2],
         stages: usize,
     ) -> [bool; L] {
-        let stages = if N == MOST_STAGES { stages } else { N };
+        let stages = if N > 2 { stages } else { N };
         let nodes = 2 * stages;
         let mut base = [[0.0; L]; M];
         for half in 0..2 {

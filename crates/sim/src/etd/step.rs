@@ -41,6 +41,7 @@ impl<const L: usize> Etd<L> {
             self.lanes[l].effort.kinked += u64::from(went == Step::Kinked);
             if went == Step::Broken {
                 self.step_with_events(l, t)?;
+                self.settle_passing(l, end);
                 self.begin_next(l);
             }
             for stage in 0..stages {
@@ -62,17 +63,21 @@ impl<const L: usize> Etd<L> {
         let mut smooth = [false; L];
         if let Some(nodes) = &mut self.nodes {
             smooth = nodes.solve(&self.plans, &self.outputs, references);
-            for (stage, values) in self.remainder.chunks_exact_mut(NODES).enumerate() {
+            for (stage, values) in self.remainder.chunks_exact_mut(NODES).enumerate().take(stages) {
                 values[0] = *nodes.remainder_at_start(stage);
                 values[1] = nodes.remainder[stage];
                 values[2] = nodes.remainder[stages + stage];
             }
         }
         let mut went = [Step::Smooth; L];
+        self.smooth = smooth;
         for l in 0..L {
             if !smooth[l] {
                 went[l] = self.step_alone(l, [references[0][l], references[1][l]]);
             }
+        }
+        if !self.plans[0].model.linear.passage.is_empty() {
+            self.pass_on_all(&went);
         }
         self.read_sensors();
         self.bank.advance(&self.remainder);
@@ -88,6 +93,18 @@ impl<const L: usize> Etd<L> {
             }
         }
         went
+    }
+
+    /// What planetary stages pass on in the step of every run that is not to be done anew.
+    fn pass_on_all(&mut self, went: &[Step; L]) {
+        for (l, &went) in went.iter().enumerate() {
+            let nodes = match (&self.nodes, went) {
+                (_, Step::Broken) => continue,
+                (Some(nodes), Step::Smooth) if self.smooth[l] => nodes.solved(self.plans[l].stiffness.len(), l),
+                _ => self.lanes[l].solver.nodes,
+            };
+            self.pass_on(l, &nodes, went == Step::Kinked);
+        }
     }
 
     /// The nodes of a step of one run by the general solver, and their remainders.
@@ -126,7 +143,7 @@ impl<const L: usize> Etd<L> {
         if went == Step::Broken {
             self.bank.z.get(l, &mut lane.z);
         }
-        for (input, values) in self.remainder.chunks_exact_mut(NODES).enumerate() {
+        for (input, values) in self.remainder.chunks_exact_mut(NODES).enumerate().take(plan.acting) {
             values[0][l] = lane.start.remainder[input];
             values[1][l] = lane.solver.nodes[0].remainder[input];
             values[2][l] = lane.solver.nodes[1].remainder[input];
@@ -156,6 +173,9 @@ impl<const L: usize> Etd<L> {
             for s in 0..sensors {
                 let o = first + half * sensors + s;
                 let mut reading = self.outputs[o / GROUP][o % GROUP];
+                for (reading, direct) in reading.iter_mut().zip(&self.direct[half][s]) {
+                    *reading += direct;
+                }
                 for (c, r) in self.sensor_coupling[half][s].iter().zip(&self.remainder) {
                     for l in 0..L {
                         reading[l] = c[l].mul_add(r[l], reading[l]);
@@ -215,6 +235,8 @@ impl<const L: usize> Etd<L> {
     fn step_with_events(&mut self, l: usize, t: f64) -> Result<(), Diverged> {
         let step_s = self.step_s;
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
+        let housing = plan.acting..plan.inputs.len();
+        lane.start.remainder[housing].copy_from_slice(&self.passing[l].housing);
         let middle = lane.cut_step(plan, t, step_s, &mut self.readings, l);
         let flown = match middle {
             Ok(()) => {
@@ -268,12 +290,14 @@ impl Lane {
     /// steps instead of being solved for.
     fn add_levers(&mut self, plan: &Plan, start: &Node, t: f64) {
         let reference = plan.model.rotation.angle(t);
-        for &(stage, gear, _) in &plan.levers {
+        let mut carried = None;
+        for &(stage, gear, _, _) in &plan.levers {
             let force = start.remainder[stage] + plan.stiffness[stage] * start.approach[stage];
-            if gear == 0 {
+            if carried != Some(stage) {
                 let before = self.mesh_forces[stage].unwrap_or(force);
                 self.carried[stage] = force + 0.5 * (force - before);
                 self.mesh_forces[stage] = Some(force);
+                carried = Some(stage);
             }
             let phase = plan.model.phase(stage, reference, start.pinion_rad[stage]);
             let lever = plan.model.contacts[stage].mesh().lever_m(phase)[gear];

@@ -1,9 +1,12 @@
 //! What a bench file's parts add to the matrices: rotation, gears, housing and sensors.
 
 use gearwatch_core::bench::{Bench, Gear, Hand, Stage};
+use gearwatch_core::train::Train;
 use nalgebra::DVector;
 
-use super::{DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, OutputRow, StageGeometry};
+use super::{BearingFrame, DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, MeshGeometry, OutputRow, StagePlaces};
+use crate::geometry::{CLEARANCE, RIM};
+use crate::meshes::{MeshKind, MeshPlace, force_per_torque};
 
 /// Mass and inertia of a gear: as the bench file says, otherwise a solid steel disc on the pitch diameter with its bore.
 ///
@@ -16,6 +19,16 @@ pub fn gear_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m3: f64)
     let mass = gear.mass_kg.unwrap_or(disc);
     let inertia = gear.inertia_kg_m2.unwrap_or(0.5 * mass * (radius.powi(2) + bore.powi(2)));
     (mass, inertia)
+}
+
+/// Mass and inertia of an internal gear: as the bench file says, otherwise a steel ring from its reference circle to the end of its rim.
+pub(crate) fn ring_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
+    let inner = stage.reference_radius_m(gear.teeth);
+    let outer = gear.bore_mm.map_or(inner + (1.0 + CLEARANCE + RIM) * 1e-3 * stage.module_mm, |mm| 0.5e-3 * mm);
+    let width = 1e-3 * stage.face_width_mm;
+    let rim = density_kg_per_m3 * std::f64::consts::PI * width * (outer.powi(2) - inner.powi(2));
+    let mass = gear.mass_kg.unwrap_or(rim);
+    (mass, gear.inertia_kg_m2.unwrap_or(0.5 * mass * (outer.powi(2) + inner.powi(2))))
 }
 
 /// Force along the pinion's axis per mesh force on the transverse line of action, where the pinion turns counter-clockwise seen from the motor; positive towards
@@ -61,35 +74,123 @@ impl LinearTrain {
         }
     }
 
-    pub(super) fn add_stages(&mut self, bench: &Bench, places: &[(GearPlace, GearPlace)]) {
+    pub(super) fn add_stages(&mut self, bench: &Bench, places: &[StagePlaces]) {
+        let train = Train::new(bench);
         let mut sense = 1.0;
-        for (stage, &(pinion, wheel)) in bench.stages.iter().zip(places) {
-            let alpha = stage.transverse_angle_rad();
-            let centres = stage.line_of_centres_deg.to_radians();
-            let along = [centres.cos(), centres.sin()];
+        for (i, (places, kinematics)) in places.iter().zip(&train.stages).enumerate() {
+            match places {
+                StagePlaces::Chain(chain) => self.add_chain(bench, i, chain, &train, sense),
+                StagePlaces::Planetary(places) => self.add_planetary(bench, i, places, &train, sense),
+            }
+            if kinematics.reverses {
+                sense = -sense;
+            }
+        }
+        for (at, shaft) in self.axial.iter().zip(&bench.shafts) {
+            if let Some(at) = *at {
+                let (stiffness, damping) = shaft.axial();
+                self.stiffness[(at, at)] += stiffness;
+                self.damping[(at, at)] += damping;
+            }
+        }
+        self.bearings = self.bearing_frames(bench, &train);
+        for (&(driven, driving), &order) in self.shaft_angles.iter().zip(&self.shaft_orders) {
+            for at in [driven, driving] {
+                if at != self.motor_angle {
+                    self.reference_acceleration[at] = -order * self.mass[(at, at)];
+                }
+            }
+        }
+        for &(at, order) in &self.turning {
+            self.reference_acceleration[at] = -order * self.mass[(at, at)];
+        }
+    }
+
+    /// Per shaft, what forces at its bearings act on.
+    fn bearing_frames(&self, bench: &Bench, train: &Train) -> Vec<Vec<BearingFrame>> {
+        let mut senses = vec![1.0];
+        for kinematics in &train.stages {
+            let before = senses.last().copied().unwrap_or(1.0);
+            senses.push(if kinematics.reverses { -before } else { before });
+        }
+        let of_shaft = |shaft: usize| {
+            let gears = self.gears_on(shaft);
+            let share = 1.0 / gears.len().max(1) as f64;
+            let mut out: Vec<(Option<usize>, BearingFrame)> = Vec::new();
+            for gear in gears {
+                let carrier = |stage: usize| {
+                    let set = train.stages[stage].planetary.as_ref();
+                    senses[stage] * set.map_or(0.0, |set| set.carrier_order)
+                };
+                let at = out.iter().position(|(carried, _)| *carried == gear.carried).unwrap_or(out.len());
+                if at == out.len() {
+                    let zero = || DVector::zeros(self.names.len());
+                    let order = gear.carried.map_or(0.0, carrier);
+                    let frame = BearingFrame { x: zero(), y: zero(), order, sense: senses[shaft] };
+                    out.push((gear.carried, frame));
+                }
+                let frame = &mut out[at].1;
+                frame.x[gear.x] = share;
+                frame.y[gear.x + 1] = share;
+            }
+            out.into_iter().map(|(_, frame)| frame).collect()
+        };
+        (0..bench.shafts.len()).map(of_shaft).collect()
+    }
+
+    /// Puts a gear or carrier on its bearing.
+    pub(super) fn support(&mut self, place: GearPlace, mass: f64, [stiffness, damping]: [f64; 2]) {
+        for at in [place.x, place.x + 1] {
+            self.mass[(at, at)] += mass;
+            self.stiffness[(at, at)] += stiffness;
+            self.damping[(at, at)] += damping;
+        }
+    }
+
+    /// A pair, with the idlers between its gears in one line. The pinion turns by `sense`.
+    fn add_chain(&mut self, bench: &Bench, at: usize, chain: &[GearPlace], train: &Train, mut sense: f64) {
+        let stage = &bench.stages[at];
+        let alpha = stage.transverse_angle_rad();
+        // From the pinion's centre to where it touches: an internal wheel has its centre on the other side.
+        let alone_inside = stage.gearing.internal && chain.len() == 2;
+        let centres = stage.line_of_centres_deg.to_radians() + if alone_inside { std::f64::consts::PI } else { 0.0 };
+        let along = [centres.cos(), centres.sin()];
+        let base = |gear: &Gear| stage.reference_radius_m(gear.teeth) * alpha.cos();
+        let specs: Vec<&Gear> =
+            [&stage.pinion].into_iter().chain(&stage.gearing.idlers).chain([&stage.wheel]).collect();
+        let density = bench.gear_material.density_kg_per_m3;
+        let mut inertias = Vec::with_capacity(chain.len());
+        for (k, (&gear, &place)) in specs.iter().zip(chain).enumerate() {
+            let inside = stage.gearing.internal && k + 1 == chain.len();
+            let of = if inside { ring_mass_and_inertia } else { gear_mass_and_inertia };
+            let (mass, inertia) = of(gear, stage, density);
+            inertias.push(inertia);
+            if let Some(angle) = place.angle {
+                self.mass[(angle, angle)] += inertia;
+            }
+            let shaft = &bench.shafts[place.shaft];
+            self.support(place, mass, [shaft.bearing_n_per_m, shaft.bearing_damping_n_s_per_m]);
+            if k > 0 && k + 1 < chain.len() {
+                self.idlers.push(place);
+                let order = self.shaft_orders[at] * f64::from(stage.pinion.teeth) / f64::from(gear.teeth);
+                self.turning.extend(place.angle.map(|angle| (angle, order)));
+                continue;
+            }
+            if let Some(at) = self.axial[place.shaft] {
+                self.mass[(at, at)] += mass;
+            }
+            self.on_shaft[place.shaft].push(place);
+        }
+        let force_per_torque = force_per_torque(bench, train, at);
+        for (from, pair) in chain.windows(2).enumerate() {
+            let &[pinion, wheel] = pair else { continue };
             let driving = [-sense * centres.sin(), sense * centres.cos()];
             let normal =
                 [alpha.cos() * driving[0] + alpha.sin() * along[0], alpha.cos() * driving[1] + alpha.sin() * along[1]];
-            let base = |gear: &Gear| stage.reference_radius_m(gear.teeth) * alpha.cos();
-            let mut inertias = [0.0; 2];
-            for (k, (gear, place)) in [(&stage.pinion, pinion), (&stage.wheel, wheel)].into_iter().enumerate() {
-                let (mass, inertia) = gear_mass_and_inertia(gear, stage, bench.gear_material.density_kg_per_m3);
-                inertias[k] = inertia;
-                self.mass[(place.angle, place.angle)] += inertia;
-                let shaft = &bench.shafts[place.shaft];
-                if let Some(at) = self.axial[place.shaft] {
-                    self.mass[(at, at)] += mass;
-                }
-                for at in [place.x, place.x + 1] {
-                    self.mass[(at, at)] += mass;
-                    self.stiffness[(at, at)] += shaft.bearing_n_per_m;
-                    self.damping[(at, at)] += shaft.bearing_damping_n_s_per_m;
-                }
-            }
-            let (r1, r2) = (base(&stage.pinion), base(&stage.wheel));
+            let (r1, r2) = (base(specs[from]), base(specs[from + 1]));
             let mut row = DVector::zeros(self.names.len());
-            row[pinion.angle] += r1;
-            row[wheel.angle] -= r2;
+            pinion.angle.into_iter().for_each(|angle| row[angle] += r1);
+            wheel.angle.into_iter().for_each(|angle| row[angle] -= r2);
             for (axis, component) in normal.into_iter().enumerate() {
                 row[pinion.x + axis] += component;
                 row[wheel.x + axis] -= component;
@@ -102,41 +203,26 @@ impl LinearTrain {
                 row[b] += thrust;
             }
             self.mesh.push(row);
-            self.stages.push(StageGeometry {
+            let cycles_per_turn = f64::from(specs[from].teeth);
+            self.meshes.push(MeshGeometry {
+                place: MeshPlace { stage: at, kind: MeshKind::Chain { from } },
                 pinion_base_m: r1,
                 wheel_base_m: r2,
                 normal,
-                tangent: [-sense * normal[1], sense * normal[0]],
+                sense,
+                turning: [1.0, 1.0],
                 pressure_angle_rad: alpha,
                 axial,
                 thrust,
                 pinion,
                 wheel,
-                effective_mass_kg: 1.0 / (r1 * r1 / inertias[0] + r2 * r2 / inertias[1]),
+                effective_mass_kg: 1.0 / (r1 * r1 / inertias[from] + r2 * r2 / inertias[from + 1]),
+                angle: pinion.angle.map(|angle| (angle, 1.0)).into_iter().collect(),
+                cycles_per_turn,
+                order: f64::from(stage.pinion.teeth) * self.shaft_orders[at],
+                force_per_torque,
             });
             sense = -sense;
-        }
-        for (at, shaft) in self.axial.iter().zip(&bench.shafts) {
-            if let Some(at) = *at {
-                let (stiffness, damping) = shaft.axial();
-                self.stiffness[(at, at)] += stiffness;
-                self.damping[(at, at)] += damping;
-            }
-        }
-        for shaft in 0..bench.shafts.len() {
-            let gears: Vec<_> = self.gears_on(shaft);
-            let share = 1.0 / gears.len().max(1) as f64;
-            for gear in gears {
-                self.bearing_x[shaft][gear.x] = share;
-                self.bearing_y[shaft][gear.x + 1] = share;
-            }
-        }
-        for (&(driven, driving), &order) in self.shaft_angles.iter().zip(&self.shaft_orders) {
-            for at in [driven, driving] {
-                if at != self.motor_angle {
-                    self.reference_acceleration[at] = -order * self.mass[(at, at)];
-                }
-            }
         }
     }
 
@@ -151,7 +237,7 @@ impl LinearTrain {
                 self.damping[(at, at)] = 2.0 * mode.damping_ratio * omega * mode.mass_kg;
                 for (s, shaft) in bench.shafts.iter().enumerate() {
                     let shape = mode.shape.get(&shaft.name).copied().unwrap_or(0.0);
-                    for gear in self.gears_on(s) {
+                    for gear in self.heard_at(s) {
                         for (axis, component) in unit.into_iter().enumerate() {
                             let factor = shape * component;
                             self.stiffness[(at, gear.x + axis)] -= factor * shaft.bearing_n_per_m;
@@ -167,7 +253,7 @@ impl LinearTrain {
             let Some(s) = bench.shafts.iter().position(|shaft| shaft.name == sensor.shaft) else { continue };
             if bench.housing_modes.is_empty() {
                 let unit = [sensor.direction_deg.to_radians().cos(), sensor.direction_deg.to_radians().sin()];
-                for gear in self.gears_on(s) {
+                for gear in self.heard_at(s) {
                     for (axis, component) in unit.into_iter().enumerate() {
                         let gain = component / DIRECT_PATH_MASS_KG;
                         row.position[gear.x + axis] += gain * bench.shafts[s].bearing_n_per_m;

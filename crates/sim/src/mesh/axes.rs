@@ -8,6 +8,11 @@ use crate::geometry::PairGeometry;
 impl MeshModel {
     /// Total backlash (m) along the line of action: nominal, and `2 sin α_w` times what the centre distance has grown by.
     pub fn backlash_m(&self, state: &MeshState) -> f64 {
+        if self.geometry.is_internal() {
+            // Axes that part come together on the other side of the ring.
+            let sin = self.geometry.operating_angle_rad.sin();
+            return (self.backlash_m - 2.0 * sin * self.modifications.pair.centre_shift_m).max(0.0);
+        }
         let lag = self.shift(state).wheel * self.geometry.base_pitch_m;
         let sin = self.geometry.operating_angle_rad.sin();
         (self.backlash_m + 2.0 * sin * (self.modifications.pair.centre_shift_m + lag * sin)).max(0.0)
@@ -18,17 +23,23 @@ impl MeshModel {
     ///
     /// # Formula
     /// The approach holds `ε₁ sin(ψ₁ + α) + ε₂ sin(ψ₂ − α)`, so virtual work gives the moments `−F ε₁ cos(ψ₁ + α)` and `−F ε₂ cos(ψ₂ − α)`, each about its
-    /// own shaft in its sense of rotation.
+    /// own shaft in its sense of rotation. Gears of an internal pair turn in one sense: there the wheel's approach is `−ε₂ sin(ψ₂ + α)`, and α is negative where the pinion is internal.
     pub fn lever_m(&self, phase: f64) -> [f64; 2] {
-        let alpha = self.geometry.operating_angle_rad;
+        let alpha = self.geometry.signed_angle_rad();
+        let same_sense = self.geometry.is_internal();
         let gears = [
-            (&self.modifications.pinion, self.geometry.pinion.teeth, alpha),
-            (&self.modifications.wheel, self.geometry.wheel.teeth, -alpha),
+            (&self.modifications.pinion, self.geometry.pinion.teeth, alpha, 1.0),
+            (
+                &self.modifications.wheel,
+                self.geometry.wheel.teeth,
+                if same_sense { alpha } else { -alpha },
+                if same_sense { -1.0 } else { 1.0 },
+            ),
         ];
-        gears.map(|(gear, z, alpha)| {
+        gears.map(|(gear, z, alpha, sign)| {
             let turns = phase / f64::from(z);
             let angle = TAU * (turns - turns.floor()) + gear.eccentricity_phase_rad;
-            if gear.eccentricity_m == 0.0 { 0.0 } else { gear.eccentricity_m * (angle + alpha).cos() }
+            if gear.eccentricity_m == 0.0 { 0.0 } else { sign * gear.eccentricity_m * (angle + alpha).cos() }
         })
     }
 
@@ -47,9 +58,9 @@ impl MeshModel {
             if gear.eccentricity_m != 0.0 {
                 let turns = state.phase / f64::from(z);
                 let (sin, cos) = (TAU * (turns - turns.floor()) + gear.eccentricity_phase_rad).sin_cos();
-                // The wheel turns the other way, and its displacement counts against the pinion's.
+                // The wheel turns the other way, but not in an internal pair, and its displacement counts against the pinion's.
                 own_x += sense * gear.eccentricity_m * cos;
-                own_y += gear.eccentricity_m * sin;
+                own_y += if self.geometry.is_internal() { sense } else { 1.0 } * gear.eccentricity_m * sin;
             }
         }
         x += own_x;
@@ -75,7 +86,11 @@ pub(super) struct ShiftFactors {
 
 impl ShiftFactors {
     pub(super) fn new(geometry: &PairGeometry) -> Self {
-        let (sin, cos) = geometry.operating_angle_rad.sin_cos();
+        let (sin, cos) = geometry.signed_angle_rad().sin_cos();
+        if geometry.is_internal() {
+            // To first order the contact of an internal pair stays where it is on both flanks: radii of curvature differ little.
+            return Self { pinion_x: 0.0, pinion_y: 0.0, wheel_x: 0.0, sin, cos };
+        }
         let a = geometry.centre_distance_m;
         // Rotation of the line of action: the line of centres turns by −y/a, the pressure angle grows by −x cos α/(a sin α).
         let per_turn = -geometry.pinion.base_radius_m / geometry.base_pitch_m;

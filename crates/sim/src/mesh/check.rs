@@ -28,6 +28,7 @@ pub(super) fn check(
     within("the reference load", pair.reference_load_n, crate::hertz::LEAST_LOAD_N, 1e7, " N")?;
     within("the coefficient of friction", pair.friction, 0.0, 0.5, "")?;
     within("the alternating pitch", pair.alternating_m, 0.0, 1e-3, " m")?;
+    within("the offset of the flanks", pair.offset_m, -1e-3, 1e-3, " m")?;
     within("the wear depth", pair.wear_m, 0.0, 1e-3, " m")?;
     for waves in [&pair.stiffness_waves, &teeth.pinion.stiffness_waves, &teeth.wheel.stiffness_waves] {
         let sum: f64 = waves.iter().map(|h| h.cos.hypot(h.sin)).sum();

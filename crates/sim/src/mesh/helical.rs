@@ -225,8 +225,15 @@ impl HelicalMesh {
 pub(crate) fn iso_stiffness_n_per_m(section: &MeshModel, helix_rad: f64, normal_angle_rad: f64, load_n: f64) -> f64 {
     let pair = section.geometry();
     let cos = helix_rad.cos();
-    let [z1, z2] = [&pair.pinion, &pair.wheel].map(|gear| f64::from(gear.teeth) / cos.powi(3));
-    let flexibility = 0.04723 + 0.15551 / z1 + 0.25791 / z2;
+    // An internal gear is one of infinitely many teeth.
+    let by_teeth = |gear: &GearGeometry| if gear.internal { 0.0 } else { cos.powi(3) / f64::from(gear.teeth) };
+    let [small, large] = if pair.is_internal() {
+        let inside = by_teeth(&pair.pinion).max(by_teeth(&pair.wheel));
+        [inside, 0.0]
+    } else {
+        [by_teeth(&pair.pinion), by_teeth(&pair.wheel)]
+    };
+    let flexibility = 0.04723 + 0.15551 * small + 0.25791 * large;
     let basic_rack = (1.0 + 0.5 * (1.2 - 1.25)) * (1.0 - 0.02 * (20.0 - normal_angle_rad.to_degrees()));
     let youngs_modulus = section.material().youngs_modulus_pa / 2.06e11;
     let single = 0.8 * basic_rack / flexibility * youngs_modulus * cos;

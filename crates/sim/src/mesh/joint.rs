@@ -154,8 +154,7 @@ impl Joint {
             pair.index = n as i64;
             pair.pinion_tooth = super::tooth(n, mesh.pinion_turns) as u32;
             pair.wheel_tooth = super::tooth(n, mesh.wheel_turns) as u32;
-            pair.pinion_roll_m = mesh.geometry.entry_roll_m + (phase + shift - n) * mesh.geometry.base_pitch_m;
-            pair.wheel_roll_m = mesh.geometry.tangent_length_m - pair.pinion_roll_m;
+            [pair.pinion_roll_m, pair.wheel_roll_m] = mesh.geometry.rolls_m(phase + shift - n);
             pair.compliance_m_per_n = 1.0 / w + g * g;
             pair.foundation_m_per_n = if mesh.coupling > 0.0 { g * g / mesh.coupling } else { 0.0 };
             pair.gap_m = gap;

@@ -41,7 +41,6 @@ impl MeshModel {
 
     #[inline(always)]
     fn collect(&self, state: &MeshState, lag: f64, load: &LoadPoint, reach: f64, out: &mut Pairs) {
-        let pitch = self.geometry.base_pitch_m;
         let shift = self.shift(state);
         out.clear();
         out.coupling = self.coupling;
@@ -61,8 +60,7 @@ impl MeshModel {
             pair.index = n as i64;
             pair.pinion_tooth = pinion_tooth;
             pair.wheel_tooth = wheel_tooth;
-            pair.pinion_roll_m = self.geometry.entry_roll_m + s * pitch;
-            pair.wheel_roll_m = self.geometry.tangent_length_m - pair.pinion_roll_m;
+            [pair.pinion_roll_m, pair.wheel_roll_m] = self.geometry.rolls_m(s);
             let deviation = common + pinion_error + wheel_error + self.alternating_gap_m(n);
             let touches = self.pair(s, s - shift.wheel, [pinion, wheel], deviation, (load, reach), pair);
             pair.compliance_m_per_n *= softer;
@@ -92,8 +90,7 @@ impl MeshModel {
             pair.index = n as i64;
             pair.pinion_tooth = pinion_tooth;
             pair.wheel_tooth = wheel_tooth;
-            pair.pinion_roll_m = self.geometry.entry_roll_m + s * self.geometry.base_pitch_m;
-            pair.wheel_roll_m = self.geometry.tangent_length_m - pair.pinion_roll_m;
+            [pair.pinion_roll_m, pair.wheel_roll_m] = self.geometry.rolls_m(s);
             let touches = self.pair(s, s, [pinion, wheel], 0.0, (load, reach), pair);
             out.keep(touches);
         }
@@ -174,10 +171,10 @@ impl MeshModel {
         self.modifications.repeat_with_the_mesh()
     }
 
-    /// Profile error (m) at a phase, by mesh harmonic.
+    /// Profile error (m) at a phase, by mesh harmonic, and what all flanks stand back.
     #[inline(always)]
     pub(super) fn profile_gap_m(&self, phase: f64) -> f64 {
-        let mut gap = 0.0;
+        let mut gap = self.modifications.pair.offset_m;
         if !self.profile_error.is_empty() {
             let since_pitch = phase - self.geometry.pitch_phase();
             // cos(h β + φ) by powers of e^{iβ}: one sine and cosine serve all harmonics.

@@ -5,6 +5,7 @@ use gearwatch_core::bench::Bench;
 use super::iso_stiffness_n_per_m;
 use super::{Face, FlankStore, HelicalMesh, LoadPoint, MeshError, MeshModel, MeshOptions, MeshState};
 use crate::faults::ToothModifications;
+use crate::meshes::{MeshKind, MeshPlace};
 
 /// A gear pair of a bench: its section, and for helical teeth the slices along its face.
 #[derive(Clone, Debug)]
@@ -28,12 +29,27 @@ impl StageMesh {
         teeth: &ToothModifications,
         flanks: &mut FlankStore,
     ) -> Result<Self, MeshError> {
+        Self::of_mesh(bench, MeshPlace { stage, kind: MeshKind::Chain { from: 0 } }, options, teeth, flanks)
+    }
+
+    /// A mesh of a bench.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_mesh(
+        bench: &Bench,
+        place: MeshPlace,
+        options: &MeshOptions,
+        teeth: &ToothModifications,
+        flanks: &mut FlankStore,
+    ) -> Result<Self, MeshError> {
+        let stage = place.stage;
         let Some(spec) = bench.stages.get(stage) else { return Err(MeshError::no_stage(bench, stage)) };
         let (section, face) = if spec.gearing.helix.is_some() {
             let (section, face) = HelicalMesh::of_stage(bench, stage, options, teeth, flanks)?.into_parts();
             (section, Some(Box::new(face)))
         } else {
-            (MeshModel::with_flanks(bench, stage, options, teeth, flanks)?, None)
+            (MeshModel::of_mesh(bench, place, options, teeth, flanks)?, None)
         };
         let normal_angle_rad = spec.pressure_angle_deg.to_radians();
         Ok(Self { section, face, helix_rad: spec.helix_rad(), normal_angle_rad })

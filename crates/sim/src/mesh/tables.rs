@@ -330,7 +330,7 @@ impl Builder<'_> {
             // Nothing touches above r_cut = r_a − f (r_a − r_f): late on a pinion tooth, early on a wheel tooth.
             let cut = gear.tip_radius_m - fraction * (gear.tip_radius_m - gear.root_radius_m);
             let tip_roll = gear.roll_at_radius_m(gear.tip_radius_m);
-            let reach = (tip_roll - gear.roll_at_radius_m(cut)) / self.pair.base_pitch_m;
+            let reach = (tip_roll - gear.roll_at_radius_m(cut)).abs() / self.pair.base_pitch_m;
             match self.side {
                 Side::Pinion => last -= reach,
                 Side::Wheel => first += reach,
@@ -385,12 +385,12 @@ impl Builder<'_> {
         let count = positions.len();
         let tip_roll = gear.roll_at_radius_m(gear.tip_radius_m);
         let roll = |s: f64| {
-            let pinion_roll = pair.entry_roll_m + s * pair.base_pitch_m;
+            let [pinion, wheel] = pair.rolls_m(s);
             let own = match self.side {
-                Side::Pinion => pinion_roll,
-                Side::Wheel => pair.tangent_length_m - pinion_roll,
+                Side::Pinion => pinion,
+                Side::Wheel => wheel,
             };
-            own.clamp(0.0, tip_roll)
+            if gear.internal { own.max(tip_roll) } else { own.clamp(0.0, tip_roll) }
         };
         // The pinion's contact climbs its tooth, the wheel's descends it.
         let ascending = |i: usize| if self.side == Side::Pinion { i } else { count - 1 - i };

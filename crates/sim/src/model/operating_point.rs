@@ -28,7 +28,11 @@ pub(super) fn check_operating_point(
     for (i, stage) in setup.bench.stages.iter().enumerate() {
         let wheel_radius = stage.reference_radius_m(stage.wheel.teeth);
         let bearable = 1e9 * (1e-3 * stage.face_width_mm) * (1e-3 * stage.module_mm) / 3.0;
-        let torque = bearable * wheel_radius * train.shafts[i + 1].1 / last;
+        let torque = match stage.gearing.planetary {
+            None => bearable * wheel_radius * train.shafts[i + 1].1 / last,
+            // At the base circle of the sun, which is as good for a bound.
+            Some(_) => bearable / crate::meshes::force_per_torque(&setup.bench, &train, i),
+        };
         if most > torque {
             return Err(ModelError::Bench(format!(
                 "a brake torque of {most} N m breaks the teeth of stage {:?}; expected at most about {torque:.0} N m at this face width \

@@ -31,6 +31,8 @@ struct LoadZone {
     sense: f64,
     /// Torque at which the push has its nominal size (N m); 0 for any.
     nominal_nm: f64,
+    /// Turns of the frame in which the force acts, counter-clockwise, per revolution of the first shaft.
+    frame_order: f64,
 }
 
 impl LoadZone {
@@ -39,7 +41,7 @@ impl LoadZone {
         let from_load = self.sense * self.order * angle;
         let share = from_load.cos().max(0.0).powf(1.5);
         let load = if self.nominal_nm > 0.0 { torque_nm / self.nominal_nm } else { 1.0 };
-        let (sin, cos) = (self.loaded_rad + from_load).sin_cos();
+        let (sin, cos) = (self.loaded_rad + from_load - self.frame_order * angle).sin_cos();
         share * load * if sine { sin } else { cos }
     }
 }
@@ -83,10 +85,13 @@ impl TrainModel {
             match *force {
                 ShaftForce::Unbalance { shaft, amount_kg_m } => {
                     let order = self.linear.shaft_orders[shaft];
-                    for (sine, vector) in
-                        [(false, &self.linear.bearing_x[shaft]), (true, &self.linear.bearing_y[shaft])]
-                    {
-                        push(vector, ExternalKind::Unbalance { amount: amount_kg_m * order * order, order, sine });
+                    for frame in &self.linear.bearings[shaft] {
+                        // Seen from a carrier it turns by the difference of both speeds.
+                        let seen = if frame.order == 0.0 { order } else { frame.sense * order - frame.order };
+                        for (sine, vector) in [(false, &frame.x), (true, &frame.y)] {
+                            let amount = amount_kg_m * order * order;
+                            push(vector, ExternalKind::Unbalance { amount, order: seen, sine });
+                        }
                     }
                 }
                 ShaftForce::Impacts { shaft, order, force_n, inner_race } => {
@@ -103,16 +108,17 @@ impl TrainModel {
                         .collect();
                     let [x, y] = self.loaded_direction(shaft);
                     let nominal_nm = setup.bench.brake.torque_nm;
-                    for (sine, vector) in
-                        [(false, &self.linear.bearing_x[shaft]), (true, &self.linear.bearing_y[shaft])]
-                    {
-                        let zone = LoadZone {
-                            loaded_rad: y.atan2(x),
-                            order: if inner_race { self.linear.shaft_orders[shaft] } else { 0.0 },
-                            sense: if shaft % 2 == 0 { 1.0 } else { -1.0 },
-                            nominal_nm,
-                        };
-                        push(vector, ExternalKind::Impacts { force: force_n, angles: angles.clone(), zone, sine });
+                    for frame in &self.linear.bearings[shaft] {
+                        for (sine, vector) in [(false, &frame.x), (true, &frame.y)] {
+                            let zone = LoadZone {
+                                loaded_rad: y.atan2(x),
+                                order: if inner_race { self.linear.shaft_orders[shaft] } else { 0.0 },
+                                sense: frame.sense,
+                                nominal_nm,
+                                frame_order: frame.order,
+                            };
+                            push(vector, ExternalKind::Impacts { force: force_n, angles: angles.clone(), zone, sine });
+                        }
                     }
                 }
                 // A clearance of the bearing's spring, among the springs.
@@ -128,7 +134,10 @@ impl TrainModel {
                 }
                 Entry::Force { shaft, direction_rad, harmonics } => {
                     let (sin, cos) = direction_rad.sin_cos();
-                    let vector = &self.linear.bearing_x[*shaft] * cos + &self.linear.bearing_y[*shaft] * sin;
+                    let mut vector = DVector::zeros(self.linear.names.len());
+                    for frame in &self.linear.bearings[*shaft] {
+                        vector += &frame.x * cos + &frame.y * sin;
+                    }
                     (vector, self.linear.shaft_orders[*shaft], harmonics)
                 }
                 _ => continue,
@@ -156,9 +165,11 @@ impl TrainModel {
     /// Direction in which the mesh forces press a shaft into its bearings (unit vector); x where they cancel.
     fn loaded_direction(&self, shaft: usize) -> [f64; 2] {
         let mut sum = [0.0; 2];
-        for (stage, force) in self.linear.stages.iter().zip(&self.force_per_torque) {
+        let gears = self.linear.gears_on(shaft);
+        for (stage, force) in self.linear.meshes.iter().zip(&self.force_per_torque) {
             for (place, sign) in [(stage.pinion, -1.0), (stage.wheel, 1.0)] {
-                if place.shaft == shaft {
+                // Forces of planets cancel, and turn.
+                if place.carried.is_none() && gears.contains(&place) {
                     sum[0] += sign * force * stage.normal[0];
                     sum[1] += sign * force * stage.normal[1];
                 }

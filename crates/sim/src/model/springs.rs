@@ -1,6 +1,6 @@
 //! What the train does with springs and dampers that are not linear.
 
-use gearwatch_core::bench::term::SpringLaw;
+use gearwatch_core::bench::term::{Entry, SpringLaw};
 use nalgebra::{DMatrix, DVector};
 
 use super::{ModelError, TrainModel};
@@ -28,6 +28,9 @@ pub(super) fn fold_terms(
 ) -> Result<Vec<Spring>, ModelError> {
     let mut out = Vec::new();
     for term in &setup.terms {
+        if let Entry::Force { shaft, .. } = term.entry {
+            springs::stands_in_space(&setup.bench, linear, shaft)?;
+        }
         let scale = Scale::new(term, setup);
         let constant = scale.is_constant(torque_nm, motor_hz, &setup.temperature_c);
         for spring in springs::of_term(term, &scale, &setup.bench, linear)? {
@@ -39,6 +42,7 @@ pub(super) fn fold_terms(
     }
     for force in &setup.shaft_forces {
         if let ShaftForce::LooseSeat { shaft, gap_m } = *force {
+            springs::stands_in_space(&setup.bench, linear, shaft)?;
             let law =
                 ForceLaw { law: SpringLaw::Clearance, coefficient: 1.0, gap: gap_m, corner: 0.0, own: (0.0, 0.0) };
             out.extend(springs::bearings(law, &Scale::fixed(setup), &setup.bench, linear, shaft, None));

@@ -2,42 +2,74 @@
 
 use gearwatch_core::bench::term::{Entry, Flanks, Harmonic, ResolvedTerm, Turning};
 
+use gearwatch_core::bench::{Bench, Member};
+use gearwatch_core::train::Train;
+use gearwatch_core::train::planetary::speeds;
+
 use super::solver::Problem;
 use super::{SteadyError, SteadySolver};
 use crate::faults::GearModifications;
+use crate::meshes;
 use crate::setup::{Rate, RippleAt, ShaftForce, SimSetup};
 
 /// Most samples of one part.
 const MOST_SAMPLES: usize = 1 << 18;
 
 impl SteadySolver {
-    /// The common period of some meshes and one shaft; `None` where it is too long.
+    /// The common period of some meshes and of what turns; `None` where it is too long.
     pub(super) fn problem(
         &self,
         setup: &SimSetup,
         active: &[usize],
-        shaft: Option<usize>,
+        turn: Option<Turn>,
         first_shaft_hz: f64,
     ) -> Option<Problem> {
         let bench = &setup.bench;
+        let train = Train::new(bench);
         // Order of each shaft as a fraction.
         let mut orders = vec![(1_u64, 1_u64)];
-        for stage in &bench.stages {
+        for stage in &train.stages {
             let &(num, den) = orders.last()?;
-            let num = num.checked_mul(u64::from(stage.pinion.teeth))?;
-            let den = den.checked_mul(u64::from(stage.wheel.teeth))?;
+            let num = num.checked_mul(u64::from(stage.ratio.0))?;
+            let den = den.checked_mul(u64::from(stage.ratio.1))?;
             orders.push(reduced(num, den));
         }
-        let mut rates: Vec<(u64, u64)> = Vec::new();
-        for &stage in active {
+        let mesh_rate = |stage: usize| -> Option<(u64, u64)> {
             let (num, den) = orders[stage];
-            let num = num.checked_mul(u64::from(bench.stages[stage].pinion.teeth))?;
-            rates.push(reduced(num, den));
+            let spec = &bench.stages[stage];
+            let sun = u64::from(spec.pinion.teeth);
+            let (times, by) = match &spec.gearing.planetary {
+                None => (sun, 1),
+                Some(set) => {
+                    let [s, c, r] = speeds(spec.pinion.teeth, spec.wheel.teeth, set.fixed);
+                    let driving = match set.input {
+                        Member::Sun => s,
+                        Member::Carrier => c,
+                        Member::Ring => r,
+                    };
+                    (sun.checked_mul((s - c).unsigned_abs())?, driving.unsigned_abs())
+                }
+            };
+            Some(reduced(num.checked_mul(times)?, den.checked_mul(by)?))
+        };
+        let mut rates: Vec<(u64, u64)> = Vec::new();
+        let meshes = meshes::of_bench(bench);
+        for &mesh in active {
+            let stage = meshes[mesh].stage;
+            let (num, den) = mesh_rate(stage)?;
+            rates.push((num, den));
             if setup.teeth[stage].pair.alternating_m != 0.0 {
                 rates.push(reduced(num, den.checked_mul(2)?));
             }
         }
-        rates.extend(shaft.map(|shaft| orders[shaft]));
+        match turn {
+            Some(Turn::Shaft(shaft)) => rates.push(orders[shaft]),
+            Some(Turn::Gear { stage, teeth }) => {
+                let (num, den) = mesh_rate(stage)?;
+                rates.push(reduced(num, den.checked_mul(u64::from(teeth))?));
+            }
+            None => {}
+        }
         // P q_k whole for all q_k = n_k/d_k: P = lcm(d_k) / gcd(n_k).
         let mut lcm = 1_u64;
         let mut gcd = 0_u64;
@@ -47,7 +79,7 @@ impl SteadySolver {
         }
         let revolutions = lcm as f64 / gcd as f64;
         let cycles = rates.iter().map(|&(num, den)| revolutions * num as f64 / den as f64).fold(0.0, f64::max);
-        let share = if shaft.is_some() { 4 } else { active.len().min(2) };
+        let share = if turn.is_some() { 4 } else { active.len().min(2) };
         let samples = cycles.round() * (self.options.samples_per_cycle.max(128) / share) as f64;
         (samples <= MOST_SAMPLES as f64).then(|| Problem {
             active: active.to_vec(),
@@ -58,23 +90,75 @@ impl SteadySolver {
     }
 }
 
-/// Shafts whose revolution something repeats with, and whether it reaches all meshes.
-pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, SteadyError> {
-    let mut out: Vec<(usize, bool)> = Vec::new();
-    let mut add = |shaft: usize, everywhere: bool| match out.iter_mut().find(|(known, _)| *known == shaft) {
+/// What something repeats with a turn of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Turn {
+    /// A shaft, in space.
+    Shaft(usize),
+    /// A gear of a stage with so many teeth, against what carries it: idlers, and all of a planetary stage.
+    Gear {
+        /// Position of its stage.
+        stage: usize,
+        /// Number of teeth.
+        teeth: u32,
+    },
+}
+
+impl Turn {
+    /// The turn of a pinion, sun, wheel or ring.
+    fn of_gear(bench: &Bench, stage: usize, wheel: bool) -> Self {
+        let spec = &bench.stages[stage];
+        match &spec.gearing.planetary {
+            None => Self::Shaft(stage + usize::from(wheel)),
+            Some(_) => Self::Gear { stage, teeth: if wheel { spec.wheel.teeth } else { spec.pinion.teeth } },
+        }
+    }
+
+    /// The turn of a planet or idler.
+    fn of_middle(bench: &Bench, stage: usize, gear: usize) -> Self {
+        let gearing = &bench.stages[stage].gearing;
+        let teeth = gearing.planetary.as_ref().map_or_else(|| gearing.idlers[gear].teeth, |set| set.planet.teeth);
+        Self::Gear { stage, teeth }
+    }
+
+    /// The meshes of a stage feel it at once.
+    pub(super) fn touches(self, stage: usize) -> bool {
+        match self {
+            Self::Shaft(shaft) => stage == shaft || stage + 1 == shaft,
+            Self::Gear { stage: own, .. } => stage == own,
+        }
+    }
+}
+
+/// Turns that something repeats with, and whether it reaches all meshes.
+pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, SteadyError> {
+    let mut out: Vec<(Turn, bool)> = Vec::new();
+    let bench = &setup.bench;
+    let mut add = |turn: Turn, everywhere: bool| match out.iter_mut().find(|(known, _)| *known == turn) {
         Some((_, known)) => *known |= everywhere,
-        None => out.push((shaft, everywhere)),
+        None => out.push((turn, everywhere)),
     };
-    for (stage, teeth) in setup.teeth.iter().enumerate() {
-        for (gear, shaft) in [(&teeth.pinion, stage), (&teeth.wheel, stage + 1)] {
+    for stage in 0..bench.stages.len() {
+        let (teeth, between) = (&setup.teeth[stage], &setup.between[stage]);
+        let central = [(&teeth.pinion, false), (&teeth.wheel, true)];
+        let central = central.map(|(gear, wheel)| (gear, Turn::of_gear(bench, stage, wheel)));
+        let middle =
+            between.gears.iter().enumerate().flat_map(|(i, gear)| {
+                [&gear.first, &gear.second].map(|flank| (flank, Turn::of_middle(bench, stage, i)))
+            });
+        for (gear, turn) in central.into_iter().chain(middle) {
             if gear.waves.iter().any(|wave| wave.order.fract() != 0.0) {
                 return Err(SteadyError::NotPeriodic("a wave of broken order on a gear".into()));
             }
             if repeats_by_revolution(gear) {
-                add(shaft, false);
+                add(turn, false);
             }
         }
     }
+    let carried = |shaft: usize| {
+        let near = |stage: &usize| bench.stages.get(*stage).is_some_and(|stage| stage.gearing.planetary.is_some());
+        [Some(shaft), shaft.checked_sub(1)].into_iter().flatten().any(|stage| near(&stage))
+    };
     for term in &setup.terms {
         match shaft_of(term, setup) {
             Repeats::Always => {}
@@ -86,7 +170,10 @@ pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, S
     }
     for force in &setup.shaft_forces {
         match *force {
-            ShaftForce::Unbalance { shaft, .. } => add(shaft, false),
+            ShaftForce::Unbalance { shaft, .. } if carried(shaft) => {
+                return Err(SteadyError::NotPeriodic("unbalance beside a carrier".into()));
+            }
+            ShaftForce::Unbalance { shaft, .. } => add(Turn::Shaft(shaft), false),
             // A clearance is there at any angle.
             ShaftForce::LooseSeat { .. } => {}
             ShaftForce::Impacts { .. } => return Err(SteadyError::NotPeriodic("a bearing defect".into())),
@@ -96,7 +183,7 @@ pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, S
         let shaft = shaft.or(setup.bench.belt.is_none().then_some(0));
         match shaft {
             Some(shaft) if order.fract() == 0.0 => {
-                add(shaft, true);
+                add(Turn::Shaft(shaft), true);
                 Ok(())
             }
             _ => Err(SteadyError::NotPeriodic(what.to_owned())),
@@ -124,8 +211,8 @@ pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(usize, bool)>, S
 enum Repeats<'a> {
     /// With the meshes, or it does not change at all.
     Always,
-    /// With a shaft; whether it reaches all meshes.
-    With(usize, bool, &'a [Harmonic]),
+    /// With a turn; whether it reaches all meshes.
+    With(Turn, bool, &'a [Harmonic]),
     Never,
 }
 
@@ -133,16 +220,16 @@ fn shaft_of<'a>(term: &'a ResolvedTerm, setup: &SimSetup) -> Repeats<'a> {
     match &term.entry {
         Entry::Geometry(Flanks::Gear { stage, wheel }, harmonics)
         | Entry::Stiffness(Flanks::Gear { stage, wheel }, harmonics) => {
-            Repeats::With(stage + usize::from(*wheel), false, harmonics)
+            Repeats::With(Turn::of_gear(&setup.bench, *stage, *wheel), false, harmonics)
         }
         Entry::Geometry(Flanks::Mesh(_), harmonics) | Entry::Stiffness(Flanks::Mesh(_), harmonics) => {
             if harmonics.iter().all(|h| h.order.fract() == 0.0) { Repeats::Always } else { Repeats::Never }
         }
-        Entry::Force { shaft, harmonics, .. } => Repeats::With(*shaft, false, harmonics),
+        Entry::Force { shaft, harmonics, .. } => Repeats::With(Turn::Shaft(*shaft), false, harmonics),
         Entry::Torque(at, harmonics) => match at {
-            Turning::Shaft(shaft) => Repeats::With(*shaft, true, harmonics),
-            Turning::Brake => Repeats::With(setup.bench.shafts.len().saturating_sub(1), true, harmonics),
-            Turning::Motor if setup.bench.belt.is_none() => Repeats::With(0, true, harmonics),
+            Turning::Shaft(shaft) => Repeats::With(Turn::Shaft(*shaft), true, harmonics),
+            Turning::Brake => Repeats::With(Turn::Shaft(setup.bench.shafts.len().saturating_sub(1)), true, harmonics),
+            Turning::Motor if setup.bench.belt.is_none() => Repeats::With(Turn::Shaft(0), true, harmonics),
             Turning::Motor => Repeats::Never,
         },
         Entry::Spring { growth, .. } => {
@@ -164,23 +251,35 @@ fn repeats_by_revolution(gear: &GearModifications) -> bool {
         || !gear.stiffness_waves.is_empty()
 }
 
-/// The setup with only what repeats with one shaft's revolution, or with none's.
-pub(super) fn only(setup: &SimSetup, shaft: Option<usize>) -> SimSetup {
+/// The setup with only what repeats with one turn, or with none.
+pub(super) fn only(setup: &SimSetup, turn: Option<Turn>) -> SimSetup {
     let mut out = setup.clone();
     let last = setup.bench.shafts.len().saturating_sub(1);
-    for (stage, teeth) in out.teeth.iter_mut().enumerate() {
-        for (gear, on) in [(&mut teeth.pinion, stage), (&mut teeth.wheel, stage + 1)] {
-            if shaft != Some(on) {
-                *gear = GearModifications {
-                    all_teeth: gear.all_teeth.clone(),
-                    tip_relief: gear.tip_relief,
-                    ..GearModifications::default()
-                };
-            }
+    let keep = |gear: &mut GearModifications, of: Turn| {
+        if turn != Some(of) {
+            *gear = GearModifications {
+                all_teeth: gear.all_teeth.clone(),
+                tip_relief: gear.tip_relief,
+                ..GearModifications::default()
+            };
+        }
+    };
+    for stage in 0..setup.bench.stages.len() {
+        let teeth = &mut out.teeth[stage];
+        keep(&mut teeth.pinion, Turn::of_gear(&setup.bench, stage, false));
+        keep(&mut teeth.wheel, Turn::of_gear(&setup.bench, stage, true));
+        for (i, gear) in out.between[stage].gears.iter_mut().enumerate() {
+            let of = Turn::of_middle(&setup.bench, stage, i);
+            keep(&mut gear.first, of);
+            keep(&mut gear.second, of);
         }
     }
+    let shaft = match turn {
+        Some(Turn::Shaft(shaft)) => Some(shaft),
+        _ => None,
+    };
     out.terms.retain(|term| match shaft_of(term, setup) {
-        Repeats::With(on, ..) => shaft == Some(on),
+        Repeats::With(on, ..) => turn == Some(on),
         Repeats::Always | Repeats::Never => true,
     });
     out.shaft_forces.retain(|force| match *force {

@@ -34,12 +34,7 @@ pub(super) struct Response {
 impl Response {
     /// Of a train with its meshes (see [`LinearTrain::with_meshes`]); `motor_order` is the motor's speed / the first shaft's.
     pub(super) fn new(train: &LinearTrain, motor_order: f64) -> Result<Self, ModelError> {
-        let n = train.names.len();
-        let mut rigid = DVector::zeros(n);
-        rigid[train.motor_angle] = motor_order;
-        for (&(a, b), &order) in train.shaft_angles.iter().zip(&train.shaft_orders) {
-            (rigid[a], rigid[b]) = (order, order);
-        }
+        let rigid = train.rotation(motor_order);
         let mut k: DMatrix<f64> = train.stiffness.clone();
         k[(train.motor_angle, train.motor_angle)] += 1e4; // pins the free rotation
         Ok(Self { modes: Modes::new(train)?, pinned: k.lu(), damping_of_rigid: &train.damping * &rigid, rigid })

@@ -57,6 +57,8 @@ type Force = (Input, Vec<Complex<f64>>);
 pub(super) struct Solution {
     /// Amplitudes of the forces of each input (peak; bin 0 is the mean).
     pub(super) forces: Vec<Force>,
+    /// Where those of the active meshes begin.
+    first_mesh: usize,
     /// What springs add to the reading of each sensor: by sensor the amplitude (peak).
     pub(super) direct: Vec<Vec<Complex<f64>>>,
     /// Approach of each active stage and deflection of each spring's line at each sample (m or rad).
@@ -67,6 +69,14 @@ pub(super) struct Solution {
     resting: Vec<Vec<f64>>,
     /// Products with the linear train that were needed.
     pub(super) iterations: usize,
+}
+
+impl Solution {
+    /// Spectrum of what the force of a mesh has beyond its mean stiffness; `None` where the problem takes that mesh for linear.
+    pub(super) fn rest_of(&self, problem: &Problem, mesh: usize) -> Option<&[Complex<f64>]> {
+        let at = problem.active.iter().position(|&active| active == mesh)?;
+        self.forces.get(self.first_mesh + at).map(|(_, spectrum)| spectrum.as_slice())
+    }
 }
 
 /// What stands in the linear train for the meshes and springs, and its responses.
@@ -93,7 +103,7 @@ impl Grid {
             .iter()
             .map(|&s| {
                 let mut row = zero.clone();
-                row[model.linear.stages[s].pinion.angle] = 1.0;
+                model.linear.meshes[s].angle.iter().for_each(|&(at, factor)| row[at] += factor);
                 rows(&row)
             })
             .collect();
@@ -232,7 +242,7 @@ impl Grid {
             let mut rate_slope: Vec<(usize, usize, Vec<f64>)> = Vec::new();
             let mut friction: Vec<[Vec<f64>; 3]> = Vec::new();
             let mut open = None;
-            let mut levers: Vec<(usize, Vec<f64>)> = Vec::new();
+            let mut levers: Vec<(usize, f64, Vec<f64>)> = Vec::new();
             for (i, &stage) in active.iter().enumerate() {
                 let contact = &model.contacts[stage];
                 let (k_mean, _) = linear[stage];
@@ -246,7 +256,7 @@ impl Grid {
                     let delta = approach[i][sample];
                     let now = contact.mean_about(phase, width, delta, &mut scratch);
                     if !now.is_driving() {
-                        open = Some(stage);
+                        open = Some(model.linear.meshes[stage].place.stage);
                     }
                     rest[i][sample] = now.force_n - k_mean * delta;
                     slope[i].2[sample] = now.stiffness_n_per_m - k_mean;
@@ -265,8 +275,12 @@ impl Grid {
                     friction.push(rubbing);
                 }
                 if runs_out {
-                    let geometry = &model.linear.stages[stage];
-                    levers.extend([geometry.pinion.angle, geometry.wheel.angle].into_iter().zip(moments));
+                    let geometry = &model.linear.meshes[stage];
+                    for ((gear, turning), moment) in
+                        [geometry.pinion, geometry.wheel].into_iter().zip(geometry.turning).zip(moments)
+                    {
+                        levers.extend(gear.angle.map(|at| (at, turning, moment)));
+                    }
                 }
             }
             if !self.springs.is_empty() {
@@ -295,9 +309,9 @@ impl Grid {
                     friction_spectra.push((response.input(vector), self.spectrum(signal)?));
                 }
             }
-            for (at, moment) in &levers {
+            for (at, turning, moment) in &levers {
                 let mut vector = DVector::zeros(model.coordinates());
-                vector[*at] = 1.0;
+                vector[*at] = *turning;
                 friction_spectra.push((response.input(&vector), self.spectrum(moment)?));
             }
             let mut target = self.convolve(&self.approach, &spectra)?;
@@ -348,6 +362,7 @@ impl Grid {
                     return Err(SteadyError::ContactLost { stage });
                 }
                 forces.extend(friction_spectra);
+                let first_mesh = forces.len();
                 let mut direct = self.springs.direct(model, &spectra[stages..]);
                 direct.iter_mut().flat_map(|spectrum| spectrum.iter_mut().skip(1)).for_each(|z| *z *= 2.0);
                 for (input, spectrum) in self.inputs.iter().zip(spectra) {
@@ -356,7 +371,7 @@ impl Grid {
                 for (_, spectrum) in &mut forces {
                     spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
                 }
-                return Ok(Solution { forces, direct, approach, angle, resting, iterations });
+                return Ok(Solution { forces, first_mesh, direct, approach, angle, resting, iterations });
             }
             let inner = (0.1 * options.tolerance / (worst / scale).max(unsettled)).clamp(1e-6, 0.03);
             let mut broken = None;

@@ -274,9 +274,9 @@ fn analytic_common_periods() {
         |active: &[usize], shaft| solver.problem(&setup, active, shaft, 1.0).map(|p| (p.revolutions * 34.0).round());
     assert_eq!(cycles(&[0, 1], None), Some(73.0));
     assert_eq!(cycles(&[0], None), Some(1.0));
-    assert_eq!(cycles(&[0], Some(0)), Some(34.0));
-    assert_eq!(cycles(&[0, 1], Some(1)), Some(73.0));
-    assert_eq!(cycles(&[1], Some(2)), Some((90.0 * 73.0 / 36.0_f64).round()));
+    assert_eq!(cycles(&[0], Some(Turn::Shaft(0))), Some(34.0));
+    assert_eq!(cycles(&[0, 1], Some(Turn::Shaft(1))), Some(73.0));
+    assert_eq!(cycles(&[1], Some(Turn::Shaft(2))), Some((90.0 * 73.0 / 36.0_f64).round()));
     assert_eq!(smooth(4672), 4800);
     assert_eq!(smooth(17), 18);
 }

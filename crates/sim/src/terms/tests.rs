@@ -150,7 +150,7 @@ fn analytic_springs_at_rest() {
     let deflection = |terms: &[Term]| {
         let model = model(&with(&bench, terms), 60.0);
         let state = model.static_state().unwrap();
-        let x = model.linear.stages[0].pinion.x;
+        let x = model.linear.meshes[0].pinion.x;
         let force = 60.0 * model.force_per_torque[0];
         (state[x].hypot(state[x + 1]), force)
     };

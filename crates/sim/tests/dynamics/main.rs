@@ -19,6 +19,7 @@ use gearwatch_sim::source::{SimConfig, Simulator};
 mod harmonics;
 mod helical;
 mod oscillator;
+mod planetary;
 
 const RATE_HZ: f64 = 16_384.0;
 
@@ -174,8 +175,7 @@ fn analytic_static_solution() {
         }
         let mut state = Vec::new();
         etd.state(0, &mut state);
-        let pinion = slow.linear.stages[0].pinion.angle;
-        let phase = slow.phase(0, slow.rotation.at(etd.time()).0, state[pinion]);
+        let phase = slow.phase(0, slow.rotation.at(etd.time()).0, slow.pinion_rad(0, &state));
         let expected = slow.contacts[0].static_approach(phase, force);
         worst = worst.max((etd.approach(0, 0) - expected).abs());
         largest = largest.max(expected);
@@ -201,7 +201,8 @@ fn analytic_energy_balance() {
     let n = model.coordinates();
     let (mut drive, mut brake, mut heat) = (0.0, 0.0, 0.0);
     let mut state = Vec::new();
-    let geometry = &model.linear.stages[0];
+    let geometry = &model.linear.meshes[0];
+    let [pinion, wheel] = [geometry.pinion, geometry.wheel].map(|gear| gear.angle.expect("it turns"));
     let slope = bench.motor.slip_slope_nm_s_per_rad;
     let (settle, count) = (20_000, 32_768);
     for step in 0..settle + count {
@@ -220,8 +221,8 @@ fn analytic_energy_balance() {
         let (contact, _) = model.contact(0, reference, &state, &mut Default::default());
         let friction = model.contacts[0].friction;
         heat -= friction
-            * (contact.friction[1] * (omega + state[n + geometry.pinion.angle])
-                + contact.friction[2] * (omega * ratio + state[n + geometry.wheel.angle]));
+            * (contact.friction[1] * (omega + state[n + pinion])
+                + contact.friction[2] * (omega * ratio + state[n + wheel]));
     }
     let (drive, brake, heat) = (drive / f64::from(count), brake / f64::from(count), heat / f64::from(count));
     assert!(heat > 1e-3 * brake, "{heat} of {brake}");

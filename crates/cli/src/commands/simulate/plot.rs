@@ -7,6 +7,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 use gearwatch_report::{Chart, Lines, Mark, Part, Report, Section, Series};
 use gearwatch_sim::lines::order_spectrum;
+use gearwatch_sim::meshes::MeshKind;
 use gearwatch_sim::model::TrainModel;
 use gearwatch_sim::source::{SimConfig, Simulator};
 
@@ -185,9 +186,12 @@ fn spectrum(recording: &Recording, config: &SimConfig, model: &TrainModel) -> Ch
 
 fn stiffness(config: &SimConfig, model: &TrainModel) -> Chart {
     let torque = model.brake_torque_nm(0.0);
-    let series = (config.bench.stages.iter().zip(&model.contacts).zip(&model.force_per_torque))
-        .map(|((stage, contact), force)| Series {
-            name: stage.name.clone(),
+    // All planets are alike but for errors: the first one stands for them.
+    let first = |kind: MeshKind| !matches!(kind, MeshKind::Sun { planet: 1.. } | MeshKind::Ring { planet: 1.. });
+    let series = (model.linear.meshes.iter().zip(&model.contacts).zip(&model.force_per_torque))
+        .filter(|((mesh, _), _)| first(mesh.place.kind))
+        .map(|((mesh, contact), force)| Series {
+            name: mesh.place.name(&config.bench),
             points: (0..=600)
                 .map(|i| CYCLES * f64::from(i) / 600.0)
                 .map(|phase| (phase, contact.static_stiffness(phase, force * torque) * 1e-6))

@@ -1,7 +1,7 @@
 //! The linear train and the loaded meshes of one bench at the operating points of all pairs.
 
 use gearwatch_core::bench::Bench;
-use gearwatch_sim::linear::{LinearTrain, StageGeometry};
+use gearwatch_sim::linear::{LinearTrain, MeshGeometry};
 use gearwatch_sim::mesh::{FlankStore, StageMesh};
 use gearwatch_sim::setup::SimSetup;
 use nalgebra::DMatrix;
@@ -28,10 +28,10 @@ pub struct Model {
 impl Model {
     /// Damping of the meshes at their stiffness (N s/m).
     fn damping(&self, stiffness: &[f64]) -> Vec<f64> {
-        let critical = |(k, s): (&f64, &StageGeometry)| 2.0 * (k * s.effective_mass_kg).sqrt();
+        let critical = |(k, s): (&f64, &MeshGeometry)| 2.0 * (k * s.effective_mass_kg).sqrt();
         stiffness
             .iter()
-            .zip(&self.train.stages)
+            .zip(&self.train.meshes)
             .map(critical)
             .zip(&self.damping_ratio)
             .map(|(c, ratio)| c * ratio)
@@ -45,7 +45,7 @@ fn mesh_force_n(bench: &Bench, train: &LinearTrain, stage: usize, brake_torque_n
     for s in bench.stages.iter().skip(stage + 1).rev() {
         torque *= f64::from(s.pinion.teeth) / f64::from(s.wheel.teeth);
     }
-    torque / train.stages[stage].wheel_base_m
+    torque / train.meshes[stage].wheel_base_m
 }
 
 /// The model of a setup; `None` where a mesh has none.
