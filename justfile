@@ -88,6 +88,10 @@ campaign-systemd:
 campaign-hour:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture hour
 
+# Four weeks of a growing fault, a part of each day: found, acknowledged, reported; log size, query times, memory (GEARWATCH_MONTH=folder keeps all of it)
+campaign-month:
+    cargo test --release -p gearwatch --test campaign -- --ignored --nocapture month
+
 # One to ten times real time, what lies beyond that, all on one core of the machine too; latency from the last sample to the line, alone and with stopped ends
 campaign-overload:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture --test-threads=1 overload
@@ -104,6 +108,11 @@ campaign-properties cases="1000000":
 # An hour of eight channels on the live page, in a Chromium: first paint and long tasks
 page:
     cargo test --release -p gearwatch --test page -- --ignored --nocapture
+
+# The alert rules, against Prometheus' own checker (Debian: prometheus)
+prometheus:
+    promtool check rules packaging/prometheus-alerts.yml
+    promtool test rules packaging/prometheus-alerts-test.yml
 
 # Known faults of dependencies (fetches RustSec's database)
 advisories:

@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::health::{Acknowledgement, Evidence};
 use crate::web;
 
+mod faults;
+
 /// The whole service.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
@@ -222,6 +224,8 @@ impl Snapshot {
             ("uptime", format!("{:.0} s", self.uptime_secs)),
         ];
         web::Status {
+            gravest: self.gravest(),
+            faults: faults::faults(&self.benches),
             benches: benches.collect(),
             facts: facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect(),
         }
@@ -294,7 +298,13 @@ impl Snapshot {
             for alarm in &bench.alarms {
                 let value = if alarm.severity == "critical" { 2.0 } else { 1.0 };
                 let acknowledged = if alarm.acknowledged { "true" } else { "false" };
-                let labels = [("bench", bench.name.as_str()), ("alarm", &alarm.id), ("acknowledged", acknowledged)];
+                let labels = [
+                    ("bench", bench.name.as_str()),
+                    ("alarm", &alarm.id),
+                    ("stage", &alarm.stage),
+                    ("channel", &alarm.channel),
+                    ("acknowledged", acknowledged),
+                ];
                 out.sample("gearwatch_alarm", &labels, value);
             }
         }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use gearwatch_core::speed::RPM_PER_HZ;
 use gearwatch_core::verdict::{Code, HARMONICS, HarmonicVerdict, InstrumentState, MachineState, Rank, Verdict};
+use gearwatch_daemon::health::Evidence;
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyCode;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -159,7 +160,7 @@ impl Screen {
     pub fn key(&mut self, key: KeyCode) {
         let (place, count) = match self.focus {
             Focus::Rows => (&mut self.row, self.channels.len()),
-            Focus::Alarms => (&mut self.alarm, alarms(&self.status).len()),
+            Focus::Alarms => (&mut self.alarm, faults(&self.status).len()),
         };
         match key {
             KeyCode::Down | KeyCode::Char('j') => *place = (*place + 1).min(count.saturating_sub(1)),
@@ -169,9 +170,10 @@ impl Screen {
         }
     }
 
-    /// Id of the selected alarm, if there is one.
-    pub fn selected_alarm(&self) -> Option<String> {
-        alarms(&self.status).get(self.alarm).and_then(|(_, alarm)| alarm["id"].as_str()).map(str::to_owned)
+    /// Ids of the alarms of the selected entry that nobody has seen.
+    pub fn selected_alarms(&self) -> Vec<String> {
+        let open = faults(&self.status).get(self.alarm).and_then(|fault| fault["open"].as_array());
+        open.into_iter().flatten().filter_map(|id| id.as_str().map(str::to_owned)).collect()
     }
 
     fn ink(&self, colour: Color) -> Style {
@@ -226,8 +228,8 @@ impl Screen {
         let number =
             |key: &str, unit: &str| bench[key].as_f64().map_or_else(|| "–".into(), |v| format!("{v:.4} {unit}"));
         // Of all benches: one that is in order must not hide another that is not.
-        let machine = gravest(&self.status, "machine", &["normal", "unknown", "deviating", "path_changed", "alarm"]);
-        let instrument = gravest(&self.status, "instrument", &["ok", "unknown"]);
+        let gravest = |key: &str| self.status["gravest"][key].as_str().unwrap_or("unknown").to_owned();
+        let (machine, instrument) = (gravest("machine"), gravest("instrument"));
         let link = match &self.link {
             Ok(()) => Span::styled("live", self.ink(Color::Green)),
             Err(why) => Span::styled(format!("lost ({why})"), self.ink(Color::Red)),
@@ -332,17 +334,13 @@ impl Screen {
 
     fn draw_alarms(&self, frame: &mut Frame<'_>, area: Rect) {
         let several = benches(&self.status).len() > 1;
-        let lines: Vec<_> = alarms(&self.status)
+        let lines: Vec<_> = faults(&self.status)
             .iter()
             .enumerate()
-            .map(|(i, (bench, alarm))| {
-                let text = |key: &str| alarm[key].as_str().unwrap_or_default().to_owned();
-                let seen =
-                    if alarm["acknowledged"].as_bool() == Some(true) { "acknowledged" } else { "not acknowledged" };
-                let place = if several { format!("{bench} · {}", text("place")) } else { text("place") };
-                let line = format!("{place:<24} {:<40} {} ({seen})", text("what"), text("state"));
+            .map(|(i, fault)| {
                 let chosen = i == self.alarm && self.focus == Focus::Alarms;
-                Line::styled(line, if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() })
+                let style = if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() };
+                Line::styled(fault_words(fault, several), style)
             })
             .collect();
         let none = lines.is_empty();
@@ -365,22 +363,28 @@ fn benches(status: &Value) -> &[Value] {
     status["benches"].as_array().map_or(&[], Vec::as_slice)
 }
 
-/// All alarms, each with the name of its bench.
-fn alarms(status: &Value) -> Vec<(&str, &Value)> {
-    benches(status)
-        .iter()
-        .flat_map(|bench| {
-            let name = bench["name"].as_str().unwrap_or_default();
-            bench["alarms"].as_array().into_iter().flatten().map(move |alarm| (name, alarm))
-        })
-        .collect()
+/// Alarms by bench and stage, the gravest first.
+fn faults(status: &Value) -> &[Value] {
+    status["faults"].as_array().map_or(&[], Vec::as_slice)
 }
 
-/// The gravest state of all benches; what is not in the list, from good to grave, is the gravest.
-fn gravest(status: &Value, key: &str, order: &[&str]) -> String {
-    let states = benches(status).iter().map(|bench| bench[key].as_str().unwrap_or("unknown"));
-    let severity = |state: &&str| order.iter().position(|known| known == state).unwrap_or(order.len());
-    states.max_by_key(severity).unwrap_or("unknown").to_owned()
+/// One fault on a line: where, how grave, what it rests on, who has seen it.
+fn fault_words(fault: &Value, several: bool) -> String {
+    let text = |key: &str| fault[key].as_str().unwrap_or_default();
+    let list = |key: &str| fault[key].as_array().map_or(&[][..], Vec::as_slice);
+    let channels: Vec<&str> =
+        list("channels").iter().filter_map(Value::as_str).filter(|name| !name.is_empty()).collect();
+    let bench = if several { format!("{} · ", text("bench")) } else { String::new() };
+    let at = if channels.is_empty() { String::new() } else { format!(" at {}", channels.join(", ")) };
+    let evidence = serde_json::from_value::<Evidence>(fault["evidence"].clone());
+    let evidence = evidence.map_or(String::new(), |evidence| format!(": {}", evidence.words()));
+    let over = if fault["active"].as_bool() == Some(true) { "" } else { ", over" };
+    let seen = match (list("open").len(), fault["seen"]["who"].as_str()) {
+        (0, Some(who)) => format!("seen by {who}"),
+        (0, None) => "acknowledged".to_owned(),
+        _ => "not acknowledged".to_owned(),
+    };
+    format!("{bench}{}{at}, {}{evidence}{over} ({seen})", text("stage"), text("severity"))
 }
 
 fn height(level: i64) -> &'static str {
@@ -415,11 +419,16 @@ mod tests {
     fn regress_the_lamps_speak_of_all_benches() {
         let mut screen = Screen::new("http://bench".into());
         screen.take(Message::Link(Ok(())));
-        let alarm = serde_json::json!({"id": "stage1/acc", "place": "stage1/acc", "what": "rank V", "state": "active"});
-        screen.take(Message::Status(serde_json::json!({"benches": [
-            {"name": "north", "machine": "normal", "instrument": "ok", "alarms": []},
-            {"name": "south", "machine": "alarm", "instrument": "flat_line", "alarms": [alarm]},
-        ]})));
+        let fault = serde_json::json!({"bench": "south", "stage": "stage1", "severity": "critical", "active": true, "ids": ["south/stage1@acc", "south/stage1@b"],
+            "open": ["south/stage1@b"], "channels": ["acc", "b"], "evidence": null, "seen": {"who": "M. Weber"}});
+        screen.take(Message::Status(serde_json::json!({
+            "gravest": {"machine": "alarm", "instrument": "flat_line"},
+            "faults": [fault],
+            "benches": [
+                {"name": "north", "machine": "normal", "instrument": "ok", "alarms": []},
+                {"name": "south", "machine": "alarm", "instrument": "flat_line", "alarms": []},
+            ]
+        })));
         for bench in ["north", "south"] {
             let verdict = serde_json::json!({"bench": bench, "stage": "stage1", "channel": "acc", "machine": "normal", "instrument": "ok"});
             screen.take(Message::Verdict(Box::new(serde_json::from_value(verdict).unwrap())));
@@ -428,10 +437,12 @@ mod tests {
         terminal.draw(|frame| screen.draw(frame)).unwrap();
         let text = terminal.backend().to_string();
         assert!(text.contains("machine alarm") && text.contains("instrument flat_line"), "{text}");
-        for place in ["north · stage1 · acc", "south · stage1 · acc", "south · stage1/acc"] {
+        for place in
+            ["north · stage1 · acc", "south · stage1 · acc", "south · stage1 at acc, b, critical (not acknowledged)"]
+        {
             assert!(text.contains(place), "{place}: {text}");
         }
-        assert_eq!(screen.selected_alarm().as_deref(), Some("stage1/acc"));
+        assert_eq!(screen.selected_alarms(), ["south/stage1@b"]);
     }
 
     /// A naked V on a stage that is called normal is green and dim, and a question.
@@ -450,7 +461,7 @@ mod tests {
         let mut screen = Screen::new("http://bench".into());
         screen.take(Message::Link(Ok(())));
         screen.take(Message::Status(
-            serde_json::json!({"benches": [{"name": "b", "machine": "normal", "instrument": "ok"}]}),
+            serde_json::json!({"gravest": {"machine": "normal"}, "benches": [{"name": "b", "machine": "normal", "instrument": "ok"}]}),
         ));
         let mut terminal = Terminal::new(TestBackend::new(120, 30)).unwrap();
         let mut shown = |screen: &Screen| {
