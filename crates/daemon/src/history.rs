@@ -4,10 +4,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 mod collect;
+mod extent;
 mod glance;
 mod keep;
 mod levels;
 mod raw;
+#[cfg(test)]
+mod sample;
 mod span;
 mod spectra;
 mod store;

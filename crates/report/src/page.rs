@@ -6,6 +6,9 @@ use crate::{Cell, Chart, Part, Report, Section, Table, Tone};
 
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("report.js");
+/// What the page may do: show and run what is in it, and load nothing from anywhere.
+const POLICY: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'";
 /// The same library that draws the live page.
 const UPLOT: &str = include_str!("../../daemon/src/web/assets/uPlot.iife.min.js");
 const UPLOT_STYLE: &str = include_str!("../../daemon/src/web/assets/uPlot.min.css");
@@ -25,6 +28,7 @@ pub fn render(report: &Report) -> String {
         html lang="en" {
             head {
                 meta charset="utf-8";
+                meta http-equiv="Content-Security-Policy" content=(POLICY);
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 title { (report.title) }
                 style { (PreEscaped(STYLE)) }

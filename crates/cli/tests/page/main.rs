@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
 
 mod chromium;
+mod report;
 mod year;
 
 use std::net::TcpListener;

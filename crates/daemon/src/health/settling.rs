@@ -22,7 +22,8 @@ impl Settling {
         let now = (verdict.input_speed_hz.value, verdict.brake_torque_nm);
         let differs = |a: f64, b: f64| {
             // Unknown torque stays unknown; unknown speed is a standstill, or one cannot tell.
-            (a.is_finite() || b.is_finite()) && !((a - b).abs() <= 0.01 * config.settle_percent * a.abs().max(b.abs()))
+            let near = (a - b).abs() <= 0.01 * config.settle_percent * a.abs().max(b.abs());
+            (a.is_finite() || b.is_finite()) && !near
         };
         let steady =
             self.last.is_some_and(|last| now.0.is_finite() && !differs(last.0, now.0) && !differs(last.1, now.1));

@@ -2,7 +2,7 @@
 
 use super::*;
 use gearwatch_core::estimate::Estimate;
-use gearwatch_core::verdict::{HARMONICS, HarmonicVerdict, Reason, StateFit};
+use gearwatch_core::verdict::{HARMONICS, HarmonicVerdict, MachineState, Reason, StateFit};
 
 fn verdict(window: u64, machine: MachineState, instrument: InstrumentState) -> Verdict {
     Verdict {

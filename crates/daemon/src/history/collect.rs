@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::log::{ALARM_TOPIC, AlarmRecord, Cause, GAP_TOPIC, Gap, NOTE_TOPIC};
 
 use super::raw::Stretches;
-use super::span::Span;
+use super::span::{Span, Wanted};
 use super::spectra::{LoggedSpectrum, Shelf};
 use super::verdict_line::VerdictLine;
 
@@ -69,6 +69,7 @@ pub struct History {
     /// Events that were too many to keep.
     pub left_out: u64,
     count: usize,
+    indicators: Wanted,
     times: Option<(i64, i64)>,
     /// The row of each bench that its operating time is counted by, with its last window.
     counted: BTreeMap<String, Counted>,
@@ -113,6 +114,7 @@ impl History {
             events: Vec::new(),
             left_out: 0,
             count: 0,
+            indicators: Wanted::All,
             times: None,
             counted: BTreeMap::new(),
             operating: BTreeMap::new(),
@@ -122,6 +124,12 @@ impl History {
             stretches: Stretches::default(),
             troubles: Vec::new(),
         }
+    }
+
+    /// With these indicators alone.
+    pub(super) fn with_indicators(mut self, wanted: Wanted) -> Self {
+        self.indicators = wanted;
+        self
     }
 
     /// With spectra, one of each channel in each span, and the times of raw data.
@@ -245,7 +253,8 @@ impl History {
         if !self.units.contains_key(&key) {
             self.units.insert(key.clone(), line.unit.clone());
         }
-        self.span_at(key, line.t0_ns)?.push(&line);
+        let wanted = self.indicators;
+        self.span_at(key, line.t0_ns)?.push(&line, wanted);
         self.operate(&line, line.t0_ns.div_euclid(self.every) * self.every);
         Ok(true)
     }

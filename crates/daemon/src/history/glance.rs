@@ -3,31 +3,29 @@
 use std::collections::BTreeMap;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use gearwatch_io::mcap::contract::VIBRATION_PREFIX;
 use gearwatch_io::mcap::walk::{Limits, Walk};
 
+use super::extent::Extent;
 use super::raw::Stretches;
 use super::spectra::{LoggedSpectrum, Spectrum};
 
 /// Files that are remembered.
 const MOST: usize = 64;
-/// A file that is being written is read again after this time.
-const AGAIN: Duration = Duration::from_secs(20);
 
 /// What a file holds of one channel.
 #[derive(Clone, Debug)]
 pub(super) struct Glance {
     pub(super) spectra: Vec<Spectrum>,
     pub(super) raw: Vec<(i64, i64)>,
-    read: Instant,
-    /// It was being written when it was read.
-    grew: bool,
+    extent: Extent,
 }
 
 impl Glance {
-    pub(super) fn of(path: &Path, bench: &str, channel: &str, grew: bool) -> Self {
+    pub(super) fn of(path: &Path, bench: &str, channel: &str) -> Self {
+        let extent = Extent::of(path);
         let (mut spectra, mut stretches) = (Vec::new(), Stretches::default());
         if let Ok(file) = gearwatch_io::text::open_regular(path) {
             let mut walk = Walk::new(BufReader::with_capacity(1 << 20, file), Limits::default());
@@ -46,7 +44,7 @@ impl Glance {
             }
         }
         spectra.sort_by_key(|spectrum| spectrum.t0_ns);
-        Self { spectra, raw: stretches.0.remove(channel).unwrap_or_default(), read: Instant::now(), grew }
+        Self { spectra, raw: stretches.0.remove(channel).unwrap_or_default(), extent }
     }
 }
 
@@ -55,18 +53,16 @@ impl Glance {
 pub(super) struct Glances(BTreeMap<(PathBuf, String, String), Glance>);
 
 impl Glances {
-    /// What is known of a file; `grows`: it is being written.
-    pub(super) fn get(&self, path: &Path, bench: &str, channel: &str, grows: bool) -> Option<Glance> {
+    /// What is known of a file, where that is not too old; `open`: it is being written.
+    pub(super) fn get(&self, path: &Path, bench: &str, channel: &str, open: bool, again: Duration) -> Option<Glance> {
         let kept = self.0.get(&(path.to_owned(), bench.to_owned(), channel.to_owned()))?;
-        // One that has been closed since ends later than was read.
-        let stands = if grows { kept.read.elapsed() < AGAIN } else { !kept.grew };
-        stands.then(|| kept.clone())
+        (!kept.extent.is_behind(path, open, again)).then(|| kept.clone())
     }
 
     pub(super) fn put(&mut self, path: &Path, bench: &str, channel: &str, glance: Glance) {
         self.0.insert((path.to_owned(), bench.to_owned(), channel.to_owned()), glance);
         while self.0.len() > MOST {
-            let oldest = self.0.iter().min_by_key(|(_, glance)| glance.read).map(|(key, _)| key.clone());
+            let oldest = self.0.iter().min_by_key(|(_, glance)| glance.extent.read()).map(|(key, _)| key.clone());
             let Some(oldest) = oldest else { return };
             self.0.remove(&oldest);
         }

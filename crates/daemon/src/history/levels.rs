@@ -118,7 +118,8 @@ impl Levels {
         Self::with(db)
     }
 
-    /// To be read; `None` where there are none.
+    /// To be read, as they are at the first question; `None` where there are none. Nothing is taken in as long as this is kept: what rows say and which
+    /// files they hold belong together.
     ///
     /// # Errors
     /// When the file is there and cannot be read.
@@ -129,6 +130,7 @@ impl Levels {
         }
         let db = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
         db.busy_timeout(PATIENCE)?;
+        db.execute_batch("BEGIN")?;
         match version(&db)? {
             // Being made at this moment.
             0 => Ok(None),

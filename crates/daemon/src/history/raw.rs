@@ -216,7 +216,7 @@ mod tests {
         let wave = part.waveform("a").expect("samples");
         // Whole blocks: from the one that holds the first moment to the one that holds the last.
         assert_eq!((wave.samples[0], wave.samples.len()), (900.0, 400));
-        assert!(matches!(Cut::read(&[path.clone()], 0, 1), Err(CutError::Nothing)));
+        assert!(matches!(Cut::read(std::slice::from_ref(&path), 0, 1), Err(CutError::Nothing)));
         assert!(matches!(Cut::read(&[path], 0, LONGEST_NS + 1), Err(CutError::TooLong(_))));
     }
 

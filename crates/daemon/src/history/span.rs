@@ -9,6 +9,28 @@ use super::verdict_line::{VerdictLine, indicator_names};
 /// Machine states, in the order of their weight.
 pub const STATES: [&str; 5] = ["alarm", "deviating", "path_changed", "unknown", "normal"];
 
+/// Which indicators a history holds: all of them take five times the memory of the rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Wanted {
+    /// By their places in [`indicator_names`].
+    All,
+    /// One, by its place.
+    One(usize),
+    /// None.
+    Nothing,
+}
+
+impl Wanted {
+    /// First place, and how many.
+    fn places(self) -> (usize, usize) {
+        match self {
+            Self::All => (0, indicator_names().count()),
+            Self::One(place) => (place, 1),
+            Self::Nothing => (0, 0),
+        }
+    }
+}
+
 /// What a span of time holds of one row.
 #[derive(Clone)]
 pub struct Span {
@@ -28,7 +50,7 @@ pub struct Span {
     pub speed: Mean,
     /// Torque at the brake (N m).
     pub torque: Mean,
-    /// By the names of [`indicator_names`]; empty where no window has any.
+    /// Those that are wanted, usually all by the names of [`indicator_names`]; empty where no window has any.
     pub indicators: Vec<Mean>,
 }
 
@@ -52,7 +74,7 @@ impl Span {
         STATES.iter().zip(self.states).find(|(_, count)| *count > 0).map_or(("unknown", 0), |(&name, n)| (name, n))
     }
 
-    pub(super) fn push(&mut self, line: &VerdictLine) {
+    pub(super) fn push(&mut self, line: &VerdictLine, wanted: Wanted) {
         self.windows += 1;
         let state = STATES.iter().position(|state| *state == line.machine).unwrap_or(3);
         self.states[state] += 1;
@@ -68,9 +90,11 @@ impl Span {
                 self.levels[h] = self.levels[h].max(level as i8);
             }
         }
-        if line.indicators().any(|(value, _)| value.is_finite()) {
-            self.indicators.resize(indicator_names().count(), Mean::default());
-            for (mean, (value, sigma)) in self.indicators.iter_mut().zip(line.indicators()) {
+        let (first, count) = wanted.places();
+        let indicators = || line.indicators().skip(first).take(count);
+        if indicators().any(|(value, _)| value.is_finite()) {
+            self.indicators.resize(count, Mean::default());
+            for (mean, (value, sigma)) in self.indicators.iter_mut().zip(indicators()) {
                 mean.push(Estimate::new(value, sigma));
             }
         }

@@ -8,31 +8,32 @@
 //! The log is only read. The newest file is read again now and then, since it grows.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use gearwatch_core::verdict::HARMONICS;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use super::collect::{Event, History, Key};
+use super::collect::{Event, Key};
+use super::extent::AGAIN;
 use super::glance::{Glance, Glances};
 use super::keep::name;
 use super::levels::{FINEST_NS, Levels};
 use super::raw::{self, Cut, CutError};
-use super::span::STATES;
 use super::spectra::Spectrum;
 use super::verdict_line::indicator_names;
 use crate::log::{AlarmRecord, started_s};
 
+mod answer;
 mod cell;
+mod digest;
 
-use cell::{Cell, Short};
+use answer::answer;
+use cell::Cell;
+use digest::{Digest, Of, make_room};
 
-/// Spans that are kept, of all rows and files: some 20 MB with indicators.
-const MOST_CELLS: usize = 64_000;
-/// The newest file is read again after this time.
-const AGAIN: Duration = Duration::from_secs(20);
+/// Spans that are kept, of all rows and files: some 20 MB.
+const MOST_CELLS: usize = 128_000;
 /// Events in an answer.
 const MOST_EVENTS: usize = 500;
 /// Spectra in an answer: rows of a waterfall.
@@ -67,50 +68,21 @@ impl Asked {
         let fits = |secs: &&i64| wide / (**secs * SECOND) <= MOST_POINTS;
         SPANS.iter().find(fits).unwrap_or(&SPANS[SPANS.len() - 1]) * SECOND
     }
-}
 
-/// What a file holds, put together by one span.
-#[derive(Debug)]
-struct Digest {
-    rows: BTreeMap<Key, BTreeMap<i64, Cell>>,
-    events: Vec<Event>,
-    alarms: Vec<(i64, AlarmRecord)>,
-    /// Not read to its end.
-    trouble: bool,
-    /// It was being written when it was read.
-    grew: bool,
-    read: Instant,
-    used: u64,
-}
-
-impl Digest {
-    fn read(path: &Path, every: i64, grew: bool) -> Self {
-        let mut history = History::new(every, None, None);
-        // A file that cannot be read is one without anything in it, and said to be so.
-        let failed = history.read(path).is_err();
-        let rows = history.groups().map(|(key, spans)| {
-            (key.clone(), spans.iter().map(|(&at, span)| (at, Cell::of(span))).collect::<BTreeMap<_, _>>())
-        });
-        let rows = rows.collect();
-        history.finish();
-        let trouble = failed || !history.troubles.is_empty();
-        let (events, alarms) = (std::mem::take(&mut history.events), std::mem::take(&mut history.told));
-        Self { rows, events, alarms, trouble, grew, read: Instant::now(), used: 0 }
-    }
-
-    fn cells(&self) -> usize {
-        self.rows.values().map(BTreeMap::len).sum()
+    /// Place of the wanted indicator among all.
+    fn place(&self) -> Option<usize> {
+        indicator_names().position(|name| name == self.indicator)
     }
 }
 
 #[derive(Debug, Default)]
 struct State {
-    /// By file and span.
-    digests: BTreeMap<(PathBuf, i64), Digest>,
-    /// Counts the questions.
+    digests: BTreeMap<Of, Digest>,
+    /// Counts the questions, and the row that the newest is about.
     asked: u64,
+    row: Key,
     /// Still to be read, the newest first.
-    todo: Vec<(PathBuf, i64)>,
+    todo: Vec<Of>,
     busy: bool,
     glances: Glances,
 }
@@ -142,13 +114,15 @@ pub struct Sight {
 #[derive(Clone, Debug)]
 pub struct Store {
     folder: PathBuf,
+    /// A file that grows is read again after this time.
+    again: Duration,
     state: Arc<Mutex<State>>,
 }
 
 impl Store {
     /// Of this folder. Nothing is read before somebody asks.
     pub fn new(folder: PathBuf) -> Self {
-        Self { folder, state: Arc::default() }
+        Self { folder, again: AGAIN, state: Arc::default() }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -156,8 +130,9 @@ impl Store {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The files that can hold windows of this time, oldest first: each from its own start to that of the next.
-    fn files(&self, from: i64, to: i64) -> std::io::Result<Vec<PathBuf>> {
+    /// The files that can hold windows of this time, oldest first: each from its own start to that of the next. Beside them the newest of all, which
+    /// is being written.
+    fn files(&self, from: i64, to: i64) -> std::io::Result<(Vec<PathBuf>, Option<PathBuf>)> {
         let all = super::files(&self.folder)?;
         let start = |path: &PathBuf| {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -170,7 +145,8 @@ impl Store {
             let next = starts.get(i + 1).copied().unwrap_or(i64::MAX);
             starts[*i] < to.saturating_add(slack) && next > from.saturating_sub(slack)
         };
-        Ok((0..all.len()).filter(wanted).map(|i| all[i].clone()).collect())
+        let chosen = (0..all.len()).filter(wanted).map(|i| all[i].clone()).collect();
+        Ok((chosen, all.last().cloned()))
     }
 
     /// What is known by now, as columns; `to_read` files of `files` are still to be read, and are read now.
@@ -196,36 +172,32 @@ impl Store {
     fn find(&self, asked: &Asked, every: i64) -> std::io::Result<(i64, Found)> {
         let mut found = Found::default();
         let (every, in_levels) = self.find_in_levels(asked, every, &mut found);
-        let all = self.files(asked.from, asked.to)?;
-        let newest = all.last().cloned();
+        let (all, newest) = self.files(asked.from, asked.to)?;
         let files: Vec<PathBuf> = all.into_iter().filter(|path| !in_levels.contains(&name(path))).collect();
         found.files = files.len();
         let mut state = self.state();
         state.asked += 1;
-        let now = state.asked;
+        state.row.clone_from(&asked.row);
+        let (now, place) = (state.asked, asked.place());
         let mut todo = Vec::new();
         for path in files.iter().rev() {
-            let key = (path.clone(), every);
-            let Some(digest) = state.digests.get_mut(&key) else {
+            let key = (path.clone(), every, place);
+            let Some(digest) = state.digests.get_mut(&key).filter(|digest| digest.knows(&asked.row)) else {
                 found.to_read += 1;
                 todo.push(key);
                 continue;
             };
             digest.used = now;
-            if newest.as_ref() == Some(path) {
-                if digest.read.elapsed() > AGAIN {
-                    todo.push(key);
-                }
-            } else if digest.grew {
-                // It has been closed since, and ends later than was read.
+            let open = newest.as_ref() == Some(path);
+            if digest.extent.is_behind(path, open, self.again) {
+                // What was read of it is shown until then.
+                found.to_read += 1;
                 todo.push(key);
-            } else {
+            } else if !open {
                 found.troubled += usize::from(digest.trouble);
             }
             let within = |t: i64| t.saturating_add(every) > asked.from && t < asked.to;
-            let unnamed = (String::new(), asked.row.1.clone(), asked.row.2.clone());
-            let row = digest.rows.get(&asked.row).or_else(|| digest.rows.get(&unnamed));
-            for (&at, cell) in row.into_iter().flatten().filter(|(at, _)| within(**at)) {
+            for (&at, cell) in digest.row(&asked.row).filter(|(at, _)| within(**at)) {
                 found.cells.entry(at).and_modify(|kept| kept.add(cell)).or_insert_with(|| cell.clone());
             }
             let time = asked.from..asked.to;
@@ -260,7 +232,7 @@ impl Store {
         };
         match read() {
             Ok(Some((every, rows, events, alarms, files))) => {
-                found.cells = rows.iter().map(|(&at, span)| (at, Cell::of(span))).collect();
+                found.cells = rows.iter().map(|(&at, span)| (at, Cell::of(span, asked.place()))).collect();
                 (found.events, found.alarms) = (events, alarms);
                 (every, files)
             }
@@ -280,8 +252,7 @@ impl Store {
     pub fn sight(&self, bench: &str, channel: &str, from: i64, to: i64) -> std::io::Result<Sight> {
         let began = Instant::now();
         let mut out = Sight::default();
-        let all = self.files(from, to)?;
-        let newest = super::files(&self.folder)?.pop();
+        let (all, newest) = self.files(from, to)?;
         let mut files: BTreeSet<PathBuf> = all.into_iter().collect();
         if let Ok(Some(levels)) = Levels::read(&self.folder) {
             let known = levels.files().unwrap_or_default();
@@ -293,8 +264,8 @@ impl Store {
             }
         }
         for path in files.iter().rev() {
-            let grows = newest.as_ref() == Some(path);
-            let kept = self.state().glances.get(path, bench, channel, grows);
+            let open = newest.as_ref() == Some(path);
+            let kept = self.state().glances.get(path, bench, channel, open, self.again);
             let glance = match kept {
                 Some(glance) => glance,
                 None if began.elapsed() > PATIENCE => {
@@ -302,7 +273,7 @@ impl Store {
                     continue;
                 }
                 None => {
-                    let glance = Glance::of(path, bench, channel, grows);
+                    let glance = Glance::of(path, bench, channel);
                     self.state().glances.put(path, bench, channel, glance.clone());
                     glance
                 }
@@ -322,37 +293,26 @@ impl Store {
     /// # Errors
     /// When there is none, or too much.
     pub fn cut(&self, from: i64, to: i64) -> Result<Cut, CutError> {
-        let files = self.files(from, to).map_err(|_| CutError::Nothing)?;
+        let (files, _) = self.files(from, to).map_err(|_| CutError::Nothing)?;
         Cut::read(&files, from, to)
     }
 
     /// Reads what is to be read, the newest first, until nothing is.
     fn read(&self) {
         loop {
-            let next = {
+            let (next, used) = {
                 let mut state = self.state();
                 let next = state.todo.pop();
                 state.busy = next.is_some();
-                next
+                (next, state.asked)
             };
-            let Some((path, every)) = next else { return };
-            let newest = super::files(&self.folder).ok().and_then(|mut files| files.pop());
-            let digest = Digest::read(&path, every, newest.is_none_or(|newest| newest == path));
+            let Some(next) = next else { return };
+            let digest = Digest::read(&next, used);
             let mut state = self.state();
-            let used = state.asked;
-            state.digests.insert((path, every), Digest { used, ..digest });
-            make_room(&mut state.digests);
+            state.digests.insert(next, digest);
+            let State { digests, asked, row, .. } = &mut *state;
+            make_room(digests, MOST_CELLS, *asked, row);
         }
-    }
-}
-
-/// Forgets what was not asked for the longest.
-fn make_room(digests: &mut BTreeMap<(PathBuf, i64), Digest>) {
-    let mut cells: usize = digests.values().map(Digest::cells).sum();
-    while cells > MOST_CELLS && digests.len() > 1 {
-        let oldest = digests.iter().min_by_key(|(_, d)| d.used).map(|(key, _)| key.clone());
-        let Some(gone) = oldest.and_then(|key| digests.remove(&key)) else { return };
-        cells -= gone.cells();
     }
 }
 
@@ -368,67 +328,5 @@ fn thin<T>(all: &mut Vec<T>, most: usize) {
     }
 }
 
-/// Six digits are finer than a screen can show; `null` where nothing is known.
-fn number(x: f32) -> Value {
-    if !x.is_finite() {
-        return Value::Null;
-    }
-    format!("{x:.5e}").parse::<f64>().map_or(Value::Null, |x| json!(x))
-}
-
-fn answer(asked: &Asked, every: i64, found: &Found) -> Value {
-    let Found { cells, events, files, to_read, troubled, .. } = found;
-    let column = |of: &dyn Fn(&Cell) -> f32| -> Value { cells.values().map(|c| number(of(c))).collect() };
-    let harmonics =
-        |of: &dyn Fn(&Cell, usize) -> f32| -> Value { (0..HARMONICS).map(|h| column(&|c: &Cell| of(c, h))).collect() };
-    let gravest = |c: &Cell| STATES.iter().zip(c.states).find(|(_, n)| *n > 0).map_or("unknown", |(name, _)| *name);
-    let which = indicator_names().position(|name| name == asked.indicator);
-    let indicator = |c: &Cell| which.and_then(|i| c.indicators.get(i).copied()).unwrap_or(Short::UNKNOWN);
-    let hidden = events.len().saturating_sub(MOST_EVENTS);
-    json!({
-        "every_s": every / SECOND,
-        "files": files,
-        "to_read": to_read,
-        "troubled": troubled,
-        "t0_s": cells.keys().map(|t| t / SECOND).collect::<Vec<_>>(),
-        "windows": cells.values().map(|c| c.windows).collect::<Vec<_>>(),
-        "not_ok": cells.values().map(|c| c.not_ok).collect::<Vec<_>>(),
-        "machine": cells.values().map(gravest).collect::<Vec<_>>(),
-        "level": (0..HARMONICS).map(|h| cells.values().map(|c| c.levels[h]).collect::<Vec<_>>()).collect::<Vec<_>>(),
-        "dev": harmonics(&|c, h| c.deviations[h].value),
-        "dev_sigma": harmonics(&|c, h| c.deviations[h].sigma),
-        "amp": harmonics(&|c, h| c.amplitudes[h].value),
-        "speed_hz": column(&|c| c.speed.value),
-        "torque_nm": column(&|c| c.torque.value),
-        "indicator": if which.is_some() { column(&|c| indicator(c).value) } else { Value::Null },
-        "indicator_sigma": if which.is_some() { column(&|c| indicator(c).sigma) } else { Value::Null },
-        "events": events[hidden..].iter().map(|e| json!({ "t_ns": e.t_ns, "kind": e.kind, "text": e.text })).collect::<Vec<_>>(),
-        "events_hidden": hidden,
-    })
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn analytic_thinning_keeps_the_last_and_never_more_than_asked_for() {
-        for count in [0, 1, 119, 120, 121, 1000] {
-            let mut all: Vec<usize> = (0..count).collect();
-            thin(&mut all, 120);
-            assert_eq!(all.len(), count.min(120));
-            assert_eq!(all.last().copied(), count.checked_sub(1));
-        }
-    }
-
-    /// A minute is shown in steps of 5 s, a year in steps of a day; never more points than a screen has.
-    #[test]
-    fn analytic_the_longer_the_time_the_longer_the_spans() {
-        let asked = |secs: i64| Asked { row: Key::default(), from: 0, to: secs * SECOND, indicator: String::new() };
-        let of = |secs: i64| asked(secs).every() / SECOND;
-        assert_eq!([60, 3600, 86_400, 7 * 86_400, 31 * 86_400, 365 * 86_400].map(of), [5, 5, 120, 600, 3600, 86_400]);
-        for secs in (1..4000).map(|i| i * 10_007) {
-            assert!(secs / of(secs) <= MOST_POINTS, "{secs}");
-        }
-    }
-}
+mod tests;

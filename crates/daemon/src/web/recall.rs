@@ -36,56 +36,76 @@ struct Wanted {
     indicator: String,
 }
 
+/// Why there is no answer: status and sentence.
+struct Refused(StatusCode, String);
+
+impl IntoResponse for Refused {
+    fn into_response(self) -> Response {
+        (self.0, format!("{}\n", self.1)).into_response()
+    }
+}
+
+impl From<std::io::Error> for Refused {
+    fn from(e: std::io::Error) -> Self {
+        Self(StatusCode::SERVICE_UNAVAILABLE, format!("the log cannot be listed: {e}"))
+    }
+}
+
+impl From<CutError> for Refused {
+    fn from(e: CutError) -> Self {
+        let status = match e {
+            CutError::Nothing => StatusCode::NOT_FOUND,
+            CutError::TooLong(_) | CutError::TooMany => StatusCode::BAD_REQUEST,
+            CutError::Write(_) => StatusCode::INTERNAL_SERVER_ERROR,
+        };
+        Self(status, e.to_string())
+    }
+}
+
 /// Asks the log where nothing else waits for it: it lists a folder and reads files, which a disk that hangs can make long.
 async fn ask<T: Send + 'static>(
     shared: Shared,
     wanted: Wanted,
-    question: impl FnOnce(&Store, &Wanted) -> Result<T, Response> + Send + 'static,
-) -> Result<T, Response> {
+    question: impl FnOnce(&Store, &Wanted) -> Result<T, Refused> + Send + 'static,
+) -> Result<T, Refused> {
     let Some(store) = shared.past else {
-        let none = "the service keeps no log: it has no sink of kind mcap_log\n";
-        return Err((StatusCode::NOT_FOUND, none).into_response());
+        let none = "the service keeps no log: it has no sink of kind mcap_log";
+        return Err(Refused(StatusCode::NOT_FOUND, none.to_owned()));
     };
     if wanted.from >= wanted.to {
-        return Err((StatusCode::BAD_REQUEST, "from must be before to (ns since the epoch)\n").into_response());
+        return Err(Refused(StatusCode::BAD_REQUEST, "from must be before to (ns since the epoch)".to_owned()));
     }
     let asked = tokio::task::spawn_blocking(move || question(&store, &wanted)).await;
-    asked.unwrap_or_else(|_| Err(StatusCode::INTERNAL_SERVER_ERROR.into_response()))
+    asked.unwrap_or_else(|e| Err(Refused(StatusCode::INTERNAL_SERVER_ERROR, e.to_string())))
 }
 
-#[allow(clippy::needless_pass_by_value, reason = "given to map_err")]
-fn unlisted(e: std::io::Error) -> Response {
-    (StatusCode::SERVICE_UNAVAILABLE, format!("the log cannot be listed: {e}\n")).into_response()
+fn told(value: &Value) -> Response {
+    as_json(value.to_string())
 }
 
-fn told(answer: Result<Value, Response>) -> Response {
-    answer.map_or_else(|refused| refused, |value| as_json(value.to_string()))
-}
-
-async fn history(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
+async fn history(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Result<Response, Refused> {
     let answer = ask(shared, wanted, |store, wanted| {
         let Wanted { bench, stage, channel, from, to, indicator } = wanted;
         let row = (bench.clone(), stage.clone(), channel.clone());
-        store.ask(&Asked { row, from: *from, to: *to, indicator: indicator.clone() }).map_err(unlisted)
+        Ok(store.ask(&Asked { row, from: *from, to: *to, indicator: indicator.clone() })?)
     });
-    told(answer.await)
+    Ok(told(&answer.await?))
 }
 
-async fn alarms(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
+async fn alarms(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Result<Response, Refused> {
     let answer = ask(shared, wanted, |store, wanted| {
-        let (alarms, to_read) = store.alarms(wanted.from, wanted.to).map_err(unlisted)?;
+        let (alarms, to_read) = store.alarms(wanted.from, wanted.to)?;
         let told: Vec<_> = alarms.iter().map(|(t_ns, record)| json!({ "t_ns": t_ns, "alarm": record })).collect();
         Ok(json!({ "to_read": to_read, "alarms": told }))
     });
-    told(answer.await)
+    Ok(told(&answer.await?))
 }
 
-async fn spectra(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
+async fn spectra(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Result<Response, Refused> {
     let answer = ask(shared, wanted, |store, wanted| {
-        let sight = store.sight(&wanted.bench, &wanted.channel, wanted.from, wanted.to).map_err(unlisted)?;
-        Ok(seen(&sight))
+        Ok(seen(&store.sight(&wanted.bench, &wanted.channel, wanted.from, wanted.to)?))
     });
-    told(answer.await)
+    Ok(told(&answer.await?))
 }
 
 /// Four digits are finer than a screen can show.
@@ -101,26 +121,14 @@ fn seen(sight: &Sight) -> Value {
     json!({ "to_read": sight.to_read, "raw": sight.raw, "spectra": spectra.collect::<Vec<_>>() })
 }
 
-#[allow(clippy::needless_pass_by_value, reason = "given to map_err")]
-fn uncut(e: CutError) -> Response {
-    let status = match e {
-        CutError::Nothing => StatusCode::NOT_FOUND,
-        CutError::TooLong(_) | CutError::TooMany => StatusCode::BAD_REQUEST,
-        CutError::Write(_) => StatusCode::INTERNAL_SERVER_ERROR,
-    };
-    (status, format!("{e}\n")).into_response()
-}
-
 /// One channel's samples as numbers of four bytes; what they are stands in the headers.
-async fn raw(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
-    let answer = ask(shared, wanted, |store, wanted| {
-        store.cut(wanted.from, wanted.to).and_then(|cut| cut.waveform(&wanted.channel)).map_err(uncut)
-    });
-    answer.await.map_or_else(|refused| refused, samples)
+async fn raw(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Result<Response, Refused> {
+    let answer =
+        ask(shared, wanted, |store, wanted| Ok(store.cut(wanted.from, wanted.to)?.waveform(&wanted.channel)?));
+    Ok(samples(&answer.await?))
 }
 
-#[allow(clippy::needless_pass_by_value, reason = "given to map_or_else")]
-fn samples(wave: Waveform) -> Response {
+fn samples(wave: &Waveform) -> Response {
     let text = |text: String| HeaderValue::from_str(&text).unwrap_or_else(|_| HeaderValue::from_static(""));
     let bytes: Vec<u8> = wave.samples.iter().flat_map(|x| x.to_le_bytes()).collect();
     let headers = [
@@ -134,22 +142,15 @@ fn samples(wave: Waveform) -> Response {
 }
 
 /// All channels as a recording that `gearwatch explain` and others read.
-async fn raw_mcap(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
+async fn raw_mcap(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Result<Response, Refused> {
     let from = wanted.from;
-    let answer = ask(shared, wanted, |store, wanted| {
-        store.cut(wanted.from, wanted.to).and_then(|cut| cut.mcap()).map_err(uncut)
-    });
+    let bytes = ask(shared, wanted, |store, wanted| Ok(store.cut(wanted.from, wanted.to)?.mcap()?)).await?;
     let name =
         format!("attachment; filename=\"gearwatch-raw-{}.mcap\"", crate::log::utc(from.div_euclid(1_000_000_000)));
-    answer.await.map_or_else(
-        |refused| refused,
-        |bytes| {
-            let disposition = HeaderValue::from_str(&name).unwrap_or_else(|_| HeaderValue::from_static("attachment"));
-            let headers = [
-                (header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream")),
-                (header::CONTENT_DISPOSITION, disposition),
-            ];
-            (headers, bytes).into_response()
-        },
-    )
+    let disposition = HeaderValue::from_str(&name).unwrap_or_else(|_| HeaderValue::from_static("attachment"));
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream")),
+        (header::CONTENT_DISPOSITION, disposition),
+    ];
+    Ok((headers, bytes).into_response())
 }

@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, VecDeque};
 
 use gearwatch_core::speed::RPM_PER_HZ;
 use gearwatch_core::verdict::{Code, HARMONICS, HarmonicVerdict, InstrumentState, MachineState, Rank, Verdict};
-use gearwatch_daemon::health::Evidence;
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyCode;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -14,6 +13,10 @@ use ratatui::widgets::{Block, Borders, Cell, Paragraph, Row, Table};
 use serde_json::Value;
 
 use super::feed::{Judged, Message};
+
+mod faults;
+
+use faults::{faults, in_words};
 
 /// Windows kept per row; wider terminals exist, but not by much.
 const KEEP: usize = 400;
@@ -340,7 +343,7 @@ impl Screen {
             .map(|(i, fault)| {
                 let chosen = i == self.alarm && self.focus == Focus::Alarms;
                 let style = if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() };
-                Line::styled(fault_words(fault, several), style)
+                Line::styled(in_words(fault, several), style)
             })
             .collect();
         let none = lines.is_empty();
@@ -363,30 +366,6 @@ fn benches(status: &Value) -> &[Value] {
     status["benches"].as_array().map_or(&[], Vec::as_slice)
 }
 
-/// Alarms by bench and stage, the gravest first.
-fn faults(status: &Value) -> &[Value] {
-    status["faults"].as_array().map_or(&[], Vec::as_slice)
-}
-
-/// One fault on a line: where, how grave, what it rests on, who has seen it.
-fn fault_words(fault: &Value, several: bool) -> String {
-    let text = |key: &str| fault[key].as_str().unwrap_or_default();
-    let list = |key: &str| fault[key].as_array().map_or(&[][..], Vec::as_slice);
-    let channels: Vec<&str> =
-        list("channels").iter().filter_map(Value::as_str).filter(|name| !name.is_empty()).collect();
-    let bench = if several { format!("{} · ", text("bench")) } else { String::new() };
-    let at = if channels.is_empty() { String::new() } else { format!(" at {}", channels.join(", ")) };
-    let evidence = serde_json::from_value::<Evidence>(fault["evidence"].clone());
-    let evidence = evidence.map_or(String::new(), |evidence| format!(": {}", evidence.words()));
-    let over = if fault["active"].as_bool() == Some(true) { "" } else { ", over" };
-    let seen = match (list("open").len(), fault["seen"]["who"].as_str()) {
-        (0, Some(who)) => format!("seen by {who}"),
-        (0, None) => "acknowledged".to_owned(),
-        _ => "not acknowledged".to_owned(),
-    };
-    format!("{bench}{}{at}, {}{evidence}{over} ({seen})", text("stage"), text("severity"))
-}
-
 fn height(level: i64) -> &'static str {
     usize::try_from(level).ok().and_then(|l| HEIGHTS.get(l)).copied().unwrap_or("·")
 }
@@ -402,75 +381,4 @@ fn bar(deviation_percent: f64, half: usize) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
-
-    #[test]
-    fn analytic_bars_grow_from_the_middle() {
-        assert_eq!(bar(10.0, 4), "    │██");
-        assert_eq!(bar(-20.0, 4), "████│    ");
-        assert_eq!(bar(99.0, 4), "    │████");
-    }
-
-    /// One bench in order must not hide another that is not; rows and alarms say whose they are.
-    #[test]
-    fn regress_the_lamps_speak_of_all_benches() {
-        let mut screen = Screen::new("http://bench".into());
-        screen.take(Message::Link(Ok(())));
-        let fault = serde_json::json!({"bench": "south", "stage": "stage1", "severity": "critical", "active": true, "ids": ["south/stage1@acc", "south/stage1@b"],
-            "open": ["south/stage1@b"], "channels": ["acc", "b"], "evidence": null, "seen": {"who": "M. Weber"}});
-        screen.take(Message::Status(serde_json::json!({
-            "gravest": {"machine": "alarm", "instrument": "flat_line"},
-            "faults": [fault],
-            "benches": [
-                {"name": "north", "machine": "normal", "instrument": "ok", "alarms": []},
-                {"name": "south", "machine": "alarm", "instrument": "flat_line", "alarms": []},
-            ]
-        })));
-        for bench in ["north", "south"] {
-            let verdict = serde_json::json!({"bench": bench, "stage": "stage1", "channel": "acc", "machine": "normal", "instrument": "ok"});
-            screen.take(Message::Verdict(Box::new(serde_json::from_value(verdict).unwrap())));
-        }
-        let mut terminal = Terminal::new(TestBackend::new(140, 30)).unwrap();
-        terminal.draw(|frame| screen.draw(frame)).unwrap();
-        let text = terminal.backend().to_string();
-        assert!(text.contains("machine alarm") && text.contains("instrument flat_line"), "{text}");
-        for place in
-            ["north · stage1 · acc", "south · stage1 · acc", "south · stage1 at acc, b, critical (not acknowledged)"]
-        {
-            assert!(text.contains(place), "{place}: {text}");
-        }
-        assert_eq!(screen.selected_alarms(), ["south/stage1@b"]);
-    }
-
-    /// A naked V on a stage that is called normal is green and dim, and a question.
-    #[test]
-    fn regress_the_colour_says_no_more_than_the_verdict() {
-        let of = |machine: &str, p| Look::of(state_of(machine.as_bytes()[0]), 5, Some(p));
-        assert!(of("normal", 0.7) == Look { colour: 0, level: 5, sure: false });
-        assert!(of("deviating", 0.8) == Look { colour: 3, level: 5, sure: true });
-        assert!(of("alarm", 0.9) == Look { colour: 5, level: 5, sure: true });
-        assert!(of("path_changed", 0.9).colour == PATH && of("unknown", 0.9).colour == -1);
-    }
-
-    /// A lost link must not go on showing a machine in order.
-    #[test]
-    fn regress_a_lost_link_is_not_normal() {
-        let mut screen = Screen::new("http://bench".into());
-        screen.take(Message::Link(Ok(())));
-        screen.take(Message::Status(
-            serde_json::json!({"gravest": {"machine": "normal"}, "benches": [{"name": "b", "machine": "normal", "instrument": "ok"}]}),
-        ));
-        let mut terminal = Terminal::new(TestBackend::new(120, 30)).unwrap();
-        let mut shown = |screen: &Screen| {
-            terminal.draw(|frame| screen.draw(frame)).unwrap();
-            terminal.backend().to_string()
-        };
-        assert!(shown(&screen).contains("machine normal"));
-        screen.take(Message::Link(Err("connection refused".into())));
-        let text = shown(&screen);
-        assert!(text.contains("machine unknown") && text.contains("lost (connection refused)"), "{text}");
-    }
-}
+mod tests;

@@ -1,62 +1,12 @@
 //! Levels against the files that they are made from.
 
-use std::io::BufWriter;
-use std::path::PathBuf;
-
-use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 
 use super::*;
 use crate::history::keep::{Keeping, take_closed};
+use crate::history::sample::{START, windows, write};
 use crate::history::{HistoryError, files};
 use crate::stop::Stop;
-
-/// 2026-11-22T00:00:00Z.
-const START: i64 = 1_795_305_600 * SECOND;
-
-/// Writes a log file of `name` with messages by topic, in their order.
-fn write(folder: &Path, number: usize, messages: &[(String, i64, Value)]) -> PathBuf {
-    let path = folder.join(format!("gearwatch-{number:08}-{number:012}-20261122T0{number}0000Z.mcap"));
-    let mut writer = mcap::Writer::new(BufWriter::new(std::fs::File::create(&path).expect("a file"))).expect("a log");
-    for (sequence, (topic, t_ns, value)) in messages.iter().enumerate() {
-        let channel_id = writer.add_channel(0, topic, "json", &BTreeMap::new()).expect("a channel");
-        let time = u64::try_from(*t_ns).expect("after 1970");
-        let head = MessageHeader { channel_id, sequence: sequence as u32, log_time: time, publish_time: time };
-        writer.write_to_known_channel(&head, value.to_string().as_bytes()).expect("written");
-    }
-    writer.finish().expect("an end");
-    path
-}
-
-/// Windows of half a minute from `first` on, of two rows: 1x differs from window to window, 2x is known in every third one, the rest never.
-fn windows(first: i64, count: i64) -> Vec<(String, i64, Value)> {
-    let mut out = Vec::new();
-    for i in first..first + count {
-        let t0 = START + i * 30 * SECOND;
-        let machine = if i % 3 == 2 { "deviating" } else { "normal" };
-        for channel in ["a", "b"] {
-            let mut line = json!({
-                "bench": "b", "stage": "s", "channel": channel, "unit": "g", "cell": if i % 100 < 50 { "slow" } else { "fast" }, "t0_ns": t0,
-                "first_sample_index": i * 30_000, "samples": 60_000, "machine": machine,
-                "instrument": if i % 7 == 0 { "overload" } else { "ok" }, "input_speed_hz": 25.0 + 0.01 * (i % 5) as f64, "input_speed_sigma_hz": 0.02,
-                "brake_torque_nm": 40.0, "dev_1x_percent": (i * i % 17) as f64, "dev_sigma_1x_percent": 0.5, "amp_1x": 1.0 + 0.001 * i as f64,
-                "sigma_1x": 0.01, "level_1x": i % 4, "rms": 3.0 + (i % 2) as f64, "rms_sigma": 0.1,
-            });
-            if i % 3 == 0 {
-                line["dev_2x_percent"] = json!(-2.0 + 0.1 * i as f64);
-                line["dev_sigma_2x_percent"] = json!(0.2);
-            }
-            out.push(("/gear/s/rank".to_owned(), t0, line));
-        }
-        if i % 2 == 0 {
-            let order: Vec<f64> = (0..50).map(|k| f64::from(k) * 0.5).collect();
-            let amplitude: Vec<f64> = (0..50).map(|k| 0.001 * f64::from(k + 1) * (1.0 + i as f64)).collect();
-            let spectrum = json!({ "bench": "b", "channel": "a", "unit": "g", "t0_ns": t0, "order": order, "amplitude": amplitude });
-            out.push(("/spectrum/a".to_owned(), t0, spectrum));
-        }
-    }
-    out
-}
 
 fn alarm(t_ns: i64, event: &str) -> (String, i64, Value) {
     let record = json!({ "bench": "b", "id": "s@a", "stage": "s", "channel": "a", "severity": "warning", "since_ns": START, "t_ns": t_ns,
@@ -213,6 +163,29 @@ fn analytic_a_level_keeps_so_many_spans() {
     assert_eq!(levels.level_for(120 * SECOND, START + 20 * hour).expect("a level"), Some((120 * SECOND, 120 * SECOND)));
     assert_eq!(levels.level_for(6 * hour, START).expect("a level"), Some((hour, 6 * hour)));
     assert_eq!(levels.level_for(5 * SECOND, START).expect("a level"), None);
+}
+
+/// A reader that has seen rows without a file is not told that the file is in them: it would be in neither.
+#[test]
+fn regress_a_file_that_is_taken_in_meanwhile_is_not_lost() {
+    let folder = tempfile::tempdir().expect("a folder");
+    log(folder.path());
+    let key = ("b".to_owned(), "s".to_owned(), "a".to_owned());
+    let count = |levels: &Levels| -> u64 {
+        let rows = levels.row(&key, DAY * SECOND, DAY * SECOND, START, START + DAY * SECOND).expect("a row");
+        rows.values().map(|span| span.windows).sum()
+    };
+    let reader = Levels::read(folder.path()).expect("readable").expect("levels");
+    assert_eq!(count(&reader), 197);
+    write(folder.path(), 4, &windows(297, 1));
+    let place = folder.path().to_owned();
+    let taking = std::thread::spawn(move || take_closed(&place, &Stop::default(), &Keeping::default()));
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(reader.files().expect("names").len(), 2, "as when the rows were read");
+    drop(reader);
+    taking.join().expect("no panic").expect("taken in");
+    let after = Levels::read(folder.path()).expect("readable").expect("levels");
+    assert_eq!((count(&after), after.files().expect("names").len()), (297, 3));
 }
 
 #[test]

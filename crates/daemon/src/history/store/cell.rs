@@ -1,6 +1,7 @@
 //! A span in short form, as many of which are kept as a page looks at.
 
 use gearwatch_core::estimate::Estimate;
+use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
 
 use crate::history::span::Span;
@@ -47,12 +48,14 @@ pub(super) struct Cell {
     pub(super) amplitudes: [Short; HARMONICS],
     pub(super) speed: Short,
     pub(super) torque: Short,
-    pub(super) indicators: Box<[Short]>,
+    /// The one that is wanted.
+    pub(super) indicator: Short,
 }
 
 impl Cell {
-    pub(super) fn of(span: &Span) -> Self {
-        let short = |mean: &gearwatch_core::indicators::columns::Mean| Short::of(mean.estimate(OWN_SHARE));
+    /// `place`: of the wanted one among the indicators of the span.
+    pub(super) fn of(span: &Span, place: Option<usize>) -> Self {
+        let short = |mean: &Mean| Short::of(mean.estimate(OWN_SHARE));
         let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
         Self {
             windows: count(span.windows),
@@ -63,7 +66,7 @@ impl Cell {
             amplitudes: std::array::from_fn(|h| short(&span.amplitudes[h])),
             speed: short(&span.speed),
             torque: short(&span.torque),
-            indicators: span.indicators.iter().map(short).collect(),
+            indicator: place.and_then(|i| span.indicators.get(i)).map_or(Short::UNKNOWN, short),
         }
     }
 
@@ -75,11 +78,7 @@ impl Cell {
         self.amplitudes.iter_mut().zip(&other.amplitudes).for_each(|(x, y)| merge(x, y));
         merge(&mut self.speed, &other.speed);
         merge(&mut self.torque, &other.torque);
-        if self.indicators.is_empty() {
-            self.indicators.clone_from(&other.indicators);
-        } else {
-            self.indicators.iter_mut().zip(&other.indicators).for_each(|(x, y)| merge(x, y));
-        }
+        merge(&mut self.indicator, &other.indicator);
         self.windows = self.windows.saturating_add(other.windows);
         self.not_ok = self.not_ok.saturating_add(other.not_ok);
         self.states.iter_mut().zip(other.states).for_each(|(x, y)| *x = x.saturating_add(y));
