@@ -9,7 +9,8 @@ pub fn loads(page: &str) -> Vec<String> {
     let mut rest = page.to_owned();
     NAMES.iter().for_each(|name| rest = rest.replace(name, ""));
     let mut out: Vec<String> = LOADING.iter().filter(|how| rest.contains(**how)).map(|how| (*how).to_owned()).collect();
-    out.extend(rest.match_indices("://").map(|(at, _)| rest[..at].chars().rev().take(12).collect::<String>()));
+    let addresses = rest.split_whitespace().filter(|word| word.contains("://"));
+    out.extend(addresses.map(|word| word.chars().take(80).collect()));
     if !page.contains("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; ") {
         out.push("no policy against it".to_owned());
     }
