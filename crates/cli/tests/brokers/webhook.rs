@@ -59,7 +59,7 @@ fn conform_alarms_are_posted_until_they_are_taken() {
     let further = format!(
         "[[sink]]\nkind = \"webhook\"\nurl = \"http://{address}/alarms\"\ntoken_file = \"token\"\ntimeout_secs = 2.0\n"
     );
-    let config = configure(&bench, &bench.path("log"), "20.0", &further);
+    let config = configure(&bench, &bench.path("log"), "1.0", &further);
     let text = std::fs::read_to_string(&config).unwrap();
     let text = text.replace("file = \"bench.toml\"\n", "file = \"bench.toml\"\nbaseline = \"baseline.json\"\n");
     let fault = "fault = { after_secs = 0.0, stage = \"stage1\", percent = [0.0, 0.0, 0.0, 0.0, 25.0] }\n[[sink]]";
