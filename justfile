@@ -88,6 +88,14 @@ campaign-systemd:
 campaign-hour:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture hour
 
+# Four weeks of a growing fault, a part of each day: found, acknowledged, reported; log size, query times, memory (GEARWATCH_MONTH=folder keeps all of it)
+campaign-month:
+    cargo test --release -p gearwatch --test campaign -- --ignored --nocapture month
+
+# A year of 64 channels in the log: into the levels of detail, out of them onto the page, memory (Chromium)
+campaign-year:
+    cargo test --release -p gearwatch --test page -- --ignored --nocapture a_year
+
 # One to ten times real time, what lies beyond that, all on one core of the machine too; latency from the last sample to the line, alone and with stopped ends
 campaign-overload:
     cargo test --release -p gearwatch --test campaign -- --ignored --nocapture --test-threads=1 overload
@@ -103,7 +111,12 @@ campaign-properties cases="1000000":
 
 # An hour of eight channels on the live page, in a Chromium: first paint and long tasks
 page:
-    cargo test --release -p gearwatch --test page -- --ignored --nocapture
+    cargo test --release -p gearwatch --test page -- --ignored --nocapture an_hour
+
+# The alert rules, against Prometheus' own checker (Debian: prometheus)
+prometheus:
+    promtool check rules packaging/prometheus-alerts.yml
+    promtool test rules packaging/prometheus-alerts-test.yml
 
 # Known faults of dependencies (fetches RustSec's database)
 advisories:

@@ -43,6 +43,7 @@ mod report;
 mod run;
 mod signatures;
 mod simulate;
+mod sketch;
 mod status;
 #[cfg(feature = "batch")]
 mod sweep;

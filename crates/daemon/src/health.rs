@@ -6,70 +6,30 @@
 //! - *Delay in time*: beside that, the vote must have held for `delay_secs`, and normal windows must go on for `clear_secs`.
 //! - *Hysteresis, off delay*: it goes when `clear` judged windows in a row are `normal`; a window that is merely less bad does not count.
 //! - *Latch*: a latched alarm that has gone stays until somebody acknowledges it.
+//! - *Inhibition*: after a run-up or a change of load (`settle_secs`), and during maintenance, windows ask for nothing; what stands stays.
+//! - *Shelving*: an acknowledgement may hold for a time only. Until then the same alarm is not told again, however often it goes and comes; where it
+//!   still holds after that, it is raised anew. One that grows worse is not shelved.
+//! - *Grouping*: channels of one stage are one fault; each change says which of them stand, and whether it is news ([`Group`]).
 //! - A window whose state is unknown neither raises nor clears: unknown is never normal. A channel is `ok` only after `earn` good windows
 //!   in a row, also at the start.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 use gearwatch_core::rank::RankConfig;
-use gearwatch_core::verdict::{InstrumentState, MachineState, Verdict};
-use schemars::JsonSchema;
+use gearwatch_core::verdict::{InstrumentState, Verdict};
 use serde::{Deserialize, Serialize};
 
+mod config;
 mod evidence;
+mod group;
+mod place;
+mod settling;
 
+pub use config::AlarmConfig;
 pub use evidence::Evidence;
+pub use group::Group;
 
-/// When alarms come and go.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct AlarmConfig {
-    /// So many windows must ask for an alarm (1–1000) …
-    pub needed: usize,
-    /// … of so many judged ones (`needed`–1000).
-    pub of: usize,
-    /// So many normal windows in a row end it (1–100000).
-    pub clear: usize,
-    /// The windows must have asked for it so long, in the data's own time (s, 0–86400).
-    pub delay_secs: f64,
-    /// Normal windows must have gone on so long before it ends, in the data's own time (s, 0–86400).
-    pub clear_secs: f64,
-    /// It stays until it is acknowledged.
-    pub latch: bool,
-    /// So many good windows in a row make a channel `ok` (1–1000).
-    pub earn: usize,
-}
-
-impl Default for AlarmConfig {
-    fn default() -> Self {
-        Self { needed: 3, of: 5, clear: 10, delay_secs: 0.0, clear_secs: 0.0, latch: true, earn: 3 }
-    }
-}
-
-impl AlarmConfig {
-    /// What is wrong with the values, one sentence each.
-    pub fn problems(&self) -> Vec<String> {
-        let mut out = Vec::new();
-        if !(1..=1000).contains(&self.needed) || !(self.needed..=1000).contains(&self.of) {
-            out.push(format!(
-                "alarm: needed is {} of {}; expected 1 to 1000 of at least as many",
-                self.needed, self.of
-            ));
-        }
-        if !(1..=100_000).contains(&self.clear) {
-            out.push(format!("alarm.clear is {}; expected 1 to 100000", self.clear));
-        }
-        for (key, secs) in [("delay_secs", self.delay_secs), ("clear_secs", self.clear_secs)] {
-            if !(0.0..=86_400.0).contains(&secs) {
-                out.push(format!("alarm.{key} is {secs}; expected 0 to 86400 s"));
-            }
-        }
-        if !(1..=1000).contains(&self.earn) {
-            out.push(format!("alarm.earn is {}; expected 1 to 1000", self.earn));
-        }
-        out
-    }
-}
+use place::Place;
 
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -118,7 +78,13 @@ pub struct Alarm {
     /// Who has seen it last, where somebody has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen: Option<Box<Acknowledgement>>,
+    /// The channels of the stage that stand with it, after a change. None in logs of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group: Option<Box<Group>>,
 }
+
+/// Stage and id of the entry that stands as long as a bench is in maintenance; it has no channel.
+pub const MAINTENANCE: &str = "maintenance";
 
 /// Who has seen an alarm, and what they said of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -131,6 +97,9 @@ pub struct Acknowledgement {
     pub from: String,
     /// When (ns since the epoch).
     pub t_ns: i64,
+    /// It holds until then alone: the alarm is shelved (ns since the epoch, in the data's own time).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_ns: Option<i64>,
 }
 
 /// A channel's instrument.
@@ -155,17 +124,6 @@ impl ChannelHealth {
     }
 }
 
-#[derive(Debug, Default)]
-struct Place {
-    recent: VecDeque<Option<Severity>>,
-    /// Since when enough windows ask for at least a critical alarm, and for at least a warning (ns since the epoch).
-    asked_since: [Option<i64>; 2],
-    normal_in_a_row: usize,
-    /// The first of these.
-    normal_since: Option<i64>,
-    alarm: Option<Alarm>,
-}
-
 #[derive(Debug)]
 struct Instrument {
     good_in_a_row: usize,
@@ -184,13 +142,22 @@ pub struct Health {
     instruments: BTreeMap<String, Instrument>,
     /// The newest verdict, by stage and channel.
     newest: BTreeMap<(String, String), Verdict>,
+    /// Somebody works at the bench: no alarm is raised until then.
+    maintenance: Option<Alarm>,
 }
 
 impl Health {
     /// Nothing was seen yet.
     pub fn new(config: AlarmConfig) -> Self {
         let ranks = RankConfig::default();
-        Self { config, ranks, places: BTreeMap::new(), instruments: BTreeMap::new(), newest: BTreeMap::new() }
+        Self {
+            config,
+            ranks,
+            places: BTreeMap::new(),
+            instruments: BTreeMap::new(),
+            newest: BTreeMap::new(),
+            maintenance: None,
+        }
     }
 
     /// With other rank steps than the paper's.
@@ -203,10 +170,63 @@ impl Health {
     pub fn take(&mut self, verdict: &Verdict) -> Option<Alarm> {
         let key = (verdict.stage.clone(), verdict.channel.clone());
         self.take_instrument(verdict);
+        let over = self.end_maintenance(verdict.t0);
         let place = self.places.entry(key.clone()).or_default();
-        let changed = place.take(&self.config, &self.ranks, verdict);
-        self.newest.insert(key, verdict.clone());
-        changed
+        let rests = self.maintenance.is_some() || over.is_some();
+        let changed = if rests { place.rest() } else { place.take(&self.config, &self.ranks, verdict) };
+        self.newest.insert(key.clone(), verdict.clone());
+        if over.is_some() {
+            return over;
+        }
+        let mut alarm = changed?;
+        alarm.group = Some(Box::new(Group::of(&alarm, self.alarms().filter(|other| other.stage == key.0))));
+        // What stands says it too.
+        if let Some(standing) = self.places.get_mut(&key).and_then(|place| place.alarm.as_mut()) {
+            standing.group.clone_from(&alarm.group);
+        }
+        Some(alarm)
+    }
+
+    /// Time of the newest window (ns since the epoch); 0 before the first.
+    fn now(&self) -> i64 {
+        self.newest.values().map(|verdict| verdict.t0).max().unwrap_or(0)
+    }
+
+    /// What `by` says of the time, by the data's own clock: a replay has another than the one who acknowledges.
+    fn in_data_time(&self, by: &Acknowledgement) -> Acknowledgement {
+        let until_ns = by.until_ns.map(|until| self.now().saturating_add(until.saturating_sub(by.t_ns)));
+        Acknowledgement { until_ns, ..by.clone() }
+    }
+
+    /// The bench is in maintenance until `by.until_ns`, or not any more where that is past; how the entry is then, `None` where nothing changes.
+    pub fn maintain(&mut self, by: &Acknowledgement) -> Option<Alarm> {
+        let (now, by) = (self.now(), self.in_data_time(by));
+        let until = by.until_ns?;
+        if until <= now {
+            return self.maintenance.take().map(|entry| ended(entry, now));
+        }
+        let since_ns = self.maintenance.as_ref().map_or(now, |entry| entry.since_ns);
+        let entry = Alarm {
+            id: MAINTENANCE.to_owned(),
+            stage: MAINTENANCE.to_owned(),
+            channel: String::new(),
+            severity: Severity::Warning,
+            since_ns,
+            t_ns: now,
+            active: true,
+            acknowledged: true,
+            over: false,
+            evidence: None,
+            seen: Some(Box::new(by)),
+            group: None,
+        };
+        self.maintenance = Some(entry.clone());
+        Some(entry)
+    }
+
+    fn end_maintenance(&mut self, t_ns: i64) -> Option<Alarm> {
+        let until = self.maintenance.as_ref()?.seen.as_ref()?.until_ns?;
+        if t_ns < until { None } else { self.maintenance.take().map(|entry| ended(entry, t_ns)) }
     }
 
     fn take_instrument(&mut self, verdict: &Verdict) {
@@ -236,11 +256,13 @@ impl Health {
 
     /// Somebody has seen it; how it is then, `None` where there is no such alarm. One that holds no longer is over then.
     pub fn acknowledge(&mut self, id: &str, by: &Acknowledgement) -> Option<Alarm> {
+        let by = self.in_data_time(by);
         for place in self.places.values_mut() {
             if let Some(alarm) = place.alarm.as_mut().filter(|alarm| alarm.id == id) {
                 alarm.acknowledged = true;
                 alarm.seen = Some(Box::new(by.clone()));
                 alarm.over = !alarm.active;
+                place.shelf = by.until_ns.map(|_| (alarm.severity, Box::new(by)));
                 let seen = alarm.clone();
                 if seen.over {
                     place.alarm = None;
@@ -253,13 +275,18 @@ impl Health {
 
     /// An alarm of before the start, which still stands. Of a stage or channel that the bench no longer has, nobody will hear: it is latched.
     pub fn restore(&mut self, alarm: Alarm, is_watched: bool) {
+        if alarm.id == MAINTENANCE {
+            self.maintenance = Some(alarm);
+            return;
+        }
         let place = self.places.entry((alarm.stage.clone(), alarm.channel.clone())).or_default();
+        place.shelf = alarm.seen.clone().filter(|seen| seen.until_ns.is_some()).map(|seen| (alarm.severity, seen));
         place.alarm = Some(Alarm { active: alarm.active && is_watched, over: false, ..alarm });
     }
 
     /// Alarms that hold, or are not acknowledged.
     pub fn alarms(&self) -> impl Iterator<Item = &Alarm> {
-        self.places.values().filter_map(|place| place.alarm.as_ref())
+        self.maintenance.iter().chain(self.places.values().filter_map(|place| place.alarm.as_ref()))
     }
 
     /// Instruments by channel.
@@ -273,275 +300,10 @@ impl Health {
     }
 }
 
-/// Keeps when something began that holds or not. Data that begin anew in the past begin it anew.
-fn since(began: &mut Option<i64>, holds: bool, t_ns: i64) {
-    *began = holds.then(|| began.filter(|&t| t <= t_ns).unwrap_or(t_ns));
-}
-
-impl Place {
-    fn take(&mut self, config: &AlarmConfig, ranks: &RankConfig, verdict: &Verdict) -> Option<Alarm> {
-        let asked = match verdict.machine {
-            MachineState::Unknown => return None,
-            MachineState::Normal => None,
-            MachineState::Deviating | MachineState::PathChanged => Some(Severity::Warning),
-            MachineState::Alarm => Some(Severity::Critical),
-        };
-        self.normal_in_a_row = if asked.is_none() { self.normal_in_a_row + 1 } else { 0 };
-        since(&mut self.normal_since, asked.is_none(), verdict.t0);
-        self.recent.push_back(asked);
-        if self.recent.len() > config.of {
-            self.recent.pop_front();
-        }
-        let votes = |least: Severity| self.recent.iter().filter(|s| s.is_some_and(|s| s >= least)).count();
-        let lasts = |began: Option<i64>, secs: f64| began.is_some_and(|t| (verdict.t0 - t) as f64 >= 1e9 * secs);
-        let mut voted = None;
-        for (least, began) in [Severity::Critical, Severity::Warning].into_iter().zip(&mut self.asked_since) {
-            since(began, votes(least) >= config.needed, verdict.t0);
-            // A window that asks for nothing raises nothing, however long the vote has stood.
-            voted = voted.or((asked.is_some() && lasts(*began, config.delay_secs)).then_some(least));
-        }
-        let is_clear = self.normal_in_a_row >= config.clear && lasts(self.normal_since, config.clear_secs);
-        match (&mut self.alarm, voted) {
-            (None, Some(severity)) => {
-                self.alarm = Some(Alarm {
-                    id: format!("{}@{}", verdict.stage, verdict.channel),
-                    stage: verdict.stage.clone(),
-                    channel: verdict.channel.clone(),
-                    severity,
-                    since_ns: verdict.t0,
-                    t_ns: verdict.t0,
-                    active: true,
-                    acknowledged: false,
-                    over: false,
-                    evidence: Evidence::of(verdict, ranks).map(Box::new),
-                    seen: None,
-                });
-                self.alarm.clone()
-            }
-            (Some(alarm), Some(severity)) if severity > alarm.severity || !alarm.active => {
-                // It came back, or grew worse: whoever acknowledged it has not seen this.
-                alarm.t_ns = verdict.t0;
-                alarm.acknowledged &= severity <= alarm.severity && alarm.active;
-                alarm.severity = alarm.severity.max(severity);
-                alarm.active = true;
-                alarm.evidence = Evidence::of(verdict, ranks).map(Box::new).or(alarm.evidence.take());
-                if !alarm.acknowledged {
-                    alarm.seen = None;
-                }
-                self.alarm.clone()
-            }
-            (Some(alarm), _) if alarm.active && is_clear => {
-                alarm.active = false;
-                alarm.t_ns = verdict.t0;
-                alarm.over = alarm.acknowledged || !config.latch;
-                let gone = alarm.clone();
-                self.recent.clear();
-                self.asked_since = [None; 2];
-                if gone.over {
-                    self.alarm = None;
-                }
-                Some(gone)
-            }
-            _ => None,
-        }
-    }
+/// It is no more.
+fn ended(entry: Alarm, t_ns: i64) -> Alarm {
+    Alarm { t_ns, active: false, over: true, ..entry }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use gearwatch_core::estimate::Estimate;
-    use gearwatch_core::verdict::{HARMONICS, HarmonicVerdict, Reason, StateFit};
-
-    fn verdict(window: u64, machine: MachineState, instrument: InstrumentState) -> Verdict {
-        Verdict {
-            stage: "stage1".into(),
-            channel: "acc_1".into(),
-            window,
-            t0: window as i64,
-            first_sample_index: 0,
-            samples: 1,
-            unit: "g".into(),
-            input_speed_hz: Estimate::UNKNOWN,
-            mesh_hz: 1.0,
-            brake_torque_nm: 0.0,
-            cell: String::new(),
-            harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
-            machine,
-            instrument,
-            resolvable: false,
-            reason: Reason::None,
-            windows: 1,
-            doubts: "".into(),
-            baseline_sessions: 1,
-            state_fit: StateFit::NotCompared,
-            states: vec![],
-            indicators: None,
-        }
-    }
-
-    /// Feeds a row of states, `n` normal, `d` deviating, `a` alarm, `u` unknown; the windows at which something changed.
-    fn feed(health: &mut Health, row: &str) -> Vec<(usize, bool, Severity)> {
-        let state = |c| match c {
-            'n' => MachineState::Normal,
-            'd' => MachineState::Deviating,
-            'a' => MachineState::Alarm,
-            _ => MachineState::Unknown,
-        };
-        let windows = row.chars().enumerate();
-        let changes = windows.filter_map(|(i, c)| {
-            let alarm = health.take(&verdict(i as u64, state(c), InstrumentState::Ok))?;
-            Some((i, alarm.active, alarm.severity))
-        });
-        changes.collect()
-    }
-
-    fn somebody() -> Acknowledgement {
-        Acknowledgement { who: "A. Smith".into(), why: "seen".into(), from: "here".into(), t_ns: 5 }
-    }
-
-    fn health() -> Health {
-        Health::new(AlarmConfig { clear: 4, ..AlarmConfig::default() })
-    }
-
-    #[test]
-    fn analytic_three_of_five_raise_and_four_normal_in_a_row_clear() {
-        // Two of five are too few; unknown windows count for nothing in either direction.
-        assert_eq!(feed(&mut health(), "ndndnnndunduuun"), []);
-        assert_eq!(feed(&mut health(), "ndnduduu"), [(5, true, Severity::Warning)]);
-        // The alarm goes with the fourth normal window in a row, and unknown ones do not count as normal.
-        assert_eq!(
-            feed(&mut health(), "dddnnndnnuuuunn"),
-            [(2, true, Severity::Warning), (14, false, Severity::Warning)]
-        );
-        // It grows worse with the third window that asks for it.
-        assert_eq!(feed(&mut health(), "dddaaa"), [(2, true, Severity::Warning), (5, true, Severity::Critical)]);
-    }
-
-    /// Windows a second apart: the vote stands from the third deviating window on, so that a delay of 4 s raises the alarm at the seventh; a pause in the vote
-    /// begins the delay anew. Normal windows must go on for 6 s: the seventh ends it. Critical and warning wait each for itself.
-    #[test]
-    fn analytic_alarms_wait_in_time_too() {
-        let delayed =
-            || Health::new(AlarmConfig { clear: 2, delay_secs: 4.0, clear_secs: 6.0, ..AlarmConfig::default() });
-        let feed = |health: &mut Health, row: &str| {
-            let state = |c| match c {
-                'n' => MachineState::Normal,
-                'd' => MachineState::Deviating,
-                'a' => MachineState::Alarm,
-                _ => MachineState::Unknown,
-            };
-            let windows = row.chars().enumerate().filter_map(|(i, c)| {
-                let second =
-                    Verdict { t0: i as i64 * 1_000_000_000, ..verdict(i as u64, state(c), InstrumentState::Ok) };
-                health.take(&second).map(|alarm| (i, alarm.active, alarm.severity))
-            });
-            windows.collect::<Vec<_>>()
-        };
-        assert_eq!(feed(&mut delayed(), "dddddnnnn"), []);
-        assert_eq!(
-            feed(&mut delayed(), "dddddddnnnnnnnn"),
-            [(6, true, Severity::Warning), (13, false, Severity::Warning)]
-        );
-        assert_eq!(
-            feed(&mut delayed(), "dddddddaaaaaaa"),
-            [(6, true, Severity::Warning), (13, true, Severity::Critical)]
-        );
-        // Unknown windows stop neither the clock nor the vote.
-        assert_eq!(feed(&mut delayed(), "ddduuud"), [(6, true, Severity::Warning)]);
-        let wrong = AlarmConfig { delay_secs: f64::NAN, clear_secs: -1.0, ..AlarmConfig::default() };
-        assert_eq!(wrong.problems().len(), 2, "{:?}", wrong.problems());
-    }
-
-    #[test]
-    fn analytic_a_latched_alarm_stays_until_acknowledged() {
-        let mut health = health();
-        feed(&mut health, "dddnnnn");
-        let alarm = health.alarms().next().unwrap().clone();
-        assert!(!alarm.active && !alarm.acknowledged);
-        assert!(health.acknowledge("stage9@acc_1", &somebody()).is_none());
-        assert!(health.acknowledge(&alarm.id, &somebody()).is_some_and(|alarm| alarm.over));
-        assert_eq!(health.alarms().count(), 0);
-        // Acknowledged while it holds: it goes by itself later, and an alarm that grows worse must be seen again.
-        feed(&mut health, "ddd");
-        assert!(health.acknowledge(&alarm.id, &somebody()).is_some_and(|alarm| !alarm.over));
-        feed(&mut health, "aaa");
-        assert!(!health.alarms().next().unwrap().acknowledged);
-        assert!(health.acknowledge(&alarm.id, &somebody()).is_some());
-        feed(&mut health, "nnnn");
-        assert_eq!(health.alarms().count(), 0);
-    }
-
-    /// The evidence is the line that lies the most sigmas beyond its limit, here 2x: (12 − 10) / 0.5 = 4 beside (20 − 10) / 5 = 2. Who has seen the
-    /// alarm stands with it until it grows worse.
-    #[test]
-    fn analytic_an_alarm_says_what_it_rests_on_and_who_has_seen_it() {
-        let mut health = health();
-        let mut window = verdict(0, MachineState::Alarm, InstrumentState::Ok);
-        window.harmonics[0].deviation_percent = Estimate::new(20.0, 5.0);
-        window.harmonics[1].deviation_percent = Estimate::new(-12.0, 0.5);
-        for harmonic in &mut window.harmonics[..2] {
-            harmonic.amplitude = Estimate::new(0.3, 0.01);
-        }
-        window.input_speed_hz = Estimate::new(25.0, 0.01);
-        let raise = |health: &mut Health, window: &Verdict| (0..3).find_map(|_| health.take(window));
-        let alarm = raise(&mut health, &window).expect("raised");
-        let evidence = alarm.evidence.as_ref().expect("deviations are known");
-        assert_eq!((evidence.harmonic, evidence.deviation_percent, evidence.limit_percent), (2, -12.0, Some(10.0)));
-        assert_eq!((evidence.input_speed_hz, evidence.baseline), (Some(25.0), None));
-        assert!(evidence.words().starts_with("2x -12.0 % ± 0.5 %"), "{}", evidence.words());
-        let seen = health.acknowledge(&alarm.id, &somebody()).expect("it is there");
-        assert_eq!(seen.seen.as_deref(), Some(&somebody()));
-        assert_eq!(health.alarms().next().and_then(|alarm| alarm.seen.clone()), Some(Box::new(somebody())));
-        // A warning that becomes critical must be seen again, and rests on what it has become.
-        let mut warned = self::health();
-        let slight = Verdict { machine: MachineState::Deviating, ..window.clone() };
-        let id = raise(&mut warned, &slight).expect("raised").id;
-        warned.acknowledge(&id, &somebody());
-        let worse = raise(&mut warned, &window).expect("worse");
-        assert_eq!((worse.seen, worse.evidence.and_then(|e| e.limit_percent)), (None, Some(10.0)));
-        // Records of earlier versions have neither, and are read.
-        let mut text = serde_json::to_value(&alarm).expect("JSON");
-        text.as_object_mut().expect("an object").retain(|key, _| key != "evidence");
-        assert_eq!(serde_json::from_value::<Alarm>(text).expect("an alarm").evidence, None);
-    }
-
-    /// A latched alarm of before the start stays; one that held goes on, and ends by normal windows as any other; one of a place that is no longer
-    /// watched waits for somebody to see it.
-    #[test]
-    fn regress_a_restart_forgets_no_alarm() {
-        let mut before = health();
-        feed(&mut before, "dddaaa");
-        let held = before.alarms().next().unwrap().clone();
-        let mut after = health();
-        after.restore(held.clone(), true);
-        assert_eq!(after.alarms().next(), Some(&held));
-        assert_eq!(feed(&mut after, "nnn"), []);
-        assert_eq!(feed(&mut after, "n"), [(0, false, Severity::Critical)]);
-        assert!(!after.alarms().next().unwrap().acknowledged, "latched");
-        let mut elsewhere = health();
-        elsewhere.restore(held.clone(), false);
-        assert!(elsewhere.alarms().next().is_some_and(|alarm| !alarm.active));
-        assert!(elsewhere.acknowledge(&held.id, &somebody()).is_some_and(|alarm| alarm.over));
-        assert_eq!(elsewhere.alarms().count(), 0);
-    }
-
-    #[test]
-    fn analytic_an_instrument_earns_its_ok() {
-        let mut health = health();
-        let mut codes = Vec::new();
-        let states = [InstrumentState::Ok, InstrumentState::Overload];
-        for (window, &bad) in [0, 0, 0, 1, 0, 0, 0].iter().enumerate() {
-            let taken = verdict(window as u64, MachineState::Unknown, states[bad]);
-            health.take(&taken);
-            // Another stage of the same window changes nothing.
-            health.take(&Verdict { stage: "stage2".into(), ..taken });
-            codes.push(health.instruments().next().unwrap().1.code());
-        }
-        assert_eq!(codes, ["not_ok_yet", "not_ok_yet", "ok", "overload", "overload", "overload", "ok"]);
-        health.begin_anew();
-        assert_eq!((health.newest().count(), health.instruments().count()), (0, 0));
-        health.take(&verdict(7, MachineState::Unknown, InstrumentState::Ok));
-        assert_eq!(health.instruments().next().unwrap().1.code(), "not_ok_yet");
-    }
-}
+mod tests;

@@ -4,12 +4,26 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 mod collect;
+mod extent;
+mod glance;
+mod keep;
+mod levels;
+mod raw;
+#[cfg(test)]
+mod sample;
+mod span;
+mod spectra;
 mod store;
 pub mod time;
 mod verdict_line;
 
-pub use collect::{Event, History, HistoryError, Key, STATES, Span};
-pub use store::{Asked, Store};
+pub use collect::{Event, History, HistoryError, Key};
+pub use keep::{KeepError, Keeping, keep_levels, take_closed};
+pub use levels::{Levels, LevelsError};
+pub use raw::{Cut, CutError, Waveform};
+pub use span::{STATES, Span};
+pub use spectra::Spectrum;
+pub use store::{Asked, Sight, Store};
 pub use verdict_line::indicator_names;
 
 /// The files of a log folder in the order of their names, which is that of their numbers.

@@ -11,6 +11,7 @@ mod gate;
 mod guard;
 mod hub;
 mod past;
+mod recall;
 #[cfg(feature = "tls")]
 mod tls;
 mod token;
@@ -21,7 +22,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
-use axum::extract::{ConnectInfo, Path, Query, State};
+use axum::extract::{ConnectInfo, Path, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
@@ -32,12 +33,12 @@ use serde::Deserialize;
 use tokio::sync::Semaphore;
 
 use crate::health::Acknowledgement;
-use crate::history::{Asked, Store};
+use crate::history::Store;
 use crate::source::now_unix_ns;
 
 pub use gate::{Gate, Peer};
 pub use guard::AllowedHosts;
-pub use hub::{AlarmStatus, BenchStatus, Hub, Listener, Message, SourceStatus, Status};
+pub use hub::{AlarmStatus, BenchStatus, Fault, Gravest, Hub, Listener, Message, SourceStatus, Status};
 #[cfg(feature = "tls")]
 pub use tls::{Secured, acceptor};
 pub use token::Token;
@@ -69,9 +70,27 @@ const ASSETS: &[Asset] = &[
     ("/assets/trend.js", SCRIPT, include_bytes!("web/assets/trend.js")),
     ("/assets/waterfall.js", SCRIPT, include_bytes!("web/assets/waterfall.js")),
     ("/assets/history.js", SCRIPT, include_bytes!("web/assets/history.js")),
+    ("/assets/normal.js", SCRIPT, include_bytes!("web/assets/normal.js")),
+    ("/assets/then.js", SCRIPT, include_bytes!("web/assets/then.js")),
+    ("/assets/waveform.js", SCRIPT, include_bytes!("web/assets/waveform.js")),
     ("/assets/icon.svg", "image/svg+xml", include_bytes!("web/assets/icon.svg")),
     ("/assets/uPlot.min.css", "text/css; charset=utf-8", include_bytes!("web/assets/uPlot.min.css")),
     ("/assets/uPlot.iife.min.js", SCRIPT, include_bytes!("web/assets/uPlot.iife.min.js")),
+];
+
+const TEXT: &str = "text/plain; charset=utf-8";
+
+/// The guides that the page points to, as they are written: a bench has no network.
+const GUIDES: &[Asset] = &[
+    ("/docs/page.md", TEXT, include_bytes!("../../../docs/page.md")),
+    ("/docs/alarms.md", TEXT, include_bytes!("../../../docs/alarms.md")),
+    ("/docs/baseline.md", TEXT, include_bytes!("../../../docs/baseline.md")),
+    ("/docs/glossary.md", TEXT, include_bytes!("../../../docs/glossary.md")),
+    ("/docs/indicators.md", TEXT, include_bytes!("../../../docs/indicators.md")),
+    ("/docs/instrument-faults.md", TEXT, include_bytes!("../../../docs/instrument-faults.md")),
+    ("/docs/log.md", TEXT, include_bytes!("../../../docs/log.md")),
+    ("/docs/service.md", TEXT, include_bytes!("../../../docs/service.md")),
+    ("/docs/troubleshooting.md", TEXT, include_bytes!("../../../docs/troubleshooting.md")),
 ];
 
 /// The page may load what this server sends, and nothing else.
@@ -121,12 +140,12 @@ pub fn router(ends: Ends, texts: Texts, bound: SocketAddr, also: &[String]) -> R
     let router = Router::new()
         .route("/metrics", get(move || async move { exposition(metrics()) }))
         .route("/api/events", get(events))
-        .route("/api/history", get(history))
+        .merge(recall::routes())
         .route("/api/snapshot", get(move || async move { json(snapshot()) }))
         .route("/api/status", get(status))
         .route("/api/alarms/{id}/acknowledge", post(acknowledge_alarm))
         .with_state(shared);
-    guarded(with_assets(router, ASSETS), bound, also)
+    guarded(with_assets(with_assets(router, ASSETS), GUIDES), bound, also)
 }
 
 /// With the files of a page.
@@ -170,42 +189,18 @@ async fn status(State(shared): State<Shared>) -> Response {
     json(shared.hub.status_json())
 }
 
-/// A row and a time, from the log.
-#[derive(Deserialize)]
-struct Wanted {
-    bench: String,
-    stage: String,
-    channel: String,
-    /// ns since the epoch.
-    from: i64,
-    to: i64,
-    #[serde(default)]
-    indicator: String,
-}
-
-async fn history(State(shared): State<Shared>, Query(wanted): Query<Wanted>) -> Response {
-    let Some(store) = shared.past else {
-        return (StatusCode::NOT_FOUND, "the service keeps no log: it has no sink of kind mcap_log\n").into_response();
-    };
-    if wanted.from >= wanted.to {
-        return (StatusCode::BAD_REQUEST, "from must be before to (ns since the epoch)\n").into_response();
-    }
-    let Wanted { bench, stage, channel, from, to, indicator } = wanted;
-    let asked = Asked { row: (bench, stage, channel), from, to, indicator };
-    // Lists a folder, which a disk that hangs can make long.
-    match tokio::task::spawn_blocking(move || store.ask(&asked)).await {
-        Ok(Ok(answer)) => json(answer.to_string()),
-        Ok(Err(e)) => (StatusCode::SERVICE_UNAVAILABLE, format!("the log cannot be listed: {e}\n")).into_response(),
-        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    }
-}
-
 /// What somebody says who has seen an alarm.
 #[derive(Deserialize)]
 struct Seen {
     who: String,
     why: String,
+    /// It holds so long alone: the alarm is shelved, or the bench in maintenance (min); 0 ends that.
+    #[serde(default)]
+    minutes: Option<f64>,
 }
+
+/// An alarm is shelved for a month at most (min).
+const LONGEST_SHELF: f64 = 31.0 * 24.0 * 60.0;
 
 /// Longest name, and longest reason (characters).
 const LONGEST: (usize, usize) = (100, 1000);
@@ -216,15 +211,22 @@ async fn acknowledge_alarm(
     peer: Option<Extension<ConnectInfo<Peer>>>,
     body: Bytes,
 ) -> Response {
-    let seen = serde_json::from_slice(&body).ok().map(|Seen { who, why }| (plain(&who), plain(&why)));
+    let seen = serde_json::from_slice(&body).ok();
+    let seen = seen.map(|Seen { who, why, minutes }| Seen { who: plain(&who), why: plain(&why), minutes });
     let fits = |text: &str, longest: usize| !text.is_empty() && text.chars().count() <= longest;
-    let Some((who, why)) = seen.filter(|(who, why)| fits(who, LONGEST.0) && fits(why, LONGEST.1)) else {
-        let help =
-            "an acknowledgement says who and why: {\"who\": \"…\", \"why\": \"…\"}, at most 100 and 1000 characters\n";
+    let is_right = |seen: &Seen| {
+        let time = seen.minutes.is_none_or(|minutes| (0.0..=LONGEST_SHELF).contains(&minutes));
+        fits(&seen.who, LONGEST.0) && fits(&seen.why, LONGEST.1) && time
+    };
+    let Some(Seen { who, why, minutes }) = seen.filter(is_right) else {
+        let help = "an acknowledgement says who and why: {\"who\": \"…\", \"why\": \"…\"}, at most 100 and 1000 characters; \
+             \"minutes\" (0 to 44640) shelves it for a time\n";
         return (StatusCode::BAD_REQUEST, help).into_response();
     };
     let from = peer.map_or_else(String::new, |Extension(ConnectInfo(Peer(address)))| address.to_string());
-    let seen = Acknowledgement { who, why, from, t_ns: now_unix_ns() };
+    let t_ns = now_unix_ns();
+    let until_ns = minutes.map(|minutes| t_ns.saturating_add((60e9 * minutes) as i64));
+    let seen = Acknowledgement { who, why, from, t_ns, until_ns };
     // A sink may make whoever tells it wait.
     let told = tokio::task::spawn_blocking(move || (shared.acknowledge)(&id, seen)).await;
     if told.unwrap_or(false) { StatusCode::NO_CONTENT } else { StatusCode::NOT_FOUND }.into_response()

@@ -3,6 +3,10 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
+mod deviations;
+
+pub use deviations::{Deviation, Deviations};
+
 /// Colours of the series, told apart by people with colour-vision deficiency too (Okabe and Ito 2008).
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
@@ -44,6 +48,24 @@ pub enum Chart {
     Lines(Lines),
     /// Groups of bars with error bars.
     Bars(Bars),
+    /// Deviations of the harmonics in their frame.
+    Deviations(Deviations),
+    /// Drawn elsewhere.
+    Drawing(Drawing),
+}
+
+/// A picture that was drawn elsewhere.
+#[derive(Clone, Debug)]
+pub struct Drawing {
+    /// What it shows.
+    pub caption: String,
+    /// An SVG element; whoever draws it has escaped what is in it.
+    pub svg: String,
+}
+
+/// Text as it may stand in an SVG element.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// Curves over a common axis, with marked places.
@@ -104,6 +126,8 @@ impl Chart {
         match self {
             Self::Lines(lines) => &lines.caption,
             Self::Bars(bars) => &bars.caption,
+            Self::Deviations(deviations) => &deviations.caption,
+            Self::Drawing(drawing) => &drawing.caption,
         }
     }
 
@@ -112,12 +136,18 @@ impl Chart {
     /// # Errors
     /// When there is nothing finite to draw.
     pub fn svg(&self) -> Result<String, ChartError> {
+        match self {
+            Self::Deviations(deviations) => return deviations.svg(),
+            Self::Drawing(drawing) => return Ok(drawing.svg.clone()),
+            Self::Lines(_) | Self::Bars(_) => {}
+        }
         let mut text = String::new();
         {
             let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
             match self {
                 Self::Lines(lines) => draw_lines(lines, &root)?,
                 Self::Bars(bars) => draw_bars(bars, &root)?,
+                Self::Deviations(_) | Self::Drawing(_) => {}
             }
             root.present().map_err(failed)?;
         }

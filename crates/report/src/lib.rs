@@ -6,7 +6,7 @@
 mod chart;
 mod page;
 
-pub use chart::{Bars, Chart, ChartError, Lines, Mark, Series};
+pub use chart::{Bars, Chart, ChartError, Deviation, Deviations, Drawing, Lines, Mark, Series, escaped};
 pub use page::render;
 
 /// How a headline, a table cell or a list entry is coloured. The words beside it say the same.
@@ -36,6 +36,8 @@ pub struct Report {
     pub tone: Tone,
     /// In order.
     pub sections: Vec<Section>,
+    /// For whoever wants to know how it was found: words of the trade, which the reader of the rest does not need.
+    pub appendix: Vec<Section>,
     /// What it takes to make the report again: versions, files with their hashes, settings.
     pub provenance: Vec<(String, String)>,
 }

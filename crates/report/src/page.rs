@@ -2,9 +2,24 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::{Cell, Part, Report, Section, Table, Tone};
+use crate::{Cell, Chart, Part, Report, Section, Table, Tone};
 
 const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("report.js");
+/// What the page may do: show and run what is in it, and load nothing from anywhere.
+const POLICY: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'";
+/// The same library that draws the live page.
+const UPLOT: &str = include_str!("../../daemon/src/web/assets/uPlot.iife.min.js");
+const UPLOT_STYLE: &str = include_str!("../../daemon/src/web/assets/uPlot.min.css");
+
+impl Report {
+    /// It has curves that a reader may zoom into.
+    fn has_curves(&self) -> bool {
+        let mut parts = self.sections.iter().chain(&self.appendix).flat_map(|section| &section.parts);
+        parts.any(|part| matches!(part, Part::Chart(Chart::Lines(_))))
+    }
+}
 
 /// The report as an HTML page.
 pub fn render(report: &Report) -> String {
@@ -13,9 +28,11 @@ pub fn render(report: &Report) -> String {
         html lang="en" {
             head {
                 meta charset="utf-8";
+                meta http-equiv="Content-Security-Policy" content=(POLICY);
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 title { (report.title) }
                 style { (PreEscaped(STYLE)) }
+                @if report.has_curves() { style { (PreEscaped(UPLOT_STYLE)) } }
             }
             body {
                 header {
@@ -24,12 +41,25 @@ pub fn render(report: &Report) -> String {
                 }
                 main {
                     @for section in &report.sections { (show_section(section)) }
+                    @if !report.appendix.is_empty() {
+                        section class="appendix" {
+                            h2 { "Appendix: how it was found" }
+                            @for section in &report.appendix {
+                                h3 { (section.heading) }
+                                @for part in &section.parts { (show_part(part)) }
+                            }
+                        }
+                    }
                 }
                 footer {
                     h2 { "To make this report again" }
                     dl {
                         @for (name, value) in &report.provenance { div { dt { (name) } dd { (value) } } }
                     }
+                }
+                @if report.has_curves() {
+                    script { (PreEscaped(UPLOT)) }
+                    script { (PreEscaped(SCRIPT)) }
                 }
             }
         }
@@ -62,15 +92,37 @@ fn show_part(part: &Part) -> Markup {
         Part::List(entries) => html! { ul { @for entry in entries { li { (entry) } } } },
         Part::Table(table) => show_table(table),
         Part::Chart(chart) => html! {
-            figure {
+            figure data-curves=[curves(chart)] {
                 @match chart.svg() {
-                    Ok(svg) => { (PreEscaped(svg)) }
+                    // Whoever cannot see it hears what it shows.
+                    Ok(svg) => { div class="picture" role="img" aria-label=(chart.caption()) { (PreEscaped(svg)) } }
                     Err(error) => { p class="unknown" { "This picture could not be drawn: " (error) } }
                 }
                 figcaption { (chart.caption()) }
             }
         },
     }
+}
+
+/// The points of curves as JSON, for the script that lets a reader zoom and read values; the drawing is what is printed.
+fn curves(chart: &Chart) -> Option<String> {
+    let Chart::Lines(lines) = chart else { return None };
+    let series: Vec<_> = lines
+        .series
+        .iter()
+        .map(|s| {
+            let points: Vec<_> = s.points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
+            let column = |of: fn(&(f64, f64)) -> f64| points.iter().map(|p| short(of(p))).collect::<Vec<_>>();
+            serde_json::json!({ "name": s.name, "x": column(|p| p.0), "y": column(|p| p.1) })
+        })
+        .collect();
+    let curves = serde_json::json!({ "x": lines.x_label, "y": lines.y_label, "log": lines.log_y, "series": series });
+    Some(curves.to_string())
+}
+
+/// Six digits are finer than a screen can show.
+fn short(x: f64) -> f64 {
+    format!("{x:.5e}").parse().unwrap_or(x)
 }
 
 fn show_table(table: &Table) -> Markup {
@@ -99,7 +151,7 @@ fn show_row(row: &[Cell]) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Bars, Chart, Lines, Mark, Series};
+    use crate::{Bars, Deviation, Deviations, Lines, Mark, Series};
 
     /// Names come from files: what looks like markup in them stays text.
     #[test]
@@ -130,12 +182,19 @@ mod tests {
                         series: vec![(evil.into(), vec![(1.0, 0.5)])],
                         limits: vec![1.0],
                     })),
+                    Part::Chart(Chart::Deviations(Deviations {
+                        caption: evil.into(),
+                        bars: vec![Deviation { name: evil.into(), percent: 1.0, sigma_percent: 0.1, rank: None }],
+                        steps_percent: vec![],
+                    })),
                 ],
             }],
+            appendix: vec![Section { heading: evil.into(), parts: vec![Part::Text(evil.into())] }],
             provenance: vec![(evil.into(), evil.into())],
         };
         let page = render(&report);
-        assert!(!page.contains("<script"), "{page}");
-        assert!(page.matches("&lt;script&gt;").count() >= 14);
+        assert!(!page.contains("<script>alert"), "{page}");
+        assert_eq!(page.matches("<script").count(), 2, "the library that draws, and what uses it");
+        assert!(page.matches("&lt;script&gt;").count() >= 18);
     }
 }

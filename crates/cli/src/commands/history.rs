@@ -1,11 +1,12 @@
 //! `gearwatch history LOG…`: what the service's logs say over time.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use gearwatch_daemon::history::{self, History, time};
+use gearwatch_daemon::history::{self, History, Levels, time};
 
 use super::Run;
 use crate::exit::Exit;
@@ -63,12 +64,13 @@ impl Run for HistoryCommand {
         {
             bail!("--from {} is not before --to {}", time::iso(from), time::iso(to));
         }
-        let files = files(&self.logs)?;
+        let logs = logs(&self.logs)?;
+        let files = logs.files();
         let mut outputs = self.overwrite.reading(&files);
         let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         #[cfg(feature = "batch")]
         let parquet = self.parquet.as_deref().map(|path| outputs.target(path)).transpose()?;
-        let history = read_all::<Self>(History::new(self.every, self.from, self.to), &files)?;
+        let history = read_all::<Self>(History::new(self.every, self.from, self.to), &logs, self.from, self.to)?;
         if history.rows().next().is_none() {
             bail!(
                 "no window between {} and {} in {} file(s); the logs {}",
@@ -102,12 +104,30 @@ impl Run for HistoryCommand {
     }
 }
 
-/// Reads all files into a history, with progress; what could not be read to its end is said for the command that asks.
-pub(super) fn read_all<R: Run>(mut history: History, files: &[PathBuf]) -> anyhow::Result<History> {
-    let progress = Progress::new("files", files.len() as u64);
-    for path in files {
-        history.read(path)?;
-        progress.finished(&path.display().to_string());
+/// Reads all logs into a history, with progress; what could not be read to its end is said for the command that asks.
+pub(super) fn read_all<R: Run>(
+    mut history: History,
+    logs: &Logs,
+    from: Option<i64>,
+    to: Option<i64>,
+) -> anyhow::Result<History> {
+    let progress = Progress::new("files", logs.files().len() as u64);
+    for log in &logs.0 {
+        let known = match log.folder.as_deref().map(Levels::read).transpose() {
+            Ok(Some(Some(levels))) => levels.fill(&mut history, from, to)?,
+            Ok(_) => BTreeSet::new(),
+            // The files say the same, slower.
+            Err(e) => {
+                writeln!(terminal::err(), "gearwatch {}: {}", R::NAME, terminal::plain(&e.to_string()))?;
+                BTreeSet::new()
+            }
+        };
+        for path in &log.files {
+            if !path.file_name().is_some_and(|name| known.contains(&*name.to_string_lossy())) {
+                history.read(path)?;
+            }
+            progress.finished(&path.display().to_string());
+        }
     }
     drop(progress);
     history.finish();
@@ -117,19 +137,34 @@ pub(super) fn read_all<R: Run>(mut history: History, files: &[PathBuf]) -> anyho
     Ok(history)
 }
 
+/// What the arguments name.
+pub(super) struct Logs(Vec<Log>);
+
+struct Log {
+    /// Where the levels of detail are, where a folder is named.
+    folder: Option<PathBuf>,
+    files: Vec<PathBuf>,
+}
+
+impl Logs {
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        self.0.iter().flat_map(|log| &log.files).cloned().collect()
+    }
+}
+
 /// The files of all logs: those of a folder in the order of their names, which is that of their numbers.
-pub(super) fn files(logs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+pub(super) fn logs(named: &[PathBuf]) -> anyhow::Result<Logs> {
     let mut out = Vec::new();
-    for log in logs {
+    for log in named {
         if !log.is_dir() {
-            out.push(log.clone());
+            out.push(Log { folder: None, files: vec![log.clone()] });
             continue;
         }
-        let mut here = history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
-        if here.is_empty() {
+        let files = history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
+        if files.is_empty() {
             bail!("{} holds no log file; name the folder of an mcap_log sink", log.display());
         }
-        out.append(&mut here);
+        out.push(Log { folder: Some(log.clone()), files });
     }
-    Ok(out)
+    Ok(Logs(out))
 }

@@ -219,6 +219,7 @@ fn page(bench: &str, torque_nm: f64, train: &Train, critical: &[Critical], highe
             },
             Section { heading: "Modes".into(), parts: std::iter::once(Part::Table(table)).chain(shapes).collect() },
         ],
+        appendix: Vec::new(),
         provenance: vec![
             ("gearwatch".into(), env!("CARGO_PKG_VERSION").into()),
             ("command".into(), std::env::args().collect::<Vec<_>>().join(" ")),

@@ -56,15 +56,23 @@ impl Run for ReportCommand {
         if to.rem_euclid(DAY_NS) != 0 {
             bail!("--to {} is no midnight; expected a date such as 2026-11-23", time::iso(to));
         }
-        let who = match &self.config {
-            Some(path) => Config::read(path)?.report,
-            None => ReportConfig::default(),
+        let (who, benches) = match &self.config {
+            Some(path) => {
+                let config = Config::read(path)?;
+                let files = config.benches.iter().filter_map(|bench| bench.file.as_ref());
+                let benches = files.map(|file| gearwatch_io::bench_file::read(&config.folder.join(file)));
+                let benches = benches.collect::<Result<Vec<_>, _>>()?;
+                (config.report, benches)
+            }
+            None => (ReportConfig::default(), Vec::new()),
         };
-        let files = history::files(&self.logs)?;
+        let logs = history::logs(&self.logs)?;
+        let files = logs.files();
         let mut outputs = self.overwrite.reading(&files);
         let target = outputs.target(&self.out)?;
-        let read = history::read_all::<Self>(History::new(DAY_NS, Some(to - TREND_DAYS * DAY_NS), Some(to)), &files)?;
-        let week = Week { history: &read, to, now, who: &who };
+        let from = to - TREND_DAYS * DAY_NS;
+        let read = history::read_all::<Self>(History::new(DAY_NS, Some(from), Some(to)), &logs, Some(from), Some(to))?;
+        let week = Week { history: &read, to, now, who: &who, benches: &benches };
         if week.windows() == 0 {
             let span = read.span().map_or_else(
                 || "hold none".to_owned(),

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 use gearwatch_daemon::snapshot::Snapshot;
 
@@ -13,6 +13,10 @@ use crate::exit::Exit;
 use crate::page::PageAccess;
 use crate::terminal;
 
+mod find;
+
+use find::Place;
+
 /// Say how the running service is
 #[derive(Args)]
 #[command(after_help = "Examples:
@@ -20,12 +24,13 @@ use crate::terminal;
   gearwatch status --socket ./status.sock --json | jq .benches[0].channels
   gearwatch status --url https://bench-3:8650 --ca-file ca.pem --token-file page.token
 
-The service answers where its configuration has service.status_socket, and at its page. Exit codes: 0 all that must go on goes on and nothing is wrong \
+The service answers where its configuration has service.status_socket, and at its page. Without --socket and --url the usual socket is asked, then what the \
+configurations of the services that run on this machine name. Exit codes: 0 all that must go on goes on and nothing is wrong \
 with the gears; 1 warning; 2 critical; 3 not all right, unknown, or no answer.")]
 pub struct Status {
-    /// The service's socket
-    #[arg(short, long, value_name = "PATH", default_value = gearwatch_daemon::status::USUAL_PATH)]
-    socket: PathBuf,
+    /// The service's socket; where neither it nor --url is given, the running service is looked for
+    #[arg(short, long, value_name = "PATH")]
+    socket: Option<PathBuf>,
     /// Ask the service's page instead, also that of another machine
     #[arg(long, value_name = "URL", conflicts_with = "socket")]
     url: Option<String>,
@@ -43,11 +48,12 @@ impl Run for Status {
     const NAME: &'static str = "status";
 
     fn run(self) -> anyhow::Result<Exit> {
-        let text = match &self.url {
-            Some(url) => self.ask_page(url).with_context(|| format!("{url}: no answer"))?,
-            None => gearwatch_daemon::status::ask(&self.socket, PATIENCE).with_context(|| {
-                format!("{}: no answer; is the service running with this service.status_socket?", self.socket.display())
+        let text = match (&self.url, &self.socket) {
+            (Some(url), _) => self.ask_page(url).with_context(|| format!("{url}: no answer"))?,
+            (None, Some(socket)) => gearwatch_daemon::status::ask(socket, PATIENCE).with_context(|| {
+                format!("{}: no answer; is the service running with this service.status_socket?", socket.display())
             })?,
+            (None, None) => self.ask_around()?,
         };
         let snapshot: Snapshot = serde_json::from_str(&text).context("the answer is not that of a service")?;
         let mut out = terminal::out();
@@ -61,6 +67,25 @@ impl Run for Status {
 }
 
 impl Status {
+    /// Asks where a service may answer, until one does.
+    fn ask_around(&self) -> anyhow::Result<String> {
+        let mut tried = Vec::new();
+        for place in find::places() {
+            let answer = match &place {
+                Place::Socket(path) => gearwatch_daemon::status::ask(path, PATIENCE).map_err(anyhow::Error::from),
+                Place::Page(url) => self.ask_page(url),
+            };
+            match answer {
+                Ok(text) => return Ok(text),
+                Err(e) => tried.push(format!("{place}: {e:#}")),
+            }
+        }
+        bail!(
+            "no service answers ({}); name its service.status_socket with --socket, or its page with --url",
+            tried.join("; ")
+        )
+    }
+
     fn ask_page(&self, url: &str) -> anyhow::Result<String> {
         Ok(self.access.page(url, PATIENCE)?.get("/api/snapshot")?.body_mut().read_to_string()?)
     }

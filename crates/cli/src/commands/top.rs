@@ -20,7 +20,7 @@ use screen::Screen;
 /// Watch the running service on a terminal
 ///
 /// Shows each stage and channel with its ranks over time, the deviations of the selected one, and the alarms. Keys: ↑ ↓ select a row,
-/// tab moves to the alarms and back, a acknowledges the selected alarm, q leaves. The service is not touched by leaving.
+/// tab moves to the alarms and back, a acknowledges the selected entry, q leaves. The service is not touched by leaving.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  gearwatch top\n  gearwatch top --url http://127.0.0.1:8650\n  \
                   gearwatch top --url https://bench-3:8650 --ca-file ca.pem --token-file page.token")]
@@ -58,7 +58,7 @@ impl Run for Top {
                 Ok(None) => {}
                 Ok(Some(KeyCode::Char('q') | KeyCode::Esc)) => break Ok(Exit::Ok),
                 Ok(Some(KeyCode::Char('a'))) => {
-                    if let Some(id) = screen.selected_alarm() {
+                    for id in screen.selected_alarms() {
                         screen.say(feed.acknowledge(&id));
                     }
                 }

@@ -15,6 +15,7 @@ mod failures;
 mod hour;
 mod kills;
 mod memory;
+mod month;
 mod overload;
 mod power_cut;
 mod reader;

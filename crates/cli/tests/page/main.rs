@@ -3,6 +3,8 @@
 #![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
 
 mod chromium;
+mod report;
+mod year;
 
 use std::net::TcpListener;
 use std::path::Path;
@@ -46,7 +48,8 @@ fn config(port: u16) -> String {
         "format = \"gearwatch-service/1\"\n[service]\npage = \"127.0.0.1:{port}\"\n[[bench]]\nfile = \"bench.toml\"\n\
          alarm = {{ needed = 2, of = 3, clear = 10, latch = true }}\n\
          [bench.learn_from]\n{}[[bench.source]]\n{}[[sink]]\nkind = \"stdout\"\n\
-         [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n",
+         [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\nspectra_secs = 1.0\n\
+         raw = {{ keep = \"around_deviations\", level = 3, before_secs = 2.0, after_secs = 2.0, buffer_bytes = 67108864 }}\n",
         source("speed = \"max\"\nduration_secs = 20.0\n"),
         source(&format!(
             "seed = 2\nfirst_sample_unix_ns = {}000000000\nfault = {{ after_secs = 6.0, stage = \"stage1\", percent = [3.0, 6.0, -9.0, 12.0, 20.0] }}\n",
@@ -102,6 +105,7 @@ fn conform_the_page_shows_a_fault_and_heals() {
         "the alarm in the log",
         "document.querySelector('#history-events').innerText.includes('critical stage1@acc_1')",
     );
+    shows_spectra_and_raw_data_of_then(&mut browser);
     // An alarm that grows must be acknowledged again: first all are as grave as they become.
     let grave = "[...document.querySelectorAll('#alarms tbody tr')].filter((r) => r.innerText.includes('critical')).length === 2";
     browser.wait("two grave alarms", grave);
@@ -195,6 +199,31 @@ fn regress_the_lamps_speak_of_all_benches() {
         "[...document.querySelectorAll('#rows .row:not([hidden])')].map((r) => r.innerText.slice(0, 4)).join() === 'west,west,west,west'",
     );
     assert_eq!(browser.complaints, Vec::<String>::new());
+}
+
+/// Spectra of the log, one of them as a curve and all as a waterfall, their band as the normal one; raw data around the deviation as a picture and as a file.
+fn shows_spectra_and_raw_data_of_then(browser: &mut Chromium) {
+    browser.value("document.querySelector('#then').open = true; 0");
+    browser.wait("spectra of then", "/^[1-9]\\d* spectra from/.test(document.querySelector('#then-state').innerText)");
+    browser.wait("its curve", "document.querySelector('#then-spectrum canvas') !== null");
+    browser.wait("five of them", "document.querySelector('#then-slider').max >= 5");
+    browser.value(
+        "{ const s = document.querySelector('#then-slider'); s.value = '0'; s.dispatchEvent(new Event('input')); 0 }",
+    );
+    browser.wait("the first", "document.querySelector('#then-slider').getAttribute('aria-valuetext') === document.querySelector('#then-time').innerText");
+    browser.value("document.querySelector('#then-normal').click(); 0");
+    browser.wait(
+        "a normal spectrum",
+        "/^Normal: \\d+ spectra from/.test(document.querySelector('#then-normal').innerText)",
+    );
+    browser.wait("raw data", "!document.querySelector('#raw-show').disabled");
+    browser.value("document.querySelector('#raw-show').click(); 0");
+    browser.wait(
+        "its curve",
+        "document.querySelector('#raw-wave canvas') !== null && !document.querySelector('#raw-listen').disabled",
+    );
+    browser.value("window.saved = []; document.querySelector('#raw-mcap').click(); 0");
+    browser.wait("a recording", "saved.length === 1 && /^gearwatch-raw-\\d{8}T\\d{6}Z\\.mcap$/.test(saved[0])");
 }
 
 /// What somebody chose stays while windows come in: the part of the time that is shown, the words that are sought. What is shown can be taken along.

@@ -121,6 +121,29 @@ impl Mean {
         self.variance += x.sigma * x.sigma;
     }
 
+    /// Takes in what another mean has seen. Chan, Golub and LeVeque, "Algorithms for computing the sample variance", The American Statistician 37 (1983).
+    pub fn merge(&mut self, other: &Self) {
+        if other.count < 1.0 {
+            return;
+        }
+        let all = self.count + other.count;
+        let off = other.mean - self.mean;
+        self.squares += other.squares + off * off * self.count * other.count / all;
+        self.mean += off * other.count / all;
+        self.variance += other.variance;
+        self.count = all;
+    }
+
+    /// To be kept and read back: count, mean, sum of the squared distances from it, sum of the stated variances.
+    pub fn parts(&self) -> [f64; 4] {
+        [self.count, self.mean, self.squares, self.variance]
+    }
+
+    /// Of its [`Self::parts`].
+    pub fn from_parts([count, mean, squares, variance]: [f64; 4]) -> Self {
+        Self { count, mean, squares, variance }
+    }
+
     /// Windows that had a known value.
     pub fn count(&self) -> u64 {
         self.count as u64
@@ -147,6 +170,24 @@ impl Mean {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Parts of a row of numbers, put together, have seen the whole row: whatever the parts, also where one is empty.
+    #[test]
+    fn analytic_parts_of_a_mean_are_put_together() {
+        let of = |range: std::ops::Range<i32>| {
+            let mut mean = Mean::default();
+            range.for_each(|i| mean.push(Estimate::new(f64::from(i * i), 0.1 * f64::from(i))));
+            mean
+        };
+        let whole = of(0..20).estimate(0.5);
+        for cut in 0..=20 {
+            let mut parts = of(0..cut);
+            parts.merge(&of(cut..20));
+            let seen = Mean::from_parts(parts.parts()).estimate(0.5);
+            assert!((seen.value - whole.value).abs() < 1e-12 * whole.value, "{cut}: {seen:?} {whole:?}");
+            assert!((seen.sigma - whole.sigma).abs() < 1e-12 * whole.sigma, "{cut}: {seen:?} {whole:?}");
+        }
+    }
 
     /// Ten windows that do not overlap, 1 to 10: mean 5.5, sigma of the mean `sqrt(55/6 / 10)`; stated sigmas count where they are larger.
     #[test]

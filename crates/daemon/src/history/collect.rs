@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use gearwatch_core::estimate::Estimate;
-use gearwatch_core::indicators::columns::Mean;
-use gearwatch_core::verdict::HARMONICS;
+use gearwatch_io::mcap::contract::VIBRATION_PREFIX;
 use gearwatch_io::mcap::walk::{Limits, Walk};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::log::{ALARM_TOPIC, AlarmRecord, Cause, GAP_TOPIC, Gap, NOTE_TOPIC};
 
-use super::verdict_line::{VerdictLine, indicator_names};
+use super::raw::Stretches;
+use super::span::{Span, Wanted};
+use super::spectra::{LoggedSpectrum, Shelf};
+use super::verdict_line::VerdictLine;
 
 /// Most rows: a year of 64 channels by the hour has half of it.
 const MOST_ROWS: usize = 1_000_000;
@@ -20,8 +21,7 @@ const MOST_ROWS: usize = 1_000_000;
 /// Most events that are kept; beyond it only their number is.
 const MOST_EVENTS: usize = 100_000;
 
-/// Machine states, in the order of their weight.
-pub const STATES: [&str; 5] = ["alarm", "deviating", "path_changed", "unknown", "normal"];
+const SPECTRUM_PREFIX: &str = "/spectrum/";
 
 /// Why a history cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -37,78 +37,13 @@ pub enum HistoryError {
     /// More than anybody reads.
     #[error("more than {MOST_ROWS} rows; take a longer --every or a shorter time")]
     TooMany,
+    /// The levels of detail cannot be read.
+    #[error(transparent)]
+    Levels(#[from] super::levels::LevelsError),
 }
 
 /// Bench, stage and channel.
 pub type Key = (String, String, String);
-
-/// What a span of time holds of one row.
-#[derive(Clone)]
-pub struct Span {
-    /// Windows.
-    pub windows: u64,
-    /// Windows by [`STATES`].
-    pub states: [u64; 5],
-    /// Windows whose instrument state is not `ok`.
-    pub not_ok: u64,
-    /// Highest level of a rank by harmonic, −1 where none was known.
-    pub levels: [i8; HARMONICS],
-    /// Deviations from the baseline (percent).
-    pub deviations: [Mean; HARMONICS],
-    /// Amplitudes in the channel's unit.
-    pub amplitudes: [Mean; HARMONICS],
-    /// Speed of the input shaft (Hz).
-    pub speed: Mean,
-    /// Torque at the brake (N m).
-    pub torque: Mean,
-    /// By the names of [`indicator_names`]; empty where no window has any.
-    pub indicators: Vec<Mean>,
-}
-
-impl Span {
-    fn new() -> Self {
-        Self {
-            windows: 0,
-            states: [0; 5],
-            not_ok: 0,
-            levels: [-1; HARMONICS],
-            deviations: [Mean::default(); HARMONICS],
-            amplitudes: [Mean::default(); HARMONICS],
-            speed: Mean::default(),
-            torque: Mean::default(),
-            indicators: Vec::new(),
-        }
-    }
-
-    /// The gravest state that a window was in, and how many were.
-    pub fn state(&self) -> (&'static str, u64) {
-        STATES.iter().zip(self.states).find(|(_, count)| *count > 0).map_or(("unknown", 0), |(&name, n)| (name, n))
-    }
-
-    fn push(&mut self, line: &VerdictLine) {
-        self.windows += 1;
-        let state = STATES.iter().position(|state| *state == line.machine).unwrap_or(3);
-        self.states[state] += 1;
-        self.not_ok += u64::from(line.instrument != "ok");
-        let (speed, sigma) = line.speed();
-        self.speed.push(Estimate::new(speed, sigma));
-        self.torque.push(Estimate::new(line.torque(), 0.0));
-        for h in 0..HARMONICS {
-            let [deviation, deviation_sigma, amplitude, sigma, level] = line.harmonic(h);
-            self.deviations[h].push(Estimate::new(deviation, deviation_sigma));
-            self.amplitudes[h].push(Estimate::new(amplitude, sigma));
-            if level.is_finite() {
-                self.levels[h] = self.levels[h].max(level as i8);
-            }
-        }
-        if line.indicators().any(|(value, _)| value.is_finite()) {
-            self.indicators.resize(indicator_names().count(), Mean::default());
-            for (mean, (value, sigma)) in self.indicators.iter_mut().zip(line.indicators()) {
-                mean.push(Estimate::new(value, sigma));
-            }
-        }
-    }
-}
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -134,6 +69,7 @@ pub struct History {
     /// Events that were too many to keep.
     pub left_out: u64,
     count: usize,
+    indicators: Wanted,
     times: Option<(i64, i64)>,
     /// The row of each bench that its operating time is counted by, with its last window.
     counted: BTreeMap<String, Counted>,
@@ -141,11 +77,17 @@ pub struct History {
     operating: BTreeMap<(String, String), BTreeMap<i64, f64>>,
     /// How each alarm was last, by bench and id.
     alarms: BTreeMap<(String, String), (i64, AlarmRecord)>,
+    /// All that was told of alarms, with the time: as many as events are kept.
+    pub(super) told: Vec<(i64, AlarmRecord)>,
+    /// Spectra and stretches of raw data, where they are wanted.
+    pub(super) shelf: Option<Shelf>,
+    pub(super) stretches: Stretches,
     /// What could not be read, one sentence each.
     pub troubles: Vec<String>,
 }
 
-struct Counted {
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Counted {
     stage: String,
     channel: String,
     t0_ns: i64,
@@ -172,12 +114,72 @@ impl History {
             events: Vec::new(),
             left_out: 0,
             count: 0,
+            indicators: Wanted::All,
             times: None,
             counted: BTreeMap::new(),
             operating: BTreeMap::new(),
             alarms: BTreeMap::new(),
+            told: Vec::new(),
+            shelf: None,
+            stretches: Stretches::default(),
             troubles: Vec::new(),
         }
+    }
+
+    /// With these indicators alone.
+    pub(super) fn with_indicators(mut self, wanted: Wanted) -> Self {
+        self.indicators = wanted;
+        self
+    }
+
+    /// With spectra, one of each channel in each span, and the times of raw data.
+    pub(super) fn with_shelf(mut self) -> Self {
+        self.shelf = Some(Shelf::default());
+        self
+    }
+
+    /// Goes on counting operating time after the last windows of what was read before.
+    pub(super) fn count_on(&mut self, counted: BTreeMap<String, Counted>) {
+        self.counted = counted;
+    }
+
+    /// The last window of each bench that operating time is counted by.
+    pub(super) fn counted(&self) -> &BTreeMap<String, Counted> {
+        &self.counted
+    }
+
+    /// Puts in what was put together before.
+    ///
+    /// # Errors
+    /// When there are more rows than anybody reads.
+    pub(super) fn put(&mut self, (key, unit): (Key, &str), at: i64, span: &Span) -> Result<(), HistoryError> {
+        self.times = Some(self.times.map_or((at, at), |(first, last)| (first.min(at), last.max(at))));
+        if !self.wanted(at) {
+            return Ok(());
+        }
+        self.units.entry(key.clone()).or_insert_with(|| unit.to_owned());
+        self.span_at(key, at)?.merge(span);
+        Ok(())
+    }
+
+    /// Puts in operating time (s) that was counted before.
+    pub(super) fn put_operating(&mut self, bench_and_cell: (String, String), t_ns: i64, secs: f64) {
+        if self.wanted(t_ns) {
+            let at = t_ns.div_euclid(self.every) * self.every;
+            *self.operating.entry(bench_and_cell).or_default().entry(at).or_default() += secs;
+        }
+    }
+
+    fn span_at(&mut self, key: Key, t_ns: i64) -> Result<&mut Span, HistoryError> {
+        let at = t_ns.div_euclid(self.every) * self.every;
+        let spans = self.spans.entry(key).or_default();
+        if !spans.contains_key(&at) {
+            self.count += 1;
+            if self.count > MOST_ROWS {
+                return Err(HistoryError::TooMany);
+            }
+        }
+        Ok(spans.entry(at).or_insert_with(Span::new))
     }
 
     fn wanted(&self, t_ns: i64) -> bool {
@@ -220,6 +222,12 @@ impl History {
                     None => wrong += 1,
                 }
                 true
+            } else if let (Some(shelf), true) = (&mut self.shelf, topic.starts_with(SPECTRUM_PREFIX)) {
+                let spectrum = serde_json::from_slice::<LoggedSpectrum>(message.data);
+                spectrum.map(|spectrum| shelf.put(self.every, spectrum)).is_ok()
+            } else if let (Some(_), Some(channel)) = (&self.shelf, topic.strip_prefix(VIBRATION_PREFIX)) {
+                self.stretches.push(channel, i64::try_from(message.log_time).unwrap_or(i64::MAX));
+                true
             } else {
                 true
             };
@@ -245,16 +253,9 @@ impl History {
         if !self.units.contains_key(&key) {
             self.units.insert(key.clone(), line.unit.clone());
         }
-        let at = line.t0_ns.div_euclid(self.every) * self.every;
-        let spans = self.spans.entry(key).or_default();
-        if !spans.contains_key(&at) {
-            self.count += 1;
-            if self.count > MOST_ROWS {
-                return Err(HistoryError::TooMany);
-            }
-        }
-        spans.entry(at).or_insert_with(Span::new).push(&line);
-        self.operate(&line, at);
+        let wanted = self.indicators;
+        self.span_at(key, line.t0_ns)?.push(&line, wanted);
+        self.operate(&line, line.t0_ns.div_euclid(self.every) * self.every);
         Ok(true)
     }
 
@@ -290,7 +291,15 @@ impl History {
     }
 
     fn alarm(&mut self, t_ns: i64, data: &[u8]) {
-        let Ok(record) = serde_json::from_slice::<AlarmRecord>(data) else { return };
+        if let Ok(record) = serde_json::from_slice::<AlarmRecord>(data) {
+            self.put_alarm(t_ns, record);
+        }
+    }
+
+    pub(super) fn put_alarm(&mut self, t_ns: i64, record: AlarmRecord) {
+        if self.wanted(t_ns) && self.told.len() < MOST_EVENTS {
+            self.told.push((t_ns, record.clone()));
+        }
         let key = (record.bench.clone(), record.alarm.id.clone());
         let later = self.alarms.get(&key).is_none_or(|(before, _)| *before <= t_ns);
         if later && self.to.is_none_or(|to| t_ns < to) {
@@ -298,7 +307,7 @@ impl History {
         }
     }
 
-    fn event(&mut self, event: Event) {
+    pub(super) fn event(&mut self, event: Event) {
         if self.wanted(event.t_ns) {
             if self.events.len() < MOST_EVENTS {
                 self.events.push(event);
@@ -334,6 +343,9 @@ impl History {
         self.every
     }
 }
+
+/// Kinds of events.
+pub(super) const EVENTS: [&str; 6] = ["alarm", "acknowledged", "ended", "gap", "reload", "note"];
 
 /// Kind and text of an event; `None` inside where it is told elsewhere, `None` outside where it cannot be read.
 #[allow(clippy::option_option, reason = "not read, read and told elsewhere, read")]

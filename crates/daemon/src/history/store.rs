@@ -1,33 +1,47 @@
-//! The history for a page: what is asked for is read from the log in the background, file by file, and kept in short form.
+//! The history for a page: from the levels of detail, and what is not in them from the log, in the background, file by file.
 //!
 //! ```text
-//! ask(from, to, every, row) ─► what is kept of it, and how many files are still to be read
-//!        └ wakes one thread: file ─► History (full) ─► cells (f32) ─► kept, the longest unused go first
+//! ask(from, to, every, row) ─► levels ─► cells ──────────────────────────────────────────► answer
+//!        └ wakes one thread: file that no level holds ─► History ─► cells (f32) ─► kept ──┘
 //! ```
 //!
 //! The log is only read. The newest file is read again now and then, since it grows.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use gearwatch_core::estimate::Estimate;
-use gearwatch_core::verdict::HARMONICS;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use super::collect::{Event, History, Key, STATES, Span};
+use super::collect::{Event, Key};
+use super::extent::AGAIN;
+use super::glance::{Glance, Glances};
+use super::keep::name;
+use super::levels::{FINEST_NS, Levels};
+use super::raw::{self, Cut, CutError};
+use super::spectra::Spectrum;
 use super::verdict_line::indicator_names;
-use crate::log::started_s;
+use crate::log::{AlarmRecord, started_s};
 
-/// Spans that are kept, of all rows and files: some 20 MB with indicators.
-const MOST_CELLS: usize = 64_000;
-/// The newest file is read again after this time.
-const AGAIN: Duration = Duration::from_secs(20);
-/// Share of a window's samples that the next does not have: the default hop.
-const OWN_SHARE: f64 = 0.5;
+mod answer;
+mod cell;
+mod digest;
+
+use answer::answer;
+use cell::Cell;
+use digest::{Digest, Of, make_room};
+
+/// Spans that are kept, of all rows and files: some 20 MB.
+const MOST_CELLS: usize = 128_000;
 /// Events in an answer.
 const MOST_EVENTS: usize = 500;
+/// Spectra in an answer: rows of a waterfall.
+const MOST_SPECTRA: usize = 120;
+/// Files are read for spectra as long as nobody has to wait longer than this.
+const PATIENCE: Duration = Duration::from_millis(1500);
+/// For a longer time than this the spectra of the levels are close enough together (ns).
+const CLOSE_NS: i64 = 3 * 3600 * SECOND;
 /// Points that an answer has at most.
 const MOST_POINTS: i64 = 1100;
 const SECOND: i64 = 1_000_000_000;
@@ -54,139 +68,61 @@ impl Asked {
         let fits = |secs: &&i64| wide / (**secs * SECOND) <= MOST_POINTS;
         SPANS.iter().find(fits).unwrap_or(&SPANS[SPANS.len() - 1]) * SECOND
     }
-}
 
-/// Mean and its standard error.
-#[derive(Clone, Copy, Debug, Default)]
-struct Short {
-    value: f32,
-    sigma: f32,
-}
-
-impl Short {
-    const UNKNOWN: Self = Self { value: f32::NAN, sigma: f32::NAN };
-
-    fn of(x: Estimate) -> Self {
-        Self { value: x.value as f32, sigma: x.sigma as f32 }
-    }
-
-    /// Of two parts of one span, by their windows.
-    fn with(self, weight: f32, other: Self, of_other: f32) -> Self {
-        match (self.value.is_finite(), other.value.is_finite()) {
-            (false, _) => other,
-            (_, false) => self,
-            _ => {
-                let all = weight + of_other;
-                let value = (weight * self.value + of_other * other.value) / all;
-                Self { value, sigma: (weight * self.sigma).hypot(of_other * other.sigma) / all }
-            }
-        }
-    }
-}
-
-/// A span in short form.
-#[derive(Clone, Debug)]
-struct Cell {
-    windows: u32,
-    states: [u32; 5],
-    not_ok: u32,
-    levels: [i8; HARMONICS],
-    deviations: [Short; HARMONICS],
-    amplitudes: [Short; HARMONICS],
-    speed: Short,
-    torque: Short,
-    indicators: Box<[Short]>,
-}
-
-impl Cell {
-    fn of(span: &Span) -> Self {
-        let short = |mean: &gearwatch_core::indicators::columns::Mean| Short::of(mean.estimate(OWN_SHARE));
-        let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
-        Self {
-            windows: count(span.windows),
-            states: span.states.map(count),
-            not_ok: count(span.not_ok),
-            levels: span.levels,
-            deviations: std::array::from_fn(|h| short(&span.deviations[h])),
-            amplitudes: std::array::from_fn(|h| short(&span.amplitudes[h])),
-            speed: short(&span.speed),
-            torque: short(&span.torque),
-            indicators: span.indicators.iter().map(short).collect(),
-        }
-    }
-
-    /// Takes in the part of the same span that stands in another file.
-    fn add(&mut self, other: &Self) {
-        let (a, b) = (self.windows as f32, other.windows as f32);
-        let merge = |x: &mut Short, y: &Short| *x = x.with(a, *y, b);
-        self.deviations.iter_mut().zip(&other.deviations).for_each(|(x, y)| merge(x, y));
-        self.amplitudes.iter_mut().zip(&other.amplitudes).for_each(|(x, y)| merge(x, y));
-        merge(&mut self.speed, &other.speed);
-        merge(&mut self.torque, &other.torque);
-        if self.indicators.is_empty() {
-            self.indicators.clone_from(&other.indicators);
-        } else {
-            self.indicators.iter_mut().zip(&other.indicators).for_each(|(x, y)| merge(x, y));
-        }
-        self.windows = self.windows.saturating_add(other.windows);
-        self.not_ok = self.not_ok.saturating_add(other.not_ok);
-        self.states.iter_mut().zip(other.states).for_each(|(x, y)| *x = x.saturating_add(y));
-        self.levels.iter_mut().zip(other.levels).for_each(|(x, y)| *x = (*x).max(y));
-    }
-}
-
-/// What a file holds, put together by one span.
-#[derive(Debug)]
-struct Digest {
-    rows: BTreeMap<Key, BTreeMap<i64, Cell>>,
-    events: Vec<Event>,
-    /// Not read to its end.
-    trouble: bool,
-    read: Instant,
-    used: u64,
-}
-
-impl Digest {
-    fn read(path: &Path, every: i64) -> Self {
-        let mut history = History::new(every, None, None);
-        // A file that cannot be read is one without anything in it, and said to be so.
-        let failed = history.read(path).is_err();
-        let rows = history.groups().map(|(key, spans)| {
-            (key.clone(), spans.iter().map(|(&at, span)| (at, Cell::of(span))).collect::<BTreeMap<_, _>>())
-        });
-        let rows = rows.collect();
-        history.finish();
-        let trouble = failed || !history.troubles.is_empty();
-        Self { rows, events: std::mem::take(&mut history.events), trouble, read: Instant::now(), used: 0 }
-    }
-
-    fn cells(&self) -> usize {
-        self.rows.values().map(BTreeMap::len).sum()
+    /// Place of the wanted indicator among all.
+    fn place(&self) -> Option<usize> {
+        indicator_names().position(|name| name == self.indicator)
     }
 }
 
 #[derive(Debug, Default)]
 struct State {
-    /// By file and span.
-    digests: BTreeMap<(PathBuf, i64), Digest>,
-    /// Counts the questions.
+    digests: BTreeMap<Of, Digest>,
+    /// Counts the questions, and the row that the newest is about.
     asked: u64,
+    row: Key,
     /// Still to be read, the newest first.
-    todo: Vec<(PathBuf, i64)>,
+    todo: Vec<Of>,
     busy: bool,
+    glances: Glances,
+}
+
+/// What is known of a time.
+#[derive(Debug, Default)]
+struct Found {
+    cells: BTreeMap<i64, Cell>,
+    events: Vec<Event>,
+    alarms: Vec<(i64, AlarmRecord)>,
+    /// Files that can hold something of it and are in no level, those of them that are still to be read, and those that were not read to the end.
+    files: usize,
+    to_read: usize,
+    troubled: usize,
+}
+
+/// Spectra of a channel, and the times of its raw data.
+#[derive(Debug, Default)]
+pub struct Sight {
+    /// Oldest first.
+    pub spectra: Vec<Spectrum>,
+    /// First and last block (ns since the epoch).
+    pub raw: Vec<(i64, i64)>,
+    /// Files that nobody had the time to read; ask again.
+    pub to_read: usize,
 }
 
 /// The histories of a log folder.
 #[derive(Clone, Debug)]
 pub struct Store {
     folder: PathBuf,
+    /// A file that grows is read again after this time.
+    again: Duration,
     state: Arc<Mutex<State>>,
 }
 
 impl Store {
     /// Of this folder. Nothing is read before somebody asks.
     pub fn new(folder: PathBuf) -> Self {
-        Self { folder, state: Arc::default() }
+        Self { folder, again: AGAIN, state: Arc::default() }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -194,8 +130,9 @@ impl Store {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The files that can hold windows of this time, oldest first: each from its own start to that of the next.
-    fn files(&self, from: i64, to: i64) -> std::io::Result<Vec<PathBuf>> {
+    /// The files that can hold windows of this time, oldest first: each from its own start to that of the next. Beside them the newest of all, which
+    /// is being written.
+    fn files(&self, from: i64, to: i64) -> std::io::Result<(Vec<PathBuf>, Option<PathBuf>)> {
         let all = super::files(&self.folder)?;
         let start = |path: &PathBuf| {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -208,7 +145,8 @@ impl Store {
             let next = starts.get(i + 1).copied().unwrap_or(i64::MAX);
             starts[*i] < to.saturating_add(slack) && next > from.saturating_sub(slack)
         };
-        Ok((0..all.len()).filter(wanted).map(|i| all[i].clone()).collect())
+        let chosen = (0..all.len()).filter(wanted).map(|i| all[i].clone()).collect();
+        Ok((chosen, all.last().cloned()))
     }
 
     /// What is known by now, as columns; `to_read` files of `files` are still to be read, and are read now.
@@ -216,37 +154,55 @@ impl Store {
     /// # Errors
     /// When the folder cannot be listed.
     pub fn ask(&self, asked: &Asked) -> std::io::Result<Value> {
-        let every = asked.every();
-        let files = self.files(asked.from, asked.to)?;
-        let newest = files.last().cloned();
+        let (every, found) = self.find(asked, asked.every())?;
+        Ok(answer(asked, every, &found))
+    }
+
+    /// What was told of alarms of all benches, oldest first, and how many files are still to be read.
+    ///
+    /// # Errors
+    /// When the folder cannot be listed.
+    pub fn alarms(&self, from: i64, to: i64) -> std::io::Result<(Vec<(i64, AlarmRecord)>, usize)> {
+        let asked = Asked { row: Key::default(), from, to, indicator: String::new() };
+        // By spans that the levels have, however short the time is.
+        let (_, found) = self.find(&asked, asked.every().max(FINEST_NS))?;
+        Ok((found.alarms, found.to_read))
+    }
+
+    fn find(&self, asked: &Asked, every: i64) -> std::io::Result<(i64, Found)> {
+        let mut found = Found::default();
+        let (every, in_levels) = self.find_in_levels(asked, every, &mut found);
+        let (all, newest) = self.files(asked.from, asked.to)?;
+        let files: Vec<PathBuf> = all.into_iter().filter(|path| !in_levels.contains(&name(path))).collect();
+        found.files = files.len();
         let mut state = self.state();
         state.asked += 1;
-        let now = state.asked;
-        let mut cells: BTreeMap<i64, Cell> = BTreeMap::new();
-        let mut events = Vec::new();
-        let (mut to_read, mut troubled, mut todo) = (0_usize, 0_usize, Vec::new());
+        state.row.clone_from(&asked.row);
+        let (now, place) = (state.asked, asked.place());
+        let mut todo = Vec::new();
         for path in files.iter().rev() {
-            let key = (path.clone(), every);
-            let Some(digest) = state.digests.get_mut(&key) else {
-                to_read += 1;
+            let key = (path.clone(), every, place);
+            let Some(digest) = state.digests.get_mut(&key).filter(|digest| digest.knows(&asked.row)) else {
+                found.to_read += 1;
                 todo.push(key);
                 continue;
             };
             digest.used = now;
-            if newest.as_ref() == Some(path) {
-                if digest.read.elapsed() > AGAIN {
-                    todo.push(key);
-                }
-            } else {
-                troubled += usize::from(digest.trouble);
+            let open = newest.as_ref() == Some(path);
+            if digest.extent.is_behind(path, open, self.again) {
+                // What was read of it is shown until then.
+                found.to_read += 1;
+                todo.push(key);
+            } else if !open {
+                found.troubled += usize::from(digest.trouble);
             }
             let within = |t: i64| t.saturating_add(every) > asked.from && t < asked.to;
-            let unnamed = (String::new(), asked.row.1.clone(), asked.row.2.clone());
-            let row = digest.rows.get(&asked.row).or_else(|| digest.rows.get(&unnamed));
-            for (&at, cell) in row.into_iter().flatten().filter(|(at, _)| within(**at)) {
-                cells.entry(at).and_modify(|kept| kept.add(cell)).or_insert_with(|| cell.clone());
+            for (&at, cell) in digest.row(&asked.row).filter(|(at, _)| within(**at)) {
+                found.cells.entry(at).and_modify(|kept| kept.add(cell)).or_insert_with(|| cell.clone());
             }
-            events.extend(digest.events.iter().filter(|e| (asked.from..asked.to).contains(&e.t_ns)).cloned());
+            let time = asked.from..asked.to;
+            found.events.extend(digest.events.iter().filter(|e| time.contains(&e.t_ns)).cloned());
+            found.alarms.extend(digest.alarms.iter().filter(|(t, _)| time.contains(t)).cloned());
         }
         // What was asked for before and is not wanted any more is not read.
         todo.reverse();
@@ -257,106 +213,120 @@ impl Store {
             state.busy = started.is_ok();
         }
         drop(state);
-        events.sort();
-        events.dedup();
-        Ok(answer(asked, every, &cells, &events, (files.len(), to_read, troubled)))
+        found.events.sort();
+        found.events.dedup();
+        found.alarms.sort_by_key(|(t, _)| *t);
+        found.alarms.dedup();
+        Ok((every, found))
+    }
+
+    /// Puts in what the levels know; the span that it is put together by, and the names of the files that need not be read.
+    fn find_in_levels(&self, asked: &Asked, every: i64, found: &mut Found) -> (i64, BTreeSet<String>) {
+        let read = || -> Result<Option<_>, super::levels::LevelsError> {
+            let Some(levels) = Levels::read(&self.folder)? else { return Ok(None) };
+            let Some((level, every)) = levels.level_for(every, asked.from)? else { return Ok(None) };
+            let rows = levels.row(&asked.row, level, every, asked.from, asked.to)?;
+            let events = levels.events(asked.from, asked.to, MOST_EVENTS + 1)?;
+            let alarms = levels.alarms(asked.from, asked.to, MOST_EVENTS)?;
+            Ok(Some((every, rows, events, alarms, levels.files()?)))
+        };
+        match read() {
+            Ok(Some((every, rows, events, alarms, files))) => {
+                found.cells = rows.iter().map(|(&at, span)| (at, Cell::of(span, asked.place()))).collect();
+                (found.events, found.alarms) = (events, alarms);
+                (every, files)
+            }
+            Ok(None) => (every, BTreeSet::new()),
+            Err(e) => {
+                // The files hold the same, slower.
+                tracing::debug!("{}: {e}", self.folder.display());
+                (every, BTreeSet::new())
+            }
+        }
+    }
+
+    /// Spectra of a channel in `from..to` (ns since the epoch), thinned out to the rows of a waterfall, and the times of its raw data.
+    ///
+    /// # Errors
+    /// When the folder cannot be listed.
+    pub fn sight(&self, bench: &str, channel: &str, from: i64, to: i64) -> std::io::Result<Sight> {
+        let began = Instant::now();
+        let mut out = Sight::default();
+        let (all, newest) = self.files(from, to)?;
+        let mut files: BTreeSet<PathBuf> = all.into_iter().collect();
+        if let Ok(Some(levels)) = Levels::read(&self.folder) {
+            let known = levels.files().unwrap_or_default();
+            out.raw = levels.raw(channel, from, to).unwrap_or_default();
+            if to.saturating_sub(from) > CLOSE_NS || files.iter().all(|path| !known.contains(&name(path))) {
+                let most = i64::try_from(MOST_SPECTRA).unwrap_or(i64::MAX);
+                out.spectra = levels.spectra(bench, channel, from, to, most).unwrap_or_default();
+                files.retain(|path| !known.contains(&name(path)));
+            }
+        }
+        for path in files.iter().rev() {
+            let open = newest.as_ref() == Some(path);
+            let kept = self.state().glances.get(path, bench, channel, open, self.again);
+            let glance = match kept {
+                Some(glance) => glance,
+                None if began.elapsed() > PATIENCE => {
+                    out.to_read += 1;
+                    continue;
+                }
+                None => {
+                    let glance = Glance::of(path, bench, channel);
+                    self.state().glances.put(path, bench, channel, glance.clone());
+                    glance
+                }
+            };
+            out.spectra.extend(glance.spectra.into_iter().filter(|s| (from..to).contains(&s.t0_ns)));
+            out.raw.extend(glance.raw.into_iter().filter(|(first, last)| *first < to && *last >= from));
+        }
+        out.spectra.sort_by_key(|spectrum| spectrum.t0_ns);
+        out.spectra.dedup_by_key(|spectrum| spectrum.t0_ns);
+        out.raw = raw::joined(out.raw);
+        thin(&mut out.spectra, MOST_SPECTRA);
+        Ok(out)
+    }
+
+    /// Raw data of `from..to` (ns since the epoch), of all channels.
+    ///
+    /// # Errors
+    /// When there is none, or too much.
+    pub fn cut(&self, from: i64, to: i64) -> Result<Cut, CutError> {
+        let (files, _) = self.files(from, to).map_err(|_| CutError::Nothing)?;
+        Cut::read(&files, from, to)
     }
 
     /// Reads what is to be read, the newest first, until nothing is.
     fn read(&self) {
         loop {
-            let next = {
+            let (next, used) = {
                 let mut state = self.state();
                 let next = state.todo.pop();
                 state.busy = next.is_some();
-                next
+                (next, state.asked)
             };
-            let Some((path, every)) = next else { return };
-            let digest = Digest::read(&path, every);
+            let Some(next) = next else { return };
+            let digest = Digest::read(&next, used);
             let mut state = self.state();
-            let used = state.asked;
-            state.digests.insert((path, every), Digest { used, ..digest });
-            make_room(&mut state.digests);
+            state.digests.insert(next, digest);
+            let State { digests, asked, row, .. } = &mut *state;
+            make_room(digests, MOST_CELLS, *asked, row);
         }
     }
 }
 
-/// Forgets what was not asked for the longest.
-fn make_room(digests: &mut BTreeMap<(PathBuf, i64), Digest>) {
-    let mut cells: usize = digests.values().map(Digest::cells).sum();
-    while cells > MOST_CELLS && digests.len() > 1 {
-        let oldest = digests.iter().min_by_key(|(_, d)| d.used).map(|(key, _)| key.clone());
-        let Some(gone) = oldest.and_then(|key| digests.remove(&key)) else { return };
-        cells -= gone.cells();
+/// Leaves at most `most`, evenly over the row, the last among them.
+fn thin<T>(all: &mut Vec<T>, most: usize) {
+    let count = all.len();
+    if count > most {
+        let mut at = 0;
+        all.retain(|_| {
+            at += 1;
+            at * most / count != (at - 1) * most / count
+        });
     }
-}
-
-/// Six digits are finer than a screen can show; `null` where nothing is known.
-fn number(x: f32) -> Value {
-    if !x.is_finite() {
-        return Value::Null;
-    }
-    format!("{x:.5e}").parse::<f64>().map_or(Value::Null, |x| json!(x))
-}
-
-fn answer(
-    asked: &Asked,
-    every: i64,
-    cells: &BTreeMap<i64, Cell>,
-    events: &[Event],
-    (files, to_read, troubled): (usize, usize, usize),
-) -> Value {
-    let column = |of: &dyn Fn(&Cell) -> f32| -> Value { cells.values().map(|c| number(of(c))).collect() };
-    let harmonics =
-        |of: &dyn Fn(&Cell, usize) -> f32| -> Value { (0..HARMONICS).map(|h| column(&|c: &Cell| of(c, h))).collect() };
-    let gravest = |c: &Cell| STATES.iter().zip(c.states).find(|(_, n)| *n > 0).map_or("unknown", |(name, _)| *name);
-    let which = indicator_names().position(|name| name == asked.indicator);
-    let indicator = |c: &Cell| which.and_then(|i| c.indicators.get(i).copied()).unwrap_or(Short::UNKNOWN);
-    let hidden = events.len().saturating_sub(MOST_EVENTS);
-    json!({
-        "every_s": every / SECOND,
-        "files": files,
-        "to_read": to_read,
-        "troubled": troubled,
-        "t0_s": cells.keys().map(|t| t / SECOND).collect::<Vec<_>>(),
-        "windows": cells.values().map(|c| c.windows).collect::<Vec<_>>(),
-        "not_ok": cells.values().map(|c| c.not_ok).collect::<Vec<_>>(),
-        "machine": cells.values().map(gravest).collect::<Vec<_>>(),
-        "level": (0..HARMONICS).map(|h| cells.values().map(|c| c.levels[h]).collect::<Vec<_>>()).collect::<Vec<_>>(),
-        "dev": harmonics(&|c, h| c.deviations[h].value),
-        "dev_sigma": harmonics(&|c, h| c.deviations[h].sigma),
-        "amp": harmonics(&|c, h| c.amplitudes[h].value),
-        "speed_hz": column(&|c| c.speed.value),
-        "torque_nm": column(&|c| c.torque.value),
-        "indicator": if which.is_some() { column(&|c| indicator(c).value) } else { Value::Null },
-        "indicator_sigma": if which.is_some() { column(&|c| indicator(c).sigma) } else { Value::Null },
-        "events": events[hidden..].iter().map(|e| json!({ "t_ns": e.t_ns, "kind": e.kind, "text": e.text })).collect::<Vec<_>>(),
-        "events_hidden": hidden,
-    })
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Two parts of a span, 30 and 10 windows: (30·2 + 10·6)/40 = 3; sigma √((30·0.1)² + (10·0.4)²)/40 = 0.125.
-    #[test]
-    fn analytic_parts_of_a_span_are_put_together_by_their_windows() {
-        let merged = Short { value: 2.0, sigma: 0.1 }.with(30.0, Short { value: 6.0, sigma: 0.4 }, 10.0);
-        assert!((merged.value - 3.0).abs() < 1e-6 && (merged.sigma - 0.125).abs() < 1e-6, "{merged:?}");
-        let known = Short { value: 6.0, sigma: 0.4 };
-        assert!((Short::UNKNOWN.with(30.0, known, 10.0).value - 6.0).abs() < 1e-6);
-        assert!((known.with(10.0, Short::UNKNOWN, 30.0).value - 6.0).abs() < 1e-6);
-    }
-
-    /// A minute is shown in steps of 5 s, a year in steps of a day; never more points than a screen has.
-    #[test]
-    fn analytic_the_longer_the_time_the_longer_the_spans() {
-        let asked = |secs: i64| Asked { row: Key::default(), from: 0, to: secs * SECOND, indicator: String::new() };
-        let of = |secs: i64| asked(secs).every() / SECOND;
-        assert_eq!([60, 3600, 86_400, 7 * 86_400, 31 * 86_400, 365 * 86_400].map(of), [5, 5, 120, 600, 3600, 86_400]);
-        for secs in (1..4000).map(|i| i * 10_007) {
-            assert!(secs / of(secs) <= MOST_POINTS, "{secs}");
-        }
-    }
-}
+mod tests;

@@ -218,7 +218,12 @@ static ALARM_SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
             mesh_hz: Some(0.5),
             brake_torque_nm: Some(0.5),
         })),
-        seen: Some(Box::default()),
+        seen: Some(Box::new(crate::health::Acknowledgement { until_ns: Some(1), ..Default::default() })),
+        group: Some(Box::new(crate::health::Group {
+            channels: vec![String::new()],
+            severity: crate::health::Severity::Warning,
+            news: true,
+        })),
     };
     schema_of("gearwatch.Alarm", &super::record::AlarmRecord::new("", &alarm, None))
 });

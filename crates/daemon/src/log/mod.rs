@@ -45,9 +45,7 @@ pub use handle::{LogError, LogHandle, spawn};
 pub use message::{ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, NOTE_TOPIC, verdict_schema};
 #[cfg(feature = "foxglove")]
 pub(crate) use message::{Message, encode};
-pub(crate) use names::started_s;
-#[cfg(feature = "brokers")]
-pub(crate) use names::utc;
+pub(crate) use names::{started_s, utc};
 pub use queue::Sent;
 pub use record::{AlarmRecord, Attachment, Cause, Clock, Context, Gap, Level, Note, Record};
 pub use recover::Recovery;

@@ -99,7 +99,7 @@ impl AlarmRecord {
             None if alarm.active => "raised",
             None => "ended",
         };
-        let Acknowledgement { who, why, from, t_ns } = seen.cloned().unwrap_or_default();
+        let Acknowledgement { who, why, from, t_ns, .. } = seen.cloned().unwrap_or_default();
         let (bench, event) = (bench.to_owned(), event.to_owned());
         Self { bench, alarm: alarm.clone(), event, who, why, from, acknowledged_ns: t_ns }
     }

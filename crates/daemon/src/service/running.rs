@@ -18,6 +18,7 @@ use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
 use crate::config::SinkEntry;
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
+use crate::health::MAINTENANCE;
 use crate::history::Store;
 use crate::log::{AlarmRecord, Gap};
 use crate::queue::{self, WhenFull};
@@ -442,7 +443,8 @@ fn acknowledge(benches: &[RunningBench], sinks: &Fanout) -> web::Acknowledge {
     Arc::new(move |id, seen| {
         let found = all.iter().find_map(|(bench, health)| {
             let id = id.strip_prefix(&**bench)?.strip_prefix('/')?;
-            let alarm = health.lock().unwrap_or_else(PoisonError::into_inner).acknowledge(id, &seen)?;
+            let mut health = health.lock().unwrap_or_else(PoisonError::into_inner);
+            let alarm = if id == MAINTENANCE { health.maintain(&seen)? } else { health.acknowledge(id, &seen)? };
             Some((bench.clone(), alarm))
         });
         let Some((bench, alarm)) = found else { return false };

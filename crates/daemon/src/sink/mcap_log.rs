@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
-use crate::health::{Acknowledgement, Alarm, Severity};
+use crate::health::{Acknowledgement, Alarm, MAINTENANCE, Severity};
+use crate::history::{self, Keeping};
 use crate::kinds::Kind;
 use crate::log::{self, AlarmRecord, Disk, Judgement, Level, LogConfig, LogHandle, Note, RawPolicy, Record};
+use crate::stop::Stop;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",
@@ -50,6 +52,9 @@ impl SinkConfig for LogConfig {
         let place = folder.display().to_string();
         let failed = |e: std::io::Error| SinkError::Io { place: place.clone(), source: e };
         let disk = Disk::open(&folder).map_err(failed)?;
+        let stop = context.stop.child();
+        let keeping = history::keep_levels(folder.clone(), stop.clone()).map_err(failed)?;
+        let keeping_levels = KeepingLevels(stop);
         let config = Self { folder, ..self.clone() };
         let handle = log::spawn(config, context.log_context.clone(), Box::new(disk))
             .map_err(|e| failed(std::io::Error::other(e)))?;
@@ -61,13 +66,16 @@ impl SinkConfig for LogConfig {
                 let detail = "the thread of the log has ended".to_owned();
                 return Standing { ok: false, detail, ..Standing::default() };
             }
-            standing(&watch.look(clock()))
+            standing(&watch.look(clock()), &keeping)
         });
         let counting = handle.clone();
         context.missed.count_with(move |event| {
             records(event).for_each(|record| counting.miss(&record));
         });
-        Ok(Drain::Thread(Box::new(move |events| write(&events, &handle, place))))
+        Ok(Drain::Thread(Box::new(move |events| {
+            let _keeping_levels = keeping_levels;
+            write(&events, &handle, place)
+        })))
     }
 }
 
@@ -99,8 +107,14 @@ fn records(event: &Event) -> impl Iterator<Item = Record> {
 }
 
 fn note(bench: &str, alarm: &Alarm, seen: Option<&Acknowledgement>) -> Note {
-    if let Some(Acknowledgement { who, why, from, t_ns }) = seen {
-        let message = format!("alarm acknowledged at bench {bench}: {}, by {who} ({from}): {why}", alarm.id);
+    if let Some(Acknowledgement { who, why, from, t_ns, until_ns }) = seen {
+        let how = match until_ns.map(crate::history::time::iso) {
+            Some(_) if alarm.over => "over".to_owned(),
+            Some(until) if alarm.id == MAINTENANCE => format!("begun until {until}"),
+            Some(until) => format!("shelved until {until}"),
+            None => "acknowledged".to_owned(),
+        };
+        let message = format!("alarm {how} at bench {bench}: {}, by {who} ({from}): {why}", alarm.id);
         return Note { t_ns: *t_ns, level: Level::Info, name: "alarm".to_owned(), message };
     }
     let level = if alarm.severity == Severity::Critical { Level::Error } else { Level::Warning };
@@ -109,7 +123,7 @@ fn note(bench: &str, alarm: &Alarm, seen: Option<&Acknowledgement>) -> Note {
     Note { t_ns: alarm.t_ns, level, name: "alarm".to_owned(), message }
 }
 
-fn standing(judged: &Judgement) -> Standing {
+fn standing(judged: &Judgement, keeping: &Keeping) -> Standing {
     let state = &judged.state;
     let said = serde_json::to_string(state).unwrap_or_default();
     Standing {
@@ -125,7 +139,17 @@ fn standing(judged: &Judgement) -> Standing {
             ("write_failures", state.write_failures as f64),
             ("files_lost", state.files_lost as f64),
             ("file_bytes", state.file_bytes as f64),
+            ("files_behind_levels", keeping.behind() as f64),
         ],
+    }
+}
+
+/// Ends the thread of the levels with the sink, also where another log takes over.
+struct KeepingLevels(Stop);
+
+impl Drop for KeepingLevels {
+    fn drop(&mut self) {
+        self.0.now();
     }
 }
 

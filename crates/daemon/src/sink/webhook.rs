@@ -12,7 +12,7 @@ use ureq::Agent;
 use super::broker::{broker_error, secret};
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
-use crate::health::Alarm;
+use crate::health::{Alarm, MAINTENANCE};
 use crate::kinds::{self, Kind};
 use crate::secret::{Secret, carries_secret, place};
 use crate::service::Backoff;
@@ -206,8 +206,11 @@ impl Hook {
     fn post_all(&self, events: &Events, context: &SinkContext) {
         while let Ok(event) = events.recv_blocking() {
             crate::fail::point("sink-webhook");
-            // That somebody has seen it is no news for whoever must come.
+            // That somebody has seen it is no news for whoever must come, nor that another channel shows the same fault.
             let Event::Alarm { bench, alarm, seen: None } = &*event else { continue };
+            if !is_news(alarm) {
+                continue;
+            }
             if !self.deliver(&body(bench, alarm, self.link.as_deref()), context) {
                 return;
             }
@@ -275,6 +278,12 @@ fn without(words: &str, address: &str) -> String {
     words.replace(address, &place(address))
 }
 
+/// Whether somebody must hear of it: not of what is shelved, of maintenance, or of one channel more of a fault that is known.
+fn is_news(alarm: &Alarm) -> bool {
+    let quiet = alarm.active && alarm.acknowledged || alarm.id == MAINTENANCE;
+    !quiet && alarm.group.as_ref().is_none_or(|group| group.news)
+}
+
 /// What is posted; `link` is where a reader of the text finds the page.
 fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
     let how = match (alarm.active, alarm.over) {
@@ -286,6 +295,11 @@ fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
         format!("gearwatch: {how} at bench {bench}: {} at {}, {}", alarm.stage, alarm.channel, alarm.severity.code());
     if let Some(evidence) = &alarm.evidence {
         text.push_str(&format!(": {}", evidence.words()));
+    }
+    let with: Vec<&str> = alarm.group.iter().flat_map(|group| &group.channels).map(String::as_str).collect();
+    let with: Vec<&str> = with.into_iter().filter(|channel| *channel != alarm.channel).collect();
+    if !with.is_empty() {
+        text.push_str(&format!("; also at {}", with.join(", ")));
     }
     if let Some(link) = link {
         text.push_str(&format!(" - {link}"));
@@ -302,6 +316,7 @@ fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
         "since_ns": alarm.since_ns,
         "t_ns": alarm.t_ns,
         "evidence": alarm.evidence,
+        "group": alarm.group,
         "link": link,
         "text": text,
     })
@@ -339,6 +354,7 @@ mod tests {
                 brake_torque_nm: Some(40.0),
             })),
             seen: None,
+            group: None,
         }
     }
 

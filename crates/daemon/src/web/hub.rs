@@ -30,10 +30,52 @@ pub struct Message {
 /// The service as a page shows it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Status {
+    /// The worst of all benches.
+    pub gravest: Gravest,
+    /// Alarms by bench and stage, the gravest first.
+    pub faults: Vec<Fault>,
     /// One entry a bench.
     pub benches: Vec<BenchStatus>,
     /// Further facts in words: log state, durable sequence number, load of the workers, version.
     pub facts: BTreeMap<String, String>,
+}
+
+/// The gravest states of all benches.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Gravest {
+    /// Code of the machine state.
+    pub machine: String,
+    /// Names of the benches that are in it.
+    pub machine_of: Vec<String>,
+    /// Code of the instrument state.
+    pub instrument: String,
+    /// Names of the benches that are in it, or in another that is as grave.
+    pub instrument_of: Vec<String>,
+}
+
+/// Alarms of one bench and stage: one fault shows at several channels.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fault {
+    /// Name of the bench.
+    pub bench: String,
+    /// Stage name.
+    pub stage: String,
+    /// The worst of them: `warning` or `critical`.
+    pub severity: String,
+    /// Time of the first window of the first (ns since the epoch).
+    pub since_ns: i64,
+    /// One of them holds.
+    pub active: bool,
+    /// Their ids.
+    pub ids: Vec<String>,
+    /// Ids of those that nobody has seen.
+    pub open: Vec<String>,
+    /// Their channels, in the order of the ids.
+    pub channels: Vec<String>,
+    /// What the clearest of them rests on, `null` where nothing is known.
+    pub evidence: Option<Evidence>,
+    /// Who has seen one of them last, `null` where nobody has.
+    pub seen: Option<Acknowledgement>,
 }
 
 /// One bench as a page shows it.

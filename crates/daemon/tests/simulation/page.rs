@@ -91,7 +91,7 @@ impl Pages {
             alarms: alarms.collect(),
         };
         let facts = BTreeMap::from([("log".to_owned(), log.to_owned())]);
-        self.hub.status(&Status { benches: vec![bench], facts });
+        self.hub.status(&Status { benches: vec![bench], facts, ..Status::default() });
     }
 
     /// Somebody opens a page: it shows at once all that there is.

@@ -661,7 +661,13 @@ impl World {
             let ids: Vec<String> = outside.health.alarms().map(|alarm| alarm.id.clone()).collect();
             for id in ids {
                 let t_ns = outside.now().wall_ns;
-                let seen = Acknowledgement { who: "somebody".into(), why: "seen".into(), from: "here".into(), t_ns };
+                let seen = Acknowledgement {
+                    who: "somebody".into(),
+                    why: "seen".into(),
+                    from: "here".into(),
+                    t_ns,
+                    until_ns: None,
+                };
                 let Some(alarm) = outside.health.acknowledge(&id, &seen) else { continue };
                 outside.totals.witnessed(Fault::Seen, 1);
                 outside.tell(&Event::Alarm {

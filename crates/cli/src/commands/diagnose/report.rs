@@ -10,10 +10,12 @@ use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::train::StageKinematics;
 use gearwatch_core::verdict::{HARMONICS, MachineState, Rank, Verdict};
 use gearwatch_core::window::Window;
-use gearwatch_report::{Bars, Cell, Chart, Lines, Mark, Part, Report, Section, Series, Table, Tone};
+use gearwatch_daemon::history::time::iso;
+use gearwatch_report::{Cell, Chart, Deviation, Deviations, Lines, Mark, Part, Report, Section, Series, Table, Tone};
 
 use super::{Diagnosis, exit_of, severity, table};
 
+const DAY_NS: i64 = 86_400_000_000_000;
 /// Verdicts shown with table and picture; all are in the overview.
 const MOST_DETAILS: usize = 24;
 /// Windows that go into a mean spectrum or a trend before every second one is passed over.
@@ -117,10 +119,12 @@ pub(super) fn page(all: &[Diagnosis], pipeline: &Pipeline, files: &[(&'static st
         },
         verdict: sentence(&verdicts, all),
         tone: if worst.is_some_and(|w| w == crate::exit::Exit::Unknown) { Tone::Unknown } else { tone(machine) },
-        sections: vec![overview(all)],
+        sections: vec![about(all, pipeline), overview(all)],
+        appendix: Vec::new(),
         provenance: provenance(all, pipeline, files)?,
     };
     report.sections.extend(all.iter().map(|one| recording(one, pipeline)));
+    report.appendix.extend(all.iter().map(|one| figures(one, pipeline)));
     report.sections.push(not_judged(all));
     Ok(gearwatch_report::render(&report))
 }
@@ -168,13 +172,52 @@ fn tone(machine: MachineState) -> Tone {
     }
 }
 
-fn rank_tone(rank: Rank) -> Tone {
-    match rank {
-        Rank::Unknown => Tone::Unknown,
-        Rank::Zero => Tone::Good,
-        Rank::I | Rank::II | Rank::III => Tone::Warning,
-        Rank::IV | Rank::V => Tone::Bad,
+/// The rank that the verdict bears out, as on the live page: a naked V on a stage that is called normal is no alarm. None where nothing is known.
+fn borne_out(machine: MachineState, rank: Rank) -> Option<usize> {
+    let level = usize::try_from(rank.level()).ok()?;
+    match machine {
+        MachineState::Unknown => None,
+        MachineState::Normal => Some(0),
+        MachineState::Deviating | MachineState::PathChanged => Some(level.min(3)),
+        MachineState::Alarm => Some(level),
     }
+}
+
+fn rank_tone(machine: MachineState, rank: Rank) -> Tone {
+    match borne_out(machine, rank) {
+        None => Tone::Unknown,
+        Some(0) if rank == Rank::Zero => Tone::Good,
+        // It stands there, and is not borne out.
+        Some(0) => Tone::Plain,
+        Some(1..=3) => Tone::Warning,
+        Some(_) => Tone::Bad,
+    }
+}
+
+/// The machine, and when it was recorded.
+fn about(all: &[Diagnosis], pipeline: &Pipeline) -> Section {
+    let times = || all.iter().flat_map(|one| &one.verdicts).map(|v| v.t0);
+    let mut rows = vec![vec![Cell::from("Bench"), pipeline.bench().name.as_str().into()]];
+    if let (Some(first), Some(last)) = (times().min(), times().max()) {
+        // A recording without a clock begins at 1970, which is no date.
+        let recorded = match first {
+            ..DAY_NS => "the recordings state no date".to_owned(),
+            _ if first == last => iso(first),
+            _ => format!("{} to {}", iso(first), iso(last)),
+        };
+        rows.push(vec!["Recorded (first windows, UTC)".into(), recorded.into()]);
+    }
+    rows.push(vec!["Date of the report (UTC)".into(), iso(now_ns()).into()]);
+    let table = Table { caption: "Bench and dates".into(), head: ["what", "stated"].map(str::to_owned).to_vec(), rows };
+    Section {
+        heading: "About".into(),
+        parts: vec![Part::Table(table), Part::Chart(crate::commands::sketch::chart(pipeline.bench()))],
+    }
+}
+
+fn now_ns() -> i64 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    now.map_or(0, |t| i64::try_from(t.as_nanos()).unwrap_or(0))
 }
 
 fn overview(all: &[Diagnosis]) -> Section {
@@ -185,7 +228,9 @@ fn overview(all: &[Diagnosis]) -> Section {
             row.push(format!("{} at {}", verdict.stage, verdict.channel).into());
             row.push(table::operating_point(verdict).into());
             row.push(Cell::toned(verdict.machine.code().replace('_', " "), tone(verdict.machine)));
-            row.extend(verdict.harmonics.iter().map(|h| Cell::toned(h.rank.code(), rank_tone(h.rank))));
+            row.extend(
+                verdict.harmonics.iter().map(|h| Cell::toned(h.rank.code(), rank_tone(verdict.machine, h.rank))),
+            );
             row.push(verdict.windows.to_string().into());
             rows.push(row);
         }
@@ -212,10 +257,8 @@ fn recording(one: &Diagnosis, pipeline: &Pipeline) -> Section {
         ordered.truncate(MOST_DETAILS);
     }
     for verdict in ordered {
-        parts.push(Part::Table(harmonics(verdict, pipeline)));
-        if verdict.harmonics.iter().any(|h| h.deviation_percent.is_known()) {
-            parts.push(Part::Chart(bars(verdict, pipeline)));
-        }
+        let known = verdict.harmonics.iter().any(|h| h.deviation_percent.is_known());
+        parts.push(if known { Part::Chart(bars(verdict, pipeline)) } else { Part::Text(heading(verdict)) });
     }
     if let Some(pictures) = &one.pictures {
         let marks = marks(pipeline);
@@ -224,6 +267,31 @@ fn recording(one: &Diagnosis, pipeline: &Pipeline) -> Section {
         parts.extend(pictures.trends.iter().filter_map(|(place, t)| trend(place, t)).map(Part::Chart));
     }
     Section { heading: one.recording.clone(), parts }
+}
+
+/// The numbers behind the pictures of a recording.
+fn figures(one: &Diagnosis, pipeline: &Pipeline) -> Section {
+    let mut ordered: Vec<&Verdict> = one.verdicts.iter().collect();
+    ordered.sort_by_key(|v| std::cmp::Reverse(severity(exit_of(v.machine))));
+    let tables = ordered.into_iter().take(MOST_DETAILS).map(|verdict| Part::Table(harmonics(verdict, pipeline)));
+    Section { heading: one.recording.clone(), parts: tables.collect() }
+}
+
+/// What is judged, in a sentence.
+fn heading(verdict: &Verdict) -> String {
+    let reason = match verdict.reason.code() {
+        "" => String::new(),
+        code => format!(" ({})", code.replace('_', " ")),
+    };
+    format!(
+        "{} at {}: {}{reason}{}. {}, mean of {} windows.",
+        verdict.stage,
+        verdict.channel,
+        verdict.machine.code().replace('_', " "),
+        table::nearest(verdict),
+        table::operating_point(verdict),
+        verdict.windows
+    )
 }
 
 /// The mesh harmonics, one row of names a stage.
@@ -245,7 +313,7 @@ fn harmonics(verdict: &Verdict, pipeline: &Pipeline) -> Table {
             if h.rank_probability.is_finite() { format!("{:.2}", h.rank_probability) } else { "–".to_owned() };
         vec![
             Cell::from(format!("{}x, {:.2} Hz", k + 1, table::line_hz(pipeline.train(), verdict, k + 1))),
-            Cell::toned(h.rank.code(), rank_tone(h.rank)),
+            Cell::toned(h.rank.code(), rank_tone(verdict.machine, h.rank)),
             probability.into(),
             estimate(&h.deviation_percent, |x| format!("{x:.2}")).into(),
             estimate(&h.amplitude, table::figure).into(),
@@ -253,20 +321,8 @@ fn harmonics(verdict: &Verdict, pipeline: &Pipeline) -> Table {
             table::figure(h.floor).into(),
         ]
     });
-    let reason = match verdict.reason.code() {
-        "" => String::new(),
-        code => format!(" ({})", code.replace('_', " ")),
-    };
     Table {
-        caption: format!(
-            "{} at {}: {}{reason}{}. {}, mean of {} windows. ± is one standard deviation.",
-            verdict.stage,
-            verdict.channel,
-            verdict.machine.code().replace('_', " "),
-            table::nearest(verdict),
-            table::operating_point(verdict),
-            verdict.windows
-        ),
+        caption: format!("{} ± is one standard deviation.", heading(verdict)),
         head: [
             "harmonic".to_owned(),
             "rank".to_owned(),
@@ -282,16 +338,19 @@ fn harmonics(verdict: &Verdict, pipeline: &Pipeline) -> Table {
 }
 
 fn bars(verdict: &Verdict, pipeline: &Pipeline) -> Chart {
-    let deviations = verdict.harmonics.map(|h| (h.deviation_percent.value, h.deviation_percent.sigma));
-    Chart::Bars(Bars {
+    let bars = verdict.harmonics.iter().enumerate().map(|(k, h)| Deviation {
+        name: format!("{}x", k + 1),
+        percent: h.deviation_percent.value,
+        sigma_percent: h.deviation_percent.sigma,
+        rank: borne_out(verdict.machine, h.rank),
+    });
+    Chart::Deviations(Deviations {
         caption: format!(
-            "{} at {}: deviation from the baseline, with one standard deviation",
-            verdict.stage, verdict.channel
+            "{} Deviation from the baseline with one standard deviation, coloured by the rank that is proven.",
+            heading(verdict)
         ),
-        y_label: "deviation (%)".into(),
-        groups: (1..=HARMONICS).map(|h| format!("{h}x")).collect(),
-        series: vec![("measured".into(), deviations.to_vec())],
-        limits: pipeline.config().rank.steps_percent.to_vec(),
+        bars: bars.collect(),
+        steps_percent: pipeline.config().rank.steps_percent.to_vec(),
     })
 }
 

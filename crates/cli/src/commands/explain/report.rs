@@ -19,7 +19,6 @@ pub(super) fn page(bench: &str, e: &Explanation, files: &[(String, PathBuf)]) ->
     }
     sections.extend(e.fit.as_ref().map(fit));
     sections.push(mismatch(&e.mismatch));
-    sections.push(Section { heading: "How it was found".into(), parts: vec![Part::List(e.steps.clone())] });
     let advice =
         if e.advice.is_empty() { Part::Text("Nothing more is needed.".into()) } else { Part::List(e.advice.clone()) };
     sections.push(Section { heading: "What to record next".into(), parts: vec![advice] });
@@ -36,7 +35,25 @@ pub(super) fn page(bench: &str, e: &Explanation, files: &[(String, PathBuf)]) ->
         Status::Unexplained => Tone::Unknown,
     };
     let title = format!("{bench}: what the model leaves out");
-    Ok(gearwatch_report::render(&Report { title, verdict: sentence(e), tone, sections, provenance }))
+    Ok(gearwatch_report::render(&Report {
+        title,
+        verdict: sentence(e),
+        tone,
+        sections,
+        appendix: appendix(e),
+        provenance,
+    }))
+}
+
+/// Evidence and steps, in the words of the method.
+fn appendix(e: &Explanation) -> Vec<Section> {
+    let evidence = e.effects.iter().filter_map(|effect| {
+        let lines = evidence(effect);
+        let heading = format!("Evidence for {} at {}", effect.effect.replace('_', " "), effect.place);
+        (!lines.is_empty()).then(|| Section { heading, parts: vec![Part::List(lines)] })
+    });
+    let steps = Section { heading: "Steps".into(), parts: vec![Part::List(e.steps.clone())] };
+    evidence.chain([steps]).collect()
 }
 
 fn sentence(e: &Explanation) -> String {
@@ -102,18 +119,17 @@ fn effects(e: &Explanation) -> Section {
     Section { heading: "Hypotheses and their evidence".into(), parts }
 }
 
+/// What speaks for an effect.
+fn evidence(effect: &NamedEffect) -> Vec<String> {
+    let of = &effect.evidence;
+    let all = [("where", &of.place), ("law", &of.law), ("support", &of.support), ("shape", &of.shape)];
+    all.into_iter().filter(|(_, text)| !text.is_empty()).map(|(kind, text)| format!("{kind}: {text}")).collect()
+}
+
 fn effect(effect: &NamedEffect) -> Vec<Part> {
     let entry = &effect.entry_point;
     let mut lines =
         vec![format!("enters as {} at {} with probability {:.2}", entry.kind.words(), entry.place, entry.probability)];
-    let evidence = &effect.evidence;
-    for (kind, text) in
-        [("where", &evidence.place), ("law", &evidence.law), ("support", &evidence.support), ("shape", &evidence.shape)]
-    {
-        if !text.is_empty() {
-            lines.push(format!("{kind}: {text}"));
-        }
-    }
     lines.extend(
         effect
             .indistinguishable_from

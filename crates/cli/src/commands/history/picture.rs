@@ -93,6 +93,7 @@ pub(super) fn page(history: &History) -> String {
         verdict: format!("Windows: {}.", states.join(", ")),
         tone: Tone::Plain,
         sections,
+        appendix: Vec::new(),
         provenance: vec![
             ("gearwatch".into(), env!("CARGO_PKG_VERSION").into()),
             ("command".into(), std::env::args().collect::<Vec<_>>().join(" ")),

@@ -137,6 +137,7 @@ impl PlanetaryStages {
             ),
             tone: Tone::Plain,
             sections: sections.collect(),
+            appendix: Vec::new(),
             provenance: vec![
                 ("gearwatch".into(), env!("CARGO_PKG_VERSION").into()),
                 ("command".into(), std::env::args().collect::<Vec<_>>().join(" ")),

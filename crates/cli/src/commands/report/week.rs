@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use gearwatch_core::bench::Bench;
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::HARMONICS;
 use gearwatch_daemon::config::ReportConfig;
@@ -31,6 +32,8 @@ pub(super) struct Week<'a> {
     /// Date of the report (ns since the epoch).
     pub(super) now: i64,
     pub(super) who: &'a ReportConfig,
+    /// The benches, where the configuration names them.
+    pub(super) benches: &'a [Bench],
 }
 
 /// A difference of two means, with half of its interval.
@@ -130,6 +133,7 @@ impl Week<'_> {
                 self.events(),
                 self.pictures(),
             ],
+            appendix: Vec::new(),
             provenance: vec![
                 ("gearwatch".into(), env!("CARGO_PKG_VERSION").into()),
                 ("command".into(), std::env::args().collect::<Vec<_>>().join(" ")),
@@ -147,7 +151,9 @@ impl Week<'_> {
             .collect();
         rows.push(vec!["Recorded".into(), format!("{} to {}", iso(self.from()), iso(self.to)).into()]);
         rows.push(vec!["Date of the report".into(), iso(self.now).into()]);
-        Section { heading: "About".into(), parts: vec![table("Bench and people", &["what", "stated"], rows)] }
+        let mut parts = vec![table("Bench and people", &["what", "stated"], rows)];
+        parts.extend(self.benches.iter().map(|bench| Part::Chart(crate::commands::sketch::chart(bench))));
+        Section { heading: "About".into(), parts }
     }
 
     /// Error of the first kind of one statement, where there is one for each row and harmonic.

@@ -43,6 +43,7 @@ pub(super) fn page(path: &Path, bench: &Bench, all: &[Signatures]) -> anyhow::Re
         verdict: sentence(bench, all, &ranks),
         tone: Tone::Plain,
         sections,
+        appendix: Vec::new(),
         provenance: provenance(path, bench, &ranks)?,
     }))
 }

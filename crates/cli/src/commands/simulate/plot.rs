@@ -62,6 +62,7 @@ pub fn picture(form: Form, recording: &Recording, config: &SimConfig, model: &Tr
                 heading: "Pictures".into(),
                 parts: charts.into_iter().map(Part::Chart).collect(),
             }],
+            appendix: Vec::new(),
             provenance: provenance(config),
             ..Report::default()
         })),

@@ -57,6 +57,7 @@ pub(super) fn page(bench: &str, rows: &[Row]) -> String {
         verdict: format!("{} rows; cases: {}.", rows.len(), cases.into_iter().collect::<Vec<_>>().join(", ")),
         tone: Tone::Plain,
         sections,
+        appendix: Vec::new(),
         provenance: vec![
             ("gearwatch".into(), env!("CARGO_PKG_VERSION").into()),
             ("command".into(), std::env::args().collect::<Vec<_>>().join(" ")),

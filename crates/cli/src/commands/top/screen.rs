@@ -14,6 +14,10 @@ use serde_json::Value;
 
 use super::feed::{Judged, Message};
 
+mod faults;
+
+use faults::{faults, in_words};
+
 /// Windows kept per row; wider terminals exist, but not by much.
 const KEEP: usize = 400;
 /// The height of a strip's cell says the rank; the colour says it again.
@@ -159,7 +163,7 @@ impl Screen {
     pub fn key(&mut self, key: KeyCode) {
         let (place, count) = match self.focus {
             Focus::Rows => (&mut self.row, self.channels.len()),
-            Focus::Alarms => (&mut self.alarm, alarms(&self.status).len()),
+            Focus::Alarms => (&mut self.alarm, faults(&self.status).len()),
         };
         match key {
             KeyCode::Down | KeyCode::Char('j') => *place = (*place + 1).min(count.saturating_sub(1)),
@@ -169,9 +173,10 @@ impl Screen {
         }
     }
 
-    /// Id of the selected alarm, if there is one.
-    pub fn selected_alarm(&self) -> Option<String> {
-        alarms(&self.status).get(self.alarm).and_then(|(_, alarm)| alarm["id"].as_str()).map(str::to_owned)
+    /// Ids of the alarms of the selected entry that nobody has seen.
+    pub fn selected_alarms(&self) -> Vec<String> {
+        let open = faults(&self.status).get(self.alarm).and_then(|fault| fault["open"].as_array());
+        open.into_iter().flatten().filter_map(|id| id.as_str().map(str::to_owned)).collect()
     }
 
     fn ink(&self, colour: Color) -> Style {
@@ -226,8 +231,8 @@ impl Screen {
         let number =
             |key: &str, unit: &str| bench[key].as_f64().map_or_else(|| "–".into(), |v| format!("{v:.4} {unit}"));
         // Of all benches: one that is in order must not hide another that is not.
-        let machine = gravest(&self.status, "machine", &["normal", "unknown", "deviating", "path_changed", "alarm"]);
-        let instrument = gravest(&self.status, "instrument", &["ok", "unknown"]);
+        let gravest = |key: &str| self.status["gravest"][key].as_str().unwrap_or("unknown").to_owned();
+        let (machine, instrument) = (gravest("machine"), gravest("instrument"));
         let link = match &self.link {
             Ok(()) => Span::styled("live", self.ink(Color::Green)),
             Err(why) => Span::styled(format!("lost ({why})"), self.ink(Color::Red)),
@@ -332,17 +337,13 @@ impl Screen {
 
     fn draw_alarms(&self, frame: &mut Frame<'_>, area: Rect) {
         let several = benches(&self.status).len() > 1;
-        let lines: Vec<_> = alarms(&self.status)
+        let lines: Vec<_> = faults(&self.status)
             .iter()
             .enumerate()
-            .map(|(i, (bench, alarm))| {
-                let text = |key: &str| alarm[key].as_str().unwrap_or_default().to_owned();
-                let seen =
-                    if alarm["acknowledged"].as_bool() == Some(true) { "acknowledged" } else { "not acknowledged" };
-                let place = if several { format!("{bench} · {}", text("place")) } else { text("place") };
-                let line = format!("{place:<24} {:<40} {} ({seen})", text("what"), text("state"));
+            .map(|(i, fault)| {
                 let chosen = i == self.alarm && self.focus == Focus::Alarms;
-                Line::styled(line, if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() })
+                let style = if chosen { Style::new().add_modifier(Modifier::REVERSED) } else { Style::new() };
+                Line::styled(in_words(fault, several), style)
             })
             .collect();
         let none = lines.is_empty();
@@ -365,24 +366,6 @@ fn benches(status: &Value) -> &[Value] {
     status["benches"].as_array().map_or(&[], Vec::as_slice)
 }
 
-/// All alarms, each with the name of its bench.
-fn alarms(status: &Value) -> Vec<(&str, &Value)> {
-    benches(status)
-        .iter()
-        .flat_map(|bench| {
-            let name = bench["name"].as_str().unwrap_or_default();
-            bench["alarms"].as_array().into_iter().flatten().map(move |alarm| (name, alarm))
-        })
-        .collect()
-}
-
-/// The gravest state of all benches; what is not in the list, from good to grave, is the gravest.
-fn gravest(status: &Value, key: &str, order: &[&str]) -> String {
-    let states = benches(status).iter().map(|bench| bench[key].as_str().unwrap_or("unknown"));
-    let severity = |state: &&str| order.iter().position(|known| known == state).unwrap_or(order.len());
-    states.max_by_key(severity).unwrap_or("unknown").to_owned()
-}
-
 fn height(level: i64) -> &'static str {
     usize::try_from(level).ok().and_then(|l| HEIGHTS.get(l)).copied().unwrap_or("·")
 }
@@ -398,68 +381,4 @@ fn bar(deviation_percent: f64, half: usize) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
-
-    #[test]
-    fn analytic_bars_grow_from_the_middle() {
-        assert_eq!(bar(10.0, 4), "    │██");
-        assert_eq!(bar(-20.0, 4), "████│    ");
-        assert_eq!(bar(99.0, 4), "    │████");
-    }
-
-    /// One bench in order must not hide another that is not; rows and alarms say whose they are.
-    #[test]
-    fn regress_the_lamps_speak_of_all_benches() {
-        let mut screen = Screen::new("http://bench".into());
-        screen.take(Message::Link(Ok(())));
-        let alarm = serde_json::json!({"id": "stage1/acc", "place": "stage1/acc", "what": "rank V", "state": "active"});
-        screen.take(Message::Status(serde_json::json!({"benches": [
-            {"name": "north", "machine": "normal", "instrument": "ok", "alarms": []},
-            {"name": "south", "machine": "alarm", "instrument": "flat_line", "alarms": [alarm]},
-        ]})));
-        for bench in ["north", "south"] {
-            let verdict = serde_json::json!({"bench": bench, "stage": "stage1", "channel": "acc", "machine": "normal", "instrument": "ok"});
-            screen.take(Message::Verdict(Box::new(serde_json::from_value(verdict).unwrap())));
-        }
-        let mut terminal = Terminal::new(TestBackend::new(140, 30)).unwrap();
-        terminal.draw(|frame| screen.draw(frame)).unwrap();
-        let text = terminal.backend().to_string();
-        assert!(text.contains("machine alarm") && text.contains("instrument flat_line"), "{text}");
-        for place in ["north · stage1 · acc", "south · stage1 · acc", "south · stage1/acc"] {
-            assert!(text.contains(place), "{place}: {text}");
-        }
-        assert_eq!(screen.selected_alarm().as_deref(), Some("stage1/acc"));
-    }
-
-    /// A naked V on a stage that is called normal is green and dim, and a question.
-    #[test]
-    fn regress_the_colour_says_no_more_than_the_verdict() {
-        let of = |machine: &str, p| Look::of(state_of(machine.as_bytes()[0]), 5, Some(p));
-        assert!(of("normal", 0.7) == Look { colour: 0, level: 5, sure: false });
-        assert!(of("deviating", 0.8) == Look { colour: 3, level: 5, sure: true });
-        assert!(of("alarm", 0.9) == Look { colour: 5, level: 5, sure: true });
-        assert!(of("path_changed", 0.9).colour == PATH && of("unknown", 0.9).colour == -1);
-    }
-
-    /// A lost link must not go on showing a machine in order.
-    #[test]
-    fn regress_a_lost_link_is_not_normal() {
-        let mut screen = Screen::new("http://bench".into());
-        screen.take(Message::Link(Ok(())));
-        screen.take(Message::Status(
-            serde_json::json!({"benches": [{"name": "b", "machine": "normal", "instrument": "ok"}]}),
-        ));
-        let mut terminal = Terminal::new(TestBackend::new(120, 30)).unwrap();
-        let mut shown = |screen: &Screen| {
-            terminal.draw(|frame| screen.draw(frame)).unwrap();
-            terminal.backend().to_string()
-        };
-        assert!(shown(&screen).contains("machine normal"));
-        screen.take(Message::Link(Err("connection refused".into())));
-        let text = shown(&screen);
-        assert!(text.contains("machine unknown") && text.contains("lost (connection refused)"), "{text}");
-    }
-}
+mod tests;

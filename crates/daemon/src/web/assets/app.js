@@ -8,6 +8,7 @@ import { drawDetail } from "./detail.js";
 import { drawSpectrum, onSpectrum } from "./spectrum.js";
 import { drawStatus, lamp, title } from "./service.js";
 import { drawHistory } from "./history.js";
+import { drawThen } from "./then.js";
 import { takeIndicators } from "./indicators.js";
 import { arrange } from "./find.js";
 
@@ -18,7 +19,8 @@ paintWith((todo) => {
   if (view.status && (all || todo.has("status"))) drawStatus();
   for (const row of rows.values()) if (all || todo.has(row.key)) drawStrip(row, all);
   if (view.selected && (all || todo.has("detail"))) drawDetail();
-  if (view.selected && all) drawHistory();
+  if (view.selected && (all || todo.has("history") || todo.has("then"))) drawHistory();
+  if (view.selected && (all || todo.has("then"))) drawThen();
   if (view.selected && (all || todo.has("spectrum"))) drawSpectrum();
 });
 

@@ -4,6 +4,7 @@ import { HARMONICS, css, el, invalidate, known, node, percent, plain, remember, 
 import { Plot, Zoom, axis, levels, moments, timeAxis } from "./plot.js";
 import { frame, limitLines } from "./limits.js";
 import { iso } from "./time.js";
+import { lookAt, lookedAt, rawStretches, wantThen } from "./then.js";
 
 // [kind of event: sign, ink] and [state: ink] below; a step is what the service put together for one point.
 const HOUR = 3600;
@@ -23,10 +24,22 @@ let wanted = ""; // the row that was asked for last
 let half = 16;
 let timer = 0;
 let round = 0;
+let anewThen = false; // somebody has chosen another time or row
 const zoom = new Zoom();
 
 const marked = () => (answer?.events || []).filter((e) => e.kind !== "note").slice(-MOST_MARKS);
-const marks = (u, g) => moments(u, g, marked().map((e) => ({ at: e.t_ns / 1e9, ink: css(SIGNS[e.kind]?.[1] || "--soft"), word: SIGNS[e.kind]?.[0] || "?" })));
+const marks = (u, g) => {
+  const looked = lookedAt();
+  const here = looked === null ? [] : [{ at: looked / 1e9, ink: css("--focus"), word: "▼" }];
+  moments(u, g, [...marked().map((e) => ({ at: e.t_ns / 1e9, ink: css(SIGNS[e.kind]?.[1] || "--soft"), word: SIGNS[e.kind]?.[0] || "?" })), ...here]);
+};
+// Where the log has raw data: a line at the top.
+function raw(u, g) {
+  const ratio = window.devicePixelRatio || 1;
+  const x = (ns) => Math.min(u.bbox.left + u.bbox.width, Math.max(u.bbox.left, u.valToPos(ns / 1e9, "x", true)));
+  g.fillStyle = css("--accent");
+  for (const [from, to] of rawStretches()) g.fillRect(x(from), u.bbox.top, Math.max(2 * ratio, x(to) - x(from)), 4 * ratio);
+}
 // The gravest state of each step as a band below the curves.
 function band(u, g) {
   const ratio = window.devicePixelRatio || 1;
@@ -52,6 +65,7 @@ const deviations = new Plot(el("history-deviations"), {
     if (!answer) return;
     levels(u, g, limitLines(half));
     band(u, g);
+    raw(u, g);
     marks(u, g);
   },
   read: (u, i) => {
@@ -134,6 +148,8 @@ async function read() {
     of = row.key;
     told();
     drawHistory();
+    wantThen(row, ns(from), ns(to), anewThen);
+    anewThen = false;
     if (now.to_read) wait = POLL_MS;
   } else {
     el("history-state").textContent = !reply ? "The service does not answer." : (await reply.text()).trim();
@@ -143,7 +159,9 @@ async function read() {
 
 // Asks anew where another row or another time is wanted.
 export function wantHistory(anew = false) {
-  if (anew || (view.selected && view.selected.key !== wanted)) read();
+  if (!anew && !(view.selected && view.selected.key !== wanted)) return;
+  anewThen = true;
+  read();
 }
 
 function back() {
@@ -168,7 +186,20 @@ el("history-back").addEventListener("input", () => {
   zoom.set(null);
   back();
   clearTimeout(timer);
+  anewThen = true;
   timer = setTimeout(read, 250);
+});
+// A click, not a drag, looks at that time.
+let down = 0;
+el("history-deviations").addEventListener("mousedown", (event) => { down = event.clientX; });
+el("history-deviations").addEventListener("click", (event) => {
+  if (!deviations.u || event.shiftKey || Math.abs(event.clientX - down) > 4 || !event.target.classList.contains("u-over")) return;
+  if (!el("then").open) el("then").open = true;
+  lookAt(1e9 * deviations.u.posToVal(event.clientX - deviations.u.over.getBoundingClientRect().left, "x"));
+  drawHistory();
+});
+el("then").addEventListener("toggle", () => {
+  if (el("then").open) wantHistory(true);
 });
 const plainIndicators = ["rms", "peak", "crest_factor", "kurtosis", "velocity_rms"];
 const gearIndicators = ["fm0", "fm4", "m6a", "m8a", "energy_ratio", "residual_rms", "residual_kurtosis", "difference_rms", "envelope_deviation", "envelope_kurtosis", "sideband_index", "sideband_ratio"];

@@ -17,19 +17,16 @@ export function drawStatus() {
   const bench = benches.find((b) => view.selected && b.name === view.selected.bench) || benches[0];
   if (!bench) return;
   el("bench").textContent = bench.name;
-  const machine = gravest(benches, (b) => MACHINE.indexOf(b.machine));
-  lamp("lamp-machine", machine.machine, words(machine.machine, benches, (b) => b.machine === machine.machine));
-  const instrument = gravest(benches, (b) => (b.instrument === "ok" ? 0 : b.instrument === "unknown" ? 1 : 2));
-  const other = benches.filter((b) => !["ok", "unknown"].includes(b.instrument));
-  lamp("lamp-instrument", instrument.instrument === "ok" ? "ok" : instrument.instrument === "unknown" ? "unknown" : "not_ok",
-    words(instrument.instrument, benches, (b) => (other.length ? other.includes(b) : b.instrument === instrument.instrument)));
+  const { machine, machine_of, instrument, instrument_of } = status.gravest;
+  lamp("lamp-machine", machine, words(machine, benches, machine_of));
+  lamp("lamp-instrument", ["ok", "unknown"].includes(instrument) ? instrument : "not_ok", words(instrument, benches, instrument_of));
   el("op-speed").textContent = known(bench.motor_speed_hz) ? `${text(bench.motor_speed_hz, 5, "Hz")} (${(60 * bench.motor_speed_hz).toFixed(0)} rpm)` : "–";
   el("op-torque").textContent = text(bench.brake_torque_nm, 4, "N m");
   el("op-temperature").textContent = text(bench.temperature_c, 3, "°C");
   drawBenches(benches);
-  const alarms = drawAlarms(benches);
+  const alarms = drawAlarms(status);
   // Where the page is one tab of many, its title is all that is seen of it.
-  title(machine.machine, instrument.instrument, alarms, benches.filter((b) => b.machine === machine.machine).length, benches.length);
+  title(machine, instrument, alarms, machine_of.length, benches.length);
   el("sources").tBodies[0].replaceChildren(...benches.flatMap((b) => b.sources.map((s) => node("tr", {}, node("th", { scope: "row" }, benches.length > 1 ? `${b.name} · ${s.name}` : s.name), node("td", {}, s.state), node("td", {}, String(s.windows)), node("td", {}, String(s.gaps))))));
   const facts = Object.entries(status.facts || {});
   el("log").replaceChildren(...facts.map(([k, v]) => node("div", {}, node("dt", {}, k), node("dd", {}, String(v)))));
@@ -45,14 +42,8 @@ export function title(machine, instrument, alarms, of, all) {
   if (document.title !== now) document.title = now;
 }
 
-// From good to grave: the lamps speak of all benches; one that is in order must not hide another that is not.
-function gravest(benches, severity) {
-  return benches.reduce((a, b) => (severity(b) > severity(a) ? b : a));
-}
-
 // A state in words, with the benches that it is of where there are several.
-function words(state, benches, has) {
-  const of = benches.filter(has).map((b) => b.name);
+function words(state, benches, of) {
   return benches.length < 2 || of.length === benches.length ? plain(state) : `${plain(state)}: ${of.length > 2 ? `${of.length} of ${benches.length} benches` : of.join(", ")}`;
 }
 

@@ -3,7 +3,8 @@
 import { HARMONICS, css, el, invalidate, known, rows, spectra, text, view } from "./state.js";
 import { Plot, axis } from "./plot.js";
 import { cursors, describe, drawCursors, place } from "./cursors.js";
-import { drawWaterfall, remember } from "./waterfall.js";
+import { Waterfall, precede, remember } from "./waterfall.js";
+import { bandOf, normalOf } from "./normal.js";
 import { iso } from "./time.js";
 
 const DECADES = 5; // that the ordinate spans
@@ -22,6 +23,20 @@ const keyOf = (row) => `${row.bench}/${row.channel}`;
 const chosen = () => view.selected && spectra.get(keyOf(view.selected));
 const orderAt = (s, i) => s.first_order + i * s.order_step;
 
+const waterfall = new Waterfall(el("waterfall"), el("waterfall-values"), el("waterfall-png"));
+const BEFORE_NS = 15 * 60e9; // of the waterfall that the log fills when a channel is first shown
+
+// The waterfall of before the page was opened; a service without a log has none.
+async function fill(store, row) {
+  store.filled = true;
+  const to = Math.round((store.waterfall[0]?.t0 ?? Date.now() * 1e6) / 1000) * 1000;
+  const query = new URLSearchParams({ bench: row.bench, channel: row.channel, from: String(to - BEFORE_NS), to: String(to) });
+  const reply = await fetch(`/api/spectra?${query}`).catch(() => null);
+  if (!reply?.ok) return;
+  precede(store, (await reply.json()).spectra);
+  invalidate("spectrum");
+}
+
 let top = 1; // decade above the largest line: moves by whole decades only
 
 const plot = new Plot(el("spectrum"), {
@@ -30,7 +45,9 @@ const plot = new Plot(el("spectrum"), {
   options: () => ({
     scales: { x: { time: false }, y: { distr: 3, range: () => [top / 10 ** DECADES, top] } },
     axes: [axis("order of the input shaft"), axis(chosen().last.unit, { size: 64, values: (u, ticks) => ticks.map((t) => (t && Number.isInteger(Math.round(1e6 * Math.log10(t)) / 1e6) ? t.toExponential(0) : "")) })],
-    series: [{}, { label: "amplitude", stroke: css("--accent"), width: 1 }, { label: "held", stroke: css("--r3"), width: 1 }],
+    series: [{}, { label: "amplitude", stroke: css("--accent"), width: 1 }, { label: "held", stroke: css("--r3"), width: 1 },
+      { label: "normal_high", stroke: css("--ok"), width: 0.5 }, { label: "normal_low", stroke: css("--ok"), width: 0.5 }],
+    bands: [{ series: [3, 4], fill: `${css("--r0")}55` }],
   }),
   marks: (u, g) => {
     const store = chosen();
@@ -39,7 +56,7 @@ const plot = new Plot(el("spectrum"), {
     baseline(u, g, store.last);
     drawCursors(u, g, store.last);
   },
-  read: (u, i) => `order ${u.data[0][i].toFixed(3)} · ${text(u.data[1][i], 4, chosen()?.last.unit)}${known(u.data[2][i]) ? ` · held ${text(u.data[2][i], 4)}` : ""}`,
+  read: (u, i) => `order ${u.data[0][i].toFixed(3)} · ${text(u.data[1][i], 4, chosen()?.last.unit)}${known(u.data[2][i]) ? ` · held ${text(u.data[2][i], 4)}` : ""}${known(u.data[3][i]) ? ` · normal ${text(u.data[4][i], 3)} to ${text(u.data[3][i], 3)}` : ""}`,
 });
 plot.zoom.told.push(() => invalidate("spectrum"));
 
@@ -71,12 +88,15 @@ export function drawSpectrum() {
   const held = store.held && store.held.amplitude.length === s.amplitude.length ? store.held.amplitude.map((a) => Math.max(a, floor)) : s.amplitude.map(() => null);
   el("hold").setAttribute("aria-pressed", String(!!store.held));
   el("hold").textContent = store.held ? `Held: ${iso(store.held.t0_ns)}` : "Hold as reference";
-  plot.show(`${keyOf(view.selected)}#${top}`, [s.amplitude.map((_, i) => orderAt(s, i)), s.amplitude.map((a) => Math.max(a, floor)), held]);
+  const orders = s.amplitude.map((_, i) => orderAt(s, i));
+  const band = bandOf(normalOf(view.selected), orders, floor);
+  plot.show(`${keyOf(view.selected)}#${top}`, [orders, s.amplitude.map((a) => Math.max(a, floor)), held, band.high, band.low]);
   el("cursor-values").textContent = describe(s);
-  drawWaterfall(store, plot);
+  waterfall.draw(store.waterfall, plot);
+  if (!store.filled) fill(store, view.selected);
 }
 
-function inside(u, g, draw) {
+export function inside(u, g, draw) {
   g.save();
   g.beginPath();
   g.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
@@ -85,7 +105,7 @@ function inside(u, g, draw) {
   g.restore();
 }
 
-function marks(u, g, lines) {
+export function marks(u, g, lines) {
   const stages = [];
   const ratio = window.devicePixelRatio || 1;
   const ends = []; // right ends of the labels of each stage's row

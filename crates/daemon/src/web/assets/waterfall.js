@@ -1,6 +1,6 @@
-// The spectra of the last minute below each other, with the orders of the spectrum above and the time at the side.
+// Spectra below each other, the newest at the bottom, with the orders of the spectrum above and the time at the side.
 
-import { css, el, fit, text } from "./state.js";
+import { css, fit, text } from "./state.js";
 import { save } from "./plot.js";
 import { iso } from "./time.js";
 
@@ -9,16 +9,26 @@ const COLUMNS = 750;
 const DECADES = 4; // that the colours span
 
 // As many columns as are drawn, each the largest of its lines, so that no peak is lost.
-export function remember(store, s) {
+export function line(s) {
   const out = new Float32Array(Math.min(COLUMNS, s.amplitude.length));
   s.amplitude.forEach((a, i) => {
     const c = Math.floor((i * out.length) / s.amplitude.length);
     out[c] = Math.max(out[c], a);
   });
   const first = s.first_order - s.order_step / 2;
+  return { t0: s.t0_ns, first, last: first + s.amplitude.length * s.order_step, peaks: out };
+}
+
+export function remember(store, s) {
   if (store.waterfall.length && s.t0_ns < store.waterfall.at(-1).t0) store.waterfall = [];
-  store.waterfall.push({ t0: s.t0_ns, first, last: first + s.amplitude.length * s.order_step, peaks: out });
+  store.waterfall.push(line(s));
   if (store.waterfall.length > ROWS) store.waterfall.shift();
+}
+
+// Spectra of before the page was opened, from the log, above those that came since.
+export function precede(store, older) {
+  const first = store.waterfall[0]?.t0 ?? Infinity;
+  store.waterfall = [...older.filter((s) => s.t0_ns < first).map(line), ...store.waterfall].slice(-ROWS);
 }
 
 // Colours from nothing to the largest line, dark to light: red, green, blue, opacity.
@@ -37,37 +47,63 @@ function colour(level) {
 const points = document.createElement("canvas");
 const BOTTOM = 40;
 const SCALE = 46; // width of the colour scale with its numbers
-let shown = null; // where the picture lies, for the values under the cursor
 
-export function drawWaterfall(store, plot) {
-  const canvas = el("waterfall");
-  const { g, width, height } = fit(canvas);
-  const ratio = window.devicePixelRatio || 1;
-  const list = store.waterfall;
-  const box = { left: plot.u.bbox.left / ratio, top: 6, height: height - BOTTOM - 6 };
-  box.width = Math.max(20, Math.min(plot.u.bbox.width / ratio, width - box.left - SCALE));
-  const [min, max] = plot.shown();
-  let top = 1e-300;
-  for (const row of list) for (const a of row.peaks) if (a > top) top = a;
-  points.width = COLUMNS;
-  points.height = list.length;
-  const pen = points.getContext("2d");
-  const image = pen.createImageData(COLUMNS, list.length);
-  list.forEach((row, r) => {
-    for (let c = 0; c < COLUMNS; c++) {
-      const order = min + ((c + 0.5) / COLUMNS) * (max - min);
-      const a = row.peaks[Math.floor(((order - row.first) / (row.last - row.first)) * row.peaks.length)] || 0;
-      const ink = 4 * Math.round(255 * Math.max(0, 1 + Math.log10(a / top) / DECADES));
-      for (let part = 0; part < 4; part++) image.data[4 * (r * COLUMNS + c) + part] = INKS[ink + part];
-    }
-  });
-  pen.putImageData(image, 0, 0);
-  const tall = (box.height * list.length) / Math.max(list.length, ROWS / 4);
-  g.imageSmoothingEnabled = false;
-  g.drawImage(points, box.left, box.top + box.height - tall, box.width, tall);
-  shown = { box, tall, list, min, max };
-  axes(g, shown);
-  scale(g, box, top);
+export class Waterfall {
+  // A canvas, where the values under the cursor are told, and the button that saves the picture.
+  constructor(canvas, values, png) {
+    this.canvas = canvas;
+    this.shown = null; // where the picture lies, for the values under the cursor
+    canvas.addEventListener("mousemove", (event) => { values.textContent = this.read(event) ?? values.textContent; });
+    canvas.addEventListener("mouseleave", () => { values.textContent = ""; });
+    png.addEventListener("click", () => canvas.toBlob((blob) => save(blob, "gearwatch-waterfall.png")));
+  }
+
+  draw(list, plot) {
+    const { g, width, height } = fit(this.canvas);
+    const ratio = window.devicePixelRatio || 1;
+    const box = { left: plot.u.bbox.left / ratio, top: 6, height: height - BOTTOM - 6 };
+    box.width = Math.max(20, Math.min(plot.u.bbox.width / ratio, width - box.left - SCALE));
+    const [min, max] = plot.shown();
+    let top = 1e-300;
+    for (const row of list) for (const a of row.peaks) if (a > top) top = a;
+    if (list.length === 0) return;
+    points.width = COLUMNS;
+    points.height = list.length;
+    const pen = points.getContext("2d");
+    const image = pen.createImageData(COLUMNS, list.length);
+    list.forEach((row, r) => {
+      for (let c = 0; c < COLUMNS; c++) {
+        const order = min + ((c + 0.5) / COLUMNS) * (max - min);
+        const a = row.peaks[Math.floor(((order - row.first) / (row.last - row.first)) * row.peaks.length)] || 0;
+        const ink = 4 * Math.round(255 * Math.max(0, 1 + Math.log10(a / top) / DECADES));
+        for (let part = 0; part < 4; part++) image.data[4 * (r * COLUMNS + c) + part] = INKS[ink + part];
+      }
+    });
+    pen.putImageData(image, 0, 0);
+    const tall = (box.height * list.length) / Math.max(list.length, ROWS / 4);
+    g.imageSmoothingEnabled = false;
+    g.drawImage(points, box.left, box.top + box.height - tall, box.width, tall);
+    this.shown = { box, tall, list, min, max };
+    axes(g, this.shown);
+    scale(g, box, top);
+  }
+
+  // The row of a place on the canvas, and the order there; nothing beside the picture.
+  at(event) {
+    if (!this.shown) return null;
+    const { box, tall, list, min, max } = this.shown;
+    const row = list[Math.floor(((event.offsetY - (box.top + box.height - tall)) / tall) * list.length)];
+    const share = (event.offsetX - box.left) / box.width;
+    return !row || share < 0 || share > 1 ? null : { row, order: min + share * (max - min) };
+  }
+
+  read(event) {
+    const at = this.at(event);
+    if (!at) return null;
+    const { row, order } = at;
+    const a = row.peaks[Math.floor(((order - row.first) / (row.last - row.first)) * row.peaks.length)];
+    return `${iso(row.t0)} · order ${order.toFixed(2)} · ${text(a, 3)}`;
+  }
 }
 
 function axes(g, { box, tall, list, min, max }) {
@@ -91,10 +127,11 @@ function axes(g, { box, tall, list, min, max }) {
   g.textBaseline = "middle";
   const line = tall / list.length;
   const every = Math.max(1, Math.round(list.length / Math.max(1, Math.floor(tall / 34))));
+  const long = list.at(-1).t0 - list[0].t0 > 86400e9;
   for (let r = list.length - 1; r >= 0; r -= every) {
     const y = box.top + box.height - tall + (r + 0.5) * line;
     g.fillRect(box.left - 4, y, 4, 1);
-    g.fillText(iso(list[r].t0).slice(11, 19), box.left - 6, y);
+    g.fillText(long ? iso(list[r].t0).slice(5, 16).replace("T", " ") : iso(list[r].t0).slice(11, 19), box.left - 6, y);
   }
 }
 
@@ -113,17 +150,3 @@ function scale(g, box, top) {
     g.fillText((top / 10 ** d).toExponential(0), x + 10, box.top + (box.height * d) / DECADES);
   }
 }
-
-el("waterfall").addEventListener("mousemove", (event) => {
-  if (!shown) return;
-  const { box, tall, list, min, max } = shown;
-  const r = Math.floor(((event.offsetY - (box.top + box.height - tall)) / tall) * list.length);
-  const share = (event.offsetX - box.left) / box.width;
-  const row = list[r];
-  if (!row || share < 0 || share > 1) return;
-  const order = min + share * (max - min);
-  const a = row.peaks[Math.floor(((order - row.first) / (row.last - row.first)) * row.peaks.length)];
-  el("waterfall-values").textContent = `${iso(row.t0)} · order ${order.toFixed(2)} · ${text(a, 3)}`;
-});
-el("waterfall").addEventListener("mouseleave", () => { el("waterfall-values").textContent = ""; });
-el("waterfall-png").addEventListener("click", () => el("waterfall").toBlob((blob) => save(blob, "gearwatch-waterfall.png")));
