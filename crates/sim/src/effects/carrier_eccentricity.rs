@@ -2,8 +2,8 @@
 
 use gearwatch_core::bench::Bench;
 
-use super::signature::passing_lines;
-use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::signature::passing;
+use super::{Effect, EffectError, EntryPoint, Parameter, Place, PlaceKind, Signature, Values};
 use crate::setup::SimSetup;
 
 /// Run-out of all pins together.
@@ -45,12 +45,7 @@ impl Effect for CarrierEccentricity {
 
     fn signature(&self, values: &Values, bench: &Bench) -> Signature {
         let Place::Carrier(stage) = values.place() else { return Signature::nothing() };
-        Signature {
-            lines: passing_lines(bench, stage),
-            change: Change::Rises,
-            load: Law::Mixed,
-            speed: SpeedLaw::Resonances,
-        }
+        passing(bench, stage)
     }
 
     fn confused_with(&self) -> &'static [&'static str] {

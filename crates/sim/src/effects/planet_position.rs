@@ -2,8 +2,8 @@
 
 use gearwatch_core::bench::Bench;
 
-use super::signature::passing_lines;
-use super::{Change, Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, SpeedLaw, Values};
+use super::signature::passing;
+use super::{Effect, EffectError, EntryPoint, Parameter, Place, PlaceKind, Signature, Values};
 use crate::setup::SimSetup;
 
 /// Error of a pin's place along the circle of the pins.
@@ -39,12 +39,7 @@ impl Effect for PlanetPosition {
 
     fn signature(&self, values: &Values, bench: &Bench) -> Signature {
         let Place::Pin { stage, .. } = values.place() else { return Signature::nothing() };
-        Signature {
-            lines: passing_lines(bench, stage),
-            change: Change::Rises,
-            load: Law::Mixed,
-            speed: SpeedLaw::Resonances,
-        }
+        passing(bench, stage)
     }
 
     fn confused_with(&self) -> &'static [&'static str] {

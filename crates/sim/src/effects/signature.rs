@@ -135,8 +135,18 @@ pub fn sidebands(train: &Train, stage: usize, spacing: f64, sidebands: u32) -> V
         .collect()
 }
 
+/// What planets that are not alike raise: the lines of their passing.
+pub fn passing(bench: &Bench, stage: usize) -> Signature {
+    Signature {
+        lines: passing_lines(bench, stage),
+        change: Change::Rises,
+        load: Law::Mixed,
+        speed: SpeedLaw::Resonances,
+    }
+}
+
 /// Harmonics of a planetary stage's mesh, and lines at multiples of its carrier's speed beside them up to the next passing of planets.
-pub fn passing_lines(bench: &Bench, stage: usize) -> Vec<Line> {
+fn passing_lines(bench: &Bench, stage: usize) -> Vec<Line> {
     let train = Train::new(bench);
     let Some(set) = &train.stages[stage].planetary else { return Vec::new() };
     let mut out = sidebands(&train, stage, set.carrier_order.abs(), set.planets);
