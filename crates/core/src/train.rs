@@ -64,7 +64,7 @@ impl StageKinematics {
         if let Some(set) = &gearing.planetary {
             let whole = planetary::speeds(first, second, set.fixed);
             let planetary = PlanetarySet::new(first, second, set, order);
-            let speed = |member| whole[planetary::at(member)];
+            let speed = |member| whole[planetary::position(member)];
             let magnitude = |member| u32::try_from(speed(member).unsigned_abs()).unwrap_or(1);
             out.ratio = (magnitude(set.output), magnitude(set.input));
             out.reverses = speed(set.output) * speed(set.input) < 0;

@@ -33,7 +33,7 @@ mod smooth;
 mod step;
 
 use bank::{Bank, Block, GROUP, Reading, product};
-use nodes::{MOST_HOUSING, MOST_INPUTS, MOST_STAGES, Node, Solver, evaluate};
+use nodes::{MOST_HOUSING, MOST_INPUTS, MOST_MESHES, Node, Solver, evaluate};
 use passage::Passing;
 use plan::{LONGEST, NODES, Plan, Split, Weights};
 use smooth::Nodes;
@@ -88,8 +88,8 @@ struct Lane {
     weights: Weights,
     external_values: Vec<f64>,
     /// Mesh force at the start of the last step, and carried on to the middle of this one, by stage; for eccentric gears.
-    mesh_forces: [Option<f64>; MOST_STAGES],
-    carried: [f64; MOST_STAGES],
+    mesh_forces: [Option<f64>; MOST_MESHES],
+    carried: [f64; MOST_MESHES],
     held_values: Vec<f64>,
     /// `Σ b v` of the held forces.
     forcing: Split,
@@ -124,9 +124,9 @@ impl<const L: usize> Etd<L> {
         if models.iter().any(|m| shape(m) != shape(&models[0])) {
             return Err(ModelError::Bench("runs side by side need the same stages, sensors and housing modes".into()));
         }
-        if stages > MOST_STAGES {
+        if stages > MOST_MESHES {
             return Err(ModelError::Bench(format!(
-                "the train has {stages} meshes; at most {MOST_STAGES} are simulated"
+                "the train has {stages} meshes; at most {MOST_MESHES} are simulated"
             )));
         }
         if models.iter().any(|m| m.contacts.iter().any(|c| c.impact().is_some())) {
@@ -168,8 +168,8 @@ impl<const L: usize> Etd<L> {
                 ahead: [Split::zeros(plan.len), Split::zeros(plan.len)],
                 weights: plan.full.clone(),
                 external_values: Vec::new(),
-                mesh_forces: [None; MOST_STAGES],
-                carried: [0.0; MOST_STAGES],
+                mesh_forces: [None; MOST_MESHES],
+                carried: [0.0; MOST_MESHES],
                 held_values: vec![f64::NAN; plan.externals.len()],
                 forcing: Split::zeros(plan.len),
                 terms: vec![[0.0; 3]; plan.sensors.len()],

@@ -18,7 +18,7 @@
 
 use gearwatch_core::bench::{Bench, Gear, Member, Planetary, Stage};
 use gearwatch_core::train::Train;
-use gearwatch_core::train::planetary::speeds;
+use gearwatch_core::train::planetary::{position, speeds};
 
 use crate::faults::{GearModifications, ToothModifications};
 use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry, PairGeometry, RIM};
@@ -80,12 +80,7 @@ pub fn of_bench(bench: &Bench) -> Vec<MeshPlace> {
 /// Senses of a planetary stage whose driving member turns counter-clockwise: `τ` of the torque on the sun and `ρ` of the sun's turning against the carrier.
 pub(crate) fn senses(stage: &Stage, set: &Planetary) -> [f64; 2] {
     let whole = speeds(stage.pinion.teeth, stage.wheel.teeth, set.fixed);
-    let of = |member: Member| match member {
-        Member::Sun => whole[0],
-        Member::Carrier => whole[1],
-        Member::Ring => whole[2],
-    };
-    let driving = of(set.input).signum();
+    let driving = whole[position(set.input)].signum();
     let torque = if set.input == Member::Carrier { -1.0 } else { 1.0 };
     [torque, (driving * (whole[0] - whole[1]).signum()) as f64]
 }

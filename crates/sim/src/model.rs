@@ -251,14 +251,16 @@ impl TrainModel {
         (self.contacts[mesh].at(phase, approach, rate, pairs), rate)
     }
 
-    /// Coordinates about which eccentric gears turn: mesh, 0 for its pinion or 1 for its wheel, coordinate, and the factor that makes it positive in the gear's sense.
-    pub(crate) fn levers(&self) -> Vec<(usize, usize, usize, f64)> {
+    /// Where mesh forces have a lever of their own: gears that run out.
+    pub(crate) fn levers(&self) -> Vec<Lever> {
         let meshes = self.linear.meshes.iter().zip(&self.contacts).enumerate();
         let eccentric = meshes.filter(|(_, (_, contact))| contact.mesh().is_eccentric());
         let of_mesh = |(i, (mesh, _)): (usize, (&MeshGeometry, &StageContact))| {
             let gears = [(0, mesh.pinion), (1, mesh.wheel)];
             let turning = mesh.turning;
-            gears.into_iter().filter_map(move |(g, gear)| gear.angle.map(|angle| (i, g, angle, turning[g])))
+            gears.into_iter().filter_map(move |(g, gear)| {
+                gear.angle.map(|angle| Lever { mesh: i, gear: g, angle, turning: turning[g] })
+            })
         };
         eccentric.flat_map(of_mesh).collect()
     }
@@ -394,6 +396,19 @@ fn add(out: &mut [f64], vector: &DVector<f64>, value: f64, mass: &DMatrix<f64>) 
 /// Creep follows the torque; a bench file without a nominal torque takes it as it is.
 fn creep_share(torque: f64, nominal: f64) -> f64 {
     if nominal > 0.0 { torque / nominal } else { 1.0 }
+}
+
+/// A gear that runs out, about whose shaft the mesh force has a lever of its own.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lever {
+    /// Position of the mesh.
+    pub(crate) mesh: usize,
+    /// 0 for its pinion, 1 for its wheel.
+    pub(crate) gear: usize,
+    /// Coordinate of the gear's angle.
+    pub(crate) angle: usize,
+    /// 1 or −1: makes that angle positive in the gear's sense.
+    pub(crate) turning: f64,
 }
 
 /// Non-zero entries of a vector.

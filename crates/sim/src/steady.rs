@@ -30,7 +30,7 @@ mod tests;
 use nalgebra::Complex;
 
 use self::passage::PassageLines;
-use self::periods::{Turn, modulated_shafts, only};
+use self::periods::{Turn, modulated_turns, only};
 use self::response::{Output, Response};
 use self::solver::{Grid, Linear, Problem, Solution};
 use crate::linear::LinearTrain;
@@ -150,9 +150,9 @@ impl SteadySolver {
         seed: u64,
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
-        let shafts = modulated_shafts(setup)?;
-        let mut models = Vec::with_capacity(1 + shafts.len());
-        for part in std::iter::once(None).chain(shafts.iter().map(|(turn, _)| Some(*turn))) {
+        let turns = modulated_turns(setup)?;
+        let mut models = Vec::with_capacity(1 + turns.len());
+        for part in std::iter::once(None).chain(turns.iter().map(|(turn, _)| Some(*turn))) {
             let (motor_hz, torque_nm) = (Profile::constant(motor_hz), Profile::constant(torque_nm));
             models.push(TrainModel::with_flanks(&only(setup, part), motor_hz, torque_nm, seed, &mut self.flanks)?);
         }
@@ -175,7 +175,7 @@ impl SteadySolver {
                 }
             }
         }
-        for (i, (turn, everywhere)) in shafts.into_iter().enumerate() {
+        for (i, (turn, everywhere)) in turns.into_iter().enumerate() {
             let mut groups = vec![all.iter().copied().filter(|&mesh| turn.touches(stage_of(mesh))).collect()];
             if everywhere {
                 let far = by_stage.iter().enumerate().filter(|(stage, _)| !turn.touches(*stage));
@@ -183,7 +183,7 @@ impl SteadySolver {
             }
             for group in groups {
                 let problem = problem(&group, Some(turn)).ok_or_else(|| {
-                    SteadyError::NotPeriodic(format!("the turn of {turn:?} together with a far mesh"))
+                    SteadyError::NotPeriodic(format!("{} together with a far mesh", turn.name(&setup.bench)))
                 })?;
                 wanted.push((-1.0, 0, problem.clone()));
                 wanted.push((1.0, 1 + i, problem));

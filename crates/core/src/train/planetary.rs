@@ -90,7 +90,7 @@ pub fn speeds(sun: u32, ring: u32, fixed: Member) -> [i64; 3] {
 }
 
 /// Position of a member among [`speeds`].
-pub(super) fn at(member: Member) -> usize {
+pub fn position(member: Member) -> usize {
     match member {
         Member::Sun => 0,
         Member::Carrier => 1,
@@ -103,7 +103,7 @@ impl PlanetarySet {
     pub fn new(sun: u32, ring: u32, set: &Planetary, order: f64) -> Self {
         let whole = speeds(sun, ring, set.fixed);
         // The driving member turns, for it is not the fixed one.
-        let unit = order / whole[at(set.input)] as f64;
+        let unit = order / whole[position(set.input)] as f64;
         let [sun_order, carrier_order, ring_order] = whole.map(|speed| speed as f64 * unit);
         let (teeth, ahead) = (f64::from(set.planet.teeth), (sun_order - carrier_order) * f64::from(sun));
         let positions = set.positions_turns();

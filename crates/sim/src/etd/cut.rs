@@ -1,7 +1,7 @@
 //! Steps in parts that end on the events, each with its own exact propagators.
 
 use super::Lane;
-use super::nodes::{MOST_STAGES, Node, evaluate};
+use super::nodes::{MOST_MESHES, Node, evaluate};
 use super::plan::{Plan, Split};
 
 /// Closest that an event is located (s).
@@ -69,7 +69,7 @@ impl Lane {
     /// Solves a part of a step; weights and modal predictions stay in the lane for [`Self::advance`].
     fn try_part(&mut self, plan: &Plan, t: f64, length: f64) -> (Node, Node) {
         plan.weigh(length / plan.step_s, &mut self.weights);
-        let mut free = [[0.0; 2 * MOST_STAGES]; 2];
+        let mut free = [[0.0; 2 * MOST_MESHES]; 2];
         for half in 0..2 {
             let (decay, held) = (&self.weights.decay[half], &self.weights.held[half]);
             let ahead = &mut self.ahead[half];
@@ -124,8 +124,8 @@ impl Lane {
             let s = 0.5 * (low + high);
             let x = s / length;
             let weights = [(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)];
-            let mut approach = [0.0; MOST_STAGES];
-            let mut angle = [0.0; MOST_STAGES];
+            let mut approach = [0.0; MOST_MESHES];
+            let mut angle = [0.0; MOST_MESHES];
             for (node, weight) in [&self.start, &solved.0, &solved.1].into_iter().zip(weights) {
                 for stage in 0..stages {
                     approach[stage] += weight * node.approach[stage];

@@ -5,11 +5,11 @@
 use crate::mesh::{SetLaw, Touch};
 
 use super::late::{Responses, lagrange_about};
-use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear};
+use super::nodes::{MOST_MESHES, MOST_UNKNOWNS, Node, Solver, solve_linear};
 use super::plan::{Plan, Weights};
 
 /// Most pair changes of a step that are treated here: one in each half, in each stage.
-const MOST_KINKS: usize = 2 * MOST_STAGES;
+const MOST_KINKS: usize = 2 * MOST_MESHES;
 /// Newton steps for approaches and onsets together.
 const MOST_ITERATIONS: usize = 8;
 /// Times that the sets of touching pairs at the nodes are taken anew.
@@ -143,7 +143,7 @@ impl Solver {
         kinks.len = 0;
         let mut halves = [0; M];
         let mut sets = [([0; 3], [0; 3]); M];
-        let mut first = [[0; MOST_STAGES]; 2];
+        let mut first = [[0; MOST_MESHES]; 2];
         let mut at_start = [Touch::default(); M];
         for stage in 0..stages {
             let bits = [start.touching[stage], self.nodes[0].touching[stage], self.nodes[1].touching[stage]];
@@ -174,8 +174,8 @@ impl Solver {
         }
         // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and after, everywhere. Within a set the force is
         // linear in the approach, and the phases stay as predicted.
-        let mut smooth = [[SetLaw::default(); MOST_STAGES]; 2];
-        let mut tangent = [[0.0; MOST_STAGES]; 2];
+        let mut smooth = [[SetLaw::default(); MOST_MESHES]; 2];
+        let mut tangent = [[0.0; MOST_MESHES]; 2];
         for half in 0..2 {
             for stage in 0..stages {
                 let law = self.touch[half][stage].law(first[half][stage]);
@@ -236,7 +236,7 @@ impl Solver {
         &mut self,
         plan: &Plan,
         weights: &Weights,
-        tangent: &[[f64; MOST_STAGES]; 2],
+        tangent: &[[f64; MOST_MESHES]; 2],
         kinks: &mut Kinks,
         late: &[[Responses<M>; 2]; M],
     ) -> f64 {

@@ -7,13 +7,13 @@ use crate::mesh::{MAX_PAIRS, MeshForce, Pairs, Touch};
 
 use super::plan::{Plan, Weights};
 
-/// Most meshes of a train.
-pub(super) const MOST_STAGES: usize = 16;
-pub(super) const MOST_UNKNOWNS: usize = 2 * MOST_STAGES;
+pub(super) use gearwatch_core::bench::gearing::MOST_MESHES;
+
+pub(super) const MOST_UNKNOWNS: usize = 2 * MOST_MESHES;
 /// Most housing coordinates that planetary stages drive.
 pub(super) const MOST_HOUSING: usize = 32;
 /// Mesh forces, three forces of friction of each mesh, forces on the housing.
-pub(super) const MOST_INPUTS: usize = 4 * MOST_STAGES + MOST_HOUSING;
+pub(super) const MOST_INPUTS: usize = 4 * MOST_MESHES + MOST_HOUSING;
 /// Newton steps; the force is piecewise linear, so one is the rule.
 const MOST_ITERATIONS: usize = 12;
 /// Largest move, as a part of the largest approach, at which friction counts as settled.
@@ -25,20 +25,20 @@ const SMOOTH: f64 = 1e-5;
 /// Approach, phase, contact and remainder of all meshes at one instant, and at the end of the remainder what is passed on to the housing.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
-    pub(super) approach: [f64; MOST_STAGES],
-    pub(super) pinion_rad: [f64; MOST_STAGES],
-    pub(super) phase: [f64; MOST_STAGES],
-    pub(super) touching: [u32; MOST_STAGES],
+    pub(super) approach: [f64; MOST_MESHES],
+    pub(super) pinion_rad: [f64; MOST_MESHES],
+    pub(super) phase: [f64; MOST_MESHES],
+    pub(super) touching: [u32; MOST_MESHES],
     pub(super) remainder: [f64; MOST_INPUTS],
 }
 
 impl Default for Node {
     fn default() -> Self {
         Self {
-            approach: [0.0; MOST_STAGES],
-            pinion_rad: [0.0; MOST_STAGES],
-            phase: [0.0; MOST_STAGES],
-            touching: [0; MOST_STAGES],
+            approach: [0.0; MOST_MESHES],
+            pinion_rad: [0.0; MOST_MESHES],
+            phase: [0.0; MOST_MESHES],
+            touching: [0; MOST_MESHES],
             remainder: [0.0; MOST_INPUTS],
         }
     }
@@ -62,14 +62,14 @@ impl Node {
 pub(super) struct Solver {
     /// Middle and end.
     pub(super) nodes: [Node; 2],
-    pairs: [[Pairs; MOST_STAGES]; 2],
+    pairs: [[Pairs; MOST_MESHES]; 2],
     /// Of helical stages.
-    slices: [[Slices; MOST_STAGES]; 2],
+    slices: [[Slices; MOST_MESHES]; 2],
     /// The same pairs as steps with changes take them.
-    pub(super) touch: [[Touch; MOST_STAGES]; 2],
+    pub(super) touch: [[Touch; MOST_MESHES]; 2],
     /// Approaches that the state, the held forces and the remainder at the start alone would give.
-    pub(super) base: [[f64; MOST_STAGES]; 2],
-    laws: [[MeshForce; MOST_STAGES]; 2],
+    pub(super) base: [[f64; MOST_MESHES]; 2],
+    laws: [[MeshForce; MOST_MESHES]; 2],
 }
 
 /// Contact and remainder of all stages where approach and angle are known.
@@ -136,7 +136,7 @@ impl Solver {
         plan: &Plan,
         weights: &Weights,
         start: &Node,
-        free: &[[f64; 2 * MOST_STAGES]; 2],
+        free: &[[f64; 2 * MOST_MESHES]; 2],
         references: [f64; 2],
     ) -> bool {
         // Counts that the compiler knows: the usual trains are unrolled.
@@ -144,7 +144,7 @@ impl Solver {
             1 => self.solve_stages::<1, 2>(plan, weights, start, free, references),
             2 => self.solve_stages::<2, 4>(plan, weights, start, free, references),
             3..=6 => self.solve_stages::<6, 12>(plan, weights, start, free, references),
-            _ => self.solve_stages::<MOST_STAGES, MOST_UNKNOWNS>(plan, weights, start, free, references),
+            _ => self.solve_stages::<MOST_MESHES, MOST_UNKNOWNS>(plan, weights, start, free, references),
         }
     }
 
@@ -155,14 +155,14 @@ impl Solver {
         plan: &Plan,
         weights: &Weights,
         start: &Node,
-        free: &[[f64; 2 * MOST_STAGES]; 2],
+        free: &[[f64; 2 * MOST_MESHES]; 2],
         references: [f64; 2],
     ) -> bool {
         let stages = if N > 2 { plan.stiffness.len() } else { N };
         self.predict(plan, weights, start, free, references, stages);
         let rubs = plan.rubs;
         for iteration in 0..MOST_ITERATIONS {
-            let mut tangent = [[0.0; MOST_STAGES]; 2];
+            let mut tangent = [[0.0; MOST_MESHES]; 2];
             let before = [self.nodes[0].touching, self.nodes[1].touching];
             for half in 0..2 {
                 for stage in 0..stages {
@@ -221,7 +221,7 @@ impl Solver {
         plan: &Plan,
         weights: &Weights,
         start: &Node,
-        free: &[[f64; 2 * MOST_STAGES]; 2],
+        free: &[[f64; 2 * MOST_MESHES]; 2],
         references: [f64; 2],
         stages: usize,
     ) {
@@ -257,11 +257,11 @@ impl Solver {
 fn newton<const M: usize>(
     plan: &Plan,
     weights: &Weights,
-    base: &[[f64; MOST_STAGES]; 2],
-    tangent: &[[f64; MOST_STAGES]; 2],
+    base: &[[f64; MOST_MESHES]; 2],
+    tangent: &[[f64; MOST_MESHES]; 2],
     nodes: &mut [Node; 2],
     stages: usize,
-) -> ([[f64; MOST_STAGES]; 2], f64) {
+) -> ([[f64; MOST_MESHES]; 2], f64) {
     let inputs = plan.acting;
     let mut matrix = [[[0.0]; M]; M];
     let mut right = [[0.0]; M];
@@ -283,7 +283,7 @@ fn newton<const M: usize>(
     }
     solve_linear(&mut matrix, &mut right, 2 * stages);
     let (mut moved, mut largest) = (0.0_f64, 1e-9_f64);
-    let mut steps = [[0.0; MOST_STAGES]; 2];
+    let mut steps = [[0.0; MOST_MESHES]; 2];
     for half in 0..2 {
         for stage in 0..stages {
             let [step] = right[half * stages + stage];

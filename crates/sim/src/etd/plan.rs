@@ -9,7 +9,7 @@ use nalgebra::{Complex, DVector};
 use super::late::Late;
 use crate::mesh::{Joint, Pairs};
 use crate::modal::Modes;
-use crate::model::{ModelError, TrainModel};
+use crate::model::{Lever, ModelError, TrainModel};
 
 /// Nodes of a step at which the remainder is taken: its beginning, middle and end.
 pub(super) const NODES: usize = 3;
@@ -86,8 +86,8 @@ pub(super) struct Plan {
     pub(super) outputs: Vec<Split>,
     /// Inputs of outside forces, then of the moments of [`Self::levers`].
     pub(super) externals: Vec<Split>,
-    /// Moments of the mesh forces about eccentric gears: stage, pinion or wheel, coordinate.
-    pub(super) levers: Vec<(usize, usize, usize, f64)>,
+    /// Moments of the mesh forces about eccentric gears.
+    pub(super) levers: Vec<Lever>,
     /// Sensors of the bench (m/s²).
     pub(super) sensors: Vec<Split>,
     /// Per degree: `(λh)^k / k!`.
@@ -196,9 +196,9 @@ impl Plan {
         let levers = model.levers();
         let lever_vectors: Vec<_> = levers
             .iter()
-            .map(|&(_, _, at, turning)| {
+            .map(|lever| {
                 let mut vector = zero.clone();
-                vector[at] = turning;
+                vector[lever.angle] = lever.turning;
                 vector
             })
             .collect();

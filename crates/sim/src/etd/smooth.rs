@@ -9,7 +9,7 @@
 use crate::mesh::{SLOTS, Touch};
 
 use super::bank::{Block, GROUP};
-use super::nodes::{MOST_STAGES, MOST_UNKNOWNS, Node, Solver, solve_linear};
+use super::nodes::{MOST_MESHES, MOST_UNKNOWNS, Node, Solver, solve_linear};
 use super::plan::Plan;
 
 /// A number per run.
@@ -24,10 +24,10 @@ pub(super) struct Nodes<const L: usize> {
     from_start: Vec<[Row<L>; 2]>,
     /// Response of approaches to the remainders at the nodes: `[node × node]`.
     from_nodes: Vec<Row<L>>,
-    stiffness: [Row<L>; MOST_STAGES],
-    initial_phase: [Row<L>; MOST_STAGES],
-    cycles_per_rad: [Row<L>; MOST_STAGES],
-    cycles_per_pinion_rad: [Row<L>; MOST_STAGES],
+    stiffness: [Row<L>; MOST_MESHES],
+    initial_phase: [Row<L>; MOST_MESHES],
+    cycles_per_rad: [Row<L>; MOST_MESHES],
+    cycles_per_pinion_rad: [Row<L>; MOST_MESHES],
     /// Where the step begins: number of the newest pair, which pairs touch (1 or 0, the newest first), what else a [`Node`] has.
     start: Begin<L>,
     /// The same at middle and end.
@@ -44,12 +44,12 @@ pub(super) struct Nodes<const L: usize> {
 
 #[derive(Clone, Debug)]
 struct Begin<const L: usize> {
-    newest: [Row<L>; MOST_STAGES],
-    on: [[Row<L>; SLOTS]; MOST_STAGES],
-    approach: [Row<L>; MOST_STAGES],
-    angle: [Row<L>; MOST_STAGES],
-    phase: [Row<L>; MOST_STAGES],
-    remainder: [Row<L>; MOST_STAGES],
+    newest: [Row<L>; MOST_MESHES],
+    on: [[Row<L>; SLOTS]; MOST_MESHES],
+    approach: [Row<L>; MOST_MESHES],
+    angle: [Row<L>; MOST_MESHES],
+    phase: [Row<L>; MOST_MESHES],
+    remainder: [Row<L>; MOST_MESHES],
 }
 
 impl<const L: usize> Nodes<L> {
@@ -60,7 +60,7 @@ impl<const L: usize> Nodes<L> {
             return None;
         }
         let nodes = 2 * stages;
-        let zeros = [[0.0; L]; MOST_STAGES];
+        let zeros = [[0.0; L]; MOST_MESHES];
         let rows = [[0.0; L]; MOST_UNKNOWNS];
         let mut out = Self {
             from_start: vec![[[0.0; L]; 2]; nodes * stages],
@@ -71,7 +71,7 @@ impl<const L: usize> Nodes<L> {
             cycles_per_pinion_rad: zeros,
             start: Begin {
                 newest: zeros,
-                on: [[[0.0; L]; SLOTS]; MOST_STAGES],
+                on: [[[0.0; L]; SLOTS]; MOST_MESHES],
                 approach: zeros,
                 angle: zeros,
                 phase: zeros,
@@ -175,7 +175,7 @@ impl<const L: usize> Nodes<L> {
             2 => self.solve_nodes::<2, 4>(plans, outputs, references, 2),
             stages @ 3..=6 => self.solve_nodes::<6, 12>(plans, outputs, references, stages),
             stages @ 7..=10 => self.solve_nodes::<10, 20>(plans, outputs, references, stages),
-            stages => self.solve_nodes::<MOST_STAGES, MOST_UNKNOWNS>(plans, outputs, references, stages),
+            stages => self.solve_nodes::<MOST_MESHES, MOST_UNKNOWNS>(plans, outputs, references, stages),
         }
     }
 

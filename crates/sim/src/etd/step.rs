@@ -4,9 +4,10 @@ use pulp::{Simd, WithSimd};
 
 use super::bank::GROUP;
 use super::cut::Open;
-use super::nodes::{MOST_STAGES, Node};
+use super::nodes::{MOST_MESHES, Node};
 use super::plan::{NODES, Plan};
 use super::{Etd, Lane, node_of_state, readings};
+use crate::model::Lever;
 use crate::rk4::{Diverged, LARGEST_APPROACH_M};
 
 /// `|λ| h` of the Runge–Kutta steps in free flight.
@@ -122,7 +123,7 @@ impl<const L: usize> Etd<L> {
         if !lane.start.is_open(stages) {
             let mut same = false;
             if !guessed {
-                let mut free = [[0.0; 2 * MOST_STAGES]; 2];
+                let mut free = [[0.0; 2 * MOST_MESHES]; 2];
                 for (half, free) in free.iter_mut().enumerate() {
                     for stage in 0..stages {
                         let (approach, angle) = (half * stages + stage, (2 + half) * stages + stage);
@@ -291,7 +292,7 @@ impl Lane {
     fn add_levers(&mut self, plan: &Plan, start: &Node, t: f64) {
         let reference = plan.model.rotation.angle(t);
         let mut carried = None;
-        for &(stage, gear, _, _) in &plan.levers {
+        for &Lever { mesh: stage, gear, .. } in &plan.levers {
             let force = start.remainder[stage] + plan.stiffness[stage] * start.approach[stage];
             if carried != Some(stage) {
                 let before = self.mesh_forces[stage].unwrap_or(force);

@@ -2,9 +2,9 @@
 
 use gearwatch_core::bench::term::{Entry, Flanks, Harmonic, ResolvedTerm, Turning};
 
-use gearwatch_core::bench::{Bench, Member};
+use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
-use gearwatch_core::train::planetary::speeds;
+use gearwatch_core::train::planetary::{position, speeds};
 
 use super::solver::Problem;
 use super::{SteadyError, SteadySolver};
@@ -41,13 +41,10 @@ impl SteadySolver {
             let (times, by) = match &spec.gearing.planetary {
                 None => (sun, 1),
                 Some(set) => {
-                    let [s, c, r] = speeds(spec.pinion.teeth, spec.wheel.teeth, set.fixed);
-                    let driving = match set.input {
-                        Member::Sun => s,
-                        Member::Carrier => c,
-                        Member::Ring => r,
-                    };
-                    (sun.checked_mul((s - c).unsigned_abs())?, driving.unsigned_abs())
+                    let whole = speeds(spec.pinion.teeth, spec.wheel.teeth, set.fixed);
+                    let [of_sun, of_carrier, _] = whole;
+                    let driving = whole[position(set.input)].unsigned_abs();
+                    (sun.checked_mul((of_sun - of_carrier).unsigned_abs())?, driving)
                 }
             };
             Some(reduced(num.checked_mul(times)?, den.checked_mul(by)?))
@@ -121,6 +118,16 @@ impl Turn {
         Self::Gear { stage, teeth }
     }
 
+    /// In words.
+    pub(super) fn name(self, bench: &Bench) -> String {
+        match self {
+            Self::Shaft(shaft) => format!("the revolution of shaft {}", bench.shafts[shaft].name),
+            Self::Gear { stage, teeth } => {
+                format!("the turn of a gear with {teeth} teeth in {}", bench.stages[stage].name)
+            }
+        }
+    }
+
     /// The meshes of a stage feel it at once.
     pub(super) fn touches(self, stage: usize) -> bool {
         match self {
@@ -131,7 +138,7 @@ impl Turn {
 }
 
 /// Turns that something repeats with, and whether it reaches all meshes.
-pub(super) fn modulated_shafts(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, SteadyError> {
+pub(super) fn modulated_turns(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, SteadyError> {
     let mut out: Vec<(Turn, bool)> = Vec::new();
     let bench = &setup.bench;
     let mut add = |turn: Turn, everywhere: bool| match out.iter_mut().find(|(known, _)| *known == turn) {

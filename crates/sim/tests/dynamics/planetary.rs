@@ -21,9 +21,8 @@ use super::{RATE_HZ, bare, model, rms, spread};
 mod faults;
 mod refused;
 
-/// One planetary stage alone, the ring standing still, `planets` of them at equal spacing; in and out by their names.
-fn alone(teeth: [u32; 3], planets: u32, roles: [&str; 2]) -> Bench {
-    let [sun, planet, ring] = teeth;
+/// Two shafts with a stage between them.
+fn between(stage: &str) -> Bench {
     let text = format!(
         r#"
 format = "gearwatch-bench/1"
@@ -35,54 +34,39 @@ name = "first"
 [[shaft]]
 name = "second"
 [[stage]]
-name = "p"
-kind = "planetary"
-in = "{}"
-out = "{}"
-module_mm = 2.0
-sun = {{ teeth = {sun} }}
-planet = {{ teeth = {planet}, count = {planets} }}
-ring = {{ teeth = {ring} }}
+{stage}
 [brake]
 torque_nm = 60.0
 [[sensor]]
 name = "acc"
 shaft = "first"
 direction_deg = 40.0
-"#,
-        roles[0], roles[1]
+"#
     );
     let bench: Bench = toml::from_str(&text).expect("a bench");
     assert_eq!(bench.problems(), Vec::<String>::new());
     bench
 }
 
+/// One planetary stage alone, the ring standing still, `planets` of them at equal spacing; in and out by their names.
+fn alone([sun, planet, ring]: [u32; 3], planets: u32, [input, output]: [&str; 2]) -> Bench {
+    between(&format!(
+        r#"
+name = "p"
+kind = "planetary"
+in = "{input}"
+out = "{output}"
+module_mm = 2.0
+sun = {{ teeth = {sun} }}
+planet = {{ teeth = {planet}, count = {planets} }}
+ring = {{ teeth = {ring} }}
+"#
+    ))
+}
+
 /// A pair with what stands between its gears.
 fn pair(extra: &str) -> Bench {
-    let text = format!(
-        r#"
-format = "gearwatch-bench/1"
-name = "pair"
-[motor]
-speed_hz = 20.0
-[[shaft]]
-name = "first"
-[[shaft]]
-name = "second"
-[[stage]]
-name = "s"
-pinion = {{ teeth = 23 }}
-{extra}
-[brake]
-torque_nm = 60.0
-[[sensor]]
-name = "acc"
-shaft = "first"
-"#
-    );
-    let bench: Bench = toml::from_str(&text).expect("a bench");
-    assert_eq!(bench.problems(), Vec::<String>::new());
-    bench
+    between(&format!("name = \"s\"\npinion = {{ teeth = 23 }}\n{extra}"))
 }
 
 fn with(bench: &Bench, effect: &str, place: &str, parameters: &[(&str, f64)]) -> SimSetup {
