@@ -173,7 +173,12 @@ impl Health {
         let over = self.end_maintenance(verdict.t0);
         let place = self.places.entry(key.clone()).or_default();
         let rests = self.maintenance.is_some() || over.is_some();
-        let changed = if rests { place.rest() } else { place.take(&self.config, &self.ranks, verdict) };
+        let changed = if rests {
+            place.rest();
+            None
+        } else {
+            place.take(&self.config, &self.ranks, verdict)
+        };
         self.newest.insert(key.clone(), verdict.clone());
         if over.is_some() {
             return over;

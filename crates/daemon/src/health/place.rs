@@ -25,11 +25,10 @@ pub(super) struct Place {
 
 impl Place {
     /// Nothing asks for anything, as long as somebody works at the bench; votes begin anew after that.
-    pub(super) fn rest(&mut self) -> Option<Alarm> {
+    pub(super) fn rest(&mut self) {
         self.recent.clear();
         self.asked_since = [None; 2];
         (self.normal_in_a_row, self.normal_since) = (0, None);
-        None
     }
 
     /// The shelf that holds at this time; one whose time is over is cleared, and the alarm that still holds is to be told again.

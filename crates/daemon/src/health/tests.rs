@@ -31,14 +31,18 @@ fn verdict(window: u64, machine: MachineState, instrument: InstrumentState) -> V
     }
 }
 
-/// Feeds a row of states, `n` normal, `d` deviating, `a` alarm, `u` unknown; the windows at which something changed.
-fn feed(health: &mut Health, row: &str) -> Vec<(usize, bool, Severity)> {
-    let state = |c| match c {
+/// `n` normal, `d` deviating, `a` alarm, others unknown.
+fn state(c: char) -> MachineState {
+    match c {
         'n' => MachineState::Normal,
         'd' => MachineState::Deviating,
         'a' => MachineState::Alarm,
         _ => MachineState::Unknown,
-    };
+    }
+}
+
+/// Feeds a row of states; the windows at which something changed.
+fn feed(health: &mut Health, row: &str) -> Vec<(usize, bool, Severity)> {
     let windows = row.chars().enumerate();
     let changes = windows.filter_map(|(i, c)| {
         let alarm = health.take(&verdict(i as u64, state(c), InstrumentState::Ok))?;
@@ -72,12 +76,6 @@ fn analytic_three_of_five_raise_and_four_normal_in_a_row_clear() {
 fn analytic_alarms_wait_in_time_too() {
     let delayed = || Health::new(AlarmConfig { clear: 2, delay_secs: 4.0, clear_secs: 6.0, ..AlarmConfig::default() });
     let feed = |health: &mut Health, row: &str| {
-        let state = |c| match c {
-            'n' => MachineState::Normal,
-            'd' => MachineState::Deviating,
-            'a' => MachineState::Alarm,
-            _ => MachineState::Unknown,
-        };
         let windows = row.chars().enumerate().filter_map(|(i, c)| {
             let second = Verdict { t0: i as i64 * 1_000_000_000, ..verdict(i as u64, state(c), InstrumentState::Ok) };
             health.take(&second).map(|alarm| (i, alarm.active, alarm.severity))
@@ -194,12 +192,7 @@ fn analytic_a_shelved_alarm_is_quiet_for_its_time() {
     let mut feed = |health: &mut Health, row: &str| {
         let mut told = Vec::new();
         for c in row.chars() {
-            let state = match c {
-                'n' => MachineState::Normal,
-                'd' => MachineState::Deviating,
-                _ => MachineState::Alarm,
-            };
-            let window = Verdict { t0: at * 1_000_000_000, ..verdict(at as u64, state, InstrumentState::Ok) };
+            let window = Verdict { t0: at * 1_000_000_000, ..verdict(at as u64, state(c), InstrumentState::Ok) };
             told.extend(health.take(&window).map(|alarm| (at, alarm.active, alarm.acknowledged)));
             at += 1;
         }

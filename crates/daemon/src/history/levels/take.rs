@@ -94,6 +94,7 @@ pub(super) fn prune(db: &Connection) -> Result<()> {
     let begin = |secs: i64, kept: i64, nth: &mut rusqlite::Statement<'_>| {
         nth.query_row(params![secs, kept / secs - 1], |row| row.get::<_, i64>(0)).optional()
     };
+    // The keys begin with level and row: with the rows named they are sought, else the whole level is read.
     for (secs, kept) in LEVELS {
         if let Some(begin) = begin(secs, kept, &mut nth)? {
             db.execute(
@@ -119,16 +120,10 @@ pub(super) fn prune(db: &Connection) -> Result<()> {
             }
         }
     }
-    for (table, least) in [("event", "t_ns"), ("alarm", "t_ns")] {
-        let oldest: Option<i64> = db
-            .query_row(
-                &format!("SELECT {least} FROM {table} ORDER BY {least} DESC LIMIT 1 OFFSET ?1"),
-                [MOST_EVENTS],
-                |row| row.get(0),
-            )
-            .optional()?;
-        if let Some(oldest) = oldest {
-            db.execute(&format!("DELETE FROM {table} WHERE {least} <= ?1"), [oldest])?;
+    for table in ["event", "alarm"] {
+        let nth = format!("SELECT t_ns FROM {table} ORDER BY t_ns DESC LIMIT 1 OFFSET ?1");
+        if let Some(oldest) = db.query_row(&nth, [MOST_EVENTS], |row| row.get::<_, i64>(0)).optional()? {
+            db.execute(&format!("DELETE FROM {table} WHERE t_ns <= ?1"), [oldest])?;
         }
     }
     Ok(())
