@@ -68,19 +68,16 @@ pub fn minimise(
     iterations: usize,
     residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
 ) -> Option<Solution> {
-    let groups = groups(reaches, free);
-    let mut descent = Descent::new(start, priors, free, &groups, residuals)?;
-    let first = descent.cost;
-    descent.go(iterations, residuals)?;
-    let normal = match descent.normal.take() {
+    let descent = descend(start, priors, reaches, free, iterations, residuals)?;
+    let Descent { x, r, first, cost, done, normal, groups, .. } = descent;
+    let normal = match normal {
         Some(normal) => normal,
         None => {
-            let jacobian = quotients(&descent.x, &descent.r, priors, (free, &groups), residuals)?;
-            equations(&jacobian, &descent.x, &descent.r, priors, free).0
+            let jacobian = quotients(&x, &r, priors, (free, &groups), residuals)?;
+            equations(&jacobian, &x, &r, priors, free).0
         }
     };
-    let covariance = normal.cholesky()?.inverse();
-    Some(Solution { x: descent.x, covariance, cost: (first, descent.cost), iterations: descent.done })
+    Some(Solution { x, covariance: normal.cholesky()?.inverse(), cost: (first, cost), iterations: done })
 }
 
 /// As [`minimise`], without a covariance: the cost and the numbers of where so many iterations lead.
@@ -92,58 +89,63 @@ pub fn approach(
     iterations: usize,
     residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
 ) -> Option<(f64, DVector<f64>)> {
+    descend(start, priors, reaches, free, iterations, residuals).map(|descent| (descent.cost, descent.x))
+}
+
+/// Iterations from a start; `None` where the equations cannot be solved.
+fn descend<'a>(
+    start: DVector<f64>,
+    priors: &'a [Prior],
+    reaches: &'a [Reach],
+    free: &'a [usize],
+    iterations: usize,
+    residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
+) -> Option<Descent<'a>> {
+    let r = residuals(&start)?;
+    let cost = losses(&r) + pulls(&start, priors);
     let groups = groups(reaches, free);
-    let mut descent = Descent::new(start, priors, free, &groups, residuals)?;
+    let mut depends = vec![Vec::new(); r.len()];
+    for (column, rows) in groups.iter().flatten() {
+        match rows {
+            Some(rows) => rows.iter().for_each(|&row| depends[row].push(*column)),
+            None => depends.iter_mut().for_each(|columns| columns.push(*column)),
+        }
+    }
+    let (x, jacobian, normal) = (start, DMatrix::zeros(0, 0), None);
+    let mut descent =
+        Descent { priors, free, groups, depends, x, r, first: cost, cost, done: 0, jacobian, followed: SERVES, normal };
     descent.go(iterations, residuals)?;
-    Some((descent.cost, descent.x))
+    Some(descent)
 }
 
 /// A search under way.
 struct Descent<'a> {
     priors: &'a [Prior],
     free: &'a [usize],
-    groups: &'a [Group<'a>],
+    groups: Vec<Group<'a>>,
     /// The free numbers (positions among them) that each residual depends on.
     depends: Vec<Vec<usize>>,
     x: DVector<f64>,
     r: Vec<f64>,
+    /// At the start, and now.
+    first: f64,
     cost: f64,
     /// Iterations that improved.
     done: usize,
     jacobian: DMatrix<f64>,
-    /// Steps that the Jacobian has followed since it was taken by difference quotients.
+    /// Steps that the Jacobian has followed since it was taken by difference quotients; from [`SERVES`] on it is taken again.
     followed: usize,
     /// The normal matrix of the last iteration, where its Jacobian was fresh.
     normal: Option<DMatrix<f64>>,
 }
 
-impl<'a> Descent<'a> {
-    fn new(
-        x: DVector<f64>,
-        priors: &'a [Prior],
-        free: &'a [usize],
-        groups: &'a [Group<'a>],
-        residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
-    ) -> Option<Self> {
-        let r = residuals(&x)?;
-        let cost = losses(&r) + pulls(&x, priors);
-        let mut depends = vec![Vec::new(); r.len()];
-        for (column, rows) in groups.iter().flatten() {
-            match rows {
-                Some(rows) => rows.iter().for_each(|&row| depends[row].push(*column)),
-                None => depends.iter_mut().for_each(|columns| columns.push(*column)),
-            }
-        }
-        let (jacobian, normal) = (DMatrix::zeros(0, 0), None);
-        Some(Self { priors, free, groups, depends, x, r, cost, done: 0, jacobian, followed: SERVES, normal })
-    }
-
-    /// At most so many iterations; `None` where the equations cannot be solved.
+impl Descent<'_> {
+    /// At most so many iterations.
     fn go(&mut self, iterations: usize, residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>) -> Option<()> {
         let mut damping = 1e-2;
         for _ in 0..iterations {
             if self.followed >= SERVES {
-                self.jacobian = quotients(&self.x, &self.r, self.priors, (self.free, self.groups), residuals)?;
+                self.jacobian = quotients(&self.x, &self.r, self.priors, (self.free, &self.groups), residuals)?;
                 self.followed = 0;
             }
             let fresh = self.followed == 0;

@@ -103,7 +103,7 @@ pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<Search> {
         let mut best: Option<(f64, f64)> = None;
         for sizes in if is_damper(term) { DAMPER_SIZES } else { SPRING_SIZES } {
             for &size in sizes {
-                // Where one size has no steady state, a larger one has none either.
+                // Beyond a size without a steady state nothing is tried.
                 let Some(cost) = problem.cost(&sized(&start, size)) else { break };
                 if best.is_none_or(|b| cost < b.0) {
                     best = Some((cost, size));
