@@ -23,7 +23,7 @@ enum Frame {
 impl Viewer {
     fn connect(port: u16) -> Option<Self> {
         let mut stream = TcpStream::connect(("127.0.0.1", port)).ok()?;
-        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         write!(
             stream,
             "GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
@@ -43,26 +43,27 @@ impl Viewer {
         Some(Self(stream))
     }
 
-    fn exact<const N: usize>(&mut self) -> [u8; N] {
+    fn exact<const N: usize>(&mut self) -> Option<[u8; N]> {
         let mut bytes = [0; N];
-        self.0.read_exact(&mut bytes).unwrap();
-        bytes
+        self.0.read_exact(&mut bytes).ok()?;
+        Some(bytes)
     }
 
-    fn frame(&mut self) -> Frame {
-        let [kind, length] = self.exact();
+    /// The next frame; `None` where none comes in time.
+    fn frame(&mut self) -> Option<Frame> {
+        let [kind, length] = self.exact()?;
         let length = match length {
-            126 => u64::from(u16::from_be_bytes(self.exact())),
-            127 => u64::from_be_bytes(self.exact()),
+            126 => u64::from(u16::from_be_bytes(self.exact()?)),
+            127 => u64::from_be_bytes(self.exact()?),
             short => u64::from(short),
         };
         let mut payload = vec![0; usize::try_from(length).unwrap()];
-        self.0.read_exact(&mut payload).unwrap();
-        match kind {
+        self.0.read_exact(&mut payload).ok()?;
+        Some(match kind {
             0x81 => Frame::Text(serde_json::from_slice(&payload).unwrap()),
             0x82 => Frame::Binary(payload),
             _ => Frame::Other,
-        }
+        })
     }
 
     /// A client masks what it sends; with zeros as the mask nothing changes.
@@ -88,8 +89,15 @@ fn conform_a_viewer_sees_the_verdicts_of_the_log() {
     let mut viewer = wait_for(Duration::from_secs(20), || Viewer::connect(port)).expect("the live view answers");
     let (mut topics, mut seen) = (Vec::new(), Vec::new());
     let begin = Instant::now();
-    while seen.len() < 20 && begin.elapsed() < Duration::from_secs(20) {
-        match viewer.frame() {
+    while seen.len() < 20 && begin.elapsed() < Duration::from_secs(30) {
+        let Some(frame) = viewer.frame() else {
+            // A channel that is made while a viewer connects may never be advertised to it by the SDK (0.30): people connect again, too.
+            println!("nothing came: connecting again");
+            viewer = Viewer::connect(port).expect("the live view answers again");
+            topics.clear();
+            continue;
+        };
+        match frame {
             Frame::Text(said) if said["op"] == "advertise" => {
                 for channel in said["channels"].as_array().unwrap() {
                     let topic = channel["topic"].as_str().unwrap().to_owned();
