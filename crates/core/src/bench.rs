@@ -320,6 +320,44 @@ mod defaults {
 impl Bench {
     /// What is wrong with the values, one sentence each with place, what was found and what would be right. Empty for a usable bench.
     pub fn problems(&self) -> Vec<String> {
+        let mut out = self.numbers_out_of_range();
+        if self.format != FORMAT {
+            out.push(format!("format is {:?}; this version reads {FORMAT:?}", self.format));
+        }
+        if self.stages.is_empty() {
+            out.push("there is no [[stage]]; a bench has at least one gear pair".into());
+        }
+        if self.shafts.len() != self.stages.len() + 1 {
+            out.push(format!(
+                "there are {} [[shaft]] and {} [[stage]]; n stages have n + 1 shafts",
+                self.shafts.len(),
+                self.stages.len()
+            ));
+        }
+        for stage in &self.stages {
+            out.extend(gearing::problems(stage));
+            if !(10.0..=35.0).contains(&stage.pressure_angle_deg) {
+                out.push(format!(
+                    "stage {:?}: pressure_angle_deg is {}; expected 10 to 35 degrees (20 is usual)",
+                    stage.name, stage.pressure_angle_deg
+                ));
+            }
+        }
+        out.extend(self.names_and_places());
+        for (i, bearing) in self.bearings.iter().enumerate() {
+            if self.bearings[..i].iter().any(|b| b.name == bearing.name) {
+                out.push(format!("the name {:?} is used by two bearings; each needs a name of its own", bearing.name));
+            }
+            out.extend(bearing.problems(&self.shafts));
+        }
+        out.extend(self.indicators.problems());
+        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
+        // What cannot be at all is told first.
+        if out.is_empty() { bounds::problems(self) } else { out }
+    }
+
+    /// Numbers that must be positive, or must not be negative.
+    fn numbers_out_of_range(&self) -> Vec<String> {
         let mut out = Vec::new();
         let mut positive = |place: String, value: f64, unit: &str| {
             if !(value.is_finite() && value > 0.0) {
@@ -368,28 +406,12 @@ impl Bench {
             not_negative(place("backlash_um"), stage.backlash_um, "µm");
             not_negative(place("mesh_damping_ratio"), stage.mesh_damping_ratio, "(0.03 to 0.1 is usual)");
         }
-        if self.format != FORMAT {
-            out.push(format!("format is {:?}; this version reads {FORMAT:?}", self.format));
-        }
-        if self.stages.is_empty() {
-            out.push("there is no [[stage]]; a bench has at least one gear pair".into());
-        }
-        if self.shafts.len() != self.stages.len() + 1 {
-            out.push(format!(
-                "there are {} [[shaft]] and {} [[stage]]; n stages have n + 1 shafts",
-                self.shafts.len(),
-                self.stages.len()
-            ));
-        }
-        for stage in &self.stages {
-            out.extend(gearing::problems(stage));
-            if !(10.0..=35.0).contains(&stage.pressure_angle_deg) {
-                out.push(format!(
-                    "stage {:?}: pressure_angle_deg is {}; expected 10 to 35 degrees (20 is usual)",
-                    stage.name, stage.pressure_angle_deg
-                ));
-            }
-        }
+        out
+    }
+
+    /// Names that are used twice, and things that sit on shafts that are not there.
+    fn names_and_places(&self) -> Vec<String> {
+        let mut out = Vec::new();
         let mut seen = std::collections::BTreeSet::new();
         let names = self.shafts.iter().map(|s| &s.name).chain(self.stages.iter().map(|s| &s.name));
         for name in names.chain(self.sensors.iter().map(|s| &s.name)) {
@@ -418,15 +440,6 @@ impl Bench {
                 out.push(format!("tacho.pulses_per_rev is {}; it must be above 0", tacho.pulses_per_rev));
             }
         }
-        for (i, bearing) in self.bearings.iter().enumerate() {
-            if self.bearings[..i].iter().any(|b| b.name == bearing.name) {
-                out.push(format!("the name {:?} is used by two bearings; each needs a name of its own", bearing.name));
-            }
-            out.extend(bearing.problems(&self.shafts));
-        }
-        out.extend(self.indicators.problems());
-        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
-        // What cannot be at all is told first.
-        if out.is_empty() { bounds::problems(self) } else { out }
+        out
     }
 }

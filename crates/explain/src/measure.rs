@@ -61,50 +61,8 @@ pub fn measure(
         return Err(ExplainError::NoRecording);
     }
     let sheet = Train::new(input.bench);
-    let mut steps = Vec::new();
-    let mut limits = Vec::new();
-    let mut reasons = Vec::new();
-    let mut run_ups = Vec::new();
-    let mut pick = |all: &'_ [Recording]| -> Vec<usize> {
-        let mut out = Vec::new();
-        for (i, recording) in all.iter().enumerate() {
-            match features::steady(input.bench, &sheet, recording) {
-                Ok(_) => out.push(i),
-                Err(Unused::RunUp) => run_ups.push(recording.name.clone()),
-                Err(Unused::Bad(why)) => reasons.push(why),
-            }
-        }
-        out
-    };
-    let (used, used_reference) = (pick(input.recordings), pick(input.reference));
-    steps.extend(reasons.iter().map(|r| format!("not judged: {r}")));
-    if !run_ups.is_empty() {
-        let left_out = format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", "));
-        limits.push(left_out.clone());
-        steps.push(left_out);
-    }
-    if used.is_empty() {
-        if reasons.is_empty() {
-            reasons.push("only run-ups were given; at least one recording at steady speed is needed".into());
-        }
-        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
-    }
-    // A reference of other sensors is left out below; one of this bench that holds nothing to judge would make everything look as before.
-    let of_this_bench = |r: &Recording| input.bench.sensors.iter().any(|s| r.channels.contains_key(&s.name));
-    if used_reference.is_empty() && input.reference.iter().any(of_this_bench) {
-        if reasons.is_empty() {
-            reasons
-                .push("only run-ups were given as reference; at least one recording at steady speed is needed".into());
-        }
-        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
-    }
+    let Choice { steady, count, mut reasons, mut steps, mut limits } = choose(input, &sheet)?;
     let mut transforms = Transforms::default();
-    let steady: Vec<Steady<'_>> = used
-        .iter()
-        .map(|&i| &input.recordings[i])
-        .chain(used_reference.iter().map(|&i| &input.reference[i]))
-        .filter_map(|r| features::steady(input.bench, &sheet, r).ok())
-        .collect();
     progress("speeds and tooth numbers");
     let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
     let other = kinematics::other_teeth(input.bench, &steady, &fields);
@@ -125,7 +83,7 @@ pub fn measure(
         .zip(&speeds)
         .map(|((s, field), speed)| kinematics::stranger(&bench, &train, &sheet, s, field, speed))
         .collect();
-    let judged = strangers[..used.len()].iter().filter(|s| s.is_none()).count();
+    let judged = strangers[..count].iter().filter(|s| s.is_none()).count();
     reasons.extend(strangers.iter().flatten().cloned());
     limits.extend(reasons.iter().map(|r| format!("not judged: {r}")));
     if judged == 0 {
@@ -167,14 +125,7 @@ pub fn measure(
     let comparison = compare::compare(&all, &references);
     if !input.reference.is_empty() && comparison.pairs.is_empty() {
         steps.push("no reference recording matches the speed and load of a recording; judged without reference".into());
-        limits.push(match references.is_empty() {
-            true => "none of the reference recordings can be used: judged without a reference".into(),
-            false => format!(
-                "no reference matches a recording in speed (3 %) and load (5 %), so it was judged without: recorded at {}, the reference at {}",
-                limits::points(&all),
-                limits::points(&references)
-            ),
-        });
+        limits.push(limits::unmatched(&all, &references));
     }
     progress("lines that no gear makes");
     let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
@@ -185,6 +136,58 @@ pub fn measure(
         .filter(fixed::FixedLine::is_picked_up)
         .collect();
     Ok(Measured { bench, train, teeth, recordings: all, references, comparison, ratios, strange, limits, steps })
+}
+
+/// Recordings at steady speed, and what was left out.
+struct Choice<'a> {
+    /// Those to be judged, then the references.
+    steady: Vec<Steady<'a>>,
+    /// Number of those to be judged.
+    count: usize,
+    /// Why others are not judged.
+    reasons: Vec<String>,
+    steps: Vec<String>,
+    limits: Vec<String>,
+}
+
+fn choose<'a>(input: &Input<'a>, sheet: &Train) -> Result<Choice<'a>, ExplainError> {
+    let (mut steps, mut limits, mut reasons, mut run_ups) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut pick = |all: &'a [Recording]| -> Vec<Steady<'a>> {
+        let mut out = Vec::new();
+        for recording in all {
+            match features::steady(input.bench, sheet, recording) {
+                Ok(steady) => out.push(steady),
+                Err(Unused::RunUp) => run_ups.push(recording.name.clone()),
+                Err(Unused::Bad(why)) => reasons.push(why),
+            }
+        }
+        out
+    };
+    let (mut steady, references) = (pick(input.recordings), pick(input.reference));
+    steps.extend(reasons.iter().map(|r| format!("not judged: {r}")));
+    if !run_ups.is_empty() {
+        let left_out = format!("run-ups are not part of the line-by-line judgement: {}", run_ups.join(", "));
+        limits.push(left_out.clone());
+        steps.push(left_out);
+    }
+    if steady.is_empty() {
+        if reasons.is_empty() {
+            reasons.push("only run-ups were given; at least one recording at steady speed is needed".into());
+        }
+        return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
+    }
+    // A reference of other sensors is left out below; one of this bench that holds nothing to judge would make everything look as before.
+    let of_this_bench = |r: &Recording| input.bench.sensors.iter().any(|s| r.channels.contains_key(&s.name));
+    if references.is_empty() && input.reference.iter().any(of_this_bench) {
+        if reasons.is_empty() {
+            reasons
+                .push("only run-ups were given as reference; at least one recording at steady speed is needed".into());
+        }
+        return Err(ExplainError::NoReference { count: input.reference.len(), reasons: reasons.join("; ") });
+    }
+    let count = steady.len();
+    steady.extend(references);
+    Ok(Choice { steady, count, reasons, steps, limits })
 }
 
 /// The ratio of the sheet is not that of the belt.

@@ -218,16 +218,36 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
         "candidates listed where something is named: {:.1} a case",
         named_something.iter().map(|s| s.candidates).sum::<usize>() as f64 / named_something.len().max(1) as f64
     )?;
+    without_effect(out, &nulls, &removed, &alien)?;
+    probabilities(out, &concealed, all)?;
+    sizes(out, &concealed)?;
+    levels(out, &nulls)?;
+    by_effect(out, &concealed)?;
+    if list { cases(out, all) } else { Ok(()) }
+}
+
+/// What is answered where no effect of the library is concealed.
+fn without_effect(
+    out: &mut dyn Write,
+    nulls: &[&Scored],
+    removed: &[&Scored],
+    alien: &[&Scored],
+) -> std::io::Result<()> {
     let named = |of: &[&Scored]| share(count(of, |s| !s.named.is_empty()), of.len());
     let unexplained = |of: &[&Scored]| share(count(of, |s| s.status == Status::Unexplained), of.len());
-    writeln!(out, "nothing concealed: named something {}, unexplained {}", named(&nulls), unexplained(&nulls))?;
-    writeln!(out, "physics of no library: named something {}, unexplained {}", named(&alien), unexplained(&alien))?;
+    writeln!(out, "nothing concealed: named something {}, unexplained {}", named(nulls), unexplained(nulls))?;
+    writeln!(out, "physics of no library: named something {}, unexplained {}", named(alien), unexplained(alien))?;
     writeln!(
         out,
         "effect taken out of the library: named another {}, unexplained {}",
-        named(&removed),
-        unexplained(&removed)
+        named(removed),
+        unexplained(removed)
     )?;
+    Ok(())
+}
+
+/// How often names are right, and how that agrees with the probabilities that are stated.
+fn probabilities(out: &mut dyn Write, concealed: &[&Scored], all: &[Scored]) -> std::io::Result<()> {
     let names: Vec<&(String, String, f64, bool)> = concealed.iter().flat_map(|s| &s.named).collect();
     let right = names.iter().filter(|n| n.3).count();
     let brier = names.iter().map(|n| (n.2 - f64::from(u8::from(n.3))).powi(2)).sum::<f64>() / names.len().max(1) as f64;
@@ -247,6 +267,11 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
             )?;
         }
     }
+    Ok(())
+}
+
+/// Parameters against the truth, and what the models predict of held-out recordings.
+fn sizes(out: &mut dyn Write, concealed: &[&Scored]) -> std::io::Result<()> {
     let mut errors: Vec<f64> = concealed.iter().flat_map(|s| s.errors.iter().map(|e| e.1)).collect();
     errors.sort_by(f64::total_cmp);
     let covered = concealed.iter().flat_map(|s| &s.errors).filter(|e| e.2.abs() <= 2.0).count();
@@ -265,6 +290,11 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
         gains.get(gains.len() / 2).map_or("-".into(), |g| format!("{:.0} %", 100.0 * g)),
         gains.len()
     )?;
+    Ok(())
+}
+
+/// Whether the probability of nothing is even where nothing is concealed.
+fn levels(out: &mut dyn Write, nulls: &[&Scored]) -> std::io::Result<()> {
     let mut p: Vec<f64> = nulls.iter().filter_map(|s| s.p_null).collect();
     p.sort_by(f64::total_cmp);
     let below = |level: f64| share(p.iter().filter(|p| **p <= level).count() as f64, p.len());
@@ -281,13 +311,17 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
         let (distance, chance) = kolmogorov(&p);
         writeln!(out, "  largest distance from even {distance:.2}; as far by chance with probability {chance:.2}")?;
     }
+    Ok(())
+}
+
+fn by_effect(out: &mut dyn Write, concealed: &[&Scored]) -> std::io::Result<()> {
     let mut ids: Vec<&str> = concealed.iter().flat_map(|s| &s.truth.effects).map(|e| e.effect.as_str()).collect();
     ids.sort_unstable();
     ids.dedup();
     writeln!(out, "by effect (named first, within the set):")?;
     for id in ids {
         let (mut first, mut set, mut n) = (0.0, 0usize, 0usize);
-        for s in &concealed {
+        for s in concealed {
             for (i, _) in s.truth.effects.iter().enumerate().filter(|(_, e)| e.effect == id) {
                 first += s.first[i];
                 set += usize::from(s.in_set[i]);
@@ -296,20 +330,23 @@ fn table(out: &mut dyn Write, all: &[Scored], skipped: u64, list: bool) -> std::
         }
         writeln!(out, "  {id:<26} {first:>4} / {set:>2} of {n:>2}")?;
     }
-    if list {
-        for s in all {
-            let named: Vec<String> = s.named.iter().map(|n| format!("{} at {} ({:.2})", n.0, n.1, n.2)).collect();
-            writeln!(
-                out,
-                "{:>4} {:?}{} [{}]: {} {}",
-                s.index,
-                s.truth.kind,
-                if s.truth.reference { "" } else { ", no reference" },
-                in_words(&s.truth, false),
-                s.status.code(),
-                named.join(", ")
-            )?;
-        }
+    Ok(())
+}
+
+/// A line a case.
+fn cases(out: &mut dyn Write, all: &[Scored]) -> std::io::Result<()> {
+    for s in all {
+        let named: Vec<String> = s.named.iter().map(|n| format!("{} at {} ({:.2})", n.0, n.1, n.2)).collect();
+        writeln!(
+            out,
+            "{:>4} {:?}{} [{}]: {} {}",
+            s.index,
+            s.truth.kind,
+            if s.truth.reference { "" } else { ", no reference" },
+            in_words(&s.truth, false),
+            s.status.code(),
+            named.join(", ")
+        )?;
     }
     Ok(())
 }

@@ -37,6 +37,73 @@ pub struct GearPlan {
     envelope: Arc<dyn Fft<f64>>,
 }
 
+/// The average of a shaft, as its gears need it.
+struct Average<'a> {
+    spectrum: &'a [Complex64],
+    /// Number of points.
+    count: f64,
+    /// Of each point.
+    variance: f64,
+    /// Highest line that is used.
+    highest: usize,
+    /// From the lowest point to the highest.
+    span: f64,
+    /// Mean square of all lines that are used.
+    total: f64,
+}
+
+impl GearPlan {
+    /// Indicators of this gear alone; `buffers` for its band, its envelope and the transform.
+    fn fill(
+        &self,
+        average: &Average<'_>,
+        buffers: (&mut [Complex64], &mut [f64], &mut [Complex64]),
+        values: &mut [Estimate; GEAR_INDICATORS],
+    ) {
+        let Average { spectrum, count, variance, highest, span, total } = *average;
+        // Variance of an amplitude: noise in one of the two components of 2 Y / M.
+        let (z, line_variance) = (self.teeth, 2.0 * variance / count);
+        let amplitude = |k: usize| 2.0 * spectrum[k].norm() / count;
+        let mut set = |which: GearIndicator, estimate: Estimate| values[which as usize] = estimate;
+        if z <= highest && amplitude(z) > 0.0 {
+            let harmonics = highest / z;
+            let mesh: f64 = (1..=harmonics).map(|h| amplitude(h * z)).sum();
+            let value = span / mesh;
+            let spread = 2.0 * variance + value * value * line_variance * harmonics as f64;
+            set(GearIndicator::Fm0, Estimate::new(value, spread.sqrt() / mesh));
+        }
+        if z < highest {
+            let index = 0.5 * (amplitude(z - 1) + amplitude(z + 1));
+            set(GearIndicator::SidebandIndex, Estimate::new(index, (0.5 * line_variance).sqrt()));
+        }
+        if z > RATIO_SIDEBANDS && z + RATIO_SIDEBANDS <= highest && amplitude(z) > 0.0 {
+            let sum: f64 = (1..=RATIO_SIDEBANDS).map(|k| amplitude(z - k) + amplitude(z + k)).sum();
+            let ratio = sum / amplitude(z);
+            let relative = line_variance * (2.0 * RATIO_SIDEBANDS as f64 + ratio * ratio);
+            set(GearIndicator::SidebandRatio, Estimate::new(ratio, relative.sqrt() / amplitude(z)));
+        }
+        if z + self.half_band <= highest {
+            let length = self.envelope.len();
+            let band = &mut buffers.0[..length];
+            let first = z - self.half_band;
+            band.fill(Complex64::ZERO);
+            band[..=2 * self.half_band].copy_from_slice(&spectrum[first..=z + self.half_band]);
+            self.envelope.process_with_scratch(band, buffers.2);
+            let envelope = &mut buffers.1[..length];
+            envelope.iter_mut().zip(band).for_each(|(e, b)| *e = 2.0 * b.norm() / count);
+            let mean = envelope.iter().sum::<f64>() / length as f64;
+            envelope.iter_mut().for_each(|e| *e -= mean);
+            let Powers { p2, p4, p6, .. } = powers(envelope).means(length as f64);
+            // Noise of the band on more points than it has lines: σ² Σ g² is at most that of all its lines, 2 L / M.
+            let noise = 2.0 * variance * length as f64 / count;
+            if p2 > ROUNDING * total {
+                set(GearIndicator::EnvelopeDeviation, Estimate::new(p2.sqrt(), (noise / length as f64).sqrt()));
+                set(GearIndicator::EnvelopeKurtosis, normalised(2, p2, p4, p6, length as f64, noise));
+            }
+        }
+    }
+}
+
 /// Everything that depends on the number of points of an average.
 #[derive(Clone)]
 pub struct ShaftPlan {
@@ -177,9 +244,6 @@ impl ShaftPlan {
         if self.forward.process_with_scratch(&mut state.input[..self.points], spectrum, &mut state.scratch).is_err() {
             return;
         }
-        let amplitude = |k: usize| 2.0 * spectrum[k].norm() / count;
-        // Variance of an amplitude: noise in one of the two components of 2 Y / M.
-        let line_variance = 2.0 * variance / count;
         let square = |k: &Complex64| k.norm_sqr();
 
         let left = &mut state.left[..lines];
@@ -223,47 +287,10 @@ impl ShaftPlan {
         }
 
         let extremes = average.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &x| (x.min(a), x.max(b)));
-        let span = extremes.1 - extremes.0;
+        let average = Average { spectrum, count, variance, highest, span: extremes.1 - extremes.0, total };
         for gear in &self.gears {
-            let z = gear.teeth;
             let mut values = shaft;
-            let mut set = |which: GearIndicator, estimate: Estimate| values[which as usize] = estimate;
-            if z <= highest && amplitude(z) > 0.0 {
-                let harmonics = highest / z;
-                let mesh: f64 = (1..=harmonics).map(|h| amplitude(h * z)).sum();
-                let value = span / mesh;
-                let spread = 2.0 * variance + value * value * line_variance * harmonics as f64;
-                set(GearIndicator::Fm0, Estimate::new(value, spread.sqrt() / mesh));
-            }
-            if z < highest {
-                let index = 0.5 * (amplitude(z - 1) + amplitude(z + 1));
-                set(GearIndicator::SidebandIndex, Estimate::new(index, (0.5 * line_variance).sqrt()));
-            }
-            if z > RATIO_SIDEBANDS && z + RATIO_SIDEBANDS <= highest && amplitude(z) > 0.0 {
-                let sum: f64 = (1..=RATIO_SIDEBANDS).map(|k| amplitude(z - k) + amplitude(z + k)).sum();
-                let ratio = sum / amplitude(z);
-                let relative = line_variance * (2.0 * RATIO_SIDEBANDS as f64 + ratio * ratio);
-                set(GearIndicator::SidebandRatio, Estimate::new(ratio, relative.sqrt() / amplitude(z)));
-            }
-            if z + gear.half_band <= highest {
-                let length = gear.envelope.len();
-                let band = &mut state.envelope[..length];
-                let first = z - gear.half_band;
-                band.fill(Complex64::ZERO);
-                band[..=2 * gear.half_band].copy_from_slice(&spectrum[first..=z + gear.half_band]);
-                gear.envelope.process_with_scratch(band, &mut state.scratch);
-                let envelope = &mut state.signal[..length];
-                envelope.iter_mut().zip(band).for_each(|(e, b)| *e = 2.0 * b.norm() / count);
-                let mean = envelope.iter().sum::<f64>() / length as f64;
-                envelope.iter_mut().for_each(|e| *e -= mean);
-                let Powers { p2, p4, p6, .. } = powers(envelope).means(length as f64);
-                // Noise of the band on more points than it has lines: σ² Σ g² is at most that of all its lines, 2 L / M.
-                let noise = 2.0 * variance * length as f64 / count;
-                if p2 > ROUNDING * total {
-                    set(GearIndicator::EnvelopeDeviation, Estimate::new(p2.sqrt(), (noise / length as f64).sqrt()));
-                    set(GearIndicator::EnvelopeKurtosis, normalised(2, p2, p4, p6, length as f64, noise));
-                }
-            }
+            gear.fill(&average, (&mut state.envelope, &mut state.signal, &mut state.scratch), &mut values);
             if let Some(stage) = out.get_mut(gear.stage) {
                 stage[gear.side] = GearIndicators { revolutions, values };
             }

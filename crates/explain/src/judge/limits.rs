@@ -47,8 +47,20 @@ pub fn settings(recordings: &[RecordingFeatures]) -> Vec<String> {
     out
 }
 
+/// Why the recordings are judged without a reference, where some was given.
+pub fn unmatched(recordings: &[RecordingFeatures], references: &[RecordingFeatures]) -> String {
+    if references.is_empty() {
+        return "none of the reference recordings can be used: judged without a reference".into();
+    }
+    format!(
+        "no reference matches a recording in speed (3 %) and load (5 %), so it was judged without: recorded at {}, the reference at {}",
+        points(recordings),
+        points(references)
+    )
+}
+
 /// Speeds and loads in words.
-pub fn points(recordings: &[RecordingFeatures]) -> String {
+fn points(recordings: &[RecordingFeatures]) -> String {
     let mut all: Vec<String> =
         recordings.iter().map(|r| format!("{:.1} Hz {:.0} N m", r.input_hz, r.brake_torque_nm)).collect();
     all.dedup();

@@ -8,13 +8,17 @@ use nalgebra::{Complex, DVector};
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::sync::Arc;
 
-use super::gmres;
 use super::response::{Input, Output, Response};
-use super::springs::{Motion, Springs};
+use super::springs::Springs;
 use super::{SteadyError, SteadyOptions};
-use crate::mesh::Pairs;
 use crate::model::TrainModel;
 use crate::springs::SpringSlope;
+use misfit::Misfit;
+use trial::{Case, State};
+
+mod misfit;
+mod outside;
+mod trial;
 
 /// Most Newton steps.
 const MOST_STEPS: usize = 25;
@@ -196,287 +200,86 @@ impl Grid {
     pub(super) fn solve(
         &self,
         model: &TrainModel,
-        Linear { response, meshes: linear, slopes }: Linear<'_>,
+        linear: Linear<'_>,
         options: &SteadyOptions,
         start: Option<&Solution>,
     ) -> Result<Solution, SteadyError> {
-        let Problem { active, samples: n, period_s, .. } = &self.problem;
-        let (n, period_s, stages, count) = (*n, *period_s, active.len(), self.inputs.len());
-        // The angle of the first shaft at every sample, and what acts from outside.
-        let times: Vec<f64> = (0..n).map(|k| period_s * k as f64 / n as f64).collect();
-        let angles: Vec<f64> = times.iter().map(|&t| model.rotation.at(t).0).collect();
+        let (n, stages, response) = (self.problem.samples, self.problem.active.len(), linear.response);
+        let times: Vec<f64> = (0..n).map(|k| self.problem.period_s * k as f64 / n as f64).collect();
+        let shaft_rad: Vec<f64> = times.iter().map(|&t| model.rotation.at(t).0).collect();
+        let spring_scales = self.springs.scales(model);
+        let case = Case { model, linear, shaft_rad: &shaft_rad, spring_scales: &spring_scales };
         let mut forces = self.outside_forces(model, response, &times)?;
-        let (outside, outside_angle) = self.outside_motion(response, &forces)?;
-        let mut resting: Vec<Vec<f64>> = active
-            .iter()
-            .map(|&s| {
-                let force = model.brake_torque_nm(0.0) * model.force_per_torque[s];
-                let contact = &model.contacts[s];
-                angles.iter().map(|&a| contact.static_approach(model.phase(s, a, 0.0), force)).collect()
-            })
-            .collect();
-        let scales = self.springs.scales(model);
-        if count > stages {
-            let rest = model.static_state()?;
-            resting.extend(self.springs.deflections(model, &rest).map(|u| vec![u; n]));
-        }
-        let start = start.filter(|start| start.resting.len() == count && start.resting[0].len() == n);
+        let outside = self.motion_of(response, &forces)?;
+        let resting = self.resting(&case)?;
+        let start = start.filter(|start| start.resting.len() == resting.len() && start.resting[0].len() == n);
         // The vibration of the neighbour about its own rest.
         let mut approach = resting.clone();
-        if let Some(start) = start {
-            for (i, approach) in approach.iter_mut().enumerate() {
-                for (sample, approach) in approach.iter_mut().enumerate() {
-                    *approach += start.approach[i][sample] - start.resting[i][sample];
-                }
-            }
+        for (approach, (was, rest)) in
+            approach.iter_mut().zip(start.iter().flat_map(|start| start.approach.iter().zip(&start.resting)))
+        {
+            approach.iter_mut().zip(was.iter().zip(rest)).for_each(|(a, (was, rest))| *a += was - rest);
         }
-        let mut angle = start.map_or_else(|| vec![vec![0.0; n]; stages], |start| start.angle.clone());
+        let angle = start.map_or_else(|| vec![vec![0.0; n]; stages], |start| start.angle.clone());
+        let mut state = State { approach, angle };
         let mut iterations = 0;
-        let mut scratch = Pairs::default();
-        let mut friction_spectra: Vec<Force> = Vec::new();
         for _ in 0..MOST_STEPS {
-            // Forces at the present approach.
-            let mut rest = vec![vec![0.0; n]; count];
-            // Derivatives by approach or deflection, and by its rate, of a channel by another.
-            let mut slope: Vec<(usize, usize, Vec<f64>)> = (0..stages).map(|i| (i, i, vec![0.0; n])).collect();
-            let mut rate_slope: Vec<(usize, usize, Vec<f64>)> = Vec::new();
-            let mut friction: Vec<[Vec<f64>; 3]> = Vec::new();
-            let mut open = None;
-            let mut levers: Vec<(usize, f64, Vec<f64>)> = Vec::new();
-            for (i, &stage) in active.iter().enumerate() {
-                let contact = &model.contacts[stage];
-                let (k_mean, _) = linear[stage];
-                let rubs = contact.friction != 0.0;
-                let runs_out = contact.mesh().is_eccentric();
-                let mut moments: [Vec<f64>; 2] = Default::default();
-                let width = (model.phase(stage, angles[1], 0.0) - model.phase(stage, angles[0], 0.0)).abs();
-                let mut rubbing: [Vec<f64>; 3] = Default::default();
-                for sample in 0..n {
-                    let phase = model.phase(stage, angles[sample], angle[i][sample]);
-                    let delta = approach[i][sample];
-                    let now = contact.mean_about(phase, width, delta, &mut scratch);
-                    if !now.is_driving() {
-                        open = Some(model.linear.meshes[stage].place.stage);
-                    }
-                    rest[i][sample] = now.force_n - k_mean * delta;
-                    slope[i].2[sample] = now.stiffness_n_per_m - k_mean;
-                    if runs_out {
-                        for (moment, lever) in moments.iter_mut().zip(contact.mesh().lever_m(phase)) {
-                            moment.push(-lever * now.force_n);
-                        }
-                    }
-                    if rubs {
-                        for (signal, value) in rubbing.iter_mut().zip(now.friction) {
-                            signal.push(contact.friction * value);
-                        }
-                    }
-                }
-                if rubs {
-                    friction.push(rubbing);
-                }
-                if runs_out {
-                    let geometry = &model.linear.meshes[stage];
-                    for ((gear, turning), moment) in
-                        [geometry.pinion, geometry.wheel].into_iter().zip(geometry.turning).zip(moments)
-                    {
-                        levers.extend(gear.angle.map(|at| (at, turning, moment)));
-                    }
-                }
-            }
-            if !self.springs.is_empty() {
-                let rates = approach.iter().map(|motion| self.rate(motion)).collect::<Result<Vec<_>, _>>()?;
-                let motion = Motion { deflection: &approach, rate: &rates };
-                self.springs.forces(model, (&scales, slopes), motion, &mut rest, &mut slope, &mut rate_slope);
-            }
-            let mut spectra = Vec::with_capacity(count);
-            for rest in &rest {
-                spectra.push(self.spectrum(rest)?);
-            }
-            // Damping beyond what the linear part has.
-            for (i, &stage) in active.iter().enumerate() {
-                let extra = model.contacts[stage].damping_n_s_per_m - linear[stage].1;
-                if extra != 0.0 {
-                    let motion = self.spectrum(&approach[i])?;
-                    for (bin, (z, d)) in spectra[i].iter_mut().zip(motion).enumerate() {
-                        *z += Complex::new(0.0, extra * std::f64::consts::TAU * bin as f64 / period_s) * d;
-                    }
-                }
-            }
-            friction_spectra.clear();
-            let rubbing_stages = active.iter().filter(|&&s| model.contacts[s].friction != 0.0);
-            for (signals, &stage) in friction.iter().zip(rubbing_stages) {
-                for (signal, vector) in signals.iter().zip(&model.friction_vectors[stage]) {
-                    friction_spectra.push((response.input(vector), self.spectrum(signal)?));
-                }
-            }
-            for (at, turning, moment) in &levers {
-                let mut vector = DVector::zeros(model.coordinates());
-                vector[*at] = *turning;
-                friction_spectra.push((response.input(&vector), self.spectrum(moment)?));
-            }
-            let mut target = self.convolve(&self.approach, &spectra)?;
-            let mut target_angle = self.convolve(&self.angle, &spectra)?;
-            let (rubbed, rubbed_angle) = self.outside_motion(response, &friction_spectra)?;
-            for (sum, parts) in
-                [(&mut target, [&outside, &rubbed]), (&mut target_angle, [&outside_angle, &rubbed_angle])]
-            {
-                for part in parts {
-                    for (sum, part) in sum.iter_mut().flatten().zip(part.iter().flatten()) {
-                        *sum += part;
-                    }
-                }
-            }
-            // Residual of δ = e − H R, and Newton's step (1 + H (k − k̄)) d = −residual; H carries its sign.
-            let residual: Vec<f64> = (0..count)
-                .flat_map(|i| target[i].iter().zip(&approach[i]).map(|(t, a)| t - a).collect::<Vec<_>>())
-                .collect();
-            // The vibration about rest: a gear that runs out moves the teeth much further than that.
-            let vibration: Vec<Vec<f64>> = approach
-                .iter()
-                .zip(&resting)
-                .map(|(approach, resting)| approach.iter().zip(resting).map(|(a, r)| a - r).collect())
-                .collect();
-            let scale_of = |channels: std::ops::Range<usize>| {
-                alternating(&vibration[channels.clone()]).max(1e-3 * alternating(&approach[channels])).max(1e-12)
+            let trial = self.trial(&case, &state)?;
+            let spectra = self.spectra(&case, &state, &trial)?;
+            let beside = self.beside(&trial)?;
+            let mut target = State {
+                approach: self.convolve(&self.approach, &spectra)?,
+                angle: self.convolve(&self.angle, &spectra)?,
             };
-            let scale = scale_of(0..stages);
-            let worst_of = |channels: std::ops::Range<usize>| {
-                residual[channels.start * n..channels.end * n].iter().fold(0.0_f64, |w, r| w.max(r.abs()))
-            };
-            let worst = worst_of(0..stages);
-            // Springs in torsion deflect by angles: each line is held against its own motion.
-            let unsettled = (stages..count).map(|i| worst_of(i..i + 1) / scale_of(i..i + 1)).fold(0.0, f64::max);
-            let angle_error = (0..stages)
-                .flat_map(|i| target_angle[i].iter().zip(&angle[i]))
-                .fold(0.0_f64, |w, (a, b)| w.max((a - b).abs()));
-            let angle_scale = alternating(&target_angle).max(1e-9);
+            target.add(&outside);
+            target.add(&self.motion_of(response, &beside)?);
             // An iteration that runs away; no phase of a mesh is defined far out.
-            if !target_angle.iter().flatten().all(|a| a.abs() < FARTHEST_RAD) {
+            if !target.angle.iter().flatten().all(|a| a.abs() < FARTHEST_RAD) {
                 return Err(SteadyError::NoConvergence);
             }
-            angle = target_angle;
-            if worst.max(unsettled * scale) <= options.tolerance * scale
-                && angle_error <= options.tolerance * angle_scale
-            {
-                if let Some(stage) = open.filter(|_| !options.parting) {
+            let misfit = Misfit::new(&target, &state, &resting);
+            state.angle = target.angle;
+            if misfit.is_settled(options.tolerance) {
+                if let Some(stage) = trial.open.filter(|_| !options.parting) {
                     return Err(SteadyError::ContactLost { stage });
                 }
-                forces.extend(friction_spectra);
+                forces.extend(beside);
                 let first_mesh = forces.len();
                 let mut direct = self.springs.direct(model, &spectra[stages..]);
-                direct.iter_mut().flat_map(|spectrum| spectrum.iter_mut().skip(1)).for_each(|z| *z *= 2.0);
-                for (input, spectrum) in self.inputs.iter().zip(spectra) {
-                    forces.push((input.clone(), spectrum));
-                }
-                for (_, spectrum) in &mut forces {
+                forces.extend(self.inputs.iter().cloned().zip(spectra));
+                // Both halves of a line in one amplitude.
+                for spectrum in forces.iter_mut().map(|(_, spectrum)| spectrum).chain(&mut direct) {
                     spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
                 }
+                let State { approach, angle } = state;
                 return Ok(Solution { forces, first_mesh, direct, approach, angle, resting, iterations });
             }
-            let inner = (0.1 * options.tolerance / (worst / scale).max(unsettled)).clamp(1e-6, 0.03);
-            let mut broken = None;
-            let solved = gmres::solve(&residual, inner, |v, out| {
-                let product = (|| {
-                    let mut parts = vec![vec![0.0; n]; count];
-                    for (to, from, slope) in &slope {
-                        let v = &v[from * n..(from + 1) * n];
-                        parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, k))| *part += v * k);
-                    }
-                    for (to, from, slope) in &rate_slope {
-                        let v = self.rate(&v[from * n..(from + 1) * n])?;
-                        parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, c))| *part += v * c);
-                    }
-                    let spectra = parts.iter().map(|part| self.spectrum(part)).collect::<Result<Vec<_>, _>>()?;
-                    self.convolve(&self.approach, &spectra)
-                })();
-                match product {
-                    Ok(moved) => {
-                        for (i, moved) in moved.iter().enumerate() {
-                            for sample in 0..n {
-                                out[i * n + sample] = v[i * n + sample] - moved[sample];
-                            }
-                        }
-                    }
-                    Err(error) => broken = Some(error),
-                }
-            });
-            if let Some(error) = broken {
-                return Err(error);
-            }
-            let Some((step, taken)) = solved else { return Err(SteadyError::NoConvergence) };
+            let (step, taken) = self.newton_step(&trial, &misfit, options.tolerance)?;
             iterations += taken;
-            for i in 0..count {
-                for sample in 0..n {
-                    approach[i][sample] += step[i * n + sample];
-                }
+            for (approach, step) in state.approach.iter_mut().zip(step.chunks_exact(n)) {
+                approach.iter_mut().zip(step).for_each(|(a, step)| *a += step);
             }
         }
         Err(SteadyError::NoConvergence)
     }
 
-    /// Spectra of the outside forces over the period.
-    fn outside_forces(
-        &self,
-        model: &TrainModel,
-        response: &Response,
-        times: &[f64],
-    ) -> Result<Vec<Force>, SteadyError> {
-        let mut signals: Vec<Vec<f64>> = Vec::new();
-        let mut values = Vec::new();
-        for &t in times {
-            model.external_values(t, &mut values);
-            signals.resize(values.len(), Vec::new());
-            for (signal, &value) in signals.iter_mut().zip(&values) {
-                signal.push(value);
-            }
-        }
-        let mut out = Vec::new();
-        for (signal, vector) in signals.iter().zip(model.external_vectors()) {
-            if signal.iter().any(|&value| value != 0.0) {
-                out.push((response.input(vector), self.spectrum(signal)?));
-            }
+    /// Approach and deflections without any vibration.
+    fn resting(&self, case: &Case<'_>) -> Result<Vec<Vec<f64>>, SteadyError> {
+        let Case { model, shaft_rad, .. } = case;
+        let mut out: Vec<Vec<f64>> = self
+            .problem
+            .active
+            .iter()
+            .map(|&s| {
+                let force = model.brake_torque_nm(0.0) * model.force_per_torque[s];
+                let contact = &model.contacts[s];
+                shaft_rad.iter().map(|&a| contact.static_approach(model.phase(s, a, 0.0), force)).collect()
+            })
+            .collect();
+        if self.inputs.len() > out.len() {
+            let rest = model.static_state()?;
+            out.extend(self.springs.deflections(model, &rest).map(|u| vec![u; self.problem.samples]));
         }
         Ok(out)
     }
-
-    /// Approach of the active stages and deflection of the springs, and pinion angle of the stages, that some forces bring about.
-    #[expect(clippy::type_complexity, reason = "approach and angle, each by stage and sample")]
-    fn outside_motion(
-        &self,
-        response: &Response,
-        forces: &[Force],
-    ) -> Result<(Vec<Vec<f64>>, Vec<Vec<f64>>), SteadyError> {
-        let bins = self.problem.samples / 2 + 1;
-        let mut out = [Vec::new(), Vec::new()];
-        for (rows, out) in [&self.approach_rows, &self.angle_rows].into_iter().zip(&mut out) {
-            for row in rows {
-                let mut sum = vec![Complex::ZERO; bins];
-                for (input, spectrum) in forces {
-                    sum[0] += response.constant(row, input) * spectrum[0];
-                    let largest = spectrum.iter().skip(1).map(|z| z.norm_sqr()).fold(0.0, f64::max);
-                    for bin in 1..bins {
-                        // Most outside forces have a few lines only.
-                        if spectrum[bin].norm_sqr() > 1e-24 * largest {
-                            let omega = std::f64::consts::TAU * bin as f64 / self.problem.period_s;
-                            sum[bin] += response.at(row, input, omega) * spectrum[bin];
-                        }
-                    }
-                }
-                out.push(self.signal(sum)?);
-            }
-        }
-        let [approach, angle] = out;
-        Ok((approach, angle))
-    }
-}
-
-/// Largest distance from the mean.
-fn alternating(signals: &[Vec<f64>]) -> f64 {
-    signals
-        .iter()
-        .map(|signal| {
-            let mean = signal.iter().sum::<f64>() / signal.len() as f64;
-            signal.iter().fold(0.0_f64, |w, x| w.max((x - mean).abs()))
-        })
-        .fold(0.0, f64::max)
 }

@@ -20,7 +20,7 @@ pub(super) struct Motion<'a> {
 }
 
 /// Derivative of one channel's force by another channel's motion, at each sample.
-type Slope = (usize, usize, Vec<f64>);
+pub(super) type Slope = (usize, usize, Vec<f64>);
 
 impl Springs {
     /// All springs of a model but those of meshes that are not active.
