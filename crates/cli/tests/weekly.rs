@@ -88,7 +88,7 @@ fn analytic_a_week_with_a_known_trend_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_log(&folder.join("month.mcap"), 28);
-    let config = "format = \"gearwatch-service/1\"\n[report]\ncustomer = \"A & B\"\nauthor = \"M. Weber\"\nbench = \"Bench 3\"\nserial = \"4711\"\n\
+    let config = "format = \"gearwatch-service/1\"\n[report]\ncustomer = \"A & B\"\nauthor = \"shift A\"\nbench = \"Bench 3\"\nserial = \"4711\"\n\
                   [[bench]]\n[[bench.source]]\nkind = \"test_signal\"\n[[sink]]\nkind = \"stdout\"\n";
     std::fs::write(folder.join("service.toml"), config).unwrap();
     let args =
@@ -102,7 +102,7 @@ fn analytic_a_week_with_a_known_trend_is_told() {
         "1 deviating or with a changed path; 1 alarm(s) open.",
         "Customer A &amp; B",
         "Serial number 4711",
-        "Author M. Weber",
+        "Author shift A",
         // Only 1x moved: by 0.3 % a day, seven days from one week's middle to the other's.
         "(5 comparisons, confidence 95 % for all together). These changed:",
         // 70 windows, of which the first of each day is not ok: 63 of 70.

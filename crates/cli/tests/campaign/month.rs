@@ -32,7 +32,7 @@ fn config(day: i64, page: &str, speed: &str) -> String {
     let fault = if grown > 0.0 { fault.as_str() } else { "" };
     format!(
         "format = \"gearwatch-service/1\"\n[service]\nself_test = false\n{page}\n\
-         [report]\ncustomer = \"A. Customer\"\nbench = \"Bench 3\"\nserial = \"4711\"\nauthor = \"M. Weber\"\n\
+         [report]\ncustomer = \"A. Customer\"\nbench = \"Bench 3\"\nserial = \"4711\"\nauthor = \"shift A\"\n\
          [[bench]]\nfile = \"rig.toml\"\nlearn_from = {{ kind = \"test_signal\", seed = 1, speed = \"max\", duration_secs = 60.0 }}\n\
          [[bench.source]]\nkind = \"test_signal\"\nseed = {}\n{speed}\nfirst_sample_unix_ns = {}000000000\n{fault}\n\
          [[sink]]\nkind = \"mcap_log\"\nfolder = \"log\"\n",
@@ -72,7 +72,7 @@ fn acknowledge(port: u16) -> usize {
             std::thread::sleep(Duration::from_millis(200));
             continue;
         }
-        let body = r#"{"who": "M. Weber", "why": "wear of the pinion; the spare part is ordered"}"#;
+        let body = r#"{"who": "shift A", "why": "wear of the pinion; the spare part is ordered"}"#;
         for id in &open {
             ask(format!(
                 "POST /api/alarms/{id}/acknowledge {head}Content-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
@@ -147,7 +147,7 @@ fn conform_a_month_of_a_growing_fault() {
     assert!(told.status.success(), "{}", String::from_utf8_lossy(&told.stderr));
     let html = std::fs::read_to_string(&page).expect("the report");
     // Found, seen, reported: the trend, the alarm with its comment, and the people.
-    for words in ["M. Weber", "the spare part is ordered", "A. Customer", "4711", "acknowledged", "stage1@acc_1"] {
+    for words in ["shift A", "the spare part is ordered", "A. Customer", "4711", "acknowledged", "stage1@acc_1"] {
         assert!(html.contains(words), "{words}");
     }
     if let Some(keep) = std::env::var_os("GEARWATCH_MONTH") {

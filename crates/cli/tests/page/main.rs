@@ -121,12 +121,12 @@ fn conform_the_page_shows_a_fault_and_heals() {
         .wait("what is missing", "document.querySelector('#acknowledge [role=status]').innerText.includes('needed')");
     browser.value(
         "{ const of = (name) => document.querySelector(`#acknowledge input[name=${name}]`); \
-           of('who').value = 'A. Smith'; of('why').value = 'wheel is being changed'; \
+           of('who').value = 'shift A'; of('why').value = 'wheel is being changed'; \
            document.querySelector('#acknowledge .send').click(); 0 }",
     );
     browser.wait(
         "acknowledged",
-        "[...document.querySelectorAll('#alarms .seen')].every((c) => /A. Smith, \\d{4}-\\d\\d-\\d\\dT.*: wheel is being changed/.test(c.innerText))",
+        "[...document.querySelectorAll('#alarms .seen')].every((c) => /shift A, \\d{4}-\\d\\d-\\d\\dT.*: wheel is being changed/.test(c.innerText))",
     );
     // The keyboard moves between rows.
     browser.value("document.querySelector('#rows').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowDown', bubbles: true }))");

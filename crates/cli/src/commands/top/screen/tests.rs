@@ -17,7 +17,7 @@ fn regress_the_lamps_speak_of_all_benches() {
     let mut screen = Screen::new("http://bench".into());
     screen.take(Message::Link(Ok(())));
     let fault = serde_json::json!({"bench": "south", "stage": "stage1", "severity": "critical", "active": true, "ids": ["south/stage1@acc", "south/stage1@b"],
-        "open": ["south/stage1@b"], "channels": ["acc", "b"], "evidence": null, "seen": {"who": "M. Weber"}});
+        "open": ["south/stage1@b"], "channels": ["acc", "b"], "evidence": null, "seen": {"who": "shift A"}});
     screen.take(Message::Status(serde_json::json!({
         "gravest": {"machine": "alarm", "instrument": "flat_line"},
         "faults": [fault],
