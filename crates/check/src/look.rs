@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use gearwatch_core::bench::Bench;
 use gearwatch_core::block::{Packet, UnixNanos};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::window::Window;
@@ -9,6 +10,9 @@ use gearwatch_core::window::Window;
 /// Most that is kept of each channel (s, samples).
 const MOST_S: f64 = 30.0;
 const MOST_SAMPLES: usize = 1 << 19;
+/// A service keeps so much of so many channels; lines, speed and teeth show in them as in all. Of the others it keeps this many samples.
+const MOST_WHOLE: usize = 8;
+const SHORT_SAMPLES: usize = 1 << 14;
 
 /// The first seconds of a recording.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +21,8 @@ pub struct Look {
     pub(crate) recording: Recording,
     stamps: BTreeMap<String, Stamps>,
     begin: Option<UnixNanos>,
+    /// The channels that are kept for the whole time; all where it is `None`.
+    whole: Option<Vec<String>>,
 }
 
 /// The first and the last time stamp of a channel.
@@ -40,6 +46,19 @@ impl Look {
     /// Nothing yet, of a recording of this name.
     pub fn new(name: &str) -> Self {
         Self { recording: Recording { name: name.to_owned(), ..Recording::default() }, ..Self::default() }
+    }
+
+    /// Nothing yet, of a service that watches this bench: of many channels, eight spread over the sheet are kept whole.
+    pub fn of_service(bench: &Bench) -> Self {
+        let count = bench.sensors.len();
+        let spread = (0..MOST_WHOLE).map(|i| bench.sensors[i * count / MOST_WHOLE].name.clone());
+        Self { whole: (count > MOST_WHOLE).then(|| spread.collect()), ..Self::new("") }
+    }
+
+    /// Most samples that are kept of a channel.
+    fn most_samples(&self, channel: &str) -> usize {
+        let whole = self.whole.as_ref().is_none_or(|whole| whole.iter().any(|name| name == channel));
+        if whole { MOST_SAMPLES } else { SHORT_SAMPLES }
     }
 
     /// The recording's name.
@@ -103,9 +122,10 @@ impl Look {
 
     /// Nothing more of what comes will be kept, but for time stamps.
     pub fn is_full(&self) -> bool {
-        let full = |seconds: f64, samples: usize| seconds >= MOST_S || samples >= MOST_SAMPLES;
-        let mut channels = self.recording.channels.values().peekable();
-        channels.peek().is_some() && channels.all(|c| full(c.len() as f64 / c.sample_rate_hz, c.len()))
+        let mut channels = self.recording.channels.iter().peekable();
+        channels.peek().is_some()
+            && channels
+                .all(|(name, c)| c.len() as f64 / c.sample_rate_hz >= MOST_S || c.len() >= self.most_samples(name))
     }
 
     fn within(&mut self, t: UnixNanos) -> bool {
@@ -115,7 +135,10 @@ impl Look {
 
     fn is_full_for(&self, packet: &Packet) -> bool {
         let Packet::Vibration(block) = packet else { return false };
-        self.recording.channels.get(&*block.sensor).is_some_and(|channel| channel.len() >= MOST_SAMPLES)
+        self.recording
+            .channels
+            .get(&*block.sensor)
+            .is_some_and(|channel| channel.len() >= self.most_samples(&block.sensor))
     }
 
     /// Stated and stamped rates, by sensor, where there are stamps over a second or more.

@@ -197,6 +197,9 @@ fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a>> {
             channels.push((name.as_str(), &*channel.unit, run));
         }
     }
+    // What a channel shows for a moment only does not shorten the others.
+    let longest = channels.iter().map(|c| c.2.samples.len()).max().unwrap_or(0);
+    channels.retain(|c| 2 * c.2.samples.len() >= longest);
     let speeds =
         || recording.operating_points.iter().map(|p| p.motor_speed_hz).filter(|hz| hz.is_finite() && *hz > 0.0);
     let (low, high) = speeds().fold((f64::INFINITY, 0.0_f64), |(low, high), hz| (low.min(hz), high.max(hz)));

@@ -32,9 +32,9 @@ pub fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Seconds of windows after the last that is looked at, from which on the judging thread waits for the answer: it is there by then, and every
-/// replay says so at the same window.
-const ANSWER_AFTER: u64 = 20;
+/// From so long after the last window that is looked at the judging thread waits for the answer (ns of the windows' own time): it is there by then, and every
+/// run of the same windows says so at the same one.
+const ANSWER_AFTER_NS: i64 = 20_000_000_000;
 
 /// Looks at the first windows of a running source, asks on a thread of its own, and tells the verdicts from then on.
 #[derive(Debug)]
@@ -47,14 +47,19 @@ pub struct Examiner {
 #[derive(Debug)]
 enum Stage {
     Looking(Box<Look>),
-    Asking { answer: JoinHandle<Checked>, windows: u64 },
+    /// Since a window that began at `since` (ns since the epoch).
+    Asking {
+        answer: JoinHandle<Checked>,
+        since: i64,
+    },
     Done,
 }
 
 impl Examiner {
     /// For a bench whose verdicts carry these doubts.
     pub fn new(bench: Arc<Bench>, doubts: Doubts) -> Self {
-        Self { bench, doubts, stage: Stage::Looking(Box::new(Look::new(""))) }
+        let look = Look::of_service(&bench);
+        Self { bench, doubts, stage: Stage::Looking(Box::new(look)) }
     }
 
     /// Takes in a window; hands the answer over when it is there.
@@ -66,17 +71,14 @@ impl Examiner {
                     let (bench, look) = (self.bench.clone(), std::mem::take(&mut **look));
                     let asking = std::thread::Builder::new().name("gw-check".to_owned());
                     self.stage = match asking.spawn(move || check::check(&bench, &[look], None)) {
-                        Ok(answer) => Stage::Asking { answer, windows: 0 },
+                        Ok(answer) => Stage::Asking { answer, since: window.t0 },
                         // Without a thread there is no check, and nothing else is the worse for it.
                         Err(_) => Stage::Done,
                     };
                 }
                 None
             }
-            Stage::Asking { windows, .. } if *windows < ANSWER_AFTER => {
-                *windows += 1;
-                None
-            }
+            Stage::Asking { since, .. } if window.t0.saturating_sub(*since) < ANSWER_AFTER_NS => None,
             Stage::Asking { .. } => {
                 let Stage::Asking { answer, .. } = std::mem::replace(&mut self.stage, Stage::Done) else { return None };
                 // A check that panicked is told by the thread itself; the bench is watched all the same.
