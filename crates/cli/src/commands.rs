@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::{Arg, Args, Command};
-use gearwatch_daemon::kinds::with_feature;
+use gearwatch_runtime::kinds::with_feature;
 
 use crate::exit::Exit;
 use crate::terminal;

@@ -40,14 +40,14 @@ impl PageAccess {
             Agent::config_builder().proxy(None).timeout_connect(Some(patience)).timeout_recv_response(Some(patience));
         #[cfg(feature = "tls")]
         let config = if url.starts_with("https:") {
-            let trust = gearwatch_daemon::tls::Trust::read(self.ca_file.as_deref()).map_err(anyhow::Error::msg)?;
+            let trust = gearwatch_runtime::tls::Trust::read(self.ca_file.as_deref())?;
             config.tls_config(trust.of_requests())
         } else {
             config
         };
         #[cfg(not(feature = "tls"))]
         if url.starts_with("https:") {
-            anyhow::bail!("{url}: this build has left out https; {}", gearwatch_daemon::kinds::with_feature("tls"));
+            anyhow::bail!("{url}: this build has left out https; {}", gearwatch_runtime::kinds::with_feature("tls"));
         }
         Ok(Page { agent: config.build().into(), url, token: token.transpose()? })
     }

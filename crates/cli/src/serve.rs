@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use gearwatch_daemon::config::Config;
 use gearwatch_daemon::service::{Reload, Service, Summary};
-use gearwatch_daemon::stop::Stop;
+use gearwatch_runtime::stop::Stop;
 
 use crate::exit::Exit;
 use crate::{signals, talk};

@@ -2,7 +2,7 @@
 //! Ctrl-C, Ctrl-Break, a closed console and a shutdown ask for an orderly end; a new configuration needs a new start there.
 
 use gearwatch_daemon::service::Reload;
-use gearwatch_daemon::stop::Stop;
+use gearwatch_runtime::stop::Stop;
 
 /// Gives `stop` at the first SIGINT or SIGTERM, and exits at the second with 128 + the signal's number. Asks for `reload` at SIGHUP.
 ///

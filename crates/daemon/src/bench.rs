@@ -7,11 +7,11 @@ use gearwatch_check::{self as check, Look};
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::pipeline::Pipeline;
+use gearwatch_runtime::stop::Stop;
 
 use crate::checking;
 use crate::config::{BenchConfig, DEMO_BENCH};
 use crate::source::SourceContext;
-use crate::stop::Stop;
 
 mod learn;
 

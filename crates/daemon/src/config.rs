@@ -6,10 +6,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use gearwatch_core::pipeline::PipelineConfig;
+use gearwatch_runtime::queue::WhenFull;
 use toml::{Spanned, Table};
 
 use crate::health::AlarmConfig;
-use crate::queue::WhenFull;
 use crate::source::Speed;
 
 use entry::{sink_entry, source_entry};

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use gearwatch_core::block::Packet;
 use gearwatch_core::verdict::Verdict;
+use gearwatch_runtime::queue::Outlet;
 
 use serde::Serialize;
 
 use crate::health::{Acknowledgement, Alarm};
 use crate::log::{Clock, Gap};
-use crate::queue::Outlet;
 
 /// One thing to be told. Shared between the sinks, so that nothing is copied per sink.
 #[derive(Clone, Debug)]

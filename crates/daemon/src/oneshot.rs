@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use gearwatch_core::assemble::Counters;
 use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::Pipeline;
+use gearwatch_runtime::queue::{self, WhenFull};
 
 use crate::engine::{Lane, LaneDied, Overloaded, Pool, Told};
-use crate::queue::{self, WhenFull};
 
 /// Packets on their way from the reader to the windows.
 const PACKETS: usize = 256;

@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::verdict::Rank;
+use gearwatch_runtime::queue::{self, Outlet, WhenFull};
+use gearwatch_runtime::stop::Stop;
 
 use crate::bench::learn;
 use crate::config::Config;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool, Told};
-use crate::queue::{self, Outlet, WhenFull};
 use crate::source::{Feed, Pull, SourceContext};
-use crate::stop::Stop;
 
 /// One known window so often.
 const PERIOD: Duration = Duration::from_secs(10);

@@ -10,15 +10,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use gearwatch_runtime::stop::Stop;
 use tokio::runtime::Runtime;
 
 use crate::bench::{BenchError, WatchedBench};
 use crate::config::Config;
 use crate::selftest::SelfTestError;
 use crate::sink::SinkError;
-use crate::stop::Stop;
 
-mod backoff;
 mod clock;
 mod context;
 mod draining;
@@ -30,7 +29,6 @@ mod telling;
 mod viewing;
 mod watching;
 
-pub(crate) use backoff::Backoff;
 pub use draining::{SinkMonitor, SinkState};
 pub use feeding::{SourceMonitor, SourceState};
 

@@ -14,15 +14,15 @@ use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
 
+use gearwatch_runtime::kinds::{Kind, read_keys};
+use gearwatch_runtime::queue::{Inlet, QueueCounters};
+use gearwatch_runtime::stop::Stop;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::event::Event;
-use crate::kinds::{Kind, read_keys};
 use crate::log::Context;
-use crate::queue::{Inlet, QueueCounters};
-use crate::stop::Stop;
 
 mod broker;
 mod foxglove;
@@ -74,7 +74,7 @@ pub struct SinkContext {
 /// A kind whose code was not compiled; the check of its values has said so before.
 #[allow(dead_code, reason = "not used where nothing was left out")]
 fn not_in_this_build(kind: &str, feature: &str) -> SinkError {
-    let source = std::io::Error::new(std::io::ErrorKind::Unsupported, crate::kinds::with_feature(feature));
+    let source = std::io::Error::new(std::io::ErrorKind::Unsupported, gearwatch_runtime::kinds::with_feature(feature));
     SinkError::Io { place: kind.to_owned(), source }
 }
 

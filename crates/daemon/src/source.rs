@@ -21,16 +21,16 @@ use std::time::Duration;
 use gearwatch_check::Look;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::block::Packet;
+use gearwatch_runtime::kinds::{Kind, read_keys};
+use gearwatch_runtime::queue::{Closed, Outlet};
+use gearwatch_runtime::stop::Stop;
 
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::event::{Event, Fanout};
-use crate::kinds::{Kind, read_keys};
-use crate::queue::{Closed, Outlet};
 use crate::service::SourceMonitor;
-use crate::stop::Stop;
 
 mod file;
 pub mod frames;
@@ -53,7 +53,7 @@ mod tcp;
 mod test_signal;
 mod udp;
 
-pub use framing::{now_unix_ns, time_of};
+pub use framing::time_of;
 pub use pace::{Pacer, Speed};
 pub use readings::{Quantity, Readings};
 pub use socket::is_timeout;
@@ -120,7 +120,7 @@ impl SourceContext {
 /// A kind whose code was not compiled; the check of its values has said so before.
 #[allow(dead_code, reason = "not used where nothing was left out")]
 fn not_in_this_build(kind: &str, feature: &str) -> SourceError {
-    SourceError::Peer { peer: kind.to_owned(), message: crate::kinds::with_feature(feature) }
+    SourceError::Peer { peer: kind.to_owned(), message: gearwatch_runtime::kinds::with_feature(feature) }
 }
 
 /// Pulls the next packet; `None` at the end.

@@ -34,7 +34,7 @@ use tokio::sync::Semaphore;
 
 use crate::health::Acknowledgement;
 use crate::history::Store;
-use crate::source::now_unix_ns;
+use gearwatch_runtime::clock::now_unix_ns;
 
 pub use gate::{Gate, Peer};
 pub use guard::AllowedHosts;

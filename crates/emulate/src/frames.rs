@@ -5,12 +5,13 @@ use std::time::Duration;
 
 use gearwatch_core::block::{Block, Packet, UnixNanos};
 use gearwatch_io::frames::{CHECKSUM, Frame, HEADER, Values, encode};
+use gearwatch_runtime::stop::Stop;
 
 use crate::material::Material;
 use crate::trouble::{Incident, Plan, TroubleConfig};
 use crate::wire::Wire;
-use gearwatch_daemon::source::{SourceError, now_unix_ns, time_of};
-use gearwatch_daemon::stop::Stop;
+use gearwatch_daemon::source::{SourceError, time_of};
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// A datagram of this size needs no fragments on any network.
 const DATAGRAM: usize = 1472;

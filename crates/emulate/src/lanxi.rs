@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use gearwatch_runtime::stop::Stop;
 use serde_json::{Value, json};
 use tokio::runtime::Handle;
 use tokio::sync::watch;
@@ -15,7 +16,6 @@ use tokio::sync::watch;
 use crate::material::{Channel, Material, Open};
 use crate::trouble::TroubleConfig;
 use gearwatch_daemon::source::Speed;
-use gearwatch_daemon::stop::Stop;
 
 mod play;
 mod rest;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use gearwatch_core::block::{Block, Packet};
 
-use gearwatch_daemon::kinds;
 use gearwatch_daemon::source::{Feed, KINDS, Pacer, Pull, SourceConfig, SourceContext, SourceError, Speed};
-use gearwatch_daemon::stop::Stop;
+use gearwatch_runtime::kinds;
+use gearwatch_runtime::stop::Stop;
 
 /// Packets that are looked at for the list of channels.
 const PEEKED: usize = 4096;
@@ -41,8 +41,9 @@ pub struct Material {
 /// # Errors
 /// When there is no such kind, a key is wrong, or the source cannot be pulled.
 pub fn open_source(kind: &str, keys: toml::Table, context: SourceContext) -> Result<Open, SourceError> {
-    let (config, _) =
-        kinds::find(KINDS, kind, "source").and_then(|kind| kind.read(keys)).map_err(SourceError::Bench)?;
+    let (config, _) = kinds::find(KINDS, kind, "source")
+        .and_then(|kind| kind.read(keys))
+        .map_err(|e| SourceError::Bench(e.to_string()))?;
     if let Some(problem) = config.problems().into_iter().next() {
         return Err(SourceError::Bench(format!("{kind}: {problem}")));
     }

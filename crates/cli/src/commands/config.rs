@@ -8,7 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Args, Subcommand};
 use gearwatch_daemon::config::{self, Config};
 use gearwatch_daemon::service::Service;
-use gearwatch_daemon::stop::Stop;
+use gearwatch_runtime::stop::Stop;
 use gearwatch_sim::shipped::BENCHES;
 
 use super::Run;

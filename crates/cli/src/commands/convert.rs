@@ -83,7 +83,7 @@ impl Run for Convert {
         let end = self.output.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let foreign = Kind::ALL.into_iter().find(|kind| kind.extension() == end);
         if end == "parquet" && cfg!(not(feature = "batch")) {
-            bail!("{}: {}", self.output.display(), gearwatch_daemon::kinds::with_feature("batch"));
+            bail!("{}: {}", self.output.display(), gearwatch_runtime::kinds::with_feature("batch"));
         }
         if !matches!(end.as_str(), "mcap" | "uff" | "parquet") && foreign.is_none() {
             bail!(

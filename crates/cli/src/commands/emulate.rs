@@ -12,8 +12,8 @@ use clap::{Args, Subcommand};
 use gearwatch_daemon::bench::read_bench;
 use gearwatch_daemon::service::Reload;
 use gearwatch_daemon::source::{SourceContext, Speed};
-use gearwatch_daemon::stop::Stop;
 use gearwatch_emulate::{FrameSender, Instrument, InstrumentConfig, Material, Open, TroubleConfig, open_source};
+use gearwatch_runtime::stop::Stop;
 
 use super::Run;
 use crate::exit::Exit;

@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use gearwatch_daemon::fleet::{self, Access, Fleet as View, From, Notice, Told};
-use gearwatch_daemon::secret::{Secret, carries_secret, place};
+use gearwatch_runtime::secret::{Secret, carries_secret, place};
 
 use super::Run;
 use crate::exit::Exit;

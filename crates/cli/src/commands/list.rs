@@ -6,8 +6,8 @@ use std::io::Write;
 use anyhow::Context;
 use clap::Args;
 use gearwatch_core::verdict::{FIELDS, Field, Holds, Part};
-use gearwatch_daemon::kinds::Kind;
 use gearwatch_daemon::{sink, source};
+use gearwatch_runtime::kinds::Kind;
 use gearwatch_sim::effects::{Effect, Parameter, Place, Signature, Values};
 
 use super::Run;

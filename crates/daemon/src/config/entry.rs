@@ -1,10 +1,10 @@
 //! A source or a sink: the keys that all kinds have, and those of its own kind.
 
+use gearwatch_runtime::kinds::{self, Kind};
+use gearwatch_runtime::queue::WhenFull;
 use serde::Deserialize;
 use toml::Table;
 
-use crate::kinds::{self, Kind};
-use crate::queue::WhenFull;
 use crate::sink::{self, SinkConfig};
 use crate::source::{self, SourceConfig};
 
@@ -60,7 +60,7 @@ fn kind_of<C: ?Sized>(keys: &mut Table, all: &'static [Kind<C>], what: &str) -> 
         let names: Vec<_> = all.iter().map(|kind| kind.name).collect();
         format!("the key \"kind\" is missing; it is one of {}", names.join(", "))
     })?;
-    kinds::find(all, &name, what)
+    kinds::find(all, &name, what).map_err(|e| e.to_string())
 }
 
 pub(super) fn source_entry(keys: &Table) -> Result<SourceEntry, String> {

@@ -1,11 +1,11 @@
 //! JSON schema of the configuration, for editors and for `gearwatch config schema`.
 
+use gearwatch_runtime::kinds::Kind;
+use gearwatch_runtime::queue::WhenFull;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::{Map, Value, json};
 
 use super::File;
-use crate::kinds::Kind;
-use crate::queue::WhenFull;
 use crate::{sink, source};
 
 /// JSON schema (draft 2020-12) of the configuration file.

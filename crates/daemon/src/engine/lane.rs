@@ -13,9 +13,9 @@ use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::verdict::Verdict;
 use gearwatch_core::window::Window;
+use gearwatch_runtime::queue::Inlet;
 
 use super::pool::{Done, Job, Pool, Way};
-use crate::queue::Inlet;
 
 /// What happens when all carriers are under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -258,7 +258,7 @@ impl Cutter {
     fn cut(&mut self, packets: &Inlet<Packet>) -> Result<(), Gone> {
         let mut assembler = self.way.pipeline.assembler();
         while let Ok(packet) = packets.recv_blocking() {
-            crate::fail::point("cut");
+            gearwatch_runtime::fail::point("cut");
             self.counters.packets.fetch_add(1, Ordering::Relaxed);
             self.step(&mut assembler, packets, |assembler, taker| assembler.push_to(&packet, taker))?;
         }
@@ -410,7 +410,7 @@ impl Ranker {
     }
 
     fn judge(&self, job: &mut Job, verdicts: &mut Vec<Verdict>, tell: &mut impl FnMut(Told<'_>)) {
-        crate::fail::point("rank");
+        gearwatch_runtime::fail::point("rank");
         tell_losses(&job.shed, &job.gaps, tell);
         job.shed.clear();
         job.gaps.clear();

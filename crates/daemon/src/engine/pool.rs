@@ -116,7 +116,7 @@ fn work(jobs: &async_channel::Receiver<Box<Job>>, clock: &WorkerClock) {
     // One state a lane; lanes that are gone (after a reload) are forgotten when a new one comes.
     let mut states: Vec<(Weak<Way>, WorkerState)> = Vec::new();
     while let Ok(mut job) = jobs.recv_blocking() {
-        crate::fail::point("worker-thread");
+        gearwatch_runtime::fail::point("worker-thread");
         let begin = Instant::now();
         let at = match states.iter().position(|(way, _)| std::ptr::eq(way.as_ptr(), Arc::as_ptr(&job.way))) {
             Some(at) => at,
@@ -130,7 +130,7 @@ fn work(jobs: &async_channel::Receiver<Box<Job>>, clock: &WorkerClock) {
             let analysis = &mut job.analysis;
             let pipeline = &job.way.pipeline;
             job.failed = catch_unwind(AssertUnwindSafe(|| {
-                crate::fail::point("worker");
+                gearwatch_runtime::fail::point("worker");
                 pipeline.analyse(state, window, analysis);
             }))
             .is_err();

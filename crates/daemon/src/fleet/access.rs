@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::secret::Secret;
+use gearwatch_runtime::secret::Secret;
 
 /// Who we are to the server, and how we know it.
 #[derive(Clone, Default)]

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use super::nats::{Connection, JetStream, Start};
 use super::{Access, Heard};
-use crate::service::Backoff;
+use gearwatch_runtime::backoff::Backoff;
 
 /// No wait for the next try is longer: somebody looks on.
 const LONGEST_WAIT: Duration = Duration::from_secs(3);

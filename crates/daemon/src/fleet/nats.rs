@@ -13,6 +13,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use gearwatch_runtime::tls::Trust;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio::net::TcpStream;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -20,7 +21,6 @@ use tokio::task::JoinSet;
 use tokio_rustls::rustls::pki_types::ServerName;
 
 use super::{Access, PATIENCE};
-use crate::tls::Trust;
 
 mod address;
 mod jetstream;
@@ -83,10 +83,10 @@ impl Connection {
             if !info.speaks_tls() {
                 return Err("the server does not speak TLS".to_owned());
             }
-            let trust = Trust::read(access.ca_file.as_deref())?;
+            let trust = Trust::read(access.ca_file.as_deref()).map_err(|e| e.to_string())?;
             let name = ServerName::try_from(address.host.clone());
             let name = name.map_err(|_| format!("{:?} is no name that a certificate could be for", address.host))?;
-            let handshake = trust.connector()?.connect(name, plain.into_inner()?).await;
+            let handshake = trust.connector().map_err(|e| e.to_string())?.connect(name, plain.into_inner()?).await;
             Box::new(handshake.map_err(|e| e.to_string())?)
         } else {
             Box::new(plain.into_inner()?)

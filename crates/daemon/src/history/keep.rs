@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use gearwatch_runtime::stop::Stop;
+
 use super::collect::History;
 use super::levels::{FILE_NAME, FINEST_NS, Levels, LevelsError};
-use crate::stop::Stop;
 
 /// Closed files are looked for so often.
 const EVERY: Duration = Duration::from_secs(5);

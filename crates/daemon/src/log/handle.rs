@@ -3,9 +3,9 @@
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-use gearwatch_core::block::UnixNanos;
+use gearwatch_runtime::clock::now_unix_ns;
 use tokio::sync::watch;
 
 use super::config::{ConfigError, LogConfig};
@@ -47,13 +47,13 @@ pub struct LogHandle {
 /// When a setting is out of its range or the folder cannot be listed.
 pub fn spawn(config: LogConfig, context: Arc<Context>, storage: Box<dyn Storage>) -> Result<LogHandle, LogError> {
     let start = Instant::now();
-    let now = move || Now { wall_ns: wall_ns(), mono: start.elapsed() };
+    let now = move || Now { wall_ns: now_unix_ns(), mono: start.elapsed() };
     let mut log = Stepper::start(config, context, storage, now())?;
     let (queue, recovery) = (Arc::clone(&log.queue), Arc::clone(&log.recovery));
     let (durable, state) = (log.durable.clone(), log.state.clone());
     let run = move || {
         loop {
-            crate::fail::point("log");
+            gearwatch_runtime::fail::point("log");
             if let Some(durable) = log.turn(log.idle_time(now()), now) {
                 return durable;
             }
@@ -63,14 +63,6 @@ pub fn spawn(config: LogConfig, context: Arc<Context>, storage: Box<dyn Storage>
     Ok(LogHandle { queue, durable, state, recovery, thread: Arc::new(Mutex::new(Some(thread))), start })
 }
 
-fn wall_ns() -> UnixNanos {
-    let nanos = |since: std::time::Duration| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX);
-    match SystemTime::now().duration_since(UNIX_EPOCH) {
-        Ok(since) => nanos(since),
-        Err(before) => -nanos(before.duration()),
-    }
-}
-
 impl LogHandle {
     /// Hands a record over. Never waits: what the queue has no room for is shed, and a gap record will say so.
     pub fn send(&self, record: Record) -> Sent {
@@ -78,7 +70,7 @@ impl LogHandle {
     }
 
     fn now(&self) -> Now {
-        Now { wall_ns: wall_ns(), mono: self.start.elapsed() }
+        Now { wall_ns: now_unix_ns(), mono: self.start.elapsed() }
     }
 
     /// Accounts for a record that was lost on its way to the log.

@@ -5,14 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use gearwatch_runtime::queue::QueueCounters;
 use tokio::runtime::Handle;
 
-use super::backoff::Backoff;
 use crate::config::SinkEntry;
 use crate::event::Event;
-use crate::queue::QueueCounters;
 use crate::sink::{Drain, Events, SinkContext, SinkError, Standing, Voice};
 use crate::snapshot::SinkSnapshot;
+use gearwatch_runtime::backoff::Backoff;
 
 /// How a sink is.
 #[derive(Clone, Debug, PartialEq, Eq)]

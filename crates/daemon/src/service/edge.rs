@@ -9,10 +9,10 @@ use futures_util::FutureExt;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 
-use super::Backoff;
 use crate::config::{PageTls, ServiceConfig};
 use crate::snapshot::Snapshot;
 use crate::web::{self, Gate, Peer, Token};
+use gearwatch_runtime::backoff::Backoff;
 
 /// With what the page proves who it is.
 #[cfg(feature = "tls")]
@@ -59,7 +59,7 @@ fn identity(files: &PageTls, folder: &Path) -> Result<Identity, String> {
 
 #[cfg(not(feature = "tls"))]
 fn identity(_: &PageTls, _: &Path) -> Result<Identity, String> {
-    Err(format!("service.page_tls: this build has left out TLS; {}", crate::kinds::with_feature("tls")))
+    Err(format!("service.page_tls: this build has left out TLS; {}", gearwatch_runtime::kinds::with_feature("tls")))
 }
 
 /// Runs a task for as long as the service does: what ends or panics is begun anew after a while.
@@ -70,7 +70,7 @@ pub(super) async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl F
         let life = async {
             tokio::select! {
                 () = run() => {}
-                () = crate::fail::watch(name) => {}
+                () = gearwatch_runtime::fail::watch(name) => {}
             }
         };
         if std::panic::AssertUnwindSafe(life).catch_unwind().await.is_err() {

@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use gearwatch_core::block::Packet;
+use gearwatch_runtime::queue::{Closed, Outlet, QueueCounters};
 use tokio::runtime::Handle;
 
-use super::backoff::Backoff;
 use crate::config::SourceEntry;
 use crate::event::Fanout;
-use crate::queue::{Closed, Outlet, QueueCounters};
 use crate::snapshot::SourceSnapshot;
 use crate::source::{Feed, Pull, SourceContext, SourceError, tap};
+use gearwatch_runtime::backoff::Backoff;
 
 /// How a source is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -195,7 +195,7 @@ fn pump(
     raw: &Fanout,
 ) -> Result<(), SourceError> {
     while !context.stop.is_given() {
-        crate::fail::point("source");
+        gearwatch_runtime::fail::point("source");
         let Some(packet) = pull()? else { break };
         monitor.count();
         tap(&packet, raw);

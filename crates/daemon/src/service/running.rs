@@ -5,6 +5,8 @@ use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use gearwatch_runtime::queue::{self, WhenFull};
+use gearwatch_runtime::stop::Stop;
 use tokio::runtime::{Handle, Runtime};
 use tokio::sync::watch;
 
@@ -21,13 +23,12 @@ use crate::event::{BenchState, Event, Fanout};
 use crate::health::MAINTENANCE;
 use crate::history::Store;
 use crate::log::{AlarmRecord, Gap};
-use crate::queue::{self, WhenFull};
 use crate::selftest::SelfTest;
 use crate::sink::{Remembered, SinkContext};
 use crate::snapshot::{SinkSnapshot, Snapshot};
-use crate::source::{SourceContext, now_unix_ns};
-use crate::stop::Stop;
+use crate::source::SourceContext;
 use crate::web::{self, Hub};
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// How often the service looks after its parts.
 const TICK: Duration = Duration::from_millis(20);
@@ -240,7 +241,7 @@ impl Running {
                 }
             }
             let now = Instant::now();
-            crate::fail::point("main");
+            gearwatch_runtime::fail::point("main");
             let mono_ns = u64::try_from(now.duration_since(self.started).as_nanos()).unwrap_or(u64::MAX);
             if let Some(clock) = self.clock.look(now_unix_ns(), mono_ns) {
                 self.fanout.mention(Event::Clock(clock));

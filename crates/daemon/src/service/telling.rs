@@ -11,8 +11,8 @@ use crate::engine::Told;
 use crate::event::{Event, Fanout};
 use crate::health::Health;
 use crate::log::{Cause, Gap};
-use crate::source::now_unix_ns;
 use crate::web::Hub;
+use gearwatch_runtime::clock::now_unix_ns;
 
 use super::viewing::Viewer;
 

@@ -144,7 +144,7 @@ fn show(views: &Receiver<View>, hub: &Hub, sinks: Option<&Fanout>) {
     let mut spectrum = OrderSpectrum::default();
     let mut orders = Orders::default();
     for view in views {
-        crate::fail::point("view");
+        gearwatch_runtime::fail::point("view");
         if !spectrum.window(&view.samples, &view.analysis, &mut orders) {
             continue;
         }

@@ -8,6 +8,7 @@ use std::time::Duration;
 use gearwatch_core::block::Packet;
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::MachineState;
+use gearwatch_runtime::queue::{self, Inlet, WhenFull};
 use tokio::runtime::Handle;
 
 use super::feeding::{self, SourceMonitor};
@@ -19,7 +20,6 @@ use crate::config::BenchConfig;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
 use crate::event::Fanout;
 use crate::health::{Alarm, Health};
-use crate::queue::{self, Inlet, WhenFull};
 use crate::snapshot::{AlarmSnapshot, BenchSnapshot, PlaceSnapshot, worst};
 use crate::source::SourceContext;
 use crate::web::Hub;

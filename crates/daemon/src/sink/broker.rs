@@ -39,11 +39,12 @@ pub use {
     spool::Position,
 };
 
+use gearwatch_runtime::kinds;
+use gearwatch_runtime::secret::Secret;
+
 use super::SinkError;
 #[cfg(feature = "brokers")]
 use super::{Drain, SinkContext};
-use crate::kinds;
-use crate::secret::Secret;
 
 /// Smallest spool (bytes): some segments of some letters.
 const LEAST_SPOOL_BYTES: u64 = 256 << 10;
@@ -81,7 +82,7 @@ impl Common<'_> {
         self.secret(folder)?;
         #[cfg(feature = "tls")]
         if let Some(file) = self.ca_file {
-            crate::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker_error("ca_file", e))?;
+            gearwatch_runtime::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker_error("ca_file", e))?;
         }
         let spool = folder.join(self.spool);
         crate::log::Disk::try_out(&spool).map_err(|e| io_error(&spool, e))

@@ -6,11 +6,11 @@
 
 use std::net::SocketAddr;
 
+use gearwatch_runtime::kinds::{self, Kind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Drain, SinkConfig, SinkContext, SinkError, kind};
-use crate::kinds::{self, Kind};
 
 #[cfg(feature = "foxglove")]
 mod serve;

@@ -3,13 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use gearwatch_runtime::kinds::Kind;
+use gearwatch_runtime::stop::Stop;
+
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
 use crate::health::{Acknowledgement, Alarm, MAINTENANCE, Severity};
 use crate::history::{self, Keeping};
-use crate::kinds::Kind;
 use crate::log::{self, AlarmRecord, Disk, Judgement, Level, LogConfig, LogHandle, Note, RawPolicy, Record};
-use crate::stop::Stop;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",
@@ -167,7 +168,7 @@ fn write(events: &Events, handle: &LogHandle, place: String) -> Result<(), SinkE
     let _stopping = Stopping(handle);
     let state = handle.state();
     while let Ok(event) = events.recv_blocking() {
-        crate::fail::point("sink-mcap_log");
+        gearwatch_runtime::fail::point("sink-mcap_log");
         if state.has_changed().is_err() {
             return Err(SinkError::Io { place, source: std::io::Error::other("the thread of the log has died") });
         }

@@ -4,13 +4,13 @@
 
 use std::path::{Path, PathBuf};
 
+use gearwatch_runtime::kinds::Kind;
+use gearwatch_runtime::secret::{carries_secret, place};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Drain, SinkConfig, SinkContext, SinkError, broker, kind};
 use crate::fleet;
-use crate::kinds::Kind;
-use crate::secret::{carries_secret, place};
 
 #[cfg(feature = "brokers")]
 mod carry;

@@ -4,13 +4,13 @@ use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::sync::Arc;
 
+use gearwatch_runtime::kinds::Kind;
+use gearwatch_runtime::queue::QueueCounters;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, kind};
 use crate::event::Event;
-use crate::kinds::Kind;
-use crate::queue::QueueCounters;
 
 pub(super) const KIND: Kind<dyn SinkConfig> =
     kind::<Stdout>("stdout", "one JSON object a window, channel and stage on standard output", "");
@@ -55,7 +55,7 @@ impl<W: Write> Lines<W> {
     /// Writes until there are no more events; waits for more lines only where some are there already.
     fn write_all(&mut self, events: &Events) -> Result<(), SinkError> {
         while let Ok(event) = events.recv_blocking() {
-            crate::fail::point("sink-stdout");
+            gearwatch_runtime::fail::point("sink-stdout");
             let Event::Verdict { line, .. } = &*event else { continue };
             self.waiting.extend_from_slice(line.as_bytes());
             self.waiting.push(b'\n');

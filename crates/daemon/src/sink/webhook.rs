@@ -5,6 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use gearwatch_runtime::kinds::{self, Kind};
+use gearwatch_runtime::secret::{Secret, carries_secret, place};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use ureq::Agent;
@@ -13,9 +15,7 @@ use super::broker::{broker_error, secret};
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
 use crate::health::{Alarm, MAINTENANCE};
-use crate::kinds::{self, Kind};
-use crate::secret::{Secret, carries_secret, place};
-use crate::service::Backoff;
+use gearwatch_runtime::backoff::Backoff;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Webhook>(
     "webhook",
@@ -77,8 +77,8 @@ impl Webhook {
         #[cfg(feature = "tls")]
         let config = if is_https(address.expose()) {
             let ca_file = self.ca_file.as_ref().map(|file| folder.join(file));
-            let trust =
-                crate::tls::Trust::read(ca_file.as_deref()).map_err(|e| broker_error(&place(address.expose()), e))?;
+            let trust = gearwatch_runtime::tls::Trust::read(ca_file.as_deref())
+                .map_err(|e| broker_error(&place(address.expose()), e))?;
             config.tls_config(trust.of_requests())
         } else {
             config
@@ -205,7 +205,7 @@ struct Hook {
 impl Hook {
     fn post_all(&self, events: &Events, context: &SinkContext) {
         while let Ok(event) = events.recv_blocking() {
-            crate::fail::point("sink-webhook");
+            gearwatch_runtime::fail::point("sink-webhook");
             // That somebody has seen it is no news for whoever must come, nor that another channel shows the same fault.
             let Event::Alarm { bench, alarm, seen: None } = &*event else { continue };
             if !is_news(alarm) {

@@ -7,11 +7,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use gearwatch_check::Look;
+use gearwatch_runtime::kinds::Kind;
 
 use super::pace::{Pacer, Speed};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
 use crate::checking;
-use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<File>(
     "file",

@@ -6,9 +6,9 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use gearwatch_core::block::{Block, Packet, Quality, Samples, UnixNanos};
+use gearwatch_runtime::clock::now_unix_ns;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -290,11 +290,6 @@ pub fn time_of(start: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNanos {
     let whole_secs = (index as f64 / sample_rate_hz).floor();
     let rest = index as f64 - whole_secs * sample_rate_hz;
     start.saturating_add(whole_secs as i64 * 1_000_000_000).saturating_add((rest / sample_rate_hz * 1e9).round() as i64)
-}
-
-/// Wall time, as a label.
-pub fn now_unix_ns() -> UnixNanos {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(i64::MAX))
 }
 
 #[cfg(test)]

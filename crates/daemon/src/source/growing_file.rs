@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use gearwatch_runtime::kinds::Kind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::framing::{Deframer, Framing};
 use super::pipe::pull_bytes;
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<GrowingFile>(
     "growing_file",

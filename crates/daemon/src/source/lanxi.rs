@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 
 use gearwatch_core::block::Packet;
 use gearwatch_io::lanxi::Decoder;
+use gearwatch_runtime::kinds::Kind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +24,6 @@ use super::inputs::{self, ConfiguredInput, Scalings};
 use super::numbering::Numbering;
 use super::socket::{self, POLL, READ_BYTES, is_timeout};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
 
 mod rest;
 mod setup;

@@ -1,11 +1,11 @@
 //! Speed, torque and temperature from the registers of a drive or controller: Modbus TCP.
 
+use gearwatch_runtime::kinds::{self, Kind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::readings::{Linear, Quantity};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::{self, Kind};
 
 #[cfg(feature = "modbus")]
 mod poll;

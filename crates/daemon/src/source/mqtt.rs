@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use gearwatch_runtime::kinds::{self, Kind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::readings::{Linear, Quantity};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::{self, Kind};
 
 #[cfg(feature = "brokers")]
 mod listen;

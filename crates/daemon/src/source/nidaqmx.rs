@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use gearwatch_drivers::nidaqmx::{self, Measures};
+use gearwatch_runtime::kinds::Kind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::inputs::{self, ConfiguredInput, Scalings};
 use super::numbering::Device;
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
 
 mod acquire;
 

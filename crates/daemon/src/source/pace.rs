@@ -6,7 +6,7 @@ use gearwatch_core::block::{Packet, UnixNanos};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::stop::Stop;
+use gearwatch_runtime::stop::Stop;
 
 /// How fast recorded time goes by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

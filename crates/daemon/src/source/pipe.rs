@@ -3,12 +3,12 @@
 use std::io::Read;
 use std::path::PathBuf;
 
+use gearwatch_runtime::kinds::Kind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::framing::{Deframer, Framing};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Pipe>(
     "pipe",

@@ -4,14 +4,15 @@ use std::path::PathBuf;
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::source::Source as _;
+use gearwatch_runtime::kinds::Kind;
 use gearwatch_sim::scenario::{self, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator as Simulation};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::pace::Speed;
-use super::{Feed, Pacer, SourceConfig, SourceContext, SourceError, kind, now_unix_ns};
-use crate::kinds::Kind;
+use super::{Feed, Pacer, SourceConfig, SourceContext, SourceError, kind};
+use gearwatch_runtime::clock::now_unix_ns;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Simulator>(
     "simulator",

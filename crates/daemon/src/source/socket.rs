@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use gearwatch_core::block::Packet;
+use gearwatch_runtime::stop::Stop;
 
 use super::{Feed, SourceError};
-use crate::stop::Stop;
 
 /// How often a thread that gets nothing looks whether it should stop.
 pub(super) const POLL: Duration = Duration::from_millis(50);

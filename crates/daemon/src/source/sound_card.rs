@@ -1,11 +1,11 @@
 //! Sound cards and USB accelerometers, which are sound cards to the system. Compiled in with the cargo feature `sound-card`.
 
+use gearwatch_runtime::kinds::{self, Kind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::inputs::{self, ConfiguredInput, Scalings};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::{self, Kind};
 
 #[cfg(any(feature = "sound-card", test))]
 mod calibration;

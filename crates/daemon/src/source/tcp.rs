@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 
 use gearwatch_core::block::Packet;
 use gearwatch_io::frames::{Decoded, Decoder};
+use gearwatch_runtime::kinds::Kind;
+use gearwatch_runtime::stop::Stop;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::frames::{Layout, Memory, Reader};
 use super::socket::{self, POLL, READ_BYTES, is_timeout};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
-use crate::stop::Stop;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Tcp>(
     "tcp",

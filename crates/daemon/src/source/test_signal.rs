@@ -11,6 +11,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::block::{Block, OperatingPoint, Packet, Quality, Samples, TachoBlock, UnixNanos};
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::HARMONICS;
+use gearwatch_runtime::kinds::Kind;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -20,7 +21,6 @@ use serde::{Deserialize, Serialize};
 use super::framing::time_of;
 use super::pace::Speed;
 use super::{Feed, Pacer, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<TestSignal>(
     "test_signal",

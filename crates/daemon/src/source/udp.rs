@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 
 use gearwatch_core::block::Packet;
 use gearwatch_io::frames::datagram;
+use gearwatch_runtime::kinds::Kind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::frames::{Layout, Memory, Reader};
 use super::socket::{self, POLL, is_timeout};
 use super::{Feed, SourceConfig, SourceContext, SourceError, kind};
-use crate::kinds::Kind;
 
 pub(super) const KIND: Kind<dyn SourceConfig> = kind::<Udp>(
     "udp",

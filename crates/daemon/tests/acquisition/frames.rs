@@ -4,8 +4,8 @@ use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
 use gearwatch_daemon::source::Speed;
-use gearwatch_daemon::stop::Stop;
 use gearwatch_emulate::{FrameSender, Material, TroubleConfig};
+use gearwatch_runtime::stop::Stop;
 
 use super::support::{DEADLINE, Judge, ramp, source};
 

@@ -13,8 +13,8 @@ use gearwatch_daemon::config::Config;
 use gearwatch_daemon::service::{Service, Summary};
 use gearwatch_daemon::snapshot::{BenchSnapshot, Snapshot};
 use gearwatch_daemon::source::{Feed, Pull, SourceConfig, SourceContext, SourceError, Speed};
-use gearwatch_daemon::stop::Stop;
 use gearwatch_emulate::{Instrument, InstrumentConfig, Open};
+use gearwatch_runtime::stop::Stop;
 
 pub const RATE_HZ: f64 = 16_384.0;
 /// Samples of a block of the ramp.

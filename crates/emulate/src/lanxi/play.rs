@@ -14,7 +14,8 @@ use super::{Shared, State, count};
 use crate::material::Material;
 use crate::trouble::{Incident, Plan};
 use crate::wire::{Gone, Wire};
-use gearwatch_daemon::source::{now_unix_ns, time_of};
+use gearwatch_daemon::source::time_of;
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// Most values of a signal in one message.
 const LONGEST_RUN: usize = 8192;

@@ -13,7 +13,7 @@ use axum::routing::{get, post, put};
 use serde_json::{Value, json};
 
 use super::{Shared, State, count, play};
-use gearwatch_daemon::source::now_unix_ns;
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// Longest wait of a question for a change.
 const LONG_POLL: Duration = Duration::from_secs(10);

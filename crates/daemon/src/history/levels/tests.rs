@@ -1,12 +1,12 @@
 //! Levels against the files that they are made from.
 
+use gearwatch_runtime::stop::Stop;
 use serde_json::{Value, json};
 
 use super::*;
 use crate::history::keep::{Keeping, take_closed};
 use crate::history::sample::{START, windows, write};
 use crate::history::{HistoryError, files};
-use crate::stop::Stop;
 
 fn alarm(t_ns: i64, event: &str) -> (String, i64, Value) {
     let record = json!({ "bench": "b", "id": "s@a", "stage": "s", "channel": "a", "severity": "warning", "since_ns": START, "t_ns": t_ns,

@@ -13,8 +13,8 @@ use super::desk::Desk;
 use super::io_error;
 use super::outbox::Outbox;
 use crate::log::Disk;
-use crate::service::Backoff;
 use crate::sink::{Events, SinkContext, SinkError};
+use gearwatch_runtime::backoff::Backoff;
 
 /// Letters that are under way to a broker at once.
 pub(in crate::sink) const WINDOW: usize = 64;
@@ -83,8 +83,8 @@ fn new_run() -> String {
 
 async fn collect(events: &Events, desk: &mut Desk) {
     while let Ok(event) = events.recv().await {
-        crate::fail::point("sink-broker");
-        desk.take(&event, Instant::now(), crate::source::now_unix_ns());
+        gearwatch_runtime::fail::point("sink-broker");
+        desk.take(&event, Instant::now(), gearwatch_runtime::clock::now_unix_ns());
     }
 }
 

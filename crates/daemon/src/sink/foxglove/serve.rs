@@ -9,7 +9,7 @@ use foxglove::{ChannelBuilder, Context, FoxgloveError, PartialMetadata, RawChann
 use crate::log::{Message, encode};
 use crate::sink::mcap_log::record;
 use crate::sink::{Events, SinkError, Standing, Voice};
-use crate::source::now_unix_ns;
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// Messages that a slow viewer may lag behind; it then misses some, and nobody waits for it.
 const LAG: usize = 1024;

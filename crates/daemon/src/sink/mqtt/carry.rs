@@ -4,14 +4,14 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use gearwatch_runtime::secret::Secret;
+use gearwatch_runtime::tls::{Trust, TrustError};
 use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Outgoing, PublishOptions, QoS};
 use tokio::sync::Notify;
 
 use super::Mqtt;
-use crate::secret::Secret;
 use crate::sink::broker::{Carrier, Delivery, Kind as LetterKind, Outbox, Position, WINDOW, broker_error};
 use crate::sink::{Drain, SinkContext, SinkError};
-use crate::tls::Trust;
 
 /// Opens the sink.
 pub(super) fn open(config: &Mqtt, context: &SinkContext) -> Result<Drain, SinkError> {
@@ -39,7 +39,7 @@ impl Carrier for Courier {
             let place = format!("{}:{}", self.config.host, self.config.port);
             // One client a connection: what was under way when it broke is handed out again by the outbox, in order.
             let failed = |error: String| broker_error(&place, error);
-            let builder = AsyncClient::builder(self.options().map_err(failed)?).capacity(2 * WINDOW);
+            let builder = AsyncClient::builder(self.options().map_err(|e| failed(e.to_string()))?).capacity(2 * WINDOW);
             let (client, events) = builder.try_build().map_err(|e| failed(e.to_string()))?;
             let flight = Flight::default();
             tokio::select! {
@@ -55,7 +55,7 @@ impl Courier {
         format!("{}/_service/{}", self.config.prefix, self.client_id)
     }
 
-    fn options(&self) -> Result<MqttOptions, String> {
+    fn options(&self) -> Result<MqttOptions, TrustError> {
         let mut options = MqttOptions::new(&self.client_id, (self.config.host.as_str(), self.config.port));
         options.set_keep_alive(self.config.keep_alive_secs);
         options.set_clean_session(true);

@@ -9,8 +9,8 @@ use gearwatch_drivers::iio::{Acquisition, Wish};
 
 use super::lateness::Lateness;
 use super::{Feed, Iio, SourceContext, SourceError};
-use crate::source::now_unix_ns;
 use crate::source::numbering::{Device, same_rate};
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// A reading lasts so long (s).
 const READING_SECS: f64 = 0.1;

@@ -3,11 +3,11 @@
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::{Duration, Instant};
 
+use gearwatch_runtime::stop::Stop;
 use serde_json::Value;
 use ureq::Agent;
 
 use crate::source::SourceError;
-use crate::stop::Stop;
 
 /// A call that sets something up may take so long.
 const PATIENCE: Duration = Duration::from_secs(5);

@@ -9,7 +9,8 @@ use tokio_modbus::slave::Slave;
 
 use super::{Modbus, Number, Register, RegisterTable};
 use crate::source::readings::Readings;
-use crate::source::{Feed, Sender, SourceContext, SourceError, now_unix_ns};
+use crate::source::{Feed, Sender, SourceContext, SourceError};
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// Opens the source.
 pub(super) fn open(config: &Modbus, context: &SourceContext) -> Feed {

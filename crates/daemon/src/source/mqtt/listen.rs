@@ -3,14 +3,15 @@
 use std::time::Duration;
 
 use gearwatch_core::block::Packet;
+use gearwatch_runtime::tls::Trust;
 use rumqttc::{AsyncClient, Event, Incoming, MqttOptions, QoS, SubscribeFilter, SubscribeReasonCode};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 use super::{Mqtt, Topic, split};
 use crate::source::readings::Readings;
-use crate::source::{Feed, Sender, SourceContext, SourceError, now_unix_ns};
-use crate::tls::Trust;
+use crate::source::{Feed, Sender, SourceContext, SourceError};
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// Messages that wait to be read.
 const WAITING: usize = 256;
@@ -27,7 +28,9 @@ pub(super) fn open(config: &Mqtt, context: &SourceContext) -> Result<Feed, Sourc
     let mut options = MqttOptions::new(id, (host, port));
     if config.tls {
         let ca_file = config.ca_file.as_ref().map(|file| context.resolve(file));
-        Trust::read(ca_file.as_deref()).and_then(|trust| trust.carry(&mut options)).map_err(error)?;
+        Trust::read(ca_file.as_deref())
+            .and_then(|trust| trust.carry(&mut options))
+            .map_err(|e| error(e.to_string()))?;
     }
     options.set_keep_alive(KEEP_ALIVE_SECS).set_max_packet_size(LONGEST_MESSAGE, LONGEST_MESSAGE);
     if let Some(username) = &config.username {

@@ -8,8 +8,8 @@ use gearwatch_core::block::{Block, Packet, Quality, Samples};
 use gearwatch_drivers::nidaqmx::Acquisition;
 
 use super::{Feed, NiDaqmx, SourceContext, SourceError};
-use crate::source::now_unix_ns;
 use crate::source::numbering::{Device, same_rate};
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// A reading lasts so long (s).
 const READING_SECS: f64 = 0.05;

@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 use cpal::traits::{DeviceTrait, HostTrait, StreamTrait};
 use cpal::{BufferSize, Data, Device, ErrorKind, SampleFormat, StreamConfig, SupportedStreamConfigRange};
 use gearwatch_core::block::{Block, Packet, Quality, Samples};
+use gearwatch_runtime::stop::Stop;
 
 use super::calibration::{self, Calibration};
 use super::{Feed, SoundCard, SourceContext, SourceError};
-use crate::source::now_unix_ns;
 use crate::source::numbering::Device as Known;
-use crate::stop::Stop;
+use gearwatch_runtime::clock::now_unix_ns;
 
 /// Buffers that may wait for the source's thread; a buffer is some milliseconds.
 const WAITING: usize = 256;

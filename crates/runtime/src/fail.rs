@@ -27,7 +27,7 @@ pub fn point(name: &str) {
 }
 
 /// A task that does nothing but to panic if a test asks for it.
-pub(crate) async fn watch(name: &str) {
+pub async fn watch(name: &str) {
     if cfg!(debug_assertions) {
         loop {
             tokio::time::sleep(std::time::Duration::from_millis(50)).await;

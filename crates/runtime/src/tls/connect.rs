@@ -10,22 +10,21 @@ use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
-use super::{Trust, provider};
+use super::{Trust, TrustError, provider};
 
 impl Trust {
     /// For connections of the asynchronous parts.
     ///
     /// # Errors
     /// When no certificate can be used.
-    pub(crate) fn connector(&self) -> Result<TlsConnector, String> {
+    pub fn connector(&self) -> Result<TlsConnector, TrustError> {
         let mut roots = RootCertStore::empty();
         let (usable, _) = roots.add_parsable_certificates(self.roots.iter().cloned());
         if usable == 0 {
-            return Err("none of the authorities' certificates can be used".to_owned());
+            return Err(TrustError::Unusable);
         }
         let config = ClientConfig::builder_with_provider(provider())
-            .with_safe_default_protocol_versions()
-            .map_err(|e| e.to_string())?
+            .with_safe_default_protocol_versions()?
             .with_root_certificates(roots)
             .with_no_client_auth();
         Ok(TlsConnector::from(Arc::new(config)))
@@ -35,7 +34,7 @@ impl Trust {
     ///
     /// # Errors
     /// When no certificate can be used.
-    pub(crate) fn carry(&self, options: &mut MqttOptions) -> Result<(), String> {
+    pub fn carry(&self, options: &mut MqttOptions) -> Result<(), TrustError> {
         let connector = self.connector()?;
         options.set_socket_connector(move |address, _| {
             let connector = connector.clone();

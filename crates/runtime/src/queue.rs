@@ -37,7 +37,7 @@ impl QueueCounters {
     }
 
     /// An item was taken out and could not be used.
-    pub(crate) fn count_dropped(&self) {
+    pub fn count_dropped(&self) {
         self.dropped.fetch_add(1, Ordering::Relaxed);
     }
 }

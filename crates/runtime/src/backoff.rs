@@ -13,13 +13,13 @@ const STABLE: Duration = Duration::from_secs(60);
 
 /// Counts failures in a row.
 #[derive(Debug, Default)]
-pub(crate) struct Backoff {
+pub struct Backoff {
     failures: u32,
 }
 
 impl Backoff {
     /// The wait after a failure of what began at `began`.
-    pub(crate) fn next_wait(&mut self, began: Instant) -> Duration {
+    pub fn next_wait(&mut self, began: Instant) -> Duration {
         if began.elapsed() >= STABLE {
             self.failures = 0;
         }
