@@ -5,11 +5,11 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use gearwatch_alarm::AlarmConfig;
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_runtime::queue::WhenFull;
 use toml::{Spanned, Table};
 
-use crate::health::AlarmConfig;
 use crate::source::Speed;
 
 use entry::{sink_entry, source_entry};

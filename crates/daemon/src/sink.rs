@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
 
+use gearwatch_log::Context;
 use gearwatch_runtime::kinds::{Kind, read_keys};
 use gearwatch_runtime::queue::{Inlet, QueueCounters};
 use gearwatch_runtime::stop::Stop;
@@ -22,7 +23,6 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::event::Event;
-use crate::log::Context;
 
 mod broker;
 mod foxglove;

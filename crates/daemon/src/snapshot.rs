@@ -3,10 +3,10 @@
 
 use std::fmt::Write;
 
+use gearwatch_alarm::{Acknowledgement, Evidence};
 use gearwatch_core::verdict::{MachineState, Verdict};
 use serde::{Deserialize, Serialize};
 
-use crate::health::{Acknowledgement, Evidence};
 use crate::web;
 
 mod faults;

@@ -29,10 +29,10 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router};
 use futures_util::stream;
+use gearwatch_alarm::Acknowledgement;
 use serde::Deserialize;
 use tokio::sync::Semaphore;
 
-use crate::health::Acknowledgement;
 use crate::history::Store;
 use gearwatch_runtime::clock::now_unix_ns;
 

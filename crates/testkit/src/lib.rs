@@ -10,6 +10,6 @@ pub mod files;
 pub mod log;
 pub mod report;
 
-/// A disk that fails on command. Its code stays beside the storage trait in the service, whose unit tests use it too.
+/// A disk that fails on command. Its code stays beside the storage trait of the log, whose unit tests use it too.
 #[cfg(feature = "service")]
-pub use gearwatch_daemon::log::simulated as disk;
+pub use gearwatch_log::simulated as disk;

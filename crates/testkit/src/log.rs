@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::verdict::{HarmonicVerdict, InstrumentState, MachineState, Rank, Reason, StateFit, Verdict};
-use gearwatch_daemon::log::{Context, Group, LogConfig, Now, Record};
+use gearwatch_log::{Context, Group, LogConfig, Now, Record};
 
 /// A moment, milliseconds after a fixed start.
 pub fn at(ms: u64) -> Now {
@@ -68,7 +68,7 @@ pub fn small() -> LogConfig {
 pub fn context() -> Arc<Context> {
     let data = b"[bench]\nname = \"two-stage bench\"\n".to_vec();
     let attachment =
-        gearwatch_daemon::log::Attachment { name: "config.toml".into(), media_type: "application/toml".into(), data };
+        gearwatch_log::Attachment { name: "config.toml".into(), media_type: "application/toml".into(), data };
     Arc::new(Context { attachments: vec![attachment], facts: [("bench".into(), "two-stage".into())].into() })
 }
 
@@ -98,7 +98,7 @@ pub struct Content {
     /// Payload of every verdict, with the sequence number that its place in the group gives it.
     pub verdicts: BTreeMap<u64, Vec<u8>>,
     /// Gap records.
-    pub gaps: Vec<gearwatch_daemon::log::Gap>,
+    pub gaps: Vec<gearwatch_log::Gap>,
     /// How many notes.
     pub notes: usize,
     /// Raw data.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use gearwatch_daemon::log::{Ending, FileHealth, doctor};
+use gearwatch_log::{Ending, FileHealth, doctor};
 
 use super::Run;
 use crate::exit::Exit;

@@ -56,7 +56,7 @@ impl Run for List {
                 self.what == Some(What::Fields),
                 "--json-schema goes with one list only: gearwatch list fields --json-schema"
             );
-            serde_json::to_writer_pretty(&mut out, &gearwatch_daemon::log::verdict_schema())?;
+            serde_json::to_writer_pretty(&mut out, &gearwatch_log::verdict_schema())?;
             writeln!(out)?;
             return Ok(Exit::Ok);
         }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use gearwatch_daemon::log::{Damage, Ending, recover_file};
+use gearwatch_log::{Damage, Ending, recover_file};
 
 use super::Run;
 use crate::exit::Exit;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::log::{Cause, Gap};
+use gearwatch_log::{Cause, Gap};
 
 use crate::fixture::{Bench, gearwatch, text};
 use crate::service::{configure, ended_within, files, log_of, said, signal, start, status, wait_for};

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::log::Cause;
+use gearwatch_log::Cause;
 
 use crate::fixture::Bench;
 use crate::service::{

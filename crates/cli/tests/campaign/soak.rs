@@ -122,7 +122,7 @@ fn conform_a_day_in_minutes_leaks_nothing() {
         std::fs::read_to_string(&talk).unwrap()
     );
 
-    let health = gearwatch_daemon::log::doctor(&folder).unwrap();
+    let health = gearwatch_log::doctor(&folder).unwrap();
     assert!(health.is_whole(), "{:?}", health.missing);
     // Windows follow each other within a run, but for those that a gap record counts.
     let content = content(&files(&folder));

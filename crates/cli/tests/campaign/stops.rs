@@ -31,7 +31,7 @@ fn conform_stops_leave_a_closed_log() {
         if !folder.exists() {
             continue;
         }
-        let health = gearwatch_daemon::log::doctor(&folder).unwrap();
+        let health = gearwatch_log::doctor(&folder).unwrap();
         assert!(health.is_whole() && !health.in_use, "round {round}: {health:?}");
         for (name, bytes) in files(&folder) {
             let summary = mcap::Summary::read(&bytes).unwrap();

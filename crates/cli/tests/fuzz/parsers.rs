@@ -12,7 +12,7 @@ pub type Parse = fn(&[u8]);
 /// The parsers and their names.
 pub const PARSERS: [(&str, Parse); 14] = [
     ("mcap", |bytes| recording("a.mcap", bytes)),
-    ("log", |bytes| drop(gearwatch_daemon::log::salvage(bytes))),
+    ("log", |bytes| drop(gearwatch_log::salvage(bytes))),
     ("csv", |bytes| recording("a.csv", bytes)),
     ("gzip", |bytes| recording("a.csv.gz", bytes)),
     ("wav", |bytes| recording("a.wav", bytes)),

@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::log::Disk;
 use gearwatch_daemon::snapshot::Snapshot;
+use gearwatch_log::Disk;
 
 use super::fixture::{Bench, gearwatch, output, stderr, stdout, text};
 

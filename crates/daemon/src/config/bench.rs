@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use gearwatch_alarm::AlarmConfig;
 use gearwatch_core::pipeline::PipelineConfig;
 
 use super::SourceEntry;
-use crate::health::AlarmConfig;
 
 /// A source that may be silent for longer is not watched (s).
 const LONGEST_DEADLINE_SECS: f64 = 86_400.0;

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
+use gearwatch_alarm::AlarmConfig;
 use gearwatch_core::pipeline::PipelineConfig;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table};
 
 use super::{ReportConfig, ServiceConfig, schema};
-use crate::health::AlarmConfig;
 
 /// Keys as they stand in the file.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]

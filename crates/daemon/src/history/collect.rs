@@ -8,7 +8,7 @@ use gearwatch_io::mcap::contract::VIBRATION_PREFIX;
 use gearwatch_io::mcap::walk::{Limits, Walk};
 use serde::{Deserialize, Serialize};
 
-use crate::log::{ALARM_TOPIC, AlarmRecord, Cause, GAP_TOPIC, Gap, NOTE_TOPIC};
+use gearwatch_log::{ALARM_TOPIC, AlarmRecord, Cause, GAP_TOPIC, Gap, NOTE_TOPIC};
 
 use super::raw::Stretches;
 use super::span::{Span, Wanted};

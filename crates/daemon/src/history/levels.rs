@@ -12,13 +12,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::Duration;
 
+use gearwatch_log::AlarmRecord;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
 use super::collect::{Counted, EVENTS, Event, History, Key};
 use super::span::Span;
 use super::spectra::Spectrum;
 use super::verdict_line::indicator_names;
-use crate::log::AlarmRecord;
 
 mod blob;
 mod take;

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use gearwatch_log::{AlarmRecord, started_s};
 use serde_json::Value;
 
 use super::collect::{Event, Key};
@@ -22,7 +23,6 @@ use super::levels::{FINEST_NS, Levels};
 use super::raw::{self, Cut, CutError};
 use super::spectra::Spectrum;
 use super::verdict_line::indicator_names;
-use crate::log::{AlarmRecord, started_s};
 
 mod answer;
 mod cell;

@@ -1,6 +1,6 @@
 //! Watches the wall clock against the monotonic one: where somebody sets it, the log says so. Nothing in the service runs by the wall clock.
 
-use crate::log::Clock;
+use gearwatch_log::Clock;
 
 /// A jump of the difference between two looks that is more than drift and scheduling (ns).
 const STEP_NS: i64 = 50_000_000;

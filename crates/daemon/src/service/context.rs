@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
+use gearwatch_log::{Attachment, Context};
+
 use crate::bench::WatchedBench;
 use crate::config::Config;
-use crate::log::{Attachment, Context};
 
 /// What a log needs to be understood without this machine.
 pub(super) fn log_context(config: &Config, benches: &[WatchedBench]) -> Context {

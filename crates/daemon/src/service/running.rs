@@ -5,6 +5,8 @@ use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use gearwatch_alarm::MAINTENANCE;
+use gearwatch_log::{AlarmRecord, Gap};
 use gearwatch_runtime::queue::{self, WhenFull};
 use gearwatch_runtime::stop::Stop;
 use tokio::runtime::{Handle, Runtime};
@@ -20,9 +22,7 @@ use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
 use crate::config::SinkEntry;
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
-use crate::health::MAINTENANCE;
 use crate::history::Store;
-use crate::log::{AlarmRecord, Gap};
 use crate::selftest::SelfTest;
 use crate::sink::{Remembered, SinkContext};
 use crate::snapshot::{SinkSnapshot, Snapshot};

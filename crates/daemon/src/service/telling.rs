@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use gearwatch_alarm::Health;
 use gearwatch_core::signature::{Expected, Signatures};
 use gearwatch_core::verdict::{Reason, Verdict};
+use gearwatch_log::{Cause, Gap};
 
 use crate::checking::{self, Examiner};
 use crate::engine::Told;
 use crate::event::{Event, Fanout};
-use crate::health::Health;
-use crate::log::{Cause, Gap};
 use crate::web::Hub;
 use gearwatch_runtime::clock::now_unix_ns;
 

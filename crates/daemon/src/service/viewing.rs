@@ -13,8 +13,9 @@ use gearwatch_core::train::Train;
 use gearwatch_core::verdict::HARMONICS;
 use gearwatch_core::window::Window;
 
-use crate::event::{Event, Fanout, SpectrumFrame, SpectrumLine};
+use crate::event::{Event, Fanout};
 use crate::web::Hub;
+use gearwatch_log::{SpectrumFrame, SpectrumLine};
 
 /// A channel is shown at most so often: the eye does not need more.
 const SHOWN_EVERY: Duration = Duration::from_millis(450);

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use gearwatch_alarm::{Alarm, Health};
 use gearwatch_core::block::Packet;
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::MachineState;
@@ -19,7 +20,6 @@ use crate::checking::Examiner;
 use crate::config::BenchConfig;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
 use crate::event::Fanout;
-use crate::health::{Alarm, Health};
 use crate::snapshot::{AlarmSnapshot, BenchSnapshot, PlaceSnapshot, worst};
 use crate::source::SourceContext;
 use crate::web::Hub;

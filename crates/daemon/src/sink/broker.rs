@@ -85,7 +85,7 @@ impl Common<'_> {
             gearwatch_runtime::tls::Trust::read(Some(&folder.join(file))).map_err(|e| broker_error("ca_file", e))?;
         }
         let spool = folder.join(self.spool);
-        crate::log::Disk::try_out(&spool).map_err(|e| io_error(&spool, e))
+        gearwatch_log::Disk::try_out(&spool).map_err(|e| io_error(&spool, e))
     }
 
     /// The secret, if there is one.

@@ -3,14 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use gearwatch_alarm::{Acknowledgement, Alarm, MAINTENANCE, Severity};
+use gearwatch_log::{AlarmRecord, Disk, Judgement, Level, LogConfig, LogHandle, Note, RawPolicy, Record};
 use gearwatch_runtime::kinds::Kind;
 use gearwatch_runtime::stop::Stop;
 
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
-use crate::health::{Acknowledgement, Alarm, MAINTENANCE, Severity};
 use crate::history::{self, Keeping};
-use crate::log::{self, AlarmRecord, Disk, Judgement, Level, LogConfig, LogHandle, Note, RawPolicy, Record};
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",
@@ -57,7 +57,7 @@ impl SinkConfig for LogConfig {
         let keeping = history::keep_levels(folder.clone(), stop.clone()).map_err(failed)?;
         let keeping_levels = KeepingLevels(stop);
         let config = Self { folder, ..self.clone() };
-        let handle = log::spawn(config, context.log_context.clone(), Box::new(disk))
+        let handle = gearwatch_log::spawn(config, context.log_context.clone(), Box::new(disk))
             .map_err(|e| failed(std::io::Error::other(e)))?;
         context.remembered.put(handle.recovery().alarms.clone());
         let (mut watch, clock) = handle.watch();

@@ -2,8 +2,9 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use gearwatch_log::AlarmRecord;
+
 use crate::event::Event;
-use crate::log::AlarmRecord;
 
 /// How a sink stands.
 #[derive(Clone, Debug, PartialEq)]

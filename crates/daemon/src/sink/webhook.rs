@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use gearwatch_alarm::{Alarm, MAINTENANCE};
 use gearwatch_runtime::kinds::{self, Kind};
 use gearwatch_runtime::secret::{Secret, carries_secret, place};
 use schemars::JsonSchema;
@@ -14,7 +15,6 @@ use ureq::Agent;
 use super::broker::{broker_error, secret};
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
-use crate::health::{Alarm, MAINTENANCE};
 use gearwatch_runtime::backoff::Backoff;
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<Webhook>(
@@ -326,7 +326,7 @@ fn body(bench: &str, alarm: &Alarm, link: Option<&str>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::health::{Evidence, Severity};
+    use gearwatch_alarm::{Evidence, Severity};
 
     fn alarm() -> Alarm {
         Alarm {

@@ -71,7 +71,7 @@ fn join(fault: &mut Fault, alarm: &AlarmSnapshot) {
         fault.open.push(alarm.id.clone());
     }
     // The channel that speaks most clearly: its deviation lies the most sigmas beyond the limit.
-    let beyond = |e: &crate::health::Evidence| {
+    let beyond = |e: &gearwatch_alarm::Evidence| {
         (e.deviation_percent.abs() - e.limit_percent.unwrap_or(0.0)) / e.deviation_sigma_percent
     };
     if let Some(evidence) = &alarm.evidence
@@ -87,7 +87,7 @@ fn join(fault: &mut Fault, alarm: &AlarmSnapshot) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::health::Evidence;
+    use gearwatch_alarm::Evidence;
 
     fn alarm(stage: &str, channel: &str, severity: &str, acknowledged: bool, deviation_percent: f64) -> AlarmSnapshot {
         let evidence = Evidence {

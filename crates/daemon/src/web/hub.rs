@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
+use gearwatch_alarm::{Acknowledgement, Evidence};
 use gearwatch_core::verdict::Verdict;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -10,8 +11,7 @@ use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 
 use super::past::Past;
-use crate::event::SpectrumFrame;
-use crate::health::{Acknowledgement, Evidence};
+use gearwatch_log::SpectrumFrame;
 
 /// Spectra kept per bench and channel: the rows of the waterfall.
 const SPECTRA_KEPT: usize = 60;

@@ -146,7 +146,7 @@ async fn raw_mcap(State(shared): State<Shared>, Query(wanted): Query<Wanted>) ->
     let from = wanted.from;
     let bytes = ask(shared, wanted, |store, wanted| Ok(store.cut(wanted.from, wanted.to)?.mcap()?)).await?;
     let name =
-        format!("attachment; filename=\"gearwatch-raw-{}.mcap\"", crate::log::utc(from.div_euclid(1_000_000_000)));
+        format!("attachment; filename=\"gearwatch-raw-{}.mcap\"", gearwatch_log::utc(from.div_euclid(1_000_000_000)));
     let disposition = HeaderValue::from_str(&name).unwrap_or_else(|_| HeaderValue::from_static("attachment"));
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream")),

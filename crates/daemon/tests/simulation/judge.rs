@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use gearwatch_daemon::log::{AlarmRecord, Cause, Gap, Group, Sent};
+use gearwatch_log::{AlarmRecord, Cause, Gap, Group, Sent};
 
 use crate::trouble::Fault;
 use crate::world::{What, World};

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use gearwatch_alarm::Health;
 use gearwatch_core::verdict::Verdict;
-use gearwatch_daemon::health::Health;
 use gearwatch_daemon::web::{AlarmStatus, BenchStatus, Hub, Listener, Status};
 use serde_json::Value;
 

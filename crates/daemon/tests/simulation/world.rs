@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use gearwatch_alarm::{Acknowledgement, AlarmConfig, Health};
 use gearwatch_core::verdict::{MachineState, Verdict};
 use gearwatch_core::window::Window;
 use gearwatch_daemon::event::Event;
-use gearwatch_daemon::health::{Acknowledgement, AlarmConfig, Health};
-use gearwatch_daemon::log::{
+use gearwatch_log::{
     AlarmRecord, Cause, Compression, Condition, Gap, Judgement, LogConfig, Now, Record, Sender, Sent, Stepper, Watch,
 };
 use gearwatch_testkit::disk::{Fault as DiskFault, Plan, Simulated};

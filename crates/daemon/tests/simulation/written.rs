@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gearwatch_daemon::config::Config;
-use gearwatch_daemon::log::{Compression, LogConfig};
+use gearwatch_log::{Compression, LogConfig};
 
 use crate::trouble::Chance;
 

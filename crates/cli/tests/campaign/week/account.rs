@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use gearwatch_daemon::log::{Cause, Gap, Group};
+use gearwatch_log::{Cause, Gap, Group};
 
 use gearwatch_testkit::log::read;
 

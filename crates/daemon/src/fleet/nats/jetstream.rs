@@ -2,13 +2,13 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use gearwatch_log::utc;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::{mpsc, oneshot};
 
 use super::wire::{Message, publish};
 use super::{Connection, PATIENCE};
-use crate::log::utc;
 
 /// What the server says where there is no such stream.
 const NO_STREAM: u64 = 10059;

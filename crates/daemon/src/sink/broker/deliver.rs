@@ -7,12 +7,12 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use gearwatch_log::Disk;
 use rand::RngExt;
 
 use super::desk::Desk;
 use super::io_error;
 use super::outbox::Outbox;
-use crate::log::Disk;
 use crate::sink::{Events, SinkContext, SinkError};
 use gearwatch_runtime::backoff::Backoff;
 

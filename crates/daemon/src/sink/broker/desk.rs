@@ -6,12 +6,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use gearwatch_core::block::UnixNanos;
+use gearwatch_log::Storage;
 
 use super::letter::Secretary;
 use super::outbox::Outbox;
 use super::spool::{Position, Spool};
 use crate::event::Event;
-use crate::log::Storage;
 use crate::sink::Standing;
 
 /// What a sink of a broker is without the broker.

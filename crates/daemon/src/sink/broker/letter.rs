@@ -5,12 +5,12 @@ use std::fmt::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use gearwatch_alarm::{Acknowledgement, Alarm};
 use gearwatch_core::block::UnixNanos;
+use gearwatch_log::{Cause, Gap};
 use serde::Serialize;
 
 use crate::event::{BenchState, Event};
-use crate::health::{Acknowledgement, Alarm};
-use crate::log::{Cause, Gap};
 
 /// What a letter is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

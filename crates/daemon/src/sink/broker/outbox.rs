@@ -216,7 +216,7 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::log::simulated::Simulated;
+    use gearwatch_log::simulated::Simulated;
 
     /// The supervisor asks all sinks: one whose disk hangs must not hold it up, or `ok` would stand as it was said last.
     #[test]

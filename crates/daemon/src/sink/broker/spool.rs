@@ -9,7 +9,7 @@
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
 
-use crate::log::{Storage, StorageFile};
+use gearwatch_log::{Storage, StorageFile};
 
 /// A full segment (bytes).
 const SEGMENT_BYTES: u64 = 4 << 20;
@@ -367,8 +367,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::log::Disk;
-    use crate::log::simulated::{Fault, Plan, Simulated};
+    use gearwatch_log::Disk;
+    use gearwatch_log::simulated::{Fault, Plan, Simulated};
 
     fn open(folder: &Path, most_bytes: u64) -> Spool {
         Spool::open(Box::new(Disk::shared(folder).unwrap()), most_bytes).unwrap()

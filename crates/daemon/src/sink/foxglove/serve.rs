@@ -5,8 +5,8 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 
 use foxglove::{ChannelBuilder, Context, FoxgloveError, PartialMetadata, RawChannel, Schema, WebSocketServer};
+use gearwatch_log::{Message, encode};
 
-use crate::log::{Message, encode};
 use crate::sink::mcap_log::record;
 use crate::sink::{Events, SinkError, Standing, Voice};
 use gearwatch_runtime::clock::now_unix_ns;

@@ -1,6 +1,6 @@
 //! Alarms as the service groups them, a line each.
 
-use gearwatch_daemon::health::Evidence;
+use gearwatch_alarm::Evidence;
 use serde_json::Value;
 
 /// Alarms by bench and stage, the gravest first.
