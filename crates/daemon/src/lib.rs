@@ -1,4 +1,4 @@
-//! The service: sources, workers, sinks, log and health on tokio.
+//! The service: sources, workers and sinks on tokio. Log and alarms are crates of their own.
 //!
 //! ```text
 //! source ─► bounded queue ─► cutting ─► workers (all cores) ─► judging ─► fanout ─┬► stdout
