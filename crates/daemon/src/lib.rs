@@ -1,4 +1,4 @@
-//! The service: sources, workers and sinks on tokio. Log and alarms are crates of their own.
+//! The service: sources, workers and sinks on tokio. Log, alarms and history are crates of their own.
 //!
 //! ```text
 //! source ─► bounded queue ─► cutting ─► workers (all cores) ─► judging ─► fanout ─┬► stdout
@@ -25,7 +25,6 @@ pub mod config;
 pub mod engine;
 pub mod event;
 pub mod fleet;
-pub mod history;
 pub mod oneshot;
 pub mod selftest;
 pub mod service;

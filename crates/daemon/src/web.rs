@@ -33,7 +33,7 @@ use gearwatch_alarm::Acknowledgement;
 use serde::Deserialize;
 use tokio::sync::Semaphore;
 
-use crate::history::Store;
+use gearwatch_history::Store;
 use gearwatch_runtime::clock::now_unix_ns;
 
 pub use gate::{Gate, Peer};

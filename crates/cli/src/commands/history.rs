@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use gearwatch_daemon::history::{self, History, Levels, time};
+use gearwatch_history::{History, Levels, time};
 
 use super::Run;
 use crate::exit::Exit;
@@ -160,7 +160,7 @@ pub(super) fn logs(named: &[PathBuf]) -> anyhow::Result<Logs> {
             out.push(Log { folder: None, files: vec![log.clone()] });
             continue;
         }
-        let files = history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
+        let files = gearwatch_history::files(log).with_context(|| format!("{} cannot be read", log.display()))?;
         if files.is_empty() {
             bail!("{} holds no log file; name the folder of an mcap_log sink", log.display());
         }

@@ -6,7 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::bail;
 use clap::Args;
 use gearwatch_daemon::config::{Config, ReportConfig};
-use gearwatch_daemon::history::{History, time};
+use gearwatch_history::{History, time};
 
 use super::{Run, history};
 use crate::exit::Exit;

@@ -5,7 +5,7 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use gearwatch_daemon::history::indicator_names;
+use gearwatch_history::indicator_names;
 use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 

@@ -185,7 +185,7 @@ fn oracle_the_page_reads_the_log_as_the_command_does() {
     assert!(request(&address, &address, "/api/history?bench=small&stage=a&channel=b&from=2&to=1").contains(" 400 "));
     signal(&child, "TERM");
     assert_eq!(child.wait().unwrap().code(), Some(0));
-    let to = gearwatch_daemon::history::time::iso((from + 15) * 1_000_000_000);
+    let to = gearwatch_history::time::iso((from + 15) * 1_000_000_000);
     let told = output(&["history", text(&bench.path("log")), "--csv", "--every", "5s", "--to", &to]);
     let told = stdout(&told);
     let mut lines = told.lines().map(|line| line.split(',').collect::<Vec<_>>());

@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use gearwatch_alarm::MAINTENANCE;
+use gearwatch_history::Store;
 use gearwatch_log::{AlarmRecord, Gap};
 use gearwatch_runtime::queue::{self, WhenFull};
 use gearwatch_runtime::stop::Stop;
@@ -22,7 +23,6 @@ use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
 use crate::config::SinkEntry;
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
-use crate::history::Store;
 use crate::selftest::SelfTest;
 use crate::sink::{Remembered, SinkContext};
 use crate::snapshot::{SinkSnapshot, Snapshot};

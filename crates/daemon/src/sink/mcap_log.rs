@@ -4,13 +4,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gearwatch_alarm::{Acknowledgement, Alarm, MAINTENANCE, Severity};
+use gearwatch_history::Keeping;
 use gearwatch_log::{AlarmRecord, Disk, Judgement, Level, LogConfig, LogHandle, Note, RawPolicy, Record};
 use gearwatch_runtime::kinds::Kind;
 use gearwatch_runtime::stop::Stop;
 
 use super::{Drain, Events, SinkConfig, SinkContext, SinkError, Standing, kind};
 use crate::event::Event;
-use crate::history::{self, Keeping};
 
 pub(super) const KIND: Kind<dyn SinkConfig> = kind::<LogConfig>(
     "mcap_log",
@@ -54,7 +54,7 @@ impl SinkConfig for LogConfig {
         let failed = |e: std::io::Error| SinkError::Io { place: place.clone(), source: e };
         let disk = Disk::open(&folder).map_err(failed)?;
         let stop = context.stop.child();
-        let keeping = history::keep_levels(folder.clone(), stop.clone()).map_err(failed)?;
+        let keeping = gearwatch_history::keep_levels(folder.clone(), stop.clone()).map_err(failed)?;
         let keeping_levels = KeepingLevels(stop);
         let config = Self { folder, ..self.clone() };
         let handle = gearwatch_log::spawn(config, context.log_context.clone(), Box::new(disk))
@@ -109,7 +109,7 @@ fn records(event: &Event) -> impl Iterator<Item = Record> {
 
 fn note(bench: &str, alarm: &Alarm, seen: Option<&Acknowledgement>) -> Note {
     if let Some(Acknowledgement { who, why, from, t_ns, until_ns }) = seen {
-        let how = match until_ns.map(crate::history::time::iso) {
+        let how = match until_ns.map(gearwatch_history::time::iso) {
             Some(_) if alarm.over => "over".to_owned(),
             Some(until) if alarm.id == MAINTENANCE => format!("begun until {until}"),
             Some(until) => format!("shelved until {until}"),

@@ -5,11 +5,11 @@ use axum::extract::{Query, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use gearwatch_history::{Asked, CutError, Sight, Store, Waveform};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::{Shared, json as as_json};
-use crate::history::{Asked, CutError, Sight, Store, Waveform};
 
 pub(super) fn routes() -> Router<Shared> {
     Router::new()

@@ -10,7 +10,7 @@ use gearwatch_core::pipeline::Pipeline;
 use gearwatch_core::train::StageKinematics;
 use gearwatch_core::verdict::{HARMONICS, MachineState, Rank, Verdict};
 use gearwatch_core::window::Window;
-use gearwatch_daemon::history::time::iso;
+use gearwatch_history::time::iso;
 use gearwatch_report::{Cell, Chart, Deviation, Deviations, Lines, Mark, Part, Report, Section, Series, Table, Tone};
 
 use super::{Diagnosis, exit_of, severity, table};

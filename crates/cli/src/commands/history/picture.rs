@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
-use gearwatch_daemon::history::time::iso;
-use gearwatch_daemon::history::{Event, History, STATES, Span, indicator_names};
+use gearwatch_history::time::iso;
+use gearwatch_history::{Event, History, STATES, Span, indicator_names};
 use gearwatch_report::{Cell, Chart, Lines, Mark, Part, Report, Section, Series, Table, Tone, render};
 
 const HOUR_NS: f64 = 3.6e12;

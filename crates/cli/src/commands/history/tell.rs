@@ -5,8 +5,8 @@ use std::io::Write;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::{HARMONICS, published};
-use gearwatch_daemon::history::time::iso;
-use gearwatch_daemon::history::{History, STATES, Span, indicator_names};
+use gearwatch_history::time::iso;
+use gearwatch_history::{History, STATES, Span, indicator_names};
 
 use crate::terminal;
 

@@ -6,8 +6,8 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::HARMONICS;
 use gearwatch_daemon::config::ReportConfig;
-use gearwatch_daemon::history::time::iso;
-use gearwatch_daemon::history::{History, Key, STATES, Span};
+use gearwatch_history::time::iso;
+use gearwatch_history::{History, Key, STATES, Span};
 use gearwatch_report::{Cell, Chart, Lines, Part, Report, Section, Series, Table, Tone, render};
 
 use super::trend::{FEWEST_DAYS, Line, quantile};

@@ -10,19 +10,19 @@ use serde_json::{Value, json};
 
 const SECOND: i64 = 1_000_000_000;
 /// 2026-11-22T00:00:00Z.
-pub(super) const START: i64 = 1_795_305_600 * SECOND;
+pub(crate) const START: i64 = 1_795_305_600 * SECOND;
 
 /// Topic, time (ns since the epoch) and text.
-pub(super) type Logged = (String, i64, Value);
+pub(crate) type Logged = (String, i64, Value);
 
 /// A log file that is being written.
-pub(super) fn begin(folder: &Path, number: usize) -> mcap::Writer<BufWriter<File>> {
+pub(crate) fn begin(folder: &Path, number: usize) -> mcap::Writer<BufWriter<File>> {
     let path = folder.join(format!("gearwatch-{number:08}-{number:012}-20261122T0{number}0000Z.mcap"));
     mcap::Writer::new(BufWriter::new(File::create(path).expect("a file"))).expect("a log")
 }
 
 /// Messages in their order, readable from now on.
-pub(super) fn put(log: &mut mcap::Writer<BufWriter<File>>, messages: &[Logged]) {
+pub(crate) fn put(log: &mut mcap::Writer<BufWriter<File>>, messages: &[Logged]) {
     for (sequence, (topic, t_ns, value)) in messages.iter().enumerate() {
         let channel_id = log.add_channel(0, topic, "json", &BTreeMap::new()).expect("a channel");
         let time = u64::try_from(*t_ns).expect("after 1970");
@@ -33,14 +33,14 @@ pub(super) fn put(log: &mut mcap::Writer<BufWriter<File>>, messages: &[Logged]) 
 }
 
 /// A closed log file.
-pub(super) fn write(folder: &Path, number: usize, messages: &[Logged]) {
+pub(crate) fn write(folder: &Path, number: usize, messages: &[Logged]) {
     let mut log = begin(folder, number);
     put(&mut log, messages);
     log.finish().expect("an end");
 }
 
 /// Windows of half a minute from `first` on, of two rows: 1x differs from window to window, 2x is known in every third one, the rest never.
-pub(super) fn windows(first: i64, count: i64) -> Vec<Logged> {
+pub(crate) fn windows(first: i64, count: i64) -> Vec<Logged> {
     let mut out = Vec::new();
     for i in first..first + count {
         let t0 = START + i * 30 * SECOND;

@@ -29,39 +29,39 @@ pub fn indicator_names() -> impl Iterator<Item = &'static str> {
 }
 
 /// A logged verdict.
-pub(super) struct VerdictLine {
-    pub(super) bench: String,
-    pub(super) stage: String,
-    pub(super) channel: String,
-    pub(super) unit: String,
-    pub(super) machine: String,
-    pub(super) instrument: String,
+pub(crate) struct VerdictLine {
+    pub(crate) bench: String,
+    pub(crate) stage: String,
+    pub(crate) channel: String,
+    pub(crate) unit: String,
+    pub(crate) machine: String,
+    pub(crate) instrument: String,
     /// Name of the baseline's cell.
-    pub(super) cell: String,
-    pub(super) t0_ns: i64,
+    pub(crate) cell: String,
+    pub(crate) t0_ns: i64,
     /// Index of the first sample, and samples in the window; 0 where not told.
-    pub(super) first_sample: u64,
-    pub(super) samples: u64,
+    pub(crate) first_sample: u64,
+    pub(crate) samples: u64,
     numbers: Vec<f64>,
 }
 
 impl VerdictLine {
     /// Speed of the input shaft with its sigma (Hz), torque (N m).
-    pub(super) fn speed(&self) -> (f64, f64) {
+    pub(crate) fn speed(&self) -> (f64, f64) {
         (self.numbers[1], self.numbers[2])
     }
 
-    pub(super) fn torque(&self) -> f64 {
+    pub(crate) fn torque(&self) -> f64 {
         self.numbers[3]
     }
 
     /// Deviation and its sigma (percent), amplitude and its sigma, level of the rank.
-    pub(super) fn harmonic(&self, h: usize) -> [f64; 5] {
+    pub(crate) fn harmonic(&self, h: usize) -> [f64; 5] {
         std::array::from_fn(|i| self.numbers[PLAIN.len() + h * OF_HARMONIC.len() + i])
     }
 
     /// Value and sigma of each indicator, in the order of the names.
-    pub(super) fn indicators(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+    pub(crate) fn indicators(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.numbers[INDICATORS_AT..].as_chunks::<2>().0.iter().map(|&[value, sigma]| (value, sigma))
     }
 }

@@ -6,9 +6,9 @@ use rusqlite::{Connection, OptionalExtension, params};
 
 use super::blob::{self, Places};
 use super::{HOURS, LEVELS, MOST_EVENTS, Result, SECOND, SPECTRA};
-use crate::history::collect::{Event, History};
-use crate::history::span::Span;
-use crate::history::spectra::Shelf;
+use crate::collect::{Event, History};
+use crate::span::Span;
+use crate::spectra::Shelf;
 
 pub(super) fn rows(db: &Connection, places: &Places, history: &History) -> Result<()> {
     let mut name = db.prepare("INSERT OR IGNORE INTO row (bench, stage, channel, unit) VALUES (?1, ?2, ?3, ?4)")?;

@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 
 use gearwatch_log::{ALARM_TOPIC, AlarmRecord, Cause, GAP_TOPIC, Gap, NOTE_TOPIC};
 
-use super::raw::Stretches;
-use super::span::{Span, Wanted};
-use super::spectra::{LoggedSpectrum, Shelf};
-use super::verdict_line::VerdictLine;
+use crate::raw::Stretches;
+use crate::span::{Span, Wanted};
+use crate::spectra::{LoggedSpectrum, Shelf};
+use crate::verdict_line::VerdictLine;
 
 /// Most rows: a year of 64 channels by the hour has half of it.
 const MOST_ROWS: usize = 1_000_000;
@@ -39,7 +39,7 @@ pub enum HistoryError {
     TooMany,
     /// The levels of detail cannot be read.
     #[error(transparent)]
-    Levels(#[from] super::levels::LevelsError),
+    Levels(#[from] crate::levels::LevelsError),
 }
 
 /// Bench, stage and channel.
@@ -78,16 +78,16 @@ pub struct History {
     /// How each alarm was last, by bench and id.
     alarms: BTreeMap<(String, String), (i64, AlarmRecord)>,
     /// All that was told of alarms, with the time: as many as events are kept.
-    pub(super) told: Vec<(i64, AlarmRecord)>,
+    pub(crate) told: Vec<(i64, AlarmRecord)>,
     /// Spectra and stretches of raw data, where they are wanted.
-    pub(super) shelf: Option<Shelf>,
-    pub(super) stretches: Stretches,
+    pub(crate) shelf: Option<Shelf>,
+    pub(crate) stretches: Stretches,
     /// What could not be read, one sentence each.
     pub troubles: Vec<String>,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Counted {
+pub(crate) struct Counted {
     stage: String,
     channel: String,
     t0_ns: i64,
@@ -127,24 +127,24 @@ impl History {
     }
 
     /// With these indicators alone.
-    pub(super) fn with_indicators(mut self, wanted: Wanted) -> Self {
+    pub(crate) fn with_indicators(mut self, wanted: Wanted) -> Self {
         self.indicators = wanted;
         self
     }
 
     /// With spectra, one of each channel in each span, and the times of raw data.
-    pub(super) fn with_shelf(mut self) -> Self {
+    pub(crate) fn with_shelf(mut self) -> Self {
         self.shelf = Some(Shelf::default());
         self
     }
 
     /// Goes on counting operating time after the last windows of what was read before.
-    pub(super) fn count_on(&mut self, counted: BTreeMap<String, Counted>) {
+    pub(crate) fn count_on(&mut self, counted: BTreeMap<String, Counted>) {
         self.counted = counted;
     }
 
     /// The last window of each bench that operating time is counted by.
-    pub(super) fn counted(&self) -> &BTreeMap<String, Counted> {
+    pub(crate) fn counted(&self) -> &BTreeMap<String, Counted> {
         &self.counted
     }
 
@@ -152,7 +152,7 @@ impl History {
     ///
     /// # Errors
     /// When there are more rows than anybody reads.
-    pub(super) fn put(&mut self, (key, unit): (Key, &str), at: i64, span: &Span) -> Result<(), HistoryError> {
+    pub(crate) fn put(&mut self, (key, unit): (Key, &str), at: i64, span: &Span) -> Result<(), HistoryError> {
         self.times = Some(self.times.map_or((at, at), |(first, last)| (first.min(at), last.max(at))));
         if !self.wanted(at) {
             return Ok(());
@@ -163,7 +163,7 @@ impl History {
     }
 
     /// Puts in operating time (s) that was counted before.
-    pub(super) fn put_operating(&mut self, bench_and_cell: (String, String), t_ns: i64, secs: f64) {
+    pub(crate) fn put_operating(&mut self, bench_and_cell: (String, String), t_ns: i64, secs: f64) {
         if self.wanted(t_ns) {
             let at = t_ns.div_euclid(self.every) * self.every;
             *self.operating.entry(bench_and_cell).or_default().entry(at).or_default() += secs;
@@ -296,7 +296,7 @@ impl History {
         }
     }
 
-    pub(super) fn put_alarm(&mut self, t_ns: i64, record: AlarmRecord) {
+    pub(crate) fn put_alarm(&mut self, t_ns: i64, record: AlarmRecord) {
         if self.wanted(t_ns) && self.told.len() < MOST_EVENTS {
             self.told.push((t_ns, record.clone()));
         }
@@ -307,7 +307,7 @@ impl History {
         }
     }
 
-    pub(super) fn event(&mut self, event: Event) {
+    pub(crate) fn event(&mut self, event: Event) {
         if self.wanted(event.t_ns) {
             if self.events.len() < MOST_EVENTS {
                 self.events.push(event);
@@ -345,7 +345,7 @@ impl History {
 }
 
 /// Kinds of events.
-pub(super) const EVENTS: [&str; 6] = ["alarm", "acknowledged", "ended", "gap", "reload", "note"];
+pub(crate) const EVENTS: [&str; 6] = ["alarm", "acknowledged", "ended", "gap", "reload", "note"];
 
 /// Kind and text of an event; `None` inside where it is told elsewhere, `None` outside where it cannot be read.
 #[allow(clippy::option_option, reason = "not read, read and told elsewhere, read")]

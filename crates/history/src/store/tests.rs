@@ -1,7 +1,7 @@
 //! What the page is told of files that are being written, and how long times are shown.
 
 use super::*;
-use crate::history::sample::{START, begin, put, windows, write};
+use crate::sample::{START, begin, put, windows, write};
 
 #[test]
 fn analytic_thinning_keeps_the_last_and_never_more_than_asked_for() {
@@ -68,7 +68,7 @@ fn regress_files_of_one_question_do_not_drive_each_other_out() {
     let row = ("b".to_owned(), "s".to_owned(), "a".to_owned());
     let other = ("b".to_owned(), "s".to_owned(), "b".to_owned());
     let mut digests = BTreeMap::new();
-    for path in crate::history::files(folder.path()).expect("a folder") {
+    for path in crate::files(folder.path()).expect("a folder") {
         let of: Of = (path, 30 * SECOND, indicator_names().position(|name| name == "rms"));
         let digest = Digest::read(&of, 7);
         digests.insert(of, digest);

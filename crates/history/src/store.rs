@@ -15,14 +15,14 @@ use std::time::{Duration, Instant};
 use gearwatch_log::{AlarmRecord, started_s};
 use serde_json::Value;
 
-use super::collect::{Event, Key};
-use super::extent::AGAIN;
-use super::glance::{Glance, Glances};
-use super::keep::name;
-use super::levels::{FINEST_NS, Levels};
-use super::raw::{self, Cut, CutError};
-use super::spectra::Spectrum;
-use super::verdict_line::indicator_names;
+use crate::collect::{Event, Key};
+use crate::extent::AGAIN;
+use crate::glance::{Glance, Glances};
+use crate::keep::name;
+use crate::levels::{FINEST_NS, Levels};
+use crate::raw::{self, Cut, CutError};
+use crate::spectra::Spectrum;
+use crate::verdict_line::indicator_names;
 
 mod answer;
 mod cell;
@@ -133,7 +133,7 @@ impl Store {
     /// The files that can hold windows of this time, oldest first: each from its own start to that of the next. Beside them the newest of all, which
     /// is being written.
     fn files(&self, from: i64, to: i64) -> std::io::Result<(Vec<PathBuf>, Option<PathBuf>)> {
-        let all = super::files(&self.folder)?;
+        let all = crate::files(&self.folder)?;
         let start = |path: &PathBuf| {
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
             started_s(name).map_or(i64::MIN, |s| s.saturating_mul(SECOND))
@@ -222,7 +222,7 @@ impl Store {
 
     /// Puts in what the levels know; the span that it is put together by, and the names of the files that need not be read.
     fn find_in_levels(&self, asked: &Asked, every: i64, found: &mut Found) -> (i64, BTreeSet<String>) {
-        let read = || -> Result<Option<_>, super::levels::LevelsError> {
+        let read = || -> Result<Option<_>, crate::levels::LevelsError> {
             let Some(levels) = Levels::read(&self.folder)? else { return Ok(None) };
             let Some((level, every)) = levels.level_for(every, asked.from)? else { return Ok(None) };
             let rows = levels.row(&asked.row, level, every, asked.from, asked.to)?;

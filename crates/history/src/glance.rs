@@ -8,23 +8,23 @@ use std::time::Duration;
 use gearwatch_io::mcap::contract::VIBRATION_PREFIX;
 use gearwatch_io::mcap::walk::{Limits, Walk};
 
-use super::extent::Extent;
-use super::raw::Stretches;
-use super::spectra::{LoggedSpectrum, Spectrum};
+use crate::extent::Extent;
+use crate::raw::Stretches;
+use crate::spectra::{LoggedSpectrum, Spectrum};
 
 /// Files that are remembered.
 const MOST: usize = 64;
 
 /// What a file holds of one channel.
 #[derive(Clone, Debug)]
-pub(super) struct Glance {
-    pub(super) spectra: Vec<Spectrum>,
-    pub(super) raw: Vec<(i64, i64)>,
+pub(crate) struct Glance {
+    pub(crate) spectra: Vec<Spectrum>,
+    pub(crate) raw: Vec<(i64, i64)>,
     extent: Extent,
 }
 
 impl Glance {
-    pub(super) fn of(path: &Path, bench: &str, channel: &str) -> Self {
+    pub(crate) fn of(path: &Path, bench: &str, channel: &str) -> Self {
         let extent = Extent::of(path);
         let (mut spectra, mut stretches) = (Vec::new(), Stretches::default());
         if let Ok(file) = gearwatch_io::text::open_regular(path) {
@@ -50,16 +50,16 @@ impl Glance {
 
 /// What was glanced at lately.
 #[derive(Debug, Default)]
-pub(super) struct Glances(BTreeMap<(PathBuf, String, String), Glance>);
+pub(crate) struct Glances(BTreeMap<(PathBuf, String, String), Glance>);
 
 impl Glances {
     /// What is known of a file, where that is not too old; `open`: it is being written.
-    pub(super) fn get(&self, path: &Path, bench: &str, channel: &str, open: bool, again: Duration) -> Option<Glance> {
+    pub(crate) fn get(&self, path: &Path, bench: &str, channel: &str, open: bool, again: Duration) -> Option<Glance> {
         let kept = self.0.get(&(path.to_owned(), bench.to_owned(), channel.to_owned()))?;
         (!kept.extent.is_behind(path, open, again)).then(|| kept.clone())
     }
 
-    pub(super) fn put(&mut self, path: &Path, bench: &str, channel: &str, glance: Glance) {
+    pub(crate) fn put(&mut self, path: &Path, bench: &str, channel: &str, glance: Glance) {
         self.0.insert((path.to_owned(), bench.to_owned(), channel.to_owned()), glance);
         while self.0.len() > MOST {
             let oldest = self.0.iter().min_by_key(|(_, glance)| glance.extent.read()).map(|(key, _)| key.clone());

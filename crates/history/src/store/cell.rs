@@ -4,7 +4,7 @@ use gearwatch_core::estimate::Estimate;
 use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
 
-use crate::history::span::Span;
+use crate::span::Span;
 
 /// Share of a window's samples that the next does not have: the default hop.
 const OWN_SHARE: f64 = 0.5;

@@ -4,14 +4,14 @@ use gearwatch_core::estimate::Estimate;
 use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
 
-use super::verdict_line::{VerdictLine, indicator_names};
+use crate::verdict_line::{VerdictLine, indicator_names};
 
 /// Machine states, in the order of their weight.
 pub const STATES: [&str; 5] = ["alarm", "deviating", "path_changed", "unknown", "normal"];
 
 /// Which indicators a history holds: all of them take five times the memory of the rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Wanted {
+pub(crate) enum Wanted {
     /// By their places in [`indicator_names`].
     All,
     /// One, by its place.
@@ -55,7 +55,7 @@ pub struct Span {
 }
 
 impl Span {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             windows: 0,
             states: [0; 5],
@@ -74,7 +74,7 @@ impl Span {
         STATES.iter().zip(self.states).find(|(_, count)| *count > 0).map_or(("unknown", 0), |(&name, n)| (name, n))
     }
 
-    pub(super) fn push(&mut self, line: &VerdictLine, wanted: Wanted) {
+    pub(crate) fn push(&mut self, line: &VerdictLine, wanted: Wanted) {
         self.windows += 1;
         let state = STATES.iter().position(|state| *state == line.machine).unwrap_or(3);
         self.states[state] += 1;
@@ -101,7 +101,7 @@ impl Span {
     }
 
     /// Takes in a part of the same span that was put together elsewhere.
-    pub(super) fn merge(&mut self, other: &Self) {
+    pub(crate) fn merge(&mut self, other: &Self) {
         self.windows += other.windows;
         self.not_ok += other.not_ok;
         self.states.iter_mut().zip(other.states).for_each(|(n, more)| *n += more);
@@ -114,12 +114,12 @@ impl Span {
     }
 
     /// All means in a fixed order, those of the indicators last.
-    pub(super) fn means(&self) -> impl Iterator<Item = &Mean> {
+    pub(crate) fn means(&self) -> impl Iterator<Item = &Mean> {
         self.deviations.iter().chain(&self.amplitudes).chain([&self.speed, &self.torque]).chain(&self.indicators)
     }
 
     /// The same, to be changed.
-    pub(super) fn means_mut(&mut self) -> impl Iterator<Item = &mut Mean> {
+    pub(crate) fn means_mut(&mut self) -> impl Iterator<Item = &mut Mean> {
         let own = self.deviations.iter_mut().chain(&mut self.amplitudes);
         own.chain([&mut self.speed, &mut self.torque]).chain(&mut self.indicators)
     }

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use gearwatch_core::indicators::columns::Mean;
 use gearwatch_core::verdict::HARMONICS;
 
-use crate::history::span::Span;
-use crate::history::verdict_line::indicator_names;
+use crate::span::Span;
+use crate::verdict_line::indicator_names;
 
 const VERSION: u8 = 1;
 /// Means before those of the indicators: deviations, amplitudes, speed, torque.

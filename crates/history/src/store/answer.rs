@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::cell::Cell;
 use super::{Asked, Found, MOST_EVENTS, SECOND};
-use crate::history::span::STATES;
+use crate::span::STATES;
 
 /// Six digits are finer than a screen can show; `null` where nothing is known.
 fn number(x: f32) -> Value {

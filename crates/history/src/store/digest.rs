@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use gearwatch_log::AlarmRecord;
 
 use super::cell::Cell;
-use crate::history::collect::{Event, History, Key};
-use crate::history::extent::Extent;
-use crate::history::span::Wanted;
+use crate::collect::{Event, History, Key};
+use crate::extent::Extent;
+use crate::span::Wanted;
 
 /// File, span (ns) and place of the indicator that is wanted.
 pub(super) type Of = (PathBuf, i64, Option<usize>);

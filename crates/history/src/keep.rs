@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use gearwatch_runtime::stop::Stop;
 
-use super::collect::History;
-use super::levels::{FILE_NAME, FINEST_NS, Levels, LevelsError};
+use crate::collect::History;
+use crate::levels::{FILE_NAME, FINEST_NS, Levels, LevelsError};
 
 /// Closed files are looked for so often.
 const EVERY: Duration = Duration::from_secs(5);
@@ -82,7 +82,7 @@ pub enum KeepError {
 /// # Errors
 /// When the folder cannot be listed, or the levels cannot be written.
 pub fn take_closed(folder: &Path, stop: &Stop, keeping: &Keeping) -> Result<(), KeepError> {
-    let mut files = super::files(folder)?;
+    let mut files = crate::files(folder)?;
     files.pop();
     if files.is_empty() {
         return Ok(());
@@ -117,6 +117,6 @@ fn begin_anew(folder: &Path) {
 }
 
 /// Name of a log file, as the levels know it.
-pub(super) fn name(path: &Path) -> String {
+pub(crate) fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

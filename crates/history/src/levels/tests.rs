@@ -4,9 +4,9 @@ use gearwatch_runtime::stop::Stop;
 use serde_json::{Value, json};
 
 use super::*;
-use crate::history::keep::{Keeping, take_closed};
-use crate::history::sample::{START, windows, write};
-use crate::history::{HistoryError, files};
+use crate::keep::{Keeping, take_closed};
+use crate::sample::{START, windows, write};
+use crate::{HistoryError, files};
 
 fn alarm(t_ns: i64, event: &str) -> (String, i64, Value) {
     let record = json!({ "bench": "b", "id": "s@a", "stage": "s", "channel": "a", "severity": "warning", "since_ns": START, "t_ns": t_ns,
@@ -43,7 +43,7 @@ fn through_levels(folder: &Path, every: i64, from: Option<i64>, to: Option<i64>)
     let levels = Levels::read(folder).expect("readable").expect("levels");
     let known = levels.fill(&mut history, from, to).expect("filled");
     for path in files(folder).expect("a folder") {
-        if !known.contains(&crate::history::keep::name(&path)) {
+        if !known.contains(&crate::keep::name(&path)) {
             history.read(&path).expect("a file");
         }
     }
@@ -106,7 +106,7 @@ fn conform_a_file_counts_once_and_unaligned_times_are_left_to_the_files() {
     let path = files(folder.path()).expect("a folder").remove(0);
     let mut again = History::new(FINEST_NS, None, None);
     again.read(&path).expect("a file");
-    levels.take(&crate::history::keep::name(&path), &again).expect("known already");
+    levels.take(&crate::keep::name(&path), &again).expect("known already");
     assert_eq!((before, count()), (594, 594));
     assert_eq!(through_levels(folder.path(), DAY * SECOND, Some(START + 7), None).1, 0);
     assert_eq!(through_levels(folder.path(), 7 * SECOND, None, None).1, 0);

@@ -21,10 +21,10 @@ const MOST_SAMPLES: usize = 64 << 20;
 
 /// Times in which a channel has raw data, from the first block to the beginning of the last (ns since the epoch).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Stretches(pub(super) BTreeMap<String, Vec<(i64, i64)>>);
+pub(crate) struct Stretches(pub(crate) BTreeMap<String, Vec<(i64, i64)>>);
 
 impl Stretches {
-    pub(super) fn push(&mut self, channel: &str, t_ns: i64) {
+    pub(crate) fn push(&mut self, channel: &str, t_ns: i64) {
         if !self.0.contains_key(channel) {
             self.0.insert(channel.to_owned(), Vec::new());
         }
@@ -39,7 +39,7 @@ impl Stretches {
 }
 
 /// Puts stretches that touch into one: a file ends where the next begins.
-pub(super) fn joined(mut all: Vec<(i64, i64)>) -> Vec<(i64, i64)> {
+pub(crate) fn joined(mut all: Vec<(i64, i64)>) -> Vec<(i64, i64)> {
     all.sort_unstable();
     let mut out: Vec<(i64, i64)> = Vec::new();
     for (from, to) in all {
@@ -94,7 +94,7 @@ impl Cut {
     ///
     /// # Errors
     /// When it would be too large, or there is nothing.
-    pub(super) fn read(files: &[PathBuf], from: i64, to: i64) -> Result<Self, CutError> {
+    pub(crate) fn read(files: &[PathBuf], from: i64, to: i64) -> Result<Self, CutError> {
         if to.saturating_sub(from) > LONGEST_NS {
             return Err(CutError::TooLong(to.saturating_sub(from)));
         }

@@ -15,10 +15,10 @@ use std::time::Duration;
 use gearwatch_log::AlarmRecord;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 
-use super::collect::{Counted, EVENTS, Event, History, Key};
-use super::span::Span;
-use super::spectra::Spectrum;
-use super::verdict_line::indicator_names;
+use crate::collect::{Counted, EVENTS, Event, History, Key};
+use crate::span::Span;
+use crate::spectra::Spectrum;
+use crate::verdict_line::indicator_names;
 
 mod blob;
 mod take;
@@ -157,7 +157,7 @@ impl Levels {
     }
 
     /// The last window of each bench that operating time is counted by.
-    pub(super) fn counted(&self) -> Result<BTreeMap<String, Counted>> {
+    pub(crate) fn counted(&self) -> Result<BTreeMap<String, Counted>> {
         let mut all = self.db.prepare("SELECT bench, last FROM counted")?;
         let rows = all.query_map([], |row| Ok((row.get::<_, String>(0)?, row.get::<_, String>(1)?)))?;
         let mut out = BTreeMap::new();
@@ -174,7 +174,7 @@ impl Levels {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub(super) fn take(&mut self, name: &str, history: &History) -> Result<()> {
+    pub(crate) fn take(&mut self, name: &str, history: &History) -> Result<()> {
         let taking = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         if taking.execute("INSERT OR IGNORE INTO file (name) VALUES (?1)", [name])? == 0 {
             return Ok(());
@@ -324,7 +324,7 @@ impl Levels {
         history: &mut History,
         from: Option<i64>,
         to: Option<i64>,
-    ) -> std::result::Result<BTreeSet<String>, super::HistoryError> {
+    ) -> std::result::Result<BTreeSet<String>, crate::HistoryError> {
         let every = history.every();
         let fits = |long: i64| {
             every % long == 0
@@ -358,7 +358,7 @@ impl Levels {
         level: i64,
         from: i64,
         to: i64,
-    ) -> std::result::Result<(), super::HistoryError> {
+    ) -> std::result::Result<(), crate::HistoryError> {
         let mut spans = self
             .db
             .prepare(

@@ -14,13 +14,13 @@ const MOST_LINES: usize = 100_000;
 
 /// A spectrum as it stands in a log.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-pub(super) struct LoggedSpectrum {
+pub(crate) struct LoggedSpectrum {
     #[serde(default)]
-    pub(super) bench: String,
-    pub(super) channel: String,
+    pub(crate) bench: String,
+    pub(crate) channel: String,
     #[serde(default)]
-    pub(super) unit: String,
-    pub(super) t0_ns: i64,
+    pub(crate) unit: String,
+    pub(crate) t0_ns: i64,
     order: Vec<f64>,
     amplitude: Vec<Option<f64>>,
 }
@@ -42,7 +42,7 @@ pub struct Spectrum {
 
 impl LoggedSpectrum {
     /// None where the orders are no equal steps.
-    pub(super) fn kept(self) -> Option<Spectrum> {
+    pub(crate) fn kept(self) -> Option<Spectrum> {
         let (first, last) = (*self.order.first()?, *self.order.last()?);
         let lines = self.order.len();
         let order_step = (last - first) / (lines.max(2) - 1) as f64;
@@ -54,7 +54,7 @@ impl LoggedSpectrum {
 
 impl Spectrum {
     /// Everything but the time: unit, first order, step, and a code of two bytes for each line.
-    pub(super) fn encode(&self) -> Vec<u8> {
+    pub(crate) fn encode(&self) -> Vec<u8> {
         let unit = &self.unit.as_bytes()[..self.unit.len().min(usize::from(u8::MAX))];
         let mut out = Vec::with_capacity(17 + unit.len() + 2 * self.amplitude.len());
         out.push(unit.len() as u8);
@@ -66,7 +66,7 @@ impl Spectrum {
     }
 
     /// None where these are no such bytes.
-    pub(super) fn decode(t0_ns: i64, bytes: &[u8]) -> Option<Self> {
+    pub(crate) fn decode(t0_ns: i64, bytes: &[u8]) -> Option<Self> {
         let (&length, rest) = bytes.split_first()?;
         let (unit, rest) = rest.split_at_checked(usize::from(length))?;
         let (first, rest) = rest.split_first_chunk::<8>()?;
@@ -94,12 +94,12 @@ fn amplitude(code: u16) -> f32 {
 
 /// The first spectrum of each channel in each span of time, by bench and channel.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Shelf {
-    pub(super) spectra: BTreeMap<(String, String), BTreeMap<i64, Spectrum>>,
+pub(crate) struct Shelf {
+    pub(crate) spectra: BTreeMap<(String, String), BTreeMap<i64, Spectrum>>,
 }
 
 impl Shelf {
-    pub(super) fn put(&mut self, every: i64, logged: LoggedSpectrum) {
+    pub(crate) fn put(&mut self, every: i64, logged: LoggedSpectrum) {
         let at = logged.t0_ns.div_euclid(every) * every;
         let channel = self.spectra.entry((logged.bench.clone(), logged.channel.clone())).or_default();
         match channel.entry(at) {
