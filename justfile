@@ -53,7 +53,8 @@ campaign-worlds worlds="2000":
 
 # 200 seeds of network trouble, 1000 reconnects and a bad network beside a good one, against an emulated instrument
 campaign-network:
-    cargo test -p gearwatch-daemon --test network -- --nocapture --include-ignored
+    cargo test -p gearwatch-sources --test network -- --nocapture --include-ignored
+    cargo test -p gearwatch-daemon --test acquisition -- --nocapture --ignored neighbour
 
 # Every task killed once, clocks
 campaign-failures:

@@ -1,4 +1,4 @@
-//! The crates may only look downward: core ← sim ← explain, core ← io, then runtime, log, history, daemon, cli.
+//! The crates may only look downward: core ← sim ← explain, core ← io, then runtime, sources, log, history, daemon, cli.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -22,11 +22,41 @@ const FORBIDDEN: &[(&str, &[&str])] = &[
         "gearwatch-alarm",
         &["gearwatch-io", "gearwatch-runtime", "gearwatch-log", "gearwatch-daemon", "tokio", "mcap", "clap"],
     ),
-    ("gearwatch-runtime", &["gearwatch-alarm", "gearwatch-log", "gearwatch-sim", "gearwatch-daemon", "axum", "clap"]),
-    ("gearwatch-log", &["gearwatch-history", "gearwatch-sim", "gearwatch-daemon", "gearwatch-testkit", "axum", "clap"]),
-    ("gearwatch-history", &["gearwatch-sim", "gearwatch-daemon", "gearwatch-testkit", "tokio", "axum", "clap"]),
-    ("gearwatch-daemon", &["clap", "rusqlite", "gearwatch-emulate", "gearwatch-testkit"]),
-    ("gearwatch-emulate", &["clap", "gearwatch-testkit"]),
+    (
+        "gearwatch-runtime",
+        &["gearwatch-alarm", "gearwatch-log", "gearwatch-sim", "gearwatch-sources", "gearwatch-daemon", "axum", "clap"],
+    ),
+    (
+        "gearwatch-log",
+        &[
+            "gearwatch-history",
+            "gearwatch-sim",
+            "gearwatch-sources",
+            "gearwatch-daemon",
+            "gearwatch-testkit",
+            "axum",
+            "clap",
+        ],
+    ),
+    (
+        "gearwatch-history",
+        &["gearwatch-sim", "gearwatch-sources", "gearwatch-daemon", "gearwatch-testkit", "tokio", "axum", "clap"],
+    ),
+    (
+        "gearwatch-sources",
+        &[
+            "gearwatch-alarm",
+            "gearwatch-log",
+            "gearwatch-history",
+            "gearwatch-daemon",
+            "gearwatch-emulate",
+            "gearwatch-testkit",
+            "axum",
+            "clap",
+        ],
+    ),
+    ("gearwatch-daemon", &["clap", "rusqlite", "gearwatch-drivers", "gearwatch-emulate", "gearwatch-testkit"]),
+    ("gearwatch-emulate", &["gearwatch-daemon", "gearwatch-log", "gearwatch-history", "clap", "gearwatch-testkit"]),
     ("gearwatch-batch", &["gearwatch-daemon", "tokio", "clap"]),
     (
         "gearwatch-report",

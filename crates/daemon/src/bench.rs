@@ -8,10 +8,10 @@ use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::pipeline::Pipeline;
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::SourceContext;
 
 use crate::checking;
 use crate::config::{BenchConfig, DEMO_BENCH};
-use crate::source::SourceContext;
 
 mod learn;
 

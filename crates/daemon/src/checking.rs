@@ -1,36 +1,13 @@
-//! The check of a bench before its first verdict: what is looked at of files and of running sources.
+//! The check of a bench whose sources run, by their first windows. Recordings are looked at by
+//! [`gearwatch_sources::look()`] before anything starts.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use gearwatch_check::{self as check, Checked, Look, Severity};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::doubts::Doubts;
-use gearwatch_core::source::Source;
 use gearwatch_core::window::Window;
-use gearwatch_io::{OpenOptions, ReadError};
-
-/// Looks at a recording: its first half minute.
-///
-/// # Errors
-/// As [`gearwatch_io::open()`], and when what is looked at is damaged.
-pub fn look(path: &Path, options: &OpenOptions) -> Result<Look, ReadError> {
-    let mut look = Look::new(&name_of(path));
-    let mut opened = gearwatch_io::open(path, options)?;
-    while let Some(packet) = opened.next_packet()? {
-        look.push(&packet);
-        if look.is_full() {
-            break;
-        }
-    }
-    Ok(look)
-}
-
-/// The name by which findings speak of a recording.
-pub fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
 
 /// From so long after the last window that is looked at the judging thread waits for the answer (ns of the windows' own time): it is there by then, and every
 /// run of the same windows says so at the same one.

@@ -8,9 +8,8 @@ use std::path::{Path, PathBuf};
 use gearwatch_alarm::AlarmConfig;
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_runtime::queue::WhenFull;
+use gearwatch_sources::Speed;
 use toml::{Spanned, Table};
-
-use crate::source::Speed;
 
 use entry::{sink_entry, source_entry};
 use keys::{BenchKeys, File};

@@ -1,4 +1,4 @@
-//! The service: sources, workers and sinks on tokio. Log, alarms and history are crates of their own.
+//! The service: workers and sinks on tokio, fed by sources. Sources, log, alarms and history are crates of their own.
 //!
 //! ```text
 //! source ─► bounded queue ─► cutting ─► workers (all cores) ─► judging ─► fanout ─┬► stdout
@@ -30,6 +30,5 @@ pub mod selftest;
 pub mod service;
 pub mod sink;
 pub mod snapshot;
-pub mod source;
 pub mod status;
 pub mod web;

@@ -11,11 +11,11 @@ use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::verdict::Rank;
 use gearwatch_runtime::queue::{self, Outlet, WhenFull};
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::{Feed, Pull, SourceContext};
 
 use crate::bench::learn;
 use crate::config::Config;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool, Told};
-use crate::source::{Feed, Pull, SourceContext};
 
 /// One known window so often.
 const PERIOD: Duration = Duration::from_secs(10);

@@ -2,8 +2,8 @@
 //! has none of them says which one it misses.
 //!
 //! ```text
-//! gearwatch-daemon, source `nidaqmx` ─► nidaqmx::Acquisition ─► libnidaqmx.so.1, nicaiu.dll   (National Instruments)
-//! gearwatch-daemon, source `iio`     ─► iio::Acquisition     ─► libiio.so.0, libiio.dll       (Analog Devices, Debian: libiio0)
+//! gearwatch-sources, kind `nidaqmx` ─► nidaqmx::Acquisition ─► libnidaqmx.so.1, nicaiu.dll   (National Instruments)
+//! gearwatch-sources, kind `iio`     ─► iio::Acquisition     ─► libiio.so.0, libiio.dll       (Analog Devices, Debian: libiio0)
 //! ```
 //!
 //! All unsafe code of gearwatch is here. A type owns its handles, passes no pointer on, and frees them when it is dropped; a name with a zero byte never

@@ -10,8 +10,8 @@ use gearwatch_runtime::stop::Stop;
 use crate::material::Material;
 use crate::trouble::{Incident, Plan, TroubleConfig};
 use crate::wire::Wire;
-use gearwatch_daemon::source::{SourceError, time_of};
 use gearwatch_runtime::clock::now_unix_ns;
+use gearwatch_sources::{SourceError, time_of};
 
 /// A datagram of this size needs no fragments on any network.
 const DATAGRAM: usize = 1472;
@@ -84,7 +84,7 @@ impl FrameSender {
                     tracing::info!("{from} is connected");
                     client = self.connection(socket).ok();
                 }
-                Err(e) if gearwatch_daemon::source::is_timeout(&e) => {}
+                Err(e) if gearwatch_sources::is_timeout(&e) => {}
                 Err(e) => return Err(failed(e)),
             }
             client = client.and_then(|client| self.put(client, bytes));

@@ -15,7 +15,7 @@ use tokio::sync::watch;
 
 use crate::material::{Channel, Material, Open};
 use crate::trouble::TroubleConfig;
-use gearwatch_daemon::source::Speed;
+use gearwatch_sources::Speed;
 
 mod play;
 mod rest;

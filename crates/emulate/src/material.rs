@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use gearwatch_core::block::{Block, Packet};
 
-use gearwatch_daemon::source::{Feed, KINDS, Pacer, Pull, SourceConfig, SourceContext, SourceError, Speed};
 use gearwatch_runtime::kinds;
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::{Feed, KINDS, Pacer, Pull, SourceConfig, SourceContext, SourceError, Speed};
 
 /// Packets that are looked at for the list of channels.
 const PEEKED: usize = 4096;

@@ -52,8 +52,8 @@ impl Wire {
             };
             match self.socket.write(&self.queue[at..end]) {
                 Ok(n) => at += n,
-                Err(e) if gearwatch_daemon::source::is_timeout(&e) && began.elapsed() < patience => {}
-                Err(e) if gearwatch_daemon::source::is_timeout(&e) => break,
+                Err(e) if gearwatch_sources::is_timeout(&e) && began.elapsed() < patience => {}
+                Err(e) if gearwatch_sources::is_timeout(&e) => break,
                 Err(_) => {
                     result = Err(Gone);
                     break;
@@ -72,7 +72,7 @@ impl Wire {
         let _ = self.socket.set_nonblocking(false);
         match seen {
             Ok(0) => Err(Gone),
-            Err(e) if !gearwatch_daemon::source::is_timeout(&e) => Err(Gone),
+            Err(e) if !gearwatch_sources::is_timeout(&e) => Err(Gone),
             _ => Ok(()),
         }
     }

@@ -8,7 +8,6 @@ use clap::Args;
 use gearwatch_check::{self as check, Checked, Look, Severity};
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
-use gearwatch_daemon::checking;
 use serde_json::json;
 
 use super::Run;
@@ -103,7 +102,7 @@ fn text(out: &mut impl std::io::Write, bench: &Path, looks: &[Look], checked: &C
 /// When one cannot be read.
 pub fn looks(recordings: &[PathBuf], options: &InputOptions) -> anyhow::Result<Vec<Look>> {
     let options = options.open_options();
-    recordings.iter().map(|path| Ok(checking::look(path, &options)?)).collect()
+    recordings.iter().map(|path| Ok(gearwatch_sources::look(path, &options)?)).collect()
 }
 
 /// The check inside other commands: refuses what is wrong, tells what is doubtful on standard error, and hands all of it back. Recordings that
@@ -119,7 +118,7 @@ pub fn before(
     baseline: Option<&Baseline>,
 ) -> anyhow::Result<Checked> {
     let open = options.open_options();
-    let looks: Vec<Look> = recordings.iter().filter_map(|path| checking::look(path, &open).ok()).collect();
+    let looks: Vec<Look> = recordings.iter().filter_map(|path| gearwatch_sources::look(path, &open).ok()).collect();
     let checked = check::check(bench, &looks, baseline);
     if let Some(refusal) = checked.refusal() {
         anyhow::bail!("{refusal}");

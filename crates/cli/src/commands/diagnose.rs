@@ -14,7 +14,6 @@ use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::source::Source;
 use gearwatch_core::verdict::{MachineState, Verdict};
-use gearwatch_daemon::checking;
 use gearwatch_daemon::engine::Told;
 use gearwatch_daemon::oneshot;
 
@@ -135,7 +134,7 @@ impl Run for Diagnose {
         let mut all = Vec::new();
         let mut failed = None;
         for path in &self.input.files {
-            let doubts = checked.doubts(&checking::name_of(path));
+            let doubts = checked.doubts(&gearwatch_sources::name_of(path));
             let pipeline = Arc::new(pipeline.clone().with_doubts(&doubts));
             match self.diagnose(path, &pipeline, &expected, tolerances) {
                 Ok(mut diagnosis) => {
@@ -309,7 +308,7 @@ impl Diagnosis {
 
     /// What the check of the bench found doubtful, beside the verdicts.
     fn note_findings(&mut self, path: &Path, checked: &Checked) {
-        let name = checking::name_of(path);
+        let name = gearwatch_sources::name_of(path);
         let of_it = checked.of(Severity::Doubtful).filter(|f| f.recording.is_empty() || f.recording == name);
         self.notes.extend(of_it.map(|finding| format!("doubtful: {finding}")));
     }

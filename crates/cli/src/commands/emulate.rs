@@ -11,9 +11,9 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use gearwatch_daemon::bench::read_bench;
 use gearwatch_daemon::service::Reload;
-use gearwatch_daemon::source::{SourceContext, Speed};
 use gearwatch_emulate::{FrameSender, Instrument, InstrumentConfig, Material, Open, TroubleConfig, open_source};
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::{SourceContext, Speed};
 
 use super::Run;
 use crate::exit::Exit;

@@ -7,7 +7,6 @@ use anyhow::{Context, bail};
 use clap::Args;
 use gearwatch_core::indicators::table::{self, IndicatorTable};
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
-use gearwatch_daemon::checking;
 
 use super::Run;
 use crate::exit::Exit;
@@ -91,7 +90,7 @@ impl Run for Indicators {
         let (mut rows, mut refused) = (Vec::new(), Vec::new());
         let mut exit = Exit::Ok;
         for path in &self.input.files {
-            let found = table.recording(&checking::name_of(path), &mut self.input.options.open(path)?)?;
+            let found = table.recording(&gearwatch_sources::name_of(path), &mut self.input.options.open(path)?)?;
             self.refuse_short(path, found.windows)?;
             if !found.usable {
                 exit = Exit::Unknown;

@@ -8,7 +8,6 @@ use anyhow::Context;
 use clap::Args;
 use gearwatch_check::{self as check, Severity};
 use gearwatch_core::speed::RPM_PER_HZ;
-use gearwatch_daemon::checking;
 use gearwatch_io::Problem;
 use gearwatch_io::mcap::source::Contents;
 use gearwatch_io::mcap::walk::Topic;
@@ -81,7 +80,7 @@ impl Info {
         };
         let baseline = of(Kind::Json).find_map(|path| gearwatch_io::baseline_file::read(path).ok());
         let open = self.input.options.open_options();
-        let looks: Vec<_> = of(Kind::Recording).filter_map(|path| checking::look(path, &open).ok()).collect();
+        let looks: Vec<_> = of(Kind::Recording).filter_map(|path| gearwatch_sources::look(path, &open).ok()).collect();
         let checked = check::check(&bench, &looks, baseline.as_ref());
         let mut out = std::io::stdout().lock();
         match self.format {

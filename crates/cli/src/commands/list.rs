@@ -6,7 +6,7 @@ use std::io::Write;
 use anyhow::Context;
 use clap::Args;
 use gearwatch_core::verdict::{FIELDS, Field, Holds, Part};
-use gearwatch_daemon::{sink, source};
+use gearwatch_daemon::sink;
 use gearwatch_runtime::kinds::Kind;
 use gearwatch_sim::effects::{Effect, Parameter, Place, Signature, Values};
 
@@ -62,7 +62,7 @@ impl Run for List {
         }
         let wanted = |what| self.what.is_none_or(|one| one == what);
         if wanted(What::Sources) {
-            kinds(&mut out, "Sources", "[[bench.source]]", source::KINDS, self.what.is_some())?;
+            kinds(&mut out, "Sources", "[[bench.source]]", gearwatch_sources::KINDS, self.what.is_some())?;
         }
         if wanted(What::Sinks) {
             kinds(&mut out, "Sinks", "[[sink]]", sink::KINDS, self.what.is_some())?;

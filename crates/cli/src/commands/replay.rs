@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gearwatch_daemon::config::Config;
-use gearwatch_daemon::source::Speed;
+use gearwatch_sources::Speed;
 
 use super::Run;
 use crate::exit::Exit;

@@ -13,9 +13,9 @@ use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::window::WindowConfig;
 use gearwatch_daemon::config::Config;
 use gearwatch_daemon::engine::{Lane, Overloaded, Pool};
-use gearwatch_daemon::source::{Feed, SourceContext};
 use gearwatch_runtime::queue::{self, WhenFull};
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::{Feed, SourceContext};
 
 use crate::fixture::{Bench, gearwatch, text};
 use crate::service::{ended_within, signal, wait_for};

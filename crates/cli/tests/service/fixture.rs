@@ -8,9 +8,9 @@ use gearwatch_core::block::Packet;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_daemon::bench::learn;
 use gearwatch_daemon::config::Config;
-use gearwatch_daemon::source::{Feed, SourceContext};
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::{Feed, SourceContext};
 
 /// One stage that meshes at 100 Hz, sampled so slowly that everything is quick.
 pub const BENCH: &str = r#"

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use gearwatch_core::baseline::{Baseline, BaselineConfig, Learner, MergeError, Origin};
 use gearwatch_core::pipeline::Pipeline;
+use gearwatch_sources::{Feed, SourceContext, SourceError};
 
 use crate::config::SourceEntry;
 use crate::engine::Told;
 use crate::oneshot::{self, OneShotError};
-use crate::source::{Feed, SourceContext, SourceError};
 
 /// Why no baseline was learned.
 #[derive(Debug, thiserror::Error)]

@@ -2,11 +2,11 @@
 
 use gearwatch_runtime::kinds::{self, Kind};
 use gearwatch_runtime::queue::WhenFull;
+use gearwatch_sources::{DATA_DEADLINE_SECS, KINDS, SourceConfig};
 use serde::Deserialize;
 use toml::Table;
 
 use crate::sink::{self, SinkConfig};
-use crate::source::{self, SourceConfig};
 
 /// Some minutes of verdicts of a small bench.
 pub(super) const SINK_QUEUE: usize = 4096;
@@ -65,9 +65,9 @@ fn kind_of<C: ?Sized>(keys: &mut Table, all: &'static [Kind<C>], what: &str) -> 
 
 pub(super) fn source_entry(keys: &Table) -> Result<SourceEntry, String> {
     let mut own = keys.clone();
-    let kind = kind_of(&mut own, source::KINDS, "source")?;
+    let kind = kind_of(&mut own, KINDS, "source")?;
     let name = take(&mut own, "name")?.unwrap_or_else(|| kind.name.to_owned());
-    let data_deadline_secs = take(&mut own, "data_deadline_secs")?.unwrap_or(source::DATA_DEADLINE_SECS);
+    let data_deadline_secs = take(&mut own, "data_deadline_secs")?.unwrap_or(DATA_DEADLINE_SECS);
     let (config, shown) = kind.read(own).map_err(|e| format!("{}: {e}", kind.name))?;
     let mut keys = Table::new();
     keys.insert("kind".to_owned(), kind.name.into());

@@ -2,11 +2,12 @@
 
 use gearwatch_runtime::kinds::Kind;
 use gearwatch_runtime::queue::WhenFull;
+use gearwatch_sources::{DATA_DEADLINE_SECS, KINDS};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::{Map, Value, json};
 
 use super::File;
-use crate::{sink, source};
+use crate::sink;
 
 /// JSON schema (draft 2020-12) of the configuration file.
 pub fn schema() -> Value {
@@ -26,11 +27,11 @@ impl JsonSchema for SourceKeys {
             ("name", json!({ "type": "string", "description": "Unique within its bench; the kind where left out." })),
             (
                 "data_deadline_secs",
-                json!({ "type": "number", "exclusiveMinimum": 0, "default": source::DATA_DEADLINE_SECS,
+                json!({ "type": "number", "exclusiveMinimum": 0, "default": DATA_DEADLINE_SECS,
                         "description": "Without a packet for so long a live source counts as silent (s)." }),
             ),
         ];
-        one_of(source::KINDS, &common, generator)
+        one_of(KINDS, &common, generator)
     }
 }
 

@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use gearwatch_core::block::Packet;
+use gearwatch_runtime::backoff::Backoff;
 use gearwatch_runtime::queue::{Closed, Outlet, QueueCounters};
+use gearwatch_sources::{Feed, Pull, Sender, SourceContext, SourceError};
 use tokio::runtime::Handle;
 
 use crate::config::SourceEntry;
-use crate::event::Fanout;
+use crate::event::{Event, Fanout};
 use crate::snapshot::SourceSnapshot;
-use crate::source::{Feed, Pull, SourceContext, SourceError, tap};
-use gearwatch_runtime::backoff::Backoff;
 
 /// How a source is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -104,7 +104,7 @@ impl SourceMonitor {
         *self.state.lock().unwrap_or_else(PoisonError::into_inner) = state;
     }
 
-    pub(crate) fn count(&self) {
+    fn count(&self) {
         self.packets.fetch_add(1, Ordering::Relaxed);
         *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
@@ -173,9 +173,11 @@ fn feed_once(
     let result = match feed {
         Feed::Pull(pull) => pump(pull, context, outlet, monitor, raw),
         Feed::Push(push) => runtime.block_on(async {
-            // The source's own end of the queue counts its packets; what it was just reading when the service stops is not waited for.
+            let (monitor, raw) = (monitor.clone(), raw.clone());
+            let sender = Sender::new(outlet.clone(), move |packet| take_note(packet, &monitor, &raw));
+            // What it was just reading when the service stops is not waited for.
             tokio::select! {
-                result = push(crate::source::Sender::new(outlet.clone(), monitor.clone(), raw.clone())) => result,
+                result = push(sender) => result,
                 () = context.stop.given() => Ok(()),
             }
         }),
@@ -197,11 +199,18 @@ fn pump(
     while !context.stop.is_given() {
         gearwatch_runtime::fail::point("source");
         let Some(packet) = pull()? else { break };
-        monitor.count();
-        tap(&packet, raw);
+        take_note(&packet, monitor, raw);
         if let Err(Closed) = outlet.put_blocking(packet) {
             break;
         }
     }
     Ok(())
+}
+
+/// Counts a packet, and hands it to the sinks that want raw data, before anything else happens to it.
+fn take_note(packet: &Packet, monitor: &SourceMonitor, raw: &Fanout) {
+    monitor.count();
+    if !raw.is_empty() {
+        raw.tell(Event::Raw(Arc::new(packet.clone())));
+    }
 }

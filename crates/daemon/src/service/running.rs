@@ -10,6 +10,7 @@ use gearwatch_history::Store;
 use gearwatch_log::{AlarmRecord, Gap};
 use gearwatch_runtime::queue::{self, WhenFull};
 use gearwatch_runtime::stop::Stop;
+use gearwatch_sources::SourceContext;
 use tokio::runtime::{Handle, Runtime};
 use tokio::sync::watch;
 
@@ -26,7 +27,6 @@ use crate::event::{BenchState, Event, Fanout};
 use crate::selftest::SelfTest;
 use crate::sink::{Remembered, SinkContext};
 use crate::snapshot::{SinkSnapshot, Snapshot};
-use crate::source::SourceContext;
 use crate::web::{self, Hub};
 use gearwatch_runtime::clock::now_unix_ns;
 

@@ -10,6 +10,7 @@ use gearwatch_core::block::Packet;
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::MachineState;
 use gearwatch_runtime::queue::{self, Inlet, WhenFull};
+use gearwatch_sources::SourceContext;
 use tokio::runtime::Handle;
 
 use super::feeding::{self, SourceMonitor};
@@ -21,7 +22,6 @@ use crate::config::BenchConfig;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
 use crate::event::Fanout;
 use crate::snapshot::{AlarmSnapshot, BenchSnapshot, PlaceSnapshot, worst};
-use crate::source::SourceContext;
 use crate::web::Hub;
 
 /// A bench that runs.

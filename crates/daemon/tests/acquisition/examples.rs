@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gearwatch_daemon::config::Config;
-use gearwatch_daemon::source::KINDS;
+use gearwatch_sources::KINDS;
 
 fn parse(keys: &str) -> Result<Config, String> {
     let text = format!("format = \"gearwatch-service/1\"\n[[bench]]\n[[bench.source]]\n{keys}");

@@ -1,10 +1,6 @@
-//! Sources with a network: against emulated instruments that behave, and that do not.
+//! Sources in a service: their configuration, and what one that fails does to the rest.
 
 mod examples;
-mod frames;
-mod iio;
-mod lanxi;
-mod nidaqmx;
 mod operating_point;
 mod several;
 mod support;

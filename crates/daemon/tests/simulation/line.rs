@@ -13,8 +13,8 @@ use gearwatch_core::block::{Packet, Samples};
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig, WorkerState};
 use gearwatch_core::verdict::Verdict;
 use gearwatch_core::window::{Window, WindowConfig};
-use gearwatch_daemon::source::frames::{Layout, Memory, Reader};
 use gearwatch_io::frames::{Decoded, Decoder, Frame, Values, encode};
+use gearwatch_sources::frames::{Layout, Memory, Reader};
 
 use crate::trouble::Chance;
 

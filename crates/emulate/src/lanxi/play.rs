@@ -14,8 +14,8 @@ use super::{Shared, State, count};
 use crate::material::Material;
 use crate::trouble::{Incident, Plan};
 use crate::wire::{Gone, Wire};
-use gearwatch_daemon::source::time_of;
 use gearwatch_runtime::clock::now_unix_ns;
+use gearwatch_sources::time_of;
 
 /// Most values of a signal in one message.
 const LONGEST_RUN: usize = 8192;

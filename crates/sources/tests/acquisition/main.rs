@@ -1,0 +1,7 @@
+//! Sources with a network or a C library: against emulated instruments that behave, and that do not.
+
+mod frames;
+mod iio;
+mod lanxi;
+mod nidaqmx;
+mod support;
