@@ -1,16 +1,23 @@
 //! The stage row allocates nothing per window after warm-up, which has seen the speeds: packets to windows, speed, lines, indicators, verdicts.
+//! Nor does the way of a packet from a source that pushes into its queue.
 
 // A counting allocator is an implementation of an unsafe trait; it forwards to the system's and counts.
 #![allow(unsafe_code, reason = "GlobalAlloc is an unsafe trait")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::{Context, Poll, Waker};
 
 use gearwatch_core::analysis::WindowAnalysis;
 use gearwatch_core::bench::{Bearing, BearingOrders};
 use gearwatch_core::block::{Block, Packet, Quality, Samples};
 use gearwatch_core::indicators::GearIndicator;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
+use gearwatch_runtime::queue::{WhenFull, bounded};
+use gearwatch_sources::Sender;
 use gearwatch_tests::benches::{bench, with_tacho};
 use gearwatch_tests::tones::{Run, Tone, add_noise, pulses, samples};
 
@@ -138,4 +145,28 @@ fn conform_no_allocation_per_window() {
         assert!(windows >= 7, "{windows}");
         assert_eq!(allocations, 0, "tacho {tacho}, ramp {ramp_percent} %: in {windows} windows");
     }
+}
+
+/// Packets through the end of the queue that a source gets, seen on their way: the first one may
+/// warm up what is made once.
+#[test]
+fn conform_no_allocation_per_pushed_packet() {
+    let (outlet, inlet) = bounded(4, WhenFull::DropNewest);
+    let seen = Arc::new(AtomicU64::new(0));
+    let counted = seen.clone();
+    let sender = Sender::new(outlet, move |_| {
+        counted.fetch_add(1, Ordering::Relaxed);
+    });
+    let packets = blocks(Run::ramp(25.0, 0.0, 4.0), 0);
+    let (all, mut before) = (packets.len() as u64, 0);
+    let mut context = Context::from_waker(Waker::noop());
+    for (i, packet) in packets.into_iter().enumerate() {
+        let sent = pin!(sender.send(packet)).poll(&mut context);
+        assert!(matches!(sent, Poll::Ready(Ok(()))), "it never waits");
+        assert!(inlet.try_recv().is_ok());
+        if i == 0 {
+            before = ALLOCATIONS.get();
+        }
+    }
+    assert_eq!((seen.load(Ordering::Relaxed), ALLOCATIONS.get() - before), (all, 0));
 }
