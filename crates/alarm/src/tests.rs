@@ -52,7 +52,7 @@ fn feed(health: &mut Health, row: &str) -> Vec<(usize, bool, Severity)> {
 }
 
 fn somebody() -> Acknowledgement {
-    Acknowledgement { who: "A. Smith".into(), why: "seen".into(), from: "here".into(), t_ns: 5, until_ns: None }
+    Acknowledgement { who: "shift A".into(), why: "seen".into(), from: "here".into(), t_ns: 5, until_ns: None }
 }
 
 fn health() -> Health {

@@ -318,6 +318,14 @@ mod defaults {
 }
 
 impl Bench {
+    /// The text of a bench file, as it stands: [`Self::problems`] says whether its values can be right.
+    ///
+    /// # Errors
+    /// When it is no TOML, or a key is missing, unknown or of another type.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
     /// What is wrong with the values, one sentence each with place, what was found and what would be right. Empty for a usable bench.
     pub fn problems(&self) -> Vec<String> {
         let mut out = self.numbers_out_of_range();

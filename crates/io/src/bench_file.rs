@@ -49,7 +49,7 @@ pub fn read(path: &Path) -> Result<Bench, BenchFileError> {
 /// # Errors
 /// As [`read`].
 pub fn parse(text: &str, path: &Path) -> Result<Bench, BenchFileError> {
-    let bench: Bench = toml::from_str(text)
+    let bench = Bench::from_toml(text)
         .map_err(|e| BenchFileError::Syntax { path: path.to_owned(), message: explain(text, &e) })?;
     let problems = bench.problems();
     if problems.is_empty() { Ok(bench) } else { Err(BenchFileError::Values { path: path.to_owned(), problems }) }

@@ -49,7 +49,7 @@ pub const DEMO_BENCH: &str = include_str!("shipped/paper-rig.toml");
 pub fn bench(name: &str) -> Option<Bench> {
     let shipped = BENCHES.iter().find(|shipped| shipped.name == name)?;
     // A shipped text that is not a bench is found by the test below.
-    toml::from_str(shipped.text).ok()
+    Bench::from_toml(shipped.text).ok()
 }
 
 #[cfg(test)]
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn conform_shipped_benches_are_usable() {
         for shipped in BENCHES {
-            let bench: Bench = toml::from_str(shipped.text).unwrap();
+            let bench = Bench::from_toml(shipped.text).unwrap();
             assert_eq!(bench.name, shipped.name);
             assert_eq!(bench.problems(), Vec::<String>::new());
             let mut setup = SimSetup::nominal(&bench);

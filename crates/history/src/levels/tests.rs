@@ -10,7 +10,7 @@ use crate::{HistoryError, files};
 
 fn alarm(t_ns: i64, event: &str) -> (String, i64, Value) {
     let record = json!({ "bench": "b", "id": "s@a", "stage": "s", "channel": "a", "severity": "warning", "since_ns": START, "t_ns": t_ns,
-        "active": event != "ended", "acknowledged": event == "acknowledged", "over": event == "ended", "event": event, "who": "M. Weber", "why": "seen",
+        "active": event != "ended", "acknowledged": event == "acknowledged", "over": event == "ended", "event": event, "who": "shift A", "why": "seen",
         "from": "", "acknowledged_ns": if event == "acknowledged" { t_ns } else { 0 } });
     ("/alarm".to_owned(), t_ns, record)
 }
