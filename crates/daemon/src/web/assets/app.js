@@ -2,8 +2,8 @@
 //
 // app (link, theme) ─► state (rows, spectra, status) ─► strips · detail · spectrum · service (drawing)
 
-import { LOOKS, RANKS, el, invalidate, node, paintWith, remember, remembered, rows, shade, view } from "./state.js";
-import { drawStrip, rowOf } from "./strips.js";
+import { LOOKS, RANKS, el, forgetColours, invalidate, node, paintWith, remember, remembered, rows, shade, view } from "./state.js";
+import { drawStrips, forgetSizes, rowOf } from "./strips.js";
 import { drawDetail } from "./detail.js";
 import { drawSpectrum, onSpectrum } from "./spectrum.js";
 import { drawStatus, lamp, title } from "./service.js";
@@ -14,14 +14,24 @@ import { arrange } from "./find.js";
 
 const STEPS = "< 1 %,≥ 1 %,≥ 4 %,≥ 7 %,≥ 10 %,≥ 13 %".split(",");
 
+// What is not drawn after so long goes on in the next frame, so that the page answers a hand meanwhile.
+const FRAME_MS = 8;
+const PARTS = [["detail", drawDetail], ["history", drawHistory], ["then", drawThen], ["spectrum", drawSpectrum]];
+
 paintWith((todo) => {
-  const all = todo.has("all");
-  if (view.status && (all || todo.has("status"))) drawStatus();
-  for (const row of rows.values()) if (all || todo.has(row.key)) drawStrip(row, all);
-  if (view.selected && (all || todo.has("detail"))) drawDetail();
-  if (view.selected && (all || todo.has("history") || todo.has("then"))) drawHistory();
-  if (view.selected && (all || todo.has("then"))) drawThen();
-  if (view.selected && (all || todo.has("spectrum"))) drawSpectrum();
+  const until = performance.now() + FRAME_MS;
+  if (todo.has("all")) {
+    forgetSizes();
+    for (const name of ["status", ...PARTS.map(([name]) => name), ...rows.keys()]) todo.add(name);
+  }
+  if (todo.has("then")) todo.add("history");
+  const parts = [...(view.status ? [["status", drawStatus]] : []), ...(view.selected ? PARTS : [])];
+  for (const [name, draw] of parts) {
+    if (!todo.has(name)) continue;
+    if (performance.now() > until) invalidate(name);
+    else draw();
+  }
+  for (const row of drawStrips([...rows.values()].filter((row) => todo.has(row.key)), until)) invalidate(row.key);
 });
 
 /* ---- data in ---- */
@@ -98,6 +108,7 @@ setInterval(() => {
 
 function theme(dark) {
   document.documentElement.dataset.theme = dark ? "dark" : "light";
+  forgetColours();
   el("theme").setAttribute("aria-pressed", String(dark));
   legend();
   invalidate("all");

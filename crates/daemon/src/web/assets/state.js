@@ -91,7 +91,13 @@ export class Past {
 /* ---- small things that all need ---- */
 
 export const el = (id) => document.getElementById(id);
-export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+// Colours of the theme. The browser computes all styles for such a question: each is asked once a theme.
+const colours = new Map();
+export function css(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return colours.get(name);
+}
+export const forgetColours = () => colours.clear();
 
 /* ---- the look of a rank: its colour says no more than the verdict, its strength how sure the rank is ---- */
 
@@ -156,11 +162,11 @@ export function node(tag, attributes = {}, ...children) {
   return n;
 }
 
-// A canvas as sharp as the screen, cleared.
-export function fit(canvas) {
+export const sizeOf = (canvas) => ({ width: Math.max(1, canvas.clientWidth), height: Math.max(1, canvas.clientHeight) });
+
+// A canvas as sharp as the screen, cleared. Its size is asked for where it is not known: that makes the browser lay out the page if something was written before.
+export function fit(canvas, { width, height } = sizeOf(canvas)) {
   const ratio = window.devicePixelRatio || 1;
-  const width = Math.max(1, canvas.clientWidth);
-  const height = Math.max(1, canvas.clientHeight);
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);

@@ -1,6 +1,6 @@
 // The rows on the left: one strip of ranks 1x–5x over time each.
 
-import { HARMONICS, LOOKS, Past, codeOf, el, fit, invalidate, lookOf, node, plain, remember, remembered, rows, shade, strengthOf, view } from "./state.js";
+import { HARMONICS, LOOKS, Past, codeOf, el, fit, invalidate, lookOf, node, plain, remember, remembered, rows, shade, sizeOf, strengthOf, view } from "./state.js";
 import { arrange, inOrder } from "./find.js";
 
 const WIDE = HARMONICS.length;
@@ -18,7 +18,7 @@ function addRow(key, v) {
   const state = node("span", {}, "");
   const box = node("div", { class: "row", role: "option", id: `row-${rows.size}`, "aria-selected": "false" },
     node("div", { class: "head" }, node("span", {}, node("span", { class: "bench" }, `${v.bench} · `), `${v.stage} · ${v.channel}`), state), canvas);
-  const row = { key, bench: v.bench, stage: v.stage, channel: v.channel, unit: v.unit, past: new Past(), last: null, indicators: {}, canvas, box, state, columns: null };
+  const row = { key, bench: v.bench, stage: v.stage, channel: v.channel, unit: v.unit, past: new Past(), last: null, indicators: {}, canvas, box, state, columns: null, size: null, anew: true };
   box.addEventListener("click", () => select(row));
   rows.set(key, row);
   el("rows").append(box);
@@ -119,27 +119,48 @@ function shown(row, width, anew) {
   return row.columns.changed || anew ? { cell: CELL, count, ...row.columns.cells } : null;
 }
 
-export function drawStrip(row, anew) {
-  if (!row.last || row.box.hidden) return;
+// Draws these strips as long as there is time; those that are left.
+export function drawStrips(list, until) {
+  const seen = list.filter((row) => row.last && !row.box.hidden);
+  // All sizes first: one asked for after something was written costs a layout of the whole page.
+  for (const row of seen) {
+    if (row.size) continue;
+    row.size = sizeOf(row.canvas);
+    row.anew = true;
+  }
+  const inks = LOOKS.map((l) => Array.from({ length: SHADES + 1 }, (_, s) => shade(l, s / SHADES)));
+  return seen.filter((row) => performance.now() > until || drawStrip(row, inks));
+}
+
+// The page has another size or another theme.
+export function forgetSizes() {
+  for (const row of rows.values()) row.size = null;
+}
+
+function drawStrip(row, inks) {
   const codes = HARMONICS.map((h) => codeOf(row.last, h)).join(" ");
   const words = row.last.instrument === "ok" ? row.last.machine : row.last.instrument;
-  row.state.textContent = `${plain(words)} · ${codes}`;
+  const said = `${plain(words)} · ${codes}`;
+  if (row.said !== said) row.state.textContent = row.said = said;
 
-  const what = shown(row, Math.max(1, row.canvas.clientWidth), anew);
+  const what = shown(row, row.size.width, row.anew);
+  row.anew = false;
   if (!what) return;
-  const { g, width, height } = fit(row.canvas);
+  const { g, width, height } = fit(row.canvas, row.size);
   const { cell, count, level, look, strength } = what;
   const lane = height / WIDE;
   const x0 = width - count * cell;
   const breadth = cell - (cell > 3 ? 1 : 0);
-  const inks = LOOKS.map((l) => Array.from({ length: SHADES + 1 }, (_, s) => shade(l, s / SHADES)));
-  for (let at = 0; at < level.length; at++) {
-    if (look[at] === NOTHING) continue;
-    const k = at % WIDE;
-    // The height says the rank, for those who cannot tell colours apart, and the rank that a verdict does not bear out.
-    const tall = (level[at] < 0 ? 0.18 : 0.3 + 0.14 * level[at]) * (lane - 2);
-    g.fillStyle = inks[look[at] + 1][strength[at]];
-    g.fillRect(x0 + ((at - k) / WIDE) * cell, (k + 1) * lane - 1 - tall, breadth, tall);
+  let ink = null; // a colour is parsed each time it is set
+  for (let k = 0; k < WIDE; k++) {
+    for (let at = k; at < level.length; at += WIDE) {
+      if (look[at] === NOTHING) continue;
+      const next = inks[look[at] + 1][strength[at]];
+      if (next !== ink) g.fillStyle = ink = next;
+      // The height says the rank, for those who cannot tell colours apart, and the rank that a verdict does not bear out.
+      const tall = (level[at] < 0 ? 0.18 : 0.3 + 0.14 * level[at]) * (lane - 2);
+      g.fillRect(x0 + ((at - k) / WIDE) * cell, (k + 1) * lane - 1 - tall, breadth, tall);
+    }
   }
 }
 

@@ -16,7 +16,8 @@ export function line(s) {
     out[c] = Math.max(out[c], a);
   });
   const first = s.first_order - s.order_step / 2;
-  return { t0: s.t0_ns, first, last: first + s.amplitude.length * s.order_step, peaks: out };
+  // The logarithm once, not each time that the line is drawn.
+  return { t0: s.t0_ns, first, last: first + s.amplitude.length * s.order_step, peaks: out, log: out.map(Math.log10), top: out.reduce((a, b) => Math.max(a, b), 1e-300) };
 }
 
 export function remember(store, s) {
@@ -64,9 +65,9 @@ export class Waterfall {
     const box = { left: plot.u.bbox.left / ratio, top: 6, height: height - BOTTOM - 6 };
     box.width = Math.max(20, Math.min(plot.u.bbox.width / ratio, width - box.left - SCALE));
     const [min, max] = plot.shown();
-    let top = 1e-300;
-    for (const row of list) for (const a of row.peaks) if (a > top) top = a;
     if (list.length === 0) return;
+    const top = Math.max(...list.map((row) => row.top));
+    const scaled = Math.log10(top);
     points.width = COLUMNS;
     points.height = list.length;
     const pen = points.getContext("2d");
@@ -74,8 +75,8 @@ export class Waterfall {
     list.forEach((row, r) => {
       for (let c = 0; c < COLUMNS; c++) {
         const order = min + ((c + 0.5) / COLUMNS) * (max - min);
-        const a = row.peaks[Math.floor(((order - row.first) / (row.last - row.first)) * row.peaks.length)] || 0;
-        const ink = 4 * Math.round(255 * Math.max(0, 1 + Math.log10(a / top) / DECADES));
+        const log = row.log[Math.floor(((order - row.first) / (row.last - row.first)) * row.log.length)] ?? -Infinity;
+        const ink = 4 * Math.round(255 * Math.max(0, 1 + (log - scaled) / DECADES));
         for (let part = 0; part < 4; part++) image.data[4 * (r * COLUMNS + c) + part] = INKS[ink + part];
       }
     });
