@@ -158,3 +158,60 @@ impl Look {
         self.recording.operating_points.iter().map(|point| point.brake_torque_nm).filter(|torque| torque.is_finite())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use gearwatch_core::bench::Bench;
+    use gearwatch_core::block::{Block, Packet, Quality, Samples};
+
+    use super::{Look, MOST_WHOLE, SHORT_SAMPLES};
+
+    const RATE: f64 = 16_384.0;
+    const SECONDS: usize = 31;
+
+    fn bench(channels: usize) -> Bench {
+        let mut bench = gearwatch_sim::shipped::bench("paper-rig").expect("a shipped bench");
+        let like = bench.sensors[0].clone();
+        bench.sensors = (0..channels)
+            .map(|i| {
+                let mut sensor = like.clone();
+                sensor.name = format!("acc_{i:02}");
+                sensor
+            })
+            .collect();
+        bench
+    }
+
+    /// Samples that are kept of each channel of a running bench.
+    fn kept(channels: usize) -> Vec<usize> {
+        let bench = bench(channels);
+        let mut look = Look::of_service(&bench);
+        for second in 0..SECONDS {
+            assert_eq!(look.is_full(), second == SECONDS - 1, "second {second}");
+            for sensor in &bench.sensors {
+                look.push(&Packet::Vibration(Block {
+                    sensor: sensor.name.as_str().into(),
+                    t0: second as i64 * 1_000_000_000,
+                    sample_rate_hz: RATE,
+                    first_sample_index: (second * RATE as usize) as u64,
+                    unit: "m/s^2".into(),
+                    samples: Samples::Physical(vec![1.0; RATE as usize]),
+                    quality: Quality::GOOD,
+                }));
+            }
+        }
+        assert_eq!(look.stamps.len(), channels);
+        look.recording.channels.values().map(|channel| channel.len()).collect()
+    }
+
+    /// 64 channels took 250 MB: all samples of half a minute.
+    #[test]
+    fn regress_a_running_bench_of_many_channels_is_looked_at_in_bounded_memory() {
+        let whole = 30 * RATE as usize;
+        assert_eq!(kept(MOST_WHOLE), vec![whole; MOST_WHOLE]);
+        let of_many = kept(64);
+        assert_eq!(of_many.iter().filter(|n| **n == whole).count(), MOST_WHOLE);
+        // A block that reaches over the limit is kept whole.
+        assert_eq!(of_many.iter().filter(|n| **n <= 2 * SHORT_SAMPLES).count(), 64 - MOST_WHOLE);
+    }
+}

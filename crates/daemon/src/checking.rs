@@ -78,3 +78,74 @@ pub fn tell(bench: &str, checked: &Checked) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use gearwatch_core::bench::Bench;
+    use gearwatch_core::block::{OperatingPoint, Quality};
+    use gearwatch_core::doubts::Doubts;
+    use gearwatch_core::window::{Window, WindowPulses};
+    use gearwatch_sim::shipped;
+
+    use super::Examiner;
+
+    const RATE: f64 = 1000.0;
+    const CHANNELS: usize = 64;
+
+    fn bench() -> Bench {
+        let mut bench = shipped::bench("paper-rig").expect("a shipped bench");
+        bench.acquisition.sample_rate_hz = RATE;
+        let like = bench.sensors[0].clone();
+        bench.sensors = (1..=CHANNELS)
+            .map(|i| {
+                let mut sensor = like.clone();
+                sensor.name = format!("acc_{i}");
+                sensor
+            })
+            .collect();
+        bench
+    }
+
+    /// Second `number` of a channel.
+    fn window(bench: &Bench, channel: usize, number: u64) -> Window {
+        let t0 = number as i64 * 1_000_000_000;
+        Window {
+            channel,
+            sensor: bench.sensors[channel].name.as_str().into(),
+            unit: bench.sensors[channel].unit.as_str().into(),
+            number,
+            first_sample_index: number * RATE as u64,
+            t0,
+            sample_rate_hz: RATE,
+            samples: (0..RATE as usize).map(|n| (n as f64 * 0.37).sin()).collect(),
+            operating_point: OperatingPoint {
+                t: t0,
+                motor_speed_hz: 30.0,
+                brake_torque_nm: 100.0,
+                temperature_c: f64::NAN,
+            },
+            clock_trouble: false,
+            pulses: WindowPulses::default(),
+            quality: Quality::GOOD,
+        }
+    }
+
+    /// The answer is waited for 20 s after the look, whatever the number of channels; 20 windows of 64 channels are a third of a second.
+    #[test]
+    fn regress_many_channels_do_not_shorten_the_time_for_the_answer() {
+        let bench = Arc::new(bench());
+        let mut examiner = Examiner::new(bench.clone(), Doubts::default());
+        let mut answered = None;
+        for number in 0..60 {
+            for channel in 0..CHANNELS {
+                if examiner.push(&window(&bench, channel, number)).is_some() {
+                    answered.get_or_insert(number);
+                }
+            }
+        }
+        // The look holds 30 s, the last of them complete with the window of second 29.
+        assert_eq!(answered, Some(49));
+    }
+}

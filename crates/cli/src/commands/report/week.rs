@@ -231,15 +231,11 @@ impl Week<'_> {
     fn trends(&self) -> Section {
         let (limit, p) = (RankConfig::default().steps_percent[3], self.share());
         let mut rows = Vec::new();
+        let mut short = 0;
         for (key, spans) in self.history.groups() {
             for h in 0..HARMONICS {
                 let Some(line) = self.line(spans, h) else {
-                    rows.push(vec![
-                        name(key).into(),
-                        format!("{}x", h + 1).into(),
-                        Cell::toned(format!("fewer than {FEWEST_DAYS} days"), Tone::Unknown),
-                        "–".into(),
-                    ]);
+                    short += 1;
                     continue;
                 };
                 let slope = format!("{:+.3} ± {:.3}", 7.0 * line.slope, 7.0 * line.half_width(p));
@@ -256,15 +252,19 @@ impl Week<'_> {
                 rows.push(vec![name(key).into(), format!("{}x", h + 1).into(), slope.into(), Cell::toned(when, tone)]);
             }
         }
-        let text = format!(
+        let mut text = format!(
             "Straight lines through the daily means of the last {TREND_DAYS} days, at least {FEWEST_DAYS} of them. Confidence 95 % for all rows together. Time to the limit of \
              rank IV ({limit} %) with its interval, only where the slope is significant; it holds if the line goes on straight. Days are taken as independent of each other."
         );
-        let head = ["where", "harmonic", "percentage points a week", "time to the limit"];
-        Section {
-            heading: "Trends".into(),
-            parts: vec![Part::Text(text), table("Deviations from the baseline", &head, rows)],
+        if short > 0 {
+            text += &format!(" {short} of {} deviations have fewer than {FEWEST_DAYS} days.", short + rows.len());
         }
+        let mut parts = vec![Part::Text(text)];
+        if !rows.is_empty() {
+            let head = ["where", "harmonic", "percentage points a week", "time to the limit"];
+            parts.push(table("Deviations from the baseline", &head, rows));
+        }
+        Section { heading: "Trends".into(), parts }
     }
 
     fn hours(&self) -> Section {
