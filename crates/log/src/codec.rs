@@ -1,34 +1,9 @@
-//! MCAP's primitive fields: little-endian integers, length-prefixed strings and maps, records.
+//! MCAP's primitive fields, written; they are read by [`gearwatch_io::mcap::fields`].
 //!
 //! The `mcap` crate can neither go on with a file that a crash left behind nor repeat channel records in every chunk, and its readers panic
 //! on some damaged files; so the log writes and walks the few record kinds it needs itself, and is tested against that crate's reader.
 
 use std::collections::BTreeMap;
-
-/// First and last eight bytes of every file.
-pub(crate) const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
-
-/// Opcode and length in front of every record.
-pub(crate) const RECORD_HEAD: usize = 9;
-
-/// Opcodes of the MCAP specification.
-pub(crate) mod op {
-    pub const HEADER: u8 = 0x01;
-    pub const FOOTER: u8 = 0x02;
-    pub const SCHEMA: u8 = 0x03;
-    pub const CHANNEL: u8 = 0x04;
-    pub const MESSAGE: u8 = 0x05;
-    pub const CHUNK: u8 = 0x06;
-    pub const MESSAGE_INDEX: u8 = 0x07;
-    pub const CHUNK_INDEX: u8 = 0x08;
-    pub const ATTACHMENT: u8 = 0x09;
-    pub const ATTACHMENT_INDEX: u8 = 0x0a;
-    pub const STATISTICS: u8 = 0x0b;
-    pub const METADATA: u8 = 0x0c;
-    pub const METADATA_INDEX: u8 = 0x0d;
-    pub const SUMMARY_OFFSET: u8 = 0x0e;
-    pub const DATA_END: u8 = 0x0f;
-}
 
 /// Appends fields to a buffer.
 pub(crate) trait Put {
@@ -83,58 +58,5 @@ impl Put for Vec<u8> {
         body(self);
         let length = (self.len() - at - 8) as u64;
         self[at..at + 8].copy_from_slice(&length.to_le_bytes());
-    }
-}
-
-/// Takes fields from a record's body; every call says `None` at the first field that does not fit.
-#[derive(Clone, Copy)]
-pub(crate) struct Take<'a>(pub &'a [u8]);
-
-impl<'a> Take<'a> {
-    pub fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
-        let (head, tail) = self.0.split_at_checked(count)?;
-        self.0 = tail;
-        Some(head)
-    }
-
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.bytes(N)?.try_into().ok()
-    }
-
-    pub fn u16(&mut self) -> Option<u16> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    pub fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    pub fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    pub fn text(&mut self) -> Option<&'a str> {
-        let length = usize::try_from(self.u32()?).ok()?;
-        std::str::from_utf8(self.bytes(length)?).ok()
-    }
-
-    pub fn text_map(&mut self) -> Option<BTreeMap<String, String>> {
-        let length = usize::try_from(self.u32()?).ok()?;
-        let mut inner = Take(self.bytes(length)?);
-        let mut map = BTreeMap::new();
-        while !inner.0.is_empty() {
-            map.insert(inner.text()?.to_owned(), inner.text()?.to_owned());
-        }
-        Some(map)
-    }
-
-    /// The next record as opcode and body, if it is whole.
-    pub fn record(&mut self) -> Option<(u8, &'a [u8])> {
-        let opcode = *self.0.first()?;
-        let mut after = Take(&self.0[1..]);
-        let length = usize::try_from(after.u64()?).ok()?;
-        let body = after.bytes(length)?;
-        self.0 = after.0;
-        Some((opcode, body))
     }
 }

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use crate::codec::{MAGIC, RECORD_HEAD, Take, op};
 use crate::format::{ChunkFacts, LIBRARY, Layout};
 use crate::message::{GROUP_TOPIC, Group};
 use crate::walk::{Chunk, Found, Inner, MessageView, Walk};
+use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
 
 /// How strictly a file is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,11 +8,12 @@ use std::io;
 
 use gearwatch_io::mcap::contract::PROFILE;
 
-use crate::codec::{MAGIC, Put, op};
+use crate::codec::Put;
 use crate::config::Compression;
 use crate::message::{Message, Schema};
 use crate::record::{Attachment, Context};
 use crate::walk::{AttachmentView, MessageView};
+use gearwatch_io::mcap::fields::{MAGIC, op};
 
 /// Who wrote the file, in its header.
 pub(crate) const LIBRARY: &str = concat!("gearwatch-log ", env!("CARGO_PKG_VERSION"));

@@ -2,7 +2,6 @@
 
 use std::io;
 
-use crate::codec::{MAGIC, RECORD_HEAD, Take, op};
 use crate::examine::{Ending, Examined, GoodChunk, Rules, examine};
 use crate::message::Group;
 use crate::names::{FileName, TEMPORARY};
@@ -10,6 +9,7 @@ use crate::queue::MARKED_AHEAD;
 use crate::record::{AlarmRecord, Gap};
 use crate::salvage::salvage_as;
 use crate::storage::{Storage, StorageFile};
+use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
 
 /// What was found at the start, and done about it.
 #[derive(Clone, Debug, Default, PartialEq)]

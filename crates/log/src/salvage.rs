@@ -5,7 +5,7 @@ use std::io;
 
 use gearwatch_io::mcap::contract::PROFILE;
 
-use crate::codec::{MAGIC, Put, op};
+use crate::codec::Put;
 use crate::config::Compression;
 use crate::content::{Part, visit};
 use crate::examine::{Damage, Ending, Rules, examine};
@@ -13,6 +13,7 @@ use crate::format::{Channel, FileSchema, LIBRARY, Layout, attachment_record, put
 use crate::message::{GROUP_TOPIC, Group, encode, schema_for_topic};
 use crate::record::{Cause, Gap, Record};
 use crate::walk::{AttachmentView, MessageView};
+use gearwatch_io::mcap::fields::{MAGIC, op};
 
 /// Messages outside of chunks are gathered to chunks of this size (bytes).
 const GATHER: usize = 1 << 20;

@@ -5,12 +5,11 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::ops::Range;
 
-use crate::codec::{MAGIC, RECORD_HEAD, Take, op};
 use crate::examine::Rules;
 use crate::format::{Channel, FileSchema};
+use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op, unpack};
 
 /// Largest chunk that is unpacked (bytes). The log writes none above [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends
 /// files of earlier versions, whose chunks could be larger.
@@ -290,10 +289,15 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
     if size > MAX_CHUNK {
         return Err(format!("a chunk says that it unpacks to {size} bytes; at most {MAX_CHUNK} are accepted"));
     }
-    let records = unpack(compression, payload, size)?;
-    if records.len() as u64 != size {
-        return Err(format!("a chunk unpacks to {} bytes, not to {size}", records.len()));
-    }
+    let records = if compression.is_empty() && payload.len() as u64 == size {
+        Cow::Borrowed(payload)
+    } else {
+        let mut out = Vec::new();
+        // `size` is at most MAX_CHUNK, so it fits.
+        unpack(compression, payload, size as usize, &mut out)
+            .map_err(|e| format!("a chunk cannot be unpacked: {e}"))?;
+        Cow::Owned(out)
+    };
     if crc != 0 && crc32fast::hash(&records) != crc {
         return Err("the checksum of a chunk is wrong".into());
     }
@@ -312,20 +316,4 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
     }
     let compressed_size = payload.len() as u64;
     Ok(Chunk { start_time, end_time, compression, compressed_size, checked: crc != 0, records })
-}
-
-fn unpack<'a>(compression: &str, payload: &'a [u8], size: u64) -> Result<Cow<'a, [u8]>, String> {
-    let fail = |error: std::io::Error| format!("a chunk cannot be unpacked: {error}");
-    match compression {
-        "" => Ok(Cow::Borrowed(payload)),
-        // `size` is at most MAX_CHUNK, so it fits.
-        "zstd" => zstd::bulk::decompress(payload, size as usize).map(Cow::Owned).map_err(fail),
-        "lz4" => {
-            let mut out = Vec::new();
-            let mut decoder = lz4::Decoder::new(payload).map_err(fail)?.take(size + 1);
-            decoder.read_to_end(&mut out).map_err(fail)?;
-            Ok(Cow::Owned(out))
-        }
-        other => Err(format!("a chunk is packed with {other:?}, which is not known here")),
-    }
 }

@@ -6,8 +6,9 @@ use gearwatch_core::block::{Packet, Samples};
 use gearwatch_core::source::Source;
 
 use crate::mcap::McapSource;
+use crate::mcap::fields::MAGIC;
 use crate::mcap::source::Contents;
-use crate::mcap::walk::{Limits, MAGIC};
+use crate::mcap::walk::Limits;
 use crate::open::{Bytes, Input, OpenOptions, Reader};
 use crate::problem::Problem;
 use crate::units;

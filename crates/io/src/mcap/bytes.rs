@@ -2,52 +2,47 @@
 
 use std::io::Read;
 
+use super::fields::Take;
 use crate::problem::Problem;
 
-/// The bytes of one record, read from the front.
+/// The bytes of one record, read from the front; what does not fit is told with the record's place.
 pub(super) struct Body<'a> {
-    pub(super) bytes: &'a [u8],
+    fields: Take<'a>,
     pub(super) offset: u64,
 }
 
 impl<'a> Body<'a> {
     pub(super) fn new(bytes: &'a [u8], offset: u64) -> Self {
-        Self { bytes, offset }
+        Self { fields: Take(bytes), offset }
     }
 
     pub(super) fn left(&self) -> usize {
-        self.bytes.len()
+        self.fields.0.len()
     }
 
     pub(super) fn short(&self, what: &str) -> Problem {
         Problem::damaged(
             format_args!("the record at byte {}", self.offset),
             what,
-            format_args!("{} bytes left in it", self.bytes.len()),
+            format_args!("{} bytes left in it", self.left()),
         )
     }
 
-    pub(super) fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], Problem> {
-        let (front, rest) = self.bytes.split_at_checked(n).ok_or_else(|| self.short(what))?;
-        self.bytes = rest;
-        Ok(front)
-    }
-
     pub(super) fn u16(&mut self) -> Result<u16, Problem> {
-        self.take(2, "a number of 2 bytes").map(|b| u16::from_le_bytes([b[0], b[1]]))
+        self.fields.u16().ok_or_else(|| self.short("a number of 2 bytes"))
     }
 
     pub(super) fn u32(&mut self) -> Result<u32, Problem> {
-        self.take(4, "a number of 4 bytes").map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        self.fields.u32().ok_or_else(|| self.short("a number of 4 bytes"))
     }
 
     pub(super) fn u64(&mut self) -> Result<u64, Problem> {
-        self.take(8, "a number of 8 bytes").map(u64_le)
+        self.fields.u64().ok_or_else(|| self.short("a number of 8 bytes"))
     }
 
     pub(super) fn bytes(&mut self) -> Result<&'a [u8], Problem> {
         let length = self.u32()? as usize;
-        self.take(length, &format!("{length} bytes"))
+        self.fields.bytes(length).ok_or_else(|| self.short(&format!("{length} bytes")))
     }
 
     pub(super) fn string(&mut self) -> Result<String, Problem> {

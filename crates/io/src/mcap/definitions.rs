@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::bytes::Body;
-use super::walk::{Limits, op};
+use super::fields::op;
+use super::walk::Limits;
 use crate::problem::Problem;
 
 /// A schema record.

@@ -7,6 +7,7 @@
 mod bytes;
 pub mod contract;
 pub mod definitions;
+pub mod fields;
 pub mod foreign;
 pub mod source;
 pub mod walk;

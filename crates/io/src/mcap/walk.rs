@@ -11,14 +11,12 @@ use serde::Serialize;
 
 use super::bytes::{Body, Input, u64_le};
 use super::definitions::{Channel, Definitions};
+use super::fields::{MAGIC, UnpackError, op, unpack};
 use crate::budget::{UNPACKED_CHUNK_BYTES, check_unpacked};
 use crate::problem::Problem;
 
 /// Bytes of the largest chunk or record, stored or decompressed: what is written stays below it, and what is read is refused above it.
 pub const LARGEST_RECORD: usize = 64 << 20;
-
-/// First and last bytes of a file.
-pub const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
 
 /// Bounds on what a file may ask for.
 #[derive(Clone, Copy, Debug)]
@@ -61,19 +59,9 @@ pub struct Message<'a> {
     pub offset: u64,
 }
 
-pub(super) mod op {
-    pub(in crate::mcap) const HEADER: u8 = 0x01;
-    pub(in crate::mcap) const FOOTER: u8 = 0x02;
-    pub(in crate::mcap) const SCHEMA: u8 = 0x03;
-    pub(in crate::mcap) const CHANNEL: u8 = 0x04;
-    pub(in crate::mcap) const MESSAGE: u8 = 0x05;
-    pub(in crate::mcap) const CHUNK: u8 = 0x06;
-    pub(in crate::mcap) const STATISTICS: u8 = 0x0B;
-    pub(in crate::mcap) const DATA_END: u8 = 0x0F;
-    /// Records up to here are defined by the format; those from 0x80 on are private and skipped.
-    pub(in crate::mcap) const LAST: u8 = 0x0F;
-    pub(in crate::mcap) const PRIVATE: u8 = 0x80;
-}
+/// Records up to here are defined by the format; those from 0x80 on are private and skipped.
+const LAST: u8 = op::DATA_END;
+const PRIVATE: u8 = 0x80;
 
 /// What of the file comes next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -290,7 +278,7 @@ impl<R: Read> Walk<R> {
                 | op::STATISTICS
                 | op::DATA_END
         );
-        if opcode == 0 || (opcode > op::LAST && opcode < op::PRIVATE) {
+        if opcode == 0 || (opcode > LAST && opcode < PRIVATE) {
             return Err(Problem::damaged(
                 format_args!("byte {offset}"),
                 "a record",
@@ -497,35 +485,16 @@ fn check_crc(stored: u32, computed: u32, place: &str) -> Result<(), Problem> {
     Err(Problem::damaged(place, format_args!("the checksum {stored:#010x}"), format_args!("{computed:#010x}")))
 }
 
-/// Fills `out` with exactly `size` bytes.
+/// As [`unpack`], with the place in what is told.
 fn decompress(kind: &str, data: &[u8], size: usize, out: &mut Vec<u8>, place: &str) -> Result<(), Problem> {
-    out.clear();
-    let failed = |e: std::io::Error| Problem::damaged(place, format_args!("{kind} data"), e);
-    match kind {
-        "" => out.extend_from_slice(data),
-        "zstd" => {
-            out.try_reserve_exact(size)
-                .map_err(|_| Problem::limit(place, format_args!("{size} bytes"), "the free memory"))?;
-            zstd::bulk::Decompressor::new()
-                .and_then(|mut decompressor| decompressor.decompress_to_buffer(data, out))
-                .map_err(failed)?;
+    unpack(kind, data, size, out).map_err(|error| match error {
+        UnpackError::Damaged { kind, source } => Problem::damaged(place, format_args!("{kind} data"), source),
+        UnpackError::Length { found, stated } => {
+            Problem::damaged(place, format_args!("{stated} bytes after decompression"), found)
         }
-        "lz4" => {
-            let mut decoder = lz4::Decoder::new(data).map_err(failed)?;
-            // One byte more than announced shows an excess.
-            (&mut decoder).take(size as u64 + 1).read_to_end(out).map_err(failed)?;
+        UnpackError::Memory(size) => Problem::limit(place, format_args!("{size} bytes"), "the free memory"),
+        UnpackError::Unknown(other) => {
+            Problem::unsupported(format_args!("the compression {other:?} of {place}"), "zstd, lz4 and none are read")
         }
-        other => {
-            return Err(Problem::unsupported(
-                format_args!("the compression {other:?} of {place}"),
-                "zstd, lz4 and none are read",
-            ));
-        }
-    }
-    if out.len() == size {
-        return Ok(());
-    }
-    let found = out.len();
-    out.clear();
-    Err(Problem::damaged(place, format_args!("{size} bytes after decompression"), found))
+    })
 }
