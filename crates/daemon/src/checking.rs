@@ -11,7 +11,7 @@ use gearwatch_core::window::Window;
 
 /// From so long after the last window that is looked at the judging thread waits for the answer (ns of the windows' own time): it is there by then, and every
 /// run of the same windows says so at the same one.
-const ANSWER_AFTER_NS: i64 = 20_000_000_000;
+const ANSWER_AFTER_NS: u64 = 20_000_000_000;
 
 /// Looks at the first windows of a running source, asks on a thread of its own, and tells the verdicts from then on.
 #[derive(Debug)]
@@ -55,7 +55,8 @@ impl Examiner {
                 }
                 None
             }
-            Stage::Asking { since, .. } if window.t0.saturating_sub(*since) < ANSWER_AFTER_NS => None,
+            // Either way: a clock that is set back must not put the answer off.
+            Stage::Asking { since, .. } if window.t0.abs_diff(*since) < ANSWER_AFTER_NS => None,
             Stage::Asking { .. } => {
                 let Stage::Asking { answer, .. } = std::mem::replace(&mut self.stage, Stage::Done) else { return None };
                 // A check that panicked is told by the thread itself; the bench is watched all the same.

@@ -179,7 +179,6 @@ fn conform_a_year_of_64_channels_is_in_view() {
         year["ms"],
         month["ms"],
     );
-    // A third of what the unit allows (`MemoryMax`): most of it goes into the check of the first half minute of 64 channels.
-    assert!(now_mib.max(taking_mib) < 1024.0 / 3.0, "{taking_mib} MiB, {now_mib} MiB");
+    assert!(now_mib.max(taking_mib) < 40.0, "{taking_mib} MiB, {now_mib} MiB");
     assert_eq!(browser.complaints, Vec::<String>::new());
 }

@@ -129,7 +129,9 @@ export function drawStrips(list, until) {
     row.anew = true;
   }
   const inks = LOOKS.map((l) => Array.from({ length: SHADES + 1 }, (_, s) => shade(l, s / SHADES)));
-  return seen.filter((row) => performance.now() > until || drawStrip(row, inks));
+  let drawn = 0;
+  while (drawn < seen.length && performance.now() <= until) drawStrip(seen[drawn++], inks);
+  return seen.slice(drawn);
 }
 
 // The page has another size or another theme.
