@@ -14,6 +14,9 @@ pub const MAIN_LOBE_BINS: usize = 4;
 /// Variance of a least-squares line amplitude over the mean power of one bin of noise: `Σw⁴ (Σw)² / (Σw²)³` of the window.
 pub const LINE_FIT_NOISE_GAIN: f64 = 1.379;
 
+/// Noise bandwidth of the window (bins): `N Σw² / (Σw)²`.
+pub const WINDOW_NOISE_BINS: f64 = 2.0044;
+
 /// Plans of Fourier transforms, kept between calls.
 pub struct Transforms {
     real: RealFftPlanner<f64>,
@@ -267,11 +270,13 @@ mod tests {
     }
 
     #[test]
-    fn analytic_line_fit_noise_gain_of_the_window() {
+    fn analytic_noise_gains_of_the_window() {
         let len = 1 << 14;
         let sum = |power: i32| (0..len).map(|n| window(n, len).powi(power)).sum::<f64>();
         let gain = sum(4) * sum(1).powi(2) / sum(2).powi(3);
         assert!((gain - LINE_FIT_NOISE_GAIN).abs() < 1e-3, "{gain}");
+        let bins = len as f64 * sum(2) / sum(1).powi(2);
+        assert!((bins - WINDOW_NOISE_BINS).abs() < 1e-4, "{bins}");
     }
 
     /// Lines up to 0.45 of the sample rate, read where a shaft that swings puts its even steps, over several stretches: the interpolation is good to −80 dB of a line. The signal rises

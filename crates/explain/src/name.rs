@@ -29,7 +29,7 @@ use crate::judge::free_term;
 use crate::judge::held_out;
 use crate::judge::latent;
 use crate::judge::publish::publish;
-use crate::judge::report::{Evidence, Explanation};
+use crate::judge::report::{Evidence, Explanation, Status};
 use crate::read::features::RecordingFeatures;
 use crate::read::folded::FoldedLine;
 use crate::read::kinematics::OtherTeeth;
@@ -181,7 +181,11 @@ pub fn answer(
     if q.comparison.pairs.is_empty() && !unexplained && findings.iter().all(|f| strange::leaves_shafts(f.effect)) {
         direct::without_reference(q, &mut findings, &mut steps);
     }
-    unexplained |= findings.is_empty() && !unexplained && strange::bursts(q, &strange, &mut steps);
+    if findings.is_empty() && !unexplained {
+        unexplained = strange::moves_alone(&strange, &mut steps)
+            || strange::wanders(&strange, &mut steps)
+            || strange::bursts(q, &strange, &mut steps);
+    }
     if fit.is_none() {
         fit = direct::ratio_fit(q, &findings);
     }
@@ -210,6 +214,10 @@ pub fn answer(
         let places = "look at what stands there: the law says how it gives way, not why";
         let points = "record further loads and speeds: they tell laws of one place apart";
         published.advice = vec![format!("{}: {places}", term.place), points.into()];
+    }
+    if let Some(displaced) = strange.displaced.filter(|_| published.status == Status::Unexplained) {
+        let cable = format!("check cable, connector and mounting of {}: no bench moves so far", displaced.channel);
+        published.advice.insert(0, cable);
     }
     Named { explanation: Explanation { p_null: p, latent_force, free_term: term, ..published }, bench }
 }

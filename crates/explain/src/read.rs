@@ -2,6 +2,7 @@
 
 pub use gearwatch_check::{angle, dsp, integrity, kinematics, lines};
 
+pub mod displacement;
 pub mod envelope;
 pub mod features;
 pub mod fixed;
@@ -11,3 +12,4 @@ pub mod plain;
 pub mod ratio;
 pub mod scan;
 pub mod transients;
+pub mod wander;

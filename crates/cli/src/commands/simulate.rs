@@ -38,8 +38,8 @@ const DEFAULT_DURATION_S: f64 = 10.0;
   gearwatch simulate paper-rig --background 0.2 -o noisy.mcap
   gearwatch simulate single-pair --scenario run-up.toml -o run-up.mcap --plot run-up.html
 
-Benches that come with the program: single-pair, paper-rig, spectraquest-like, helical-two-stage.
-Planetary stages, internal gears, idlers and profile shift cannot be simulated yet; such a bench is refused (exit 3).
+Benches that come with the program: single-pair, paper-rig, spectraquest-like, helical-two-stage, planetary-parallel.
+Bevel and worm gears and profile shift cannot be simulated; such a bench is refused (exit 3).
 `gearwatch list` shows the effects.")]
 pub struct Simulate {
     /// Bench file, or the name of a bench that comes with the program

@@ -21,7 +21,7 @@ pub const BAND_HZ: [f64; 2] = [10.0, 1000.0];
 const BANDS: usize = 8;
 
 /// Standard gravity (m/s²).
-const GRAVITY: f64 = 9.806_65;
+pub const GRAVITY: f64 = 9.806_65;
 
 /// A transformed window.
 pub struct Weighted<'a> {

@@ -8,6 +8,8 @@ use gearwatch_core::recording::{Channel, Segment};
 use rand::{RngExt, SeedableRng};
 use std::f64::consts::TAU;
 
+mod outside;
+
 const RATE_HZ: f64 = 8192.0;
 const SAMPLES: usize = 3 * 8192;
 

@@ -14,6 +14,8 @@ use crate::name::{Finding, Question};
 
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is believed.
 const CHANCE: f64 = 1e-3;
+/// The same below which the lines may have changed: enough to prefer one change of the machine to a path that has to be fitted band by band.
+const MAY_CHANGE: f64 = 0.05;
 /// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
 const MISFIT: f64 = 1.2;
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
@@ -252,12 +254,15 @@ fn is_rather_the_machine(
     let bands = cells.iter().filter(|c| c.family.is_none() && c.pair == 0).count() as f64;
     let path = masks::unchanged(remaining) - masks::unchanged(cells) + wide_gain(remaining) - NUMBER * bands;
     let machine = wide_gain(cells);
-    if path < machine {
+    // Meshes that changed bring more into the background; meshes whose lines are what they were do not.
+    let changed = || twins::twins(cells, &places, &gaps).is_some_and(|t| t.chance(machine) < MAY_CHANGE);
+    let rather_the_machine = path < machine && changed();
+    if rather_the_machine {
         steps.push(format!(
             "one change of the machine accounts for the lines by {machine:.0} nats, a path with what it leaves by {path:.0}: no path"
         ));
     }
-    path < machine
+    rather_the_machine
 }
 
 /// Among masks that gain nearly as much as the best, the simplest.

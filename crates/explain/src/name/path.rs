@@ -8,6 +8,8 @@ use crate::read::dsp::median;
 /// background changes by less than 1 per band, by 2.05 at most.
 const FLOOR_MISFIT: f64 = 2.5;
 const FLOOR_SHARE: f64 = 0.55;
+/// Misfit per band that a path accounts for, from which a sensor is one of those that moved together: unchanged sensors reach 0.33, those beside one whose path changed 0.12.
+const TOGETHER: f64 = 0.8;
 /// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
 /// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
 const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
@@ -104,10 +106,14 @@ fn follow(follows: f64, sigma: f64) -> bool {
     FOLLOWS.contains(&follows) && follows > CLEARLY * sigma
 }
 
+/// Whether the background of a sensor (share of its misfit that a path accounts for, misfit per band) moved as that of one did whose path changed.
+fn moved_together(&(share, misfit): &(f64, f64)) -> bool {
+    share > FLOOR_SHARE && share * misfit > TOGETHER
+}
+
 /// A changed path that all sensors have in common: on each of several the background moved as the same function of frequency at every speed, and the lines with it.
 fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Option<Finding> {
-    let moved = |&(share, misfit): &(f64, f64)| misfit > FLOOR_MISFIT && share > FLOOR_SHARE;
-    if floors.len() < 2 || !floors.iter().all(moved) {
+    if floors.len() < 2 || !floors.iter().all(moved_together) {
         return None;
     }
     let follows: Vec<(f64, f64)> =
@@ -117,7 +123,10 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
         "the background moved on all sensors; their lines follow it by {} of its change (1 of a path, 0 of noise)",
         said.join(", ")
     ));
-    if !follows.iter().all(|&(f, s)| follow(f, s)) {
+    // What all sensors share is one number, of which each tells its part.
+    let weight: f64 = follows.iter().map(|(_, s)| s.powi(-2)).sum();
+    let shared = follows.iter().map(|(f, s)| f * s.powi(-2)).sum::<f64>() / weight;
+    if !follow(shared, weight.sqrt().recip()) {
         return None;
     }
     let clearest = (0..floors.len()).max_by(|a, b| floors[*a].1.total_cmp(&floors[*b].1))?;
@@ -154,7 +163,9 @@ pub fn path(
         }
     }
     let (c, misfit, share) = best?;
-    if floors.iter().enumerate().any(|(k, (_, other))| k != c && *other > FLOOR_MISFIT && misfit < STEADIER * other) {
+    let noisy = |k: usize, other: f64| k != c && other > FLOOR_MISFIT && misfit < STEADIER * other;
+    let all = floors.len() > 1 && floors.iter().all(moved_together);
+    if all || floors.iter().enumerate().any(|(k, (_, other))| noisy(k, *other)) {
         return Some(((0..floors.len()).collect(), housing(cells, &floors, steps)?));
     }
     let lines = |k: usize| locate::line_misfit(cells, Some(k));

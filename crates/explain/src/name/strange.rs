@@ -6,6 +6,7 @@ use crate::change::compare::Comparison;
 use crate::name::bearing;
 use crate::name::family;
 use crate::name::{Finding, Question};
+use crate::read::displacement::{self, Displaced};
 use crate::read::dsp::Transforms;
 use crate::read::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
 use crate::read::features::RecordingFeatures;
@@ -14,6 +15,7 @@ use crate::read::fluctuation::Fluctuation;
 use crate::read::folded::FoldedLine;
 use crate::read::scan::{self, StrangeLine, Twin};
 use crate::read::transients::{self, Bursts};
+use crate::read::wander::{self, Wandering};
 
 /// Channels that are scanned: those of the pairs, without any those of the first recording.
 fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<String> {
@@ -43,6 +45,10 @@ pub struct Strange {
     pub fluctuation: Option<Fluctuation>,
     /// Where bursts stand out most.
     pub bursts: Option<Bursts>,
+    /// The narrow band that grew most against the reference.
+    pub wandering: Option<Wandering>,
+    /// A channel that shows more displacement than a bench can.
+    pub displaced: Option<Displaced>,
 }
 
 /// Least mean excess (nats) of a line that is named, against a reference and without.
@@ -70,6 +76,11 @@ const FLUCTUATES: f64 = 0.95;
 /// benches of another generator reach 0.34 against their reference; without one the pulses of sound meshes reach 2.2.
 const BURSTS: f64 = 0.8;
 const BURSTS_ALONE: f64 = 2.5;
+
+/// How many times the band that fell most a band must grow to be a line that wanders, and what the former counts at least (standard scores). Chance and small changes of the path make
+/// bands grow and fall alike: on unchanged benches the two differ by a factor of 1.3.
+const WANDERS: f64 = 2.0;
+const LEAST_FALLEN: f64 = 5.0;
 
 /// Nearest multiple of 50 or 60 Hz, where the line lies on one.
 fn mains(hz: f64) -> Option<f64> {
@@ -166,6 +177,8 @@ pub fn strange(
         fluctuation: None,
         against_reference,
         bursts: transients::bursts(transforms, recordings, references, channels),
+        wandering: wander::wandering(&twins, channels),
+        displaced: displacement::displaced(recordings),
     }
 }
 
@@ -257,6 +270,20 @@ pub fn bursts(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> b
     let Some(bursts) = strange.bursts.as_ref().filter(|b| b.excess > usual) else { return false };
     steps.push(bursts.describe(&channels(q.recordings, q.comparison)));
     true
+}
+
+/// Whether one channel shows a displacement that no bench makes and no other channel shows.
+pub fn moves_alone(strange: &Strange, steps: &mut Vec<String>) -> bool {
+    let Some(displaced) = &strange.displaced else { return false };
+    steps.push(displaced.describe());
+    true
+}
+
+/// Whether a narrow band grew, at all speeds alike, far more than chance makes bands grow or fall.
+pub fn wanders(strange: &Strange, steps: &mut Vec<String>) -> bool {
+    let Some(w) = &strange.wandering else { return false };
+    steps.push(w.describe());
+    w.score > WANDERS * w.fallen.max(LEAST_FALLEN)
 }
 
 /// The speed fluctuates at a frequency that no shaft has.
