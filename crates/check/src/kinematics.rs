@@ -38,6 +38,8 @@ const TEETH_SURE: f64 = 4.0;
 /// many of their standard deviations above them: by chance once in two thousand sheets, were they normal.
 const NOBODYS_REACH: i64 = 24;
 const OF_NOBODY: f64 = 4.0;
+/// So few say nothing.
+const LEAST_NOBODYS: usize = 8;
 /// Lines that must move, in all recordings together.
 const TEETH_LINES: usize = 8;
 /// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
@@ -51,6 +53,8 @@ const OTHER_BENCH: f64 = 1.0;
 const NO_MESH: f64 = 0.5;
 /// The same gain of the bench's own comb at another speed.
 pub(crate) const OTHER_SPEED: f64 = 2.0;
+/// Orders that differ by less (relative) are one, up to rounding.
+const SAME_ORDER: f64 = 1e-9;
 /// Teeth that are tried.
 const TRIED_TEETH: std::ops::RangeInclusive<u32> = 10..=140;
 
@@ -112,8 +116,10 @@ pub fn stranger(
                 (1..=5).any(|a| (1..=5).any(|b| (ratio(a, b) - 1.0).abs() < 2e-3))
             });
             let of_shaft = train.shafts.iter().any(|(_, own)| {
-                let multiple = (order / own).round();
-                multiple <= f64::from(SHAFT_MULTIPLES) && (multiple * own / order - 1.0).abs() < 2e-3
+                let (multiple, whole) = ((order / own).round(), (order / own).round() * own / order - 1.0);
+                // Errors of a gear's teeth light every order of its shaft. Those of the pinion's own are met by all numbers alike, those of another shaft by some.
+                let of_another = own != &kinematics.pinion_order && whole.abs() < SAME_ORDER;
+                of_another || (multiple <= f64::from(SHAFT_MULTIPLES) && whole.abs() < 2e-3)
             });
             if !shares && !of_shaft {
                 others.push((field.search(&comb(order), low, high).1, teeth));
@@ -123,6 +129,7 @@ pub fn stranger(
         if let (Some(best), Some(usual)) = (others.first(), others.get(others.len() / 4))
             && best.0 > own + OTHER_BENCH
             && own < usual.0 + NO_MESH
+            && stands_out(best.0, &others.iter().skip(1).map(|(score, _)| *score).collect::<Vec<_>>())
         {
             return Some(format!(
                 "{name}: its mesh lines are those of {} teeth on the pinion of {}, the bench file says {}: another bench, or a wrong tooth number",
@@ -343,8 +350,16 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
             .collect()
     };
     // A stage whose mesh is faint beside the other's: its share of all lines is small, but what tooth numbers score that nobody has says how small chance is.
-    let best = best.or_else(|| faint.filter(|one| stands_out(one.score, sheet.score, &nobodys(&one.gear))));
-    best.filter(|one| !sheet_has_lines(&one.moved, &nobodys(&one.gear))).map(|one| (one.gear, one.bench))
+    let (one, sure) = best.map(|one| (one, true)).or_else(|| Some((faint?, false)))?;
+    let nobody = nobodys(&one.gear);
+    let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
+    let (few, middle) = (nobody.len() <= LEAST_NOBODYS, dsp::median(&mut scores.clone()));
+    let told = match sure {
+        true => few || stands_out(one.score, &scores),
+        // The sheet's own lines must not stand out as well.
+        false => !few && stands_out(one.score, &scores) && sheet.score < middle + 0.5 * (one.score - middle),
+    };
+    (told && !sheet_has_lines(&one.moved, &nobody)).then_some((one.gear, one.bench))
 }
 
 /// A sheet with another tooth number that fits better.
@@ -388,15 +403,13 @@ impl Fit {
 fn sheet_has_lines(moved: &Moved, nobody: &[(f64, Moved)]) -> bool {
     let enough = nobody.iter().filter(|(_, moved)| moved.other.len() >= TEETH_LINES);
     let mut nobody: Vec<f64> = enough.map(|(_, moved)| dsp::mean(&moved.other)).collect();
-    nobody.len() > 8 && dsp::mean(&moved.sheet) > 0.5 * (dsp::median(&mut nobody) + dsp::mean(&moved.other))
+    nobody.len() > LEAST_NOBODYS && dsp::mean(&moved.sheet) > 0.5 * (dsp::median(&mut nobody) + dsp::mean(&moved.other))
 }
 
-/// Whether a score stands out of those of tooth numbers that nobody has, and the sheet's does not. Where sidebands of a pitch error make every whole number fit a
-/// little, they scatter by that; a few that share lines with another mesh do not count, the scatter being that of the median.
-fn stands_out(score: f64, sheet: f64, nobody: &[(f64, Moved)]) -> bool {
-    let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
-    let middle = dsp::median(&mut scores.clone());
-    let mut off: Vec<f64> = scores.iter().map(|x| (x - middle).abs()).collect();
-    let sigma = 1.4826 * dsp::median(&mut off);
-    nobody.len() > 8 && score > middle + OF_NOBODY * sigma && sheet < middle + 0.5 * (score - middle)
+/// Whether the score of a tooth number stands out of those of numbers that nobody has. Where sidebands of a pitch error make every whole number fit a little, they scatter by that; a few that
+/// share lines with another mesh do not count, the scatter being that of the median.
+fn stands_out(score: f64, nobodys: &[f64]) -> bool {
+    let middle = dsp::median(&mut nobodys.to_vec());
+    let mut off: Vec<f64> = nobodys.iter().map(|x| (x - middle).abs()).collect();
+    score > middle + OF_NOBODY * 1.4826 * dsp::median(&mut off)
 }
