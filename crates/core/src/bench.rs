@@ -372,7 +372,7 @@ impl Bench {
             out.extend(bearing.problems(&self.shafts));
         }
         out.extend(self.indicators.problems());
-        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
+        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()).map(|error| error.to_string()));
         // What cannot be at all is told first.
         if out.is_empty() { bounds::problems(self) } else { out }
     }
