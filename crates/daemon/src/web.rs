@@ -40,8 +40,8 @@ pub use gate::{Gate, Peer};
 pub use guard::AllowedHosts;
 pub use hub::{AlarmStatus, BenchStatus, Fault, Gravest, Hub, Listener, Message, SourceStatus, Status};
 #[cfg(feature = "tls")]
-pub use tls::{Secured, acceptor};
-pub use token::Token;
+pub use tls::{CertificateError, CertificateProblem, Secured, acceptor};
+pub use token::{ShortToken, Token};
 
 /// Pages that may listen at once; one more is refused with 503.
 const MOST_LISTENERS: usize = 64;

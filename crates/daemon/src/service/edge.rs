@@ -56,7 +56,7 @@ impl PageAccess {
 
 #[cfg(feature = "tls")]
 fn identity(files: &PageTls, folder: &Path) -> Result<Identity, String> {
-    web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key))
+    web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key)).map_err(|e| e.to_string())
 }
 
 #[cfg(not(feature = "tls"))]
