@@ -2,7 +2,7 @@
 
 use super::*;
 use gearwatch_core::estimate::Estimate;
-use gearwatch_core::verdict::{HARMONICS, HarmonicVerdict, MachineState, Reason, StateFit};
+use gearwatch_core::verdict::MachineState;
 
 fn verdict(window: u64, machine: MachineState, instrument: InstrumentState) -> Verdict {
     Verdict {
@@ -10,24 +10,14 @@ fn verdict(window: u64, machine: MachineState, instrument: InstrumentState) -> V
         channel: "acc_1".into(),
         window,
         t0: window as i64,
-        first_sample_index: 0,
         samples: 1,
         unit: "g".into(),
-        input_speed_hz: Estimate::UNKNOWN,
         mesh_hz: 1.0,
         brake_torque_nm: 0.0,
-        cell: String::new(),
-        harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
         machine,
         instrument,
-        resolvable: false,
-        reason: Reason::None,
-        windows: 1,
-        doubts: "".into(),
         baseline_sessions: 1,
-        state_fit: StateFit::NotCompared,
-        states: vec![],
-        indicators: None,
+        ..Verdict::blank()
     }
 }
 

@@ -14,8 +14,8 @@ use gearwatch_io::{OpenOptions, bench_file, read_recording, sidecar_path};
 use sha2::{Digest, Sha256};
 
 use crate::part::{Identity, PieceWriter, Table, hex, sha256_of};
-use crate::run::{Trouble, Work};
-use crate::worklist::{CASE_BENCH, from_folders};
+use crate::run::{Trouble, Unreadable, Work};
+use crate::worklist::{CASE_BENCH, WorkListError, from_folders};
 
 /// How cases are explained.
 pub struct Explaining<'a> {
@@ -43,7 +43,7 @@ impl Work for Explaining<'_> {
     fn bench(&self) {}
 
     /// The digest covers the bench file, and the name and content of each recording and its sidecar file.
-    fn identify(&self, path: &Path) -> Result<Identity, String> {
+    fn identify(&self, path: &Path) -> Result<Identity, Unreadable> {
         let mut digest = Sha256::new();
         let mut files = vec![path.join(CASE_BENCH)];
         for recording in self.recordings(path, RECORDINGS)?.into_iter().chain(self.recordings(path, REFERENCE)?) {
@@ -53,7 +53,7 @@ impl Work for Explaining<'_> {
         }
         for file in files {
             let name = file.strip_prefix(path).unwrap_or(&file).to_string_lossy();
-            let content = sha256_of(&file).map_err(|error| error.to_string())?;
+            let content = sha256_of(&file)?;
             digest.update(format!("{name}\0{content}\n"));
         }
         Ok(Identity(vec![path.to_string_lossy().into_owned(), hex(&digest.finalize())]))
@@ -75,16 +75,16 @@ const REFERENCE: &str = "reference";
 
 impl Explaining<'_> {
     /// Recordings in a folder of a case; a case need not have a reference.
-    fn recordings(&self, case: &Path, folder: &str) -> Result<Vec<PathBuf>, String> {
+    fn recordings(&self, case: &Path, folder: &str) -> Result<Vec<PathBuf>, WorkListError> {
         let folder = case.join(folder);
         if folder.ends_with(REFERENCE) && !folder.exists() {
             return Ok(Vec::new());
         }
-        from_folders(&[folder], self.endings).map_err(|error| error.to_string())
+        from_folders(&[folder], self.endings)
     }
 
     fn read(&self, case: &Path, folder: &str) -> Result<Vec<Recording>, Trouble> {
-        let files = self.recordings(case, folder).map_err(Trouble::Item)?;
+        let files = self.recordings(case, folder).map_err(|error| Trouble::Item(error.to_string()))?;
         let read = |file: &PathBuf| read_recording(file, &OpenOptions::default());
         files.iter().map(read).collect::<Result<_, _>>().map_err(|error| Trouble::Item(error.to_string()))
     }

@@ -13,7 +13,7 @@ use gearwatch_io::{OpenOptions, Opened, sidecar_path};
 
 use crate::part::{Identity, PieceWriter, Table, sha256_of};
 use crate::rows::{Origin, Rows, table};
-use crate::run::{Trouble, Work};
+use crate::run::{Trouble, Unreadable, Work};
 
 /// Rows gathered before they go to the piece; bounds the memory of a thread whatever the length of a recording.
 const ROWS_AT_A_TIME: usize = 1024;
@@ -52,11 +52,10 @@ impl Work for Judging<'_> {
         Bench::default()
     }
 
-    fn identify(&self, path: &Path) -> Result<Identity, String> {
-        let digest = |path: &Path| sha256_of(path).map_err(|error| error.to_string());
+    fn identify(&self, path: &Path) -> Result<Identity, Unreadable> {
         let sidecar = sidecar_path(path);
-        let sidecar = if sidecar.is_file() { digest(&sidecar)? } else { String::new() };
-        Ok(Identity(vec![path.to_string_lossy().into_owned(), digest(path)?, sidecar]))
+        let sidecar = if sidecar.is_file() { sha256_of(&sidecar)? } else { String::new() };
+        Ok(Identity(vec![path.to_string_lossy().into_owned(), sha256_of(path)?, sidecar]))
     }
 
     fn work(

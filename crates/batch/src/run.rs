@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::part::{Identity, PartError, PieceWriter, Table, Workshop};
 use crate::shard::Shard;
+use crate::worklist::WorkListError;
 
 /// What is done with each item of a list. [`crate::judging`] and [`crate::explaining`] are such work.
 pub trait Work: Sync {
@@ -23,8 +24,8 @@ pub trait Work: Sync {
     /// The keys of an item.
     ///
     /// # Errors
-    /// When it cannot be read; why.
-    fn identify(&self, path: &Path) -> Result<Identity, String>;
+    /// When it cannot be read.
+    fn identify(&self, path: &Path) -> Result<Identity, Unreadable>;
 
     /// Writes the rows of an item to its piece and says how many they are.
     ///
@@ -37,6 +38,17 @@ pub trait Work: Sync {
         of: &Identity,
         piece: &mut PieceWriter,
     ) -> Result<usize, Trouble>;
+}
+
+/// An item whose keys cannot be known.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// One of its files cannot be read.
+    #[error(transparent)]
+    File(#[from] PartError),
+    /// The files that belong to it cannot be listed.
+    #[error(transparent)]
+    List(#[from] WorkListError),
 }
 
 /// An item cannot be worked, or the batch cannot be written.
@@ -178,7 +190,7 @@ impl Finished {
 fn one<W: Work>(work: &W, bench: &mut W::Bench, workshop: &Workshop, path: &Path) -> Result<Finished, PartError> {
     let identity = match work.identify(path) {
         Ok(identity) => identity,
-        Err(why) => return Ok(Finished::damaged(why)),
+        Err(why) => return Ok(Finished::damaged(why.to_string())),
     };
     if workshop.is_done(&identity) {
         return Ok(Finished { identity: Some(identity), outcome: Outcome::Known });

@@ -169,6 +169,19 @@ pub struct Shaft {
 }
 
 impl Shaft {
+    /// As a bench file has it that gives no more than the name.
+    pub fn named(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            inertia_kg_m2: defaults::shaft_inertia_kg_m2(),
+            torsion_nm_per_rad: defaults::torsion_nm_per_rad(),
+            torsion_damping_nm_s_per_rad: defaults::torsion_damping_nm_s_per_rad(),
+            bearing_n_per_m: defaults::bearing_n_per_m(),
+            bearing_damping_n_s_per_m: defaults::bearing_damping_n_s_per_m(),
+            axial_n_per_m: None,
+        }
+    }
+
     /// Stiffness (N/m) and damping (N s/m) of its bearings along the axis; the damping is to the stiffness as across the axis.
     pub fn axial(&self) -> (f64, f64) {
         let stiffness = self.axial_n_per_m.unwrap_or(self.bearing_n_per_m / 3.0);
@@ -359,7 +372,7 @@ impl Bench {
             out.extend(bearing.problems(&self.shafts));
         }
         out.extend(self.indicators.problems());
-        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()));
+        out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()).map(|error| error.to_string()));
         // What cannot be at all is told first.
         if out.is_empty() { bounds::problems(self) } else { out }
     }

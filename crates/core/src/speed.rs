@@ -68,11 +68,16 @@ impl SpeedConfig {
 /// Revolutions per minute in one per second.
 pub const RPM_PER_HZ: f64 = 60.0;
 
+/// A text that is no speed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no speed; expected such as 25, 25Hz or 1500rpm")]
+pub struct NoSpeed(pub String);
+
 /// A speed as people type it: `25`, `25Hz` or `1500rpm` (Hz; 1/min, min-1 and U/min say rpm too).
 ///
 /// # Errors
 /// In a sentence that says what was expected.
-pub fn parse_speed_hz(text: &str) -> Result<f64, String> {
+pub fn parse_speed_hz(text: &str) -> Result<f64, NoSpeed> {
     const UNITS: [(&str, f64); 6] = [
         ("rpm", RPM_PER_HZ),
         ("1/min", RPM_PER_HZ),
@@ -85,7 +90,7 @@ pub fn parse_speed_hz(text: &str) -> Result<f64, String> {
     let (number, per_hz) =
         UNITS.iter().find_map(|&(unit, per_hz)| Some((lower.strip_suffix(unit)?, per_hz))).unwrap_or((&lower, 1.0));
     let value: Result<f64, _> = number.trim_end().parse();
-    value.map(|value| value / per_hz).map_err(|_| format!("{text:?} is no speed; expected such as 25, 25Hz or 1500rpm"))
+    value.map(|value| value / per_hz).map_err(|_| NoSpeed(text.to_owned()))
 }
 
 #[cfg(test)]

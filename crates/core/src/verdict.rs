@@ -117,6 +117,37 @@ pub struct Verdict {
     pub indicators: Option<StageIndicators>,
 }
 
+impl Verdict {
+    /// Nothing is known; whoever makes a verdict begins here, so that a new field has one place more at most. The instrument is in no state that could
+    /// pass for good: readers replace it, or refuse.
+    pub fn blank() -> Self {
+        Self {
+            stage: String::new(),
+            channel: String::new(),
+            window: 0,
+            t0: 0,
+            first_sample_index: 0,
+            samples: 0,
+            unit: String::new(),
+            input_speed_hz: Estimate::UNKNOWN,
+            mesh_hz: f64::NAN,
+            brake_torque_nm: f64::NAN,
+            cell: String::new(),
+            harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
+            machine: MachineState::Unknown,
+            instrument: InstrumentState::SensorFault,
+            resolvable: false,
+            reason: Reason::None,
+            doubts: "".into(),
+            windows: 1,
+            baseline_sessions: 0,
+            state_fit: StateFit::NotCompared,
+            states: Vec::new(),
+            indicators: None,
+        }
+    }
+}
+
 /// Rounds to nine significant digits, so that the last bits of a transform do not reach a published line.
 pub fn published(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {

@@ -24,6 +24,7 @@ mod draining;
 mod edge;
 mod feeding;
 mod notify;
+mod opening;
 mod running;
 mod telling;
 mod viewing;

@@ -40,8 +40,8 @@ pub use gate::{Gate, Peer};
 pub use guard::AllowedHosts;
 pub use hub::{AlarmStatus, BenchStatus, Fault, Gravest, Hub, Listener, Message, SourceStatus, Status};
 #[cfg(feature = "tls")]
-pub use tls::{Secured, acceptor};
-pub use token::Token;
+pub use tls::{CertificateError, CertificateProblem, Secured, acceptor};
+pub use token::{ShortToken, Token};
 
 /// Pages that may listen at once; one more is refused with 503.
 const MOST_LISTENERS: usize = 64;
@@ -49,34 +49,8 @@ const MOST_LISTENERS: usize = 64;
 /// A file of the page: path, media type, bytes.
 pub(crate) type Asset = (&'static str, &'static str, &'static [u8]);
 
-const SCRIPT: &str = "text/javascript; charset=utf-8";
-
-const ASSETS: &[Asset] = &[
-    ("/", "text/html; charset=utf-8", include_bytes!("web/assets/index.html")),
-    ("/assets/style.css", "text/css; charset=utf-8", include_bytes!("web/assets/style.css")),
-    ("/assets/app.js", SCRIPT, include_bytes!("web/assets/app.js")),
-    ("/assets/state.js", SCRIPT, include_bytes!("web/assets/state.js")),
-    ("/assets/strips.js", SCRIPT, include_bytes!("web/assets/strips.js")),
-    ("/assets/detail.js", SCRIPT, include_bytes!("web/assets/detail.js")),
-    ("/assets/spectrum.js", SCRIPT, include_bytes!("web/assets/spectrum.js")),
-    ("/assets/service.js", SCRIPT, include_bytes!("web/assets/service.js")),
-    ("/assets/plot.js", SCRIPT, include_bytes!("web/assets/plot.js")),
-    ("/assets/alarms.js", SCRIPT, include_bytes!("web/assets/alarms.js")),
-    ("/assets/cursors.js", SCRIPT, include_bytes!("web/assets/cursors.js")),
-    ("/assets/find.js", SCRIPT, include_bytes!("web/assets/find.js")),
-    ("/assets/indicators.js", SCRIPT, include_bytes!("web/assets/indicators.js")),
-    ("/assets/limits.js", SCRIPT, include_bytes!("web/assets/limits.js")),
-    ("/assets/time.js", SCRIPT, include_bytes!("web/assets/time.js")),
-    ("/assets/trend.js", SCRIPT, include_bytes!("web/assets/trend.js")),
-    ("/assets/waterfall.js", SCRIPT, include_bytes!("web/assets/waterfall.js")),
-    ("/assets/history.js", SCRIPT, include_bytes!("web/assets/history.js")),
-    ("/assets/normal.js", SCRIPT, include_bytes!("web/assets/normal.js")),
-    ("/assets/then.js", SCRIPT, include_bytes!("web/assets/then.js")),
-    ("/assets/waveform.js", SCRIPT, include_bytes!("web/assets/waveform.js")),
-    ("/assets/icon.svg", "image/svg+xml", include_bytes!("web/assets/icon.svg")),
-    ("/assets/uPlot.min.css", "text/css; charset=utf-8", include_bytes!("web/assets/uPlot.min.css")),
-    ("/assets/uPlot.iife.min.js", SCRIPT, include_bytes!("web/assets/uPlot.iife.min.js")),
-];
+/// All files of the folder `web/assets`, as the build script lists them.
+const ASSETS: &[Asset] = include!(concat!(env!("OUT_DIR"), "/assets.rs"));
 
 const TEXT: &str = "text/plain; charset=utf-8";
 

@@ -4,13 +4,23 @@ use gearwatch_core::calendar::{civil, days};
 
 const SECOND: i64 = 1_000_000_000;
 
+/// A text that says no time, or no span.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TimeError {
+    /// No time, or none that the calendar has.
+    #[error("{0:?} is not a time; expected such as 2026-11-22, 2026-11-22T14:30 or 2026-11-22T14:30:00Z")]
+    Time(String),
+    /// No span.
+    #[error("{0:?} is not a span; expected a number and s, m, h, d or w, such as 1h")]
+    Span(String),
+}
+
 /// Nanoseconds since the epoch of `2026-11-22`, `2026-11-22T14:30`, with seconds, with `Z` or without.
 ///
 /// # Errors
 /// With what was expected, when it is no time.
-pub fn parse(text: &str) -> Result<i64, String> {
-    let wrong =
-        || format!("{text:?} is not a time; expected such as 2026-11-22, 2026-11-22T14:30 or 2026-11-22T14:30:00Z");
+pub fn parse(text: &str) -> Result<i64, TimeError> {
+    let wrong = || TimeError::Time(text.to_owned());
     let plain = text.strip_suffix('Z').unwrap_or(text);
     let (date, clock) = plain.split_once(['T', ' ']).unwrap_or((plain, "00:00"));
     let numbers = |text: &str, sign: char| -> Option<Vec<i64>> {
@@ -38,8 +48,8 @@ pub fn parse(text: &str) -> Result<i64, String> {
 ///
 /// # Errors
 /// With what was expected, when it is no span.
-pub fn parse_span(text: &str) -> Result<i64, String> {
-    let wrong = || format!("{text:?} is not a span; expected a number and s, m, h, d or w, such as 1h");
+pub fn parse_span(text: &str) -> Result<i64, TimeError> {
+    let wrong = || TimeError::Span(text.to_owned());
     let unit = text.chars().last().ok_or_else(wrong)?;
     let seconds = match unit {
         's' => 1,

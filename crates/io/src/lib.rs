@@ -47,5 +47,5 @@ pub mod uff;
 pub mod units;
 
 pub use open::{Opened, open, open_bytes, read_recording};
-pub use options::{ChannelOption, OpenOptions, sidecar_path};
+pub use options::{ChannelOption, ChannelOptionError, OpenOptions, sidecar_path};
 pub use problem::{Problem, ReadError};

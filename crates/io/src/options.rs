@@ -53,11 +53,16 @@ pub struct ChannelOption {
     pub scale: Option<f64>,
 }
 
+/// A text that names no column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected COLUMN, NAME=COLUMN, or NAME=COLUMN:UNIT, such as acc_1=2:m/s^2")]
+pub struct ChannelOptionError;
+
 impl FromStr for ChannelOption {
-    type Err = String;
+    type Err = ChannelOptionError;
 
     /// `COLUMN`, `NAME=COLUMN`, either with `:UNIT` behind.
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, ChannelOptionError> {
         let (name, rest) = match text.split_once('=') {
             Some((name, rest)) => (Some(name.trim()), rest),
             None => (None, text),
@@ -67,7 +72,7 @@ impl FromStr for ChannelOption {
             None => (rest.trim(), None),
         };
         if column.is_empty() || name.is_some_and(str::is_empty) || unit.is_some_and(str::is_empty) {
-            return Err("expected COLUMN, NAME=COLUMN, or NAME=COLUMN:UNIT, such as acc_1=2:m/s^2".to_owned());
+            return Err(ChannelOptionError);
         }
         Ok(Self {
             column: column.to_owned(),

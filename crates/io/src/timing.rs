@@ -6,6 +6,17 @@ pub(crate) const LOOK_AHEAD: usize = 5;
 /// Samples from which a rate is estimated before any is handed over.
 pub(crate) const ESTIMATE_FROM: usize = 8192;
 
+/// Time stamps that no rate can be read from; said as what was expected.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub(crate) enum StampsError {
+    #[error("time stamps that go on, found {found_s} s where {due_s} s was due")]
+    Backwards { found_s: f64, due_s: f64 },
+    #[error("at least 3 time stamps, found {0}")]
+    TooFew(usize),
+    #[error("ascending time stamps, found a {what} of {step_s} s")]
+    NotAscending { what: &'static str, step_s: f64 },
+}
+
 /// A regular grid that follows the stamps.
 #[derive(Clone, Debug)]
 pub(crate) struct Grid {
@@ -25,7 +36,7 @@ impl Grid {
     ///
     /// # Errors
     /// The stamps go back by more than the period of ten samples.
-    pub(crate) fn missing_before(&mut self, upcoming: &[f64]) -> Result<u64, String> {
+    pub(crate) fn missing_before(&mut self, upcoming: &[f64]) -> Result<u64, StampsError> {
         const FOLLOW: f64 = 0.02;
         let Some(&now) = upcoming.first() else { return Ok(0) };
         let expected = self.next_s.unwrap_or(now);
@@ -37,7 +48,7 @@ impl Grid {
         let first = late[0];
         let late = &mut late[..n];
         if !first.is_finite() || first < -10.0 {
-            return Err(format!("time stamps that go on, found {now} s where {expected} s was due"));
+            return Err(StampsError::Backwards { found_s: now, due_s: expected });
         }
         late.sort_unstable_by(f64::total_cmp);
         let missing = if late[0] > 0.5 { late[n / 2].round().max(1.0) } else { 0.0 };
@@ -51,10 +62,10 @@ impl Grid {
 ///
 /// # Errors
 /// With fewer than three stamps, or stamps that do not ascend.
-pub(crate) fn period_s(stamps: &[f64]) -> Result<f64, String> {
+pub(crate) fn period_s(stamps: &[f64]) -> Result<f64, StampsError> {
     let n = stamps.len();
     if n < 3 {
-        return Err(format!("at least 3 time stamps, found {n}"));
+        return Err(StampsError::TooFew(n));
     }
     // A lag over many samples averages jitter and coarse printing; few of the lags meet a gap.
     let lag = (n / 4).clamp(1, 64);
@@ -62,7 +73,7 @@ pub(crate) fn period_s(stamps: &[f64]) -> Result<f64, String> {
     steps.sort_unstable_by(f64::total_cmp);
     let coarse = steps[steps.len() / 2];
     if !(coarse.is_finite() && coarse > 0.0) {
-        return Err(format!("ascending time stamps, found a median step of {coarse} s"));
+        return Err(StampsError::NotAscending { what: "median step", step_s: coarse });
     }
     let mut grid = Grid::new(coarse);
     let mut index = 0.0;
@@ -86,7 +97,7 @@ pub(crate) fn period_s(stamps: &[f64]) -> Result<f64, String> {
     if fine.is_finite() && fine > 0.0 {
         Ok(fine)
     } else {
-        Err(format!("ascending time stamps, found a step of {fine} s"))
+        Err(StampsError::NotAscending { what: "step", step_s: fine })
     }
 }
 

@@ -6,7 +6,7 @@
 mod chart;
 mod page;
 
-pub use chart::{Bars, Chart, ChartError, Deviation, Deviations, Drawing, Lines, Mark, Series, escaped};
+pub use chart::*;
 pub use page::render;
 
 /// How a headline, a table cell or a list entry is coloured. The words beside it say the same.

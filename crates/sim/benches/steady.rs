@@ -3,7 +3,7 @@
 //! `cold` and `warm` give the ten amplitudes 1x to 5x of both stages of a two-stage rig at two sensors; `stepping` is the shortest run that
 //! gives them too: 1.5 s to settle and one common period, by Runge–Kutta.
 
-use gearwatch_core::bench::{Acquisition, Belt, Bench, Brake, FORMAT, Gear, GearMaterial, Motor, Sensor, Shaft, Stage};
+use gearwatch_core::bench::Bench;
 use gearwatch_sim::mesh::{MeshModel, MeshState, Pairs};
 use gearwatch_sim::model::TrainModel;
 use gearwatch_sim::rk4::Rk4;
@@ -16,56 +16,48 @@ fn main() {
 }
 
 /// 34/73 and 36/90 teeth behind a belt of 1:3.56.
+const RIG: &str = r#"
+format = "gearwatch-bench/1"
+name = "two stages"
+motor = { speed_hz = 30.0 }
+belt = { ratio = 3.56 }
+brake = { torque_nm = 60.0 }
+
+[[shaft]]
+name = "input"
+inertia_kg_m2 = 0.002
+
+[[shaft]]
+name = "intermediate"
+inertia_kg_m2 = 0.002
+
+[[shaft]]
+name = "output"
+inertia_kg_m2 = 0.002
+
+[[stage]]
+name = "stage1"
+pinion = { teeth = 34 }
+wheel = { teeth = 73 }
+
+[[stage]]
+name = "stage2"
+line_of_centres_deg = 30.0
+pinion = { teeth = 36 }
+wheel = { teeth = 90 }
+
+[[sensor]]
+name = "acc_1"
+shaft = "input"
+direction_deg = 90.0
+
+[[sensor]]
+name = "acc_2"
+shaft = "output"
+"#;
+
 fn rig() -> Bench {
-    let shaft = |name: &str| Shaft {
-        name: name.into(),
-        inertia_kg_m2: 0.002,
-        torsion_nm_per_rad: 9000.0,
-        torsion_damping_nm_s_per_rad: 0.4,
-        bearing_n_per_m: 1.2e8,
-        bearing_damping_n_s_per_m: 1500.0,
-        axial_n_per_m: None,
-    };
-    let stage = |name: &str, pinion, wheel, line_of_centres_deg| {
-        let gear = |teeth| Gear { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
-        Stage {
-            name: name.into(),
-            module_mm: 3.0,
-            pressure_angle_deg: 20.0,
-            face_width_mm: 20.0,
-            backlash_um: 80.0,
-            mesh_damping_ratio: 0.06,
-            line_of_centres_deg,
-            pinion: gear(pinion),
-            wheel: gear(wheel),
-            gearing: Default::default(),
-        }
-    };
-    let sensor = |name: &str, shaft: &str, direction_deg| Sensor {
-        name: name.into(),
-        shaft: shaft.into(),
-        direction_deg,
-        unit: "m/s^2".into(),
-    };
-    Bench {
-        format: FORMAT.into(),
-        name: "two stages".into(),
-        motor: Motor { speed_hz: 30.0, inertia_kg_m2: 0.008, slip_slope_nm_s_per_rad: 2.0 },
-        belt: Some(Belt { ratio: 3.56, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.0 }),
-        shafts: vec![shaft("input"), shaft("intermediate"), shaft("output")],
-        stages: vec![stage("stage1", 34, 73, 0.0), stage("stage2", 36, 90, 30.0)],
-        gear_material: GearMaterial::default(),
-        brake: Brake { torque_nm: 60.0, inertia_kg_m2: 0.02 },
-        housing_modes: vec![],
-        sensors: vec![sensor("acc_1", "input", 90.0), sensor("acc_2", "output", 0.0)],
-        tacho: None,
-        acquisition: Acquisition::default(),
-        effects: vec![],
-        terms: vec![],
-        bearings: vec![],
-        indicators: Default::default(),
-        check: Default::default(),
-    }
+    Bench::from_toml(RIG).expect("a bench")
 }
 
 fn orders() -> Vec<f64> {

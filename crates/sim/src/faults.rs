@@ -9,6 +9,10 @@ use gearwatch_core::bench::term::Harmonic;
 
 use crate::geometry::GearGeometry;
 
+mod problem;
+
+pub use problem::{ToothError, ToothProblem};
+
 /// How a tooth is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BreakageKind {
@@ -243,75 +247,49 @@ impl ToothDamage {
     }
 
     /// What cannot be, in a sentence that says what would be right; `place` names the tooth.
-    pub fn check(&self, place: &str, gear: &GearGeometry) -> Result<(), String> {
-        let flank = gear.flank_height_m();
+    pub fn check(&self, place: &str, gear: &GearGeometry) -> Result<(), ToothError> {
+        self.problem(gear).map_or(Ok(()), |problem| Err(ToothError { place: place.to_owned(), problem }))
+    }
+
+    fn problem(&self, gear: &GearGeometry) -> Option<ToothProblem> {
+        let (flank, half_module) = (gear.flank_height_m(), 0.5 * gear.module_m);
         if let Some(Breakage { fraction, .. }) = self.breakage
             && !(fraction > 0.0 && fraction <= 1.0)
         {
-            return Err(format!("{place}: {fraction} of the tooth is broken; expected a fraction above 0 and up to 1"));
+            return Some(ToothProblem::Breakage(fraction));
         }
-        let half_module = 0.5 * gear.module_m;
         for pit in &self.pits {
             if !(pit.diameter_m > 0.0 && pit.diameter_m <= flank) {
-                return Err(format!(
-                    "{place}: a pit of {:.2} mm does not fit on the flank, which is {:.2} mm high at module {} mm; \
-                     expected a diameter above 0 and up to that",
-                    1e3 * pit.diameter_m,
-                    1e3 * flank,
-                    1e3 * gear.module_m
-                ));
+                return Some(ToothProblem::PitDiameter {
+                    found_mm: 1e3 * pit.diameter_m,
+                    flank_mm: 1e3 * flank,
+                    module_mm: 1e3 * gear.module_m,
+                });
             }
             if !(pit.depth_m > 0.0 && pit.depth_m <= half_module) {
-                return Err(format!(
-                    "{place}: a pit is {:.2} mm deep; expected above 0 and up to half a module, {:.2} mm",
-                    1e3 * pit.depth_m,
-                    1e3 * half_module
-                ));
+                return Some(ToothProblem::PitDepth { found_mm: 1e3 * pit.depth_m, most_mm: 1e3 * half_module });
             }
         }
         let pitted: f64 = self.pits.iter().map(|p| p.diameter_m).sum();
         if pitted > gear.face_width_m * (1.0 + 1e-9) {
-            return Err(format!(
-                "{place}: the pits side by side need {:.2} mm of face width and the tooth has {:.2} mm; \
-                 use fewer or smaller pits",
-                1e3 * pitted,
-                1e3 * gear.face_width_m
-            ));
+            return Some(ToothProblem::Pits { needed_mm: 1e3 * pitted, width_mm: 1e3 * gear.face_width_m });
         }
         if let Some(spall) = self.spall {
-            let fits = spall.width_m > 0.0
-                && spall.width_m <= gear.face_width_m
-                && spall.length_m > 0.0
-                && spall.length_m <= flank
-                && spall.depth_m > 0.0
-                && spall.depth_m <= half_module;
-            if !fits {
-                return Err(format!(
-                    "{place}: a spall of {:.2} mm × {:.2} mm × {:.2} mm (width × height × depth) does not fit; expected up to \
-                     {:.2} × {:.2} × {:.2} mm",
-                    1e3 * spall.width_m,
-                    1e3 * spall.length_m,
-                    1e3 * spall.depth_m,
-                    1e3 * gear.face_width_m,
-                    1e3 * flank,
-                    1e3 * half_module
-                ));
+            let found = [spall.width_m, spall.length_m, spall.depth_m];
+            let most = [gear.face_width_m, flank, half_module];
+            if !found.iter().zip(&most).all(|(found, most)| *found > 0.0 && found <= most) {
+                return Some(ToothProblem::Spall { found_mm: found.map(|x| 1e3 * x), most_mm: most.map(|x| 1e3 * x) });
             }
         }
-        if let Some(crack) = self.crack {
-            let half_root = gear.half_root_m();
-            let reach = crack.depth_m * crack.angle_rad.sin();
-            if !(crack.depth_m > 0.0 && reach > 0.0 && reach <= 1.6 * half_root) {
-                return Err(format!(
-                    "{place}: a crack of {:.2} mm at {:.0} degrees; expected a depth above 0 that leaves a fifth of the \
-                     root thickness of {:.2} mm",
-                    1e3 * crack.depth_m,
-                    crack.angle_rad.to_degrees(),
-                    2e3 * half_root
-                ));
-            }
-        }
-        Ok(())
+        let crack = self.crack?;
+        let half_root = gear.half_root_m();
+        let reach = crack.depth_m * crack.angle_rad.sin();
+        let fits = crack.depth_m > 0.0 && reach > 0.0 && reach <= 1.6 * half_root;
+        (!fits).then(|| ToothProblem::Crack {
+            depth_mm: 1e3 * crack.depth_m,
+            angle_deg: crack.angle_rad.to_degrees(),
+            root_mm: 2e3 * half_root,
+        })
     }
 
     /// Height above the gear centre (m) of a point `height_m` above the pitch line.

@@ -10,8 +10,10 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 mod pair;
+mod problem;
 
 pub use pair::PairGeometry;
+pub use problem::{GearError, PairError};
 
 /// Addendum / module (ISO 53).
 pub const ADDENDUM: f64 = 1.0;
@@ -66,7 +68,7 @@ impl GearGeometry {
         pressure_angle_rad: f64,
         face_width_m: f64,
         bore_radius_m: f64,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, GearError> {
         let rack = [ADDENDUM, CLEARANCE];
         Self::with_rack(which, teeth, [module_m, pressure_angle_rad], rack, face_width_m, bore_radius_m)
     }
@@ -79,29 +81,24 @@ impl GearGeometry {
         [addendum, clearance]: [f64; 2],
         face_width_m: f64,
         bore_radius_m: f64,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, GearError> {
         if teeth < 5 {
-            return Err(format!("{which} has {teeth} teeth; an involute gear has at least 5"));
+            return Err(GearError::FewTeeth { which: which.to_owned(), teeth });
         }
         for (name, value) in [("module", module_m), ("face width", face_width_m)] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(format!("{which}: {name} is {} mm; it must be above 0", value * 1e3));
+                return Err(GearError::Length { which: which.to_owned(), name, found_mm: value * 1e3 });
             }
         }
         if !(pressure_angle_rad > 0.1 && pressure_angle_rad < 0.7) {
-            return Err(format!(
-                "{which}: pressure angle is {:.3} degrees; expected 10 to 35 (20 is usual)",
-                pressure_angle_rad.to_degrees()
-            ));
+            let found_deg = pressure_angle_rad.to_degrees();
+            return Err(GearError::PressureAngle { which: which.to_owned(), found_deg });
         }
         let reference_radius_m = 0.5 * module_m * f64::from(teeth);
         let root_radius_m = reference_radius_m - (addendum + clearance) * module_m;
         if !(bore_radius_m.is_finite() && bore_radius_m > 0.0 && bore_radius_m < root_radius_m) {
-            return Err(format!(
-                "{which}: bore diameter is {:.3} mm; it must be above 0 and below the root diameter, {:.3} mm",
-                2e3 * bore_radius_m,
-                2e3 * root_radius_m
-            ));
+            let (found_mm, root_mm) = (2e3 * bore_radius_m, 2e3 * root_radius_m);
+            return Err(GearError::Bore { which: which.to_owned(), found_mm, root_mm });
         }
         Ok(Self {
             teeth,
@@ -128,26 +125,21 @@ impl GearGeometry {
         pressure_angle_rad: f64,
         face_width_m: f64,
         outer_radius_m: f64,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, GearError> {
         // Numbers that no gear has are refused as those of an external one, whose bore always fits.
         let bore = 0.125 * module_m * f64::from(teeth);
         let external = Self::new(which, teeth, module_m, pressure_angle_rad, face_width_m, bore)?;
         let reference = external.reference_radius_m;
         let root_radius_m = reference + (ADDENDUM + CLEARANCE) * module_m;
         if !(outer_radius_m.is_finite() && outer_radius_m > root_radius_m) {
-            return Err(format!(
-                "{which}: the rim ends at a diameter of {:.3} mm; it must be beyond the root diameter, {:.3} mm",
-                2e3 * outer_radius_m,
-                2e3 * root_radius_m
-            ));
+            let (found_mm, root_mm) = (2e3 * outer_radius_m, 2e3 * root_radius_m);
+            return Err(GearError::Rim { which: which.to_owned(), found_mm, root_mm });
         }
         let tip_radius_m = reference - ADDENDUM * module_m;
         if tip_radius_m <= external.base_radius_m {
             let fewest = (2.0 * ADDENDUM / (1.0 - pressure_angle_rad.cos())).ceil();
-            return Err(format!(
-                "{which} has {teeth} teeth inside: their tips would reach below the base circle, where there is no involute; expected {fewest} teeth or more at {:.1} degrees",
-                pressure_angle_rad.to_degrees()
-            ));
+            let angle_deg = pressure_angle_rad.to_degrees();
+            return Err(GearError::NoInvolute { which: which.to_owned(), teeth, fewest, angle_deg });
         }
         Ok(Self {
             bore_radius_m: outer_radius_m,

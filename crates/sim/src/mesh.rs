@@ -20,6 +20,7 @@ mod joint;
 mod near;
 mod options;
 mod pairs;
+mod problem;
 mod stage;
 mod tables;
 mod touch;
@@ -36,6 +37,7 @@ pub use self::joint::Joint;
 use self::near::{Turns, tooth};
 pub use self::options::MeshOptions;
 pub use self::pairs::{MAX_PAIRS, MeshForce, Pair, Pairs};
+pub use self::problem::{MeshError, MeshProblem};
 pub use self::stage::StageMesh;
 pub use self::tables::FlankStore;
 use self::tables::{GapShape, GearTables, Side};
@@ -47,25 +49,6 @@ use crate::meshes::{MeshKind, MeshPlace};
 
 /// How far (mesh cycles) before entry and after exit a pair is watched for corner contact.
 const CORNER_REACH: f64 = 0.3;
-
-/// A stage that cannot be: a sentence that says what was found and what would be right.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("stage {stage:?}: {problem}")]
-pub struct MeshError {
-    /// Name of the stage.
-    pub stage: String,
-    /// What is wrong, and what would be right.
-    pub problem: String,
-}
-
-impl MeshError {
-    fn no_stage(bench: &Bench, stage: usize) -> Self {
-        Self {
-            stage: format!("number {stage}"),
-            problem: format!("there is no such stage; the bench has {}, numbered from 0", bench.stages.len()),
-        }
-    }
-}
 
 /// What the pair's compliance takes from the load; made once per load, not once per call.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -164,10 +147,11 @@ impl MeshModel {
             youngs_modulus_pa: bench.gear_material.youngs_modulus_pa,
             poisson_ratio: bench.gear_material.poisson_ratio,
         };
-        place
+        let made = place
             .geometry(bench)
-            .and_then(|gears| Self::made(gears, material, options, teeth, (spec.backlash_um * 1e-6, flanks)))
-            .map_err(|problem| MeshError { stage: place.name(bench), problem })
+            .map_err(MeshProblem::from)
+            .and_then(|gears| Self::made(gears, material, options, teeth, (spec.backlash_um * 1e-6, flanks)));
+        made.map_err(|problem| MeshError { stage: place.name(bench), problem })
     }
 
     /// The pair of a pinion and a wheel; `backlash_m` is the total backlash along the line of action at nominal centres.
@@ -177,7 +161,7 @@ impl MeshModel {
         options: &MeshOptions,
         teeth: &ToothModifications,
         backlash_m: f64,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MeshProblem> {
         Self::made((pinion, wheel), material, options, teeth, (backlash_m, &mut FlankStore::default()))
     }
 
@@ -187,7 +171,7 @@ impl MeshModel {
         options: &MeshOptions,
         teeth: &ToothModifications,
         (backlash_m, flanks): (f64, &mut FlankStore),
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MeshProblem> {
         check(&material, options, teeth, backlash_m)?;
         let geometry = PairGeometry::new(pinion, wheel, teeth.pair.centre_shift_m)?;
         // Two points of the exact gap; between them the cubic is within 1 %.

@@ -21,7 +21,8 @@ use gearwatch_core::train::Train;
 use gearwatch_core::train::planetary::{position, speeds};
 
 use crate::faults::{GearModifications, ToothModifications};
-use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry, PairGeometry, RIM};
+use crate::geometry::{ADDENDUM, CLEARANCE, GearError, GearGeometry, PairGeometry, RIM};
+use crate::mesh::MeshProblem;
 use crate::setup::SimSetup;
 
 /// Which mesh of its stage.
@@ -111,7 +112,7 @@ pub(crate) fn force_per_torque(bench: &Bench, train: &Train, stage: usize) -> f6
 }
 
 /// Geometry of a gear with straight teeth. A bore diameter of an internal gear is that around its rim.
-pub(crate) fn gear_geometry(spec: &Stage, name: &str, gear: &Gear, internal: bool) -> Result<GearGeometry, String> {
+pub(crate) fn gear_geometry(spec: &Stage, name: &str, gear: &Gear, internal: bool) -> Result<GearGeometry, GearError> {
     let module_m = spec.module_mm * 1e-3;
     let (angle, width) = (spec.pressure_angle_deg.to_radians(), spec.face_width_mm * 1e-3);
     let stated = gear.bore_mm.map(|mm| mm * 0.5e-3);
@@ -165,7 +166,7 @@ impl MeshPlace {
     }
 
     /// Geometry of both gears.
-    pub(crate) fn geometry(&self, bench: &Bench) -> Result<(GearGeometry, GearGeometry), String> {
+    pub(crate) fn geometry(&self, bench: &Bench) -> Result<(GearGeometry, GearGeometry), GearError> {
         let geometry = |of: MeshGear<'_>| gear_geometry(&bench.stages[self.stage], &of.name, of.gear, of.internal);
         let [first, second] = self.gears(bench);
         Ok((geometry(first)?, geometry(second)?))
@@ -219,10 +220,10 @@ pub(crate) struct Phase {
 }
 
 /// Phases of all meshes of a stage, the first one at `cycles`.
-pub(crate) fn phases(bench: &Bench, stage: usize, cycles: f64) -> Result<Vec<Phase>, String> {
+pub(crate) fn phases(bench: &Bench, stage: usize, cycles: f64) -> Result<Vec<Phase>, MeshProblem> {
     let places: Vec<MeshPlace> = of_bench(bench).into_iter().filter(|place| place.stage == stage).collect();
     let spec = &bench.stages[stage];
-    let pitch = |place: &MeshPlace| -> Result<f64, String> {
+    let pitch = |place: &MeshPlace| -> Result<f64, MeshProblem> {
         let (first, second) = place.geometry(bench)?;
         Ok(PairGeometry::new(first, second, 0.0)?.pitch_phase())
     };

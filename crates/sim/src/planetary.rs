@@ -36,6 +36,23 @@ pub struct Body {
     pub torsion_n_per_m: f64,
 }
 
+/// A stage whose modes are not known.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlanetaryError {
+    /// The bench has fewer stages.
+    #[error("there is no stage number {0}")]
+    NoStage(usize),
+    /// A pair.
+    #[error("stage {0:?} is not planetary")]
+    NotPlanetary(String),
+    /// Helical planets.
+    #[error("stage {0:?} has helical planets; the modes of planetary stages are those of straight teeth")]
+    Helical(String),
+    /// Profile shift.
+    #[error("stage {0:?} has profile shift; the modes of planetary stages are those of standard teeth")]
+    Shifted(String),
+}
+
 /// What the model is made of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanetaryParameters {
@@ -218,15 +235,14 @@ impl PlanetaryModel {
     ///
     /// # Errors
     /// For a stage that is not planetary, helical planets, or profile shift, in a sentence.
-    pub fn parameters(bench: &Bench, stage: usize) -> Result<PlanetaryParameters, String> {
-        let spec = bench.stages.get(stage).ok_or_else(|| format!("there is no stage number {stage}"))?;
-        let tell = |what: &str| format!("stage {:?} {what}", spec.name);
-        let set = spec.gearing.planetary.as_ref().ok_or_else(|| tell("is not planetary"))?;
+    pub fn parameters(bench: &Bench, stage: usize) -> Result<PlanetaryParameters, PlanetaryError> {
+        let spec = bench.stages.get(stage).ok_or(PlanetaryError::NoStage(stage))?;
+        let set = spec.gearing.planetary.as_ref().ok_or_else(|| PlanetaryError::NotPlanetary(spec.name.clone()))?;
         if spec.gearing.helix.is_some() {
-            return Err(tell("has helical planets; the modes of planetary stages are those of straight teeth"));
+            return Err(PlanetaryError::Helical(spec.name.clone()));
         }
         if spec.gearing.profile_shifted {
-            return Err(tell("has profile shift; the modes of planetary stages are those of standard teeth"));
+            return Err(PlanetaryError::Shifted(spec.name.clone()));
         }
         let alpha = spec.pressure_angle_deg.to_radians();
         let (module, width) = (1e-3 * spec.module_mm, 1e-3 * spec.face_width_mm);
@@ -369,7 +385,7 @@ impl StageModes {
     ///
     /// # Errors
     /// As [`PlanetaryModel::parameters`].
-    pub fn new(bench: &Bench, stage: usize) -> Result<Self, String> {
+    pub fn new(bench: &Bench, stage: usize) -> Result<Self, PlanetaryError> {
         let parameters = PlanetaryModel::parameters(bench, stage)?;
         let mut modes: Vec<StageMode> = Vec::new();
         for mode in PlanetaryModel::new(&parameters).modes().into_iter().filter(|mode| mode.frequency_hz > FREE_HZ) {
@@ -536,7 +552,7 @@ mod tests {
         // By hand: ε of sun and planet 1.646, c' of 28/36 teeth 13.0 N/(mm µm), c_γ = 19.3.
         let per_mm = parameters.sun_mesh_n_per_m / 1e9 / (1e-3 * bench.stages[0].face_width_mm);
         assert!((per_mm - 19.3).abs() < 0.4, "{per_mm}");
-        assert!(PlanetaryModel::parameters(&bench, 1).unwrap_err().contains("not planetary"));
+        assert!(PlanetaryModel::parameters(&bench, 1).unwrap_err().to_string().contains("not planetary"));
     }
     /// Frequencies of the shipped stage with their counts make up all modes but the free rotation; with all planets in phase only rotational modes are met, at the speed at which
     /// harmonic × mesh frequency is the mode's frequency; unequal planets forbid nothing.

@@ -212,7 +212,7 @@ fn fitting_pits(bench: &Bench, conditions: Conditions) -> Result<f64, SignatureE
         1e-3 * stage.face_width_mm,
         module_m * f64::from(gear.teeth) / 8.0,
     )
-    .map_err(ModelError::Bench)?;
+    .map_err(|error| ModelError::Bench(error.to_string()))?;
     Ok(pit_scale(&geometry))
 }
 

@@ -20,7 +20,7 @@ const LEAST_SHARE: f64 = 0.01;
 /// # Errors
 /// As [`Term::resolve`].
 pub fn apply(term: &Term, setup: &mut SimSetup) -> Result<(), EffectError> {
-    let resolved = term.resolve(&setup.bench).map_err(|problem| EffectError::Term { problem })?;
+    let resolved = term.resolve(&setup.bench)?;
     match &resolved.entry {
         Entry::Path { sensor, direct, modes } => {
             setup.sensors[*sensor].modal_filters.push(ModalFilter { direct: *direct, modes: modes.clone() });

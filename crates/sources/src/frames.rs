@@ -80,6 +80,27 @@ impl Place {
     }
 }
 
+/// A frame that is other than configured, or than those before.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FrameError {
+    /// More or fewer channels than the configuration names.
+    #[error("a frame has {found} channels; the configuration names {named}")]
+    Channels {
+        /// In the frame.
+        found: u16,
+        /// In the configuration.
+        named: usize,
+    },
+    /// The device has changed its rate under way.
+    #[error("a frame has {found_hz} samples per second; those before had {before_hz}")]
+    Rate {
+        /// In the frame (Hz).
+        found_hz: f64,
+        /// In those before (Hz).
+        before_hz: f64,
+    },
+}
+
 /// Turns frames into packets.
 #[derive(Debug)]
 pub struct Reader {
@@ -104,18 +125,14 @@ impl Reader {
     ///
     /// # Errors
     /// With what is other than configured or than before.
-    pub fn take(&mut self, frame: Frame, out: &mut VecDeque<Packet>) -> Result<(), String> {
+    pub fn take(&mut self, frame: Frame, out: &mut VecDeque<Packet>) -> Result<(), FrameError> {
         let mut place = self.memory.0.lock().unwrap_or_else(PoisonError::into_inner);
         if usize::from(frame.channels) != self.sensors.len() {
-            return Err(format!(
-                "a frame has {} channels; the configuration names {}",
-                frame.channels,
-                self.sensors.len()
-            ));
+            return Err(FrameError::Channels { found: frame.channels, named: self.sensors.len() });
         }
         let rate_hz = *place.rate_hz.get_or_insert(frame.sample_rate_hz);
         if rate_hz != frame.sample_rate_hz {
-            return Err(format!("a frame has {} samples per second; those before had {rate_hz}", frame.sample_rate_hz));
+            return Err(FrameError::Rate { found_hz: frame.sample_rate_hz, before_hz: rate_hz });
         }
         let samples = frame.values.len() / self.sensors.len();
         let (t0, (first, gap)) = match place.order(&frame) {
@@ -207,6 +224,6 @@ mod tests {
     fn conform_another_layout_is_refused() {
         let layout = Layout { channels: vec!["a".into()], unit: "g".into() };
         let error = Reader::new(&layout, &Memory::default()).take(frame(1, 0, 0), &mut VecDeque::new()).unwrap_err();
-        assert_eq!(error, "a frame has 2 channels; the configuration names 1");
+        assert_eq!(error.to_string(), "a frame has 2 channels; the configuration names 1");
     }
 }

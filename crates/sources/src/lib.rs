@@ -84,7 +84,7 @@ mod udp;
 
 pub use framing::time_of;
 pub use look::{look, name_of};
-pub use pace::{Pacer, Speed};
+pub use pace::{Pacer, Speed, SpeedError};
 pub use readings::{Quantity, Readings};
 pub use socket::is_timeout;
 

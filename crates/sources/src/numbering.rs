@@ -18,6 +18,17 @@ const STEP_SECS: f64 = 0.25;
 /// Two rates of one device differ by no more than rounding (relative).
 const SAME_RATE: f64 = 1e-6;
 
+/// A device that is not the one that was asked for.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub(crate) enum DeviceError {
+    /// Another one was met before.
+    #[error("the device is {found:?}; the one before was {before:?}")]
+    Another { found: String, before: String },
+    /// It has chosen another rate, as devices do that have a few only.
+    #[error("the device samples at {found_hz} Hz instead of {asked_hz}; write sample_rate_hz = {found_hz:?}")]
+    Rate { asked_hz: f64, found_hz: f64 },
+}
+
 /// What a device's source remembers while it is opened again and again.
 #[derive(Debug, Default)]
 pub(crate) struct Device {
@@ -30,10 +41,10 @@ impl Device {
     ///
     /// # Errors
     /// When another one was met before.
-    pub(crate) fn meet(this: &Mutex<Self>, name: &str) -> Result<(), String> {
+    pub(crate) fn meet(this: &Mutex<Self>, name: &str) -> Result<(), DeviceError> {
         let mut this = this.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(before) = this.name.as_ref().filter(|before| *before != name) {
-            return Err(format!("the device is {name:?}; the one before was {before:?}"));
+            return Err(DeviceError::Another { found: name.to_owned(), before: before.clone() });
         }
         this.name = Some(name.to_owned());
         this.numbering.break_here();
@@ -65,11 +76,11 @@ impl Device {
 ///
 /// # Errors
 /// When it has chosen another rate, as devices do that have a few only.
-pub(crate) fn same_rate(asked_hz: f64, found_hz: f64) -> Result<(), String> {
+pub(crate) fn same_rate(asked_hz: f64, found_hz: f64) -> Result<(), DeviceError> {
     if (found_hz / asked_hz - 1.0).abs() <= SAME_RATE {
         return Ok(());
     }
-    Err(format!("the device samples at {found_hz} Hz instead of {asked_hz}; write sample_rate_hz = {found_hz:?}"))
+    Err(DeviceError::Rate { asked_hz, found_hz })
 }
 
 /// Numbers the samples of one channel. Lives as long as the service, not as one connection.

@@ -30,14 +30,28 @@ enum Written {
     Times(f64),
 }
 
-impl TryFrom<Written> for Speed {
-    type Error = String;
+/// A text or number that is no speed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SpeedError {
+    /// A word of the configuration.
+    #[error("speed is {0:?}; expected \"max\" or a number")]
+    Word(String),
+    /// A text that is neither.
+    #[error("expected max or a number, found {0:?}")]
+    Text(String),
+    /// It stands still, goes back, or is not finite.
+    #[error("speed is {0}; it must be \"max\" or a number above 0, 1 being real time")]
+    OutOfRange(f64),
+}
 
-    fn try_from(written: Written) -> Result<Self, String> {
+impl TryFrom<Written> for Speed {
+    type Error = SpeedError;
+
+    fn try_from(written: Written) -> Result<Self, SpeedError> {
         match written {
             Written::Times(times) => Ok(Self::Times(times)),
             Written::Word(word) if word == "max" => Ok(Self::Max),
-            Written::Word(word) => Err(format!("speed is {word:?}; expected \"max\" or a number")),
+            Written::Word(word) => Err(SpeedError::Word(word)),
         }
     }
 }
@@ -54,25 +68,26 @@ impl From<Speed> for Written {
 impl Speed {
     /// What is wrong with it.
     pub(crate) fn problem(self) -> Option<String> {
+        self.checked().err().map(|error| error.to_string())
+    }
+
+    fn checked(self) -> Result<Self, SpeedError> {
         match self {
-            Self::Times(times) if !(times.is_finite() && times > 0.0) => {
-                Some(format!("speed is {times}; it must be \"max\" or a number above 0, 1 being real time"))
-            }
-            _ => None,
+            Self::Times(times) if !(times.is_finite() && times > 0.0) => Err(SpeedError::OutOfRange(times)),
+            _ => Ok(self),
         }
     }
 }
 
 impl std::str::FromStr for Speed {
-    type Err = String;
+    type Err = SpeedError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, SpeedError> {
         if text == "max" {
             return Ok(Self::Max);
         }
-        let times = text.parse().map_err(|_| format!("expected max or a number, found {text:?}"))?;
-        let speed = Self::Times(times);
-        speed.problem().map_or(Ok(speed), Err)
+        let times = text.parse().map_err(|_| SpeedError::Text(text.to_owned()))?;
+        Self::Times(times).checked()
     }
 }
 

@@ -183,7 +183,7 @@ impl Client {
                 self.decoder.push(buffer.get(..n).unwrap_or_default(), &mut |decoded| match decoded {
                     Decoded::Frame(frame) if result.is_ok() => {
                         *heard = Instant::now();
-                        result = reader.take(frame, ready);
+                        result = reader.take(frame, ready).map_err(|e| e.to_string());
                     }
                     Decoded::Frame(_) => {}
                     Decoded::Lost(lost) => tracing::warn!(%peer, bytes = lost.bytes, "not readable: {}", lost.damage),

@@ -105,7 +105,7 @@ impl Reading {
             Ok((n, peer)) => match datagram(self.buffer.get(..n).unwrap_or_default()) {
                 Ok(frame) => {
                     self.sender = Some((peer, Instant::now()));
-                    self.reader.take(frame, ready).map_err(error)?;
+                    self.reader.take(frame, ready).map_err(|e| error(e.to_string()))?;
                 }
                 Err(damage) => {
                     self.unusable += 1;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use gearwatch_core::estimate::Estimate;
-use gearwatch_core::verdict::{HarmonicVerdict, InstrumentState, MachineState, Rank, Reason, StateFit, Verdict};
+use gearwatch_core::verdict::{HarmonicVerdict, InstrumentState, MachineState, Rank, Verdict};
 use gearwatch_log::{Context, Group, LogConfig, Now, Record};
 
 /// A moment, milliseconds after a fixed start.
@@ -35,19 +35,13 @@ pub fn verdict(window: u64, level: Rank) -> Record {
         unit: "m/s^2".into(),
         input_speed_hz: estimate,
         mesh_hz: 290.0,
-        brake_torque_nm: f64::NAN,
         cell: "30 Hz 60 N m".into(),
         harmonics: [harmonic; 5],
         machine: MachineState::Normal,
         instrument: InstrumentState::Ok,
         resolvable: true,
-        reason: Reason::None,
-        windows: 1,
-        doubts: "".into(),
         baseline_sessions: 2,
-        state_fit: StateFit::NotCompared,
-        states: Vec::new(),
-        indicators: None,
+        ..Verdict::blank()
     };
     let line = serde_json::to_string(&verdict).unwrap().into();
     Record::Verdict { bench: None, verdict: Arc::new(verdict), line }

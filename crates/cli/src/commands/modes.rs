@@ -71,7 +71,8 @@ impl Run for Modes {
             bail!("--highest {highest}: expected a motor speed above 0 Hz");
         }
         if bench.stages.iter().any(|stage| stage.gearing.planetary.is_some()) {
-            let found = PlanetaryStages::new(&bench, highest).map_err(gearwatch_sim::effects::EffectError::Beyond)?;
+            let found = PlanetaryStages::new(&bench, highest)
+                .map_err(|error| gearwatch_sim::effects::EffectError::Beyond(error.to_string()))?;
             let text = match self.format {
                 Format::Text => found.text()?,
                 Format::Json => format!("{}\n", serde_json::to_string_pretty(&found.object())?),

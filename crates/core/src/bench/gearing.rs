@@ -109,7 +109,7 @@ impl Member {
         fixed: Option<Self>,
         input: Option<Self>,
         output: Option<Self>,
-    ) -> Result<(Self, Self, Self), String> {
+    ) -> Result<(Self, Self, Self), RolesError> {
         let fixed = fixed.unwrap_or_else(|| {
             let free = |m: &Self| Some(*m) != input && Some(*m) != output;
             [Self::Ring, Self::Carrier, Self::Sun].into_iter().find(free).unwrap_or(Self::Ring)
@@ -122,14 +122,25 @@ impl Member {
             (Some(input), Some(output)) if input != output && input != fixed && output != fixed => {
                 Ok((fixed, input, output))
             }
-            (input, output) => Err(format!(
-                "fixed = {:?}, in = {:?} and out = {:?}; expected each of \"sun\", \"carrier\" and \"ring\" once",
-                fixed.word(),
-                input.unwrap_or(fixed).word(),
-                output.unwrap_or(fixed).word()
-            )),
+            (input, output) => {
+                Err(RolesError { fixed, input: input.unwrap_or(fixed), output: output.unwrap_or(fixed) })
+            }
         }
     }
+}
+
+/// Two members of a planetary stage with one role, or one with none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "fixed = {:?}, in = {:?} and out = {:?}; expected each of \"sun\", \"carrier\" and \"ring\" once",
+    fixed.word(),
+    input.word(),
+    output.word()
+)]
+pub(super) struct RolesError {
+    fixed: Member,
+    input: Member,
+    output: Member,
 }
 
 /// Sun, planets on a carrier, ring. The teeth of sun and ring are those of [`Stage::pinion`] and [`Stage::wheel`].

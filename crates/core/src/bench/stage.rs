@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::gearing::{Gearing, Hand, Helix, Member, Planetary};
+use super::gearing::{Gearing, Hand, Helix, Member, Planetary, RolesError};
 
 /// A gear pair or a planetary set that joins two shafts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -227,26 +227,40 @@ impl PairGearKeys {
     }
 }
 
+/// A stage whose keys do not go with its kind.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+enum KeysError {
+    /// A spur pair lacks it; said as for any other key.
+    #[error("missing field `{0}`")]
+    Missing(&'static str),
+    /// The kind cannot do without it.
+    #[error("kind = {:?} has no {key:?}; expected {example}", kind.word())]
+    Needed { kind: StageKind, key: &'static str, example: &'static str },
+    /// It belongs to another kind.
+    #[error("kind = {:?} takes no {key:?}; that is a key of {of}", kind.word())]
+    Foreign { kind: StageKind, key: &'static str, of: &'static str },
+    /// The members of a planetary stage.
+    #[error(transparent)]
+    Roles(#[from] RolesError),
+    #[error("pinion.internal is set; only the wheel can be an internal gear")]
+    InternalPinion,
+}
+
 /// The value of a key that the kind cannot do without.
-fn needed<T>(value: Option<T>, key: &str, kind: StageKind, example: &str) -> Result<T, String> {
-    value.ok_or_else(|| match kind {
-        // As for any other key.
-        StageKind::Spur => format!("missing field `{key}`"),
-        _ => format!("kind = {:?} has no {key:?}; expected {example}", kind.word()),
+fn needed<T>(value: Option<T>, key: &'static str, kind: StageKind, example: &'static str) -> Result<T, KeysError> {
+    value.ok_or(match kind {
+        StageKind::Spur => KeysError::Missing(key),
+        _ => KeysError::Needed { kind, key, example },
     })
 }
 
 impl TryFrom<StageKeys> for Stage {
-    type Error = String;
+    type Error = KeysError;
 
-    fn try_from(keys: StageKeys) -> Result<Self, String> {
+    fn try_from(keys: StageKeys) -> Result<Self, KeysError> {
         let kind = keys.kind;
-        let foreign = |there: bool, key: &str, of: &str| {
-            if there {
-                Err(format!("kind = {:?} takes no {key:?}; that is a key of {of}", kind.word()))
-            } else {
-                Ok(())
-            }
+        let foreign = |there: bool, key: &'static str, of: &'static str| {
+            if there { Err(KeysError::Foreign { kind, key, of }) } else { Ok(()) }
         };
         let planetary = kind == StageKind::Planetary;
         if planetary {
@@ -283,7 +297,7 @@ impl TryFrom<StageKeys> for Stage {
             let pinion = needed(keys.pinion, "pinion", kind, "pinion = { teeth = 23, hand = \"right\" }")?;
             let wheel = needed(keys.wheel, "wheel", kind, "wheel = { teeth = 57, hand = \"left\" }")?;
             if pinion.internal {
-                return Err("pinion.internal is set; only the wheel can be an internal gear".to_owned());
+                return Err(KeysError::InternalPinion);
             }
             if kind == StageKind::Helical {
                 let angle_deg = needed(keys.helix_angle_deg, "helix_angle_deg", kind, "helix_angle_deg = 15.0")?;

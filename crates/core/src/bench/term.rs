@@ -9,6 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use super::Bench;
 
+mod problem;
+
+pub use problem::{TermError, TermProblem};
+
 /// A `[[term]]` of the bench file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -321,10 +325,10 @@ impl Term {
     ///
     /// # Errors
     /// A sentence that says what is wrong and what would be right.
-    pub fn resolve(&self, bench: &Bench) -> Result<ResolvedTerm, String> {
+    pub fn resolve(&self, bench: &Bench) -> Result<ResolvedTerm, TermError> {
         let Some(expression) = Expression::parse(&self.expression) else {
             let known = Expression::ALL.map(|e| format!("{:?}", e.text())).join(", ");
-            return Err(self.wrong(format!("{:?} is not an expression; expected one of {known}", self.expression)));
+            return Err(self.wrong(TermProblem::Expression { found: self.expression.clone(), known }));
         };
         for (name, value) in [("load_exponent", self.load_exponent), ("speed_exponent", self.speed_exponent)] {
             self.within(name, value, -LARGEST_EXPONENT, LARGEST_EXPONENT, "")?;
@@ -335,7 +339,7 @@ impl Term {
                 let harmonics = self.harmonics("", 0.9, "", &[])?;
                 let sum: f64 = harmonics.iter().map(|h| h.cos.hypot(h.sin)).sum();
                 if sum > 0.9 {
-                    return Err(self.wrong(format!(
+                    return Err(self.unfit(format!(
                         "the amplitudes sum up to {sum}; expected at most 0.9, so that the stiffness stays above 0"
                     )));
                 }
@@ -351,19 +355,19 @@ impl Term {
             Expression::ModalFilter => self.resolve_filter(bench)?,
         };
         if matches!(entry, Entry::Path { .. }) && (self.load_exponent != 0.0 || self.speed_exponent != 0.0) {
-            return Err(self.wrong("a path is the same at any load and speed; leave both exponents at 0".into()));
+            return Err(self.unfit("a path is the same at any load and speed; leave both exponents at 0"));
         }
         Ok(ResolvedTerm { entry, load_exponent: self.load_exponent, speed_exponent: self.speed_exponent })
     }
 
-    fn resolve_spring(&self, law: SpringLaw, bench: &Bench) -> Result<Entry, String> {
+    fn resolve_spring(&self, law: SpringLaw, bench: &Bench) -> Result<Entry, TermError> {
         let at = self.spring_at(bench)?;
         let mut known = vec!["rise_s", "from_c", "to_c"];
         let coefficient = match law.coefficient(at.is_torsion()) {
             Some((name, unit, most)) => {
                 known.push(name);
                 let value = self.parameters.get(name).copied();
-                let value = value.ok_or_else(|| self.wrong(format!("the parameter {name} ({unit}) is missing")))?;
+                let value = value.ok_or_else(|| self.wrong(TermProblem::Missing { name, unit }))?;
                 self.within(name, value, -most, most, unit)?
             }
             None => 1.0,
@@ -373,7 +377,7 @@ impl Term {
             let (name, unit, most) = if at.is_torsion() { ("gap_rad", "rad", 0.5) } else { ("gap_m", "m", 5e-3) };
             known.push(name);
             let value = self.parameters.get(name).copied();
-            let value = value.ok_or_else(|| self.wrong(format!("the parameter {name} ({unit}) is missing")))?;
+            let value = value.ok_or_else(|| self.wrong(TermProblem::Missing { name, unit }))?;
             gap = self.within(name, value, 0.0, most, unit)?;
         }
         let mut corner = 0.0;
@@ -388,11 +392,11 @@ impl Term {
             if self.parameters.contains_key("direction_deg") {
                 direction_rad = Some(self.value("direction_deg", 0.0, -360.0, 360.0, "degrees")?.to_radians());
             } else if law == SpringLaw::Square {
-                return Err(self.wrong("u^2 at a bearing acts along one line; give its direction_deg".into()));
+                return Err(self.unfit("u^2 at a bearing acts along one line; give its direction_deg"));
             }
         }
         if law == SpringLaw::Clearance && matches!(at, Spring::Mesh(_)) {
-            return Err(self.wrong("the clearance of a mesh is the key backlash_um of its [[stage]]".into()));
+            return Err(self.unfit("the clearance of a mesh is the key backlash_um of its [[stage]]"));
         }
         let between_c = match (self.parameters.get("from_c"), self.parameters.get("to_c")) {
             (None, None) => None,
@@ -400,18 +404,18 @@ impl Term {
                 self.within("from_c", from, -273.0, 1000.0, "°C")?;
                 self.within("to_c", to, -273.0, 1000.0, "°C")?;
                 if (to - from).abs() < 1e-3 {
-                    return Err(self.wrong(format!("from_c and to_c are both {from} °C; they must differ")));
+                    return Err(self.unfit(format!("from_c and to_c are both {from} °C; they must differ")));
                 }
                 Some([from, to])
             }
-            _ => return Err(self.wrong("from_c and to_c go together: absent at the one, full at the other".into())),
+            _ => return Err(self.unfit("from_c and to_c go together: absent at the one, full at the other")),
         };
         let growth = Growth { rise_s: self.value("rise_s", 0.0, 0.0, 1e7, "s")?, between_c };
         self.only_known(&known)?;
         Ok(Entry::Spring { at, law, coefficient, gap, corner, direction_rad, growth })
     }
 
-    fn resolve_filter(&self, bench: &Bench) -> Result<Entry, String> {
+    fn resolve_filter(&self, bench: &Bench) -> Result<Entry, TermError> {
         let sensor = bench.sensors.iter().position(|s| s.name == self.place);
         let sensor = sensor.ok_or_else(|| self.wrong(self.no_place(bench.sensors.iter().map(|s| s.name.clone()))))?;
         let mut known = vec!["direct".to_owned()];
@@ -432,13 +436,19 @@ impl Term {
         let known: Vec<&str> = known.iter().map(String::as_str).collect();
         self.only_known(&known)?;
         if modes.is_empty() {
-            return Err(self.wrong("there is no mode; give frequency_1_hz, damping_ratio_1 and gain_1".into()));
+            return Err(self.unfit("there is no mode; give frequency_1_hz, damping_ratio_1 and gain_1"));
         }
         Ok(Entry::Path { sensor, direct, modes })
     }
 
     /// The harmonics among the parameters `cos_<order><suffix>` and `sin_<order><suffix>`.
-    fn harmonics(&self, suffix: &str, most: f64, unit: &str, beside: &[&str]) -> Result<Vec<Harmonic>, String> {
+    fn harmonics(
+        &self,
+        suffix: &'static str,
+        most: f64,
+        unit: &'static str,
+        beside: &[&str],
+    ) -> Result<Vec<Harmonic>, TermError> {
         let mut out: Vec<Harmonic> = Vec::new();
         for (name, &value) in &self.parameters {
             if beside.contains(&name.as_str()) {
@@ -448,9 +458,7 @@ impl Term {
             let order = name.strip_prefix("cos_").or_else(|| name.strip_prefix("sin_"));
             let order = order.and_then(|rest| rest.strip_suffix(suffix)).and_then(|order| order.parse::<f64>().ok());
             let Some(order) = order.filter(|order| order.is_finite()) else {
-                return Err(self.wrong(format!(
-                    "{name:?} is not a parameter; expected cos_N{suffix} and sin_N{suffix} with the order N, such as cos_1{suffix}"
-                )));
+                return Err(self.wrong(TermProblem::NoCoefficient { name: name.clone(), suffix }));
             };
             self.within("the order", order, 1e-3, 1e4, "")?;
             self.within(name, value, -most, most, unit)?;
@@ -461,13 +469,13 @@ impl Term {
             *(if sine { &mut out[at].sin } else { &mut out[at].cos }) += value;
         }
         if out.is_empty() || out.len() > MOST_PARTS {
-            return Err(self.wrong(format!("the series has {} harmonics; expected 1 to {MOST_PARTS}", out.len())));
+            return Err(self.unfit(format!("the series has {} harmonics; expected 1 to {MOST_PARTS}", out.len())));
         }
         out.sort_by(|a, b| a.order.total_cmp(&b.order));
         Ok(out)
     }
 
-    fn flanks(&self, bench: &Bench) -> Result<Flanks, String> {
+    fn flanks(&self, bench: &Bench) -> Result<Flanks, TermError> {
         let mut known = Vec::new();
         for (stage, spec) in bench.stages.iter().enumerate() {
             if self.place == spec.name {
@@ -485,7 +493,7 @@ impl Term {
         Err(self.wrong(self.no_place(known.into_iter())))
     }
 
-    fn turning(&self, bench: &Bench) -> Result<Turning, String> {
+    fn turning(&self, bench: &Bench) -> Result<Turning, TermError> {
         match self.place.as_str() {
             "motor" => Ok(Turning::Motor),
             "brake" => Ok(Turning::Brake),
@@ -499,45 +507,51 @@ impl Term {
         }
     }
 
-    fn shaft(&self, bench: &Bench, name: &str) -> Result<usize, String> {
+    fn shaft(&self, bench: &Bench, name: &str) -> Result<usize, TermError> {
         let found = bench.shafts.iter().position(|shaft| shaft.name == name);
         found.ok_or_else(|| self.wrong(self.no_place(bench.shafts.iter().map(|s| s.name.clone()))))
     }
 
-    fn spring_at(&self, bench: &Bench) -> Result<Spring, String> {
+    fn spring_at(&self, bench: &Bench) -> Result<Spring, TermError> {
         let places = spring_places(bench);
         let found = places.iter().find(|(name, _)| *name == self.place).map(|&(_, spring)| spring);
         found.ok_or_else(|| self.wrong(self.no_place(places.into_iter().map(|(name, _)| name))))
     }
 
-    fn value(&self, name: &str, left_out: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
+    fn value(&self, name: &str, left_out: f64, min: f64, max: f64, unit: &'static str) -> Result<f64, TermError> {
         match self.parameters.get(name) {
             Some(&value) => self.within(name, value, min, max, unit),
             None => Ok(left_out),
         }
     }
 
-    fn within(&self, name: &str, value: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
+    fn within(&self, name: &str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<f64, TermError> {
         if (min..=max).contains(&value) {
             Ok(value)
         } else {
-            Err(self.wrong(format!("{name} is {value}; expected {min} to {max} {unit}").trim_end().to_owned()))
+            Err(self.wrong(TermProblem::OutOfRange { name: name.to_owned(), found: value, min, max, unit }))
         }
     }
 
-    fn only_known(&self, known: &[&str]) -> Result<(), String> {
+    fn only_known(&self, known: &[&str]) -> Result<(), TermError> {
         match self.parameters.keys().find(|name| !known.contains(&name.as_str())) {
-            Some(name) => Err(self.wrong(format!("{name:?} is not a parameter; it has {}", known.join(", ")))),
+            Some(name) => {
+                Err(self.wrong(TermProblem::UnknownParameter { name: name.clone(), known: known.join(", ") }))
+            }
             None => Ok(()),
         }
     }
 
-    fn no_place(&self, known: impl Iterator<Item = String>) -> String {
-        format!("{:?} is no place for it; expected one of {}", self.place, known.collect::<Vec<_>>().join(", "))
+    fn no_place(&self, known: impl Iterator<Item = String>) -> TermProblem {
+        TermProblem::Place { found: self.place.clone(), known: known.collect::<Vec<_>>().join(", ") }
     }
 
-    fn wrong(&self, problem: String) -> String {
-        format!("term {:?} at {:?}: {problem}", self.expression, self.place)
+    fn unfit(&self, problem: impl Into<String>) -> TermError {
+        self.wrong(TermProblem::Unfit(problem.into()))
+    }
+
+    fn wrong(&self, problem: TermProblem) -> TermError {
+        TermError { expression: self.expression.clone(), place: self.place.clone(), problem }
     }
 }
 

@@ -20,6 +20,9 @@ use crate::window::Window;
 /// Names of the four that need a history of windows.
 const NAMES: [&str; 4] = ["na4", "nb4", "na4_star", "nb4_star"];
 
+/// The four stand behind it.
+const LAST_OF_GEAR: GearIndicator = GearIndicator::ALL[GEAR_INDICATORS - 1];
+
 /// The settings with which indicators of recordings are computed: windows of `window_s` seconds that overlap by half, gears in each.
 pub fn settings(window_s: f64) -> PipelineConfig {
     let mut config = PipelineConfig { indicators: true, gear_indicators_every: 1, ..PipelineConfig::default() };
@@ -136,7 +139,7 @@ impl<'a> IndicatorTable<'a> {
             row.normal = normal(normals.iter().map(|h| h.means[i]));
             out.push(row);
             // The four that need a history stand behind the last of their gear.
-            if let (true, Some(moments)) = (column.name == GearIndicator::SidebandRatio.name(), moments) {
+            if let (true, Some(moments)) = (column.name == LAST_OF_GEAR.name(), moments) {
                 let four = NAMES.iter().zip(moments.means);
                 out.extend(four.map(|(name, mean)| base(&column.place, name, "1", mean, revolutions)));
             }

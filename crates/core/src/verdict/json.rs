@@ -5,9 +5,7 @@ use std::fmt;
 use serde::de::{self, Deserialize, Deserializer, IgnoredAny, MapAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use crate::estimate::Estimate;
-use crate::verdict::{Datum, FIELDS, HARMONICS, HarmonicVerdict, InstrumentState, Verdict, field, published};
-use crate::verdict::{MachineState, Reason, StateFit};
+use crate::verdict::{Datum, FIELDS, Verdict, field, published};
 
 /// The flat JSON object of stdout and of the topics `/gear/…/rank`: scalars only, so that any viewer can plot each field.
 /// Numbers that are not known are `null`.
@@ -26,36 +24,6 @@ impl Serialize for Verdict {
             }
         }
         map.end()
-    }
-}
-
-impl Verdict {
-    /// Nothing is known. The instrument is in no state that could pass for good: readers replace it, or refuse.
-    pub(crate) fn blank() -> Self {
-        Self {
-            stage: String::new(),
-            channel: String::new(),
-            window: 0,
-            t0: 0,
-            first_sample_index: 0,
-            samples: 0,
-            unit: String::new(),
-            input_speed_hz: Estimate::UNKNOWN,
-            mesh_hz: f64::NAN,
-            brake_torque_nm: f64::NAN,
-            cell: String::new(),
-            harmonics: [HarmonicVerdict::UNKNOWN; HARMONICS],
-            machine: MachineState::Unknown,
-            instrument: InstrumentState::SensorFault,
-            resolvable: false,
-            reason: Reason::None,
-            doubts: "".into(),
-            windows: 1,
-            baseline_sessions: 0,
-            state_fit: StateFit::NotCompared,
-            states: Vec::new(),
-            indicators: None,
-        }
     }
 }
 
@@ -164,7 +132,9 @@ impl<'de> Deserialize<'de> for Scalar {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verdict::{Code, Holds, NearState, Rank, StageIndicators};
+    use crate::verdict::{
+        Code, Holds, InstrumentState, MachineState, NearState, Rank, Reason, StageIndicators, StateFit,
+    };
 
     /// A number for every field, no two alike; `known` of each is finite.
     fn filled(known: bool) -> Verdict {

@@ -1,13 +1,15 @@
 //! The service's own window to the outside: the page with Prometheus metrics. It sees snapshots only.
 
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use futures_util::FutureExt;
 use tokio::net::TcpListener;
+use tokio::runtime::Handle;
 use tokio::sync::watch;
+use tokio::task::JoinSet;
 
 use crate::config::{PageTls, ServiceConfig};
 use crate::snapshot::Snapshot;
@@ -54,7 +56,7 @@ impl PageAccess {
 
 #[cfg(feature = "tls")]
 fn identity(files: &PageTls, folder: &Path) -> Result<Identity, String> {
-    web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key))
+    web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key)).map_err(|e| e.to_string())
 }
 
 #[cfg(not(feature = "tls"))]
@@ -62,8 +64,30 @@ fn identity(_: &PageTls, _: &Path) -> Result<Identity, String> {
     Err(format!("service.page_tls: this build has left out TLS; {}", gearwatch_runtime::kinds::with_feature("tls")))
 }
 
+/// Starts the page, where there is one, and the status socket, where there is one.
+pub(super) fn start(
+    page: Option<PageAccess>,
+    ends: web::Ends,
+    status_socket: Option<PathBuf>,
+    seen: &watch::Receiver<Arc<Snapshot>>,
+    runtime: &Handle,
+) -> JoinSet<()> {
+    let mut edge = JoinSet::new();
+    if let Some(access) = page {
+        let seen = seen.clone();
+        let serve = move || serve_page(access.clone(), ends.clone(), seen.clone());
+        edge.spawn_on(keep("page", serve), runtime);
+    }
+    if let Some(path) = status_socket {
+        let seen = seen.clone();
+        let serve = move || crate::status::serve(path.clone(), seen.clone());
+        edge.spawn_on(keep("status", serve), runtime);
+    }
+    edge
+}
+
 /// Runs a task for as long as the service does: what ends or panics is begun anew after a while.
-pub(super) async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl Fn() -> F) {
+async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl Fn() -> F) {
     let mut backoff = Backoff::default();
     loop {
         let began = Instant::now();
@@ -81,7 +105,7 @@ pub(super) async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl F
 }
 
 /// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is no reason not to watch.
-pub(super) async fn serve_page(access: PageAccess, ends: web::Ends, snapshots: watch::Receiver<Arc<Snapshot>>) {
+async fn serve_page(access: PageAccess, ends: web::Ends, snapshots: watch::Receiver<Arc<Snapshot>>) {
     let address = access.address;
     let listener = match TcpListener::bind(address).await {
         Ok(listener) => listener,

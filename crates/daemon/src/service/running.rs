@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use gearwatch_alarm::MAINTENANCE;
 use gearwatch_history::Store;
 use gearwatch_log::{AlarmRecord, Gap};
-use gearwatch_runtime::queue::{self, WhenFull};
+use gearwatch_runtime::queue::WhenFull;
 use gearwatch_runtime::stop::Stop;
 use gearwatch_sources::SourceContext;
 use tokio::runtime::{Handle, Runtime};
@@ -16,12 +16,12 @@ use tokio::sync::watch;
 
 use super::clock::ClockWatch;
 use super::context::log_context;
-use super::draining::{self, SinkMonitor, SinkState};
+use super::draining::SinkState;
 use super::feeding::SourceState;
 use super::notify::Notifier;
+use super::opening::{self, Opened, RunningSink};
 use super::watching::{Ends, RunningBench, start_bench};
 use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
-use crate::config::SinkEntry;
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
 use crate::selftest::SelfTest;
@@ -36,15 +36,6 @@ const TICK: Duration = Duration::from_millis(20);
 const LOAD_PERIOD: Duration = Duration::from_secs(1);
 /// How often the status and the metrics are renewed: what goes wrong shows within a second even if the first look misses it.
 const SNAPSHOT_PERIOD: Duration = Duration::from_millis(200);
-
-/// A sink that runs.
-struct RunningSink {
-    monitor: Arc<SinkMonitor>,
-    must_finish: bool,
-    thread: JoinHandle<()>,
-    /// As it was told last.
-    was_ok: bool,
-}
 
 /// What takes over.
 pub(super) struct Next {
@@ -95,57 +86,26 @@ impl Running {
         stop: &Stop,
         carried: Carried,
     ) -> Result<Self, ServiceError> {
-        let Service { config, benches, page, ends_with_sinks } = service;
+        let Service { mut config, benches, page, ends_with_sinks } = service;
         let sinks_stop = Stop::default();
         let log_context = Arc::new(log_context(&config, &benches));
         let pool = Pool::start(config.service.worker_count())?;
         let policies: Vec<WhenFull> = config.sinks.iter().map(|entry| config.when_full(entry)).collect();
         let several = benches.len() > 1;
-        let mut queues = Vec::new();
-        let mut raw_queues = Vec::new();
-        let mut state_queues = Vec::new();
-        let (mut spectrum_queues, mut spectra_every_secs) = (Vec::new(), f64::INFINITY);
-        let mut sinks = Vec::new();
         let logged = config.sinks.iter().find_map(|entry| entry.config.log_folder());
         let past = logged.map(|folder| Store::new(config.folder.join(folder)));
         let remembered = Remembered::default();
         remembered.put(carried.alarms);
-        for (entry, policy) in config.sinks.into_iter().zip(policies) {
-            let (outlet, events) = queue::bounded(entry.queue, policy);
-            let context = SinkContext {
-                folder: config.folder.clone(),
-                stop: sinks_stop.clone(),
-                log_context: log_context.clone(),
-                counters: outlet.counters().clone(),
-                remembered: remembered.clone(),
-                ..SinkContext::default()
-            };
-            let missed = context.missed.clone();
-            let outlet = outlet.telling_drops(move |event: &Arc<Event>| missed.tell(event));
-            let monitor = Arc::new(SinkMonitor::new(&entry.name, outlet.counters().clone(), context.voice.clone()));
-            if entry.config.wants_raw() {
-                raw_queues.push(outlet.clone());
-            }
-            if entry.config.wants_states() {
-                state_queues.push(outlet.clone());
-            }
-            if let Some(secs) = entry.config.wants_spectra_every_secs() {
-                spectrum_queues.push(outlet.clone());
-                spectra_every_secs = spectra_every_secs.min(secs);
-            }
-            queues.push(outlet);
-            let first = entry
-                .config
-                .open(&context)
-                .map_err(|source| ServiceError::Sink { name: entry.name.clone(), source })?;
-            sinks.push(start_sink(entry, first, context, events, monitor, runtime.handle().clone())?);
-        }
-        let fanout = Fanout::new(queues);
-        let raw = Fanout::new(raw_queues);
+        let shared = SinkContext {
+            folder: config.folder.clone(),
+            stop: sinks_stop.clone(),
+            log_context,
+            remembered: remembered.clone(),
+            ..SinkContext::default()
+        };
+        let entries = std::mem::take(&mut config.sinks).into_iter().zip(policies).collect();
+        let Opened { sinks, fanout, raw, states, spectra } = opening::open(entries, &shared, runtime.handle())?;
         let hub = Arc::new(Hub::default());
-        let spectra = spectra_every_secs
-            .is_finite()
-            .then(|| viewing::Wanted { sinks: Fanout::new(spectrum_queues), every_secs: spectra_every_secs });
         let views = viewing::start(&hub, spectra, several)?;
         let shown = page.is_some().then_some(&hub);
         let sources_stop = stop.child();
@@ -171,19 +131,9 @@ impl Running {
         }
         let self_test = if config.service.self_test { Some(SelfTest::start(&pool)?) } else { None };
         let (snapshots, seen) = watch::channel(Arc::new(Snapshot::default()));
-        let mut edge = tokio::task::JoinSet::new();
-        if let Some(access) = page {
-            let acknowledge = acknowledge(&running, &fanout);
-            let (hub, seen) = (hub.clone(), seen.clone());
-            let ends = web::Ends { hub, acknowledge, past };
-            let serve = move || edge::serve_page(access.clone(), ends.clone(), seen.clone());
-            edge.spawn_on(edge::keep("page", serve), runtime.handle());
-        }
-        if let Some(path) = &config.service.status_socket {
-            let path = config.folder.join(path);
-            let serve = move || crate::status::serve(path.clone(), seen.clone());
-            edge.spawn_on(edge::keep("status", serve), runtime.handle());
-        }
+        let ends = web::Ends { hub: hub.clone(), acknowledge: acknowledge(&running, &fanout), past };
+        let status_socket = config.service.status_socket.as_ref().map(|path| config.folder.join(path));
+        let edge = edge::start(page, ends, status_socket, &seen, runtime.handle());
         let notifier = Notifier::new();
         notifier.ready();
         Ok(Self {
@@ -197,7 +147,7 @@ impl Running {
             runtime: runtime.handle().clone(),
             pool,
             fanout,
-            states: Fanout::new(state_queues),
+            states,
             benches: running,
             sinks,
             drain_secs: config.service.drain_secs,
@@ -453,19 +403,4 @@ fn acknowledge(benches: &[RunningBench], sinks: &Fanout) -> web::Acknowledge {
         sinks.tell(Event::Alarm { bench, alarm, seen: Some(Arc::new(seen)) });
         true
     })
-}
-
-fn start_sink(
-    entry: SinkEntry,
-    first: crate::sink::Drain,
-    context: SinkContext,
-    events: crate::sink::Events,
-    monitor: Arc<SinkMonitor>,
-    runtime: Handle,
-) -> Result<RunningSink, ServiceError> {
-    let (seen, must_finish) = (monitor.clone(), entry.config.must_finish());
-    let thread = std::thread::Builder::new()
-        .name("gw-sink".to_owned())
-        .spawn(move || draining::drain(&entry, first, &context, &events, &seen, &runtime))?;
-    Ok(RunningSink { monitor, must_finish, thread, was_ok: true })
 }

@@ -1,7 +1,7 @@
 //! TLS in front of the page, and the token that it asks for, where other machines can reach it.
 
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use axum::serve::Listener;
 use gearwatch_io::text::read_text;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
-use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::{ServerConfig, crypto};
 use tokio_rustls::server::TlsStream;
@@ -19,27 +19,62 @@ use super::gate::{Gate, Guest};
 /// A client must have shaken hands within this time.
 const PATIENCE: Duration = Duration::from_secs(5);
 
+/// A certificate or key that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+pub struct CertificateError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: CertificateProblem,
+}
+
+/// What is wrong with a certificate or key.
+#[derive(Debug, thiserror::Error)]
+pub enum CertificateProblem {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Read(#[from] std::io::Error),
+    /// It is no PEM, or has no key in it.
+    #[error(transparent)]
+    Pem(#[from] pem::Error),
+    /// A file without any certificate.
+    #[error("there is no certificate in it")]
+    Empty,
+    /// Certificate and key do not go together, or are of a kind that is not known.
+    #[error(transparent)]
+    Tls(#[from] tokio_rustls::rustls::Error),
+}
+
 /// Reads a certificate chain and its key (PEM).
 ///
 /// # Errors
 /// With the file, when one cannot be read or they do not fit.
-pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, String> {
-    let bad = |path: &Path, e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-    let read = |path: &Path| read_text(path).map_err(|e| bad(path, &e));
-    let chain: Vec<_> = CertificateDer::pem_slice_iter(read(certificate)?.as_bytes())
-        .collect::<Result<_, _>>()
-        .map_err(|e| bad(certificate, &e))?;
-    if chain.is_empty() {
-        return Err(bad(certificate, &"there is no certificate in it"));
-    }
-    let private = PrivateKeyDer::from_pem_slice(read(key)?.as_bytes()).map_err(|e| bad(key, &e))?;
-    let config = ServerConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
-        .with_safe_default_protocol_versions()
-        .map_err(|e| bad(certificate, &e))?
-        .with_no_client_auth()
-        .with_single_cert(chain, private)
-        .map_err(|e| bad(certificate, &e))?;
+pub fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, CertificateError> {
+    let chain = chain(certificate).map_err(|problem| CertificateError { path: certificate.to_owned(), problem })?;
+    let private = private(key).map_err(|problem| CertificateError { path: key.to_owned(), problem })?;
+    let config =
+        config(chain, private).map_err(|problem| CertificateError { path: certificate.to_owned(), problem })?;
     Ok(TlsAcceptor::from(Arc::new(config)))
+}
+
+fn chain(file: &Path) -> Result<Vec<CertificateDer<'static>>, CertificateProblem> {
+    let chain: Vec<_> = CertificateDer::pem_slice_iter(read_text(file)?.as_bytes()).collect::<Result<_, _>>()?;
+    if chain.is_empty() { Err(CertificateProblem::Empty) } else { Ok(chain) }
+}
+
+fn private(file: &Path) -> Result<PrivateKeyDer<'static>, CertificateProblem> {
+    Ok(PrivateKeyDer::from_pem_slice(read_text(file)?.as_bytes())?)
+}
+
+fn config(
+    chain: Vec<CertificateDer<'static>>,
+    private: PrivateKeyDer<'static>,
+) -> Result<ServerConfig, CertificateProblem> {
+    Ok(ServerConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
+        .with_safe_default_protocol_versions()?
+        .with_no_client_auth()
+        .with_single_cert(chain, private)?)
 }
 
 /// Hands on connections that have shaken hands; one that dawdles holds up nobody else.

@@ -40,15 +40,23 @@ impl std::fmt::Debug for Token {
     }
 }
 
+/// A token that could be guessed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the token has {length} characters; expected at least {SHORTEST}")]
+pub struct ShortToken {
+    /// Its characters.
+    pub length: usize,
+}
+
 impl Token {
     /// Takes a token; says what is wrong with a bad one.
     ///
     /// # Errors
     /// When it is too short.
-    pub fn new(text: &str) -> Result<Self, String> {
+    pub fn new(text: &str) -> Result<Self, ShortToken> {
         let length = text.chars().count();
         if length < SHORTEST {
-            return Err(format!("the token has {length} characters; expected at least {SHORTEST}"));
+            return Err(ShortToken { length });
         }
         Ok(Self { text: text.into(), guesses: Arc::default(), admitted: Arc::default() })
     }

@@ -231,7 +231,7 @@ impl Intake {
         }
         let mut packets = VecDeque::new();
         if let Err(error) = self.reader.take(frame, &mut packets) {
-            self.lies.push(error);
+            self.lies.push(error.to_string());
         }
         for packet in packets {
             if let Packet::Vibration(block) = &packet {

@@ -6,7 +6,7 @@ use gearwatch_core::train::Train;
 use super::signature::{mesh_lines, sidebands};
 use super::{Change, EffectError, Law, Line, Place, Signature, SpeedLaw, Values};
 use crate::faults::{GearModifications, PairModifications};
-use crate::geometry::GearGeometry;
+use crate::geometry::{GearError, GearGeometry};
 use crate::meshes;
 use crate::setup::SimSetup;
 
@@ -59,7 +59,7 @@ impl GearAt {
     }
 
     /// Its geometry, before the teeth of an internal gear are cut back for their mate.
-    pub(super) fn geometry(self, bench: &Bench) -> Result<GearGeometry, String> {
+    pub(super) fn geometry(self, bench: &Bench) -> Result<GearGeometry, GearError> {
         meshes::gear_geometry(&bench.stages[self.stage], "gear", self.gear(bench), self.is_internal(bench))
     }
 

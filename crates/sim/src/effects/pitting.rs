@@ -77,7 +77,7 @@ impl Pitting {
     fn pits(&self, values: &Values, bench: &Bench, at: GearAt) -> Result<Vec<Pit>, EffectError> {
         let stage = &bench.stages[at.stage];
         let width = 1e-3 * stage.face_width_mm;
-        let geometry = at.geometry(bench).map_err(|problem| values.unsuitable(problem))?;
+        let geometry = at.geometry(bench).map_err(|error| values.unsuitable(error.to_string()))?;
         let flank = geometry.flank_height_m();
         let area = values.get("area_fraction") * flank * width;
         let greatest = 0.9 * flank;

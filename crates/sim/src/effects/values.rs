@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use gearwatch_core::bench::term::TermError;
+
 use super::{Effect, Place};
 
 /// A parameter of an effect.
@@ -78,11 +80,8 @@ pub enum EffectError {
         unit: &'static str,
     },
     /// A `[[term]]` that cannot be.
-    #[error("{problem}")]
-    Term {
-        /// What is wrong and what would be right.
-        problem: String,
-    },
+    #[error(transparent)]
+    Term(#[from] TermError),
     /// Values or place that do not suit this bench.
     #[error("effect {effect}: {problem}")]
     Unsuitable {

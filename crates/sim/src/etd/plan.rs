@@ -4,9 +4,10 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Complex, DVector};
+use nalgebra::{Complex, DMatrix, DVector};
 
 use super::late::Late;
+use crate::linear::OutputRow;
 use crate::mesh::{Joint, Pairs};
 use crate::modal::Modes;
 use crate::model::{Lever, ModelError, TrainModel};
@@ -129,10 +130,75 @@ fn node_moments() -> Moments {
     })
 }
 
+/// What the remainders and the forces of the housing act through, and how many of them the remainders do.
+fn inputs(model: &TrainModel, modes: &Modes, friction: bool, len: usize) -> (Vec<Split>, usize) {
+    let split = |values: Vec<Complex<f64>>| Split::from(&values, len);
+    let mut inputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.input(&-row))).collect();
+    if friction {
+        for (contact, vectors) in model.contacts.iter().zip(&model.friction_vectors) {
+            inputs.extend(vectors.iter().map(|vector| split(modes.input(&(vector * contact.friction)))));
+        }
+    }
+    let acting = inputs.len();
+    for heard in &model.linear.passage.housing {
+        let mut vector = DVector::zeros(model.coordinates());
+        vector[heard.at] = 1.0;
+        inputs.push(split(modes.input(&vector)));
+    }
+    (inputs, acting)
+}
+
+/// What is read at the nodes: approaches, then angles, then what planets pass.
+fn outputs(model: &TrainModel, modes: &Modes, len: usize) -> Vec<Split> {
+    let split = |values: Vec<Complex<f64>>| Split::from(&values, len);
+    let zero = DVector::zeros(model.coordinates());
+    let mut outputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.output(row, &zero))).collect();
+    for stage in 0..model.contacts.len() {
+        let mut row = zero.clone();
+        model.linear.meshes[stage].angle.iter().for_each(|&(at, factor)| row[at] += factor);
+        outputs.push(split(modes.output(&row, &zero)));
+    }
+    for (position, velocity) in model.passed_rows() {
+        outputs.push(split(modes.output(&position, &velocity)));
+    }
+    outputs
+}
+
+/// Readings of the sensors from the modes, `a` being the matrix of the state.
+fn sensors(model: &TrainModel, a: &DMatrix<f64>, modes: &Modes, len: usize) -> Vec<Split> {
+    let n = model.coordinates();
+    let of_sensor = |row: &OutputRow| {
+        // q̈ of housing coordinates is linear in the state: no tooth force acts on them directly.
+        let below = a.rows(n, n);
+        let position = &row.position + below.columns(0, n).transpose() * &row.acceleration;
+        let velocity = &row.velocity + below.columns(n, n).transpose() * &row.acceleration;
+        Split::from(&modes.output(&position, &velocity), len)
+    };
+    model.linear.sensors.iter().map(of_sensor).collect()
+}
+
+/// `(λ h)^k / k!` of every mode, by k.
+fn powers(modes: &Modes, step_s: f64, len: usize) -> Vec<Split> {
+    let mut powers = vec![Split { re: vec![1.0; len], im: vec![0.0; len] }];
+    for k in 1..=DEGREE {
+        let values: Vec<_> =
+            (0..modes.len()).map(|m| powers[k - 1].at(m) * modes.eigenvalues[m] * (step_s / k as f64)).collect();
+        powers.push(Split::from(&values, len));
+    }
+    powers
+}
+
+/// By output and input: `Re Σ c (λh)^k/k! b`, by degree.
+fn kernels(inputs: &[Split], outputs: &[Split], powers: &[Split], modes: usize) -> Vec<Vec<[f64; DEGREE + 1]>> {
+    let kernel = |output: &Split, input: &Split| {
+        std::array::from_fn(|k| (0..modes).map(|m| (output.at(m) * powers[k].at(m) * input.at(m)).re).sum())
+    };
+    outputs.iter().map(|output| inputs.iter().map(|input| kernel(output, input)).collect()).collect()
+}
+
 impl Plan {
     /// The plan of a model for steps of `step_s`, which the caller keeps within [`LONGEST`].
     pub(super) fn new(model: Arc<TrainModel>, step_s: f64, friction: bool, pad: usize) -> Result<Self, ModelError> {
-        let stages = model.contacts.len();
         let stiffness: Vec<f64> = model.contacts.iter().map(|c| c.mean_stiffness_n_per_m).collect();
         let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
         let meshed = model.linear.with_meshes(&stiffness, &damping);
@@ -141,58 +207,11 @@ impl Plan {
         let zero = DVector::zeros(model.coordinates());
         let split = |values: Vec<Complex<f64>>| Split::from(&values, len);
 
-        let mut inputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.input(&-row))).collect();
-        let mut outputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.output(row, &zero))).collect();
-        for stage in 0..stages {
-            let mut row = zero.clone();
-            model.linear.meshes[stage].angle.iter().for_each(|&(at, factor)| row[at] += factor);
-            outputs.push(split(modes.output(&row, &zero)));
-            if friction {
-                for vector in &model.friction_vectors[stage] {
-                    inputs.push(split(modes.input(&(vector * model.contacts[stage].friction))));
-                }
-            }
-        }
-        let acting = inputs.len();
-        for heard in &model.linear.passage.housing {
-            let mut vector = zero.clone();
-            vector[heard.at] = 1.0;
-            inputs.push(split(modes.input(&vector)));
-        }
-        for (position, velocity) in model.passed_rows() {
-            outputs.push(split(modes.output(&position, &velocity)));
-        }
-        let a = meshed.state_matrix();
-        let n = model.coordinates();
-        let sensors = model
-            .linear
-            .sensors
-            .iter()
-            .map(|row| {
-                // q̈ of housing coordinates is linear in the state: no tooth force acts on them directly.
-                let below = a.rows(n, n);
-                let position = &row.position + below.columns(0, n).transpose() * &row.acceleration;
-                let velocity = &row.velocity + below.columns(n, n).transpose() * &row.acceleration;
-                split(modes.output(&position, &velocity))
-            })
-            .collect();
-        let mut powers = vec![Split { re: vec![1.0; len], im: vec![0.0; len] }];
-        for k in 1..=DEGREE {
-            let values: Vec<_> =
-                (0..modes.len()).map(|m| powers[k - 1].at(m) * modes.eigenvalues[m] * (step_s / k as f64)).collect();
-            powers.push(split(values));
-        }
-        let kernels = outputs
-            .iter()
-            .map(|output| {
-                let of_input = |input: &Split| {
-                    std::array::from_fn(|k| {
-                        (0..modes.len()).map(|m| (output.at(m) * powers[k].at(m) * input.at(m)).re).sum()
-                    })
-                };
-                inputs.iter().map(of_input).collect()
-            })
-            .collect();
+        let (inputs, acting) = inputs(&model, &modes, friction, len);
+        let outputs = outputs(&model, &modes, len);
+        let sensors = sensors(&model, &meshed.state_matrix(), &modes, len);
+        let powers = powers(&modes, step_s, len);
+        let kernels = kernels(&inputs, &outputs, &powers, modes.len());
         let levers = model.levers();
         let lever_vectors: Vec<_> = levers
             .iter()

@@ -52,6 +52,15 @@ struct Begin<const L: usize> {
     remainder: [Row<L>; MOST_MESHES],
 }
 
+/// The mesh force at the nodes, `tangent δ − constant` beside that of the mean stiffness.
+struct Force<const L: usize, const M: usize> {
+    tangent: [Row<L>; M],
+    constant: [Row<L>; M],
+    /// Of the condition `x − g Q / (1 + P) > 0` of each pair, the common factors `Q / (1 + P) = q₁ δ − q₀`.
+    q1: [Row<L>; M],
+    q0: [Row<L>; M],
+}
+
 impl<const L: usize> Nodes<L> {
     /// `None` where a train needs the general way: friction, or more pairs at once than are watched here.
     pub(super) fn new(plans: &[Plan; L]) -> Option<Self> {
@@ -190,6 +199,39 @@ impl<const L: usize> Nodes<L> {
     ) -> [bool; L] {
         let stages = if N > 2 { stages } else { N };
         let nodes = 2 * stages;
+        let mut base = self.foresee::<M>(plans, outputs, references, stages);
+        let mut wrong = [0.0; L];
+        let law = self.linearise::<M>(stages, &mut wrong);
+        let mut matrix = [[[0.0; L]; M]; M];
+        for row in 0..nodes {
+            let mut right = base[row];
+            for column in 0..nodes {
+                let response = &self.from_nodes[row * nodes + column];
+                for l in 0..L {
+                    matrix[row][column][l] = -response[l] * law.tangent[column][l];
+                    right[l] = (-response[l]).mul_add(law.constant[column][l], right[l]);
+                }
+            }
+            for l in 0..L {
+                matrix[row][row][l] += 1.0;
+            }
+            base[row] = right;
+        }
+        solve_linear(&mut matrix, &mut base, nodes);
+        self.settle::<M>(&base, &law, stages, &mut wrong);
+        wrong.map(|wrong| wrong == 0.0)
+    }
+
+    /// What the state, the held forces and the remainder at the start alone would give at the nodes, and which pairs are near there; the approaches.
+    #[inline(always)]
+    fn foresee<const M: usize>(
+        &mut self,
+        plans: &[Plan; L],
+        outputs: &[Block<L>],
+        references: &[Row<L>; 2],
+        stages: usize,
+    ) -> [Row<L>; M] {
+        let nodes = 2 * stages;
         let mut base = [[0.0; L]; M];
         for half in 0..2 {
             for stage in 0..stages {
@@ -225,9 +267,14 @@ impl<const L: usize> Nodes<L> {
                 }
             }
         }
-        let mut wrong = [0.0; L];
+        base
+    }
+
+    /// The pairs that touch at the nodes if those of the start go on touching, and the mesh force that they give; `wrong` grows where they cannot.
+    #[inline(always)]
+    fn linearise<const M: usize>(&mut self, stages: usize, wrong: &mut Row<L>) -> Force<L, M> {
+        let nodes = 2 * stages;
         let (mut tangent, mut constant) = ([[0.0; L]; M], [[0.0; L]; M]);
-        // Of the condition `x − g Q / (1 + P) > 0` of each pair, the common factors `Q / (1 + P) = q₁ δ − q₀`.
         let (mut q1, mut q0) = ([[0.0; L]; M], [[0.0; L]; M]);
         for node in 0..nodes {
             let stage = node % stages;
@@ -262,25 +309,23 @@ impl<const L: usize> Nodes<L> {
                 constant[node][l] = (-q1[node][l]).mul_add(g_gaps, gaps);
             }
         }
-        let mut matrix = [[[0.0; L]; M]; M];
-        for row in 0..nodes {
-            let mut right = base[row];
-            for column in 0..nodes {
-                let response = &self.from_nodes[row * nodes + column];
-                for l in 0..L {
-                    matrix[row][column][l] = -response[l] * tangent[column][l];
-                    right[l] = (-response[l]).mul_add(constant[column][l], right[l]);
-                }
-            }
-            for l in 0..L {
-                matrix[row][row][l] += 1.0;
-            }
-            base[row] = right;
-        }
-        solve_linear(&mut matrix, &mut base, nodes);
+        Force { tangent, constant, q1, q0 }
+    }
+
+    /// Remainders at the nodes for the `approaches` there; `wrong` grows where a pair that should touch does not, or another does.
+    #[inline(always)]
+    fn settle<const M: usize>(
+        &mut self,
+        approaches: &[Row<L>; M],
+        law: &Force<L, M>,
+        stages: usize,
+        wrong: &mut Row<L>,
+    ) {
+        let Force { tangent, constant, q1, q0 } = law;
+        let nodes = 2 * stages;
         for node in 0..nodes {
             for l in 0..L {
-                let approach = base[node][l];
+                let approach = approaches[node][l];
                 self.approach[node][l] = approach;
                 self.remainder[node][l] = tangent[node][l].mul_add(approach, -constant[node][l]);
                 let shared = q1[node][l].mul_add(approach, -q0[node][l]);
@@ -301,7 +346,6 @@ impl<const L: usize> Nodes<L> {
                 wrong[l] += f64::from(u8::from(closed == 0.0));
             }
         }
-        wrong.map(|wrong| wrong == 0.0)
     }
 
     /// Hands a run's step over to the general solver: nodes as the pairs at the start would have it, with the pairs that then touch. True

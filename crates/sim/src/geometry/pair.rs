@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::GearGeometry;
+use super::{GearGeometry, PairError};
 
 /// Two gears at an operating centre distance. Gear 1, the pinion, drives. One of them may be internal.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,9 +35,9 @@ impl PairGeometry {
     /// Refused: interference (a tip reaches below the other gear's base circle), a contact ratio below 1 or of 3 and more.
     ///
     /// Teeth of an internal gear are cut back to where the involute of its mate begins, as shapers leave them: standard tips would rub on its fillets.
-    pub fn new(mut pinion: GearGeometry, mut wheel: GearGeometry, centre_shift_m: f64) -> Result<Self, String> {
+    pub fn new(mut pinion: GearGeometry, mut wheel: GearGeometry, centre_shift_m: f64) -> Result<Self, PairError> {
         if pinion.internal && wheel.internal {
-            return Err("both gears are internal; one of a pair is external".to_owned());
+            return Err(PairError::BothInternal);
         }
         let internal = pinion.internal || wheel.internal;
         let (centres, bases) = if internal {
@@ -48,12 +48,8 @@ impl PairGeometry {
         };
         let centre_distance_m = centres + centre_shift_m;
         if !(centre_distance_m.is_finite() && centre_distance_m > bases && bases > 0.0) {
-            return Err(format!(
-                "the centre distance is {:.4} mm; involutes touch only beyond the {} of the base radii, {:.4} mm",
-                1e3 * centre_distance_m,
-                if internal { "difference" } else { "sum" },
-                1e3 * bases
-            ));
+            let (found_mm, bases_mm) = (1e3 * centre_distance_m, 1e3 * bases);
+            return Err(PairError::CentreDistance { found_mm, internal, bases_mm });
         }
         let operating_angle_rad = (bases / centre_distance_m).acos();
         let tangent_length_m = centre_distance_m * operating_angle_rad.sin();
@@ -72,25 +68,18 @@ impl PairGeometry {
         let contact_ratio = (exit_roll_m - entry_roll_m).abs() / base_pitch_m;
         if !internal && (entry_roll_m < 0.0 || exit_roll_m > tangent_length_m) {
             let (short, long) = if entry_roll_m < 0.0 { (&pinion, &wheel) } else { (&wheel, &pinion) };
-            return Err(format!(
-                "interference: the tips of the gear with {} teeth reach below the base circle of the gear with {} teeth; \
-                 at {:.1} degrees and without profile shift the smaller one needs at least {} teeth",
-                long.teeth,
-                short.teeth,
-                pinion.pressure_angle_rad.to_degrees(),
-                fewest_teeth(long.teeth, pinion.pressure_angle_rad, long.addendum)
-            ));
+            return Err(PairError::Interference {
+                long: long.teeth,
+                short: short.teeth,
+                angle_deg: pinion.pressure_angle_rad.to_degrees(),
+                fewest: fewest_teeth(long.teeth, pinion.pressure_angle_rad, long.addendum),
+            });
         }
         if contact_ratio < 1.0 {
-            return Err(format!(
-                "the contact ratio is {contact_ratio:.3}; below 1 the teeth lose each other in every mesh. \
-                 More teeth, a smaller pressure angle or a smaller centre distance raise it"
-            ));
+            return Err(PairError::LowContactRatio(contact_ratio));
         }
         if contact_ratio >= 3.0 {
-            return Err(format!(
-                "the contact ratio is {contact_ratio:.3}; the model covers spur gears from 1 to below 3"
-            ));
+            return Err(PairError::HighContactRatio(contact_ratio));
         }
         Ok(Self {
             pitch_roll_m: pinion.base_radius_m * operating_angle_rad.tan(),
@@ -192,17 +181,14 @@ impl PairGeometry {
 }
 
 /// Cuts the teeth of an internal gear back to where its mate's involute begins.
-fn cut_back(around: &mut GearGeometry, inside: &GearGeometry, tangent_length_m: f64) -> Result<(), String> {
+fn cut_back(around: &mut GearGeometry, inside: &GearGeometry, tangent_length_m: f64) -> Result<(), PairError> {
     let start = inside.involute_start_radius_m().map_or(0.0, |radius| inside.roll_at_radius_m(radius));
     let least = (tangent_length_m + start).hypot(around.base_radius_m);
     if least > around.tip_radius_m {
         around.tip_radius_m = least;
     }
     if around.tip_radius_m >= around.root_radius_m {
-        return Err(format!(
-            "interference: nothing would be left of the {} internal teeth that clears the fillets of the gear with {} teeth; expected a smaller gear inside",
-            around.teeth, inside.teeth
-        ));
+        return Err(PairError::NothingLeft { around: around.teeth, inside: inside.teeth });
     }
     Ok(())
 }
@@ -286,9 +272,9 @@ mod tests {
     #[test]
     fn conform_internal_gears_that_cannot_be() {
         let angle = 20_f64.to_radians();
-        let said = GearGeometry::internal("ring", 30, 1e-3, angle, 0.02, 60e-3).unwrap_err();
+        let said = GearGeometry::internal("ring", 30, 1e-3, angle, 0.02, 60e-3).unwrap_err().to_string();
         assert!(said.contains("30 teeth inside") && said.contains("34 teeth or more"), "{said}");
-        let said = GearGeometry::internal("ring", 100, 1e-3, angle, 0.02, 40e-3).unwrap_err();
+        let said = GearGeometry::internal("ring", 100, 1e-3, angle, 0.02, 40e-3).unwrap_err().to_string();
         assert!(said.contains("102.500 mm"), "{said}");
     }
 }

@@ -1,6 +1,6 @@
 //! What a gear pair may be given: each number's range, in a sentence.
 
-use super::MeshOptions;
+use super::{MeshOptions, MeshProblem};
 use crate::faults::ToothModifications;
 use crate::hertz::Material;
 
@@ -9,12 +9,12 @@ pub(super) fn check(
     options: &MeshOptions,
     teeth: &ToothModifications,
     backlash_m: f64,
-) -> Result<(), String> {
-    let within = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
-        if value >= low && value <= high {
+) -> Result<(), MeshProblem> {
+    let within = |name: &'static str, found: f64, low: f64, high: f64, unit: &'static str| {
+        if found >= low && found <= high {
             Ok(())
         } else {
-            Err(format!("{name} is {value}{unit}; expected {low} to {high}{unit}"))
+            Err(MeshProblem::OutOfRange { name, found, low, high, unit })
         }
     };
     within("Young's modulus", material.youngs_modulus_pa, 1e8, 1e13, " Pa")?;

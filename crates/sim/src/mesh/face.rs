@@ -1,6 +1,6 @@
 //! The face of a pair cut into thin slices: each a section with its own lag, missing material and damage.
 
-use super::{LoadPoint, MeshModel, MeshState, Pairs};
+use super::{LoadPoint, MeshModel, MeshProblem, MeshState, Pairs};
 use crate::faults::{Breakage, BreakageKind, GearModifications, ToothModifications};
 
 /// Most steps of Newton's method on a force that is piecewise linear in the approach.
@@ -66,8 +66,8 @@ impl Face {
     pub(super) fn break_off(
         &mut self,
         teeth: &ToothModifications,
-        mut make: impl FnMut(&ToothModifications) -> Result<MeshModel, String>,
-    ) -> Result<(), String> {
+        mut make: impl FnMut(&ToothModifications) -> Result<MeshModel, MeshProblem>,
+    ) -> Result<(), MeshProblem> {
         let count = self.slices.len();
         let whole = self.whole(teeth);
         let mut known: Vec<ToothModifications> = Vec::new();

@@ -26,7 +26,7 @@
 use gearwatch_core::bench::{Bench, Gear};
 
 use super::face::{Cut, Face};
-use super::{FlankStore, LoadPoint, MeshError, MeshModel, MeshOptions, MeshState};
+use super::{FlankStore, LoadPoint, MeshError, MeshModel, MeshOptions, MeshProblem, MeshState};
 use crate::faults::ToothModifications;
 use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry, PairGeometry};
 use crate::hertz::{Hertz, Material};
@@ -91,9 +91,9 @@ impl HelicalMesh {
         teeth: &ToothModifications,
         lead: Lead,
         slices: usize,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MeshProblem> {
         if !(1..=1000).contains(&slices) {
-            return Err(format!("{slices} slices; expected 1 to 1000"));
+            return Err(MeshProblem::Slices(slices));
         }
         Self::made(gears, material, options, teeth, (lead, slices), (0.0, &mut FlankStore::default()))
     }
@@ -142,10 +142,10 @@ impl HelicalMesh {
         teeth: &ToothModifications,
         (lead, slices): (Lead, usize),
         (backlash_m, flanks): (f64, &mut FlankStore),
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MeshProblem> {
         let HelicalGears { module_m, pressure_angle_rad, helix_rad, face_width_m, .. } = gears;
         if !(0.0..std::f64::consts::FRAC_PI_4).contains(&helix_rad) {
-            return Err(format!("the helix angle is {} degrees; expected 0 to below 45", helix_rad.to_degrees()));
+            return Err(MeshProblem::Helix(helix_rad.to_degrees()));
         }
         let (sin, cos) = helix_rad.sin_cos();
         let transverse_angle =

@@ -7,7 +7,7 @@ use crate::faults::{Breakage, BreakageKind, GearModifications, TipRelief, ToothD
 use crate::foundation::{Foundation, lever_of};
 use crate::geometry::PairGeometry;
 use crate::hertz::Material;
-use crate::mesh::{CORNER_REACH, MeshOptions};
+use crate::mesh::{CORNER_REACH, MeshOptions, MeshProblem};
 use crate::tooth::{Root, ToothProfile};
 
 /// Cells per mesh cycle of a smooth flank.
@@ -167,25 +167,18 @@ impl GearTables {
         modifications: &GearModifications,
         gap: GapShape,
         (store, warnings): (&mut FlankStore, &mut Vec<String>),
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MeshProblem> {
         let gear = match side {
             Side::Pinion => &pair.pinion,
             Side::Wheel => &pair.wheel,
         };
         let teeth = gear.teeth as usize;
         if let Some(&tooth) = modifications.teeth.keys().find(|&&t| t >= gear.teeth) {
-            return Err(format!(
-                "{}: there is no tooth {tooth}; a gear with {teeth} teeth has teeth 0 to {}",
-                side.name(),
-                teeth - 1
-            ));
+            return Err(MeshProblem::NoTooth { gear: side.name(), tooth, teeth });
         }
         if !(modifications.pitch_error_m.is_empty() || modifications.pitch_error_m.len() == teeth) {
-            return Err(format!(
-                "{}: {} pitch errors are given; expected one for each of its {teeth} teeth",
-                side.name(),
-                modifications.pitch_error_m.len()
-            ));
+            let found = modifications.pitch_error_m.len();
+            return Err(MeshProblem::PitchErrors { gear: side.name(), found, teeth });
         }
         let builder = Builder {
             side,
@@ -201,12 +194,11 @@ impl GearTables {
         let mut kinds: Vec<(&ToothDamage, u16)> = Vec::new();
         let healthy = ToothDamage::default();
         let mut tables = Vec::new();
-        let mut kind_of = |damage, tables: &mut Vec<ToothTable>| -> Result<u16, String> {
+        let mut kind_of = |damage, tables: &mut Vec<ToothTable>| -> Result<u16, MeshProblem> {
             if let Some(&(_, kind)) = kinds.iter().find(|(known, _)| *known == damage) {
                 return Ok(kind);
             }
-            let kind = u16::try_from(tables.len())
-                .map_err(|_| format!("{}: more than {} kinds of damaged teeth", side.name(), u16::MAX))?;
+            let kind = u16::try_from(tables.len()).map_err(|_| MeshProblem::TooManyKinds(side.name()))?;
             tables.push(store.table(builder.made(damage), |damage| builder.table(damage)));
             kinds.push((damage, kind));
             Ok(kind)

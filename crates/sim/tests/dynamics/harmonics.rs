@@ -59,13 +59,12 @@ fn drawn(seed: u64) -> Bench {
     let shafts = ["input", "middle", "output"];
     let names = if stages == 1 { vec![shafts[0], shafts[2]] } else { shafts.to_vec() };
     let shaft = |name: &str, within: &mut dyn FnMut(f64, f64) -> f64| Shaft {
-        name: name.into(),
         inertia_kg_m2: within(1e-3, 6e-3),
         torsion_nm_per_rad: within(4e3, 3e4),
         torsion_damping_nm_s_per_rad: within(0.3, 1.5),
         bearing_n_per_m: within(6e7, 4e8),
         bearing_damping_n_s_per_m: within(800.0, 4000.0),
-        axial_n_per_m: None,
+        ..Shaft::named(name)
     };
     let shafts: Vec<Shaft> = names.iter().map(|name| shaft(name, &mut within)).collect();
     let stages: Vec<Stage> = (0..stages)

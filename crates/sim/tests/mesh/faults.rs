@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use gearwatch_sim::faults::{
     Breakage, BreakageKind, Crack, GearModifications, Pit, Spall, ToothDamage, ToothModifications,
 };
-use gearwatch_sim::mesh::{MeshModel, MeshOptions};
+use gearwatch_sim::mesh::{MeshModel, MeshOptions, MeshProblem};
 use gearwatch_sim::tooth::Root;
 
 use crate::specimen;
@@ -21,7 +21,7 @@ const STEPS: usize = 1000;
 /// Samples per revolution.
 const SAMPLES: usize = TEETH * STEPS;
 
-fn model_with(options: &MeshOptions, teeth: &ToothModifications) -> Result<MeshModel, String> {
+fn model_with(options: &MeshOptions, teeth: &ToothModifications) -> Result<MeshModel, MeshProblem> {
     let s = specimen([34, 85], 4e-3, 30e-3, [15e-3, 35e-3], 206e9);
     MeshModel::from_gears((s.pair.pinion.clone(), s.pair.wheel.clone()), s.material, options, teeth, 80e-6)
 }
@@ -239,7 +239,7 @@ fn conform_impossible_faults_are_refused() {
     let refused = |damage: ToothDamage, tooth: u32| {
         let mut teeth = ToothModifications::default();
         teeth.wheel.teeth.insert(tooth, damage);
-        model_with(&MeshOptions::default(), &teeth).unwrap_err()
+        model_with(&MeshOptions::default(), &teeth).unwrap_err().to_string()
     };
     let pit =
         |diameter_m| ToothDamage { pits: vec![Pit { diameter_m, depth_m: 1e-3, height_m: 0.0 }], ..Default::default() };
@@ -256,10 +256,10 @@ fn conform_impossible_faults_are_refused() {
     assert!(refused(cracked, 0).contains("root thickness"));
     let mut soft = ToothModifications::default();
     soft.pair.stiffness_factor = 0.0;
-    assert!(model_with(&MeshOptions::default(), &soft).unwrap_err().contains("expected 0.01 to 100"));
+    assert!(model_with(&MeshOptions::default(), &soft).unwrap_err().to_string().contains("expected 0.01 to 100"));
     let mut short = ToothModifications::default();
     short.pinion.pitch_error_m = vec![0.0; 33];
-    assert!(model_with(&MeshOptions::default(), &short).unwrap_err().contains("each of its 34 teeth"));
+    assert!(model_with(&MeshOptions::default(), &short).unwrap_err().to_string().contains("each of its 34 teeth"));
 }
 
 /// Every damage goes through the default physics as well, and never stiffens a pair.

@@ -38,14 +38,14 @@ pub(super) fn open(config: &Iio, context: &SourceContext) -> Result<Feed, Source
     };
     let mut device = Acquisition::start(library.as_deref(), wish).map_err(|e| error(e.to_string()))?;
     match device.rate_hz() {
-        Some(rate_hz) => same_rate(config.sample_rate_hz, rate_hz).map_err(&error)?,
+        Some(rate_hz) => same_rate(config.sample_rate_hz, rate_hz).map_err(|e| error(e.to_string()))?,
         None => {
             tracing::warn!(device = config.device, "the device does not say its rate; that of the file is believed")
         }
     }
     let rate_hz = device.rate_hz().unwrap_or(config.sample_rate_hz);
     let shared = config.met.clone();
-    Device::meet(&shared, &config.device).map_err(&error)?;
+    Device::meet(&shared, &config.device).map_err(|e| error(e.to_string()))?;
     let channels: Vec<Channel> = config
         .channels
         .iter()

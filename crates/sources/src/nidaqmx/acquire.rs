@@ -29,12 +29,12 @@ pub(super) fn open(config: &NiDaqmx, context: &SourceContext) -> Result<Feed, So
     let library = config.library.as_ref().map(|path| context.resolve(path));
     let mut device =
         Acquisition::start(library.as_deref(), &inputs, config.sample_rate_hz).map_err(|e| error(e.to_string()))?;
-    same_rate(config.sample_rate_hz, device.rate_hz()).map_err(error)?;
+    same_rate(config.sample_rate_hz, device.rate_hz()).map_err(|e| error(e.to_string()))?;
     let names: BTreeSet<&str> = inputs.iter().filter_map(|input| input.physical.split('/').next()).collect();
     let serials: Vec<String> =
         names.iter().filter_map(|name| device.serial(name).map(|serial| format!("{name} no. {serial:X}"))).collect();
     let shared = config.device.clone();
-    Device::meet(&shared, &serials.join(", ")).map_err(error)?;
+    Device::meet(&shared, &serials.join(", ")).map_err(|e| error(e.to_string()))?;
     let channels: Vec<Channel> = config
         .channels
         .iter()

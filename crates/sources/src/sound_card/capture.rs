@@ -47,7 +47,7 @@ pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, 
     let error = |message: String| SourceError::Peer { peer: config.device.clone(), message };
     let (device, name) = find(&config.device).map_err(error)?;
     // Serial number and calibration are in the name.
-    Known::meet(&config.known, &name).map_err(error)?;
+    Known::meet(&config.known, &name).map_err(|e| error(e.to_string()))?;
     let calibration = calibration::read(&name);
     if let Some(Calibration { model, serial, date, .. }) = &calibration {
         tracing::info!("{model} no. {serial}, calibrated {date} (yymmdd)");

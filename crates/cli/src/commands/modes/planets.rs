@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use gearwatch_core::bench::Bench;
 use gearwatch_report::{Cell, Chart, Lines, Part, Report, Section, Series, Table, Tone, render};
 use gearwatch_sim::campbell::HARMONICS;
-use gearwatch_sim::planetary::{PlanetaryCritical, StageModes};
+use gearwatch_sim::planetary::{PlanetaryCritical, PlanetaryError, StageModes};
 use serde_json::json;
 
 /// The modes of all planetary stages of a bench, and the names of the stages that are not planetary.
@@ -21,7 +21,7 @@ impl PlanetaryStages {
     ///
     /// # Errors
     /// For a stage whose modes are not known, in a sentence.
-    pub(super) fn new(bench: &Bench, highest_motor_hz: f64) -> Result<Self, String> {
+    pub(super) fn new(bench: &Bench, highest_motor_hz: f64) -> Result<Self, PlanetaryError> {
         let (planetary, others): (Vec<usize>, Vec<usize>) =
             (0..bench.stages.len()).partition(|&i| bench.stages[i].gearing.planetary.is_some());
         Ok(Self {
