@@ -38,6 +38,9 @@ const TEETH_SURE: f64 = 4.0;
 /// many of their standard deviations above them: by chance once in two thousand sheets, were they normal.
 const NOBODYS_REACH: i64 = 24;
 const OF_NOBODY: f64 = 4.0;
+/// The same where the lines that it moves speak for it as well: one number in twenty that nobody has scores so much. True numbers of single recordings behind a slipping motor come to 2.0 at
+/// least, one that errors of all teeth lit to 1.2.
+const OF_NOBODY_MOVED: f64 = 1.645;
 /// So few say nothing.
 const LEAST_NOBODYS: usize = 8;
 /// Lines that must move, in all recordings together.
@@ -129,7 +132,7 @@ pub fn stranger(
         if let (Some(best), Some(usual)) = (others.first(), others.get(others.len() / 4))
             && best.0 > own + OTHER_BENCH
             && own < usual.0 + NO_MESH
-            && stands_out(best.0, &others.iter().skip(1).map(|(score, _)| *score).collect::<Vec<_>>())
+            && stands_out(best.0, &others.iter().skip(1).map(|(score, _)| *score).collect::<Vec<_>>(), OF_NOBODY)
         {
             return Some(format!(
                 "{name}: its mesh lines are those of {} teeth on the pinion of {}, the bench file says {}: another bench, or a wrong tooth number",
@@ -355,9 +358,9 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
     let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
     let (few, middle) = (nobody.len() <= LEAST_NOBODYS, dsp::median(&mut scores.clone()));
     let told = match sure {
-        true => few || stands_out(one.score, &scores),
+        true => few || stands_out(one.score, &scores, OF_NOBODY_MOVED),
         // The sheet's own lines must not stand out as well.
-        false => !few && stands_out(one.score, &scores) && sheet.score < middle + 0.5 * (one.score - middle),
+        false => !few && stands_out(one.score, &scores, OF_NOBODY) && sheet.score < middle + 0.5 * (one.score - middle),
     };
     (told && !sheet_has_lines(&one.moved, &nobody)).then_some((one.gear, one.bench))
 }
@@ -406,12 +409,12 @@ fn sheet_has_lines(moved: &Moved, nobody: &[(f64, Moved)]) -> bool {
     nobody.len() > LEAST_NOBODYS && dsp::mean(&moved.sheet) > 0.5 * (dsp::median(&mut nobody) + dsp::mean(&moved.other))
 }
 
-/// Whether the score of a tooth number stands out of those of numbers that nobody has. Where sidebands of a pitch error make every whole number fit a little, they scatter by that; a few that
+/// Whether the score of a tooth number stands by so many standard deviations out of those of numbers that nobody has. Where sidebands of a pitch error make every whole number fit a little, they scatter by that; a few that
 /// share lines with another mesh do not count, the scatter being that of the median.
-fn stands_out(score: f64, nobodys: &[f64]) -> bool {
+fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
     let middle = dsp::median(&mut nobodys.to_vec());
     let mut off: Vec<f64> = nobodys.iter().map(|x| (x - middle).abs()).collect();
-    score > middle + OF_NOBODY * 1.4826 * dsp::median(&mut off)
+    score > middle + deviations * 1.4826 * dsp::median(&mut off)
 }
 
 #[cfg(test)]
@@ -423,9 +426,9 @@ mod tests {
     #[test]
     fn analytic_a_tooth_number_stands_out_of_those_that_nobody_has() {
         let lit: Vec<f64> = (0..40).map(|k| 3.2 + 0.5 * f64::from(k).sin()).collect();
-        assert!(!stands_out(3.74, &lit));
+        assert!(!stands_out(3.74, &lit, OF_NOBODY_MOVED));
         let mut silent: Vec<f64> = (0..40).map(|k| 0.8 + 0.14 * f64::from(k).sin()).collect();
         silent[7] = 3.4;
-        assert!(stands_out(3.47, &silent));
+        assert!(stands_out(3.47, &silent, OF_NOBODY));
     }
 }

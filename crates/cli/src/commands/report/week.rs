@@ -269,15 +269,22 @@ impl Week<'_> {
 
     fn hours(&self) -> Section {
         let mut rows: Vec<Vec<Cell>> = Vec::new();
+        // A log of one bench names none.
+        let named = self.history.operating().any(|((bench, _), _)| !bench.is_empty());
         for ((bench, cell), days) in self.history.operating() {
             let secs: f64 = days.range(self.from()..self.to).map(|(_, secs)| secs).sum();
             if secs > 0.0 {
                 let cell = if cell.is_empty() { "outside the baseline" } else { cell.as_str() };
-                rows.push(vec![bench.as_str().into(), cell.into(), format!("{:.2}", secs / 3600.0).into()]);
+                let mut row = vec![cell.into(), format!("{:.2}", secs / 3600.0).into()];
+                if named {
+                    row.insert(0, bench.as_str().into());
+                }
+                rows.push(row);
             }
         }
         let text = "Time in which windows of one channel and stage of each bench follow each other without a hole, by the cell of the baseline that judged them.";
-        let part = table("Hours of this week", &["bench", "cell", "hours"], rows);
+        let head: &[&str] = if named { &["bench", "cell", "hours"] } else { &["cell", "hours"] };
+        let part = table("Hours of this week", head, rows);
         Section { heading: "Operating hours".into(), parts: vec![Part::Text(text.into()), part] }
     }
 
