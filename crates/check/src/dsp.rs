@@ -133,33 +133,28 @@ fn at_positions(transforms: &mut Transforms, signal: &[f64], positions: impl Ite
     const UP: usize = 4;
     let mut positions = positions.peekable();
     let mut out = Vec::with_capacity(positions.size_hint().0);
-    let whole = signal.len() <= STRETCH + 2 * BESIDE;
-    let mut begin = 0;
+    // All stretches are of one length, so that one plan serves them.
+    let length = (STRETCH + 2 * BESIDE).min(signal.len());
+    let mut begin: usize = 0;
     while positions.peek().is_some() {
-        let end = if whole { signal.len() } else { (begin + STRETCH).min(signal.len()) };
-        // The last stretch is as long as the others, so that one plan serves all.
-        let low = if whole { 0 } else { begin.saturating_sub(BESIDE).min(signal.len() - STRETCH - 2 * BESIDE) };
-        let high = if whole { signal.len() } else { low + STRETCH + 2 * BESIDE };
+        let low = begin.saturating_sub(BESIDE).min(signal.len() - length);
+        let high = low + length;
+        let end = if high == signal.len() { high } else { begin + STRETCH };
         let mut stretch = signal[low..high].to_vec();
-        if !whole {
-            let fade = |n: usize| 0.5 - 0.5 * (PI * (n as f64 + 0.5) / (BESIDE / 2) as f64).cos();
-            let len = stretch.len();
-            for n in 0..BESIDE / 2 {
-                if low > 0 {
-                    stretch[n] *= fade(n);
-                }
-                if high < signal.len() {
-                    stretch[len - 1 - n] *= fade(n);
-                }
-            }
+        let fade = |n: usize| 0.5 - 0.5 * (PI * (n as f64 + 0.5) / (BESIDE / 2) as f64).cos();
+        if low > 0 {
+            stretch.iter_mut().take(BESIDE / 2).enumerate().for_each(|(n, x)| *x *= fade(n));
+        }
+        if high < signal.len() {
+            stretch.iter_mut().rev().take(BESIDE / 2).enumerate().for_each(|(n, x)| *x *= fade(n));
         }
         let bins = transforms.forward_real(&mut stretch);
-        let mut wide = vec![Complex64::ZERO; (high - low) * UP / 2 + 1];
+        let mut wide = vec![Complex64::ZERO; length * UP / 2 + 1];
         for (to, from) in wide.iter_mut().zip(&bins) {
             *to = *from * UP as f64;
         }
-        let fine = transforms.inverse_real(&mut wide, (high - low) * UP);
-        let last = end == signal.len();
+        let fine = transforms.inverse_real(&mut wide, length * UP);
+        let last = high == signal.len();
         while let Some(position) = positions.next_if(|position| last || *position < end as f64) {
             out.push(lagrange(&fine, (position - low as f64).max(0.0) * UP as f64));
         }

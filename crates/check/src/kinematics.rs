@@ -119,10 +119,11 @@ pub fn stranger(
                 (1..=5).any(|a| (1..=5).any(|b| (ratio(a, b) - 1.0).abs() < 2e-3))
             });
             let of_shaft = train.shafts.iter().any(|(_, own)| {
-                let (multiple, whole) = ((order / own).round(), (order / own).round() * own / order - 1.0);
+                let multiple = (order / own).round();
+                let off = (multiple * own / order - 1.0).abs();
                 // Errors of a gear's teeth light every order of its shaft. Those of the pinion's own are met by all numbers alike, those of another shaft by some.
-                let of_another = own != &kinematics.pinion_order && whole.abs() < SAME_ORDER;
-                of_another || (multiple <= f64::from(SHAFT_MULTIPLES) && whole.abs() < 2e-3)
+                let of_another = own != &kinematics.pinion_order && off < SAME_ORDER;
+                of_another || (multiple <= f64::from(SHAFT_MULTIPLES) && off < 2e-3)
             });
             if !shares && !of_shaft {
                 others.push((field.search(&comb(order), low, high).1, teeth));
@@ -357,10 +358,11 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> O
     let nobody = nobodys(&one.gear);
     let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
     let (few, middle) = (nobody.len() <= LEAST_NOBODYS, dsp::median(&mut scores.clone()));
-    let told = match sure {
-        true => few || stands_out(one.score, &scores, OF_NOBODY_MOVED),
+    let told = if sure {
+        few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
+    } else {
         // The sheet's own lines must not stand out as well.
-        false => !few && stands_out(one.score, &scores, OF_NOBODY) && sheet.score < middle + 0.5 * (one.score - middle),
+        !few && stands_out(one.score, &scores, OF_NOBODY) && sheet.score < middle + 0.5 * (one.score - middle)
     };
     (told && !sheet_has_lines(&one.moved, &nobody)).then_some((one.gear, one.bench))
 }
@@ -409,8 +411,8 @@ fn sheet_has_lines(moved: &Moved, nobody: &[(f64, Moved)]) -> bool {
     nobody.len() > LEAST_NOBODYS && dsp::mean(&moved.sheet) > 0.5 * (dsp::median(&mut nobody) + dsp::mean(&moved.other))
 }
 
-/// Whether the score of a tooth number stands by so many standard deviations out of those of numbers that nobody has. Where sidebands of a pitch error make every whole number fit a little, they scatter by that; a few that
-/// share lines with another mesh do not count, the scatter being that of the median.
+/// Whether the score of a tooth number stands by so many standard deviations out of those of numbers that nobody has. Where sidebands of a pitch error make every whole
+/// number fit a little, they scatter by that; a few that share lines with another mesh do not count, the scatter being that of the median.
 fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
     let middle = dsp::median(&mut nobodys.to_vec());
     let mut off: Vec<f64> = nobodys.iter().map(|x| (x - middle).abs()).collect();

@@ -16,45 +16,7 @@ fn main() {
 }
 
 /// 34/73 and 36/90 teeth behind a belt of 1:3.56.
-const RIG: &str = r#"
-format = "gearwatch-bench/1"
-name = "two stages"
-motor = { speed_hz = 30.0 }
-belt = { ratio = 3.56 }
-brake = { torque_nm = 60.0 }
-
-[[shaft]]
-name = "input"
-inertia_kg_m2 = 0.002
-
-[[shaft]]
-name = "intermediate"
-inertia_kg_m2 = 0.002
-
-[[shaft]]
-name = "output"
-inertia_kg_m2 = 0.002
-
-[[stage]]
-name = "stage1"
-pinion = { teeth = 34 }
-wheel = { teeth = 73 }
-
-[[stage]]
-name = "stage2"
-line_of_centres_deg = 30.0
-pinion = { teeth = 36 }
-wheel = { teeth = 90 }
-
-[[sensor]]
-name = "acc_1"
-shaft = "input"
-direction_deg = 90.0
-
-[[sensor]]
-name = "acc_2"
-shaft = "output"
-"#;
+const RIG: &str = include_str!("../src/test_bench/two-stages.toml");
 
 fn rig() -> Bench {
     Bench::from_toml(RIG).expect("a bench")

@@ -21,7 +21,7 @@ pub const BAND_HZ: [f64; 2] = [10.0, 1000.0];
 const BANDS: usize = 8;
 
 /// Standard gravity (m/s²).
-pub const GRAVITY: f64 = 9.806_65;
+const GRAVITY: f64 = 9.806_65;
 
 /// A transformed window.
 pub struct Weighted<'a> {
@@ -37,8 +37,8 @@ pub struct Weighted<'a> {
     pub sample_rate_hz: f64,
 }
 
-/// m/s² (or mm/s) for one of the channel's unit, and whether it is an acceleration; none where it is neither.
-fn factor(unit: &str) -> Option<(f64, bool)> {
+/// What turns a value of the channel's unit into mm/s² or mm/s, and whether it is an acceleration; none where it is neither.
+pub fn in_millimetres(unit: &str) -> Option<(f64, bool)> {
     match unit {
         "m/s^2" => Some((1e3, true)),
         "g" => Some((1e3 * GRAVITY, true)),
@@ -50,7 +50,7 @@ fn factor(unit: &str) -> Option<(f64, bool)> {
 /// Velocity in mm/s. Unknown for other units, and where the usable band `highest_hz` ends below 1000 Hz or the window is too short for 10 Hz.
 /// `room` is for the medians.
 pub fn velocity(window: &Weighted<'_>, unit: &str, highest_hz: f64, room: &mut Vec<f64>) -> Estimate {
-    let Some((factor, acceleration)) = factor(unit) else { return Estimate::UNKNOWN };
+    let Some((factor, acceleration)) = in_millimetres(unit) else { return Estimate::UNKNOWN };
     let spacing = window.sample_rate_hz / window.samples as f64;
     let [low, high] = BAND_HZ;
     if highest_hz < high || 2.0 * spacing > low {

@@ -78,7 +78,7 @@ const BURSTS: f64 = 0.8;
 const BURSTS_ALONE: f64 = 2.5;
 
 /// How many times the band that fell most a band must grow to be a line that wanders, and what the former counts at least (standard scores). Chance and small changes of the path make
-/// bands grow and fall alike: on unchanged benches the two differ by a factor of 1.3.
+/// bands grow and fall alike: on unchanged benches the two differ by a factor of 1.3. The largest of some thousand normal scores comes to 3.2 on the mean.
 const WANDERS: f64 = 2.0;
 const LEAST_FALLEN: f64 = 5.0;
 
