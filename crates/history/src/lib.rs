@@ -22,7 +22,7 @@
 //! let (from, to) = (time::parse("2026-11-15")?, time::parse("2026-11-22")?);
 //! let week = Asked { row, from, to, indicator: String::new() };
 //! assert_eq!(week.every(), time::parse_span("10m")?);
-//! # Ok::<(), String>(())
+//! # Ok::<(), gearwatch_history::time::TimeError>(())
 //! ```
 
 use std::io;
