@@ -210,13 +210,14 @@ pub fn spreads_further(cells: &[Cell], of: &dyn Fn(Family) -> bool, than: &dyn F
     (further.fold(f64::NEG_INFINITY, f64::max) - alike).max(0.0)
 }
 
-/// Whether the teeth of one gear of a stage (by the shaft that it is on) differ from what they were, rather than the mesh as a whole: its sidebands spread further than those of its
-/// mate by more evidence than its mesh harmonics spread further than they. What concerns all teeth alters the sidebands of both gears through the mesh harmonics that they stand beside.
-pub fn of_one_gear(cells: &[Cell], stage: usize, shaft: usize) -> bool {
+/// How much likelier (nats) it is that the teeth of one gear of a stage (by the shaft that it is on) differ from what they were than that the mesh as a whole does: what its sidebands spread
+/// further than those of its mate, less what its mesh harmonics spread further than they. What concerns all teeth alters the sidebands of both gears through the mesh harmonics that they
+/// stand beside.
+pub fn of_one_gear(cells: &[Cell], stage: usize, shaft: usize) -> f64 {
     let side = |j: usize| move |f: Family| matches!(f, Family::Side { stage: i, shaft: s, .. } if i == stage && s == j);
     let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
     let mate = if shaft == stage { stage + 1 } else { stage };
-    spreads_further(cells, &side(shaft), &side(mate)) > spreads_further(cells, &mesh, &side(shaft))
+    spreads_further(cells, &side(shaft), &side(mate)) - spreads_further(cells, &mesh, &side(shaft))
 }
 
 /// Lines of a mask when what they have in common in each pair is taken off: log likelihood by scale, and the price of it.

@@ -110,7 +110,13 @@ pub fn find(
         words(&found[best]),
         own_mesh.held
     ));
-    let worse = own.held > fit.map_or(untouched.held, |fit| fit.held_out_after.min(untouched.held));
+    // What was named was held against the lines that its model has.
+    let (new, old) = if named.iter().all(held_out::of_all_teeth) {
+        (own_mesh.held, on_mesh(&still).held)
+    } else {
+        (own.held, untouched.held)
+    };
+    let worse = new > fit.map_or(old, |fit| fit.held_out_after.min(old));
     if worse || held_out::nats(own_mesh.lines, own_mesh.held, rival) < ODDS.ln() {
         return None;
     }

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
 use crate::change::masks::INDEPENDENT;
+use crate::fit::refit;
 use crate::judge::predict::{self, Named};
 use crate::judge::report::{Beside, Fit};
 use crate::name::subname::is_path;
@@ -95,15 +96,14 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     }));
     let count = asked.len();
     asked.extend(elsewhere(q, &named));
+    let on_mesh = asked.iter().all(|(_, named)| named.iter().all(of_all_teeth));
+    let residuals = |predicted: &[f64]| Residuals::of_models(q.comparison, predicted, &held, on_mesh);
     let answers: Vec<Option<Residuals>> = asked
         .par_iter()
-        .map(|(_, named)| {
-            let predicted = predict::predict(&train, &cells, q.comparison, named)?;
-            Some(Residuals::of(q.comparison, &predicted.0, &held))
-        })
+        .map(|(_, named)| Some(residuals(&predict::predict(&train, &cells, q.comparison, named)?.0)))
         .collect();
-    let none = Residuals::of(q.comparison, &vec![0.0; q.comparison.lines.len()], &held);
-    let mean = Residuals::of(q.comparison, &line_means(q.comparison, &rest), &held);
+    let none = residuals(&vec![0.0; q.comparison.lines.len()]);
+    let mean = residuals(&line_means(q.comparison, &rest));
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
     let best = decide(&mut findings[first], &misfits, none.lines, steps);
     let own = answers[best].as_ref()?;
@@ -130,9 +130,11 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     let beside_words: Vec<String> = beside.iter().map(|b| format!("{} {:.2}", b.what, b.held_out)).collect();
     steps.push(format!("held out: the model {:.2}; beside it {}", own.held, beside_words.join(", ")));
     let fit = Fit {
-        metric: "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, all lines; the model before is the bench as the reference shows it, after it \
-                 the same with what was named, fitted to the other recordings; 1 or less is repetition"
-            .into(),
+        metric: format!(
+            "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, {}; the model before is the bench as the reference shows it, after it \
+             the same with what was named, fitted to the other recordings; 1 or less is repetition",
+            if on_mesh { "mesh harmonics" } else { "all lines" }
+        ),
         train_before: none.fitted,
         train_after: own.fitted,
         held_out_before: none.held,
@@ -209,6 +211,11 @@ fn words(spec: &EffectSpec) -> String {
     format!("{} at {}", spec.effect, spec.place)
 }
 
+/// Whether a model is of what all teeth of a mesh do alike. It has the mesh harmonics; sidebands come of errors of single teeth, which no sheet has, and it says nothing of them.
+pub fn of_all_teeth(named: &Named) -> bool {
+    refit::has_form(&named.spec.effect)
+}
+
 /// A finding as the predictor takes it.
 pub fn of_finding(f: &Finding) -> Named {
     let parameters = f.parameters.iter().map(|(name, size)| (name.clone(), size.value)).collect();
@@ -272,6 +279,11 @@ impl Residuals {
     /// The same of mesh harmonics alone, which the model has whatever the errors of single teeth.
     pub fn of_mesh(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
         Self::of_some(comparison, predicted, held, &|c| matches!(c.family, Some(Family::Mesh { .. })))
+    }
+
+    /// Of mesh harmonics alone where no model has more, else of all lines.
+    fn of_models(comparison: &Comparison, predicted: &[f64], held: &[usize], on_mesh: bool) -> Self {
+        if on_mesh { Self::of_mesh(comparison, predicted, held) } else { Self::of(comparison, predicted, held) }
     }
 
     fn of_some(comparison: &Comparison, predicted: &[f64], held: &[usize], wanted: &dyn Fn(&Cell) -> bool) -> Self {

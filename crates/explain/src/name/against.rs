@@ -276,10 +276,14 @@ fn choose(ranked: &[Mask]) -> Option<Mask> {
         .copied()
 }
 
-/// The gear to which a wide mask comes down: large errors of single teeth move every line of the train a little, and those of their own gear most.
+/// The gear to which a wide mask comes down: large errors of single teeth move every line of the train a little, and those of their own gear most. What the gear's mask gains and what says
+/// that it is one gear must together exceed what the wide mask gains.
 fn of_single_teeth(wide_one: &Mask, ranked: &[Mask], cells: &[Cell]) -> Option<Mask> {
     let single = |m: &&Mask| match m.place {
-        Place::Gear(stage, shaft) => masks::of_one_gear(cells, stage, shaft),
+        Place::Gear(stage, shaft) => {
+            let one = masks::of_one_gear(cells, stage, shaft);
+            one > 0.0 && m.gain + one > wide_one.gain
+        }
         _ => false,
     };
     if wide(wide_one.place) { ranked.iter().find(single).copied() } else { None }

@@ -142,7 +142,7 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         // all teeth changes the mesh harmonics, and the sidebands follow, those of the gear with clearer lines first.
         Place::Gear(i, j)
             if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place)
-                && !masks::of_one_gear(cells, i, j) =>
+                && masks::of_one_gear(cells, i, j) <= 0.0 =>
         {
             shared::finding(q, Place::Stage(i), cells, depth, steps)?
         }
