@@ -7,7 +7,7 @@
 //! equal spacing   (z_sun + z_ring) / N whole
 //! any spacing     ψ_i (z_sun + z_ring) / 360° whole                   for each planet, from the first
 //! room            2 a sin(Δψ/2) > d_a = m_n (z_planet / cos β + 2)    a = m_n (z_sun + z_planet) / (2 cos β), neighbours Δψ apart
-//! undercut        z ≥ 2 (1 − x) cos β / sin² α_t,  tan α_t = tan α_n / cos β  external gears of pairs, profile shift x, addendum m_n
+//! undercut        z ≥ 2 cos β / sin² α_t,  tan α_t = tan α_n / cos β  external gears without profile shift, addendum m_n
 //! hands           external pair: opposite; internal pair: the same
 //! ```
 

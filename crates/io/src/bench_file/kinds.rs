@@ -213,7 +213,7 @@ fn conform_profile_shift_that_cannot_be_is_refused() {
         (&placed, "137.2", "1e9", "centre_distance_mm is 1e9; expected 0.1 to 100000 mm"),
         (&placed, "[[stage]]\n", "[[stage]]\nidlers = [{ teeth = 30 }]\n", "with idlers between them leave it out"),
         (&free, "profile_shift = 0.4", "profile_shift = 2.5", "pinion.profile_shift is 2.5; expected -2 to 2"),
-        (&free, "profile_shift = 0.4", "profile_shift = -9.0", "is -8.700 together; expected more than -1.84"),
+        (&free, "profile_shift = 0.4", "profile_shift = 1e300", "pinion.profile_shift is 1"),
         (&free, "profile_shift = 0.4", "tip_diameter_mm = -3.0", "pinion.tip_diameter_mm is -3; expected 0.1 to"),
         (
             &free,

@@ -128,7 +128,8 @@ impl GearGeometry {
         let which = || which.to_owned();
         let start = self.involute_start_radius_m();
         if start.is_none() && self.profile_shift != 0.0 {
-            let (teeth, shift) = (self.teeth, self.profile_shift);
+            // By the normal module, whose addendum is 1.
+            let (teeth, shift) = (self.teeth, self.profile_shift / self.addendum);
             return Err(GearError::Undercut { which: which(), teeth, shift, least: self.least_shift() });
         }
         let start = start.unwrap_or(self.base_radius_m).max(self.root_radius_m);

@@ -75,7 +75,7 @@ pub enum GearError {
         which: String,
         /// Its teeth.
         teeth: u32,
-        /// Profile shift by the module of its section.
+        /// Profile shift by the normal module.
         shift: f64,
         /// Least profile shift by the normal module.
         least: f64,
