@@ -234,13 +234,17 @@ mod tests {
     use super::super::Bench;
     use super::*;
 
-    /// Stage of a bench of 12 and 24 teeth of 3 mm with keys of its own, of the pinion and of the wheel.
-    fn stage(keys: &str, pinion: &str, wheel: &str) -> Stage {
+    /// A bench of 12 and 24 teeth of 3 mm with keys of the stage, of the pinion and of the wheel.
+    fn bench(keys: &str, pinion: &str, wheel: &str) -> Bench {
         let text = format!(
             "format = \"gearwatch-bench/1\"\nname = \"b\"\nmotor = {{ speed_hz = 30.0 }}\nshaft = [{{ name = \"a\" }}, {{ name = \"b\" }}]\n\
              stage = [{{ name = \"s\", {keys} pinion = {{ teeth = 12{pinion} }}, wheel = {{ teeth = 24{wheel} }} }}]"
         );
-        Bench::from_toml(&text).unwrap_or_else(|error| panic!("{error}\n{text}")).stages.remove(0)
+        Bench::from_toml(&text).unwrap_or_else(|error| panic!("{error}\n{text}"))
+    }
+
+    fn stage(keys: &str, pinion: &str, wheel: &str) -> Stage {
+        bench(keys, pinion, wheel).stages.remove(0)
     }
 
     /// The inverse against bisection of `tan α − α`, which needs no derivative and no start: the last digits of an angle.
@@ -345,5 +349,50 @@ mod tests {
         }
         let said = stage("", ", profile_shift = -0.9", "").pair_shift().unwrap_err().to_string();
         assert!(said.contains("is -0.900 together; expected more than -0.737"), "{said}");
+    }
+    /// What says that there is shift, but not how much, is watched and not simulated; two of both coefficients and the distance say it, a distance alone where nothing is said to be unknown.
+    #[test]
+    fn conform_the_simulator_asks_for_what_is_not_known() {
+        let (x, distance, some) = (", profile_shift = 0.6", "centre_distance_mm = 56.5,", "profile_shifted = true,");
+        for (keys, pinion, wheel, known) in [
+            ("", "", "", true),
+            ("", x, "", true),
+            (distance, "", "", true),
+            (some, "", "", false),
+            (some, x, "", false),
+            (some, x, ", profile_shift = 0.36", true),
+            (&format!("{some} {distance}"), "", "", false),
+            (&format!("{some} {distance}"), x, "", true),
+        ] {
+            let bench = bench(keys, pinion, wheel);
+            assert_eq!(bench.problems(), Vec::<String>::new(), "{keys} {pinion} {wheel}");
+            let said = bench.beyond_simulator().unwrap_or_default();
+            assert_eq!(said.is_empty(), known, "{keys} {pinion} {wheel}: {said}");
+            assert!(known || said.contains("expected profile_shift of both gears, or of one and centre_distance_mm"));
+            assert_eq!(bench.beyond_pairs().is_none(), known);
+        }
+    }
+
+    /// No number makes the check hang or panic, and none that is none passes it.
+    #[test]
+    fn conform_no_number_is_too_strange() {
+        let strange = [f64::NAN, f64::INFINITY, -f64::INFINITY, 0.0, -1.0, 1e-300, 1e300, -2.0, 2.0, 54.0];
+        let mut passed = 0;
+        for module in strange {
+            for x in strange {
+                for centres in strange {
+                    let mut bench = bench("", ", profile_shift = 0.1", "");
+                    let stage = &mut bench.stages[0];
+                    (stage.module_mm, stage.wheel.profile_shift) = (module, Some(x));
+                    stage.gearing.centre_distance_mm = Some(centres);
+                    let numbers = [module, x, centres].iter().all(|value| value.is_finite());
+                    let fine = bench.problems().is_empty();
+                    assert!(numbers || !fine, "{module} {x} {centres}");
+                    passed += usize::from(fine);
+                }
+            }
+        }
+        // Among them a module of 2 mm at 54 mm: 36 without shift and wide.
+        assert!(passed > 0);
     }
 }
