@@ -10,12 +10,14 @@ use serde::{Deserialize, Serialize};
 pub mod bearing;
 mod bounds;
 pub mod gearing;
+pub mod shift;
 pub mod stage;
 pub mod term;
 
 pub use bearing::{Bearing, BearingOrders, IndicatorSettings};
 pub use bounds::{LONGEST_NAME, MOST_PARTS, MOST_STAGES, MOST_TEETH};
 pub use gearing::{Gearing, Hand, Helix, Member, Planetary};
+pub use shift::{PairShift, ShiftError};
 pub use stage::{Gear, Stage, StageKind};
 pub use term::Term;
 

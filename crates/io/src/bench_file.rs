@@ -63,8 +63,8 @@ pub fn to_toml(bench: &Bench) -> Result<String, toml::ser::Error> {
     toml::to_string_pretty(bench)
 }
 
-/// Keys that mean another kind of gear, and what to say of them.
-const OTHER_GEARS: [(&[&str], &str); 3] = [
+/// Keys by which others name another kind of gear or its geometry, and what to say of them.
+const OTHER_GEARS: [(&[&str], &str); 5] = [
     (
         &["helix_deg", "helix_angle", "beta_deg", "overlap_ratio"],
         "a helical stage is kind = \"helical\" with helix_angle_deg, and hand in each gear",
@@ -74,8 +74,16 @@ const OTHER_GEARS: [(&[&str], &str); 3] = [
         "a planetary stage is kind = \"planetary\" with sun = { teeth }, planet = { teeth, count }, ring = { teeth }, and the members that are fixed, in and out",
     ),
     (
-        &["profile_shift", "profile_shift_x", "addendum_modification", "centre_distance_mm", "tip_diameter_mm"],
-        "the simulator's gears have no profile shift and run at the centre distance m (z1 + z2)/2; leave the key out where only ranks are wanted, which need tooth numbers alone (profile_shifted = true tells the check of a planetary or helical stage that there is some)",
+        &["addendum_modification", "profile_shift_x", "profile_shift_mm", "x_coefficient"],
+        "profile shift is profile_shift in pinion and wheel, the coefficient x by the normal module, as in pinion = { teeth = 14, profile_shift = 0.5 }; profile_shifted = true says that there is some where the coefficients are not known",
+    ),
+    (
+        &["center_distance_mm", "centre_distance", "center_distance", "axis_distance_mm"],
+        "the working centre distance of pinion and wheel is centre_distance_mm in the [[stage]]",
+    ),
+    (
+        &["tip_diameter", "outside_diameter_mm", "outer_diameter_mm", "addendum_diameter_mm"],
+        "the tip diameter of a gear is tip_diameter_mm in pinion and wheel",
     ),
 ];
 
@@ -199,7 +207,9 @@ parameters = { gap_m = 1.0e-5 }
         for (key, says) in [
             ("beta_deg = 12.0", "kind = \"helical\" with helix_angle_deg"),
             ("planets = 3", "kind = \"planetary\" with sun"),
-            ("centre_distance_mm = 200.0", "no profile shift"),
+            ("addendum_modification = 0.3", "profile_shift in pinion and wheel"),
+            ("center_distance_mm = 200.0", "centre_distance_mm in the [[stage]]"),
+            ("outside_diameter_mm = 200.0", "tip_diameter_mm in pinion and wheel"),
         ] {
             let text = error(&SMALL.replace("name = \"stage1\"", &format!("name = \"stage1\"\n{key}")));
             assert!(text.contains("is not supported") && text.contains(says) && text.contains("[[stage]]"), "{text}");

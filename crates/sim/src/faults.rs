@@ -294,7 +294,7 @@ impl ToothDamage {
 
     /// Height above the gear centre (m) of a point `height_m` above the pitch line.
     fn height_above_centre_m(gear: &GearGeometry, height_m: f64) -> f64 {
-        let roll = gear.roll_at_radius_m(gear.reference_radius_m);
+        let roll = gear.roll_at_radius_m(gear.pitch_radius_m);
         gear.flank_point_m(gear.load_angle_rad(roll)).0 + height_m
     }
 

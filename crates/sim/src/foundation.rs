@@ -40,7 +40,8 @@ pub struct Foundation {
 impl Foundation {
     /// The foundation of a gear; `which` names it in the warnings that are added where a parameter lies outside the fitted range.
     ///
-    /// `θ_f = (1/z)[π/2 + 2 tan α₀ (h_a* − ρ*) + 2 ρ*/cos α₀]`, `ρ* = c*/(1 − sin α₀)`, `h = r_f / r_bore`. A radius
+    /// `θ_f = (1/z)[π/2 + 2 tan α₀ (h_a* − ρ*) + 2 ρ*/cos α₀]`, `ρ* = c*/(1 − sin α₀)`, `h = r_f / r_bore`. Profile shift moves the rack across its rolling line,
+    /// not along it: θ_f stays, r_f and with it the thickness `2 r_f θ_f` grow. A radius
     /// ratio outside 1.4–7 and a coefficient outside the range that it was fitted to are held at the limit.
     pub fn new(which: &str, gear: &GearGeometry, warnings: &mut Vec<String>) -> Self {
         if gear.internal {

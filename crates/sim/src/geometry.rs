@@ -1,6 +1,6 @@
-//! Geometry of standard involute spur gears, external and internal, and of a pair of them at its operating centre distance.
+//! Geometry of involute spur gears, external with profile shift and internal without, and of a pair of them at its operating centre distance.
 //!
-//! Standard proportions (ISO 53, profile A): addendum `h_a* = 1`, clearance `c* = 0.25`, no profile shift.
+//! Standard proportions (ISO 53, profile A): addendum `h_a* = 1`, clearance `c* = 0.25`. The rack stands off by the profile shift `x m` (ISO 21771).
 //! Positions on the flank are *roll coordinates*: the distance ξ along the line of action from the tangent point on
 //! the gear's own base circle, so that the roll angle is ξ / r_b and the radius is `sqrt(r_b² + ξ²)`.
 //!
@@ -9,21 +9,19 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+mod cutting;
 mod pair;
 mod problem;
 
-pub use pair::PairGeometry;
+pub use self::cutting::{Cutting, LEAST_TIP, Tip};
+pub use gearwatch_core::bench::shift::involute;
+pub use pair::{Mounting, PairGeometry};
 pub use problem::{GearError, PairError};
 
 /// Addendum / module (ISO 53).
 pub const ADDENDUM: f64 = 1.0;
 /// Tip clearance / module (ISO 53, profile A).
 pub const CLEARANCE: f64 = 0.25;
-
-/// Involute function `inv α = tan α − α` (radians).
-pub fn involute(angle_rad: f64) -> f64 {
-    angle_rad.tan() - angle_rad
-}
 
 /// One gear. All lengths in metres, angles in radians.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,19 +36,23 @@ pub struct GearGeometry {
     pub addendum: f64,
     /// Tip clearance / module c*.
     pub clearance: f64,
+    /// Profile shift / module x, positive away from the axis; 0 for internal gears.
+    pub profile_shift: f64,
     /// Face width L.
     pub face_width_m: f64,
     /// Radius of the bore, the rigid inner border of the gear body; of an internal gear the outer border of its rim.
     pub bore_radius_m: f64,
     /// Reference radius `r = m z / 2`.
     pub reference_radius_m: f64,
+    /// Working pitch radius `r_w = r_b / cos α_w` at the nominal centre distance of its pair, the reference radius before it has a mate.
+    pub pitch_radius_m: f64,
     /// Base radius `r_b = r cos α₀`.
     pub base_radius_m: f64,
-    /// Tip radius `r_a = r + h_a* m`; of an internal gear `r − h_a* m`, or more where its teeth are cut back for its mate.
+    /// Tip radius `r_a = r + (h_a* + x − k) m` with the tip shortening k; of an internal gear `r − h_a* m`, or more where its teeth are cut back for its mate.
     pub tip_radius_m: f64,
-    /// Root radius `r_f = r − (h_a* + c*) m`; of an internal gear `r + (h_a* + c*) m`.
+    /// Root radius `r_f = r − (h_a* + c* − x) m`; of an internal gear `r + (h_a* + c*) m`.
     pub root_radius_m: f64,
-    /// Half of the tooth angle on the base circle, `α₂ = π/(2z) + inv α₀`; of an internal gear `inv α₀ − π/(2z)`, by which the angle of the load is the same formula.
+    /// Half of the tooth angle on the base circle, `α₂ = (π/2 + 2 x tan α₀)/z + inv α₀`; of an internal gear `inv α₀ − π/(2z)`, by which the angle of the load is the same formula.
     pub half_base_angle_rad: f64,
     /// The teeth are inside.
     pub internal: bool,
@@ -60,7 +62,7 @@ pub struct GearGeometry {
 pub const RIM: f64 = 3.0;
 
 impl GearGeometry {
-    /// A gear from what a bench file says of it; `which` names it in errors.
+    /// A gear of the standard rack without profile shift; `which` names it in errors.
     pub fn new(
         which: &str,
         teeth: u32,
@@ -69,52 +71,7 @@ impl GearGeometry {
         face_width_m: f64,
         bore_radius_m: f64,
     ) -> Result<Self, GearError> {
-        let rack = [ADDENDUM, CLEARANCE];
-        Self::with_rack(which, teeth, [module_m, pressure_angle_rad], rack, face_width_m, bore_radius_m)
-    }
-
-    /// As [`Self::new`], with module (m) and pressure angle (rad) and with addendum and clearance by the module that are not those of the standard rack.
-    pub(crate) fn with_rack(
-        which: &str,
-        teeth: u32,
-        [module_m, pressure_angle_rad]: [f64; 2],
-        [addendum, clearance]: [f64; 2],
-        face_width_m: f64,
-        bore_radius_m: f64,
-    ) -> Result<Self, GearError> {
-        if teeth < 5 {
-            return Err(GearError::FewTeeth { which: which.to_owned(), teeth });
-        }
-        for (name, value) in [("module", module_m), ("face width", face_width_m)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(GearError::Length { which: which.to_owned(), name, found_mm: value * 1e3 });
-            }
-        }
-        if !(pressure_angle_rad > 0.1 && pressure_angle_rad < 0.7) {
-            let found_deg = pressure_angle_rad.to_degrees();
-            return Err(GearError::PressureAngle { which: which.to_owned(), found_deg });
-        }
-        let reference_radius_m = 0.5 * module_m * f64::from(teeth);
-        let root_radius_m = reference_radius_m - (addendum + clearance) * module_m;
-        if !(bore_radius_m.is_finite() && bore_radius_m > 0.0 && bore_radius_m < root_radius_m) {
-            let (found_mm, root_mm) = (2e3 * bore_radius_m, 2e3 * root_radius_m);
-            return Err(GearError::Bore { which: which.to_owned(), found_mm, root_mm });
-        }
-        Ok(Self {
-            teeth,
-            module_m,
-            pressure_angle_rad,
-            addendum,
-            clearance,
-            face_width_m,
-            bore_radius_m,
-            reference_radius_m,
-            base_radius_m: reference_radius_m * pressure_angle_rad.cos(),
-            tip_radius_m: reference_radius_m + addendum * module_m,
-            root_radius_m,
-            half_base_angle_rad: PI / (2.0 * f64::from(teeth)) + involute(pressure_angle_rad),
-            internal: false,
-        })
+        Self::cut(which, teeth, &Cutting::standard(module_m, pressure_angle_rad), face_width_m, bore_radius_m)
     }
 
     /// An internal gear; its rim ends at `outer_radius_m`.
@@ -190,11 +147,22 @@ impl GearGeometry {
     }
 
     /// Where the flank begins that a rack with sharp addendum `h_a* m` generates; below it lies the fillet:
-    /// `r_c² = (r_b tan α₀ − h_a* m / sin α₀)² + r_b²`. `None` where the rack undercuts the flank.
+    /// `r_c² = (r_b tan α₀ − (h_a* − x) m / sin α₀)² + r_b²`. `None` where the rack undercuts the flank.
     pub fn involute_start_radius_m(&self) -> Option<f64> {
         let roll = self.base_radius_m * self.pressure_angle_rad.tan()
-            - self.addendum * self.module_m / self.pressure_angle_rad.sin();
+            - (self.addendum - self.profile_shift) * self.module_m / self.pressure_angle_rad.sin();
         (roll >= 0.0).then(|| roll.hypot(self.base_radius_m))
+    }
+
+    /// Thickness of an external tooth along the circle of a radius at or beyond the base circle (m): `2 r (α₂ − inv α_r)`, `cos α_r = r_b / r`.
+    pub fn thickness_m(&self, radius_m: f64) -> f64 {
+        2.0 * radius_m * (self.half_base_angle_rad - involute((self.base_radius_m / radius_m).min(1.0).acos()))
+    }
+
+    /// The teeth are those of a rack without shift, with standard tips.
+    pub fn is_standard(&self) -> bool {
+        self.profile_shift == 0.0
+            && (self.internal || self.tip_radius_m == self.reference_radius_m + self.addendum * self.module_m)
     }
 
     /// Height of the involute part of the tooth, from the start of the involute (or the root, whichever is higher) to the tip.

@@ -15,6 +15,7 @@ mod axes;
 mod check;
 mod face;
 mod face_table;
+mod fit;
 mod helical;
 mod joint;
 mod near;
@@ -31,6 +32,7 @@ use self::axes::ShiftFactors;
 use self::check::check;
 pub use self::face::Face;
 pub(crate) use self::face_table::FaceTable;
+use self::fit::Fit;
 pub(crate) use self::helical::iso_stiffness_n_per_m;
 pub use self::helical::{HelicalGears, HelicalMesh, Lead};
 pub use self::joint::Joint;
@@ -43,7 +45,7 @@ pub use self::tables::FlankStore;
 use self::tables::{GapShape, GearTables, Side};
 pub use self::touch::{SLOTS, SetLaw, Touch};
 use crate::faults::ToothModifications;
-use crate::geometry::{GearGeometry, PairGeometry};
+use crate::geometry::{GearGeometry, Mounting, PairGeometry};
 use crate::hertz::Material;
 use crate::meshes::{MeshKind, MeshPlace};
 
@@ -150,7 +152,7 @@ impl MeshModel {
         let made = place
             .geometry(bench)
             .map_err(MeshProblem::from)
-            .and_then(|gears| Self::made(gears, material, options, teeth, (spec.backlash_um * 1e-6, flanks)));
+            .and_then(|gears| Self::made(gears, material, options, teeth, (Fit::of_stage(spec)?, flanks)));
         made.map_err(|problem| MeshError { stage: place.name(bench), problem })
     }
 
@@ -162,7 +164,8 @@ impl MeshModel {
         teeth: &ToothModifications,
         backlash_m: f64,
     ) -> Result<Self, MeshProblem> {
-        Self::made((pinion, wheel), material, options, teeth, (backlash_m, &mut FlankStore::default()))
+        let fit = Fit { backlash_m, centre_distance_m: None };
+        Self::made((pinion, wheel), material, options, teeth, (fit, &mut FlankStore::default()))
     }
 
     pub(in crate::mesh) fn made(
@@ -170,10 +173,13 @@ impl MeshModel {
         material: Material,
         options: &MeshOptions,
         teeth: &ToothModifications,
-        (backlash_m, flanks): (f64, &mut FlankStore),
+        (fit, flanks): (Fit, &mut FlankStore),
     ) -> Result<Self, MeshProblem> {
+        let Fit { backlash_m, centre_distance_m } = fit;
+        let mounting = Mounting { centre_distance_m, centre_shift_m: teeth.pair.centre_shift_m };
+        let geometry = PairGeometry::mounted(pinion, wheel, mounting)?;
+        let backlash_m = backlash_m + geometry.play_m;
         check(&material, options, teeth, backlash_m)?;
-        let geometry = PairGeometry::new(pinion, wheel, teeth.pair.centre_shift_m)?;
         // Two points of the exact gap; between them the cubic is within 1 %.
         let corner = [false, true].map(|exit| {
             let (near, far) = (0.5 * CORNER_REACH, CORNER_REACH);
@@ -286,7 +292,8 @@ impl MeshModel {
     /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m): what to hold the model's mean stiffness against.
     ///
     /// # Formula
-    /// For spur gears without profile shift, `q' = 0.04723 + 0.15551/z₁ + 0.25791/z₂` (mm µm/N), `c' = 0.8 C_B / q'` with
+    /// For spur gears `q' = 0.04723 + 0.15551/z₁ + 0.25791/z₂ − 0.00635 x₁ − 0.11654 x₁/z₁ − 0.00193 x₂ − 0.24188 x₂/z₂ + 0.00529 x₁² + 0.00182 x₂²` (mm µm/N), made for
+    /// x₁ ≥ x₂ and −0.5 ≤ x₁ + x₂ ≤ 2; `c' = 0.8 C_B / q'` with
     /// `C_B = (1 + 0.5 (1.2 − 1.25)) (1 − 0.02 (20° − α))`, `c_γ = c' (0.75 ε_α + 0.25)` for solid steel gears at 100 N/mm and more; other
     /// materials in proportion to E, lighter loads by the fourth root of the load per width / 100 N/mm. The norm claims no better than ± 30 %; it takes the bodies for
     /// solid discs, so that torsion of a blank over its bore is not in it.

@@ -21,7 +21,7 @@ use gearwatch_core::train::Train;
 use gearwatch_core::train::planetary::{position, speeds};
 
 use crate::faults::{GearModifications, ToothModifications};
-use crate::geometry::{ADDENDUM, CLEARANCE, GearError, GearGeometry, PairGeometry, RIM};
+use crate::geometry::{ADDENDUM, CLEARANCE, Cutting, GearError, GearGeometry, PairGeometry, RIM, Tip};
 use crate::mesh::MeshProblem;
 use crate::setup::SimSetup;
 
@@ -60,6 +60,8 @@ pub(crate) struct MeshGear<'a> {
     pub(crate) name: String,
     pub(crate) gear: &'a Gear,
     pub(crate) internal: bool,
+    /// 0 for the pinion and 1 for the wheel of a pair.
+    pub(crate) side: Option<usize>,
 }
 
 /// All meshes, by stage; of a planetary stage those of the sun first.
@@ -111,8 +113,14 @@ pub(crate) fn force_per_torque(bench: &Bench, train: &Train, stage: usize) -> f6
     last / out * of_output / (f64::from(set.planets) * base(spec.pinion.teeth))
 }
 
-/// Geometry of a gear with straight teeth. A bore diameter of an internal gear is that around its rim.
-pub(crate) fn gear_geometry(spec: &Stage, name: &str, gear: &Gear, internal: bool) -> Result<GearGeometry, GearError> {
+/// Where the tips of a gear of a pair end whose tips are shortened by so much by the normal module.
+pub(crate) fn tip(gear: &Gear, shortening: f64) -> Tip {
+    gear.tip_diameter_mm.map_or(Tip::Shortened(shortening), |mm| Tip::At(0.5e-3 * mm))
+}
+
+/// Geometry of a gear with straight teeth, whether or not its teeth can be used. A bore diameter of an internal gear is that around its rim.
+pub(crate) fn gear_geometry(spec: &Stage, of: &MeshGear<'_>) -> Result<GearGeometry, GearError> {
+    let &MeshGear { ref name, gear, internal, side } = of;
     let module_m = spec.module_mm * 1e-3;
     let (angle, width) = (spec.pressure_angle_deg.to_radians(), spec.face_width_mm * 1e-3);
     let stated = gear.bore_mm.map(|mm| mm * 0.5e-3);
@@ -122,7 +130,12 @@ pub(crate) fn gear_geometry(spec: &Stage, name: &str, gear: &Gear, internal: boo
         return GearGeometry::internal(name, gear.teeth, module_m, angle, width, outer);
     }
     let bore = stated.unwrap_or(module_m * f64::from(gear.teeth) / 8.0);
-    GearGeometry::new(name, gear.teeth, module_m, angle, width, bore)
+    let mut cut = Cutting::standard(module_m, angle);
+    if let Some(side) = side.filter(|_| spec.is_external_pair()) {
+        let shift = spec.pair_shift()?;
+        (cut.profile_shift, cut.tip) = (shift.coefficients[side], tip(gear, shift.tip_shortening));
+    }
+    GearGeometry::drawn(name, gear.teeth, &cut, width, bore)
 }
 
 impl MeshPlace {
@@ -140,14 +153,15 @@ impl MeshPlace {
     /// Driving and driven gear.
     pub(crate) fn gears<'a>(&self, bench: &'a Bench) -> [MeshGear<'a>; 2] {
         let spec = &bench.stages[self.stage];
-        let gear = |name: &str, gear: &'a Gear, internal: bool| MeshGear { name: name.to_owned(), gear, internal };
+        let gear =
+            |name: &str, gear: &'a Gear, internal: bool| MeshGear { name: name.to_owned(), gear, internal, side: None };
         match self.kind {
             MeshKind::Chain { from } => {
                 let idlers = &spec.gearing.idlers;
                 let at = |i: usize| match i {
-                    0 => gear("pinion", &spec.pinion, false),
+                    0 => MeshGear { side: Some(0), ..gear("pinion", &spec.pinion, false) },
                     i if i <= idlers.len() => gear(&format!("idlers[{}]", i - 1), &idlers[i - 1], false),
-                    _ => gear("wheel", &spec.wheel, spec.gearing.internal),
+                    _ => MeshGear { side: Some(1), ..gear("wheel", &spec.wheel, spec.gearing.internal) },
                 };
                 [at(from), at(from + 1)]
             }
@@ -167,7 +181,7 @@ impl MeshPlace {
 
     /// Geometry of both gears.
     pub(crate) fn geometry(&self, bench: &Bench) -> Result<(GearGeometry, GearGeometry), GearError> {
-        let geometry = |of: MeshGear<'_>| gear_geometry(&bench.stages[self.stage], &of.name, of.gear, of.internal);
+        let geometry = |of: MeshGear<'_>| gear_geometry(&bench.stages[self.stage], &of)?.usable(&of.name);
         let [first, second] = self.gears(bench);
         Ok((geometry(first)?, geometry(second)?))
     }

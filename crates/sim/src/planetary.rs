@@ -241,7 +241,7 @@ impl PlanetaryModel {
         if spec.gearing.helix.is_some() {
             return Err(PlanetaryError::Helical(spec.name.clone()));
         }
-        if spec.gearing.profile_shifted {
+        if spec.is_shifted() {
             return Err(PlanetaryError::Shifted(spec.name.clone()));
         }
         let alpha = spec.pressure_angle_deg.to_radians();
@@ -310,7 +310,7 @@ pub(crate) struct Bodies {
 /// As the sheet says; where it does not, discs with their bores, a ring with its rim, and for the carrier a disc on the planets' circle as wide as the teeth.
 pub(crate) fn bodies(bench: &Bench, spec: &Stage, set: &Planetary) -> Bodies {
     let density = bench.gear_material.density_kg_per_m3;
-    let of = |gear| crate::linear::gear_mass_and_inertia(gear, spec, density);
+    let of = |gear| crate::linear::gear_mass_and_inertia(gear, 0.0, spec, density);
     let centres = spec.reference_radius_m(spec.pinion.teeth) + spec.reference_radius_m(set.planet.teeth);
     let carrier = density * std::f64::consts::PI * 1e-3 * spec.face_width_mm * centres * centres;
     Bodies {

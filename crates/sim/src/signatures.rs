@@ -6,12 +6,13 @@
 
 use std::f64::consts::TAU;
 
-use gearwatch_core::bench::Bench;
+use gearwatch_core::bench::{Bench, Gear};
 use nalgebra::Complex;
 
 use crate::effects::EffectError;
 use crate::faults::{Breakage, BreakageKind, Pit};
 use crate::geometry::GearGeometry;
+use crate::meshes::{MeshGear, gear_geometry};
 use crate::model::{ModelError, TrainModel};
 use crate::rk4::{Diverged, Rk4, StepperError};
 use crate::rotation::Profile;
@@ -203,16 +204,11 @@ fn fitting_pits(bench: &Bench, conditions: Conditions) -> Result<f64, SignatureE
         return Err(SignatureError::NoStage { found: conditions.stage, stages: bench.stages.len() });
     };
     let gear = if conditions.wheel { &stage.wheel } else { &stage.pinion };
-    let module_m = 1e-3 * stage.module_mm;
-    let geometry = GearGeometry::new(
-        "gear",
-        gear.teeth,
-        module_m,
-        stage.pressure_angle_deg.to_radians(),
-        1e-3 * stage.face_width_mm,
-        module_m * f64::from(gear.teeth) / 8.0,
-    )
-    .map_err(|error| ModelError::Bench(error.to_string()))?;
+    // Pits ask for the teeth alone, whatever the bore.
+    let gear = Gear { bore_mm: None, ..gear.clone() };
+    let of =
+        MeshGear { name: "gear".to_owned(), gear: &gear, internal: false, side: Some(usize::from(conditions.wheel)) };
+    let geometry = gear_geometry(stage, &of).map_err(|error| ModelError::Bench(error.to_string()))?;
     Ok(pit_scale(&geometry))
 }
 

@@ -120,13 +120,14 @@ impl ToothProfile {
 
     /// Height, half thickness and d(height)/dt of the generated fillet at `t` in 0 (root) … 1 (start of the involute).
     ///
-    /// `h = r sin ψ − (A₁/sin γ + ρ) cos(γ − ψ)`, `y = r cos ψ − (A₁/sin γ + ρ) sin(γ − ψ)`, `ψ = (A₁/tan γ + B₁)/r`.
+    /// `h = r sin ψ − (A₁/sin γ + ρ) cos(γ − ψ)`, `y = r cos ψ − (A₁/sin γ + ρ) sin(γ − ψ)`, `ψ = (A₁/tan γ + B₁)/r`; `A₁ = (h_a* + c* − x) m − ρ`
+    /// is how far the middle of the rack's round tip lies below its rolling line.
     fn fillet_point(&self, t: f64) -> (f64, f64, f64) {
         let gear = &self.gear;
         let m = gear.module_m;
         let (sin_0, cos_0) = gear.pressure_angle_rad.sin_cos();
         let rho = gear.clearance * m / (1.0 - sin_0);
-        let a1 = (gear.addendum + gear.clearance) * m - rho;
+        let a1 = (gear.addendum + gear.clearance - gear.profile_shift) * m - rho;
         let b1 = std::f64::consts::PI * m / 4.0 + gear.addendum * m * sin_0 / cos_0 + rho * cos_0;
         let (from, to) = fillet_range(gear);
         let gamma = from + t * (to - from);
@@ -246,6 +247,9 @@ impl ToothProfile {
         }
     }
 }
+
+#[cfg(test)]
+mod rack;
 
 #[cfg(test)]
 mod tests {

@@ -1,5 +1,6 @@
 //! Helical and planetary benches as a user watches them: learned, diagnosed, checked and watched by the service; refused where only a spur bench will do.
 
+mod shifted;
 mod synthesis;
 
 use std::path::Path;

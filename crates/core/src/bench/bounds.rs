@@ -1,6 +1,7 @@
 //! Bounds of a bench: wider than any laboratory bench needs, narrow enough that no file asks for gigabytes or hours.
 
 use super::Bench;
+use super::shift::MOST_SHIFT;
 use crate::speed::RPM_PER_HZ;
 
 /// Gear stages.
@@ -36,6 +37,9 @@ const BEARING_DAMPING: Range = range(0.0, 1e9, "N s/m");
 const MODULE: Range = range(0.05, 100.0, "mm");
 const FACE_WIDTH: Range = range(0.1, 2000.0, "mm");
 const BORE: Range = range(0.0, 1e5, "mm");
+const PROFILE_SHIFT: Range = range(-MOST_SHIFT, MOST_SHIFT, "");
+const TIP: Range = range(0.1, 1e5, "mm");
+const CENTRES: Range = range(0.1, 1e5, "mm");
 const BACKLASH: Range = range(0.0, 1e4, "µm");
 const DAMPING_RATIO: Range = range(0.0, 10.0, "");
 const MODE_FREQUENCY: Range = range(0.1, 1e6, "Hz");
@@ -154,6 +158,9 @@ impl Check {
             self.within(place("backlash_um"), stage.backlash_um, &BACKLASH);
             self.within(place("mesh_damping_ratio"), stage.mesh_damping_ratio, &DAMPING_RATIO);
             self.within(place("line_of_centres_deg"), stage.line_of_centres_deg, &ANGLE);
+            if let Some(centres) = stage.gearing.centre_distance_mm {
+                self.within(place("centre_distance_mm"), centres, &CENTRES);
+            }
             for (which, gear) in &stage.gears() {
                 let part = |key: &'static str| move || format!("stage {:?}: {which}.{key}", stage.name);
                 if gear.teeth > MOST_TEETH {
@@ -163,6 +170,8 @@ impl Check {
                     ("bore_mm", gear.bore_mm, &BORE),
                     ("mass_kg", gear.mass_kg, &MASS),
                     ("inertia_kg_m2", gear.inertia_kg_m2, &INERTIA),
+                    ("profile_shift", gear.profile_shift, &PROFILE_SHIFT),
+                    ("tip_diameter_mm", gear.tip_diameter_mm, &TIP),
                 ] {
                     if let Some(value) = value {
                         self.within(part(key), value, range);

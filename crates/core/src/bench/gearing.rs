@@ -26,6 +26,8 @@ const MOST_SHIFTED_TEETH: u32 = 4;
 const POSITION_REACH: f64 = 0.01;
 /// Most meshes that the simulator takes.
 pub const MOST_MESHES: usize = 16;
+/// What is said of a pair with `profile_shifted = true` and without its coefficients.
+const UNKNOWN_SHIFT: &str = "has profile shift that the file does not state (expected profile_shift of both gears, or of one and centre_distance_mm)";
 /// Largest helix angle (degrees).
 const LARGEST_HELIX_DEG: f64 = 45.0;
 
@@ -40,8 +42,10 @@ pub struct Gearing {
     pub idlers: Vec<Gear>,
     /// Left out for pairs.
     pub planetary: Option<Planetary>,
-    /// The gears have profile shift: undercut and the teeth of the ring are not asked about.
+    /// The gears have profile shift: undercut and the teeth of the ring are not asked about. Coefficients stand in the gears, where they are known.
     pub profile_shifted: bool,
+    /// Working centre distance of pinion and wheel (mm); what follows from their profile shift where left out.
+    pub centre_distance_mm: Option<f64>,
 }
 
 /// Helical teeth.
@@ -230,12 +234,21 @@ pub fn problems(stage: &Stage) -> Vec<String> {
             stage.wheel.teeth, stage.pinion.teeth
         ));
     }
+    if gearing.centre_distance_mm.is_some() && !gearing.idlers.is_empty() {
+        tell("centre_distance_mm is that of pinion and wheel in mesh; with idlers between them leave it out".into());
+    }
     if let Some(set) = &gearing.planetary {
         planetary(stage, set, &mut tell);
     }
     // Bench files of spur pairs never said whether their gears are shifted: watching asks for tooth numbers alone.
     let usual_angle = (10.0..=35.0).contains(&stage.pressure_angle_deg);
-    if stage.kind() != StageKind::Spur && !gearing.profile_shifted && usual_angle {
+    let sound = usual_angle && stage.module_mm > 0.0 && stage.gears().iter().all(|(_, gear)| gear.teeth >= 5);
+    let shift = (sound && stage.is_external_pair()).then(|| stage.pair_shift());
+    if let Some(Err(error)) = &shift {
+        tell(error.to_string());
+    }
+    let standard = !stage.is_shifted() && gearing.centre_distance_mm.is_none();
+    if stage.kind() != StageKind::Spur && standard && usual_angle {
         let fewest = fewest_teeth(stage.pressure_angle_deg, gearing.helix_rad().to_degrees());
         for (name, gear) in stage.gears() {
             let internal = name == "ring" || (name == "wheel" && gearing.internal);
@@ -261,7 +274,7 @@ fn planetary(stage: &Stage, set: &Planetary, tell: &mut dyn FnMut(String)) {
     }
     let fitting = sun + 2 * planet;
     let apart = fitting.abs_diff(ring);
-    if apart > 0 && !stage.gearing.profile_shifted {
+    if apart > 0 && !stage.is_shifted() {
         tell(format!(
             "ring.teeth is {ring}; sun {sun} and planet {planet} turn about one axis with a ring of {fitting} (sun + 2 planet); gears with profile shift may differ by up to {MOST_SHIFTED_TEETH}: then add profile_shifted = true"
         ));
@@ -343,20 +356,24 @@ fn room(stage: &Stage, set: &Planetary, tell: &mut dyn FnMut(String)) {
 }
 
 impl Bench {
-    /// Why the simulator cannot serve the bench, if it cannot: it knows spur pairs with idlers and internal wheels, helical pairs, and planetary stages with straight teeth, all without
-    /// profile shift.
+    /// Why the simulator cannot serve the bench, if it cannot: it knows spur pairs with idlers and internal wheels, helical pairs, and planetary stages with straight teeth. It knows profile
+    /// shift, centre distances and tip diameters of external pairs alone.
     pub fn beyond_simulator(&self) -> Option<String> {
         let what = |stage: &Stage| {
             let gearing = &stage.gearing;
-            let alone = !gearing.internal && gearing.idlers.is_empty() && gearing.planetary.is_none();
-            if gearing.profile_shifted {
-                Some("has profile shift".to_owned())
+            let alone = stage.is_external_pair();
+            let with = match (&gearing.planetary, gearing.internal) {
+                (Some(_), _) => "planets",
+                (None, true) => "an internal wheel",
+                (None, false) => "idlers",
+            };
+            if !alone && stage.is_shifted() {
+                Some(format!("has profile shift with {with}"))
+            } else if !alone && stage.has_own_teeth() {
+                Some(format!("states a centre distance or tip diameters with {with}"))
+            } else if stage.has_unknown_shift() {
+                Some(UNKNOWN_SHIFT.to_owned())
             } else if gearing.helix.is_some() && !alone {
-                let with = match (&gearing.planetary, gearing.internal) {
-                    (Some(_), _) => "planets",
-                    (None, true) => "an internal wheel",
-                    (None, false) => "idlers",
-                };
                 Some(format!("is helical with {with}"))
             } else {
                 None
@@ -365,7 +382,7 @@ impl Bench {
         let of_stage = |stage: &Stage| what(stage).map(|what| (stage.name.clone(), what));
         if let Some((name, what)) = self.stages.iter().find_map(of_stage) {
             return Some(format!(
-                "stage {name:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures and explain, know external pairs with spur and helical teeth, and with straight teeth internal wheels, idlers and planets, all without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators"
+                "stage {name:?} {what}; the simulator, and with it simulate, sweep of simulations, signatures and explain, know external pairs with spur and helical teeth, with profile shift where the file states it, and with straight teeth and without profile shift internal wheels, idlers and planets. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators"
             ));
         }
         let meshes = |stage: &Stage| match &stage.gearing.planetary {
@@ -380,19 +397,18 @@ impl Bench {
         })
     }
 
-    /// Why explain and fault signatures cannot serve the bench, if they cannot: they know external spur and helical pairs without profile shift.
+    /// Why explain and fault signatures cannot serve the bench, if they cannot: they know external spur and helical pairs, with profile shift where the file states it.
     pub fn beyond_pairs(&self) -> Option<String> {
-        let beyond = |gearing: &Gearing| Gearing { helix: None, ..gearing.clone() } != Gearing::default();
-        let stage = self.stages.iter().find(|stage| beyond(&stage.gearing))?;
+        let stage = self.stages.iter().find(|stage| !stage.is_external_pair() || stage.has_unknown_shift())?;
         let gearing = &stage.gearing;
         let what = match stage.kind() {
             StageKind::Planetary => "is planetary",
             _ if gearing.internal => "has an internal wheel",
             _ if !gearing.idlers.is_empty() => "has idlers",
-            _ => "has profile shift",
+            _ => UNKNOWN_SHIFT,
         };
         Some(format!(
-            "stage {:?} {what}; signatures and explain know external spur and helical pairs without profile shift. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators and, without profile shift, simulate, sweep and modes",
+            "stage {:?} {what}; signatures and explain know external spur and helical pairs, with profile shift where the file states it. What such a bench has instead: info, check, run, replay, baseline, diagnose, batch, indicators and, where the shift is none or known, simulate, sweep and modes",
             stage.name
         ))
     }

@@ -45,6 +45,12 @@ pub struct Gear {
     /// (kg m²); that of a solid disc with the bore where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inertia_kg_m2: Option<f64>,
+    /// Profile shift coefficient x by the normal module (-2 to 2, positive away from the axis); 0, or what the centre distance asks for, where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profile_shift: Option<f64>,
+    /// Tip diameter (mm); that which leaves the standard clearance where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tip_diameter_mm: Option<f64>,
 }
 
 /// Word of the key `kind`.
@@ -159,6 +165,8 @@ struct StageKeys {
     #[serde(default, skip_serializing_if = "is_false")]
     profile_shifted: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    centre_distance_mm: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     fixed: Option<Member>,
     #[serde(default, rename = "in", skip_serializing_if = "Option::is_none")]
     input: Option<Member>,
@@ -194,6 +202,10 @@ struct PairGearKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     inertia_kg_m2: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    profile_shift: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tip_diameter_mm: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     hand: Option<Hand>,
     #[serde(default, skip_serializing_if = "is_false")]
     internal: bool,
@@ -213,17 +225,21 @@ struct PlanetKeys {
     mass_kg: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     inertia_kg_m2: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    profile_shift: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tip_diameter_mm: Option<f64>,
 }
 
 impl PairGearKeys {
     fn gear(&self) -> Gear {
-        let Self { teeth, bore_mm, mass_kg, inertia_kg_m2, .. } = *self;
-        Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 }
+        let Self { teeth, bore_mm, mass_kg, inertia_kg_m2, profile_shift, tip_diameter_mm, .. } = *self;
+        Gear { teeth, bore_mm, mass_kg, inertia_kg_m2, profile_shift, tip_diameter_mm }
     }
 
     fn of(gear: Gear, hand: Option<Hand>, internal: bool) -> Self {
-        let Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 } = gear;
-        Self { teeth, bore_mm, mass_kg, inertia_kg_m2, hand, internal }
+        let Gear { teeth, bore_mm, mass_kg, inertia_kg_m2, profile_shift, tip_diameter_mm } = gear;
+        Self { teeth, bore_mm, mass_kg, inertia_kg_m2, profile_shift, tip_diameter_mm, hand, internal }
     }
 }
 
@@ -268,6 +284,7 @@ impl TryFrom<StageKeys> for Stage {
             foreign(keys.pinion.is_some(), "pinion", pair)?;
             foreign(keys.wheel.is_some(), "wheel", pair)?;
             foreign(!keys.idlers.is_empty(), "idlers", pair)?;
+            foreign(keys.centre_distance_mm.is_some(), "centre_distance_mm", "a pair of pinion and wheel")?;
         } else {
             let set = "kind = \"planetary\"";
             foreign(keys.sun.is_some(), "sun", set)?;
@@ -282,14 +299,27 @@ impl TryFrom<StageKeys> for Stage {
             let handed = [&keys.pinion, &keys.wheel].into_iter().flatten().any(|gear| gear.hand.is_some());
             foreign(handed, "hand", "kind = \"helical\"")?;
         }
-        let mut gearing = Gearing { profile_shifted: keys.profile_shifted, ..Gearing::default() };
+        let mut gearing = Gearing {
+            profile_shifted: keys.profile_shifted,
+            centre_distance_mm: keys.centre_distance_mm,
+            ..Gearing::default()
+        };
         let (pinion, wheel) = if planetary {
             let sun = needed(keys.sun, "sun", kind, "sun = { teeth = 28 }")?;
             let ring = needed(keys.ring, "ring", kind, "ring = { teeth = 100 }")?;
             let planet = needed(keys.planet, "planet", kind, "planet = { teeth = 36, count = 4 }")?;
-            let PlanetKeys { teeth, bore_mm, mass_kg, inertia_kg_m2, count, positions_deg } = planet;
+            let PlanetKeys {
+                teeth,
+                bore_mm,
+                mass_kg,
+                inertia_kg_m2,
+                profile_shift,
+                tip_diameter_mm,
+                count,
+                positions_deg,
+            } = planet;
             let (fixed, input, output) = Member::roles(keys.fixed, keys.input, keys.output)?;
-            let planet = Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 };
+            let planet = Gear { teeth, bore_mm, mass_kg, inertia_kg_m2, profile_shift, tip_diameter_mm };
             gearing.planetary = Some(Planetary { planets: count, planet, positions_deg, fixed, input, output });
             gearing.helix = keys.helix_angle_deg.map(|angle_deg| Helix { angle_deg, hands: [None, None] });
             (sun, ring)
@@ -325,7 +355,7 @@ impl TryFrom<StageKeys> for Stage {
 impl From<Stage> for StageKeys {
     fn from(stage: Stage) -> Self {
         let kind = stage.kind();
-        let Gearing { helix, internal, idlers, planetary, profile_shifted } = stage.gearing;
+        let Gearing { helix, internal, idlers, planetary, profile_shifted, centre_distance_mm } = stage.gearing;
         let hands = helix.as_ref().map_or([None, None], |helix| helix.hands);
         let mut keys = Self {
             name: stage.name,
@@ -338,6 +368,7 @@ impl From<Stage> for StageKeys {
             line_of_centres_deg: stage.line_of_centres_deg,
             helix_angle_deg: helix.map(|helix| helix.angle_deg),
             profile_shifted,
+            centre_distance_mm,
             fixed: None,
             input: None,
             output: None,
@@ -349,9 +380,18 @@ impl From<Stage> for StageKeys {
             ring: None,
         };
         if let Some(set) = planetary {
-            let Gear { teeth, bore_mm, mass_kg, inertia_kg_m2 } = set.planet;
+            let Gear { teeth, bore_mm, mass_kg, inertia_kg_m2, profile_shift, tip_diameter_mm } = set.planet;
             let (count, positions_deg) = (set.planets, set.positions_deg);
-            keys.planet = Some(PlanetKeys { teeth, count, positions_deg, bore_mm, mass_kg, inertia_kg_m2 });
+            keys.planet = Some(PlanetKeys {
+                teeth,
+                count,
+                positions_deg,
+                bore_mm,
+                mass_kg,
+                inertia_kg_m2,
+                profile_shift,
+                tip_diameter_mm,
+            });
             (keys.fixed, keys.input, keys.output) = (Some(set.fixed), Some(set.input), Some(set.output));
             (keys.sun, keys.ring) = (Some(stage.pinion), Some(stage.wheel));
         } else {

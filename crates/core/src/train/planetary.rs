@@ -187,7 +187,14 @@ mod tests {
     use crate::bench::Gear;
 
     fn set(planets: u32, planet: u32, fixed: Member, input: Member, output: Member) -> Planetary {
-        let planet = Gear { teeth: planet, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
+        let planet = Gear {
+            teeth: planet,
+            bore_mm: None,
+            mass_kg: None,
+            inertia_kg_m2: None,
+            profile_shift: None,
+            tip_diameter_mm: None,
+        };
         Planetary { planets, planet, positions_deg: Vec::new(), fixed, input, output }
     }
 

@@ -23,7 +23,14 @@ fn bench() -> Bench {
         bearing_damping_n_s_per_m: 1e3,
         axial_n_per_m: None,
     };
-    let gear = |teeth| Gear { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
+    let gear = |teeth| Gear {
+        teeth,
+        bore_mm: None,
+        mass_kg: None,
+        inertia_kg_m2: None,
+        profile_shift: None,
+        tip_diameter_mm: None,
+    };
     Bench {
         format: FORMAT.into(),
         name: "test".into(),

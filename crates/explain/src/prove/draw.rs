@@ -104,7 +104,14 @@ pub fn bench(d: &mut Draw) -> Bench {
     };
     let names: &[&str] = if stages == 1 { &["input", "output"] } else { &["input", "intermediate", "output"] };
     let shafts: Vec<Shaft> = names.iter().map(|n| shaft(d, n)).collect();
-    let gear = |teeth: u32, bore: f64| Gear { teeth, bore_mm: Some(bore), mass_kg: None, inertia_kg_m2: None };
+    let gear = |teeth: u32, bore: f64| Gear {
+        teeth,
+        bore_mm: Some(bore),
+        mass_kg: None,
+        inertia_kg_m2: None,
+        profile_shift: None,
+        tip_diameter_mm: None,
+    };
     let stage_list: Vec<Stage> = (0..stages)
         .map(|i| {
             let pinion = d.whole(19, 37);

@@ -54,7 +54,12 @@ fn conform_every_kind_survives_being_written() {
     let placed = PLANETARY.replace("count = 4", "count = 4, positions_deg = [0.0, 90.0, 180.0, 270.0], mass_kg = 0.2");
     let other = PLANETARY.replace("kind", "in = \"ring\"\nfixed = \"sun\"\nhelix_angle_deg = 10.0\nkind");
     let shifted = PLANETARY.replace("teeth = 36", "teeth = 35").replace("kind", "profile_shifted = true\nkind");
-    for text in [PLANETARY, HELICAL, &internal, &idlers, &placed, &other, &shifted] {
+    let coefficients = HELICAL
+        .replace("teeth = 23", "teeth = 14, profile_shift = 0.5, tip_diameter_mm = 51.0")
+        .replace("kind", "centre_distance_mm = 127.5\nkind");
+    let planets = PLANETARY.replace("teeth = 36", "teeth = 35, profile_shift = 0.3, tip_diameter_mm = 112.0");
+    let rings = planets.replace("teeth = 100", "teeth = 100, profile_shift = -0.25");
+    for text in [PLANETARY, HELICAL, &internal, &idlers, &placed, &other, &shifted, &coefficients, &planets, &rings] {
         let bench = read(text);
         let written = to_toml(&bench).unwrap();
         assert_eq!(read(&written), bench, "{written}");
@@ -188,4 +193,39 @@ fn conform_a_helical_pair_that_cannot_be_built_is_refused() {
         assert!(text.contains(says), "{says}: {text}");
     }
     read(&HELICAL.replace("teeth = 23", "teeth = 14").replace("kind", "profile_shifted = true\nkind"));
+}
+
+/// Coefficients and the centre distance that contradict each other are refused with place, number and what would be right; a planetary stage has no distance of pinion and wheel.
+#[test]
+fn conform_profile_shift_that_cannot_be_is_refused() {
+    let free = HELICAL
+        .replace("kind = \"helical\"\nhelix_angle_deg = 15.0\n", "")
+        .replace(", hand = \"left\"", ", profile_shift = 0.4")
+        .replace(", hand = \"right\"", ", profile_shift = 0.3");
+    let placed = free.replace("name = \"fast\"\n", "name = \"fast\"\ncentre_distance_mm = 137.2\n");
+    // 135 mm without shift, 136.9941 mm with 0.7 of 3 mm in sum.
+    let shift = read(&placed).stages[0].pair_shift().unwrap();
+    assert!(shift.wider && shift.centre_distance_mm == 137.2 && (shift.play_free_mm - 136.9941).abs() < 1e-4);
+    for (text, from, to, says) in [
+        (&placed, "137.2", "136.5", "stage \"fast\": centre_distance_mm is 136.5; the teeth jam below 136.994 mm"),
+        (&placed, "137.2", "110.0", "centre_distance_mm is 110; involutes touch only beyond 126.859 mm"),
+        (&placed, "137.2", "nan", "centre_distance_mm is NaN"),
+        (&placed, "137.2", "1e9", "centre_distance_mm is 1e9; expected 0.1 to 100000 mm"),
+        (&placed, "[[stage]]\n", "[[stage]]\nidlers = [{ teeth = 30 }]\n", "with idlers between them leave it out"),
+        (&free, "profile_shift = 0.4", "profile_shift = 2.5", "pinion.profile_shift is 2.5; expected -2 to 2"),
+        (&free, "profile_shift = 0.4", "profile_shift = 1e300", "pinion.profile_shift is 1"),
+        (&free, "profile_shift = 0.4", "tip_diameter_mm = -3.0", "pinion.tip_diameter_mm is -3; expected 0.1 to"),
+        (
+            &free,
+            "profile_shift = 0.4",
+            "addendum_modification = 0.4",
+            "profile shift is profile_shift in pinion and wheel",
+        ),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let text = error(&text.replace(from, to));
+        assert!(text.contains(says) && text.starts_with("b.toml: "), "{says}: {text}");
+    }
+    let text = error(&PLANETARY.replace("kind", "centre_distance_mm = 96.0\nkind"));
+    assert!(text.contains("kind = \"planetary\" takes no \"centre_distance_mm\""), "{text}");
 }

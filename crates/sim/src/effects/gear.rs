@@ -7,7 +7,7 @@ use super::signature::{mesh_lines, sidebands};
 use super::{Change, EffectError, Law, Line, Place, Signature, SpeedLaw, Values};
 use crate::faults::{GearModifications, PairModifications};
 use crate::geometry::{GearError, GearGeometry};
-use crate::meshes;
+use crate::meshes::{self, MeshGear};
 use crate::setup::SimSetup;
 
 /// Which gear of a stage.
@@ -60,7 +60,13 @@ impl GearAt {
 
     /// Its geometry, before the teeth of an internal gear are cut back for their mate.
     pub(super) fn geometry(self, bench: &Bench) -> Result<GearGeometry, GearError> {
-        meshes::gear_geometry(&bench.stages[self.stage], "gear", self.gear(bench), self.is_internal(bench))
+        let side = match self.which {
+            Which::First => Some(0),
+            Which::Last => Some(1),
+            Which::Middle { .. } => None,
+        };
+        let of = MeshGear { name: "gear".to_owned(), gear: self.gear(bench), internal: self.is_internal(bench), side };
+        meshes::gear_geometry(&bench.stages[self.stage], &of)
     }
 
     /// The flanks that the effect sits on.

@@ -2,7 +2,18 @@
 
 use std::f64::consts::TAU;
 
-use super::{GearGeometry, PairError};
+use gearwatch_core::bench::shift::play_free_angle_rad;
+
+use super::{GearGeometry, PairError, involute};
+
+/// Where the gears of a pair stand.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mounting {
+    /// Nominal centre distance (m); that free of play where left out.
+    pub centre_distance_m: Option<f64>,
+    /// By how much the axes stand further apart than nominal (m).
+    pub centre_shift_m: f64,
+}
 
 /// Two gears at an operating centre distance. Gear 1, the pinion, drives. One of them may be internal.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,26 +38,60 @@ pub struct PairGeometry {
     pub base_pitch_m: f64,
     /// Contact ratio ε = |ξ_E − ξ_A| / p_b.
     pub contact_ratio: f64,
+    /// Play along the line of action of the nominal centre distance beyond that free of play, `2 (r_b1 + r_b2)(inv α_a − inv α_w)` (m).
+    pub play_m: f64,
+    /// Thickness of the pinion's teeth on its working pitch circle / pitch; half without profile shift.
+    pub pinion_thickness: f64,
 }
 
 impl PairGeometry {
-    /// A pair at its nominal centre distance `a = r₁ + r₂` plus `centre_shift_m`.
+    /// A pair at its centre distance free of play, `a = r₁ + r₂` where the gears have no profile shift together, plus `centre_shift_m`. As [`Self::mounted`].
+    pub fn new(pinion: GearGeometry, wheel: GearGeometry, centre_shift_m: f64) -> Result<Self, PairError> {
+        Self::mounted(pinion, wheel, Mounting { centre_distance_m: None, centre_shift_m })
+    }
+
+    /// A pair where it is mounted.
     ///
-    /// Refused: interference (a tip reaches below the other gear's base circle), a contact ratio below 1 or of 3 and more.
+    /// Refused: interference (a tip reaches below the other gear's base circle, of shifted gears below its involute), a contact ratio below 1 or of 3 and more.
     ///
     /// Teeth of an internal gear are cut back to where the involute of its mate begins, as shapers leave them: standard tips would rub on its fillets.
-    pub fn new(mut pinion: GearGeometry, mut wheel: GearGeometry, centre_shift_m: f64) -> Result<Self, PairError> {
+    pub fn mounted(mut pinion: GearGeometry, mut wheel: GearGeometry, mounting: Mounting) -> Result<Self, PairError> {
         if pinion.internal && wheel.internal {
             return Err(PairError::BothInternal);
         }
         let internal = pinion.internal || wheel.internal;
-        let (centres, bases) = if internal {
+        let (standard, bases) = if internal {
             let (inside, around) = if pinion.internal { (&wheel, &pinion) } else { (&pinion, &wheel) };
             (around.reference_radius_m - inside.reference_radius_m, around.base_radius_m - inside.base_radius_m)
         } else {
             (pinion.reference_radius_m + wheel.reference_radius_m, pinion.base_radius_m + wheel.base_radius_m)
         };
-        let centre_distance_m = centres + centre_shift_m;
+        let own_teeth = !(pinion.is_standard() && wheel.is_standard() && mounting.centre_distance_m.is_none());
+        let (mut play_m, mut pinion_thickness, mut centres) = (0.0, 0.5, standard);
+        if own_teeth && !internal {
+            let sum = pinion.profile_shift + wheel.profile_shift;
+            let tooth_sum = f64::from(pinion.teeth) + f64::from(wheel.teeth);
+            let angle = pinion.pressure_angle_rad;
+            let free = play_free_angle_rad(angle, sum, tooth_sum).ok_or(PairError::Thin { sum })?;
+            centres = mounting.centre_distance_m.unwrap_or(if sum == 0.0 { standard } else { bases / free.cos() });
+            if centres > bases {
+                let at = if centres == standard { angle } else { (bases / centres).acos() };
+                if mounting.centre_distance_m.is_some() {
+                    play_m = 2.0 * bases * (involute(at) - involute(free));
+                }
+                if play_m < 0.0 {
+                    return Err(PairError::Jams { found_mm: 1e3 * centres, free_mm: 1e3 * bases / free.cos() });
+                }
+                above_the_fillets([&pinion, &wheel], bases * at.tan())?;
+                for gear in [&mut pinion, &mut wheel] {
+                    gear.pitch_radius_m =
+                        if at == angle { gear.reference_radius_m } else { gear.base_radius_m / at.cos() };
+                }
+                let pitch_radius_m = pinion.pitch_radius_m;
+                pinion_thickness = f64::from(pinion.teeth) / TAU * pinion.thickness_m(pitch_radius_m) / pitch_radius_m;
+            }
+        }
+        let centre_distance_m = centres + mounting.centre_shift_m;
         if !(centre_distance_m.is_finite() && centre_distance_m > bases && bases > 0.0) {
             let (found_mm, bases_mm) = (1e3 * centre_distance_m, 1e3 * bases);
             return Err(PairError::CentreDistance { found_mm, internal, bases_mm });
@@ -73,6 +118,7 @@ impl PairGeometry {
                 short: short.teeth,
                 angle_deg: pinion.pressure_angle_rad.to_degrees(),
                 fewest: fewest_teeth(long.teeth, pinion.pressure_angle_rad, long.addendum),
+                shift: short.least_shift(),
             });
         }
         if contact_ratio < 1.0 {
@@ -92,6 +138,8 @@ impl PairGeometry {
             exit_roll_m,
             base_pitch_m,
             contact_ratio,
+            play_m,
+            pinion_thickness,
         })
     }
 
@@ -189,6 +237,25 @@ fn cut_back(around: &mut GearGeometry, inside: &GearGeometry, tangent_length_m: 
     }
     if around.tip_radius_m >= around.root_radius_m {
         return Err(PairError::NothingLeft { around: around.teeth, inside: inside.teeth });
+    }
+    Ok(())
+}
+
+/// Refuses tips that reach below the involute of the other gear.
+fn above_the_fillets([pinion, wheel]: [&GearGeometry; 2], tangent_length_m: f64) -> Result<(), PairError> {
+    for (long, short, [name, other]) in [(wheel, pinion, ["wheel", "pinion"]), (pinion, wheel, ["pinion", "wheel"])] {
+        let start = short.involute_start_radius_m().unwrap_or(short.base_radius_m);
+        let reach = (tangent_length_m - short.roll_at_radius_m(start)).max(0.0);
+        // A rack's own tips touch where the involute begins: what is less than a nanometre below is rounding.
+        if long.roll_at_radius_m(long.tip_radius_m) > reach + 1e-9 {
+            return Err(PairError::BelowInvolute {
+                long: name,
+                short: other,
+                tip_mm: 2e3 * long.tip_radius_m,
+                start_mm: 2e3 * start,
+                most_mm: 2e3 * reach.hypot(long.base_radius_m),
+            });
+        }
     }
     Ok(())
 }

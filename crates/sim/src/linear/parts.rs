@@ -8,13 +8,14 @@ use super::{BearingFrame, DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, MeshGeome
 use crate::geometry::{CLEARANCE, RIM};
 use crate::meshes::{MeshKind, MeshPlace, force_per_torque};
 
-/// Mass and inertia of a gear: as the bench file says, otherwise a solid steel disc on the pitch diameter with its bore.
+/// Mass and inertia of a gear: as the bench file says, otherwise a solid steel disc with its bore, up to where the middle of the rack's teeth was.
 ///
 /// # Formula
-/// `m = ρ π b (r² − r_b²)`, `J = m (r² + r_b²) / 2`, with the bore a quarter of the pitch diameter where it is left out.
-pub fn gear_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
-    let radius = stage.reference_radius_m(gear.teeth);
-    let bore = gear.bore_mm.map_or(0.25 * radius, |mm| 0.5e-3 * mm);
+/// `m = ρ π b (R² − r_b²)`, `J = m (R² + r_b²) / 2`, `R = r + x m_n`, with the bore a quarter of the pitch diameter where it is left out. `shift` is x.
+pub fn gear_mass_and_inertia(gear: &Gear, shift: f64, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
+    let reference = stage.reference_radius_m(gear.teeth);
+    let bore = gear.bore_mm.map_or(0.25 * reference, |mm| 0.5e-3 * mm);
+    let radius = reference + shift * 1e-3 * stage.module_mm;
     let disc = density_kg_per_m3 * std::f64::consts::PI * 1e-3 * stage.face_width_mm * (radius.powi(2) - bore.powi(2));
     let mass = gear.mass_kg.unwrap_or(disc);
     let inertia = gear.inertia_kg_m2.unwrap_or(0.5 * mass * (radius.powi(2) + bore.powi(2)));
@@ -150,20 +151,29 @@ impl LinearTrain {
     /// A pair, with the idlers between its gears in one line. The pinion turns by `sense`.
     fn add_chain(&mut self, bench: &Bench, at: usize, chain: &[GearPlace], train: &Train, mut sense: f64) {
         let stage = &bench.stages[at];
-        let alpha = stage.transverse_angle_rad();
+        let angle = stage.transverse_angle_rad();
+        // Where the numbers contradict each other the mesh is refused, with the cause.
+        let shift = stage.is_external_pair().then(|| stage.pair_shift().ok()).flatten();
+        let alpha = shift.map_or(angle, |shift| shift.working_angle_rad);
+        let coefficients = shift.map_or([0.0; 2], |shift| shift.coefficients);
         // From the pinion's centre to where it touches: an internal wheel has its centre on the other side.
         let alone_inside = stage.gearing.internal && chain.len() == 2;
         let centres = stage.line_of_centres_deg.to_radians() + if alone_inside { std::f64::consts::PI } else { 0.0 };
         let along = [centres.cos(), centres.sin()];
-        let base = |gear: &Gear| stage.reference_radius_m(gear.teeth) * alpha.cos();
+        let base = |gear: &Gear| stage.reference_radius_m(gear.teeth) * angle.cos();
         let specs: Vec<&Gear> =
             [&stage.pinion].into_iter().chain(&stage.gearing.idlers).chain([&stage.wheel]).collect();
         let density = bench.gear_material.density_kg_per_m3;
         let mut inertias = Vec::with_capacity(chain.len());
         for (k, (&gear, &place)) in specs.iter().zip(chain).enumerate() {
             let inside = stage.gearing.internal && k + 1 == chain.len();
-            let of = if inside { ring_mass_and_inertia } else { gear_mass_and_inertia };
-            let (mass, inertia) = of(gear, stage, density);
+            let (mass, inertia) = if inside {
+                ring_mass_and_inertia(gear, stage, density)
+            } else {
+                // Idlers have none.
+                let shift = if k == 0 { coefficients[0] } else { coefficients[1] };
+                gear_mass_and_inertia(gear, shift, stage, density)
+            };
             inertias.push(inertia);
             if let Some(angle) = place.angle {
                 self.mass[(angle, angle)] += inertia;

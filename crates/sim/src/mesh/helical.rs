@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! m_t = m_n / cos β      tan α_t = tan α_n / cos β      tan β_b = tan β cos α_t      ε_β = b sin β / (π m_n)
-//! h_a = m_n,  c = c* m_n:  by m_t they are cos β and c* cos β
+//! h_a = m_n,  c = c* m_n:  by m_t they are cos β and c* cos β; the profile shift x m_n is x cos β
 //! ```
 //!
 //! and a slice at `x` of the width `b` (from the middle) is `ε_β x / b` mesh cycles behind. Approach `δ` and force `F` are those along the *transverse* line of
@@ -26,9 +26,9 @@
 use gearwatch_core::bench::{Bench, Gear};
 
 use super::face::{Cut, Face};
-use super::{FlankStore, LoadPoint, MeshError, MeshModel, MeshOptions, MeshProblem, MeshState};
+use super::{Fit, FlankStore, LoadPoint, MeshError, MeshModel, MeshOptions, MeshProblem, MeshState};
 use crate::faults::ToothModifications;
-use crate::geometry::{ADDENDUM, CLEARANCE, GearGeometry, PairGeometry};
+use crate::geometry::{ADDENDUM, CLEARANCE, Cutting, GearError, GearGeometry, PairGeometry, Tip};
 use crate::hertz::{Hertz, Material};
 
 /// A helical pair as a sheet has it; lengths in metres, angles in radians.
@@ -46,6 +46,10 @@ pub struct HelicalGears {
     pub face_width_m: f64,
     /// Bores of pinion and wheel.
     pub bore_radii_m: [f64; 2],
+    /// Profile shift x of pinion and wheel, by the normal module.
+    pub profile_shifts: [f64; 2],
+    /// Tips of pinion and wheel; shortened by the normal module.
+    pub tips: [Tip; 2],
 }
 
 /// Missing material along the face width (m), the same at all profiles.
@@ -95,7 +99,8 @@ impl HelicalMesh {
         if !(1..=1000).contains(&slices) {
             return Err(MeshProblem::Slices(slices));
         }
-        Self::made(gears, material, options, teeth, (lead, slices), (0.0, &mut FlankStore::default()))
+        let fit = Fit { backlash_m: 0.0, centre_distance_m: None };
+        Self::made(gears, material, options, teeth, (lead, slices), (fit, &mut FlankStore::default()))
     }
 
     /// The pair of stage `stage` (from 0) of a bench, with the slices that its overlap asks for. Misaligned axes are a lead slope.
@@ -110,6 +115,9 @@ impl HelicalMesh {
         flanks: &mut FlankStore,
     ) -> Result<Self, MeshError> {
         let Some(spec) = bench.stages.get(stage) else { return Err(MeshError::no_stage(bench, stage)) };
+        let of_stage = |problem: MeshProblem| MeshError { stage: spec.name.clone(), problem };
+        let shift = spec.pair_shift().map_err(|error| of_stage(GearError::from(error).into()))?;
+        let fit = Fit::of_stage(spec).map_err(of_stage)?;
         let module_m = spec.module_mm * 1e-3;
         let bore = |gear: &Gear| gear.bore_mm.map_or(0.25 * spec.reference_radius_m(gear.teeth), |mm| mm * 0.5e-3);
         let face_width_m = spec.face_width_mm * 1e-3;
@@ -120,6 +128,8 @@ impl HelicalMesh {
             helix_rad: spec.helix_rad(),
             face_width_m,
             bore_radii_m: [bore(&spec.pinion), bore(&spec.wheel)],
+            profile_shifts: shift.coefficients,
+            tips: [&spec.pinion, &spec.wheel].map(|gear| crate::meshes::tip(gear, shift.tip_shortening)),
         };
         let material = Material {
             youngs_modulus_pa: bench.gear_material.youngs_modulus_pa,
@@ -131,8 +141,7 @@ impl HelicalMesh {
         let overlap = face_width_m * gears.helix_rad.sin() / (std::f64::consts::PI * module_m);
         let a_cycle = if of_sections.repeat_with_the_mesh() { SLICES_OF_A_TABLE } else { SLICES_A_CYCLE };
         let slices = ((a_cycle * overlap).ceil() as usize).clamp(FEWEST_SLICES, 1000);
-        Self::made(gears, material, options, &of_sections, (lead, slices), (spec.backlash_um * 1e-6, flanks))
-            .map_err(|problem| MeshError { stage: spec.name.clone(), problem })
+        Self::made(gears, material, options, &of_sections, (lead, slices), (fit, flanks)).map_err(of_stage)
     }
 
     fn made(
@@ -141,7 +150,7 @@ impl HelicalMesh {
         options: &MeshOptions,
         teeth: &ToothModifications,
         (lead, slices): (Lead, usize),
-        (backlash_m, flanks): (f64, &mut FlankStore),
+        (fit, flanks): (Fit, &mut FlankStore),
     ) -> Result<Self, MeshProblem> {
         let HelicalGears { module_m, pressure_angle_rad, helix_rad, face_width_m, .. } = gears;
         if !(0.0..std::f64::consts::FRAC_PI_4).contains(&helix_rad) {
@@ -151,14 +160,22 @@ impl HelicalMesh {
         let transverse_angle =
             if helix_rad == 0.0 { pressure_angle_rad } else { (pressure_angle_rad.tan() / cos).atan() };
         let section = |i: usize, which: &str| {
-            let rack = [ADDENDUM * cos, CLEARANCE * cos];
-            let of_section = [module_m / cos, transverse_angle];
-            GearGeometry::with_rack(which, gears.teeth[i], of_section, rack, face_width_m, gears.bore_radii_m[i])
+            let cut = Cutting {
+                module_m: module_m / cos,
+                pressure_angle_rad: transverse_angle,
+                addendum: ADDENDUM * cos,
+                clearance: CLEARANCE * cos,
+                profile_shift: gears.profile_shifts[i] * cos,
+                tip: match gears.tips[i] {
+                    Tip::Shortened(by) => Tip::Shortened(by * cos),
+                    at => at,
+                },
+            };
+            GearGeometry::cut(which, gears.teeth[i], &cut, face_width_m, gears.bore_radii_m[i])
         };
         let pair = (section(0, "pinion")?, section(1, "wheel")?);
-        let mut model = |teeth: &ToothModifications| {
-            MeshModel::made(pair.clone(), material, options, teeth, (backlash_m, &mut *flanks))
-        };
+        let mut model =
+            |teeth: &ToothModifications| MeshModel::made(pair.clone(), material, options, teeth, (fit, &mut *flanks));
         let base_helix_rad = (helix_rad.tan() * transverse_angle.cos()).atan();
         let overlap_ratio = face_width_m * sin / (std::f64::consts::PI * module_m);
         let load_exponent = match options.hertz {
@@ -233,7 +250,12 @@ pub(crate) fn iso_stiffness_n_per_m(section: &MeshModel, helix_rad: f64, normal_
     } else {
         [by_teeth(&pair.pinion), by_teeth(&pair.wheel)]
     };
-    let flexibility = 0.04723 + 0.15551 * small + 0.25791 * large;
+    // By the normal module.
+    let [x1, x2] = [&pair.pinion, &pair.wheel].map(|gear| gear.profile_shift / cos);
+    let shifted = -0.00635 * x1 - 0.11654 * x1 * small - 0.00193 * x2 - 0.24188 * x2 * large
+        + 0.00529 * x1 * x1
+        + 0.00182 * x2 * x2;
+    let flexibility = 0.04723 + 0.15551 * small + 0.25791 * large + shifted;
     let basic_rack = (1.0 + 0.5 * (1.2 - 1.25)) * (1.0 - 0.02 * (20.0 - normal_angle_rad.to_degrees()));
     let youngs_modulus = section.material().youngs_modulus_pa / 2.06e11;
     let single = 0.8 * basic_rack / flexibility * youngs_modulus * cos;
@@ -261,6 +283,8 @@ mod tests {
             helix_rad,
             face_width_m: 25e-3,
             bore_radii_m: [8e-3, 16e-3],
+            profile_shifts: [0.0; 2],
+            tips: [Tip::Shortened(0.0); 2],
         }
     }
 

@@ -72,11 +72,11 @@ impl MeshModel {
     /// As [`Self::pairs`] for the back flanks, which touch when the wheel drives the pinion: their approach is
     /// `−δ − backlash`. The back flanks carry healthy teeth's stiffness unless a tooth is broken, and no deviations.
     ///
-    /// A mirror maps them to driving flanks that run backwards, `u ↦ 2 s_P + ½ − u`: tooth thickness is half a pitch.
+    /// A mirror maps them to driving flanks that run backwards, `u ↦ 2 s_P + τ − u`: τ is the thickness of the pinion's teeth on the pitch circle by the pitch, half without profile shift.
     pub fn back_pairs(&self, phase: f64, load: &LoadPoint, out: &mut Pairs) {
         out.clear();
         out.coupling = self.coupling;
-        let at = 2.0 * self.geometry.pitch_phase() + 0.5 - phase;
+        let at = 2.0 * self.geometry.pitch_phase() + self.geometry.pinion_thickness - phase;
         let reach = self.reach();
         let mut index = (at + reach).floor();
         while at - index <= self.geometry.contact_ratio + reach {

@@ -70,7 +70,14 @@ fn drawn(seed: u64) -> Bench {
     let stages: Vec<Stage> = (0..stages)
         .map(|i| {
             let pinion = within(18.0, 40.0).round();
-            let gear = |teeth: f64| Gear { teeth: teeth as u32, bore_mm: None, mass_kg: None, inertia_kg_m2: None };
+            let gear = |teeth: f64| Gear {
+                teeth: teeth as u32,
+                bore_mm: None,
+                mass_kg: None,
+                inertia_kg_m2: None,
+                profile_shift: None,
+                tip_diameter_mm: None,
+            };
             Stage {
                 name: format!("stage{}", i + 1),
                 module_mm: within(2.0, 4.0),

@@ -20,6 +20,7 @@ mod harmonics;
 mod helical;
 mod oscillator;
 mod planetary;
+mod shifted;
 
 const RATE_HZ: f64 = 16_384.0;
 

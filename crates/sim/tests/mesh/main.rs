@@ -5,6 +5,7 @@ mod contact;
 mod faults;
 mod geometry;
 mod reference;
+mod shift;
 mod stiffness;
 
 use gearwatch_sim::geometry::{GearGeometry, PairGeometry};
