@@ -64,6 +64,10 @@ campaign-failures:
 campaign-sensors:
     GEARWATCH_ROUNDS=1 cargo test --release -p gearwatch --test campaign -- --nocapture sensor_faults
 
+# Pairs of random tooth numbers: right sheets that are doubted, wrong ones that are not
+campaign-teeth:
+    cargo test -p gearwatch-check -- --ignored --nocapture campaign_of_random_tooth_numbers
+
 # Changes of the instrument in real recordings, and the table in docs/instrument-faults.md
 campaign-drill:
     GEARWATCH_WRITE=1 cargo test --release -p gearwatch-explain --test drill -- --ignored --nocapture campaign_table

@@ -7,6 +7,9 @@ use crate::dsp::{Transforms, median};
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
 
+/// Peaks of a comb's score that are asked for the other orders of the train.
+const PEAKS: usize = 32;
+
 /// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
 pub struct CombField {
     log_excess: Vec<f64>,
@@ -67,19 +70,39 @@ impl CombField {
 
     /// Best speed in a range and its score.
     pub fn search(&self, orders: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
+        let mut best = (0.5 * (low_hz + high_hz), f64::NEG_INFINITY);
+        for (hz, score) in self.scores(orders, low_hz, high_hz) {
+            if score > best.1 {
+                best = (hz, score);
+            }
+        }
+        best
+    }
+
+    /// The speed in a range at which, of the best peaks of a comb, the most of `all` orders of the train are met; and the score of the comb there.
+    ///
+    /// Errors of a gear's teeth light every order of its shaft, so that mesh harmonics alone fit at another speed too, where they fall on such orders. The shafts' own orders and the
+    /// sidebands then do not.
+    pub fn speed(&self, comb: &[f64], all: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
+        let scores: Vec<(f64, f64)> = self.scores(comb, low_hz, high_hz).collect();
+        let at = |i: usize| scores.get(i).map_or(f64::NEG_INFINITY, |one| one.1);
+        let is_peak = |i: &usize| at(*i) >= at(i.wrapping_sub(1)) && at(*i) > at(i + 1);
+        let mut peaks: Vec<(f64, f64)> = (0..scores.len()).filter(is_peak).map(|i| scores[i]).collect();
+        peaks.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let fits = peaks.into_iter().take(PEAKS).map(|peak| (self.score(all, peak.0), peak));
+        fits.max_by(|a, b| a.0.total_cmp(&b.0)).map_or((0.5 * (low_hz + high_hz), f64::NEG_INFINITY), |best| best.1)
+    }
+
+    /// Speeds of a range and the scores of a comb there.
+    fn scores<'a>(&'a self, orders: &'a [f64], low_hz: f64, high_hz: f64) -> impl Iterator<Item = (f64, f64)> + 'a {
         let highest = orders.iter().copied().fold(1.0, f64::max);
         // A fifth of a bin at the highest order: finer than the main lobe of the window.
         let step = (0.2 * self.bin_hz / highest).max(1e-9);
         let count = (((high_hz - low_hz) / step).ceil() as usize).min(400_000);
-        let mut best = (0.5 * (low_hz + high_hz), f64::NEG_INFINITY);
-        for i in 0..=count {
-            let f = low_hz + step * i as f64;
-            let score = self.score(orders, f);
-            if score > best.1 {
-                best = (f, score);
-            }
-        }
-        best
+        (0..=count).map(move |i| {
+            let hz = low_hz + step * i as f64;
+            (hz, self.score(orders, hz))
+        })
     }
 }
 

@@ -36,8 +36,8 @@ const TEETH_GAIN: f64 = 0.5;
 const TEETH_SURE: f64 = 4.0;
 /// Tooth numbers farther off than those that are tried, up to so many: nobody has them, and their scores say what chance gives. The best of a dozen and a half numbers tried must lie so
 /// many of their standard deviations above them: by chance once in two thousand sheets, were they normal.
-const NOBODYS_REACH: i64 = 24;
-const OF_NOBODY: f64 = 4.0;
+pub(crate) const NOBODYS_REACH: i64 = 24;
+pub(crate) const OF_NOBODY: f64 = 4.0;
 /// The same where the lines that it moves speak for it as well: one number in twenty that nobody has scores so much. True numbers of single recordings behind a slipping motor come to 2.0 at
 /// least, one that errors of all teeth lit to 1.2.
 const OF_NOBODY_MOVED: f64 = 1.645;
@@ -193,6 +193,12 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64
     (centre * (1.0 - slip.max(spread)), centre * (1.0 + spread))
 }
 
+/// Orders that decide between speeds at which the mesh harmonics fit alike: theirs, and the first of every shaft.
+pub(crate) fn speed_orders(train: &Train) -> Vec<f64> {
+    let shafts = train.shafts.iter().flat_map(|(_, order)| (1..=4).map(move |k| order * f64::from(k)));
+    comb_orders(train).into_iter().chain(shafts).collect()
+}
+
 /// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
 pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
     let mut out = comb_orders(train);
@@ -292,11 +298,12 @@ pub(crate) fn own_speed(
 ) -> (f64, f64) {
     let tacho = steady.tacho_hz(train);
     let (low, high) = range(bench, train, steady, tacho, reach);
-    let near = field.search(comb, low, high);
+    let all = speed_orders(train);
+    let near = field.speed(comb, &all, low, high);
     if tacho.is_some() || !steady.display_motor_hz.is_finite() || bench.belt.is_some() {
         return near;
     }
-    let far = field.search(comb, low * (1.0 - RATE_REACH), high * (1.0 + RATE_REACH));
+    let far = field.speed(comb, &all, low * (1.0 - RATE_REACH), high * (1.0 + RATE_REACH));
     if far.1 > near.1 + TEETH_GAIN { far } else { near }
 }
 
@@ -394,7 +401,7 @@ impl Fit {
                 own_speed(candidate, &train, steady, field, &comb, TACHO_REACH).0
             } else {
                 let (low, high) = range(candidate, &train, steady, steady.tacho_hz(&train), TACHO_REACH);
-                field.search(&comb, low, high).0
+                field.speed(&comb, &speed_orders(&train), low, high).0
             };
             sum += field.score(&orders, hz);
             lines.push(orders.iter().map(|o| o * hz).collect());
@@ -413,7 +420,7 @@ fn sheet_has_lines(moved: &Moved, nobody: &[(f64, Moved)]) -> bool {
 
 /// Whether the score of a tooth number stands by so many standard deviations out of those of numbers that nobody has. Where sidebands of a pitch error make every whole
 /// number fit a little, they scatter by that; a few that share lines with another mesh do not count, the scatter being that of the median.
-fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
+pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
     let middle = dsp::median(&mut nobodys.to_vec());
     let mut off: Vec<f64> = nobodys.iter().map(|x| (x - middle).abs()).collect();
     score > middle + deviations * 1.4826 * dsp::median(&mut off)

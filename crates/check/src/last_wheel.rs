@@ -8,8 +8,8 @@ use gearwatch_core::train::Train;
 
 use num_complex::Complex64;
 
-use crate::dsp::{mean, median};
-use crate::kinematics::{self, OtherTeeth};
+use crate::dsp::{MAIN_LOBE_BINS, mean, median};
+use crate::kinematics::{self, NOBODYS_REACH, OF_NOBODY, OtherTeeth, stands_out};
 use crate::orders::USABLE_BAND;
 
 /// A recording over shaft angle.
@@ -37,6 +37,12 @@ const APART_BINS: f64 = 3.0;
 /// Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean, at which other teeth are believed.
 const GAIN: f64 = 0.4;
 const SURE: f64 = 4.0;
+/// A line stands above what lies so many bins beside it, outside its main lobe, and not only above the noise: the skirt of a strong line is no line. Where a stronger one is that near, nothing
+/// is to be seen.
+const BESIDE: usize = MAIN_LOBE_BINS + 1;
+/// Multiples of the last shaft's speed that errors of another shaft's gears are modulated by: run-out of the wheel changes how the pinion's errors are felt. Such products are no multiples of
+/// either shaft alone. Beside a whole ratio they are those of a wheel with a tooth more or fewer.
+const PRODUCTS: usize = 3;
 /// Lines on each side.
 const LEAST_LINES: usize = 20;
 
@@ -49,35 +55,91 @@ fn multiples(teeth: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Mean log excess over the floor of each line of one tooth number that neither the other nor the rest of the train has. Recordings and channels show the same lines, so that what falls on
+/// One tooth number of the last wheel: the order of its shaft by it, and its multiples that are counted.
+struct Comb {
+    order: f64,
+    multiples: Vec<usize>,
+}
+
+impl Comb {
+    fn new(mesh_order: f64, teeth: u32) -> Self {
+        Self { order: mesh_order / f64::from(teeth), multiples: multiples(teeth as usize) }
+    }
+}
+
+/// A line of one comb in one channel.
+struct Seen {
+    /// Log of its power over what lies beside it.
+    excess: f64,
+    /// How far it lies from the comb's multiple, and from the nearest product of the other comb's order with another shaft (bins), where one is that near.
+    off: f64,
+    from_product: Option<f64>,
+}
+
+/// Mean log excess of each line of one comb that neither the other nor the rest of the train has. Recordings and channels show the same lines, so that what falls on
 /// one by chance does so in all of them: a line is one witness, however often it was recorded.
-fn excess(all: &[OrderSpectra<'_>], train: &Train, own: (f64, usize), other: (f64, usize)) -> Vec<f64> {
-    let against = multiples(other.1);
-    let of = |n: usize| {
-        let order = n as f64 * own.0;
-        let mut seen = Vec::new();
-        for r in all {
-            let near = |order: f64, spacing: f64| {
-                (order - (order / spacing).round() * spacing).abs() * r.revolutions < APART_BINS
-            };
-            let bin = (order * r.revolutions).round() as usize;
-            let taken = train.shafts.iter().rev().skip(1).any(|s| near(order, s.1))
-                || against.iter().any(|m| (order - *m as f64 * other.0).abs() * r.revolutions < APART_BINS);
-            if order > USABLE_BAND * r.sample_rate_hz / r.input_hz || taken {
-                continue;
-            }
-            for (spectrum, floor) in &r.channels {
-                if let (Some(bins), Some(floor)) = (spectrum.get(bin.saturating_sub(1)..bin + 2), floor.get(bin))
-                    && *floor > 0.0
-                {
-                    let power = bins.iter().map(|b| b.norm_sqr()).fold(0.0, f64::max);
-                    seen.push((power / floor).max(0.1).ln());
-                }
+///
+/// Beside a whole ratio of the stage, products of the other comb are within a bin of this one's multiples. Where the lines lie says whose they are, all of them together.
+fn excess(all: &[OrderSpectra<'_>], train: &Train, own: &Comb, other: &Comb) -> Vec<f64> {
+    let lines: Vec<Vec<Seen>> = own.multiples.iter().map(|n| line(all, train, own.order * *n as f64, other)).collect();
+    let nearer: f64 = lines
+        .iter()
+        .flatten()
+        .filter_map(|seen| Some(seen.excess.exp() * (seen.from_product?.powi(2) - seen.off.powi(2))))
+        .sum();
+    let counts = |seen: &&Seen| seen.from_product.is_none() || nearer > 0.0;
+    let of_one = |line: &Vec<Seen>| {
+        let excess: Vec<f64> = line.iter().filter(counts).map(|seen| seen.excess).collect();
+        (!excess.is_empty()).then(|| mean(&excess))
+    };
+    lines.iter().filter_map(of_one).collect()
+}
+
+/// What recordings and channels show at an order.
+fn line(all: &[OrderSpectra<'_>], train: &Train, order: f64, other: &Comb) -> Vec<Seen> {
+    let mut seen = Vec::new();
+    for r in all {
+        let off = |order: f64, spacing: f64| (order - (order / spacing).round() * spacing) * r.revolutions;
+        let shafts = || train.shafts.iter().rev().skip(1).map(|s| s.1);
+        let known = shafts().any(|shaft| off(order, shaft).abs() < APART_BINS)
+            || other.multiples.iter().any(|m| (order - *m as f64 * other.order).abs() * r.revolutions < APART_BINS);
+        if known || order > USABLE_BAND * r.sample_rate_hz / r.input_hz {
+            continue;
+        }
+        let products = || (1..=PRODUCTS).flat_map(|m| [-1.0, 1.0].map(|side| side * m as f64 * other.order));
+        let near: Vec<f64> = shafts()
+            .flat_map(|shaft| products().map(move |beside| off(order - beside, shaft)))
+            .filter(|off| off.abs() < APART_BINS)
+            .collect();
+        let position = order * r.revolutions;
+        for (spectrum, floor) in &r.channels {
+            if let Some((excess, at)) = peak(spectrum, floor, position.round() as usize) {
+                let off = at - position;
+                let from_product = near.iter().map(|product| off + product).min_by(|a, b| a.abs().total_cmp(&b.abs()));
+                seen.push(Seen { excess, off, from_product });
             }
         }
-        (!seen.is_empty()).then(|| mean(&seen))
-    };
-    multiples(own.1).into_iter().filter_map(of).collect()
+    }
+    seen
+}
+
+/// Log of the power of the peak among three bins over what lies beside it, and its position. `None` where there is no peak, or a stronger line is near.
+fn peak(spectrum: &[Complex64], floor: &[f64], bin: usize) -> Option<(f64, f64)> {
+    let bins = spectrum.get(bin.checked_sub(BESIDE)?..=bin + BESIDE)?;
+    let floor = *floor.get(bin)?;
+    let power = |k: usize| bins[k].norm_sqr();
+    let (below, above) = (power(0), power(2 * BESIDE));
+    let highest = (BESIDE - 1..=BESIDE + 1).max_by(|a, b| power(*a).total_cmp(&power(*b)))?;
+    let is_peak = power(highest) >= power(highest - 1) && power(highest) >= power(highest + 1);
+    if !is_peak || power(highest) <= below.max(above) || floor <= 0.0 {
+        return None;
+    }
+    // A parabola through the logarithms: the main lobe of the window is one nearly.
+    let [a, b, c] = [highest - 1, highest, highest + 1].map(|k| power(k).max(f64::MIN_POSITIVE).ln());
+    let curved = a - 2.0 * b + c;
+    let shift = if curved < 0.0 { 0.5 * (a - c) / curved } else { 0.0 };
+    let excess = (power(highest) / floor.max((below * above).sqrt())).max(0.1).ln();
+    Some((excess, (bin + highest) as f64 - BESIDE as f64 + shift))
 }
 
 /// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.
@@ -97,14 +159,13 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>]) -> Op
     if tacho_agrees(bench, train, all, sheet) {
         return None;
     }
-    let order = |teeth: u32| kinematic.mesh_order / f64::from(teeth);
-    let mut tried: Vec<(f64, f64, u32)> = Vec::new();
-    for change in (-REACH..=REACH).filter(|c| *c != 0) {
-        let Ok(teeth) = u32::try_from(i64::from(sheet) + change) else { continue };
-        let (a, b) = ((order(sheet), sheet as usize), (order(teeth), teeth as usize));
-        let (mut old, mut new) = (excess(all, train, a, b), excess(all, train, b, a));
+    let own = Comb::new(kinematic.mesh_order, sheet);
+    // Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean.
+    let gain = |teeth: u32| -> Option<(f64, f64)> {
+        let comb = Comb::new(kinematic.mesh_order, teeth);
+        let (mut old, mut new) = (excess(all, train, &own, &comb), excess(all, train, &comb, &own));
         if old.len().min(new.len()) < LEAST_LINES {
-            continue;
+            return None;
         }
         let variance = |v: &[f64]| {
             let m = mean(v);
@@ -112,14 +173,22 @@ pub fn other_wheel(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>]) -> Op
         };
         let sure = (mean(&new) - mean(&old)) / (variance(&old) + variance(&new)).sqrt().max(1e-9);
         // The whole comb moves, not a few strong lines that something else makes.
-        let gain = median(&mut new) - median(&mut old);
-        tried.push((gain, sure, teeth));
-    }
+        Some((median(&mut new) - median(&mut old), sure))
+    };
+    let beside = |reach: std::ops::RangeInclusive<i64>| -> Vec<(f64, f64, u32)> {
+        reach
+            .flat_map(|change| [-change, change])
+            .filter_map(|change| u32::try_from(i64::from(sheet) + change).ok())
+            .filter_map(|teeth| gain(teeth).map(|(gain, sure)| (gain, sure, teeth)))
+            .collect()
+    };
+    let mut tried = beside(1..=REACH);
     let best = tried.iter().map(|t| t.0).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?.0;
     let (gain, sure, teeth) = tried.swap_remove(best);
+    tried.extend(beside(REACH + 1..=NOBODYS_REACH));
     let others: Vec<f64> = tried.iter().map(|t| t.0).collect();
     let other = kinematics::with_teeth(bench, stage, false, teeth)?;
-    (gain > GAIN && sure > SURE && !sheet_stands(&others))
+    (gain > GAIN && sure > SURE && !sheet_stands(&others) && stands_out(gain, &others, OF_NOBODY))
         .then_some((OtherTeeth { stage, pinion: false, teeth, sheet, gain }, other))
 }
 

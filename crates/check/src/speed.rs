@@ -236,7 +236,8 @@ fn best(train: &Train, field: &CombField, steady: &Steady<'_>, hz: f64, reach: f
     let orders = kinematics::comb_orders(train);
     let highest = USABLE_BAND * steady.sample_rate_hz;
     let inside = orders.iter().filter(|order| **order * hz < highest).count();
-    (inside >= LEAST_LINES).then(|| field.search(&orders, hz * (1.0 - reach), hz * (1.0 + reach)))
+    let all = kinematics::speed_orders(train);
+    (inside >= LEAST_LINES).then(|| field.speed(&orders, &all, hz * (1.0 - reach), hz * (1.0 + reach)))
 }
 
 /// The explanation that fits much better than the expected speed, if there is one. What has a known cause goes before what has none.
