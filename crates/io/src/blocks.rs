@@ -21,10 +21,16 @@ pub(crate) fn time_of(t0: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNan
     t0.saturating_add(nanos)
 }
 
+/// How many values are not finite; counted without a branch, as that is several times as fast as stopping at the first.
+fn not_finite(values: &[f32]) -> usize {
+    // In parts whose count fits 32 bits.
+    values.chunks(1 << 16).map(|part| part.iter().map(|v| u32::from(!v.is_finite())).sum::<u32>() as usize).sum()
+}
+
 /// A value that is not a number makes its whole block invalid.
 pub(crate) fn quality_of(samples: &Samples) -> Quality {
     match samples {
-        Samples::Physical(values) if values.iter().any(|v| !v.is_finite()) => Quality::INVALID,
+        Samples::Physical(values) if not_finite(values) > 0 => Quality::INVALID,
         _ => Quality::GOOD,
     }
 }
@@ -65,8 +71,25 @@ impl RowBlocks {
         &self.sensors
     }
 
-    /// Adds one row; `missing` samples were lost before it.
+    /// Adds one row, a value for each sensor; `missing` samples were lost before it.
     pub(crate) fn push(&mut self, t: UnixNanos, row: impl IntoIterator<Item = f64>, missing: u64) {
+        self.begin_row(t, missing);
+        for ((buffer, sensor), value) in self.buffers.iter_mut().zip(&self.sensors).zip(row) {
+            buffer.push((value * sensor.scale) as f32);
+        }
+        self.end_row();
+    }
+
+    /// Adds one row with a value for each column of a table.
+    pub(crate) fn push_from(&mut self, t: UnixNanos, table_row: &[f64], missing: u64) {
+        self.begin_row(t, missing);
+        for (buffer, sensor) in self.buffers.iter_mut().zip(&self.sensors) {
+            buffer.push((table_row[sensor.column] * sensor.scale) as f32);
+        }
+        self.end_row();
+    }
+
+    fn begin_row(&mut self, t: UnixNanos, missing: u64) {
         if missing > 0 {
             self.flush();
             self.index = self.index.saturating_add(missing);
@@ -76,9 +99,9 @@ impl RowBlocks {
             self.block_t0 = t;
             self.block_index = self.index;
         }
-        for ((buffer, sensor), value) in self.buffers.iter_mut().zip(&self.sensors).zip(row) {
-            buffer.push((value * sensor.scale) as f32);
-        }
+    }
+
+    fn end_row(&mut self) {
         self.index = self.index.saturating_add(1);
         if self.buffers.first().is_some_and(|b| b.len() >= self.length) {
             self.flush();
@@ -139,7 +162,7 @@ impl WholeSource {
         }
         for channel in &channels {
             if let Samples::Physical(values) = &channel.samples {
-                let bad = values.iter().filter(|v| !v.is_finite()).count();
+                let bad = not_finite(values);
                 if bad > 0 {
                     warnings.push(format!(
                         "{}: {bad} values are not finite numbers; their blocks are marked invalid",
