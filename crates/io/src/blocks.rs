@@ -146,7 +146,8 @@ pub(crate) struct Whole {
 
 /// Hands out channels that are in memory as blocks, in order of time.
 pub(crate) struct WholeSource {
-    channels: Vec<(Whole, usize)>,
+    /// With the index of the next sample, and whether all values are finite.
+    channels: Vec<(Whole, usize, bool)>,
     warnings: Vec<String>,
 }
 
@@ -160,18 +161,22 @@ impl WholeSource {
         {
             warnings.push(format!("the channels have unequal lengths, {least} to {most} samples"));
         }
-        for channel in &channels {
+        let mut parts = Vec::with_capacity(channels.len());
+        for channel in channels {
+            let mut finite = true;
             if let Samples::Physical(values) = &channel.samples {
                 let bad = not_finite(values);
-                if bad > 0 {
+                finite = bad == 0;
+                if !finite {
                     warnings.push(format!(
                         "{}: {bad} values are not finite numbers; their blocks are marked invalid",
                         channel.sensor.name
                     ));
                 }
             }
+            parts.push((channel, 0, finite));
         }
-        Self { channels: channels.into_iter().map(|c| (c, 0)).collect(), warnings }
+        Self { channels: parts, warnings }
     }
 }
 
@@ -179,9 +184,11 @@ impl gearwatch_core::source::Source for WholeSource {
     type Error = crate::problem::Problem;
 
     fn next_packet(&mut self) -> Result<Option<Packet>, Self::Error> {
-        let time = |(whole, at): &(Whole, usize)| time_of(whole.sensor.t0, *at as u64, whole.sensor.sample_rate_hz);
-        let next = self.channels.iter_mut().filter(|(w, at)| *at < w.samples.len()).min_by_key(|channel| time(channel));
-        let Some((whole, at)) = next else { return Ok(None) };
+        let time =
+            |(whole, at, _): &(Whole, usize, bool)| time_of(whole.sensor.t0, *at as u64, whole.sensor.sample_rate_hz);
+        let next =
+            self.channels.iter_mut().filter(|(w, at, _)| *at < w.samples.len()).min_by_key(|channel| time(channel));
+        let Some((whole, at, finite)) = next else { return Ok(None) };
         let from = *at;
         let to = whole.samples.len().min(from + block_length(whole.sensor.sample_rate_hz));
         *at = to;
@@ -197,7 +204,7 @@ impl gearwatch_core::source::Source for WholeSource {
             sample_rate_hz: whole.sensor.sample_rate_hz,
             first_sample_index: from as u64,
             unit: whole.sensor.unit.clone(),
-            quality: quality_of(&samples),
+            quality: if *finite { Quality::GOOD } else { quality_of(&samples) },
             samples,
         })))
     }
