@@ -122,6 +122,9 @@ impl RatePlan {
         let (lowest, highest) = (start * (1.0 - range), start * (1.0 + range));
         let spectrum =
             WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, windows: &self.windows };
+        if !self.search.has_enough_lines(spectrum, lowest, highest) {
+            return None;
+        }
         let candidate = self.search.search(&mut state.search, spectrum, lowest, highest)?;
         let mut found = self.search.refine(&mut state.search, spectrum, candidate.n1);
         found.trust.rival =
