@@ -84,7 +84,9 @@ impl MeshSpeed {
 
     /// Nothing better is to be expected from looking for ramps.
     pub fn is_clear(&self) -> bool {
-        self.trust.lines >= LEAST_LINES && self.trust.evidence > self.trust.rival + MARGIN && self.trust.compactness > CLEAR
+        self.trust.lines >= LEAST_LINES
+            && self.trust.evidence > self.trust.rival + MARGIN
+            && self.trust.compactness > CLEAR
     }
 }
 
