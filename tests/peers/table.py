@@ -205,7 +205,7 @@ def machine():
 
 def block(part, lines, rounds):
     """A part as it stands in the page, between its marks."""
-    head = [f"<!-- part: {part} -->", "", f"Measured at {machine()}; {rounds} rounds.", ""]
+    head = [f"<!-- part: {part} -->", "", f"Measured at {machine()}; {rounds} {'round' if rounds == 1 else 'rounds'}.", ""]
     table = [] if lines[0].startswith("| against") else ["| what | gearwatch | beside | aim |", "|---|---|---|---|"]
     return "\n".join(head + table + lines) + "\n"
 
