@@ -31,6 +31,10 @@ sign key:
 bench:
     cargo bench --workspace
 
+# The table of docs/performance.md: speed beside peers (pip install numpy mcap h5py npTDMS pyarrow pyfftw scipy mkl_fft matplotlib; `--only reading` for one part)
+bench-table *args:
+    python3 tests/peers/table.py {{args}}
+
 # The SpectraQuest recordings, where they lie beside the repository: a baseline of first halves judges second halves and the broken tooth
 spectraquest:
     cargo test -p gearwatch-tests --test spectraquest_baseline -- --nocapture

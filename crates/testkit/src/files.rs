@@ -61,7 +61,7 @@ fn csv() -> Vec<u8> {
 
 /// Packs bytes as gzip does.
 pub fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     encoder.write_all(bytes).unwrap();
     encoder.finish().unwrap()
 }
@@ -139,7 +139,7 @@ pub fn mat_file(elements: &[Vec<u8>], compressed: bool) -> Vec<u8> {
     out.extend([0x00, 0x01, b'I', b'M']);
     for element in elements {
         if compressed {
-            let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+            let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
             encoder.write_all(element).unwrap();
             let packed = encoder.finish().unwrap();
             out.extend(15_u32.to_le_bytes());

@@ -76,7 +76,7 @@ impl MeshSpeed {
     /// The speed can be relied on: two lines at least stand out, no other speed in the range has nearly as much evidence,
     /// the lines are lines and not smears, and sigma (relative) is small enough.
     pub fn is_trusted(&self, max_sigma: f64) -> bool {
-        self.trust.lines >= 2
+        self.trust.lines >= LEAST_LINES
             && self.trust.evidence > self.trust.rival + MARGIN
             && self.trust.compactness > SMEARED
             && self.revolutions_variance.sqrt() < max_sigma * self.revolutions
@@ -84,9 +84,14 @@ impl MeshSpeed {
 
     /// Nothing better is to be expected from looking for ramps.
     pub fn is_clear(&self) -> bool {
-        self.trust.lines >= 2 && self.trust.evidence > self.trust.rival + MARGIN && self.trust.compactness > CLEAR
+        self.trust.lines >= LEAST_LINES
+            && self.trust.evidence > self.trust.rival + MARGIN
+            && self.trust.compactness > CLEAR
     }
 }
+
+/// A speed must show in so many lines: one line fits some harmonic at many speeds.
+const LEAST_LINES: usize = 2;
 
 /// A speed must have this much more evidence than any other: a likelihood ratio of 150. While the speed moves through ±3 %, 5x of a mesh at
 /// 750 Hz moves by 225 bins of a 1 s window, room for some 160 main lobes: only with such a ratio to each are all other speeds together less probable
@@ -108,6 +113,15 @@ pub(crate) struct MeshLine {
     pub(crate) mesh_order: f64,
     /// The comb it belongs to.
     pub(crate) comb: usize,
+}
+
+impl MeshLine {
+    /// Its bins between two speeds in revolutions per window, with its neighbourhood; absent where they are not all in the usable band.
+    fn range_in_band(&self, spectrum: WindowSpectrum<'_>, lowest: f64, highest: f64) -> Option<(f64, f64)> {
+        let from = self.order * lowest - SEARCH_MARGIN;
+        let to = self.order * highest + SEARCH_MARGIN;
+        (!(from < spectrum.windows.guard_half_width() || to > spectrum.highest_bin)).then_some((from, to))
+    }
 }
 
 /// Plan.
@@ -225,6 +239,11 @@ impl MeshSearch {
         best.n1.is_finite().then_some(best)
     }
 
+    /// At least two lines lie in the usable band over the whole range: with fewer no speed is ever trusted, so that none need be sought.
+    pub fn has_enough_lines(&self, spectrum: WindowSpectrum<'_>, lowest: f64, highest: f64) -> bool {
+        self.lines.iter().filter(|line| line.range_in_band(spectrum, lowest, highest).is_some()).count() >= LEAST_LINES
+    }
+
     /// Order of the highest line in the usable band at a speed in revolutions per window.
     pub fn top_order(&self, n1: f64, highest_bin: f64) -> Option<f64> {
         let orders = self.lines.iter().map(|l| l.order).filter(|order| order * n1 + SEARCH_MARGIN <= highest_bin);
@@ -247,11 +266,7 @@ impl MeshSearch {
         state.used.clear();
         state.logs.clear();
         for line in &self.lines {
-            let from = line.order * lowest - SEARCH_MARGIN;
-            let to = line.order * highest + SEARCH_MARGIN;
-            if from < spectrum.windows.guard_half_width() || to > spectrum.highest_bin {
-                continue;
-            }
+            let Some((from, to)) = line.range_in_band(spectrum, lowest, highest) else { continue };
             let (first_bin, last_bin) = (from.floor() as usize, (to.ceil() as usize).min(spectrum.bins.len() - 1));
             let first_log = state.logs.len();
             state.logs.resize(first_log + last_bin + 1 - first_bin, 0.0);

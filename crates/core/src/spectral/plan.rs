@@ -122,6 +122,9 @@ impl RatePlan {
         let (lowest, highest) = (start * (1.0 - range), start * (1.0 + range));
         let spectrum =
             WindowSpectrum { bins: &state.spectrum, samples: self.samples, highest_bin, windows: &self.windows };
+        if !self.search.has_enough_lines(spectrum, lowest, highest) {
+            return None;
+        }
         let candidate = self.search.search(&mut state.search, spectrum, lowest, highest)?;
         let mut found = self.search.refine(&mut state.search, spectrum, candidate.n1);
         found.trust.rival =
@@ -246,4 +249,39 @@ fn interpolate(samples: &[f64], position: f64) -> f64 {
     let far = x - 2.0;
     a * (-x * above * far / 6.0) + b * (below * above * far / 2.0) - c * (below * x * far / 2.0)
         + d * (below * x * above / 6.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::Bench;
+    use crate::pipeline::{Pipeline, PipelineConfig};
+
+    /// At 1024 Hz the mesh of stage 1, 29 × 25 Hz, and twice that of stage 2, 10.44 × 25 Hz, lie above half the rate: one line is left, by which no speed is
+    /// trusted. At 2048 Hz there are more.
+    #[test]
+    fn regress_no_speed_is_sought_by_a_single_line() {
+        let gear = |teeth: u32| serde_json::json!({ "teeth": teeth });
+        let text = serde_json::json!({
+            "format": "gearwatch-bench/1", "name": "bench", "motor": { "speed_hz": 25.0 },
+            "shaft": [{ "name": "input" }, { "name": "middle" }, { "name": "output" }],
+            "stage": [
+                { "name": "stage1", "pinion": gear(29), "wheel": gear(100) },
+                { "name": "stage2", "pinion": gear(36), "wheel": gear(90) },
+            ],
+        });
+        let bench: Bench = serde_json::from_value(text).unwrap();
+        let config = PipelineConfig::default();
+        let pipeline = Pipeline::new(&bench, &config, None).unwrap();
+        for (samples, enough) in [(1024, false), (2048, true)] {
+            let plan = RatePlan::new(pipeline.train(), &config.speed, samples, samples as f64);
+            let spectrum = WindowSpectrum {
+                bins: &[],
+                samples,
+                highest_bin: config.usable_band * samples as f64,
+                windows: &plan.windows,
+            };
+            assert_eq!(plan.search.has_enough_lines(spectrum, 25.0 * 0.97, 25.0 * 1.03), enough, "{samples}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! Text tables: CSV, TSV and their kin, with or without a header, with decimal point or comma.
 
-use std::io::{BufRead, BufReader, Cursor, Read};
+use std::collections::VecDeque;
+use std::io::{Cursor, Read};
 
 use gearwatch_core::block::{Packet, UnixNanos};
 use gearwatch_core::source::Source;
@@ -14,13 +15,15 @@ use crate::timing::{self, ESTIMATE_FROM, Grid, LOOK_AHEAD};
 use super::Format;
 
 mod dialect;
+mod lines;
+mod plain;
 
 use dialect::{Dialect, number};
+use lines::Lines;
+use plain::Plain;
 
 /// Bytes from which delimiter, decimal sign and header are found out.
 const HEAD: u64 = 64 << 10;
-/// Bytes of one line; a table of a thousand channels has some ten thousand.
-const LONGEST_LINE: u64 = 1 << 20;
 
 /// See the module.
 pub(super) struct Csv;
@@ -59,13 +62,16 @@ enum Clock {
 struct CsvSource {
     lines: Lines,
     dialect: Dialect,
+    plain: Option<Plain>,
     columns: Vec<Column>,
     options: OpenOptions,
     clock: Clock,
     /// Known once the rate is.
     blocks: Option<RowBlocks>,
     /// Rows that were read ahead: time in seconds and all numeric columns.
-    ahead: std::collections::VecDeque<(f64, Vec<f64>)>,
+    ahead: VecDeque<(f64, Vec<f64>)>,
+    /// Rows that were handed over, for their memory.
+    spare: Vec<Vec<f64>>,
     gaps: u64,
     missing_values: u64,
     warnings: Vec<String>,
@@ -96,12 +102,14 @@ impl CsvSource {
         };
         Ok(Self {
             lines,
+            plain: Plain::new(&dialect),
             dialect,
             columns,
             options: options.clone(),
             clock,
             blocks: None,
-            ahead: std::collections::VecDeque::new(),
+            ahead: VecDeque::new(),
+            spare: Vec::new(),
             gaps: 0,
             missing_values: 0,
             warnings: Vec::new(),
@@ -112,53 +120,64 @@ impl CsvSource {
     /// Reads rows until `n` are in memory or the file ends.
     fn read_ahead(&mut self, n: usize) -> Result<(), Problem> {
         while self.ahead.len() < n && !self.at_end {
-            let Some((line, text)) = self.lines.next_line()? else {
+            let mut row = self.spare.pop().unwrap_or_else(|| vec![f64::NAN; self.columns.len()]);
+            let plain = self.plain.as_ref().is_some_and(|plain| self.lines.take(|bytes| plain.row(bytes, &mut row)));
+            if !plain && !self.careful_row(&mut row)? {
                 self.at_end = true;
                 break;
-            };
-            if text.trim().is_empty() {
-                continue;
-            }
-            let mut row = vec![f64::NAN; self.columns.len()];
-            let mut fields = 0;
-            for field in self.dialect.split(text) {
-                if let (Some(value), Some(true)) = (row.get_mut(fields), self.dialect.numeric.get(fields)) {
-                    *value = match number(field, self.dialect.decimal_comma) {
-                        Some(value) => value,
-                        None if field.trim().is_empty() => {
-                            self.missing_values += 1;
-                            f64::NAN
-                        }
-                        None => {
-                            let name = &self.columns[fields].name;
-                            let column = if name.is_empty() { (fields + 1).to_string() } else { format!("{name:?}") };
-                            return Err(Problem::damaged(
-                                format_args!("line {line}, column {column}"),
-                                "a number",
-                                format_args!("{:?}", field.chars().take(40).collect::<String>()),
-                            ));
-                        }
-                    };
-                }
-                fields += 1;
-            }
-            if fields != self.columns.len() {
-                return Err(Problem::damaged(
-                    format_args!("line {line}"),
-                    format_args!("{} fields, as in line {}", self.columns.len(), self.dialect.first_data_line + 1),
-                    fields,
-                ));
             }
             let time = match &self.clock {
                 Clock::Counted { .. } => 0.0,
                 Clock::Column { at, factor, .. } => row[*at] * factor,
             };
             if !time.is_finite() {
-                return Err(Problem::damaged(format_args!("line {line}"), "a time in seconds", time));
+                return Err(Problem::damaged(format_args!("line {}", self.lines.number), "a time in seconds", time));
             }
             self.ahead.push_back((time, row));
         }
         Ok(())
+    }
+
+    /// Reads the next row field by field; false at the end.
+    fn careful_row(&mut self, row: &mut [f64]) -> Result<bool, Problem> {
+        let (line, text) = loop {
+            match self.lines.next_line()? {
+                Some((_, text)) if text.trim().is_empty() => {}
+                Some(found) => break found,
+                None => return Ok(false),
+            }
+        };
+        row.fill(f64::NAN);
+        let mut fields = 0;
+        for field in self.dialect.split(&text) {
+            if let (Some(value), Some(true)) = (row.get_mut(fields), self.dialect.numeric.get(fields)) {
+                *value = match number(field, self.dialect.decimal_comma) {
+                    Some(value) => value,
+                    None if field.trim().is_empty() => {
+                        self.missing_values += 1;
+                        f64::NAN
+                    }
+                    None => {
+                        let name = &self.columns[fields].name;
+                        let column = if name.is_empty() { (fields + 1).to_string() } else { format!("{name:?}") };
+                        return Err(Problem::damaged(
+                            format_args!("line {line}, column {column}"),
+                            "a number",
+                            format_args!("{:?}", field.chars().take(40).collect::<String>()),
+                        ));
+                    }
+                };
+            }
+            fields += 1;
+        }
+        if fields != self.columns.len() {
+            return Err(Problem::damaged(
+                format_args!("line {line}"),
+                format_args!("{} fields, as in line {}", self.columns.len(), self.dialect.first_data_line + 1),
+                fields,
+            ));
+        }
+        Ok(true)
     }
 
     /// Finds the sample rate and the sensors.
@@ -236,8 +255,8 @@ impl CsvSource {
             }
         };
         self.gaps += u64::from(missing > 0);
-        let values: Vec<f64> = blocks.sensors().iter().map(|s| row[s.column]).collect();
-        blocks.push(t, values, missing);
+        blocks.push_from(t, &row, missing);
+        self.spare.push(row);
         Ok(true)
     }
 }
@@ -289,51 +308,5 @@ impl Reader for CsvSource {
             warnings.push(format!("{invalid} blocks hold values that are not finite numbers and are marked invalid"));
         }
         warnings
-    }
-}
-
-/// Lines of bounded length.
-struct Lines {
-    input: BufReader<Box<dyn Read + Send>>,
-    buffer: Vec<u8>,
-    text: String,
-    number: u64,
-    skip: u64,
-}
-
-impl Lines {
-    fn new(input: Box<dyn Read + Send>, skip: u64) -> Self {
-        Self {
-            input: BufReader::with_capacity(1 << 16, input),
-            buffer: Vec::new(),
-            text: String::new(),
-            number: 0,
-            skip,
-        }
-    }
-
-    /// Number (from 1) and text of the next line; characters that are not UTF-8 are replaced.
-    fn next_line(&mut self) -> Result<Option<(u64, &str)>, Problem> {
-        loop {
-            self.buffer.clear();
-            (&mut self.input).take(LONGEST_LINE).read_until(b'\n', &mut self.buffer)?;
-            if self.buffer.is_empty() {
-                return Ok(None);
-            }
-            self.number += 1;
-            if self.buffer.len() as u64 == LONGEST_LINE {
-                return Err(Problem::limit(
-                    format_args!("line {}", self.number),
-                    "its length",
-                    format_args!("{LONGEST_LINE} bytes"),
-                ));
-            }
-            if self.number > self.skip {
-                break;
-            }
-        }
-        self.text.clear();
-        self.text.push_str(&String::from_utf8_lossy(&self.buffer));
-        Ok(Some((self.number, self.text.trim_end_matches(['\r', '\n']))))
     }
 }

@@ -57,6 +57,22 @@ pub(super) fn u64_le(bytes: &[u8]) -> u64 {
     bytes.iter().take(8).rev().fold(0, |value, &byte| value << 8 | u64::from(byte))
 }
 
+/// Bytes by which a record's memory grows at a time.
+const PIECE: usize = 256 << 10;
+
+fn fill(input: &mut impl Read, out: &mut [u8]) -> std::io::Result<usize> {
+    let mut got = 0;
+    while got < out.len() {
+        match input.read(&mut out[got..]) {
+            Ok(0) => break,
+            Ok(n) => got += n,
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(got)
+}
+
 /// The input with its position, a running checksum and the last eight bytes.
 pub(super) struct Input<R> {
     pub(super) inner: R,
@@ -80,23 +96,27 @@ impl<R: Read> Input<R> {
 
     /// Reads until `out` is full or the input ends; returns how many bytes came.
     pub(super) fn fill(&mut self, out: &mut [u8]) -> Result<usize, Problem> {
-        let mut got = 0;
-        while got < out.len() {
-            match self.inner.read(&mut out[got..]) {
-                Ok(0) => break,
-                Ok(n) => got += n,
-                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(e.into()),
-            }
-        }
+        let got = fill(&mut self.inner, out)?;
         self.account(&out[..got]);
         Ok(got)
     }
 
     /// Replaces `out` by the next `size` bytes, growing it as bytes come; false where the input ends before.
     pub(super) fn read_into(&mut self, out: &mut Vec<u8>, size: usize) -> Result<bool, Problem> {
-        out.clear();
-        let got = (&mut self.inner).take(size as u64).read_to_end(out)?;
+        let mut got = 0;
+        while got < size {
+            // What `out` holds of the record before is written over, so that its memory need not be cleared.
+            let end = size.min(out.len().max(got + PIECE));
+            if out.len() < end {
+                out.resize(end, 0);
+            }
+            let read = fill(&mut self.inner, &mut out[got..end])?;
+            got += read;
+            if got < end {
+                break;
+            }
+        }
+        out.truncate(got);
         self.account(out);
         Ok(got == size)
     }

@@ -9,6 +9,7 @@ pub mod contract;
 pub mod definitions;
 pub mod fields;
 pub mod foreign;
+mod packed;
 pub mod source;
 pub mod walk;
 pub mod writer;

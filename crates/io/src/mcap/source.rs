@@ -14,6 +14,7 @@ use super::contract;
 use super::definitions::Channel;
 use super::foreign::imu::Imu;
 use super::foreign::raw_audio::{self, RawAudio};
+use super::packed;
 use super::walk::{Limits, Topic, Walk};
 use crate::columns::readable;
 use crate::problem::Problem;
@@ -112,7 +113,7 @@ impl<R: Read> McapSource<R> {
             let packet = match kind {
                 Kind::Other => continue,
                 Kind::Vibration(sensor) => {
-                    let block = decode::<contract::VibrationBlock>(message.data, &place)?;
+                    let block = packed::vibration(message.data).map_err(|e| not_its_schema(e, &place))?;
                     let unit = match self.units.get(block.unit.as_str()) {
                         Some(unit) => unit.clone(),
                         None => {
@@ -239,7 +240,11 @@ fn kind_of(channel: &Channel, sample_rate_hz: Option<f64>) -> Result<Kind, Probl
 }
 
 fn decode<M: Message + Default>(data: &[u8], place: &dyn Fn() -> String) -> Result<M, Problem> {
-    M::decode(data).map_err(|e| Problem::damaged(place(), "a protobuf message of its schema", e))
+    M::decode(data).map_err(|e| not_its_schema(e, place))
+}
+
+fn not_its_schema(error: prost::DecodeError, place: &dyn Fn() -> String) -> Problem {
+    Problem::damaged(place(), "a protobuf message of its schema", error)
 }
 
 /// The message's own time, or the container's where it has none.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gearwatch_core::block::UnixNanos;
 
-use super::Values;
+use super::values::Values;
 use crate::problem::Problem;
 
 /// Objects of a file; real files have tens.
@@ -83,44 +83,7 @@ impl Kind {
 
     /// Bytes of a value in memory.
     pub(super) fn kept(self) -> u64 {
-        if self.is_integer() { 4 } else { 8 }
-    }
-
-    /// Appends one value of `size()` bytes.
-    pub(super) fn push(self, cell: &[u8], big_endian: bool, values: &mut Values) {
-        let mut wide = [0_u8; 8];
-        for (i, slot) in wide.iter_mut().take(cell.len()).enumerate() {
-            *slot = if big_endian { cell[cell.len() - 1 - i] } else { cell[i] };
-        }
-        let [a, b, c, d, ..] = wide;
-        let integer = match self {
-            Self::I8 => i32::from(a as i8),
-            Self::U8 => i32::from(a),
-            Self::I16 => i32::from(i16::from_le_bytes([a, b])),
-            Self::U16 => i32::from(u16::from_le_bytes([a, b])),
-            Self::I32 => i32::from_le_bytes([a, b, c, d]),
-            _ => 0,
-        };
-        let real = match self {
-            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
-            Self::I64 => i64::from_le_bytes(wide) as f64,
-            Self::U64 => u64::from_le_bytes(wide) as f64,
-            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
-            Self::F64 => f64::from_le_bytes(wide),
-            Self::Other(_) => return,
-            _ => f64::from(integer),
-        };
-        match values {
-            Values::Integer(list) if self.is_integer() => list.push(integer),
-            Values::Real(list) => list.push(real),
-            Values::Integer(list) if list.is_empty() => *values = Values::Real(vec![real]),
-            // A channel whose type changes between segments.
-            Values::Integer(list) => {
-                let mut all: Vec<f64> = list.iter().map(|&v| f64::from(v)).collect();
-                all.push(real);
-                *values = Values::Real(all);
-            }
-        }
+        if self.is_integer() || self == Self::F32 { 4 } else { 8 }
     }
 }
 
@@ -225,7 +188,7 @@ impl Objects {
                         path,
                         index: None,
                         properties: Properties::new(),
-                        values: Values::Integer(Vec::new()),
+                        values: Values::default(),
                         order: None,
                         source: None,
                     });
@@ -369,12 +332,7 @@ impl<'a> Reader<'a> {
             }
             (_, kind) => {
                 let cell = self.take(kind.size())?;
-                let mut one = Values::Real(Vec::new());
-                kind.push(cell, self.big_endian, &mut one);
-                match one {
-                    Values::Real(list) => list.first().copied().map(Value::Number),
-                    Values::Integer(_) => None,
-                }
+                kind.number(cell, self.big_endian).map(Value::Number)
             }
         })
     }

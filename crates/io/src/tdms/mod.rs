@@ -3,6 +3,7 @@
 
 mod meta;
 mod scale;
+mod values;
 
 use std::io::Read;
 
@@ -12,6 +13,9 @@ use crate::budget::{Budget, Notes};
 use crate::forward::Forward;
 use crate::problem::Problem;
 use meta::{Index, Kind, Objects, Reader, Value};
+use values::{Column, Sink};
+
+pub use values::Values;
 
 /// A channel of a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,30 +36,6 @@ pub struct Channel {
     pub scale: f64,
     /// See `scale`.
     pub offset: f64,
-}
-
-/// Values as they are stored.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Values {
-    /// Stored in up to 32 bits with sign.
-    Integer(Vec<i32>),
-    /// Stored as floats or wider integers.
-    Real(Vec<f64>),
-}
-
-impl Values {
-    /// Number of values.
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Integer(values) => values.len(),
-            Self::Real(values) => values.len(),
-        }
-    }
-
-    /// There is none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
 }
 
 /// What a file holds.
@@ -313,14 +293,15 @@ impl Segment<'_> {
         budget: &mut Budget,
     ) -> Result<u64, Problem> {
         let mut left = size;
-        let mut values = Sink { objects, budget, big_endian: self.big_endian, place: self.place };
+        let big_endian = self.big_endian;
+        let mut values = Sink { objects, budget, place: self.place };
         match layout {
             Layout::Contiguous(parts) => {
                 for &(object, kind, length) in parts {
                     let want = length.min(left);
                     let got = match kind {
                         Some(kind) => input.pieces(want, kind.size(), &mut |piece| {
-                            piece.chunks_exact(kind.size()).try_for_each(|cell| values.push(object, kind, cell))
+                            values.take(object, kind, Column { piece, row: kind.size(), offset: 0, big_endian })
                         })?,
                         None => input.skip(want)?,
                     };
@@ -332,13 +313,10 @@ impl Segment<'_> {
             }
             Layout::Interleaved(columns, row) => {
                 left -= input.pieces(size, *row, &mut |piece| {
-                    for row in piece.chunks_exact(*row) {
-                        let mut rest = row;
-                        for &(object, kind) in columns {
-                            let (cell, after) = rest.split_at(kind.size());
-                            values.push(object, kind, cell)?;
-                            rest = after;
-                        }
+                    let mut offset = 0;
+                    for &(object, kind) in columns {
+                        values.take(object, kind, Column { piece, row: *row, offset, big_endian })?;
+                        offset += kind.size();
                     }
                     Ok(())
                 })?;
@@ -347,17 +325,17 @@ impl Segment<'_> {
                 for Buffer { width, rows, cells } in buffers.iter().filter(|b| b.width > 0) {
                     let length = *width as u64 * *rows as u64;
                     let want = length.min(left);
-                    let mut row_number = 0;
+                    let mut before = 0_usize;
                     let got = input.pieces(want, *width, &mut |piece| {
-                        for row in piece.chunks_exact(*width) {
-                            for cell in cells.iter().filter(|cell| row_number < cell.count) {
-                                let bytes = row.get(cell.offset..).and_then(|rest| rest.get(..cell.kind.size()));
-                                if let Some(bytes) = bytes {
-                                    values.push(cell.object, cell.kind, bytes)?;
-                                }
-                            }
-                            row_number += 1;
+                        let whole = piece.len() / width;
+                        for cell in cells {
+                            // A channel may have fewer rows than its buffer.
+                            let rows = cell.count.saturating_sub(before).min(whole);
+                            let column =
+                                Column { piece: &piece[..rows * width], row: *width, offset: cell.offset, big_endian };
+                            values.take(cell.object, cell.kind, column)?;
                         }
+                        before += whole;
                         Ok(())
                     })?;
                     left -= got;
@@ -368,24 +346,6 @@ impl Segment<'_> {
             }
         }
         Ok(size - left)
-    }
-}
-
-/// Where values go, within the budget.
-struct Sink<'a, 'b> {
-    objects: &'a mut Objects,
-    budget: &'b mut Budget,
-    big_endian: bool,
-    place: &'a str,
-}
-
-impl Sink<'_, '_> {
-    fn push(&mut self, object: usize, kind: Kind, cell: &[u8]) -> Result<(), Problem> {
-        if kind.is_number() {
-            self.budget.keep(kind.kept(), self.place)?;
-            kind.push(cell, self.big_endian, &mut self.objects.all[object].values);
-        }
-        Ok(())
     }
 }
 
