@@ -201,7 +201,7 @@ pub(crate) fn speed_orders(train: &Train) -> Vec<f64> {
 
 /// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
 pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
-    let mut out = comb_orders(train);
+    let mut out = speed_orders(train);
     for stage in &train.stages {
         for h in 1..=3 {
             let centre = stage.harmonic_order(h);
@@ -209,9 +209,6 @@ pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
                 out.extend([centre - shaft, centre + shaft]);
             }
         }
-    }
-    for (_, order) in &train.shafts {
-        out.extend((1..=4).map(|k| order * f64::from(k)));
     }
     out
 }
