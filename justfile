@@ -72,6 +72,10 @@ campaign-sensors:
 campaign-teeth:
     cargo test -p gearwatch-check -- --ignored --nocapture campaign_of_random_tooth_numbers
 
+# What the model of a changed path leaves of held-out recordings, in drawn benches
+campaign-paths:
+    cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_error_of_a_paths_model
+
 # Changes of the instrument in real recordings, and the table in docs/instrument-faults.md
 campaign-drill:
     GEARWATCH_WRITE=1 cargo test --release -p gearwatch-explain --test drill -- --ignored --nocapture campaign_table

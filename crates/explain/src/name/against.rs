@@ -52,8 +52,6 @@ pub struct Found<'a> {
     pub cells: &'a mut Vec<Cell>,
 }
 
-/// A path that is less probable than this is none.
-const EVEN: f64 = 0.5;
 /// Cost of a free number (nats): half the logarithm of the lines that it is read from, some twenty.
 const NUMBER: f64 = 1.5;
 
@@ -207,10 +205,8 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
     } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
-        if finding.effect != "scaling"
-            && let Some(probability) = held_out::of_path(q, &finding, found.steps)
-        {
-            if probability < EVEN {
+        if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
+            if probability < held_out::UNPROVED {
                 return (cells.to_vec(), false);
             }
             finding.probability = finding.probability.min(probability);
