@@ -61,6 +61,58 @@ impl Transforms {
         signal
     }
 
+    /// Powers of the bins of a real signal's spectrum, not scaled, in the memory of the signal itself: a transform that keeps its input and tables of factors takes five times as much.
+    pub fn powers(&mut self, signal: Paired) -> Powers {
+        let len = signal.len;
+        match columns(len / 2).filter(|_| len.is_multiple_of(2)) {
+            Some(columns) => self.powers_in_place(signal.pairs, columns),
+            None => {
+                let mut signal: Vec<f64> = signal.pairs.iter().flat_map(|pair| [pair.re, pair.im]).take(len).collect();
+                let mut bins = self.forward_real(&mut signal);
+                bins.iter_mut().for_each(|b| *b = Complex64::new(b.norm_sqr(), 0.0));
+                Powers { rows: bins.len(), columns: 1, bins, last: None }
+            }
+        }
+    }
+
+    /// Bailey's four steps: even and odd samples as one complex signal, in a table of so many columns; transforms of the columns, turning, transforms of the rows. Bin `k` then lies in row
+    /// `k mod rows` and column `k / rows`.
+    fn powers_in_place(&mut self, mut bins: Vec<Complex64>, columns: usize) -> Powers {
+        let half = bins.len();
+        let rows = half / columns;
+        let of_column = self.complex.plan_fft_forward(rows);
+        let of_row = self.complex.plan_fft_forward(columns);
+        let wanted = of_column.get_inplace_scratch_len().max(of_row.get_inplace_scratch_len());
+        let mut scratch = vec![Complex64::ZERO; wanted];
+        // Some columns at a time, so that a line of the cache is read once.
+        let mut some = vec![Complex64::ZERO; rows * BESIDE_COLUMNS];
+        for first in (0..columns).step_by(BESIDE_COLUMNS) {
+            let count = BESIDE_COLUMNS.min(columns - first);
+            for row in 0..rows {
+                for c in 0..count {
+                    some[c * rows + row] = bins[row * columns + first + c];
+                }
+            }
+            for (c, column) in some.chunks_exact_mut(rows).take(count).enumerate() {
+                of_column.process_with_scratch(column, &mut scratch);
+                for (row, value) in column.iter_mut().enumerate() {
+                    *value *= turned(row * (first + c), half);
+                }
+            }
+            for row in 0..rows {
+                for c in 0..count {
+                    bins[row * columns + first + c] = some[c * rows + row];
+                }
+            }
+        }
+        for row in bins.chunks_exact_mut(columns) {
+            of_row.process_with_scratch(row, &mut scratch);
+        }
+        let mut powers = Powers { bins, columns, rows, last: None };
+        powers.part(half);
+        powers
+    }
+
     /// In place, not scaled.
     pub fn forward(&mut self, bins: &mut [Complex64]) {
         self.complex.plan_fft_forward(bins.len()).process(bins);
@@ -69,6 +121,111 @@ impl Transforms {
     /// In place, not scaled.
     pub fn inverse(&mut self, bins: &mut [Complex64]) {
         self.complex.plan_fft_inverse(bins.len()).process(bins);
+    }
+}
+
+/// A real signal, its even samples as real and the odd ones as imaginary parts.
+pub struct Paired {
+    pairs: Vec<Complex64>,
+    len: usize,
+}
+
+impl Paired {
+    /// Nothing yet, with room for so many samples.
+    pub fn with_capacity(len: usize) -> Self {
+        Self { pairs: Vec::with_capacity(len.div_ceil(2)), len: 0 }
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// There is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// One more sample.
+    pub fn push(&mut self, x: f64) {
+        match self.pairs.last_mut().filter(|_| !self.len.is_multiple_of(2)) {
+            Some(last) => last.im = x,
+            None => self.pairs.push(Complex64::new(x, 0.0)),
+        }
+        self.len += 1;
+    }
+}
+
+impl Extend<f64> for Paired {
+    fn extend<I: IntoIterator<Item = f64>>(&mut self, samples: I) {
+        samples.into_iter().for_each(|x| self.push(x));
+    }
+}
+
+/// Columns of a table that are transformed together.
+const BESIDE_COLUMNS: usize = 8;
+/// Shorter spectra take little memory anyhow; the rows and columns of longer ones are at most so long.
+const LEAST_TABLE: usize = 1 << 14;
+const LONGEST_SIDE: usize = 1 << 13;
+
+/// Columns of a table of so many values that is nearly square; `None` where there is no need of it, or it cannot be had.
+fn columns(values: usize) -> Option<usize> {
+    let root = values.isqrt();
+    let columns = (1..=root).rev().find(|c| values.is_multiple_of(*c))?;
+    (values >= LEAST_TABLE && values / columns <= LONGEST_SIDE).then_some(columns)
+}
+
+/// `exp(-2πi k / of)`.
+fn turned(k: usize, of: usize) -> Complex64 {
+    Complex64::from_polar(1.0, -2.0 * PI * (k % of) as f64 / of as f64)
+}
+
+/// Powers of the bins of a spectrum.
+pub struct Powers {
+    /// The real parts, row by row.
+    bins: Vec<Complex64>,
+    columns: usize,
+    rows: usize,
+    /// The last one, where the table has no place for it.
+    last: Option<f64>,
+}
+
+impl Powers {
+    fn place(&self, k: usize) -> usize {
+        (k % self.rows) * self.columns + k / self.rows
+    }
+
+    /// Number of bins.
+    pub fn len(&self) -> usize {
+        self.bins.len() + usize::from(self.last.is_some())
+    }
+
+    /// There is no bin.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Power of a bin.
+    pub fn at(&self, k: usize) -> f64 {
+        match self.last {
+            Some(last) if k == self.bins.len() => last,
+            _ => self.bins[self.place(k)].re,
+        }
+    }
+
+    /// From the spectrum of even samples as real and odd samples as imaginary parts to the powers of the spectrum of all.
+    fn part(&mut self, half: usize) {
+        let zero = self.bins[0];
+        self.last = Some((zero.re - zero.im).powi(2));
+        self.bins[0] = Complex64::new((zero.re + zero.im).powi(2), 0.0);
+        for k in 1..=half / 2 {
+            let (low, high) = (self.place(k), self.place(half - k));
+            let (a, b) = (self.bins[low], self.bins[high].conj());
+            let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turned(k, 2 * half));
+            // The bin at half − k is the conjugate of what is the other sum.
+            self.bins[low] = Complex64::new((even + odd).norm_sqr(), 0.0);
+            self.bins[high] = Complex64::new((even - odd).norm_sqr(), 0.0);
+        }
     }
 }
 
@@ -129,10 +286,14 @@ const BESIDE: usize = 1 << 10;
 ///
 /// Each stretch of it is interpolated fourfold by zero padding its spectrum, so that the polynomial through eight neighbours after it is good to −80 dB up to 0.45 of the sample rate; the memory
 /// that this takes does not grow with the signal. A signal counts as going round, as it does to the transform, where it is no longer than a stretch.
-fn at_positions(transforms: &mut Transforms, signal: &[f64], positions: impl Iterator<Item = f64>) -> Vec<f64> {
+fn at_positions<T: Copy + Into<f64>>(
+    transforms: &mut Transforms,
+    signal: &[T],
+    positions: impl Iterator<Item = f64>,
+    mut take: impl FnMut(f64),
+) {
     const UP: usize = 4;
     let mut positions = positions.peekable();
-    let mut out = Vec::with_capacity(positions.size_hint().0);
     // All stretches are of one length, so that one plan serves them.
     let length = (STRETCH + 2 * BESIDE).min(signal.len());
     let mut begin: usize = 0;
@@ -140,7 +301,7 @@ fn at_positions(transforms: &mut Transforms, signal: &[f64], positions: impl Ite
         let low = begin.saturating_sub(BESIDE).min(signal.len() - length);
         let high = low + length;
         let end = if high == signal.len() { high } else { begin + STRETCH };
-        let mut stretch = signal[low..high].to_vec();
+        let mut stretch: Vec<f64> = signal[low..high].iter().map(|x| (*x).into()).collect();
         let fade = |n: usize| 0.5 - 0.5 * (PI * (n as f64 + 0.5) / (BESIDE / 2) as f64).cos();
         if low > 0 {
             stretch.iter_mut().take(BESIDE / 2).enumerate().for_each(|(n, x)| *x *= fade(n));
@@ -156,32 +317,52 @@ fn at_positions(transforms: &mut Transforms, signal: &[f64], positions: impl Ite
         let fine = transforms.inverse_real(&mut wide, length * UP);
         let last = high == signal.len();
         while let Some(position) = positions.next_if(|position| last || *position < end as f64) {
-            out.push(lagrange(&fine, (position - low as f64).max(0.0) * UP as f64));
+            take(lagrange(&fine, (position - low as f64).max(0.0) * UP as f64));
         }
         begin = end;
+    }
+}
+
+/// A signal resampled to even steps of shaft angle: as many samples as before over the same revolutions. The mean rate stays, so nothing folds.
+pub fn resample_to_angle<T: Copy + Into<f64>>(
+    transforms: &mut Transforms,
+    signal: &[T],
+    phase_rev: &[f64],
+) -> Vec<f64> {
+    let len = signal.len().min(phase_rev.len());
+    let mut out = Vec::with_capacity(len);
+    if len >= 8 {
+        let ends = (phase_rev[0], phase_rev[len - 1]);
+        resample(transforms, &signal[..len], ends, phase_rev[..len].iter().copied(), |x| out.push(x));
     }
     out
 }
 
-/// A signal resampled to even steps of shaft angle: as many samples as before over the same revolutions. The mean rate stays, so nothing folds.
-pub fn resample_to_angle(transforms: &mut Transforms, signal: &[f64], phase_rev: &[f64]) -> Vec<f64> {
-    let len = signal.len().min(phase_rev.len());
-    if len < 8 {
-        return Vec::new();
-    }
-    let (first, last) = (phase_rev[0], phase_rev[len - 1]);
+/// The same with an angle that comes in order (`phases`, one a sample) between its `ends`, and samples that go in order to where they are wanted.
+pub(crate) fn resample<T: Copy + Into<f64>>(
+    transforms: &mut Transforms,
+    signal: &[T],
+    ends: (f64, f64),
+    mut phases: impl Iterator<Item = f64>,
+    take: impl FnMut(f64),
+) {
+    let len = signal.len();
+    let (first, last) = ends;
     let step = (last - first) / (len - 1) as f64;
     let mut at = 0usize;
-    let positions = (0..len).map(|n| {
+    let mut now = phases.next().unwrap_or(first);
+    let mut next = phases.next().unwrap_or(last);
+    let positions = (0..len).map(move |n| {
         let target = first + step * n as f64;
-        while at + 2 < len && phase_rev[at + 1] < target {
+        while at + 2 < len && next < target {
             at += 1;
+            (now, next) = (next, phases.next().unwrap_or(last));
         }
-        let span = phase_rev[at + 1] - phase_rev[at];
-        let fraction = if span > 0.0 { ((target - phase_rev[at]) / span).clamp(0.0, 1.0) } else { 0.0 };
+        let span = next - now;
+        let fraction = if span > 0.0 { ((target - now) / span).clamp(0.0, 1.0) } else { 0.0 };
         at as f64 + fraction
     });
-    at_positions(transforms, &signal[..len], positions)
+    at_positions(transforms, signal, positions, take);
 }
 
 /// One over the product of each of eight neighbours' distances from the others: the constants of Lagrange's polynomial through them.
@@ -225,7 +406,8 @@ pub fn remainder_over_time(
     let first = phase_rev[0];
     let step = (phase_rev[len - 1] - first) / (len - 1) as f64;
     let positions = phase_rev.iter().map(|p| ((p - first) / step).max(0.0));
-    let mut back = at_positions(transforms, &over_angle, positions);
+    let mut back = Vec::with_capacity(len);
+    at_positions(transforms, &over_angle, positions, |x| back.push(x));
     let mut bins = transforms.forward_real(&mut back);
     let scale = 2.0 / len as f64;
     bins.iter_mut().for_each(|b| *b *= scale);
@@ -274,6 +456,34 @@ mod tests {
         assert!((bins - WINDOW_NOISE_BINS).abs() < 1e-4, "{bins}");
     }
 
+    /// The powers that are worked out in the memory of the signal are those of the plain transform: lengths that make a table, square or not, short ones, odd ones, and one whose half is prime.
+    #[test]
+    fn oracle_powers_in_place_are_those_of_the_transform() {
+        let mut state = 1u64;
+        let mut white = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
+        };
+        for (len, is_table) in
+            [(1 << 15, true), (491_520, true), (2 * 17_017, true), (4096, false), (40_001, false), (2 * 20_011, false)]
+        {
+            assert_eq!(columns(len / 2).is_some() && len % 2 == 0, is_table, "{len}");
+            let mut signal: Vec<f64> = (0..len).map(|n| white() + 30.0 * (0.37 * n as f64).cos()).collect();
+            let mut transforms = Transforms::default();
+            let mut paired = Paired::with_capacity(signal.len());
+            paired.extend(signal.iter().copied());
+            let powers = transforms.powers(paired);
+            let bins = transforms.forward_real(&mut signal);
+            assert_eq!(powers.len(), bins.len());
+            let highest = bins.iter().map(Complex64::norm_sqr).fold(0.0, f64::max);
+            for (k, bin) in bins.iter().enumerate() {
+                // Rounding of the two transforms: some units in the last place of the highest amplitude.
+                let off = (powers.at(k).sqrt() - bin.norm()).abs();
+                assert!(off < 1e-13 * highest.sqrt(), "{len}: bin {k} off by {off:.2e}");
+            }
+        }
+    }
+
     /// Lines up to 0.45 of the sample rate, read where a shaft that swings puts its even steps, over several stretches: the interpolation is good to −80 dB of a line. The signal rises
     /// and falls at its ends, for the record counts as going round.
     #[test]
@@ -285,7 +495,8 @@ mod tests {
         let value = |t: f64| size(t) * lines.iter().map(|f| (2.0 * PI * f * t + 5.0 * f).cos()).sum::<f64>();
         let signal: Vec<f64> = (0..len).map(|n| value(n as f64)).collect();
         let swing = |n: usize| (n as f64 + 3.7 * (2.0 * PI * n as f64 / 9000.0).sin()).clamp(0.0, (len - 1) as f64);
-        let read = at_positions(&mut Transforms::default(), &signal, (0..len).map(swing));
+        let mut read = Vec::new();
+        at_positions(&mut Transforms::default(), &signal, (0..len).map(swing), |x| read.push(x));
         assert_eq!(read.len(), len);
         let worst = (0..len).map(|n| (read[n] - value(swing(n))).abs()).fold(0.0, f64::max);
         // Six lines of amplitude 1; the bound is that of one.
@@ -309,7 +520,8 @@ mod tests {
         bins[corner..].fill(Complex64::ZERO);
         let signal = transforms.inverse_real(&mut bins, len);
         let positions = || (0..len - 1).map(|n| n as f64 + 0.37);
-        let read = at_positions(&mut transforms, &signal, positions());
+        let mut read = Vec::new();
+        at_positions(&mut transforms, &signal, positions(), |x| read.push(x));
         // The whole at once: the spectrum turned by 0.37 samples.
         let mut work = signal.clone();
         let mut bins = transforms.forward_real(&mut work);
