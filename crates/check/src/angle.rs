@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use crate::dsp::{Paired, Powers, Transforms, median};
+use crate::dsp::{Paired, Powers, Precision, Transforms, median};
 
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
@@ -12,31 +12,29 @@ const MOST_EXCESS: f64 = 10.0;
 const PEAKS: usize = 32;
 
 /// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct CombField {
-    /// Shared: a field of half a minute is as much memory as a channel of it.
-    log_excess: Arc<Vec<f64>>,
+    log_excess: Arc<Vec<f32>>,
     bin_hz: f64,
 }
 
 impl CombField {
     /// From the Hann spectra of all channels of one recording (equal lengths and rates).
-    pub fn new<T: Copy + Into<f64>>(transforms: &mut Transforms, channels: &[&[T]], sample_rate_hz: f64) -> Self {
+    pub fn new<T: Precision>(transforms: &mut Transforms, channels: &[&[T]], sample_rate_hz: f64) -> Self {
         let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
-        let mut log_excess = vec![0.0; len / 2 + 1];
+        let mut log_excess = vec![0.0_f32; len / 2 + 1];
         for channel in channels {
             let weight = |n: usize| 0.5 - 0.5 * (2.0 * PI * n as f64 / len as f64).cos();
-            let mut signal = Paired::with_capacity(len);
+            let mut signal = Paired::<T>::with_capacity(len);
             signal.extend(channel[..len].iter().enumerate().map(|(n, x)| (*x).into() * weight(n)));
             let power = transforms.powers(signal);
             let floor = Floor::of(&power, 60);
             for (k, sum) in log_excess.iter_mut().enumerate() {
                 // Capped: one huge line must not outvote a whole comb. Where little noise hides them, orders of pitch errors reach 30 dB too.
-                *sum += (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
+                let excess = (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
+                *sum += (excess / channels.len() as f64) as f32;
             }
         }
-        let count = channels.len().max(1) as f64;
-        log_excess.iter_mut().for_each(|v| *v /= count);
         Self { log_excess: Arc::new(log_excess), bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
     }
 
@@ -48,7 +46,7 @@ impl CombField {
     /// Log excess at a frequency (Hz), the best of the bins beside it; `None` above the band.
     pub fn at(&self, frequency_hz: f64) -> Option<f64> {
         let bin = (frequency_hz / self.bin_hz) as usize;
-        Some(self.log_excess.get(bin)?.max(*self.log_excess.get(bin + 1)?))
+        Some(self.log_excess.get(bin)?.max(*self.log_excess.get(bin + 1)?).into())
     }
 
     /// Mean log excess over the lines of a comb at an input-shaft speed.
@@ -62,7 +60,7 @@ impl CombField {
                 continue;
             }
             let t = position - bin as f64;
-            sum += self.log_excess[bin] * (1.0 - t) + self.log_excess[bin + 1] * t;
+            sum += f64::from(self.log_excess[bin]) * (1.0 - t) + f64::from(self.log_excess[bin + 1]) * t;
             count += 1;
         }
         if count == 0 { 0.0 } else { sum / count as f64 }
@@ -113,7 +111,7 @@ struct Floor {
 }
 
 impl Floor {
-    fn of(power: &Powers, half: usize) -> Self {
+    fn of(power: &Powers<impl Precision>, half: usize) -> Self {
         let step = (half / 2).max(1);
         let mut knots = Vec::new();
         let mut centre = 0;

@@ -1,8 +1,8 @@
 //! Transforms that the features share: window, spectra, resampling to shaft angle.
 
-use num_complex::Complex64;
+use num_complex::{Complex, Complex64};
 use realfft::RealFftPlanner;
-use rustfft::FftPlanner;
+use rustfft::{FftNum, FftPlanner};
 use std::f64::consts::PI;
 
 /// Coefficients of the four-term Blackman–Harris window (Harris 1978, −92 dB side lobes).
@@ -21,11 +21,40 @@ pub const WINDOW_NOISE_BINS: f64 = 2.0044;
 pub struct Transforms {
     real: RealFftPlanner<f64>,
     complex: FftPlanner<f64>,
+    single: FftPlanner<f32>,
 }
 
 impl Default for Transforms {
     fn default() -> Self {
-        Self { real: RealFftPlanner::new(), complex: FftPlanner::new() }
+        Self { real: RealFftPlanner::new(), complex: FftPlanner::new(), single: FftPlanner::new() }
+    }
+}
+
+/// What samples are kept in, and the powers of long spectra are worked out in: in single precision noise of the transform lies some 180 dB below the signal in each bin of half a minute.
+pub trait Precision: FftNum + Into<f64> {
+    /// Rounded.
+    fn of(x: f64) -> Self;
+    /// Its transforms.
+    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self>;
+}
+
+impl Precision for f64 {
+    fn of(x: f64) -> Self {
+        x
+    }
+
+    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self> {
+        &mut transforms.complex
+    }
+}
+
+impl Precision for f32 {
+    fn of(x: f64) -> Self {
+        x as f32
+    }
+
+    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self> {
+        &mut transforms.single
     }
 }
 
@@ -62,14 +91,15 @@ impl Transforms {
     }
 
     /// Powers of the bins of a real signal's spectrum, not scaled, in the memory of the signal itself: a transform that keeps its input and tables of factors takes five times as much.
-    pub fn powers(&mut self, signal: Paired) -> Powers {
+    pub fn powers<T: Precision>(&mut self, signal: Paired<T>) -> Powers<T> {
         let len = signal.len;
         match columns(len / 2).filter(|_| len.is_multiple_of(2)) {
             Some(columns) => self.powers_in_place(signal.pairs, columns),
             None => {
-                let mut signal: Vec<f64> = signal.pairs.iter().flat_map(|pair| [pair.re, pair.im]).take(len).collect();
-                let mut bins = self.forward_real(&mut signal);
-                bins.iter_mut().for_each(|b| *b = Complex64::new(b.norm_sqr(), 0.0));
+                let values = signal.pairs.iter().flat_map(|pair| [pair.re.into(), pair.im.into()]);
+                let mut signal: Vec<f64> = values.take(len).collect();
+                let bins = self.forward_real(&mut signal);
+                let bins: Vec<_> = bins.iter().map(|b| Complex::new(T::of(b.norm()), T::zero())).collect();
                 Powers { rows: bins.len(), columns: 1, bins, last: None }
             }
         }
@@ -77,15 +107,15 @@ impl Transforms {
 
     /// Bailey's four steps: even and odd samples as one complex signal, in a table of so many columns; transforms of the columns, turning, transforms of the rows. Bin `k` then lies in row
     /// `k mod rows` and column `k / rows`.
-    fn powers_in_place(&mut self, mut bins: Vec<Complex64>, columns: usize) -> Powers {
+    fn powers_in_place<T: Precision>(&mut self, mut bins: Vec<Complex<T>>, columns: usize) -> Powers<T> {
         let half = bins.len();
         let rows = half / columns;
-        let of_column = self.complex.plan_fft_forward(rows);
-        let of_row = self.complex.plan_fft_forward(columns);
+        let planner = T::planner(self);
+        let (of_column, of_row) = (planner.plan_fft_forward(rows), planner.plan_fft_forward(columns));
         let wanted = of_column.get_inplace_scratch_len().max(of_row.get_inplace_scratch_len());
-        let mut scratch = vec![Complex64::ZERO; wanted];
+        let mut scratch = vec![Complex::new(T::zero(), T::zero()); wanted];
         // Some columns at a time, so that a line of the cache is read once.
-        let mut some = vec![Complex64::ZERO; rows * BESIDE_COLUMNS];
+        let mut some = vec![Complex::new(T::zero(), T::zero()); rows * BESIDE_COLUMNS];
         for first in (0..columns).step_by(BESIDE_COLUMNS) {
             let count = BESIDE_COLUMNS.min(columns - first);
             for row in 0..rows {
@@ -96,7 +126,8 @@ impl Transforms {
             for (c, column) in some.chunks_exact_mut(rows).take(count).enumerate() {
                 of_column.process_with_scratch(column, &mut scratch);
                 for (row, value) in column.iter_mut().enumerate() {
-                    *value *= turned(row * (first + c), half);
+                    let turn = turned(row * (first + c), half);
+                    *value = *value * Complex::new(T::of(turn.re), T::of(turn.im));
                 }
             }
             for row in 0..rows {
@@ -125,12 +156,12 @@ impl Transforms {
 }
 
 /// A real signal, its even samples as real and the odd ones as imaginary parts.
-pub struct Paired {
-    pairs: Vec<Complex64>,
+pub struct Paired<T> {
+    pairs: Vec<Complex<T>>,
     len: usize,
 }
 
-impl Paired {
+impl<T: Precision> Paired<T> {
     /// Nothing yet, with room for so many samples.
     pub fn with_capacity(len: usize) -> Self {
         Self { pairs: Vec::with_capacity(len.div_ceil(2)), len: 0 }
@@ -149,14 +180,14 @@ impl Paired {
     /// One more sample.
     pub fn push(&mut self, x: f64) {
         match self.pairs.last_mut().filter(|_| !self.len.is_multiple_of(2)) {
-            Some(last) => last.im = x,
-            None => self.pairs.push(Complex64::new(x, 0.0)),
+            Some(last) => last.im = T::of(x),
+            None => self.pairs.push(Complex::new(T::of(x), T::zero())),
         }
         self.len += 1;
     }
 }
 
-impl Extend<f64> for Paired {
+impl<T: Precision> Extend<f64> for Paired<T> {
     fn extend<I: IntoIterator<Item = f64>>(&mut self, samples: I) {
         samples.into_iter().for_each(|x| self.push(x));
     }
@@ -181,16 +212,16 @@ fn turned(k: usize, of: usize) -> Complex64 {
 }
 
 /// Powers of the bins of a spectrum.
-pub struct Powers {
-    /// The real parts, row by row.
-    bins: Vec<Complex64>,
+pub struct Powers<T> {
+    /// The amplitudes as real parts, row by row.
+    bins: Vec<Complex<T>>,
     columns: usize,
     rows: usize,
     /// The last one, where the table has no place for it.
-    last: Option<f64>,
+    last: Option<T>,
 }
 
-impl Powers {
+impl<T: Precision> Powers<T> {
     fn place(&self, k: usize) -> usize {
         (k % self.rows) * self.columns + k / self.rows
     }
@@ -207,24 +238,27 @@ impl Powers {
 
     /// Power of a bin.
     pub fn at(&self, k: usize) -> f64 {
-        match self.last {
+        let amplitude = match self.last {
             Some(last) if k == self.bins.len() => last,
             _ => self.bins[self.place(k)].re,
-        }
+        };
+        amplitude.into() * amplitude.into()
     }
 
-    /// From the spectrum of even samples as real and odd samples as imaginary parts to the powers of the spectrum of all.
+    /// From the spectrum of even samples as real and odd samples as imaginary parts to the amplitudes of the spectrum of all.
     fn part(&mut self, half: usize) {
-        let zero = self.bins[0];
-        self.last = Some((zero.re - zero.im).powi(2));
-        self.bins[0] = Complex64::new((zero.re + zero.im).powi(2), 0.0);
+        let wide = |bin: Complex<T>| Complex64::new(bin.re.into(), bin.im.into());
+        let of = |amplitude: f64| Complex::new(T::of(amplitude), T::zero());
+        let zero = wide(self.bins[0]);
+        self.last = Some(T::of((zero.re - zero.im).abs()));
+        self.bins[0] = of((zero.re + zero.im).abs());
         for k in 1..=half / 2 {
             let (low, high) = (self.place(k), self.place(half - k));
-            let (a, b) = (self.bins[low], self.bins[high].conj());
+            let (a, b) = (wide(self.bins[low]), wide(self.bins[high]).conj());
             let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turned(k, 2 * half));
-            // The bin at half − k is the conjugate of what is the other sum.
-            self.bins[low] = Complex64::new((even + odd).norm_sqr(), 0.0);
-            self.bins[high] = Complex64::new((even - odd).norm_sqr(), 0.0);
+            // The bin at half − k is the conjugate of the difference.
+            self.bins[low] = of((even + odd).norm());
+            self.bins[high] = of((even - odd).norm());
         }
     }
 }
@@ -280,6 +314,8 @@ pub fn windowed_spectrum(transforms: &mut Transforms, signal: &[f64]) -> Vec<Com
 /// Samples that are interpolated at a time, and those on each side of them that take part. The outer half of the latter fades out, so that a stretch ends as it begins; what is cut
 /// off then reaches the middle by the side lobes of that taper only, below −100 dB up to 0.45 of the sample rate.
 const STRETCH: usize = 1 << 14;
+/// The same where memory counts: a third more of work.
+pub(crate) const SHORT_STRETCH: usize = 1 << 12;
 const BESIDE: usize = 1 << 10;
 
 /// Values of a signal at ascending positions (samples).
@@ -288,6 +324,7 @@ const BESIDE: usize = 1 << 10;
 /// that this takes does not grow with the signal. A signal counts as going round, as it does to the transform, where it is no longer than a stretch.
 fn at_positions<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
+    stretch: usize,
     signal: &[T],
     positions: impl Iterator<Item = f64>,
     mut take: impl FnMut(f64),
@@ -295,12 +332,12 @@ fn at_positions<T: Copy + Into<f64>>(
     const UP: usize = 4;
     let mut positions = positions.peekable();
     // All stretches are of one length, so that one plan serves them.
-    let length = (STRETCH + 2 * BESIDE).min(signal.len());
+    let length = (stretch + 2 * BESIDE).min(signal.len());
     let mut begin: usize = 0;
     while positions.peek().is_some() {
         let low = begin.saturating_sub(BESIDE).min(signal.len() - length);
         let high = low + length;
-        let end = if high == signal.len() { high } else { begin + STRETCH };
+        let end = if high == signal.len() { high } else { begin + stretch };
         let mut stretch: Vec<f64> = signal[low..high].iter().map(|x| (*x).into()).collect();
         let fade = |n: usize| 0.5 - 0.5 * (PI * (n as f64 + 0.5) / (BESIDE / 2) as f64).cos();
         if low > 0 {
@@ -333,14 +370,15 @@ pub fn resample_to_angle<T: Copy + Into<f64>>(
     let mut out = Vec::with_capacity(len);
     if len >= 8 {
         let ends = (phase_rev[0], phase_rev[len - 1]);
-        resample(transforms, &signal[..len], ends, phase_rev[..len].iter().copied(), |x| out.push(x));
+        resample(transforms, STRETCH, &signal[..len], ends, phase_rev[..len].iter().copied(), |x| out.push(x));
     }
     out
 }
 
-/// The same with an angle that comes in order (`phases`, one a sample) between its `ends`, and samples that go in order to where they are wanted.
+/// The same with an angle that comes in order (`phases`, one a sample) between its `ends`, samples that go in order to where they are wanted, and so many of them at a time.
 pub(crate) fn resample<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
+    stretch: usize,
     signal: &[T],
     ends: (f64, f64),
     mut phases: impl Iterator<Item = f64>,
@@ -362,7 +400,7 @@ pub(crate) fn resample<T: Copy + Into<f64>>(
         let fraction = if span > 0.0 { ((target - now) / span).clamp(0.0, 1.0) } else { 0.0 };
         at as f64 + fraction
     });
-    at_positions(transforms, signal, positions, take);
+    at_positions(transforms, stretch, signal, positions, take);
 }
 
 /// One over the product of each of eight neighbours' distances from the others: the constants of Lagrange's polynomial through them.
@@ -407,7 +445,7 @@ pub fn remainder_over_time(
     let step = (phase_rev[len - 1] - first) / (len - 1) as f64;
     let positions = phase_rev.iter().map(|p| ((p - first) / step).max(0.0));
     let mut back = Vec::with_capacity(len);
-    at_positions(transforms, &over_angle, positions, |x| back.push(x));
+    at_positions(transforms, STRETCH, &over_angle, positions, |x| back.push(x));
     let mut bins = transforms.forward_real(&mut back);
     let scale = 2.0 / len as f64;
     bins.iter_mut().for_each(|b| *b *= scale);
@@ -470,9 +508,12 @@ mod tests {
             assert_eq!(columns(len / 2).is_some() && len % 2 == 0, is_table, "{len}");
             let mut signal: Vec<f64> = (0..len).map(|n| white() + 30.0 * (0.37 * n as f64).cos()).collect();
             let mut transforms = Transforms::default();
-            let mut paired = Paired::with_capacity(signal.len());
+            let mut paired = Paired::<f64>::with_capacity(signal.len());
             paired.extend(signal.iter().copied());
             let powers = transforms.powers(paired);
+            let mut paired = Paired::<f32>::with_capacity(signal.len());
+            paired.extend(signal.iter().copied());
+            let single = transforms.powers(paired);
             let bins = transforms.forward_real(&mut signal);
             assert_eq!(powers.len(), bins.len());
             let highest = bins.iter().map(Complex64::norm_sqr).fold(0.0, f64::max);
@@ -480,6 +521,8 @@ mod tests {
                 // Rounding of the two transforms: some units in the last place of the highest amplitude.
                 let off = (powers.at(k).sqrt() - bin.norm()).abs();
                 assert!(off < 1e-13 * highest.sqrt(), "{len}: bin {k} off by {off:.2e}");
+                let off = (single.at(k).sqrt() - bin.norm()).abs();
+                assert!(off < 1e-6 * highest.sqrt(), "{len}: bin {k} off by {off:.2e} in single precision");
             }
         }
     }
@@ -496,7 +539,7 @@ mod tests {
         let signal: Vec<f64> = (0..len).map(|n| value(n as f64)).collect();
         let swing = |n: usize| (n as f64 + 3.7 * (2.0 * PI * n as f64 / 9000.0).sin()).clamp(0.0, (len - 1) as f64);
         let mut read = Vec::new();
-        at_positions(&mut Transforms::default(), &signal, (0..len).map(swing), |x| read.push(x));
+        at_positions(&mut Transforms::default(), STRETCH, &signal, (0..len).map(swing), |x| read.push(x));
         assert_eq!(read.len(), len);
         let worst = (0..len).map(|n| (read[n] - value(swing(n))).abs()).fold(0.0, f64::max);
         // Six lines of amplitude 1; the bound is that of one.
@@ -521,7 +564,7 @@ mod tests {
         let signal = transforms.inverse_real(&mut bins, len);
         let positions = || (0..len - 1).map(|n| n as f64 + 0.37);
         let mut read = Vec::new();
-        at_positions(&mut transforms, &signal, positions(), |x| read.push(x));
+        at_positions(&mut transforms, STRETCH, &signal, positions(), |x| read.push(x));
         // The whole at once: the spectrum turned by 0.37 samples.
         let mut work = signal.clone();
         let mut bins = transforms.forward_real(&mut work);

@@ -192,11 +192,7 @@ fn tacho_agrees<B>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>], teeth:
 }
 
 /// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the sheet says.
-pub fn other_wheel<B: Bins>(
-    bench: &Bench,
-    train: &Train,
-    all: &[OrderSpectra<B>],
-) -> Option<(OtherTeeth, Bench)> {
+pub fn other_wheel<B: Bins>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>]) -> Option<(OtherTeeth, Bench)> {
     let stage = bench.stages.len().checked_sub(1)?;
     let (sheet, kinematic) = (bench.stages[stage].wheel.teeth, train.stages.get(stage)?);
     if tacho_agrees(bench, train, all, sheet) {

@@ -143,11 +143,7 @@ impl Look {
         }
         let Packet::Vibration(block) = packet else { return self.recording.push(packet.clone()) };
         let most = self.most_samples(&block.sensor);
-        let fresh = || LookChannel {
-            sample_rate_hz: block.sample_rate_hz,
-            unit: block.unit.clone(),
-            runs: Vec::new(),
-        };
+        let fresh = || LookChannel { sample_rate_hz: block.sample_rate_hz, unit: block.unit.clone(), runs: Vec::new() };
         self.channels.entry(block.sensor.to_string()).or_insert_with(fresh).push(block, most);
     }
 
@@ -203,9 +199,7 @@ impl Look {
 
     fn is_full_for(&self, packet: &Packet) -> bool {
         let Packet::Vibration(block) = packet else { return false };
-        self.channels
-            .get(&*block.sensor)
-            .is_some_and(|channel| channel.len() >= self.most_samples(&block.sensor))
+        self.channels.get(&*block.sensor).is_some_and(|channel| channel.len() >= self.most_samples(&block.sensor))
     }
 
     /// Stated and stamped rates, by sensor, where there are stamps over a second or more.

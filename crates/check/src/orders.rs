@@ -4,7 +4,7 @@ use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
 use crate::carriers::{self, Start, Turning};
-use crate::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
+use crate::dsp::{self, MAIN_LOBE_BINS, Precision, Transforms, median};
 use crate::last_wheel::Bins;
 use crate::lines::{self, Line};
 use crate::steady::{Run, Steady};
@@ -86,16 +86,11 @@ pub(crate) struct OrderPowers {
 
 impl OrderPowers {
     /// Of a channel, the first so many bins.
-    pub(crate) fn of<T: Copy + Into<f64>>(
-        transforms: &mut Transforms,
-        turned: &Turned,
-        samples: &[T],
-        bins: usize,
-    ) -> Self {
+    pub(crate) fn of<T: Precision>(transforms: &mut Transforms, turned: &Turned, samples: &[T], bins: usize) -> Self {
         let len = turned.turning.len();
-        let mut over_angle = dsp::Paired::with_capacity(len);
+        let mut over_angle = dsp::Paired::<T>::with_capacity(len);
         let ends = turned.turning.ends();
-        dsp::resample(transforms, &samples[..len], ends, turned.turning.angles(), |x| {
+        dsp::resample(transforms, dsp::SHORT_STRETCH, &samples[..len], ends, turned.turning.angles(), |x| {
             over_angle.push(x * dsp::window(over_angle.len(), len));
         });
         let all = transforms.powers(over_angle);

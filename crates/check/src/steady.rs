@@ -6,13 +6,13 @@ use gearwatch_core::recording::{Recording, Segment};
 use gearwatch_core::train::Train;
 
 use crate::angle::{CombField, PulseAngle};
-use crate::dsp::Transforms;
+use crate::dsp::{Precision, Transforms};
 use crate::integrity;
 
 /// Samples without a gap.
 pub trait Run: Clone {
     /// Physical values.
-    type Sample: Copy + PartialEq + Into<f64>;
+    type Sample: Precision;
     /// Time of the first one.
     fn t0(&self) -> UnixNanos;
     /// All of them.

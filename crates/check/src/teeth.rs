@@ -14,15 +14,21 @@ use crate::steady::Steady;
 use crate::{Finding, Severity};
 
 /// A gear whose other tooth number fits the lines of all recordings clearly better.
-pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
+///
+/// The comb fields are needed for the last time: they go before the spectra of the last wheel come.
+pub(crate) fn findings(bench: &Bench, heard: &mut [Heard<'_>]) -> Vec<Finding> {
     // A rate or a speed that is known to be wrong moves lines as teeth do.
-    let asked: Vec<&Heard<'_>> = heard.iter().filter(|one| !one.is_explained() && one.clock_is_settled()).collect();
+    let is_asked = |one: &&Heard<'_>| !one.is_explained() && one.clock_is_settled();
+    let asked: Vec<&Heard<'_>> = heard.iter().filter(is_asked).collect();
     if asked.is_empty() {
         return Vec::new();
     }
     let steady: Vec<Steady<'_, LookRun>> = asked.iter().map(|one| one.steady.clone()).collect();
     let fields: Vec<CombField> = asked.iter().map(|one| one.field.clone()).collect();
     let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else {
+        drop((asked, fields));
+        heard.iter_mut().for_each(|one| one.field = CombField::default());
+        let asked: Vec<&Heard<'_>> = heard.iter().filter(is_asked).collect();
         return of_the_last_wheel(bench, &asked).into_iter().collect();
     };
     let train = Train::new(&other);
