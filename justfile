@@ -131,6 +131,11 @@ prometheus:
     promtool check rules packaging/prometheus-alerts.yml
     promtool test rules packaging/prometheus-alerts-test.yml
 
+# Every query of the Grafana dashboard and the alert rules, by a Prometheus that scrapes a service with a fault (Debian: prometheus, python3)
+grafana:
+    cargo build --release --package gearwatch
+    packaging/grafana-test.py target/release/gearwatch
+
 # Known faults of dependencies (fetches RustSec's database)
 advisories:
     cargo deny check advisories

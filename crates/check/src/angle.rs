@@ -1,8 +1,9 @@
 //! Speed of a recording from its own mesh lines by a comb search, and shaft angle from tacho pulses.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
-use crate::dsp::{Transforms, median};
+use crate::dsp::{Paired, Powers, Precision, Transforms, median};
 
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
@@ -11,33 +12,30 @@ const MOST_EXCESS: f64 = 10.0;
 const PEAKS: usize = 32;
 
 /// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
+#[derive(Clone, Default)]
 pub struct CombField {
-    log_excess: Vec<f64>,
+    log_excess: Arc<Vec<f32>>,
     bin_hz: f64,
 }
 
 impl CombField {
     /// From the Hann spectra of all channels of one recording (equal lengths and rates).
-    pub fn new(transforms: &mut Transforms, channels: &[&[f64]], sample_rate_hz: f64) -> Self {
+    pub fn new<T: Precision>(transforms: &mut Transforms, channels: &[&[T]], sample_rate_hz: f64) -> Self {
         let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
-        let mut log_excess = vec![0.0; len / 2 + 1];
+        let mut log_excess = vec![0.0_f32; len / 2 + 1];
         for channel in channels {
-            let mut weighted: Vec<f64> = channel[..len]
-                .iter()
-                .enumerate()
-                .map(|(n, x)| x * (0.5 - 0.5 * (2.0 * PI * n as f64 / len as f64).cos()))
-                .collect();
-            let bins = transforms.forward_real(&mut weighted);
-            let power: Vec<f64> = bins.iter().map(|b| b.norm_sqr()).collect();
-            let floor = local_floor(&power, 60);
-            for ((sum, p), f) in log_excess.iter_mut().zip(&power).zip(&floor) {
+            let weight = |n: usize| 0.5 - 0.5 * (2.0 * PI * n as f64 / len as f64).cos();
+            let mut signal = Paired::<T>::with_capacity(len);
+            signal.extend(channel[..len].iter().enumerate().map(|(n, x)| (*x).into() * weight(n)));
+            let power = transforms.powers(signal);
+            let floor = Floor::of(&power, 60);
+            for (k, sum) in log_excess.iter_mut().enumerate() {
                 // Capped: one huge line must not outvote a whole comb. Where little noise hides them, orders of pitch errors reach 30 dB too.
-                *sum += (p / f.max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
+                let excess = (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
+                *sum += (excess / channels.len() as f64) as f32;
             }
         }
-        let count = channels.len().max(1) as f64;
-        log_excess.iter_mut().for_each(|v| *v /= count);
-        Self { log_excess, bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
+        Self { log_excess: Arc::new(log_excess), bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
     }
 
     /// Width of a bin (Hz).
@@ -48,7 +46,7 @@ impl CombField {
     /// Log excess at a frequency (Hz), the best of the bins beside it; `None` above the band.
     pub fn at(&self, frequency_hz: f64) -> Option<f64> {
         let bin = (frequency_hz / self.bin_hz) as usize;
-        Some(self.log_excess.get(bin)?.max(*self.log_excess.get(bin + 1)?))
+        Some(self.log_excess.get(bin)?.max(*self.log_excess.get(bin + 1)?).into())
     }
 
     /// Mean log excess over the lines of a comb at an input-shaft speed.
@@ -62,7 +60,7 @@ impl CombField {
                 continue;
             }
             let t = position - bin as f64;
-            sum += self.log_excess[bin] * (1.0 - t) + self.log_excess[bin + 1] * t;
+            sum += f64::from(self.log_excess[bin]) * (1.0 - t) + f64::from(self.log_excess[bin + 1]) * t;
             count += 1;
         }
         if count == 0 { 0.0 } else { sum / count as f64 }
@@ -107,52 +105,65 @@ impl CombField {
 }
 
 /// Median of the neighbouring `half` bins on each side, evaluated in steps and interpolated.
-fn local_floor(power: &[f64], half: usize) -> Vec<f64> {
-    let step = (half / 2).max(1);
-    let mut knots = Vec::new();
-    let mut centre = 0;
-    let mut window = Vec::with_capacity(2 * half + 1);
-    while centre < power.len() + step {
-        let low = centre.saturating_sub(half);
-        let high = (centre + half + 1).min(power.len());
-        window.clear();
-        if low < high {
-            window.extend_from_slice(&power[low..high]);
-        }
-        let value = median(&mut window) / std::f64::consts::LN_2;
-        knots.push(if value.is_finite() { value } else { knots.last().copied().unwrap_or(1.0) });
-        centre += step;
-    }
-    (0..power.len())
-        .map(|i| {
-            let k = i / step;
-            let t = (i % step) as f64 / step as f64;
-            let (a, b) = (knots[k], knots[(k + 1).min(knots.len() - 1)]);
-            a * (1.0 - t) + b * t
-        })
-        .collect()
+struct Floor {
+    knots: Vec<f64>,
+    step: usize,
 }
 
-/// Angle of a shaft (revolutions, per sample) from its pulses: cubic through the pulse times, straight on beyond the ends.
-///
-/// `pulse_s` are seconds after the first sample. `None` with fewer than four pulses.
-pub fn from_pulses(pulse_s: &[f64], pulses_per_rev: f64, sample_rate_hz: f64, len: usize) -> Option<Vec<f64>> {
-    if pulse_s.len() < 4 {
-        return None;
-    }
-    let n = pulse_s.len();
-    let slope = |i: usize| {
-        // Three-point slope in pulses per second (Catmull–Rom on uneven steps).
-        let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-        (b - a) as f64 / (pulse_s[b] - pulse_s[a])
-    };
-    let mut at = 0;
-    let mut out = Vec::with_capacity(len);
-    for k in 0..len {
-        let t = k as f64 / sample_rate_hz;
-        while at + 2 < n && pulse_s[at + 1] <= t {
-            at += 1;
+impl Floor {
+    fn of(power: &Powers<impl Precision>, half: usize) -> Self {
+        let step = (half / 2).max(1);
+        let mut knots = Vec::new();
+        let mut centre = 0;
+        let mut window = Vec::with_capacity(2 * half + 1);
+        while centre < power.len() + step {
+            window.clear();
+            window.extend((centre.saturating_sub(half)..(centre + half + 1).min(power.len())).map(|k| power.at(k)));
+            let value = median(&mut window) / std::f64::consts::LN_2;
+            knots.push(if value.is_finite() { value } else { knots.last().copied().unwrap_or(1.0) });
+            centre += step;
         }
+        Self { knots, step }
+    }
+
+    fn at(&self, i: usize) -> f64 {
+        let k = i / self.step;
+        let t = (i % self.step) as f64 / self.step as f64;
+        let (a, b) = (self.knots[k], self.knots[(k + 1).min(self.knots.len() - 1)]);
+        a * (1.0 - t) + b * t
+    }
+}
+
+/// Angle of a shaft from its pulses: cubic through the pulse times, straight on beyond the ends.
+#[derive(Clone, Debug)]
+pub struct PulseAngle {
+    /// Seconds after the first sample.
+    pulse_s: Vec<f64>,
+    pulses_per_rev: f64,
+    sample_rate_hz: f64,
+    /// Revolutions of that shaft in one of the shaft that is asked for.
+    order: f64,
+}
+
+impl PulseAngle {
+    /// Of a shaft that turns `order` times as fast as the one whose angle is wanted. `None` with fewer than four pulses.
+    pub fn new(pulse_s: Vec<f64>, pulses_per_rev: f64, sample_rate_hz: f64, order: f64) -> Option<Self> {
+        (pulse_s.len() >= 4).then_some(Self { pulse_s, pulses_per_rev, sample_rate_hz, order })
+    }
+
+    /// Angle at a sample (revolutions); `pulse` is one before it, from which the next is sought, 0 to begin with.
+    pub fn at(&self, sample: usize, pulse: &mut usize) -> f64 {
+        let (pulse_s, n) = (&self.pulse_s, self.pulse_s.len());
+        let slope = |i: usize| {
+            // Three-point slope in pulses per second (Catmull–Rom on uneven steps).
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+            (b - a) as f64 / (pulse_s[b] - pulse_s[a])
+        };
+        let t = sample as f64 / self.sample_rate_hz;
+        while *pulse + 2 < n && pulse_s[*pulse + 1] <= t {
+            *pulse += 1;
+        }
+        let at = *pulse;
         let (t0, t1) = (pulse_s[at], pulse_s[at + 1]);
         let pulses = if t <= pulse_s[0] {
             slope(0) * (t - pulse_s[0])
@@ -168,7 +179,6 @@ pub fn from_pulses(pulse_s: &[f64], pulses_per_rev: f64, sample_rate_hz: f64, le
                 + (at + 1) as f64 * (-2.0 * u3 + 3.0 * u2)
                 + m1 * (u3 - u2)
         };
-        out.push(pulses / pulses_per_rev);
+        pulses / self.pulses_per_rev / self.order
     }
-    Some(out)
 }

@@ -5,7 +5,7 @@ use gearwatch_core::train::Train;
 
 use crate::angle::CombField;
 use crate::kinematics::{LEAST_COMB, OTHER_SPEED, SLIP_REACH, comb_orders, deciding_orders, own_speed};
-use crate::steady::Steady;
+use crate::steady::{Run, Steady};
 
 /// Ratios that are tried, relative to the sheet's, in pieces in which no speed and its double lie together.
 const TRIED: [(f64, f64); 8] = [
@@ -52,12 +52,12 @@ pub fn with_ratio(bench: &Bench, other: &OtherRatio) -> Bench {
 pub fn other_ratio(
     bench: &Bench,
     rival: Option<&Bench>,
-    all: &[Steady<'_>],
+    all: &[Steady<'_, impl Run>],
     fields: &[CombField],
 ) -> Option<OtherRatio> {
     let sheet = bench.belt.as_ref()?.ratio;
     let train = Train::new(bench);
-    let known: Vec<(&Steady<'_>, &CombField)> =
+    let known: Vec<(&Steady<'_, _>, &CombField)> =
         all.iter().zip(fields).filter(|(steady, _)| steady.display_motor_hz.is_finite()).collect();
     let mut speeds = Vec::with_capacity(known.len());
     for (steady, field) in &known {
@@ -87,7 +87,7 @@ pub fn other_ratio(
 }
 
 /// Speed of the input shaft (Hz) where the sheet's ratio does not put it.
-fn elsewhere(train: &Train, bench: &Bench, steady: &Steady<'_>, field: &CombField) -> Option<f64> {
+fn elsewhere(train: &Train, bench: &Bench, steady: &Steady<'_, impl Run>, field: &CombField) -> Option<f64> {
     let orders = comb_orders(train);
     let by_ratio = steady.display_motor_hz / train.motor_order;
     let behind_the_belt = steady.recording.tachos.keys().next().is_some_and(|shaft| shaft != "motor");

@@ -7,6 +7,7 @@
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
+use crate::angle::PulseAngle;
 use crate::dsp::{Transforms, median};
 
 /// Mesh harmonics that may carry the angle.
@@ -35,11 +36,83 @@ impl Carrier {
     }
 }
 
+/// The angle of a shaft through a recording, worked out where it is asked for: written down it would take as much memory as a channel of the recording, or two.
+#[derive(Clone, Debug)]
+pub struct Turning {
+    start: Start,
+    /// At the middles of blocks, one set after the other.
+    corrections: Vec<Vec<f64>>,
+    len: usize,
+}
+
+/// What the angle is found from.
+#[derive(Clone, Debug)]
+pub enum Start {
+    /// An even speed, and samples a second (Hz).
+    Even(f64, f64),
+    /// A tacho whose time goes so much faster than the samples', with so many samples.
+    Pulses {
+        /// Angle at each sample by its time.
+        angle: PulseAngle,
+        /// Samples of that angle in one of the recording: sample times hertz over hertz.
+        hz: (f64, f64),
+        /// Samples that it is known at.
+        len: usize,
+    },
+}
+
+impl Turning {
+    /// Of so many samples.
+    pub fn new(start: Start, len: usize) -> Self {
+        Self { start, corrections: Vec::new(), len }
+    }
+
+    /// Samples.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// There is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Angle at the first sample and at the last (revolutions).
+    pub fn ends(&self) -> (f64, f64) {
+        (self.from(0).next().unwrap_or(0.0), self.from(self.len.saturating_sub(1)).next().unwrap_or(0.0))
+    }
+
+    /// Angle at each sample in turn (revolutions).
+    pub fn angles(&self) -> impl Iterator<Item = f64> + '_ {
+        self.from(0)
+    }
+
+    fn from(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
+        let mut pulses = [0, 0];
+        (sample..self.len).map(move |n| {
+            let mut angle = match &self.start {
+                Start::Even(hz, sample_rate_hz) => hz * n as f64 / sample_rate_hz,
+                Start::Pulses { angle, hz, len } => {
+                    // Where the sample clock is off, sample `n` was not taken at `n` steps of the tacho's time.
+                    let position = n as f64 * hz.0 / hz.1;
+                    let k = (position as usize).min(len - 2);
+                    let (a, b) = (angle.at(k, &mut pulses[0]), angle.at(k + 1, &mut pulses[1]));
+                    a + (b - a) * (position - k as f64)
+                }
+            };
+            for correction in &self.corrections {
+                angle += between(correction, (n as f64 + 0.5) * correction.len() as f64 / self.len as f64 - 0.5);
+            }
+            angle
+        })
+    }
+}
+
 /// The mesh harmonics that tell the angle best: those of all stages (`mesh_orders`, the first of each) up to an order, in all channels, `keep` bins on each side of each.
-fn clearest(
+fn clearest<T: Copy + Into<f64>, A: Iterator<Item = f64>>(
     transforms: &mut Transforms,
-    channels: &[&[f64]],
-    angle: &[f64],
+    channels: &[&[T]],
+    (angle, len): (impl Fn() -> A, usize),
     mesh_orders: &[f64],
     highest_order: f64,
     keep: usize,
@@ -48,7 +121,7 @@ fn clearest(
     let mut out: Vec<Carrier> = Vec::new();
     for order in mesh_orders {
         let count = (1..=HARMONICS).take_while(|h| order * *h as f64 <= highest_order).count();
-        let demodulated = demodulate(channels, angle, *order, count, blocks);
+        let demodulated = demodulate(channels, (angle(), len), *order, count, blocks);
         out.extend(demodulated.into_iter().enumerate().filter_map(|(k, values)| {
             let h = 1 + k / channels.len();
             Some(carrier(transforms, values, order * h as f64, keep)).filter(|c| c.ratio > CARRIER_RATIO)
@@ -73,41 +146,38 @@ fn mean_angle(carriers: &[Carrier]) -> Vec<f64> {
     out
 }
 
-/// Refines the input-shaft angle (revolutions, per sample) from the phase of strong mesh harmonics of all channels.
+/// Refines the input-shaft angle from the phase of strong mesh harmonics of all channels; how many of them carried the last pass.
 ///
 /// Each pass demodulates the harmonics of all stages (`mesh_orders`, the first of each) with the angle so far, keeps `half_width_hz` about each, and adds the mean
-/// of their phases weighted by power and squared order (the inverse variance of the angle that each gives). Returns the refined angle and how many harmonics
-/// carried the last pass.
-pub fn refine(
+/// of their phases weighted by power and squared order (the inverse variance of the angle that each gives).
+pub fn refine<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
-    channels: &[&[f64]],
+    channels: &[&[T]],
     sample_rate_hz: f64,
-    start_rev: &[f64],
+    turning: &mut Turning,
     mesh_orders: &[f64],
     half_width_hz: f64,
-) -> (Vec<f64>, usize) {
-    let len = start_rev.len();
-    let mut angle = start_rev.to_vec();
+) -> usize {
+    let len = turning.len();
     let mut carried = 0;
-    let mean_hz = (angle[len - 1] - angle[0]) * sample_rate_hz / (len - 1) as f64;
+    let (first, last) = turning.ends();
+    let mean_hz = (last - first) * sample_rate_hz / (len - 1) as f64;
     let keep = ((half_width_hz * len as f64 / sample_rate_hz).round() as usize).max(2);
     let blocks = (BLOCKS * keep as f64).round() as usize;
     if blocks * 4 > len {
-        return (angle, 0);
+        return 0;
     }
     for highest_hz in PASSES_HZ {
         let highest_hz = highest_hz.min(0.4 * sample_rate_hz);
-        let carriers = clearest(transforms, channels, &angle, mesh_orders, highest_hz / mean_hz, keep, blocks);
+        let angle = (|| turning.angles(), len);
+        let carriers = clearest(transforms, channels, angle, mesh_orders, highest_hz / mean_hz, keep, blocks);
         if carriers.is_empty() {
             continue;
         }
         carried = carriers.len();
-        let correction = mean_angle(&carriers);
-        for (n, a) in angle.iter_mut().enumerate() {
-            *a += between(&correction, (n as f64 + 0.5) * blocks as f64 / len as f64 - 0.5);
-        }
+        turning.corrections.push(mean_angle(&carriers));
     }
-    (angle, carried)
+    carried
 }
 
 /// How the input shaft swings about its even turning: residual angle at even steps of time, from the phases of the strong mesh harmonics of all channels.
@@ -153,9 +223,9 @@ impl Swing {
 }
 
 /// The swing up to `highest_hz` of a recording whose angle is known slowly (`angle`, revolutions at each sample); `None` where no harmonic stands above its noise.
-pub fn swing(
+pub fn swing<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
-    channels: &[&[f64]],
+    channels: &[&[T]],
     sample_rate_hz: f64,
     angle: &[f64],
     mesh_orders: &[f64],
@@ -170,7 +240,8 @@ pub fn swing(
     }
     let mean_hz = (angle[len - 1] - angle[0]) * sample_rate_hz / (len - 1) as f64;
     let highest_order = PASSES_HZ[PASSES_HZ.len() - 1].min(0.4 * sample_rate_hz) / mean_hz;
-    let carriers = clearest(transforms, channels, angle, mesh_orders, highest_order, keep, blocks);
+    let angles = (|| angle.iter().copied(), len);
+    let carriers = clearest(transforms, channels, angles, mesh_orders, highest_order, keep, blocks);
     if carriers.is_empty() {
         return None;
     }
@@ -201,12 +272,17 @@ fn between(values: &[f64], position: f64) -> f64 {
 }
 
 /// The first `count` harmonics of an order in every channel, turned back by the angle and gathered in blocks; by harmonic, then channel.
-fn demodulate(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, blocks: usize) -> Vec<Vec<Complex64>> {
-    let len = angle.len();
+fn demodulate<T: Copy + Into<f64>>(
+    channels: &[&[T]],
+    (angle, len): (impl Iterator<Item = f64>, usize),
+    order: f64,
+    count: usize,
+    blocks: usize,
+) -> Vec<Vec<Complex64>> {
     let lanes = count * channels.len();
     let mut out = vec![vec![Complex64::ZERO; blocks]; lanes];
     let mut products = vec![Complex64::ZERO; lanes];
-    for (n, a) in angle.iter().enumerate() {
+    for (n, a) in angle.enumerate() {
         let position = (n as f64 + 0.5) * blocks as f64 / len as f64;
         let block = (position as usize).min(blocks - 1);
         let t = position - block as f64;
@@ -215,7 +291,7 @@ fn demodulate(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, bloc
         let mut power = Complex64::ONE;
         for products in products.chunks_exact_mut(channels.len()) {
             power *= phasor;
-            products.iter_mut().zip(channels).for_each(|(p, x)| *p = power * x[n]);
+            products.iter_mut().zip(channels).for_each(|(p, x)| *p = power * x[n].into());
         }
         // The record counts as going round, as it does to the transform.
         let at = [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
@@ -304,8 +380,9 @@ mod tests {
         let signal: Vec<f64> = (0..LEN)
             .map(|n| (1..=4).map(|h| (TAU * 23.0 * f64::from(h) * turn(n) + f64::from(h)).cos()).sum::<f64>() + noise())
             .collect();
-        let start: Vec<f64> = (0..LEN).map(|n| 25.0 * n as f64 / RATE_HZ).collect();
-        let (angle, carried) = refine(&mut Transforms::default(), &[&signal], RATE_HZ, &start, &[23.0], 1.5);
+        let mut turning = Turning::new(Start::Even(25.0, RATE_HZ), LEN);
+        let carried = refine(&mut Transforms::default(), &[&signal[..]], RATE_HZ, &mut turning, &[23.0], 1.5);
+        let angle: Vec<f64> = turning.angles().collect();
         assert_eq!(carried, 4);
         let off: Vec<f64> = (0..LEN).map(|n| angle[n] - turn(n)).collect();
         let mean = off.iter().sum::<f64>() / LEN as f64;
@@ -324,8 +401,9 @@ mod tests {
         let turn = |n: usize| (25.0 + 0.1 / 8.0) * n as f64 / RATE_HZ;
         let lines = |n: usize| (1..=4).map(move |h| (TAU * 23.0 * f64::from(h) * turn(n) + f64::from(h)).cos());
         let signal: Vec<f64> = (0..LEN).map(|n| lines(n).sum()).collect();
-        let start: Vec<f64> = (0..LEN).map(|n| 25.0 * n as f64 / RATE_HZ).collect();
-        let (angle, _) = refine(&mut Transforms::default(), &[&signal], RATE_HZ, &start, &[23.0], 1.5);
+        let mut turning = Turning::new(Start::Even(25.0, RATE_HZ), LEN);
+        refine(&mut Transforms::default(), &[&signal[..]], RATE_HZ, &mut turning, &[23.0], 1.5);
+        let angle: Vec<f64> = turning.angles().collect();
         let inner = LEN / 8..LEN - LEN / 8;
         let off: Vec<f64> = inner.map(|n| angle[n] - turn(n)).collect();
         let mean = off.iter().sum::<f64>() / off.len() as f64;
@@ -350,7 +428,7 @@ mod tests {
         let signal: Vec<f64> = (0..LEN).map(|n| lines(n).sum::<f64>() + 0.3 * noise()).collect();
         let mut angle: Vec<f64> = (0..LEN).map(|n| 25.0 * n as f64 / RATE_HZ).collect();
         let mut transforms = Transforms::default();
-        let swing = swing(&mut transforms, &[&signal], RATE_HZ, &angle, &[23.0], 20.0).unwrap();
+        let swing = swing(&mut transforms, &[&signal[..]], RATE_HZ, &angle, &[23.0], 20.0).unwrap();
         let most = swing.rev.iter().map(|v| v.abs()).fold(0.0, f64::max);
         assert!((most / size - 1.0).abs() < 0.05, "{most} of {size}");
         swing.follow(4.0, &mut angle);

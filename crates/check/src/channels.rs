@@ -3,9 +3,9 @@
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::health::sample_state;
-use gearwatch_core::recording::Channel;
 use gearwatch_core::verdict::InstrumentState;
 
+use crate::look::LookChannel;
 use crate::{Finding, Look, Severity};
 
 /// Rates that differ by less are the same (relative): clocks of instruments are off by some 10 ppm, and text files round.
@@ -21,7 +21,7 @@ const LARGEST_OFFSET: f64 = 10.0;
 pub(crate) fn findings(bench: &Bench, look: &Look, baseline: Option<&Baseline>) -> Vec<Finding> {
     let mut out = Vec::new();
     out.extend(missing(bench, look));
-    for (name, channel) in &look.recording.channels {
+    for (name, channel) in &look.channels {
         out.extend(unit(bench, look, name, channel));
         out.extend(samples(look, name, channel));
     }
@@ -33,7 +33,7 @@ pub(crate) fn findings(bench: &Bench, look: &Look, baseline: Option<&Baseline>) 
 /// The sheet's rate against the recordings', where they differ.
 pub(crate) fn other_rate(bench: &Bench, look: &Look) -> Option<(f64, f64)> {
     let sheet = bench.acquisition.sample_rate_hz;
-    let rates = look.recording.channels.values().map(|channel| channel.sample_rate_hz);
+    let rates = look.channels.values().map(|channel| channel.sample_rate_hz);
     rates.into_iter().find(|rate| (rate / sheet - 1.0).abs() > SAME_RATE).map(|rate| (rate, sheet))
 }
 
@@ -50,8 +50,8 @@ fn finding(look: &Look, id: &'static str, place: &str, found: String, expected: 
 }
 
 fn missing(bench: &Bench, look: &Look) -> Vec<Finding> {
-    let there: Vec<&str> = look.recording.channels.keys().map(String::as_str).collect();
-    let absent = bench.sensors.iter().filter(|sensor| !look.recording.channels.contains_key(&sensor.name));
+    let there: Vec<&str> = look.channels.keys().map(String::as_str).collect();
+    let absent = bench.sensors.iter().filter(|sensor| !look.channels.contains_key(&sensor.name));
     absent
         .map(|sensor| {
             let found = format!("no channel of this name; there are {}", there.join(", "));
@@ -61,7 +61,7 @@ fn missing(bench: &Bench, look: &Look) -> Vec<Finding> {
         .collect()
 }
 
-fn unit(bench: &Bench, look: &Look, name: &str, channel: &Channel) -> Option<Finding> {
+fn unit(bench: &Bench, look: &Look, name: &str, channel: &LookChannel) -> Option<Finding> {
     let sensor = bench.sensors.iter().find(|sensor| sensor.name == name)?;
     (*channel.unit != *sensor.unit).then(|| {
         let found = format!("its values are in {:?}", &*channel.unit);
@@ -71,13 +71,16 @@ fn unit(bench: &Bench, look: &Look, name: &str, channel: &Channel) -> Option<Fin
 }
 
 /// What the samples show of the instrument, second by second.
-fn samples(look: &Look, name: &str, channel: &Channel) -> Option<Finding> {
+fn samples(look: &Look, name: &str, channel: &LookChannel) -> Option<Finding> {
     let piece = ((PIECE_S * channel.sample_rate_hz) as usize).clamp(64, 1 << 16);
     let mut states: Vec<(InstrumentState, usize)> = Vec::new();
     let mut all = 0;
-    for piece in channel.segments.iter().flat_map(|segment| segment.samples.chunks_exact(piece)) {
+    let mut values = Vec::with_capacity(piece);
+    for piece in channel.runs.iter().flat_map(|run| run.samples.chunks_exact(piece)) {
         all += 1;
-        let state = sample_state(piece, LARGEST_OFFSET);
+        values.clear();
+        values.extend(piece.iter().map(|x| f64::from(*x)));
+        let state = sample_state(&values, LARGEST_OFFSET);
         match states.iter_mut().find(|(known, _)| *known == state) {
             _ if state == InstrumentState::Ok => {}
             Some((_, count)) => *count += 1,
@@ -112,7 +115,7 @@ fn rates(look: &Look) -> Option<Finding> {
 }
 
 fn torque(look: &Look, baseline: Option<&Baseline>) -> Option<Finding> {
-    if look.torques().next().is_some() || look.recording.channels.is_empty() {
+    if look.torques().next().is_some() || look.channels.is_empty() {
         return None;
     }
     let expected = match baseline.map(|b| b.runs.iter().any(|run| run.brake_torque_nm.is_some())) {

@@ -80,8 +80,8 @@ pub fn check(samples: &[f64], quality: Quality) -> Integrity {
 }
 
 /// Samples in runs of equal values: a cable that is off, a converter that stands.
-pub fn frozen(samples: &[f64]) -> usize {
-    samples.chunk_by(|a, b| a == b).map(<[f64]>::len).filter(|run| *run >= FROZEN).sum()
+pub fn frozen<T: PartialEq>(samples: &[T]) -> usize {
+    samples.chunk_by(|a, b| a == b).map(<[T]>::len).filter(|run| *run >= FROZEN).sum()
 }
 
 #[cfg(test)]

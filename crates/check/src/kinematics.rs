@@ -5,7 +5,7 @@ use gearwatch_core::train::{StageKinematics, Train};
 
 use crate::angle::CombField;
 use crate::dsp;
-use crate::steady::Steady;
+use crate::steady::{Run, Steady};
 
 /// Multiples of each shaft's speed that shafts make.
 pub const SHAFT_MULTIPLES: u8 = 12;
@@ -66,7 +66,7 @@ pub fn stranger(
     bench: &Bench,
     train: &Train,
     sheet: &Train,
-    steady: &Steady<'_>,
+    steady: &Steady<'_, impl Run>,
     field: &CombField,
     speed: &Speed,
 ) -> Option<String> {
@@ -182,7 +182,7 @@ pub struct Speed {
 }
 
 /// Range of input-shaft speeds to search (Hz).
-fn range(bench: &Bench, train: &Train, steady: &Steady<'_>, tacho_hz: Option<f64>, reach: f64) -> (f64, f64) {
+fn range(bench: &Bench, train: &Train, steady: &Steady<'_, impl Run>, tacho_hz: Option<f64>, reach: f64) -> (f64, f64) {
     if let Some(hz) = tacho_hz {
         return (hz * (1.0 - reach), hz * (1.0 + reach));
     }
@@ -273,7 +273,7 @@ pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Opti
 }
 
 /// Speeds of all recordings by the bench file's own teeth.
-pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombField]) -> Vec<Speed> {
+pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Vec<Speed> {
     let orders = comb_orders(train);
     all.iter()
         .zip(fields)
@@ -288,7 +288,7 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_>], fields: &[CombFi
 pub(crate) fn own_speed(
     bench: &Bench,
     train: &Train,
-    steady: &Steady<'_>,
+    steady: &Steady<'_, impl Run>,
     field: &CombField,
     comb: &[f64],
     reach: f64,
@@ -305,7 +305,7 @@ pub(crate) fn own_speed(
 }
 
 /// Whether the tacho through a bench's teeth and the drive display cannot both be right: beyond what a display, a sample clock and a belt are off.
-fn against_display(bench: &Bench, steady: &Steady<'_>) -> bool {
+fn against_display(bench: &Bench, steady: &Steady<'_, impl Run>) -> bool {
     let train = Train::new(bench);
     let Some(input_hz) = steady.tacho_hz(&train).filter(|_| steady.display_motor_hz.is_finite()) else { return false };
     let (low, high) = range(bench, &train, steady, None, 0.0);
@@ -316,7 +316,7 @@ fn against_display(bench: &Bench, steady: &Steady<'_>) -> bool {
 ///
 /// Which lines move depends on where the speed is known: with a tacho on the output shaft, the pinion's teeth move nothing but the input
 /// shaft's own lines. So candidates are ranked by all lines and believed by those that move.
-pub fn other_teeth(bench: &Bench, all: &[Steady<'_>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
+pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
     let sheet = Fit::of(bench, all, fields, true);
     let mut best: Option<Candidate> = None;
     let mut faint: Option<Candidate> = None;
@@ -388,7 +388,7 @@ struct Fit {
 }
 
 impl Fit {
-    fn of(candidate: &Bench, all: &[Steady<'_>], fields: &[CombField], own: bool) -> Self {
+    fn of(candidate: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField], own: bool) -> Self {
         let train = Train::new(candidate);
         let (orders, comb) = (deciding_orders(&train), comb_orders(&train));
         let mut sum = 0.0;

@@ -12,8 +12,36 @@ use crate::dsp::{MAIN_LOBE_BINS, mean, median};
 use crate::kinematics::{self, NOBODYS_REACH, OF_NOBODY, OtherTeeth, stands_out};
 use crate::orders::USABLE_BAND;
 
+/// Bins of a spectrum over shaft angle.
+pub trait Bins {
+    /// Power of a bin; `None` beyond the last.
+    fn power(&self, bin: usize) -> Option<f64>;
+    /// Mean noise power there.
+    fn floor(&self, bin: usize) -> Option<f64>;
+}
+
+impl Bins for (&[Complex64], &[f64]) {
+    fn power(&self, bin: usize) -> Option<f64> {
+        self.0.get(bin).map(Complex64::norm_sqr)
+    }
+
+    fn floor(&self, bin: usize) -> Option<f64> {
+        self.1.get(bin).copied()
+    }
+}
+
+impl<B: Bins> Bins for &B {
+    fn power(&self, bin: usize) -> Option<f64> {
+        (**self).power(bin)
+    }
+
+    fn floor(&self, bin: usize) -> Option<f64> {
+        (**self).floor(bin)
+    }
+}
+
 /// A recording over shaft angle.
-pub struct OrderSpectra<'a> {
+pub struct OrderSpectra<B> {
     /// Samples per second.
     pub sample_rate_hz: f64,
     /// Input-shaft speed that the gear lines show (Hz).
@@ -22,8 +50,8 @@ pub struct OrderSpectra<'a> {
     pub tacho_input_hz: Option<f64>,
     /// Revolutions of the input shaft in the recording.
     pub revolutions: f64,
-    /// Spectrum and mean noise power of its bins, by channel.
-    pub channels: Vec<(&'a [Complex64], &'a [f64])>,
+    /// By channel.
+    pub channels: Vec<B>,
 }
 
 /// Largest change of the teeth that is tried.
@@ -39,7 +67,7 @@ const GAIN: f64 = 0.4;
 const SURE: f64 = 4.0;
 /// A line stands above what lies so many bins beside it, outside its main lobe, and not only above the noise: the skirt of a strong line is no line. Where a stronger one is that near, nothing
 /// is to be seen.
-const BESIDE: usize = MAIN_LOBE_BINS + 1;
+pub(crate) const BESIDE: usize = MAIN_LOBE_BINS + 1;
 /// Multiples of the last shaft's speed that errors of another shaft's gears are modulated by: run-out of the wheel changes how the pinion's errors are felt. Such products are no multiples of
 /// either shaft alone. Beside a whole ratio they are those of a wheel with a tooth more or fewer.
 const PRODUCTS: usize = 3;
@@ -80,7 +108,7 @@ struct Seen {
 /// one by chance does so in all of them: a line is one witness, however often it was recorded.
 ///
 /// Beside a whole ratio of the stage, products of the other comb are within a bin of this one's multiples. Where the lines lie says whose they are, all of them together.
-fn excess(all: &[OrderSpectra<'_>], train: &Train, own: &Comb, other: &Comb) -> Vec<f64> {
+fn excess<B: Bins>(all: &[OrderSpectra<B>], train: &Train, own: &Comb, other: &Comb) -> Vec<f64> {
     let lines: Vec<Vec<Seen>> = own.multiples.iter().map(|n| line(all, train, own.order * *n as f64, other)).collect();
     let nearer: f64 = lines
         .iter()
@@ -95,8 +123,15 @@ fn excess(all: &[OrderSpectra<'_>], train: &Train, own: &Comb, other: &Comb) -> 
     lines.iter().filter_map(of_one).collect()
 }
 
+/// The highest order that is asked for with any of the tooth numbers that are tried, and what lies beside it (orders of the input shaft).
+pub(crate) fn highest_order(bench: &Bench, train: &Train) -> Option<f64> {
+    let (sheet, kinematic) = (bench.stages.last()?.wheel.teeth, train.stages.last()?);
+    let fewest = (i64::from(sheet) - NOBODYS_REACH).max(1) as f64;
+    Some(kinematic.mesh_order * (HARMONICS as f64 + (SIDEBANDS + 1) as f64 / fewest))
+}
+
 /// What recordings and channels show at an order.
-fn line(all: &[OrderSpectra<'_>], train: &Train, order: f64, other: &Comb) -> Vec<Seen> {
+fn line<B: Bins>(all: &[OrderSpectra<B>], train: &Train, order: f64, other: &Comb) -> Vec<Seen> {
     let mut seen = Vec::new();
     for r in all {
         let off = |order: f64, spacing: f64| (order - (order / spacing).round() * spacing) * r.revolutions;
@@ -112,8 +147,8 @@ fn line(all: &[OrderSpectra<'_>], train: &Train, order: f64, other: &Comb) -> Ve
             .filter(|off| off.abs() < APART_BINS)
             .collect();
         let position = order * r.revolutions;
-        for (spectrum, floor) in &r.channels {
-            if let Some((excess, at)) = peak(spectrum, floor, position.round() as usize) {
+        for channel in &r.channels {
+            if let Some((excess, at)) = peak(channel, position.round() as usize) {
                 let off = at - position;
                 let from_product = near.iter().map(|product| off + product).min_by(|a, b| a.abs().total_cmp(&b.abs()));
                 seen.push(Seen { excess, off, from_product });
@@ -124,10 +159,14 @@ fn line(all: &[OrderSpectra<'_>], train: &Train, order: f64, other: &Comb) -> Ve
 }
 
 /// Log of the power of the peak among three bins over what lies beside it, and its position. `None` where there is no peak, or a stronger line is near.
-fn peak(spectrum: &[Complex64], floor: &[f64], bin: usize) -> Option<(f64, f64)> {
-    let bins = spectrum.get(bin.checked_sub(BESIDE)?..=bin + BESIDE)?;
-    let floor = *floor.get(bin)?;
-    let power = |k: usize| bins[k].norm_sqr();
+fn peak(spectrum: &impl Bins, bin: usize) -> Option<(f64, f64)> {
+    let first = bin.checked_sub(BESIDE)?;
+    let mut bins = [0.0; 2 * BESIDE + 1];
+    for (k, power) in bins.iter_mut().enumerate() {
+        *power = spectrum.power(first + k)?;
+    }
+    let floor = spectrum.floor(bin)?;
+    let power = |k: usize| bins[k];
     let (below, above) = (power(0), power(2 * BESIDE));
     let highest = (BESIDE - 1..=BESIDE + 1).max_by(|a, b| power(*a).total_cmp(&power(*b)))?;
     let is_peak = power(highest) >= power(highest - 1) && power(highest) >= power(highest + 1);
@@ -143,7 +182,7 @@ fn peak(spectrum: &[Complex64], floor: &[f64], bin: usize) -> Option<(f64, f64)>
 }
 
 /// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.
-fn tacho_agrees(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>], teeth: u32) -> bool {
+fn tacho_agrees<B>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>], teeth: u32) -> bool {
     let last = train.shafts.last().map(|s| s.0.as_str());
     if bench.tacho.as_ref().map(|t| t.shaft.as_str()) != last {
         return false;
@@ -153,7 +192,7 @@ fn tacho_agrees(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>], teeth: u
 }
 
 /// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the sheet says.
-pub fn other_wheel(bench: &Bench, train: &Train, all: &[OrderSpectra<'_>]) -> Option<(OtherTeeth, Bench)> {
+pub fn other_wheel<B: Bins>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>]) -> Option<(OtherTeeth, Bench)> {
     let stage = bench.stages.len().checked_sub(1)?;
     let (sheet, kinematic) = (bench.stages[stage].wheel.teeth, train.stages.get(stage)?);
     if tacho_agrees(bench, train, all, sheet) {

@@ -120,9 +120,9 @@ pub fn check(bench: &Bench, looks: &[Look], baseline: Option<&Baseline>) -> Chec
     for look in looks {
         findings.extend(channels::findings(bench, look, baseline));
     }
-    let heard = speed::hear(bench, looks);
+    let mut heard = speed::hear(bench, looks);
     findings.extend(speed::findings(bench, &heard, baseline));
-    findings.extend(teeth::findings(bench, &heard));
+    findings.extend(teeth::findings(bench, &mut heard));
     findings.extend(normal::findings(bench, looks, &heard, baseline));
     for finding in &mut findings {
         if finding.severity == Severity::Doubtful && bench.check.cleared.iter().any(|id| id == finding.id) {

@@ -1,11 +1,14 @@
 //! What is looked at of a recording: its first half minute, and what its time stamps say of the rest.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use gearwatch_core::bench::Bench;
-use gearwatch_core::block::{Packet, UnixNanos};
+use gearwatch_core::block::{Block, Packet, Quality, UnixNanos};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::window::Window;
+
+use crate::steady::Run;
 
 /// Most that is kept of each channel (s, samples).
 const MOST_S: f64 = 30.0;
@@ -17,12 +20,69 @@ const SHORT_SAMPLES: usize = 1 << 14;
 /// The first seconds of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Look {
-    /// What was kept.
+    /// What was kept, but for the channels.
     pub(crate) recording: Recording,
+    /// By sensor name.
+    pub(crate) channels: BTreeMap<String, LookChannel>,
     stamps: BTreeMap<String, Stamps>,
     begin: Option<UnixNanos>,
     /// The channels that are kept for the whole time; all where it is `None`.
     whole: Option<Vec<String>>,
+}
+
+/// One sensor's part.
+#[derive(Clone, Debug)]
+pub(crate) struct LookChannel {
+    pub(crate) sample_rate_hz: f64,
+    pub(crate) unit: Arc<str>,
+    /// In time order.
+    pub(crate) runs: Vec<LookRun>,
+}
+
+/// Samples without a gap, in single precision: the converters of instruments have 24 bits, and a service keeps half a minute of eight channels.
+#[derive(Clone, Debug)]
+pub(crate) struct LookRun {
+    t0: UnixNanos,
+    first_sample_index: u64,
+    pub(crate) samples: Vec<f32>,
+}
+
+impl LookRun {
+    fn end(&self) -> u64 {
+        self.first_sample_index + self.samples.len() as u64
+    }
+}
+
+impl Run for LookRun {
+    type Sample = f32;
+
+    fn t0(&self) -> UnixNanos {
+        self.t0
+    }
+
+    fn samples(&self) -> &[f32] {
+        &self.samples
+    }
+}
+
+impl LookChannel {
+    fn len(&self) -> usize {
+        self.runs.iter().map(|run| run.samples.len()).sum()
+    }
+
+    /// Takes in a block of a recording of which `most` samples are kept.
+    fn push(&mut self, block: &Block, most: usize) {
+        let follows = self.runs.last().is_some_and(|last| last.end() == block.first_sample_index);
+        if !follows || block.quality.contains(Quality::GAP_BEFORE) {
+            let left = ((MOST_S * self.sample_rate_hz).min(most as f64) as usize).saturating_sub(self.len());
+            // All at once: what grows by doubling is twice there for a moment.
+            let samples = Vec::with_capacity(left + block.samples.len());
+            self.runs.push(LookRun { t0: block.t0, first_sample_index: block.first_sample_index, samples });
+        }
+        if let Some(last) = self.runs.last_mut() {
+            last.samples.extend(block.samples.iter().map(|x| x as f32));
+        }
+    }
 }
 
 /// The first and the last time stamp of a channel.
@@ -78,16 +138,20 @@ impl Look {
             let fresh = Stamps { first: now, last: now, stated_hz: block.sample_rate_hz };
             self.stamps.entry(block.sensor.to_string()).or_insert(fresh).last = now;
         }
-        if self.within(t0) && !self.is_full_for(packet) {
-            self.recording.push(packet.clone());
+        if !self.within(t0) || self.is_full_for(packet) {
+            return;
         }
+        let Packet::Vibration(block) = packet else { return self.recording.push(packet.clone()) };
+        let most = self.most_samples(&block.sensor);
+        let fresh = || LookChannel { sample_rate_hz: block.sample_rate_hz, unit: block.unit.clone(), runs: Vec::new() };
+        self.channels.entry(block.sensor.to_string()).or_insert_with(fresh).push(block, most);
     }
 
     /// Takes in a window of a running service: its samples that were not in the one before; its pulses are those of this shaft.
     pub fn push_window(&mut self, window: &Window, tacho_shaft: Option<&str>) {
-        use gearwatch_core::block::{Block, Quality, Samples, TachoBlock};
-        let known = self.recording.channels.get(&*window.sensor).and_then(|channel| channel.segments.last());
-        let next = known.map_or(0, |last| last.first_sample_index + last.samples.len() as u64);
+        use gearwatch_core::block::{Samples, TachoBlock};
+        let known = self.channels.get(&*window.sensor).and_then(|channel| channel.runs.last());
+        let next = known.map_or(0, LookRun::end);
         let skip = usize::try_from(next.saturating_sub(window.first_sample_index)).unwrap_or(usize::MAX);
         let Some(new) = window.samples.get(skip.min(window.samples.len())..).filter(|new| !new.is_empty()) else {
             return;
@@ -95,7 +159,7 @@ impl Look {
         let at = |samples: usize| (samples as f64 / window.sample_rate_hz * 1e9).round() as i64;
         let t0 = window.t0.saturating_add(at(skip));
         let end = window.t0.saturating_add(at(window.samples.len()));
-        if self.recording.channels.keys().next().is_none_or(|first| **first == *window.sensor) {
+        if self.channels.keys().next().is_none_or(|first| **first == *window.sensor) {
             self.push(&Packet::OperatingPoint(window.operating_point));
             let pulses = window.pulses.times_s.iter().map(|t| window.t0.saturating_add((t * 1e9).round() as i64));
             let pulse_times: Vec<UnixNanos> = pulses.filter(|t| (t0..end).contains(t)).collect();
@@ -122,7 +186,7 @@ impl Look {
 
     /// Nothing more of what comes will be kept, but for time stamps.
     pub fn is_full(&self) -> bool {
-        let mut channels = self.recording.channels.iter().peekable();
+        let mut channels = self.channels.iter().peekable();
         channels.peek().is_some()
             && channels
                 .all(|(name, c)| c.len() as f64 / c.sample_rate_hz >= MOST_S || c.len() >= self.most_samples(name))
@@ -135,10 +199,7 @@ impl Look {
 
     fn is_full_for(&self, packet: &Packet) -> bool {
         let Packet::Vibration(block) = packet else { return false };
-        self.recording
-            .channels
-            .get(&*block.sensor)
-            .is_some_and(|channel| channel.len() >= self.most_samples(&block.sensor))
+        self.channels.get(&*block.sensor).is_some_and(|channel| channel.len() >= self.most_samples(&block.sensor))
     }
 
     /// Stated and stamped rates, by sensor, where there are stamps over a second or more.
@@ -201,7 +262,7 @@ mod tests {
             }
         }
         assert_eq!(look.stamps.len(), channels);
-        look.recording.channels.values().map(|channel| channel.len()).collect()
+        look.channels.values().map(|channel| channel.len()).collect()
     }
 
     /// 64 channels took 250 MB: all samples of half a minute.

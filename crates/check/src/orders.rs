@@ -3,10 +3,11 @@
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
-use crate::carriers;
-use crate::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
+use crate::carriers::{self, Start, Turning};
+use crate::dsp::{self, MAIN_LOBE_BINS, Precision, Transforms, median};
+use crate::last_wheel::Bins;
 use crate::lines::{self, Line};
-use crate::steady::Steady;
+use crate::steady::{Run, Steady};
 
 /// Distance of two listed lines from which they are told apart (bins): the joint fit pays for it with ten times the noise of a line alone.
 const SEPARABLE_BINS: f64 = 0.5;
@@ -18,7 +19,7 @@ const NOISE_BINS: usize = 60;
 /// Shaft angle of a recording by its mesh lines, and what that says of its speed.
 pub struct Turned {
     /// Input-shaft angle at each sample (revolutions).
-    pub angle: Vec<f64>,
+    pub turning: Turning,
     /// Mesh harmonics that carried the angle.
     pub carriers: usize,
     /// Revolutions of the input shaft in the recording.
@@ -37,39 +38,77 @@ pub struct Turned {
 
 impl Turned {
     /// Of one steady recording, given the input-shaft speed that the comb search found.
-    pub fn of(transforms: &mut Transforms, train: &Train, has_belt: bool, steady: &Steady<'_>, input_hz: f64) -> Self {
+    pub fn of<R: Run>(
+        transforms: &mut Transforms,
+        train: &Train,
+        has_belt: bool,
+        steady: &Steady<'_, R>,
+        input_hz: f64,
+    ) -> Self {
         let rate = steady.sample_rate_hz;
-        let len = steady.channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
+        let signals = steady.signals();
+        let len = signals.iter().map(|signal| signal.len()).min().unwrap_or(0);
         let tacho = steady.tacho_angle(train);
-        let start: Vec<f64> = (0..len).map(|n| input_hz * n as f64 / rate).collect();
         let slowest = train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min) * input_hz;
         let half_width = (0.4 * slowest).min(1.5);
         let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
-        let signals: Vec<&[f64]> = steady.channels.iter().map(|c| c.2.samples.as_slice()).collect();
+        let tacho_input_hz = tacho.as_ref().map(|t| t.1);
+        let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0, &mut 0));
         // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
-        let start = match &tacho {
-            Some((angle, speed)) => (0..len).map(|n| at_sample(angle, n as f64 * input_hz / speed)).collect(),
-            None => start,
+        let start = match tacho {
+            Some((angle, speed)) => Start::Pulses { angle, hz: (input_hz, speed), len: signals[0].len() },
+            None => Start::Even(input_hz, rate),
         };
-        let (angle, carriers) = carriers::refine(transforms, &signals, rate, &start, &mesh_orders, half_width);
-        let revolutions = (angle[len - 1] - angle[0]) * len as f64 / (len - 1) as f64;
+        let mut turning = Turning::new(start, len);
+        let carriers = carriers::refine(transforms, &signals, rate, &mut turning, &mesh_orders, half_width);
+        let (first, last) = turning.ends();
+        let revolutions = (last - first) * len as f64 / (len - 1) as f64;
         let lines = lines::of_train(train, has_belt, SEPARABLE_BINS / revolutions);
         let taken = occupied(len / 2 + 1, lines.iter().map(|l| l.order * revolutions));
         Self {
+            turning,
             carriers,
             revolutions,
             input_hz: revolutions * rate / len as f64,
-            tacho_input_hz: tacho.as_ref().map(|t| t.1),
-            start_rev: tacho.as_ref().map_or(0.0, |t| t.0[0]),
+            tacho_input_hz,
+            start_rev,
             lines,
             taken,
-            angle,
         }
     }
+}
 
-    /// A channel over even steps of the angle.
-    pub fn resampled(&self, transforms: &mut Transforms, samples: &[f64]) -> Vec<f64> {
-        dsp::resample_to_angle(transforms, &samples[..self.angle.len()], &self.angle)
+/// Powers of the spectrum of one channel over shaft angle up to some order, with the mean noise power of each bin: what an [`OrderSpectrum`] shows, in a third of the memory and less.
+pub(crate) struct OrderPowers {
+    powers: Vec<f64>,
+    floor: Vec<f64>,
+}
+
+impl OrderPowers {
+    /// Of a channel, the first so many bins.
+    pub(crate) fn of<T: Precision>(transforms: &mut Transforms, turned: &Turned, samples: &[T], bins: usize) -> Self {
+        let len = turned.turning.len();
+        let mut over_angle = dsp::Paired::<T>::with_capacity(len);
+        let ends = turned.turning.ends();
+        dsp::resample(transforms, dsp::SHORT_STRETCH, &samples[..len], ends, turned.turning.angles(), |x| {
+            over_angle.push(x * dsp::window(over_angle.len(), len));
+        });
+        let all = transforms.powers(over_angle);
+        let scale = dsp::window_scale(len).powi(2);
+        let power = |k: usize| all.at(k) * scale;
+        let bins = bins.min(all.len());
+        let floor = Floor::of(power, &turned.taken, bins);
+        Self { powers: (0..bins).map(power).collect(), floor: (0..bins).map(|k| floor.at(k)).collect() }
+    }
+}
+
+impl Bins for OrderPowers {
+    fn power(&self, bin: usize) -> Option<f64> {
+        self.powers.get(bin).copied()
+    }
+
+    fn floor(&self, bin: usize) -> Option<f64> {
+        self.floor.get(bin).copied()
     }
 }
 
@@ -90,12 +129,6 @@ impl OrderSpectrum {
     }
 }
 
-/// Angle by the tacho at a time in its own samples: where the sample clock is off, sample `n` was not taken at `n` steps of the tacho's time.
-fn at_sample(angle: &[f64], position: f64) -> f64 {
-    let k = (position as usize).min(angle.len() - 2);
-    angle[k] + (angle[k + 1] - angle[k]) * (position - k as f64)
-}
-
 /// Bins within the main lobe of a line.
 pub fn occupied(len: usize, positions: impl Iterator<Item = f64>) -> Vec<bool> {
     let mut taken = vec![false; len];
@@ -112,39 +145,50 @@ pub fn occupied(len: usize, positions: impl Iterator<Item = f64>) -> Vec<bool> {
 
 /// Mean noise power of each bin from the median of its free neighbours (median of exponential = ln 2 × mean).
 pub fn floor_of(spectrum: &[Complex64], taken: &[bool]) -> Vec<f64> {
-    let step = NOISE_BINS / 2;
-    let mut knots: Vec<f64> = Vec::new();
-    let mut window = Vec::with_capacity(8 * NOISE_BINS);
-    let mut centre = 0;
-    while centre < spectrum.len() + step {
-        let mut half = NOISE_BINS;
-        loop {
-            window.clear();
-            let high = (centre + half + 1).min(spectrum.len());
-            for k in centre.saturating_sub(half).min(high)..high {
-                if !taken[k] {
-                    window.push(spectrum[k].norm_sqr());
+    let floor = Floor::of(|k| spectrum[k].norm_sqr(), &taken[..spectrum.len()], spectrum.len());
+    (0..spectrum.len()).map(|k| floor.at(k)).collect()
+}
+
+/// The noise in steps, interpolated.
+struct Floor {
+    knots: Vec<f64>,
+}
+
+impl Floor {
+    const STEP: usize = NOISE_BINS / 2;
+
+    /// Of the first so many bins.
+    fn of(power: impl Fn(usize) -> f64, taken: &[bool], bins: usize) -> Self {
+        let mut knots: Vec<f64> = Vec::new();
+        let mut window = Vec::with_capacity(8 * NOISE_BINS);
+        let mut centre = 0;
+        while centre < bins + Self::STEP {
+            let mut half = NOISE_BINS;
+            loop {
+                window.clear();
+                let high = (centre + half + 1).min(taken.len());
+                let near = centre.saturating_sub(half).min(high)..high;
+                window.extend(near.filter(|k| !taken[*k]).map(&power));
+                // Crowded neighbourhoods are widened until enough free bins stand for the noise.
+                if window.len() >= NOISE_BINS / 2 || half >= 4 * NOISE_BINS {
+                    break;
                 }
+                half *= 2;
             }
-            // Crowded neighbourhoods are widened until enough free bins stand for the noise.
-            if window.len() >= NOISE_BINS / 2 || half >= 4 * NOISE_BINS {
-                break;
-            }
-            half *= 2;
+            let value = median(&mut window) / std::f64::consts::LN_2;
+            knots.push(if value.is_finite() && value > 0.0 {
+                value
+            } else {
+                knots.last().copied().unwrap_or(f64::MIN_POSITIVE)
+            });
+            centre += Self::STEP;
         }
-        let value = median(&mut window) / std::f64::consts::LN_2;
-        knots.push(if value.is_finite() && value > 0.0 {
-            value
-        } else {
-            knots.last().copied().unwrap_or(f64::MIN_POSITIVE)
-        });
-        centre += step;
+        Self { knots }
     }
-    (0..spectrum.len())
-        .map(|i| {
-            let k = i / step;
-            let t = (i % step) as f64 / step as f64;
-            knots[k] * (1.0 - t) + knots[(k + 1).min(knots.len() - 1)] * t
-        })
-        .collect()
+
+    fn at(&self, bin: usize) -> f64 {
+        let k = bin / Self::STEP;
+        let t = (bin % Self::STEP) as f64 / Self::STEP as f64;
+        self.knots[k] * (1.0 - t) + self.knots[(k + 1).min(self.knots.len() - 1)] * t
+    }
 }

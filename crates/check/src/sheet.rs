@@ -23,7 +23,7 @@ fn fastest_input_hz(train: &Train, looks: &[Look]) -> f64 {
 
 /// The lowest sample rate of the recordings, else that of the sheet (Hz).
 fn rate_hz(bench: &Bench, looks: &[Look]) -> f64 {
-    let rates = looks.iter().flat_map(|look| look.recording.channels.values()).map(|channel| channel.sample_rate_hz);
+    let rates = looks.iter().flat_map(|look| look.channels.values()).map(|channel| channel.sample_rate_hz);
     rates.reduce(f64::min).unwrap_or(bench.acquisition.sample_rate_hz)
 }
 

@@ -8,6 +8,7 @@ use crate::angle::CombField;
 use crate::dsp::Transforms;
 use crate::integrity;
 use crate::kinematics;
+use crate::look::LookRun;
 use crate::sheet::FAST_MOTOR_HZ;
 use crate::slip;
 use crate::steady::Steady;
@@ -54,7 +55,7 @@ pub(crate) enum From {
 /// The lines of one recording.
 pub(crate) struct Heard<'a> {
     pub(crate) look: &'a Look,
-    pub(crate) steady: Steady<'a>,
+    pub(crate) steady: Steady<'a, LookRun>,
     pub(crate) field: CombField,
     /// Expected input-shaft speed (Hz), and how far it may be off (relative).
     pub(crate) expected_hz: f64,
@@ -183,13 +184,13 @@ impl Heard<'_> {
 }
 
 /// The longest run of every sensor of the sheet that moves and holds numbers; `None` for run-ups and where there is none.
-fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a>> {
+fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a, LookRun>> {
     let recording = &look.recording;
     let mut channels: Vec<(&str, &str, &_)> = Vec::new();
     let mut rate = f64::NAN;
     for sensor in &bench.sensors {
-        let Some((name, channel)) = recording.channels.get_key_value(&sensor.name) else { continue };
-        let Some(run) = channel.segments.iter().max_by_key(|segment| segment.samples.len()) else { continue };
+        let Some((name, channel)) = look.channels.get_key_value(&sensor.name) else { continue };
+        let Some(run) = channel.runs.iter().max_by_key(|run| run.samples.len()) else { continue };
         let sound =
             run.samples.iter().all(|x| x.is_finite()) && 2 * integrity::frozen(&run.samples) <= run.samples.len();
         if sound && (channels.is_empty() || channel.sample_rate_hz == rate) {
@@ -220,7 +221,7 @@ fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a>> {
 }
 
 /// Expected speed of the input shaft (Hz), how far it may be off, and where it is from.
-fn expected(bench: &Bench, train: &Train, steady: &Steady<'_>) -> (f64, f64, From) {
+fn expected(bench: &Bench, train: &Train, steady: &Steady<'_, LookRun>) -> (f64, f64, From) {
     if let Some(hz) = steady.tacho_hz(train) {
         return (hz, TACHO, From::Tacho);
     }
@@ -232,7 +233,7 @@ fn expected(bench: &Bench, train: &Train, steady: &Steady<'_>) -> (f64, f64, Fro
 }
 
 /// The speed within reach at which the sheet's comb fits best, and its score; `None` where too few of its lines lie in the band.
-fn best(train: &Train, field: &CombField, steady: &Steady<'_>, hz: f64, reach: f64) -> Option<(f64, f64)> {
+fn best(train: &Train, field: &CombField, steady: &Steady<'_, LookRun>, hz: f64, reach: f64) -> Option<(f64, f64)> {
     let orders = kinematics::comb_orders(train);
     let highest = USABLE_BAND * steady.sample_rate_hz;
     let inside = orders.iter().filter(|order| **order * hz < highest).count();
@@ -293,7 +294,7 @@ fn anywhere(
     needed: f64,
     transforms: &mut Transforms,
 ) -> Option<Other> {
-    let pieces: Vec<&[f64]> = heard
+    let pieces: Vec<&[f32]> = heard
         .steady
         .channels
         .iter()
@@ -474,7 +475,7 @@ fn deaf(train: &Train, heard: &Heard<'_>) -> Vec<Finding> {
     let mut transforms = Transforms::default();
     let mut out = Vec::new();
     for (name, _, run) in &heard.steady.channels {
-        let field = CombField::new(&mut transforms, &[&run.samples], heard.steady.sample_rate_hz);
+        let field = CombField::new(&mut transforms, &[&run.samples[..]], heard.steady.sample_rate_hz);
         let score = best(train, &field, &heard.steady, heard.input_hz, CLOCK).map_or(0.0, |(_, score)| score);
         if score < FITS {
             out.push(finding(

@@ -1,20 +1,43 @@
 //! The samples of a recording that one speed and one load belong to, or why there are none.
 
 use gearwatch_core::bench::Bench;
+use gearwatch_core::block::UnixNanos;
 use gearwatch_core::recording::{Recording, Segment};
 use gearwatch_core::train::Train;
 
-use crate::angle::{self, CombField};
-use crate::dsp::Transforms;
+use crate::angle::{CombField, PulseAngle};
+use crate::dsp::{Precision, Transforms};
 use crate::integrity;
+
+/// Samples without a gap.
+pub trait Run: Clone {
+    /// Physical values.
+    type Sample: Precision;
+    /// Time of the first one.
+    fn t0(&self) -> UnixNanos;
+    /// All of them.
+    fn samples(&self) -> &[Self::Sample];
+}
+
+impl Run for Segment {
+    type Sample = f64;
+
+    fn t0(&self) -> UnixNanos {
+        self.t0
+    }
+
+    fn samples(&self) -> &[f64] {
+        &self.samples
+    }
+}
 
 /// Samples of a recording that belong together: the longest gap-free run of every channel.
 #[derive(Clone)]
-pub struct Steady<'a> {
+pub struct Steady<'a, R = Segment> {
     /// The recording.
     pub recording: &'a Recording,
     /// Channel name, unit and run.
-    pub channels: Vec<(&'a str, &'a str, &'a Segment)>,
+    pub channels: Vec<(&'a str, &'a str, &'a R)>,
     /// Samples per second.
     pub sample_rate_hz: f64,
     /// Motor speed as displayed, mean (Hz).
@@ -111,7 +134,7 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
     Ok(Steady { recording, channels, sample_rate_hz, display_motor_hz, most_slip: 0.0, brake_torque_nm })
 }
 
-impl Steady<'_> {
+impl<R: Run> Steady<'_, R> {
     /// Mean input-shaft speed by the tacho (Hz): whole pulses over the time between the first and the last.
     pub fn tacho_hz(&self, train: &Train) -> Option<f64> {
         let (shaft, tacho) = self.recording.tachos.iter().next()?;
@@ -122,25 +145,29 @@ impl Steady<'_> {
         (tacho.pulse_times.len() >= 4 && speed.is_finite() && speed > 0.0).then_some(speed)
     }
 
-    /// Input-shaft angle by the tacho (revolutions per sample), the mean speed that it gives (Hz), or nothing.
-    pub fn tacho_angle(&self, train: &Train) -> Option<(Vec<f64>, f64)> {
+    /// Input-shaft angle by the tacho, the mean speed that it gives over the first channel (Hz), or nothing.
+    pub fn tacho_angle(&self, train: &Train) -> Option<(PulseAngle, f64)> {
         let (_, _, run) = self.channels.first()?;
         let (shaft, tacho) = self.recording.tachos.iter().next()?;
         let order = train.shaft_order(shaft)?;
-        let pulses: Vec<f64> = tacho.pulse_times.iter().map(|t| (t - run.t0) as f64 * 1e-9).collect();
+        let pulses: Vec<f64> = tacho.pulse_times.iter().map(|t| (t - run.t0()) as f64 * 1e-9).collect();
         if pulses.windows(2).any(|w| w[1] <= w[0]) || tacho.pulses_per_rev <= 0.0 {
             return None;
         }
-        let mut angle = angle::from_pulses(&pulses, tacho.pulses_per_rev, self.sample_rate_hz, run.samples.len())?;
-        angle.iter_mut().for_each(|a| *a /= order);
-        let seconds = (angle.len() - 1) as f64 / self.sample_rate_hz;
-        let speed = (angle[angle.len() - 1] - angle[0]) / seconds;
+        let angle = PulseAngle::new(pulses, tacho.pulses_per_rev, self.sample_rate_hz, order)?;
+        let last = run.samples().len() - 1;
+        let seconds = last as f64 / self.sample_rate_hz;
+        let speed = (angle.at(last, &mut 0) - angle.at(0, &mut 0)) / seconds;
         (speed.is_finite() && speed > 0.0).then_some((angle, speed))
+    }
+
+    /// The samples of all channels.
+    pub fn signals(&self) -> Vec<&[R::Sample]> {
+        self.channels.iter().map(|c| c.2.samples()).collect()
     }
 
     /// The comb field of all channels.
     pub fn comb_field(&self, transforms: &mut Transforms) -> CombField {
-        let signals: Vec<&[f64]> = self.channels.iter().map(|c| c.2.samples.as_slice()).collect();
-        CombField::new(transforms, &signals, self.sample_rate_hz)
+        CombField::new(transforms, &self.signals(), self.sample_rate_hz)
     }
 }

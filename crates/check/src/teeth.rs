@@ -1,30 +1,35 @@
 //! Tooth numbers by the lines themselves, with a tacho or without.
 
 use gearwatch_core::bench::Bench;
-use gearwatch_core::recording::Segment;
 use gearwatch_core::train::Train;
 
 use crate::angle::CombField;
 use crate::dsp::Transforms;
 use crate::kinematics::{self, OtherTeeth};
 use crate::last_wheel::{self, OrderSpectra};
-use crate::orders::{OrderSpectrum, Turned};
+use crate::look::LookRun;
+use crate::orders::{OrderPowers, Turned};
 use crate::speed::Heard;
 use crate::steady::Steady;
 use crate::{Finding, Severity};
 
 /// A gear whose other tooth number fits the lines of all recordings clearly better.
-pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
+///
+/// The comb fields are needed for the last time: they go before the spectra of the last wheel come.
+pub(crate) fn findings(bench: &Bench, heard: &mut [Heard<'_>]) -> Vec<Finding> {
     // A rate or a speed that is known to be wrong moves lines as teeth do.
-    let asked: Vec<&Heard<'_>> = heard.iter().filter(|one| !one.is_explained() && one.clock_is_settled()).collect();
+    let is_asked = |one: &&Heard<'_>| !one.is_explained() && one.clock_is_settled();
+    let asked: Vec<&Heard<'_>> = heard.iter().filter(is_asked).collect();
     if asked.is_empty() {
         return Vec::new();
     }
-    let mut transforms = Transforms::default();
-    let steady: Vec<Steady<'_>> = asked.iter().map(|one| one.steady.clone()).collect();
-    let fields: Vec<CombField> = steady.iter().map(|one| one.comb_field(&mut transforms)).collect();
+    let steady: Vec<Steady<'_, LookRun>> = asked.iter().map(|one| one.steady.clone()).collect();
+    let fields: Vec<CombField> = asked.iter().map(|one| one.field.clone()).collect();
     let Some((teeth, other)) = kinematics::other_teeth(bench, &steady, &fields) else {
-        return of_the_last_wheel(bench, &mut transforms, &asked).into_iter().collect();
+        drop((asked, fields));
+        heard.iter_mut().for_each(|one| one.field = CombField::default());
+        let asked: Vec<&Heard<'_>> = heard.iter().filter(is_asked).collect();
+        return of_the_last_wheel(bench, &asked).into_iter().collect();
     };
     let train = Train::new(&other);
     // Sure where the sheet's lines are not there and the other's are, in every recording.
@@ -38,28 +43,24 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>]) -> Vec<Finding> {
 
 /// The last wheel moves no mesh line, and is counted over shaft angle, in recordings whose speed is known: one that was only found by letting the motor lag may be that of other teeth. Its
 /// sidebands may be faint: that is a doubt.
-fn of_the_last_wheel(bench: &Bench, transforms: &mut Transforms, asked: &[&Heard<'_>]) -> Option<Finding> {
+fn of_the_last_wheel(bench: &Bench, asked: &[&Heard<'_>]) -> Option<Finding> {
     let train = Train::new(bench);
+    let highest_order = last_wheel::highest_order(bench, &train)?;
     let settled = asked.iter().filter(|one| one.is_settled() && !one.slips);
-    let turned: Vec<(f64, Turned, Vec<OrderSpectrum>)> = settled
+    let mut transforms = Transforms::default();
+    let spectra: Vec<OrderSpectra<OrderPowers>> = settled
         .map(|one| {
-            let turned = Turned::of(transforms, &train, bench.belt.is_some(), &one.steady, one.input_hz);
-            let spectrum = |channel: &(_, _, &Segment)| {
-                let resampled = turned.resampled(transforms, &channel.2.samples);
-                OrderSpectrum::of(transforms, &resampled, &turned.taken)
-            };
-            let spectra = one.steady.channels.iter().map(spectrum).collect();
-            (one.steady.sample_rate_hz, turned, spectra)
-        })
-        .collect();
-    let spectra: Vec<OrderSpectra<'_>> = turned
-        .iter()
-        .map(|(sample_rate_hz, turned, spectra)| OrderSpectra {
-            sample_rate_hz: *sample_rate_hz,
-            input_hz: turned.input_hz,
-            tacho_input_hz: turned.tacho_input_hz,
-            revolutions: turned.revolutions,
-            channels: spectra.iter().map(|s| (&s.bins[..], &s.floor[..])).collect(),
+            let turned = Turned::of(&mut transforms, &train, bench.belt.is_some(), &one.steady, one.input_hz);
+            let bins = (highest_order * turned.revolutions) as usize + last_wheel::BESIDE + 2;
+            let spectrum = |samples: &[f32]| OrderPowers::of(&mut transforms, &turned, samples, bins);
+            let channels = one.steady.signals().into_iter().map(spectrum).collect();
+            OrderSpectra {
+                sample_rate_hz: one.steady.sample_rate_hz,
+                input_hz: turned.input_hz,
+                tacho_input_hz: turned.tacho_input_hz,
+                revolutions: turned.revolutions,
+                channels,
+            }
         })
         .collect();
     let (teeth, _) = last_wheel::other_wheel(bench, &train, &spectra)?;

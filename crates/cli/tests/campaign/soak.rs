@@ -16,6 +16,8 @@ use gearwatch_testkit::log::content;
 pub struct Sample {
     secs: f64,
     pub rss_kib: f64,
+    /// The most that it was.
+    pub peak_kib: f64,
     /// Of it, what belongs to no file.
     heap_kib: f64,
     descriptors: usize,
@@ -32,6 +34,7 @@ pub fn sample(pid: u32, begin: Instant) -> Option<Sample> {
     Some(Sample {
         secs: begin.elapsed().as_secs_f64(),
         rss_kib: field("VmRSS:")?,
+        peak_kib: field("VmHWM:")?,
         heap_kib: field("RssAnon:")?,
         descriptors: std::fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count(),
         threads: field("Threads:")? as usize,

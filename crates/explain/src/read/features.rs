@@ -92,7 +92,7 @@ pub struct RecordingFeatures {
 
 impl RecordingFeatures {
     /// What tells the teeth of the last wheel.
-    pub fn order_spectra(&self) -> OrderSpectra<'_> {
+    pub fn order_spectra(&self) -> OrderSpectra<(&[Complex64], &[f64])> {
         OrderSpectra {
             sample_rate_hz: self.sample_rate_hz,
             input_hz: self.input_hz,
@@ -124,13 +124,14 @@ pub fn read(
     fluctuates_hz: Option<f64>,
 ) -> RecordingFeatures {
     let rate = steady.sample_rate_hz;
-    let mut turned = Turned::of(transforms, train, bench.belt.is_some(), steady, input_hz);
-    let len = turned.angle.len();
+    let turned = Turned::of(transforms, train, bench.belt.is_some(), steady, input_hz);
+    let mut angle: Vec<f64> = turned.turning.angles().collect();
+    let len = angle.len();
     let signals: Vec<&[f64]> = steady.channels.iter().map(|(_, _, run)| &run.samples[..len]).collect();
     let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
-    let swing = carriers::swing(transforms, &signals, rate, &turned.angle, &mesh_orders, fluctuation::HIGHEST_HZ);
+    let swing = carriers::swing(transforms, &signals, rate, &angle, &mesh_orders, fluctuation::HIGHEST_HZ);
     if let (Some(hz), Some(swing)) = (fluctuates_hz, &swing) {
-        swing.follow(hz, &mut turned.angle);
+        swing.follow(hz, &mut angle);
     }
     let (revolutions, input_hz) = (turned.revolutions, turned.input_hz);
     let (lines, taken) = (&turned.lines, &turned.taken);
@@ -149,7 +150,7 @@ pub fn read(
         .iter()
         .map(|(name, unit, run)| {
             let samples = &run.samples[..len];
-            let angle_signal = turned.resampled(transforms, samples);
+            let angle_signal = dsp::resample_to_angle(transforms, samples, &angle);
             let OrderSpectrum { bins: order_spectrum, floor: order_floor } =
                 OrderSpectrum::of(transforms, &angle_signal, taken);
             let highest = USABLE_BAND * rate / input_hz;
@@ -168,7 +169,7 @@ pub fn read(
             };
             let values = fit.all(highest);
             let floor = bands(&order_spectrum, taken, rate / len as f64, rate);
-            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &of_shafts, &turned.angle);
+            let remainder = dsp::remainder_over_time(transforms, &order_spectrum, &of_shafts, &angle);
             let remainder_floor = floor_of(&remainder, &of_shafts);
             ChannelFeatures {
                 name: (*name).to_owned(),
@@ -199,7 +200,7 @@ pub fn read(
         sample_rate_hz: rate,
         lines: turned.lines,
         taken: of_shafts,
-        phase_rev: turned.angle,
+        phase_rev: angle,
         swing,
         channels,
     }

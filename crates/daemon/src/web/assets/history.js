@@ -1,7 +1,7 @@
 // The past of the selected row from the service's log: any time, in steps that fit the screen, with what happened.
 
 import { HARMONICS, css, el, invalidate, known, node, percent, plain, remember, remembered, text, view } from "./state.js";
-import { Plot, Zoom, axis, levels, moments, timeAxis } from "./plot.js";
+import { Plot, Zoom, axis, levels, lonePoints, moments, timeAxis } from "./plot.js";
 import { frame, limitLines } from "./limits.js";
 import { iso } from "./time.js";
 import { lookAt, lookedAt, rawStretches, wantThen } from "./then.js";
@@ -47,7 +47,7 @@ function band(u, g) {
   answer.machine.forEach((state, i) => {
     const [from, to] = [x(answer.t0_s[i]), x(answer.t0_s[i] + answer.every_s)];
     g.fillStyle = css(BAND[state] || "--ru");
-    if (to > from) g.fillRect(from, u.bbox.top + u.bbox.height - 6 * ratio, Math.max(1, to - from), 6 * ratio);
+    if (to > from) g.fillRect(from, u.bbox.top + u.bbox.height - 6 * ratio, Math.max(3 * ratio, to - from), 6 * ratio);
   });
 }
 const cursor = { drag: { x: true, y: false, setScale: false }, sync: { key: "history" }, bind: { dblclick: () => () => zoom.set(null) } };
@@ -59,7 +59,7 @@ const deviations = new Plot(el("history-deviations"), {
   options: () => ({
     scales: { x: scaleX(), y: { range: () => [-half, half] } },
     axes: [timeAxis(), axis("deviation (%)", { size: 56 })],
-    series: [{}, ...HARMONICS.map((h) => ({ label: `dev_${h}x_percent`, stroke: css(INKS[h - 1]), width: 1.4 }))], cursor,
+    series: [{}, ...HARMONICS.map((h) => ({ label: `dev_${h}x_percent`, stroke: css(INKS[h - 1]), width: 1.4, points: lonePoints(css(INKS[h - 1])) }))], cursor,
   }),
   marks: (u, g) => {
     if (!answer) return;
@@ -77,13 +77,15 @@ const deviations = new Plot(el("history-deviations"), {
   },
 });
 
+// The name stands above; beside a plot as low as this one it would be cut off.
+const unitOf = (name) => name.match(/\(([^()]+)\)$/)?.[1] || name;
 const other = new Plot(el("history-other"), {
   name: "History of a quantity", zoom, height: 200,
   title: () => `${asked.quantity}, ${of}`,
   options: () => ({
     scales: { x: scaleX() },
-    axes: [timeAxis(), axis(el("history-quantity").selectedOptions[0].textContent, { size: 64 })],
-    series: [{}, { label: asked.quantity, stroke: css("--accent"), width: 1.6 }], cursor,
+    axes: [timeAxis(), axis(unitOf(el("history-quantity").selectedOptions[0].textContent), { size: 64 })],
+    series: [{}, { label: asked.quantity, stroke: css("--accent"), width: 1.6, points: lonePoints(css("--accent")) }], cursor,
   }),
   marks: (u, g) => answer && marks(u, g),
   read: (u, i) => `${iso(1e9 * u.data[0][i])} · ${el("history-quantity").selectedOptions[0].textContent} ${text(u.data[1][i], 5)}`,

@@ -196,26 +196,45 @@ export function save(blob, name) {
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
 
-// Horizontal lines at these values, with a word at the right end of each.
+// Points for values that no line leads to or from, as of a bench that runs an hour a day.
+export const lonePoints = (ink) => ({
+  show: true, size: 5, width: 0, fill: ink,
+  filter: (u, series) => {
+    const values = u.data[series];
+    const there = (i) => values[i] !== null && values[i] !== undefined;
+    return values.flatMap((_, i) => (there(i) && !there(i - 1) && !there(i + 1) ? [i] : []));
+  },
+});
+
+// Horizontal lines at these values, with a word beside each.
 export function levels(u, g, lines) {
   const ratio = window.devicePixelRatio || 1;
   g.save();
   g.beginPath();
   g.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
   g.clip();
-  g.font = `${10 * ratio}px system-ui`;
-  g.textAlign = "right";
   g.lineWidth = ratio;
-  for (const { value, ink, word } of lines) {
-    const y = u.valToPos(value, "y", true);
-    if (y < u.bbox.top || y > u.bbox.top + u.bbox.height) continue;
-    g.strokeStyle = g.fillStyle = ink;
+  const seen = lines.map((line) => [line, u.valToPos(line.value, "y", true)]).filter(([, y]) => y >= u.bbox.top && y <= u.bbox.top + u.bbox.height);
+  for (const [{ ink }, y] of seen) {
+    g.strokeStyle = ink;
     g.setLineDash([6 * ratio, 4 * ratio]);
     g.beginPath();
     g.moveTo(u.bbox.left, y);
     g.lineTo(u.bbox.left + u.bbox.width, y);
     g.stroke();
-    if (word) g.fillText(word, u.bbox.left + u.bbox.width - 4 * ratio, y - 3 * ratio);
+  }
+  g.restore();
+  // Beside the plot, where neither curves nor events are.
+  g.save();
+  g.font = `${10 * ratio}px system-ui`;
+  g.textAlign = "left";
+  let last = -Infinity;
+  // The highest first; where they crowd, some lines have no word.
+  for (const [{ ink, word }, y] of seen.filter(([line]) => line.word).sort((a, b) => a[1] - b[1])) {
+    if (y - last < 10 * ratio) continue;
+    last = y;
+    g.fillStyle = ink;
+    g.fillText(word, u.bbox.left + u.bbox.width + 4 * ratio, y + 3 * ratio);
   }
   g.restore();
 }

@@ -81,5 +81,5 @@ for (const h of HARMONICS) {
     invalidate("detail");
   });
   el("pick").append(button);
-  el("harmonics").append(node("li", {}, node("i", { class: `h${h}` }), `${h}x`));
+  for (const id of ["harmonics", "history-harmonics"]) el(id).append(node("li", {}, node("i", { class: `h${h}` }), `${h}x`));
 }
