@@ -6,12 +6,12 @@ use std::io::Read;
 
 use gearwatch_core::block::Samples;
 
-use crate::blocks::{Whole, WholeSource};
 use crate::budget::{Budget, Notes};
 use crate::columns::{self, Column};
 use crate::mat::{Numbers, Parsed, Variable, v5};
 use crate::open::{Bytes, Input, OpenOptions, Progress, Reader};
 use crate::problem::Problem;
+use crate::store::WholeSource;
 use crate::timing;
 
 use super::Format;
@@ -162,9 +162,11 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
     }
     let mut warnings = notes.finish();
     let sensors = columns::choose(&described, 0..described.len(), options, &mut warnings)?;
-    let whole =
-        sensors.into_iter().map(|sensor| Whole { samples: samples(&parts[sensor.column], sensor.scale), sensor });
-    Ok(WholeSource::new(whole.collect(), warnings))
+    let whole = sensors.into_iter().map(|sensor| {
+        let samples = samples(&parts[sensor.column], sensor.scale);
+        (sensor, samples)
+    });
+    Ok(WholeSource::of_memory(whole, warnings))
 }
 
 /// The sample rate that a number says by its name (Hz).

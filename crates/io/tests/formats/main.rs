@@ -7,5 +7,6 @@ mod options;
 mod oracle;
 mod round_trip;
 mod tdms;
+mod tdms_blocks;
 mod uff;
 mod wav;
