@@ -107,14 +107,20 @@ pub(crate) struct Memory(Vec<Samples>);
 
 impl Store for Memory {
     fn samples(&mut self, channel: usize, from: u64, count: usize) -> Result<Samples, Problem> {
-        // What is in memory has a length that fits it.
-        let range = from as usize..from as usize + count;
-        Ok(match &self.0[channel] {
-            Samples::Counts { counts, scale, offset } => {
-                Samples::Counts { counts: counts[range].to_vec(), scale: *scale, offset: *offset }
-            }
-            Samples::Physical(values) => Samples::Physical(values[range].to_vec()),
-        })
+        Ok(part(&self.0[channel], from, count))
+    }
+}
+
+/// `count` of some samples from number `from` on; none where there are not as many.
+pub(crate) fn part(samples: &Samples, from: u64, count: usize) -> Samples {
+    // What is in memory has a length that fits it.
+    let range = from as usize..from as usize + count;
+    match samples {
+        Samples::Counts { counts, scale, offset } => {
+            let counts = counts.get(range).unwrap_or_default().to_vec();
+            Samples::Counts { counts, scale: *scale, offset: *offset }
+        }
+        Samples::Physical(values) => Samples::Physical(values.get(range).unwrap_or_default().to_vec()),
     }
 }
 

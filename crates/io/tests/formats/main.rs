@@ -3,6 +3,7 @@
 mod csv;
 mod damaged;
 mod mat;
+mod mat_stored;
 mod options;
 mod oracle;
 mod round_trip;
