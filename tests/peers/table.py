@@ -158,14 +158,17 @@ def part_reading(rounds):
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
     for name, path, peer, work in made:
-        own, ratios = [], []
+        own, ratios, peaks = [], [], []
         for _ in range(rounds):
-            seconds, samples = figures("reading", path)[str(path)].values()
-            own.append(samples / seconds / 1e6)
+            found = figures("reading", path)[str(path)]
+            seconds = found["seconds"]
+            own.append(found["samples"] / seconds / 1e6)
+            peaks.append(found["peak"] or 0)
             if callable(work):
                 ratios.append(timed(work) / seconds)
         beside = f"{spread(ratios)} × as fast as {peer}" if ratios else f"{peer} is not installed"
-        lines.append(row(f"reading {name}, {path.stat().st_size / 1e6:.0f} MB, into blocks", f"{spread(own, 0)} million samples/s", beside, "≥ 1.5"))
+        memory = f", at most {max(peaks) / 1e6:.0f} MB of memory" if any(peaks) else ""
+        lines.append(row(f"reading {name}, {path.stat().st_size / 1e6:.0f} MB, into blocks", f"{spread(own, 0)} million samples/s{memory}", beside, "≥ 1.5"))
     os.sched_setaffinity(0, cores)
     return lines
 
