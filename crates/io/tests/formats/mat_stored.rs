@@ -133,6 +133,32 @@ fn conform_a_damaged_chunk_in_the_file_is_an_error() {
     assert!(said > 3, "{said}");
 }
 
+/// Bits that are flipped in the structure: no panic, and samples that both ways give are the same.
+#[test]
+fn oracle_damaged_files_never_give_other_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let (reals, n) = (waves(), COUNT as u64);
+    let sound = file(&[
+        &|d| {
+            d.with_f64_data(&reals[..5000]).with_shape(&[1, 5000]).with_chunks(&[1, 2048]).with_deflate(3);
+        },
+        &|d| {
+            d.with_f64_data(&reals).with_shape(&[1, n]);
+        },
+    ]);
+    let mut both = 0;
+    for at in (0..sound.len()).filter(|&at| at < 3000 || at % 997 == 0) {
+        let mut bytes = sound.clone();
+        bytes[at] ^= 1 << (at % 8);
+        let path = put(folder.path(), "a.mat", &bytes);
+        if let (Ok(whole), Ok(stored)) = (as_a_whole(&path, &bytes), in_the_file(&path)) {
+            both += 1;
+            assert!(whole == stored, "byte {at}");
+        }
+    }
+    assert!(both > 100, "{both}");
+}
+
 /// With a column of times the file is read as a whole, and the rate is that of the times.
 #[test]
 fn regress_a_column_of_times_is_read_from_the_file() {

@@ -166,6 +166,22 @@ fn oracle_drawn_files_read_by_blocks_are_those_in_memory() {
     assert!(packets > 5000, "{packets}");
 }
 
+/// With bits that are flipped anywhere both ways say the same, be it samples or an error.
+#[test]
+fn oracle_damaged_files_read_by_blocks_say_what_they_say_in_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut dice = Dice(11);
+    for seed in 0..600 {
+        let mut bytes = drawn(seed);
+        for _ in 0..1 + dice.roll(3) {
+            // Most of them in the front, where the descriptions are.
+            let within = if dice.one_in(4) { bytes.len() } else { bytes.len().min(250) };
+            bytes[dice.roll(within as u64) as usize] ^= 1 << dice.roll(8);
+        }
+        both(&folder.path().join("a.tdms"), &bytes, &format!("seed {seed}"));
+    }
+}
+
 /// Rows of two DAQmx buffers in several chunks and segments, the last one cut: all three channels, also where one of them has fewer rows than its buffer.
 #[test]
 fn oracle_raw_daqmx_data_by_blocks_are_those_in_memory() {
