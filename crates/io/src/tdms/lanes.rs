@@ -74,8 +74,8 @@ impl Lane {
 #[derive(Debug)]
 pub(super) struct Lanes {
     pub lanes: Vec<Lane>,
-    /// By object.
-    of: Vec<Option<usize>>,
+    /// Lane and column by object.
+    of: Vec<Option<(usize, usize)>>,
     visits: u64,
     /// Of the file, in bytes.
     size: u64,
@@ -97,9 +97,10 @@ impl Lanes {
         Self { lanes: Vec::new(), of: Vec::new(), visits: 0, size, regular: true }
     }
 
-    /// The lane of an object.
-    pub(super) fn of(&self, object: usize) -> Option<usize> {
-        self.of.get(object).copied().flatten()
+    /// The lane of an object that has rows, and its place in them.
+    pub(super) fn of(&self, object: usize) -> Option<(usize, Place)> {
+        let (lane, column) = self.of.get(object).copied().flatten()?;
+        Some((lane, self.lanes[lane].columns[column])).filter(|_| self.lanes[lane].rows > 0)
     }
 
     /// The file may be read by lanes: it is regular, and its pieces are long enough.
@@ -119,10 +120,10 @@ impl Lanes {
             self.of.resize(last + 1, None);
         }
         let lane = match self.of[first.object] {
-            Some(known) => known,
+            Some((known, _)) => known,
             None => {
                 self.regular &= columns.iter().all(|c| self.of[c.object].is_none());
-                columns.iter().for_each(|c| self.of[c.object] = Some(self.lanes.len()));
+                columns.iter().enumerate().for_each(|(k, c)| self.of[c.object] = Some((self.lanes.len(), k)));
                 self.lanes.push(Lane { row, big_endian, columns: columns.to_vec(), runs: Vec::new(), rows: 0 });
                 self.lanes.len() - 1
             }

@@ -47,11 +47,6 @@ pub(crate) fn index(file: File) -> Result<Option<Indexed>, Problem> {
     if !lanes.are_worth_it() {
         return Ok(None);
     }
-    let place = |object: usize| {
-        let lane = lanes.of(object)?;
-        let place = lanes.lanes[lane].columns.iter().find(|place| place.object == object)?;
-        Some((lane, *place)).filter(|_| lanes.lanes[lane].rows > 0)
-    };
     let mut indexed = Indexed {
         channels: Vec::new(),
         lengths: Vec::new(),
@@ -60,8 +55,8 @@ pub(crate) fn index(file: File) -> Result<Option<Indexed>, Problem> {
         lanes: Vec::new(),
         file,
     };
-    for (object, channel) in describe(&objects, |object, _| place(object).is_some(), &mut notes) {
-        let Some((lane, place)) = place(object) else { continue };
+    for (object, channel) in describe(&objects, |object, _| lanes.of(object).is_some(), &mut notes) {
+        let Some((lane, place)) = lanes.of(object) else { continue };
         indexed.channels.push(channel);
         indexed.lengths.push(lanes.lanes[lane].rows);
         indexed.places.push((lane, place));
