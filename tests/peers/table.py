@@ -158,14 +158,17 @@ def part_reading(rounds):
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
     for name, path, peer, work in made:
-        own, ratios = [], []
+        own, ratios, peaks = [], [], []
         for _ in range(rounds):
-            seconds, samples = figures("reading", path)[str(path)].values()
-            own.append(samples / seconds / 1e6)
+            found = figures("reading", path)[str(path)]
+            seconds = found["seconds"]
+            own.append(found["samples"] / seconds / 1e6)
+            peaks.append(found["peak"] or 0)
             if callable(work):
                 ratios.append(timed(work) / seconds)
         beside = f"{spread(ratios)} × as fast as {peer}" if ratios else f"{peer} is not installed"
-        lines.append(row(f"reading {name}, {path.stat().st_size / 1e6:.0f} MB, into blocks", f"{spread(own, 0)} million samples/s", beside, "≥ 1.5"))
+        memory = f", at most {max(peaks) / 1e6:.0f} MB of memory" if any(peaks) else ""
+        lines.append(row(f"reading {name}, {path.stat().st_size / 1e6:.0f} MB, into blocks", f"{spread(own, 0)} million samples/s{memory}", beside, "≥ 1.5"))
     os.sched_setaffinity(0, cores)
     return lines
 
@@ -203,20 +206,21 @@ def machine():
     return f"commit {commit}, {processor}, {os.cpu_count()} cores, {datetime.date.today()}"
 
 
-def block(part, lines, rounds):
+def block(part, lines, rounds, note):
     """A part as it stands in the page, between its marks."""
-    head = [f"<!-- part: {part} -->", "", f"Measured at {machine()}; {rounds} {'round' if rounds == 1 else 'rounds'}.", ""]
+    beside = f", {note}" if note else ""
+    head = [f"<!-- part: {part} -->", "", f"Measured at {machine()}; {rounds} {'round' if rounds == 1 else 'rounds'}{beside}.", ""]
     table = [] if lines[0].startswith("| against") else ["| what | gearwatch | beside | aim |", "|---|---|---|---|"]
     return "\n".join(head + table + lines) + "\n"
 
 
-def write(found, rounds):
+def write(found, rounds, note):
     """Puts the parts into the page; those that were not measured stay."""
     text = PAGE.read_text()
     front, rest = text.split(BEGIN)
     old, back = rest.split(END)
     parts = {re.match(r"<!-- part: (\w+) -->", part).group(1): part.strip() + "\n" for part in re.split(r"(?=<!-- part: )", old) if part.strip()}
-    parts.update({part: block(part, lines, rounds) for part, lines in found.items()})
+    parts.update({part: block(part, lines, rounds, note) for part, lines in found.items()})
     inside = "\n".join(parts[part] for part in PARTS if part in parts)
     PAGE.write_text(f"{front}{BEGIN}\n\n{inside}\n{END}{back}")
 
@@ -226,6 +230,7 @@ def main():
     options.add_argument("--only", action="append", choices=list(PARTS), help="measure this part only; repeat for several")
     options.add_argument("--rounds", type=int, default=5)
     options.add_argument("--built", action="store_true", help="take the programs as they are in target/release")
+    options.add_argument("--note", default="", help="what else the machine did meanwhile, as it is to stand in the page")
     given = options.parse_args()
     if not given.built:
         build = ["cargo", "build", "--release", "-p", "gearwatch", "-p", "gearwatch-tests", "--features", "gearwatch/full"]
@@ -235,7 +240,7 @@ def main():
         print(f"{part} …", file=sys.stderr, flush=True)
         lines = PARTS[part](given.rounds)
         print("\n".join(lines), flush=True)
-        write({part: lines}, given.rounds)
+        write({part: lines}, given.rounds, given.note)
 
 
 if __name__ == "__main__":

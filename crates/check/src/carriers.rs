@@ -281,25 +281,36 @@ fn demodulate<T: Copy + Into<f64>>(
 ) -> Vec<Vec<Complex64>> {
     let lanes = count * channels.len();
     let mut out = vec![vec![Complex64::ZERO; blocks]; lanes];
-    let mut products = vec![Complex64::ZERO; lanes];
+    // What the three blocks about the current one have gathered so far: a lane's sums lie together while its samples go by.
+    let mut sums = vec![[Complex64::ZERO; 3]; lanes];
+    // The record counts as going round, as it does to the transform.
+    let about = |block: usize| [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
+    let mut current = 0;
     for (n, a) in angle.enumerate() {
         let position = (n as f64 + 0.5) * blocks as f64 / len as f64;
         let block = (position as usize).min(blocks - 1);
+        if block != current {
+            let (before, now) = (about(current), about(block));
+            for (lane, sums) in out.iter_mut().zip(&mut sums) {
+                before.iter().zip(&*sums).for_each(|(&k, sum)| lane[k] = *sum);
+                *sums = now.map(|k| lane[k]);
+            }
+            current = block;
+        }
         let t = position - block as f64;
         let weights = [0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t];
         let phasor = Complex64::from_polar(1.0, -TAU * (order * a).fract());
         let mut power = Complex64::ONE;
-        for products in products.chunks_exact_mut(channels.len()) {
+        for sums in sums.chunks_exact_mut(channels.len()) {
             power *= phasor;
-            products.iter_mut().zip(channels).for_each(|(p, x)| *p = power * x[n].into());
-        }
-        // The record counts as going round, as it does to the transform.
-        let at = [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
-        for (lane, p) in out.iter_mut().zip(&products) {
-            for (k, w) in at.iter().zip(weights) {
-                lane[*k] += p * w;
+            for (sums, x) in sums.iter_mut().zip(channels) {
+                let p = power * x[n].into();
+                sums.iter_mut().zip(weights).for_each(|(sum, w)| *sum += p * w);
             }
         }
+    }
+    for (lane, sums) in out.iter_mut().zip(&sums) {
+        about(current).iter().zip(sums).for_each(|(&k, sum)| lane[k] = *sum);
     }
     out
 }
@@ -356,6 +367,43 @@ fn low_pass(transforms: &mut Transforms, bins: &mut [Complex64], keep: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Each sample put straight into the three blocks about it.
+    fn straight(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, blocks: usize) -> Vec<Vec<Complex64>> {
+        let len = angle.len();
+        let mut out = vec![vec![Complex64::ZERO; blocks]; count * channels.len()];
+        for (n, a) in angle.iter().enumerate() {
+            let position = (n as f64 + 0.5) * blocks as f64 / len as f64;
+            let block = (position as usize).min(blocks - 1);
+            let t = position - block as f64;
+            let weights = [0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t];
+            let at = [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
+            let phasor = Complex64::from_polar(1.0, -TAU * (order * a).fract());
+            let mut power = Complex64::ONE;
+            for h in 0..count {
+                power *= phasor;
+                for (c, x) in channels.iter().enumerate() {
+                    for (k, w) in at.iter().zip(weights) {
+                        out[h * channels.len() + c][*k] += power * x[n] * w;
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Bit for bit, also at the ends, where the record goes round.
+    #[test]
+    fn oracle_blocks_gather_what_each_sample_puts_into_them() {
+        let mut noise = noise();
+        let channels: Vec<Vec<f64>> = (0..2).map(|_| (0..5000).map(|_| noise()).collect()).collect();
+        let channels: Vec<&[f64]> = channels.iter().map(Vec::as_slice).collect();
+        let angle: Vec<f64> = (0..5000).map(|n| 0.003 * n as f64 + 1e-4 * noise()).collect();
+        for (count, blocks) in [(3, 64), (1, 77), (8, 1250)] {
+            let gathered = demodulate(&channels, (angle.iter().copied(), angle.len()), 23.0, count, blocks);
+            assert!(gathered == straight(&channels, &angle, 23.0, count, blocks), "{count} {blocks}");
+        }
+    }
 
     /// Even noise from −1 to 1.
     fn noise() -> impl FnMut() -> f64 {

@@ -22,9 +22,10 @@ pub(crate) fn time_of(t0: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNan
 }
 
 /// How many values are not finite; counted without a branch, as that is several times as fast as stopping at the first.
-fn not_finite(values: &[f32]) -> usize {
-    // In parts whose count fits 32 bits.
-    values.chunks(1 << 16).map(|part| part.iter().map(|v| u32::from(!v.is_finite())).sum::<u32>() as usize).sum()
+pub(crate) fn not_finite(values: &[f32]) -> usize {
+    // In parts whose count fits 32 bits, so that nothing wraps; a checked sum would be taken one value after the other.
+    let part = |part: &[f32]| part.iter().fold(0_u32, |n, v| n.wrapping_add(u32::from(!v.is_finite())));
+    values.chunks(1 << 16).map(|values| part(values) as usize).sum()
 }
 
 /// A value that is not a number makes its whole block invalid.
@@ -135,83 +136,5 @@ impl RowBlocks {
 
     pub(crate) fn pop(&mut self) -> Option<Packet> {
         self.ready.pop_front()
-    }
-}
-
-/// A channel that is in memory as a whole.
-pub(crate) struct Whole {
-    pub sensor: Sensor,
-    pub samples: Samples,
-}
-
-/// Hands out channels that are in memory as blocks, in order of time.
-pub(crate) struct WholeSource {
-    /// With the index of the next sample, and whether all values are finite.
-    channels: Vec<(Whole, usize, bool)>,
-    warnings: Vec<String>,
-}
-
-impl WholeSource {
-    /// Warns of lengths that differ and of values that are not numbers.
-    pub(crate) fn new(channels: Vec<Whole>, mut warnings: Vec<String>) -> Self {
-        let lengths = || channels.iter().map(|c| c.samples.len());
-        if let (Some(least), Some(most)) = (lengths().min(), lengths().max())
-            && least != most
-            && channels.windows(2).all(|w| w[0].sensor.sample_rate_hz == w[1].sensor.sample_rate_hz)
-        {
-            warnings.push(format!("the channels have unequal lengths, {least} to {most} samples"));
-        }
-        let mut parts = Vec::with_capacity(channels.len());
-        for channel in channels {
-            let mut finite = true;
-            if let Samples::Physical(values) = &channel.samples {
-                let bad = not_finite(values);
-                finite = bad == 0;
-                if !finite {
-                    warnings.push(format!(
-                        "{}: {bad} values are not finite numbers; their blocks are marked invalid",
-                        channel.sensor.name
-                    ));
-                }
-            }
-            parts.push((channel, 0, finite));
-        }
-        Self { channels: parts, warnings }
-    }
-}
-
-impl gearwatch_core::source::Source for WholeSource {
-    type Error = crate::problem::Problem;
-
-    fn next_packet(&mut self) -> Result<Option<Packet>, Self::Error> {
-        let time =
-            |(whole, at, _): &(Whole, usize, bool)| time_of(whole.sensor.t0, *at as u64, whole.sensor.sample_rate_hz);
-        let next =
-            self.channels.iter_mut().filter(|(w, at, _)| *at < w.samples.len()).min_by_key(|channel| time(channel));
-        let Some((whole, at, finite)) = next else { return Ok(None) };
-        let from = *at;
-        let to = whole.samples.len().min(from + block_length(whole.sensor.sample_rate_hz));
-        *at = to;
-        let samples = match &whole.samples {
-            Samples::Counts { counts, scale, offset } => {
-                Samples::Counts { counts: counts[from..to].to_vec(), scale: *scale, offset: *offset }
-            }
-            Samples::Physical(values) => Samples::Physical(values[from..to].to_vec()),
-        };
-        Ok(Some(Packet::Vibration(Block {
-            sensor: whole.sensor.name.clone(),
-            t0: time_of(whole.sensor.t0, from as u64, whole.sensor.sample_rate_hz),
-            sample_rate_hz: whole.sensor.sample_rate_hz,
-            first_sample_index: from as u64,
-            unit: whole.sensor.unit.clone(),
-            quality: if *finite { Quality::GOOD } else { quality_of(&samples) },
-            samples,
-        })))
-    }
-}
-
-impl crate::open::Reader for WholeSource {
-    fn warnings(&self) -> Vec<String> {
-        self.warnings.clone()
     }
 }

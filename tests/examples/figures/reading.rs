@@ -35,7 +35,14 @@ fn read(file: &str) -> Result<usize, Failure> {
     Ok(samples)
 }
 
-/// Seconds and samples by file.
+/// The most memory that this process had so far, in bytes; nothing where the system does not say it as Linux does.
+fn peak() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix(" kB")?.parse::<u64>().ok().map(|kib| kib << 10)
+}
+
+/// Seconds, samples and the most memory so far, by file.
 pub(crate) fn figures(files: &[&str]) -> Result<Value, Failure> {
     let mut found = Map::new();
     for &file in files {
@@ -44,7 +51,7 @@ pub(crate) fn figures(files: &[&str]) -> Result<Value, Failure> {
             samples = read(file)?;
             Ok(())
         })?;
-        found.insert(file.to_owned(), json!({ "seconds": seconds, "samples": samples }));
+        found.insert(file.to_owned(), json!({ "seconds": seconds, "samples": samples, "peak": peak() }));
     }
     Ok(Value::Object(found))
 }

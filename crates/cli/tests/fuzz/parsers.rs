@@ -16,8 +16,8 @@ pub const PARSERS: [(&str, Parse); 14] = [
     ("csv", |bytes| recording("a.csv", bytes)),
     ("gzip", |bytes| recording("a.csv.gz", bytes)),
     ("wav", |bytes| recording("a.wav", bytes)),
-    ("mat", |bytes| recording("a.mat", bytes)),
-    ("tdms", |bytes| recording("a.tdms", bytes)),
+    ("mat", |bytes| in_file("a.mat", bytes)),
+    ("tdms", |bytes| in_file("a.tdms", bytes)),
     ("uff", |bytes| recording("a.uff", bytes)),
     ("lanxi", |bytes| {
         let mut decoder = gearwatch_io::lanxi::Decoder::default();
@@ -40,11 +40,26 @@ pub const PARSERS: [(&str, Parse); 14] = [
 
 /// Reads a recording as far as it goes.
 fn recording(name: &str, bytes: &[u8]) {
-    let options = OpenOptions { sample_rate_hz: Some(1000.0), unit: Some("g".into()), ..OpenOptions::default() };
-    let Ok(mut opened) = gearwatch_io::open_bytes(Path::new(name), Box::new(Cursor::new(bytes.to_vec())), &options)
-    else {
-        return;
-    };
+    read(gearwatch_io::open_bytes(Path::new(name), Box::new(Cursor::new(bytes.to_vec())), &options()));
+}
+
+/// As [`recording`], and once more from a file, of which these formats read the blocks where they lie.
+fn in_file(name: &str, bytes: &[u8]) {
+    recording(name, bytes);
+    let own = format!("gearwatch-fuzz-{}-{:?}-{name}", std::process::id(), std::thread::current().id());
+    let path = std::env::temp_dir().join(own);
+    if std::fs::write(&path, bytes).is_ok() {
+        read(gearwatch_io::open(&path, &options()));
+        let _ = std::fs::remove_file(&path);
+    }
+}
+
+fn options() -> OpenOptions {
+    OpenOptions { sample_rate_hz: Some(1000.0), unit: Some("g".into()), ..OpenOptions::default() }
+}
+
+fn read(opened: Result<gearwatch_io::Opened, gearwatch_io::ReadError>) {
+    let Ok(mut opened) = opened else { return };
     while let Ok(Some(_)) = opened.next_packet() {}
     opened.warnings();
 }

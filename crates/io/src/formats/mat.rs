@@ -6,12 +6,14 @@ use std::io::Read;
 
 use gearwatch_core::block::Samples;
 
-use crate::blocks::{Whole, WholeSource};
 use crate::budget::{Budget, Notes};
-use crate::columns::{self, Column};
+use crate::columns::{self, Column, Sensor};
 use crate::mat::{Numbers, Parsed, Variable, v5};
 use crate::open::{Bytes, Input, OpenOptions, Progress, Reader};
 use crate::problem::Problem;
+#[cfg(feature = "hdf5")]
+use crate::store::StoreSource;
+use crate::store::WholeSource;
 use crate::timing;
 
 use super::Format;
@@ -71,31 +73,52 @@ impl Format for Mat {
         let hdf5 = is_hdf5(&head);
         let version_5 = head.starts_with(b"MATLAB 5.0");
         let bytes = std::io::Cursor::new(head).chain(input.bytes);
-        let parsed = if hdf5 {
-            parse_hdf5(input.file, Box::new(bytes), &input.progress, &mut budget)?
-        } else if version_5 {
-            v5::parse(bytes, &mut budget)?
-        } else {
-            return Err(Problem::unsupported(
-                "a MATLAB file of version 4, or none at all,",
-                "versions 5 to 7.3 are read: save it with save(name, '-v7')",
-            ));
-        };
-        Ok(Box::new(assemble(parsed, options)?))
+        if hdf5 {
+            return open_hdf5(input.file, Box::new(bytes), &input.progress, budget, options);
+        }
+        if version_5 {
+            return in_memory(v5::parse(bytes, &mut budget)?, options);
+        }
+        Err(Problem::unsupported(
+            "a MATLAB file of version 4, or none at all,",
+            "versions 5 to 7.3 are read: save it with save(name, '-v7')",
+        ))
     }
 }
 
 #[cfg(feature = "hdf5")]
-fn parse_hdf5(file: Option<File>, bytes: Bytes, progress: &Progress, budget: &mut Budget) -> Result<Parsed, Problem> {
+fn open_hdf5(
+    file: Option<File>,
+    bytes: Bytes,
+    progress: &Progress,
+    mut budget: Budget,
+    options: &OpenOptions,
+) -> Result<Box<dyn Reader>, Problem> {
+    use crate::mat::stored::{Line, Lines, Unpacker};
     use crate::mat::v73;
-    let Some(file) = file else { return v73::parse(v73::of_stream(bytes)?, budget) };
+    use crate::positioned::Positioned;
+    let Some(file) = file else { return in_memory(v73::parse(v73::of_stream(bytes)?, &mut budget)?, options) };
     // It is read to and fro, and each byte of it may be asked for.
     progress.add(file.metadata()?.len());
-    v73::parse(v73::of_file(file)?, budget)
+    if options.time_column.is_some() {
+        return in_memory(v73::parse(v73::of_file(file)?, &mut budget)?, options);
+    }
+    let unpacker = Unpacker::new(Positioned::new(file.try_clone()?)?);
+    let (parsed, vectors) = v73::index(v73::of_file(file)?, &mut budget)?;
+    let (sensors, parts, warnings) = assemble(&parsed, options)?;
+    let line = |sensor: &Sensor| match parts[sensor.column] {
+        Part { variable: Variable { numbers: Numbers::Stored { vector, .. }, .. }, .. } => {
+            Line::Stored { vector: *vector, scale: sensor.scale, chunk: None, values: Samples::Physical(Vec::new()) }
+        }
+        ref part => Line::Memory(samples(part, sensor.scale)),
+    };
+    let store = Lines { lines: sensors.iter().map(line).collect(), vectors, unpacker };
+    let lengths: Vec<u64> = sensors.iter().map(|sensor| parts[sensor.column].length as u64).collect();
+    Ok(Box::new(StoreSource::new(sensors.into_iter().zip(lengths), store, warnings)))
 }
 
 #[cfg(not(feature = "hdf5"))]
-fn parse_hdf5(_: Option<File>, _: Bytes, _: &Progress, _: &mut Budget) -> Result<Parsed, Problem> {
+fn open_hdf5(_: Option<File>, _: Bytes, _: &Progress, _: Budget, _: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
     Err(Problem::unsupported(
         "HDF5, which MATLAB writes as version 7.3,",
         "this build has left it out; it needs the cargo feature \"hdf5\" (\"full\" has them all). Or save it with save(name, '-v7')",
@@ -114,19 +137,32 @@ struct Part<'a> {
     length: usize,
 }
 
-fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Problem> {
+/// A file that was read as a whole.
+fn in_memory(parsed: Parsed, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem> {
+    let (sensors, parts, warnings) = assemble(&parsed, options)?;
+    let whole = sensors.into_iter().map(|sensor| {
+        let samples = samples(&parts[sensor.column], sensor.scale);
+        (sensor, samples)
+    });
+    Ok(Box::new(WholeSource::of_memory(whole, warnings)))
+}
+
+/// What is read, where it is, and what is to be said of it.
+type Assembled<'a> = (Vec<Sensor>, Vec<Part<'a>>, Vec<String>);
+
+fn assemble<'a>(parsed: &'a Parsed, options: &OpenOptions) -> Result<Assembled<'a>, Problem> {
     let Parsed { variables, warnings } = parsed;
-    let mut notes = Notes::from(warnings);
+    let mut notes = Notes::from(warnings.clone());
     let time = match &options.time_column {
         None => None,
         Some(wanted) => Some(variables.iter().find(|v| v.path == *wanted).ok_or_else(|| {
             Problem::option(
                 format_args!("--time-column {wanted:?}"),
-                format_args!("no such array; the file holds {}", names(&variables)),
+                format_args!("no such array; the file holds {}", names(variables)),
             )
         })?),
     };
-    let rates = Rates::new(time, &variables)?;
+    let rates = Rates::new(time, variables)?;
     let mut parts = Vec::new();
     let mut described = Vec::new();
     for variable in variables.iter().filter(|v| time.is_none_or(|t| t.path != v.path)) {
@@ -157,14 +193,12 @@ fn assemble(parsed: Parsed, options: &OpenOptions) -> Result<WholeSource, Proble
     if parts.is_empty() {
         return Err(Problem::Empty(format!(
             "there is no array of {SHORTEST} values or more; there are {}",
-            names(&variables)
+            names(variables)
         )));
     }
     let mut warnings = notes.finish();
     let sensors = columns::choose(&described, 0..described.len(), options, &mut warnings)?;
-    let whole =
-        sensors.into_iter().map(|sensor| Whole { samples: samples(&parts[sensor.column], sensor.scale), sensor });
-    Ok(WholeSource::new(whole.collect(), warnings))
+    Ok((sensors, parts, warnings))
 }
 
 /// The sample rate that a number says by its name (Hz).
@@ -250,5 +284,7 @@ fn samples(part: &Part<'_>, scale: f64) -> Samples {
         Numbers::Real(values) => {
             Samples::Physical(values.get(range).unwrap_or_default().iter().map(|v| (v * scale) as f32).collect())
         }
+        // Read as it is asked for.
+        Numbers::Stored { .. } => Samples::Physical(Vec::new()),
     }
 }

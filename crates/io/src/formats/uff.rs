@@ -2,10 +2,10 @@
 
 use gearwatch_core::block::Samples;
 
-use crate::blocks::{Whole, WholeSource};
 use crate::columns::{self, Column};
 use crate::open::{Input, OpenOptions, Reader};
 use crate::problem::Problem;
+use crate::store::WholeSource;
 use crate::uff::{self, Dataset};
 
 use super::Format;
@@ -51,10 +51,11 @@ impl Format for Uff {
             })
             .collect();
         let sensors = columns::choose(&columns, 0..columns.len(), options, &mut warnings)?;
-        let whole = sensors
-            .into_iter()
-            .map(|sensor| Whole { samples: samples(&datasets[sensor.column], sensor.scale), sensor });
-        Ok(Box::new(WholeSource::new(whole.collect(), warnings)))
+        let whole = sensors.into_iter().map(|sensor| {
+            let samples = samples(&datasets[sensor.column], sensor.scale);
+            (sensor, samples)
+        });
+        Ok(Box::new(WholeSource::of_memory(whole, warnings)))
     }
 }
 

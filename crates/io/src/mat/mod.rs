@@ -6,6 +6,8 @@ use std::collections::hash_map::Entry;
 use crate::budget::{Budget, Notes};
 use crate::problem::Problem;
 
+#[cfg(feature = "hdf5")]
+pub(crate) mod stored;
 pub mod v5;
 #[cfg(feature = "hdf5")]
 pub mod v73;
@@ -30,6 +32,13 @@ pub enum Numbers {
     Integer(Vec<i32>),
     /// Stored as floats, or as wider integers.
     Real(Vec<f64>),
+    /// Left in the file.
+    Stored {
+        /// Number among the vectors that were left there.
+        vector: usize,
+        /// How many values there are.
+        count: usize,
+    },
 }
 
 impl Numbers {
@@ -38,6 +47,7 @@ impl Numbers {
         match self {
             Self::Integer(values) => values.len(),
             Self::Real(values) => values.len(),
+            Self::Stored { count, .. } => *count,
         }
     }
 
@@ -46,11 +56,12 @@ impl Numbers {
         self.len() == 0
     }
 
-    /// One value.
+    /// One value that is in memory.
     pub fn get(&self, at: usize) -> Option<f64> {
         match self {
             Self::Integer(values) => values.get(at).map(|&v| f64::from(v)),
             Self::Real(values) => values.get(at).copied(),
+            Self::Stored { .. } => None,
         }
     }
 }

@@ -395,6 +395,8 @@ fn append(numbers: &mut Numbers, kind: u32, big: bool, bytes: &[u8]) {
         (Numbers::Real(out), data::INT64) => out.extend(each(bytes, big, |b| i64::from_le_bytes(b) as f64)),
         (Numbers::Real(out), data::UINT64) => out.extend(each(bytes, big, |b| u64::from_le_bytes(b) as f64)),
         (Numbers::Real(out), _) => out.extend(each(bytes, big, f64::from_le_bytes)),
+        // Not of this version.
+        (Numbers::Stored { .. }, _) => {}
     }
 }
 

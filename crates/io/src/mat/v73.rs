@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use hdf5_pure::{DType, Dataset, File, FormatError, Group, ReadSeekSource, Source};
 
+use super::stored::Stored;
 use super::{Collected, Numbers, Parsed, Variable};
 use crate::budget::{Budget, KEPT_BYTES, KEPT_PER_BYTE};
 use crate::problem::Problem;
@@ -86,19 +87,28 @@ const TOO_MUCH_STRUCTURE: &str = "structure beyond the limit";
 /// # Errors
 /// When the bytes are no HDF5, are damaged, or ask for more than the limits.
 pub fn parse(bytes: impl Bytes, budget: &mut Budget) -> Result<Parsed, Problem> {
-    catch_unwind(AssertUnwindSafe(|| read(bytes, budget)))
+    guarded(bytes, budget, false).map(|(parsed, _)| parsed)
+}
+
+/// As [`parse`], but long vectors stay in the file.
+pub(crate) fn index(bytes: impl Bytes, budget: &mut Budget) -> Result<(Parsed, Vec<Stored>), Problem> {
+    guarded(bytes, budget, true)
+}
+
+fn guarded(bytes: impl Bytes, budget: &mut Budget, leave: bool) -> Result<(Parsed, Vec<Stored>), Problem> {
+    catch_unwind(AssertUnwindSafe(|| read(bytes, budget, leave)))
         .unwrap_or_else(|_| Err(Problem::damaged("the HDF5 structure", "a readable file", "a contradiction")))
 }
 
-fn read(bytes: impl Bytes, budget: &mut Budget) -> Result<Parsed, Problem> {
+fn read(bytes: impl Bytes, budget: &mut Budget, leave: bool) -> Result<(Parsed, Vec<Stored>), Problem> {
     let size = bytes.len();
     let most = STRUCTURE_BYTES.saturating_add(STRUCTURE_PER_BYTE.saturating_mul(size));
     let structure = Arc::new(AtomicU64::new(0));
     let bounded = Bounded { inner: bytes, structure: structure.clone(), most };
     let walked = File::from_source(bounded).map_err(|e| damaged("the HDF5 header", e)).and_then(|file| {
-        let mut walk = Walk { out: Collected::new(budget), size };
+        let mut walk = Walk { out: Collected::new(budget), size, left: leave.then(Vec::new) };
         walk.group(&file.root(), "", 0)?;
-        Ok(walk.out.finish())
+        Ok((walk.out.finish(), walk.left.unwrap_or_default()))
     });
     // The library tells errors of its source in words of its own.
     if structure.load(Ordering::Relaxed) > most {
@@ -118,6 +128,8 @@ fn damaged(place: &str, error: hdf5_pure::Error) -> Problem {
 struct Walk<'a> {
     out: Collected<'a>,
     size: u64,
+    /// Vectors that stay in the file; absent where all are read.
+    left: Option<Vec<Stored>>,
 }
 
 impl Walk<'_> {
@@ -146,21 +158,32 @@ impl Walk<'_> {
         self.out.budget.keep(count.and_then(|count| count.checked_mul(8)).unwrap_or(u64::MAX), &place)?;
         self.check_chunks(dataset, &shape, &place)?;
         let read = |e| damaged(&place, e);
-        let integer = |values: Vec<i32>| Numbers::Integer(values);
-        let numbers = match dataset.dtype().map_err(read)? {
-            DType::F64 | DType::F32 | DType::I64 | DType::U64 | DType::U32 => {
+        let dtype = dataset.dtype().map_err(read)?;
+        if dtype == DType::U16 {
+            // MATLAB stores text as 16-bit numbers too, and says so in an attribute.
+            let class = dataset.attrs().map_err(read)?.remove("MATLAB_class");
+            if class.is_some_and(|class| format!("{class:?}").contains("char")) {
+                return Ok(());
+            }
+        }
+        let stays = match (&self.left, count) {
+            (Some(_), Some(count)) => Stored::of(dataset, &path, &shape, count, self.size).map_err(read)?,
+            _ => None,
+        };
+        let numbers = match (dtype, stays) {
+            (_, Some(vector)) => {
+                let left = self.left.get_or_insert_default();
+                left.push(vector);
+                // Its values fit the budget.
+                Numbers::Stored { vector: left.len() - 1, count: count.unwrap_or_default() as usize }
+            }
+            (DType::F64 | DType::F32 | DType::I64 | DType::U64 | DType::U32, None) => {
                 Numbers::Real(dataset.read_f64().map_err(read)?)
             }
-            DType::I32 | DType::I16 | DType::I8 | DType::U8 => integer(dataset.read_i32().map_err(read)?),
-            // MATLAB stores text as 16-bit numbers too, and says so in an attribute.
-            DType::U16 => {
-                let class = dataset.attrs().map_err(read)?.remove("MATLAB_class");
-                if class.is_some_and(|class| format!("{class:?}").contains("char")) {
-                    return Ok(());
-                }
-                integer(dataset.read_i32().map_err(read)?)
+            (DType::I32 | DType::I16 | DType::I8 | DType::U16 | DType::U8, None) => {
+                Numbers::Integer(dataset.read_i32().map_err(read)?)
             }
-            other => {
+            (other, None) => {
                 self.out.notes.push(format_args!("{path} holds {other:?}, which is not read"));
                 return Ok(());
             }

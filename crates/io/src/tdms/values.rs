@@ -1,5 +1,7 @@
 //! Values of channels, taken from the bytes of chunks a column at a time: plain copies where the bytes allow it.
 
+use gearwatch_core::block::Samples;
+
 use super::meta::{Kind, Objects};
 use crate::budget::Budget;
 use crate::problem::Problem;
@@ -34,6 +36,19 @@ impl Values {
     /// There is none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// As samples: physical = stored × scale + offset.
+    pub(crate) fn into_samples(self, scale: f64, offset: f64) -> Samples {
+        match self {
+            Self::Integer(counts) => Samples::Counts { counts, scale, offset },
+            Self::Single(values) if scale == 1.0 && offset == 0.0 => Samples::Physical(values),
+            Self::Single(mut values) => {
+                values.iter_mut().for_each(|v| *v = (f64::from(*v) * scale + offset) as f32);
+                Samples::Physical(values)
+            }
+            Self::Real(values) => Samples::Physical(values.iter().map(|v| (v * scale + offset) as f32).collect()),
+        }
     }
 
     /// The list for values that are kept as `T`; a list that holds values of another type becomes one of reals.
