@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::angle::CombField;
+use crate::comb::CombField;
 use crate::kinematics::{LEAST_COMB, OTHER_SPEED, SLIP_REACH, comb_orders, deciding_orders, own_speed};
 use crate::steady::{Run, Steady};
 

@@ -7,8 +7,8 @@
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
-use crate::angle::PulseAngle;
 use crate::dsp::{Transforms, median};
+use crate::turning::{Turning, between};
 
 /// Mesh harmonics that may carry the angle.
 const HARMONICS: usize = 8;
@@ -33,78 +33,6 @@ impl Carrier {
     /// Inverse variance of the angle that it gives, up to a constant; the power counts up to 40 dB.
     fn weight(&self) -> f64 {
         self.ratio.min(1e4) * self.order * self.order
-    }
-}
-
-/// The angle of a shaft through a recording, worked out where it is asked for: written down it would take as much memory as a channel of the recording, or two.
-#[derive(Clone, Debug)]
-pub struct Turning {
-    start: Start,
-    /// At the middles of blocks, one set after the other.
-    corrections: Vec<Vec<f64>>,
-    len: usize,
-}
-
-/// What the angle is found from.
-#[derive(Clone, Debug)]
-pub enum Start {
-    /// An even speed, and samples a second (Hz).
-    Even(f64, f64),
-    /// A tacho whose time goes so much faster than the samples', with so many samples.
-    Pulses {
-        /// Angle at each sample by its time.
-        angle: PulseAngle,
-        /// Samples of that angle in one of the recording: sample times hertz over hertz.
-        hz: (f64, f64),
-        /// Samples that it is known at.
-        len: usize,
-    },
-}
-
-impl Turning {
-    /// Of so many samples.
-    pub fn new(start: Start, len: usize) -> Self {
-        Self { start, corrections: Vec::new(), len }
-    }
-
-    /// Samples.
-    pub fn len(&self) -> usize {
-        self.len
-    }
-
-    /// There is no sample.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// Angle at the first sample and at the last (revolutions).
-    pub fn ends(&self) -> (f64, f64) {
-        (self.from(0).next().unwrap_or(0.0), self.from(self.len.saturating_sub(1)).next().unwrap_or(0.0))
-    }
-
-    /// Angle at each sample in turn (revolutions).
-    pub fn angles(&self) -> impl Iterator<Item = f64> + '_ {
-        self.from(0)
-    }
-
-    fn from(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
-        let mut pulses = [0, 0];
-        (sample..self.len).map(move |n| {
-            let mut angle = match &self.start {
-                Start::Even(hz, sample_rate_hz) => hz * n as f64 / sample_rate_hz,
-                Start::Pulses { angle, hz, len } => {
-                    // Where the sample clock is off, sample `n` was not taken at `n` steps of the tacho's time.
-                    let position = n as f64 * hz.0 / hz.1;
-                    let k = (position as usize).min(len - 2);
-                    let (a, b) = (angle.at(k, &mut pulses[0]), angle.at(k + 1, &mut pulses[1]));
-                    a + (b - a) * (position - k as f64)
-                }
-            };
-            for correction in &self.corrections {
-                angle += between(correction, (n as f64 + 0.5) * correction.len() as f64 / self.len as f64 - 0.5);
-            }
-            angle
-        })
     }
 }
 
@@ -258,19 +186,6 @@ pub fn swing<T: Copy + Into<f64>>(
     Some(Swing { rate_hz: blocks as f64 / seconds, rev, left })
 }
 
-/// Value between the middles of blocks: cubic through four (Catmull–Rom), straight on beyond the ends.
-fn between(values: &[f64], position: f64) -> f64 {
-    let last = values.len() - 2;
-    let k = (position.max(0.0) as usize).min(last);
-    let t = position - k as f64;
-    let (b, c) = (values[k], values[k + 1]);
-    if k == 0 || k == last {
-        return b + (c - b) * t;
-    }
-    let (a, d) = (values[k - 1], values[k + 2]);
-    b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
-}
-
 /// The first `count` harmonics of an order in every channel, turned back by the angle and gathered in blocks; by harmonic, then channel.
 fn demodulate<T: Copy + Into<f64>>(
     channels: &[&[T]],
@@ -367,6 +282,7 @@ fn low_pass(transforms: &mut Transforms, bins: &mut [Complex64], keep: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::turning::Start;
 
     /// Each sample put straight into the three blocks about it.
     fn straight(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, blocks: usize) -> Vec<Vec<Complex64>> {
@@ -428,7 +344,7 @@ mod tests {
         let signal: Vec<f64> = (0..LEN)
             .map(|n| (1..=4).map(|h| (TAU * 23.0 * f64::from(h) * turn(n) + f64::from(h)).cos()).sum::<f64>() + noise())
             .collect();
-        let mut turning = Turning::new(Start::Even(25.0, RATE_HZ), LEN);
+        let mut turning = Turning::new(Start::Even { input_hz: 25.0, sample_rate_hz: RATE_HZ }, LEN);
         let carried = refine(&mut Transforms::default(), &[&signal[..]], RATE_HZ, &mut turning, &[23.0], 1.5);
         let angle: Vec<f64> = turning.angles().collect();
         assert_eq!(carried, 4);
@@ -449,7 +365,7 @@ mod tests {
         let turn = |n: usize| (25.0 + 0.1 / 8.0) * n as f64 / RATE_HZ;
         let lines = |n: usize| (1..=4).map(move |h| (TAU * 23.0 * f64::from(h) * turn(n) + f64::from(h)).cos());
         let signal: Vec<f64> = (0..LEN).map(|n| lines(n).sum()).collect();
-        let mut turning = Turning::new(Start::Even(25.0, RATE_HZ), LEN);
+        let mut turning = Turning::new(Start::Even { input_hz: 25.0, sample_rate_hz: RATE_HZ }, LEN);
         refine(&mut Transforms::default(), &[&signal[..]], RATE_HZ, &mut turning, &[23.0], 1.5);
         let angle: Vec<f64> = turning.angles().collect();
         let inner = LEN / 8..LEN - LEN / 8;

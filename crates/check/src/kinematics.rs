@@ -3,7 +3,7 @@
 use gearwatch_core::bench::{Bench, gearing};
 use gearwatch_core::train::{StageKinematics, Train};
 
-use crate::angle::CombField;
+use crate::comb::CombField;
 use crate::dsp;
 use crate::steady::{Run, Steady};
 

@@ -30,16 +30,6 @@ impl Bins for (&[Complex64], &[f64]) {
     }
 }
 
-impl<B: Bins> Bins for &B {
-    fn power(&self, bin: usize) -> Option<f64> {
-        (**self).power(bin)
-    }
-
-    fn floor(&self, bin: usize) -> Option<f64> {
-        (**self).floor(bin)
-    }
-}
-
 /// A recording over shaft angle.
 pub struct OrderSpectra<B> {
     /// Samples per second.

@@ -4,7 +4,7 @@
 //! [`Finding`] states what was found, what was expected and what to do. What is certainly wrong is refused by the command; what is doubtful stands
 //! in every verdict until it is cleared (`[check] cleared` of the bench file).
 //!
-//! The lower part reads speed and tooth numbers of a recording from its lines ([`steady`], [`angle`], [`kinematics`], [`last_wheel`]); explanations
+//! The lower part reads speed and tooth numbers of a recording from its lines ([`steady`], [`comb`], [`kinematics`], [`last_wheel`]); explanations
 //! begin with it too.
 
 use std::fmt;
@@ -13,16 +13,18 @@ use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use serde::Serialize;
 
-pub mod angle;
 pub mod belt;
 pub mod carriers;
+pub mod comb;
 pub mod dsp;
 pub mod integrity;
 pub mod kinematics;
 pub mod last_wheel;
 pub mod lines;
 pub mod orders;
+pub mod powers;
 pub mod steady;
+pub mod turning;
 
 mod channels;
 mod look;

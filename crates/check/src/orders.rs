@@ -3,11 +3,13 @@
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
-use crate::carriers::{self, Start, Turning};
-use crate::dsp::{self, MAIN_LOBE_BINS, Precision, Transforms, median};
+use crate::carriers;
+use crate::dsp::{self, Knots, MAIN_LOBE_BINS, Transforms, median};
 use crate::last_wheel::Bins;
 use crate::lines::{self, Line};
+use crate::powers::{Paired, Precision};
 use crate::steady::{Run, Steady};
+use crate::turning::{Start, Turning};
 
 /// Distance of two listed lines from which they are told apart (bins): the joint fit pays for it with ten times the noise of a line alone.
 const SEPARABLE_BINS: f64 = 0.5;
@@ -56,8 +58,8 @@ impl Turned {
         let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0, &mut 0));
         // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
         let start = match tacho {
-            Some((angle, speed)) => Start::Pulses { angle, hz: (input_hz, speed), len: signals[0].len() },
-            None => Start::Even(input_hz, rate),
+            Some((angle, tacho_input_hz)) => Start::Pulses { angle, input_hz, tacho_input_hz, len: signals[0].len() },
+            None => Start::Even { input_hz, sample_rate_hz: rate },
         };
         let mut turning = Turning::new(start, len);
         let carriers = carriers::refine(transforms, &signals, rate, &mut turning, &mesh_orders, half_width);
@@ -88,7 +90,7 @@ impl OrderPowers {
     /// Of a channel, the first so many bins.
     pub(crate) fn of<T: Precision>(transforms: &mut Transforms, turned: &Turned, samples: &[T], bins: usize) -> Self {
         let len = turned.turning.len();
-        let mut over_angle = dsp::Paired::<T>::with_capacity(len);
+        let mut over_angle = Paired::<T>::with_capacity(len);
         let ends = turned.turning.ends();
         dsp::resample(transforms, dsp::SHORT_STRETCH, &samples[..len], ends, turned.turning.angles(), |x| {
             over_angle.push(x * dsp::window(over_angle.len(), len));
@@ -97,7 +99,7 @@ impl OrderPowers {
         let scale = dsp::window_scale(len).powi(2);
         let power = |k: usize| all.at(k) * scale;
         let bins = bins.min(all.len());
-        let floor = Floor::of(power, &turned.taken, bins);
+        let floor = noise(power, &turned.taken, bins);
         Self { powers: (0..bins).map(power).collect(), floor: (0..bins).map(|k| floor.at(k)).collect() }
     }
 }
@@ -145,50 +147,36 @@ pub fn occupied(len: usize, positions: impl Iterator<Item = f64>) -> Vec<bool> {
 
 /// Mean noise power of each bin from the median of its free neighbours (median of exponential = ln 2 × mean).
 pub fn floor_of(spectrum: &[Complex64], taken: &[bool]) -> Vec<f64> {
-    let floor = Floor::of(|k| spectrum[k].norm_sqr(), &taken[..spectrum.len()], spectrum.len());
+    let floor = noise(|k| spectrum[k].norm_sqr(), &taken[..spectrum.len()], spectrum.len());
     (0..spectrum.len()).map(|k| floor.at(k)).collect()
 }
 
-/// The noise in steps, interpolated.
-struct Floor {
-    knots: Vec<f64>,
-}
-
-impl Floor {
-    const STEP: usize = NOISE_BINS / 2;
-
-    /// Of the first so many bins.
-    fn of(power: impl Fn(usize) -> f64, taken: &[bool], bins: usize) -> Self {
-        let mut knots: Vec<f64> = Vec::new();
-        let mut window = Vec::with_capacity(8 * NOISE_BINS);
-        let mut centre = 0;
-        while centre < bins + Self::STEP {
-            let mut half = NOISE_BINS;
-            loop {
-                window.clear();
-                let high = (centre + half + 1).min(taken.len());
-                let near = centre.saturating_sub(half).min(high)..high;
-                window.extend(near.filter(|k| !taken[*k]).map(&power));
-                // Crowded neighbourhoods are widened until enough free bins stand for the noise.
-                if window.len() >= NOISE_BINS / 2 || half >= 4 * NOISE_BINS {
-                    break;
-                }
-                half *= 2;
+/// Mean noise power of the first so many bins.
+fn noise(power: impl Fn(usize) -> f64, taken: &[bool], bins: usize) -> Knots {
+    let step = NOISE_BINS / 2;
+    let mut values: Vec<f64> = Vec::new();
+    let mut window = Vec::with_capacity(8 * NOISE_BINS);
+    let mut centre = 0;
+    while centre < bins + step {
+        let mut half = NOISE_BINS;
+        loop {
+            window.clear();
+            let high = (centre + half + 1).min(taken.len());
+            let near = centre.saturating_sub(half).min(high)..high;
+            window.extend(near.filter(|k| !taken[*k]).map(&power));
+            // Crowded neighbourhoods are widened until enough free bins stand for the noise.
+            if window.len() >= NOISE_BINS / 2 || half >= 4 * NOISE_BINS {
+                break;
             }
-            let value = median(&mut window) / std::f64::consts::LN_2;
-            knots.push(if value.is_finite() && value > 0.0 {
-                value
-            } else {
-                knots.last().copied().unwrap_or(f64::MIN_POSITIVE)
-            });
-            centre += Self::STEP;
+            half *= 2;
         }
-        Self { knots }
+        let value = median(&mut window) / std::f64::consts::LN_2;
+        values.push(if value.is_finite() && value > 0.0 {
+            value
+        } else {
+            values.last().copied().unwrap_or(f64::MIN_POSITIVE)
+        });
+        centre += step;
     }
-
-    fn at(&self, bin: usize) -> f64 {
-        let k = bin / Self::STEP;
-        let t = (bin % Self::STEP) as f64 / Self::STEP as f64;
-        self.knots[k] * (1.0 - t) + self.knots[(k + 1).min(self.knots.len() - 1)] * t
-    }
+    Knots { values, step }
 }

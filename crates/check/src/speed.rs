@@ -4,7 +4,7 @@ use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::angle::CombField;
+use crate::comb::CombField;
 use crate::dsp::Transforms;
 use crate::integrity;
 use crate::kinematics;

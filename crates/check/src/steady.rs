@@ -5,9 +5,11 @@ use gearwatch_core::block::UnixNanos;
 use gearwatch_core::recording::{Recording, Segment};
 use gearwatch_core::train::Train;
 
-use crate::angle::{CombField, PulseAngle};
-use crate::dsp::{Precision, Transforms};
+use crate::comb::CombField;
+use crate::dsp::Transforms;
 use crate::integrity;
+use crate::powers::Precision;
+use crate::turning::PulseAngle;
 
 /// Samples without a gap.
 pub trait Run: Clone {

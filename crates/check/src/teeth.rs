@@ -3,7 +3,7 @@
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
-use crate::angle::CombField;
+use crate::comb::CombField;
 use crate::dsp::Transforms;
 use crate::kinematics::{self, OtherTeeth};
 use crate::last_wheel::{self, OrderSpectra};

@@ -1,6 +1,6 @@
 //! What was measured: speed and teeth, complex lines with their noise, and what is heard beside them.
 
-pub use gearwatch_check::{angle, dsp, integrity, kinematics, lines};
+pub use gearwatch_check::{comb, dsp, integrity, kinematics, lines};
 
 pub mod displacement;
 pub mod envelope;

@@ -1,9 +1,10 @@
-//! Speed of a recording from its own mesh lines by a comb search, and shaft angle from tacho pulses.
+//! Speed of a recording from its own mesh lines by a comb search.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use crate::dsp::{Paired, Powers, Precision, Transforms, median};
+use crate::dsp::{Knots, Transforms, median};
+use crate::powers::{Paired, Powers, Precision};
 
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
@@ -28,7 +29,7 @@ impl CombField {
             let mut signal = Paired::<T>::with_capacity(len);
             signal.extend(channel[..len].iter().enumerate().map(|(n, x)| (*x).into() * weight(n)));
             let power = transforms.powers(signal);
-            let floor = Floor::of(&power, 60);
+            let floor = local_floor(&power, 60);
             for (k, sum) in log_excess.iter_mut().enumerate() {
                 // Capped: one huge line must not outvote a whole comb. Where little noise hides them, orders of pitch errors reach 30 dB too.
                 let excess = (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
@@ -104,81 +105,18 @@ impl CombField {
     }
 }
 
-/// Median of the neighbouring `half` bins on each side, evaluated in steps and interpolated.
-struct Floor {
-    knots: Vec<f64>,
-    step: usize,
-}
-
-impl Floor {
-    fn of(power: &Powers<impl Precision>, half: usize) -> Self {
-        let step = (half / 2).max(1);
-        let mut knots = Vec::new();
-        let mut centre = 0;
-        let mut window = Vec::with_capacity(2 * half + 1);
-        while centre < power.len() + step {
-            window.clear();
-            window.extend((centre.saturating_sub(half)..(centre + half + 1).min(power.len())).map(|k| power.at(k)));
-            let value = median(&mut window) / std::f64::consts::LN_2;
-            knots.push(if value.is_finite() { value } else { knots.last().copied().unwrap_or(1.0) });
-            centre += step;
-        }
-        Self { knots, step }
+/// Median of the neighbouring `half` bins on each side.
+fn local_floor(power: &Powers<impl Precision>, half: usize) -> Knots {
+    let step = (half / 2).max(1);
+    let mut values = Vec::new();
+    let mut centre = 0;
+    let mut window = Vec::with_capacity(2 * half + 1);
+    while centre < power.len() + step {
+        window.clear();
+        window.extend((centre.saturating_sub(half)..(centre + half + 1).min(power.len())).map(|k| power.at(k)));
+        let value = median(&mut window) / std::f64::consts::LN_2;
+        values.push(if value.is_finite() { value } else { values.last().copied().unwrap_or(1.0) });
+        centre += step;
     }
-
-    fn at(&self, i: usize) -> f64 {
-        let k = i / self.step;
-        let t = (i % self.step) as f64 / self.step as f64;
-        let (a, b) = (self.knots[k], self.knots[(k + 1).min(self.knots.len() - 1)]);
-        a * (1.0 - t) + b * t
-    }
-}
-
-/// Angle of a shaft from its pulses: cubic through the pulse times, straight on beyond the ends.
-#[derive(Clone, Debug)]
-pub struct PulseAngle {
-    /// Seconds after the first sample.
-    pulse_s: Vec<f64>,
-    pulses_per_rev: f64,
-    sample_rate_hz: f64,
-    /// Revolutions of that shaft in one of the shaft that is asked for.
-    order: f64,
-}
-
-impl PulseAngle {
-    /// Of a shaft that turns `order` times as fast as the one whose angle is wanted. `None` with fewer than four pulses.
-    pub fn new(pulse_s: Vec<f64>, pulses_per_rev: f64, sample_rate_hz: f64, order: f64) -> Option<Self> {
-        (pulse_s.len() >= 4).then_some(Self { pulse_s, pulses_per_rev, sample_rate_hz, order })
-    }
-
-    /// Angle at a sample (revolutions); `pulse` is one before it, from which the next is sought, 0 to begin with.
-    pub fn at(&self, sample: usize, pulse: &mut usize) -> f64 {
-        let (pulse_s, n) = (&self.pulse_s, self.pulse_s.len());
-        let slope = |i: usize| {
-            // Three-point slope in pulses per second (Catmull–Rom on uneven steps).
-            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-            (b - a) as f64 / (pulse_s[b] - pulse_s[a])
-        };
-        let t = sample as f64 / self.sample_rate_hz;
-        while *pulse + 2 < n && pulse_s[*pulse + 1] <= t {
-            *pulse += 1;
-        }
-        let at = *pulse;
-        let (t0, t1) = (pulse_s[at], pulse_s[at + 1]);
-        let pulses = if t <= pulse_s[0] {
-            slope(0) * (t - pulse_s[0])
-        } else if t >= pulse_s[n - 1] {
-            (n - 1) as f64 + slope(n - 1) * (t - pulse_s[n - 1])
-        } else {
-            let h = t1 - t0;
-            let u = (t - t0) / h;
-            let (m0, m1) = (slope(at) * h, slope(at + 1) * h);
-            let (u2, u3) = (u * u, u * u * u);
-            at as f64 * (2.0 * u3 - 3.0 * u2 + 1.0)
-                + m0 * (u3 - 2.0 * u2 + u)
-                + (at + 1) as f64 * (-2.0 * u3 + 3.0 * u2)
-                + m1 * (u3 - u2)
-        };
-        pulses / self.pulses_per_rev / self.order
-    }
+    Knots { values, step }
 }

@@ -1,0 +1,237 @@
+//! Powers of long spectra in the memory of the signal itself, in single precision where that is enough.
+
+use num_complex::{Complex, Complex64};
+use rustfft::{FftNum, FftPlanner};
+use std::f64::consts::PI;
+
+use crate::dsp::Transforms;
+
+/// What samples are kept in, and the powers of long spectra are worked out in: in single precision noise of the transform lies some 180 dB below the signal in each bin of half a minute.
+pub trait Precision: FftNum + Into<f64> {
+    /// Rounded.
+    fn of(x: f64) -> Self;
+    /// Its transforms.
+    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self>;
+}
+
+impl Precision for f64 {
+    fn of(x: f64) -> Self {
+        x
+    }
+
+    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self> {
+        &mut transforms.complex
+    }
+}
+
+impl Precision for f32 {
+    fn of(x: f64) -> Self {
+        x as f32
+    }
+
+    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self> {
+        &mut transforms.single
+    }
+}
+
+impl Transforms {
+    /// Powers of the bins of a real signal's spectrum, not scaled, in the memory of the signal itself: a transform that keeps its input and tables of factors takes five times as much.
+    pub fn powers<T: Precision>(&mut self, signal: Paired<T>) -> Powers<T> {
+        let len = signal.len;
+        match columns(len / 2).filter(|_| len.is_multiple_of(2)) {
+            Some(columns) => self.powers_in_place(signal.pairs, columns),
+            None => {
+                let values = signal.pairs.iter().flat_map(|pair| [pair.re.into(), pair.im.into()]);
+                let mut signal: Vec<f64> = values.take(len).collect();
+                let bins = self.forward_real(&mut signal);
+                let bins: Vec<_> = bins.iter().map(|b| Complex::new(T::of(b.norm()), T::zero())).collect();
+                Powers { rows: bins.len(), columns: 1, bins, last: None }
+            }
+        }
+    }
+
+    /// Bailey's four steps: even and odd samples as one complex signal, in a table of so many columns; transforms of the columns, turning, transforms of the rows. Bin `k` then lies in row
+    /// `k mod rows` and column `k / rows`.
+    fn powers_in_place<T: Precision>(&mut self, mut bins: Vec<Complex<T>>, columns: usize) -> Powers<T> {
+        let half = bins.len();
+        let rows = half / columns;
+        let planner = T::planner(self);
+        let (of_column, of_row) = (planner.plan_fft_forward(rows), planner.plan_fft_forward(columns));
+        let wanted = of_column.get_inplace_scratch_len().max(of_row.get_inplace_scratch_len());
+        let mut scratch = vec![Complex::new(T::zero(), T::zero()); wanted];
+        // Some columns at a time, so that a line of the cache is read once.
+        let mut some = vec![Complex::new(T::zero(), T::zero()); rows * BESIDE_COLUMNS];
+        for first in (0..columns).step_by(BESIDE_COLUMNS) {
+            let count = BESIDE_COLUMNS.min(columns - first);
+            for row in 0..rows {
+                for c in 0..count {
+                    some[c * rows + row] = bins[row * columns + first + c];
+                }
+            }
+            for (c, column) in some.chunks_exact_mut(rows).take(count).enumerate() {
+                of_column.process_with_scratch(column, &mut scratch);
+                for (row, value) in column.iter_mut().enumerate() {
+                    let turn = turned(row * (first + c), half);
+                    *value = *value * Complex::new(T::of(turn.re), T::of(turn.im));
+                }
+            }
+            for row in 0..rows {
+                for c in 0..count {
+                    bins[row * columns + first + c] = some[c * rows + row];
+                }
+            }
+        }
+        for row in bins.chunks_exact_mut(columns) {
+            of_row.process_with_scratch(row, &mut scratch);
+        }
+        let mut powers = Powers { bins, columns, rows, last: None };
+        powers.part(half);
+        powers
+    }
+}
+
+/// A real signal, its even samples as real and the odd ones as imaginary parts.
+pub struct Paired<T> {
+    pairs: Vec<Complex<T>>,
+    len: usize,
+}
+
+impl<T: Precision> Paired<T> {
+    /// Nothing yet, with room for so many samples.
+    pub fn with_capacity(len: usize) -> Self {
+        Self { pairs: Vec::with_capacity(len.div_ceil(2)), len: 0 }
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// There is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// One more sample.
+    pub fn push(&mut self, x: f64) {
+        match self.pairs.last_mut().filter(|_| !self.len.is_multiple_of(2)) {
+            Some(last) => last.im = T::of(x),
+            None => self.pairs.push(Complex::new(T::of(x), T::zero())),
+        }
+        self.len += 1;
+    }
+}
+
+impl<T: Precision> Extend<f64> for Paired<T> {
+    fn extend<I: IntoIterator<Item = f64>>(&mut self, samples: I) {
+        samples.into_iter().for_each(|x| self.push(x));
+    }
+}
+
+/// Columns of a table that are transformed together.
+const BESIDE_COLUMNS: usize = 8;
+/// Shorter spectra take little memory anyhow; the rows and columns of longer ones are at most so long.
+const LEAST_TABLE: usize = 1 << 14;
+const LONGEST_SIDE: usize = 1 << 13;
+
+/// Columns of a table of so many values that is nearly square; `None` where there is no need of it, or it cannot be had.
+fn columns(values: usize) -> Option<usize> {
+    let root = values.isqrt();
+    let columns = (1..=root).rev().find(|c| values.is_multiple_of(*c))?;
+    (values >= LEAST_TABLE && values / columns <= LONGEST_SIDE).then_some(columns)
+}
+
+/// `exp(-2πi k / of)`.
+fn turned(k: usize, of: usize) -> Complex64 {
+    Complex64::from_polar(1.0, -2.0 * PI * (k % of) as f64 / of as f64)
+}
+
+/// Powers of the bins of a spectrum.
+pub struct Powers<T> {
+    /// The amplitudes as real parts, row by row.
+    bins: Vec<Complex<T>>,
+    columns: usize,
+    rows: usize,
+    /// The last one, where the table has no place for it.
+    last: Option<T>,
+}
+
+impl<T: Precision> Powers<T> {
+    fn place(&self, k: usize) -> usize {
+        (k % self.rows) * self.columns + k / self.rows
+    }
+
+    /// Number of bins.
+    pub fn len(&self) -> usize {
+        self.bins.len() + usize::from(self.last.is_some())
+    }
+
+    /// There is no bin.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Power of a bin.
+    pub fn at(&self, k: usize) -> f64 {
+        let amplitude = match self.last {
+            Some(last) if k == self.bins.len() => last,
+            _ => self.bins[self.place(k)].re,
+        };
+        amplitude.into() * amplitude.into()
+    }
+
+    /// From the spectrum of even samples as real and odd samples as imaginary parts to the amplitudes of the spectrum of all.
+    fn part(&mut self, half: usize) {
+        let wide = |bin: Complex<T>| Complex64::new(bin.re.into(), bin.im.into());
+        let of = |amplitude: f64| Complex::new(T::of(amplitude), T::zero());
+        let zero = wide(self.bins[0]);
+        self.last = Some(T::of((zero.re - zero.im).abs()));
+        self.bins[0] = of((zero.re + zero.im).abs());
+        for k in 1..=half / 2 {
+            let (low, high) = (self.place(k), self.place(half - k));
+            let (a, b) = (wide(self.bins[low]), wide(self.bins[high]).conj());
+            let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turned(k, 2 * half));
+            // The bin at half − k is the conjugate of the difference.
+            self.bins[low] = of((even + odd).norm());
+            self.bins[high] = of((even - odd).norm());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The powers that are worked out in the memory of the signal are those of the plain transform: lengths that make a table, square or not, short ones, odd ones, and one whose half is prime.
+    #[test]
+    fn oracle_powers_in_place_are_those_of_the_transform() {
+        let mut state = 1u64;
+        let mut white = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
+        };
+        for (len, is_table) in
+            [(1 << 15, true), (491_520, true), (2 * 17_017, true), (4096, false), (40_001, false), (2 * 20_011, false)]
+        {
+            assert_eq!(columns(len / 2).is_some() && len % 2 == 0, is_table, "{len}");
+            let mut signal: Vec<f64> = (0..len).map(|n| white() + 30.0 * (0.37 * n as f64).cos()).collect();
+            let mut transforms = Transforms::default();
+            let mut paired = Paired::<f64>::with_capacity(signal.len());
+            paired.extend(signal.iter().copied());
+            let powers = transforms.powers(paired);
+            let mut paired = Paired::<f32>::with_capacity(signal.len());
+            paired.extend(signal.iter().copied());
+            let single = transforms.powers(paired);
+            let bins = transforms.forward_real(&mut signal);
+            assert_eq!(powers.len(), bins.len());
+            let highest = bins.iter().map(Complex64::norm_sqr).fold(0.0, f64::max);
+            for (k, bin) in bins.iter().enumerate() {
+                // Rounding of the two transforms: some units in the last place of the highest amplitude.
+                let off = (powers.at(k).sqrt() - bin.norm()).abs();
+                assert!(off < 1e-13 * highest.sqrt(), "{len}: bin {k} off by {off:.2e}");
+                let off = (single.at(k).sqrt() - bin.norm()).abs();
+                assert!(off < 1e-6 * highest.sqrt(), "{len}: bin {k} off by {off:.2e} in single precision");
+            }
+        }
+    }
+}
