@@ -81,17 +81,21 @@ pub fn usual(train: &Train, order: f64, range: f64) -> f64 {
 pub fn finding(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Finding {
     let place =
         format!("order {:.3} of the input shaft in the envelope, {:.1} standard scores", line.order, line.score);
-    of_order(q, line, channels, place)
+    of_order(q, line, shares(q, line, channels).into_iter().enumerate().collect(), place)
 }
 
 /// A defect whose passages stand in the spectrum as lines at multiples of one order.
 pub fn of_lines(q: &Question<'_>, family: &Family) -> Finding {
     let heard = EnvelopeLine { order: family.order, score: 0.0, range: 1.0, by_channel: Vec::new(), noise: 1.0 };
-    of_order(q, &heard, &[], family.in_words())
+    let mut shafts: Vec<(usize, f64)> = shares(q, &heard, &[]).into_iter().enumerate().collect();
+    if let Some(own) = family.shaft {
+        // Sidebands at a shaft's spacing are of a race that turns with it.
+        shafts = shafts.into_iter().map(|(j, _)| (j, if j == own { 1.0 } else { 0.0 })).collect();
+    }
+    of_order(q, &heard, shafts, family.in_words())
 }
 
-fn of_order(q: &Question<'_>, line: &EnvelopeLine, channels: &[String], place: String) -> Finding {
-    let mut shafts: Vec<(usize, f64)> = shares(q, line, channels).into_iter().enumerate().collect();
+fn of_order(q: &Question<'_>, line: &EnvelopeLine, mut shafts: Vec<(usize, f64)>, place: String) -> Finding {
     shafts.sort_by(|a, b| b.1.total_cmp(&a.1));
     let (j, share) = shafts[0];
     let own = line.order / q.train.shafts[j].1;

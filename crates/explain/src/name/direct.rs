@@ -83,6 +83,16 @@ fn fast(low: f64) -> f64 {
     low / (1.0 - low)
 }
 
+/// Slip of the recordings of one session less what their sample clock is off, which must not pass for slip. A clock is one for a session: recordings whose own lines do not
+/// show it against the tacho have the error of the others.
+fn without_clock(slip: &[f64], clock: &[f64]) -> Vec<f64> {
+    let mut seen: Vec<f64> = clock.iter().copied().filter(|c| c.is_finite()).collect();
+    let session = if seen.is_empty() { 0.0 } else { median(&mut seen) };
+    let of = |c: f64| if c.is_finite() { c } else { session };
+    let known = |c: f64| if c.abs() * 1e6 > CLOCK_PPM { c } else { 0.0 };
+    slip.iter().zip(clock).map(|(s, c)| s + known(of(*c))).collect()
+}
+
 fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     let n = q.recordings.len();
     let mut clocks: Vec<f64> = q.ratios.clock[..n].iter().copied().filter(|c| c.is_finite()).collect();
@@ -99,9 +109,8 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
             out.push(f);
         }
     }
-    // What the sample clock is off must not pass for slip.
-    let known = |c: f64| if c.is_finite() && c.abs() * 1e6 > CLOCK_PPM { c } else { 0.0 };
-    let corrected: Vec<f64> = q.ratios.slip.iter().zip(&q.ratios.clock).map(|(s, c)| s + known(*c)).collect();
+    let mut corrected = without_clock(&q.ratios.slip[..n], &q.ratios.clock[..n]);
+    corrected.extend(without_clock(&q.ratios.slip[n..], &q.ratios.clock[n..]));
     let slip = &corrected[..n];
     let Some((mean, count)) = mean_finite(slip.iter().copied()) else { return };
     let reference = mean_finite(corrected[n..].iter().copied());

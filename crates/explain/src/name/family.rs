@@ -1,6 +1,8 @@
 //! New lines at multiples of one order that no shaft makes: what passes so often a turn, rolling elements over a defect.
 //!
-//! Each line is a multiple of the order or lies anywhere. Lines of a family lie within the slip of rolling elements of a multiple; others are even over the band. The evidence of
+//! A defect on an inner race turns through the load zone once a turn of its shaft, which gives each multiple a sideband at that distance on either side (Randall & Antoni 2011, section 2).
+//!
+//! Each line is a multiple of the order, or such a sideband of one, or lies anywhere. Lines of a family lie within the slip of rolling elements of a multiple; others are even over the band. The evidence of
 //! an order is the sum over the lines, less what so many orders that could have been tried would find by chance.
 
 use std::f64::consts::TAU;
@@ -29,6 +31,10 @@ pub struct Family {
     pub order: f64,
     /// Orders of its lines.
     pub lines: Vec<f64>,
+    /// Of which multiple each is a line, and which sideband of it (−1, 0, 1).
+    pub multiples: Vec<(f64, f64)>,
+    /// The shaft at whose spacing sidebands stand: a defect that turns with it through the load zone, on an inner race.
+    pub shaft: Option<usize>,
     /// ln of the odds against lines that lie anywhere.
     pub nats: f64,
 }
@@ -36,7 +42,12 @@ pub struct Family {
 impl Family {
     /// What was seen.
     pub fn in_words(&self) -> String {
-        let multiples: Vec<String> = self.lines.iter().map(|p| format!("{:.0}", p / self.order)).collect();
+        let of = |(multiple, side): &(f64, f64)| match *side {
+            0.0 => format!("{multiple:.0}"),
+            s if s < 0.0 => format!("{multiple:.0}−1 turn"),
+            _ => format!("{multiple:.0}+1 turn"),
+        };
+        let multiples: Vec<String> = self.multiples.iter().map(of).collect();
         format!(
             "{} new lines at multiples ({}) of order {:.3} of the input shaft, which no shaft makes",
             self.lines.len(),
@@ -54,45 +65,92 @@ pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
     // Lowest passage: balls, cages and larger bearings lie below, and in every bench's modulations too.
     // Lines on a shaft's comb are no new ones, but two shafts together make families too.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
-    of_positions(&positions, revolutions, 1.6 * slowest, &mixed)
+    let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
+    of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed)
 }
 
-fn of_positions(positions: &[f64], revolutions: f64, lowest: f64, is_mixed: &dyn Fn(f64) -> bool) -> Option<Family> {
+/// A family as a hypothesis: its order, and the shaft whose turning modulates it.
+#[derive(Clone, Copy)]
+struct Passage {
+    order: f64,
+    /// Position of the shaft and its order; `None` where the defect stands still in the load zone.
+    turns_with: Option<(usize, f64)>,
+}
+
+impl Passage {
+    /// Nearest line of the family to an order: multiple, and sideband.
+    fn nearest(&self, position: f64) -> (f64, f64) {
+        let sides: &[f64] = if self.turns_with.is_some() { &[0.0, -1.0, 1.0] } else { &[0.0] };
+        let spacing = self.turns_with.map_or(0.0, |(_, order)| order);
+        let of = |side: f64| {
+            let multiple = ((position - side * spacing) / self.order).round().clamp(1.0, f64::from(MULTIPLES));
+            (multiple, side)
+        };
+        let off = |(multiple, side): (f64, f64)| (position - multiple * self.order - side * spacing).abs();
+        sides.iter().map(|s| of(*s)).fold((1.0, 0.0), |best, x| if off(x) < off(best) { x } else { best })
+    }
+
+    /// Position of the passage that a line shows, its sideband taken off, and its multiple.
+    fn passage(&self, position: f64) -> (f64, f64) {
+        let (multiple, side) = self.nearest(position);
+        (position - side * self.turns_with.map_or(0.0, |(_, order)| order), multiple)
+    }
+
+    /// Lines that the family has in all.
+    fn count(&self) -> f64 {
+        f64::from(MULTIPLES) * if self.turns_with.is_some() { 3.0 } else { 1.0 }
+    }
+}
+
+fn of_positions(
+    positions: &[f64],
+    revolutions: f64,
+    shafts: &[f64],
+    lowest: f64,
+    is_mixed: &dyn Fn(f64) -> bool,
+) -> Option<Family> {
     let band = positions.iter().copied().fold(0.0, f64::max);
     let sigma = |p: f64| (SLIP * p).hypot(PLACE_BINS / revolutions);
     // ln of the odds of one line.
-    let odds = |p: f64, order: f64| -> f64 {
-        let k = (p / order).round();
-        if k < 1.0 || k > f64::from(MULTIPLES) {
-            return OTHERS.ln();
-        }
-        let z = (p - k * order) / sigma(p);
-        let density = (-0.5 * z * z).exp() / (sigma(p) * TAU.sqrt() * f64::from(MULTIPLES));
+    let odds = |p: f64, family: &Passage| -> f64 {
+        let (at, multiple) = family.passage(p);
+        let z = (at - multiple * family.order) / sigma(p);
+        let density = (-0.5 * z * z).exp() / (sigma(p) * TAU.sqrt() * family.count());
         (OTHERS + (1.0 - OTHERS) * density * band).ln()
     };
-    // Every line as every multiple proposes an order.
-    let proposed = positions.iter().flat_map(|p| (1..=MULTIPLES).map(move |k| p / f64::from(k)));
-    let all = proposed.filter(|o| (lowest..HIGHEST).contains(o) && !is_mixed(*o));
-    let scored = all.map(|o| (o, positions.iter().map(|p| odds(*p, o)).sum::<f64>()));
-    // Of an order and its parts, which have the same lines as higher multiples, it is the whole.
-    let (order, sum) = scored.fold((0.0, f64::NEG_INFINITY), |best: (f64, f64), x| {
-        let better = x.1 > best.1 + 1.0 || (x.1 > best.1 - 1.0 && x.0 > 1.5 * best.0);
-        let finer = x.1 > best.1 && (x.0 / best.0 - 1.0).abs() < 0.01;
-        if better || finer { x } else { best }
+    let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt()) * (1.0 + shafts.len() as f64);
+    let with = shafts.iter().copied().enumerate().map(Some);
+    let best = std::iter::once(None).chain(with).filter_map(|turns_with| {
+        // Every line as every multiple, and every sideband of one, proposes an order.
+        let sides: &[f64] = if turns_with.is_some() { &[-1.0, 0.0, 1.0] } else { &[0.0] };
+        let spacing = turns_with.map_or(0.0, |(_, order)| order);
+        let carriers = positions.iter().flat_map(|p| sides.iter().map(move |s| p - s * spacing));
+        let proposed = carriers.flat_map(|p| (1..=MULTIPLES).map(move |k| p / f64::from(k)));
+        let all = proposed.filter(|o| (lowest..HIGHEST).contains(o) && !is_mixed(*o));
+        let scored = all.map(|order| {
+            let family = Passage { order, turns_with };
+            (family, positions.iter().map(|p| odds(*p, &family)).sum::<f64>())
+        });
+        // Of an order and its parts, which have the same lines as higher multiples, it is the whole.
+        scored.reduce(|best, x| {
+            let better = x.1 > best.1 + 1.0 || (x.1 > best.1 - 1.0 && x.0.order > 1.5 * best.0.order);
+            let finer = x.1 > best.1 && (x.0.order / best.0.order - 1.0).abs() < 0.01;
+            if better || finer { x } else { best }
+        })
     });
-    if order <= 0.0 {
-        return None;
-    }
-    let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt());
-    let members: Vec<f64> = positions.iter().copied().filter(|p| odds(*p, order) > 0.0).collect();
+    let (family, sum) = best.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
+    let mut members: Vec<f64> = positions.iter().copied().filter(|p| odds(*p, &family) > 0.0).collect();
+    members.sort_by(f64::total_cmp);
     let nats = sum - tried.ln() + PRIOR.ln();
     // Mean order of the lines, each by what it knows of it.
     let (sum, weight) = members.iter().fold((0.0, 0.0), |(s, w), p| {
-        let k = (p / order).round();
+        let (at, k) = family.passage(*p);
         let certain = (k / sigma(*p)).powi(2);
-        (s + certain * p / k, w + certain)
+        (s + certain * at / k, w + certain)
     });
-    (nats > 0.0).then(|| Family { order: sum / weight, lines: members, nats })
+    let multiples = members.iter().map(|p| family.nearest(*p)).collect();
+    let shaft = family.turns_with.map(|t| t.0);
+    (nats > 0.0).then(|| Family { order: sum / weight, lines: members, multiples, shaft, nats })
 }
 
 #[cfg(test)]
@@ -102,7 +160,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn ask(positions: &[f64]) -> Option<Family> {
-        of_positions(positions, 200.0, 0.6, &|order| (order - order.round()).abs() < 0.03)
+        of_positions(positions, 200.0, &[1.0, 0.35], 0.6, &|order| (order - order.round()).abs() < 0.03)
     }
 
     /// Multiples of 3.169 within their slip, beside two lines of something else: the order to a part in a thousand, the others left out.
@@ -113,6 +171,21 @@ mod tests {
         lines.extend([17.31, 24.77]);
         let found = ask(&lines).unwrap();
         assert!((found.order / 3.169 - 1.0).abs() < 1e-3 && found.lines.len() == 5, "{found:?}");
+    }
+
+    /// A defect of order 5.423 that turns with the shaft of 0.35 turns: two multiples and five sidebands of others, each within the slip. The shaft and the order are found; without sidebands no shaft is
+    /// said.
+    #[test]
+    fn analytic_sidebands_of_an_inner_race_belong_to_the_family() {
+        let (order, turn) = (5.423, 0.35);
+        let lines = [(1.0, 1.0), (2.0, -1.0), (2.0, 0.0), (3.0, -1.0), (3.0, 1.0), (4.0, 0.0), (5.0, 1.0)];
+        let slip = [1.0003, 0.9998, 1.0004, 1.0, 0.9997, 1.0002, 0.9999];
+        let at: Vec<f64> = lines.iter().zip(slip).map(|((k, side), s)| k * order * s + side * turn).collect();
+        let found = ask(&at).unwrap();
+        assert!((found.order / order - 1.0).abs() < 1e-3 && found.shaft == Some(1), "{found:?}");
+        assert_eq!(found.multiples, lines);
+        let plain: Vec<f64> = (2..8).map(|k| 3.169 * f64::from(k)).collect();
+        assert_eq!(ask(&plain).unwrap().shaft, None);
     }
 
     /// Lines anywhere are no family: of 300 sets of eight at most one (a chance of 1 in 1000 before what they say).
