@@ -17,6 +17,8 @@ const MULTIPLES: u32 = 16;
 const SLIP: f64 = 1e-3;
 /// How well the place of a faint line is known (bins of the order spectrum).
 const PLACE_BINS: f64 = 0.3;
+/// Distance (bins) from all combs beyond which the window's main lobe leaves a line to itself.
+const OFF_COMB: f64 = 2.0;
 /// Highest order of a passage (of the input shaft).
 const HIGHEST: f64 = 16.0;
 /// Share of new lines that may be something else's.
@@ -59,11 +61,13 @@ impl Family {
 
 /// The family that new lines belong to, where that is likelier than not.
 pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
-    let positions: Vec<f64> = lines.iter().map(|l| l.position).collect();
+    // What lies on a shaft's comb is the shaft's, however new it is.
+    let off_comb = lines.iter().filter(|l| l.off_comb > OFF_COMB);
+    let positions: Vec<f64> = off_comb.map(|l| l.position).collect();
     let revolutions = q.recordings.iter().map(|r| r.revolutions).fold(f64::INFINITY, f64::min);
     let slowest = q.train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
     // Lowest passage: balls, cages and larger bearings lie below, and in every bench's modulations too.
-    // Lines on a shaft's comb are no new ones, but two shafts together make families too.
+    // Two shafts together make families of their own.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
     of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed)
