@@ -10,6 +10,7 @@ pub mod friction;
 pub mod gear;
 pub mod gear_side;
 pub mod ghost;
+pub mod parting;
 pub mod path;
 pub mod shared;
 pub mod strange;

@@ -199,6 +199,13 @@ pub fn floor_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64)
     (1.0 - after / before.max(1e-9), before / count.max(1) as f64)
 }
 
+/// Misfit per band of background in a pair, over all channels.
+pub fn misfit_of_background(all: &[Cell], pair: usize) -> Option<f64> {
+    let bands = all.iter().filter(|c| c.family.is_none() && c.pair == pair);
+    let (sum, count) = bands.fold((0.0, 0usize), |(s, n), c| (s + c.misfit(0.0, 0.0), n + 1));
+    (count > 0).then(|| sum / count as f64)
+}
+
 /// Misfit per line, of a channel or of all.
 pub fn line_misfit(all: &[Cell], channel: Option<usize>) -> f64 {
     let lines = all.iter().filter(|c| c.family.is_some() && channel.is_none_or(|k| c.channel == k));

@@ -8,6 +8,7 @@ use crate::judge::twins::{self, Twins};
 use crate::name::alone;
 use crate::name::gear;
 use crate::name::ghost;
+use crate::name::parting;
 use crate::name::path;
 use crate::name::strange;
 use crate::name::subname;
@@ -63,6 +64,10 @@ pub fn wide(place: Place) -> bool {
 /// Names what changed between recordings and reference.
 pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
     let (places, gaps) = (places(q), gaps(q));
+    if let Some(clearance) = parting::clearance(q, cells, found.steps) {
+        found.findings.push(clearance);
+        return;
+    }
     let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     // One tooth that differs shows in phases before it shows in amplitudes.
