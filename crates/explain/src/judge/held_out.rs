@@ -97,7 +97,7 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
     let predicted = predict::predict(&train, &cells, q.comparison, &[of_finding(finding)])?.0;
     let left = Residuals::of(q.comparison, &predicted, &held).held;
     let none = Residuals::of(q.comparison, &vec![0.0; q.comparison.lines.len()], &held).held;
-    let probability = path_probability(left, none)?;
+    let probability = path_probability(finding.probability, left, none)?;
     steps.push(format!(
         "held out: {} at {} leaves {left:.2} where no effect leaves {none:.2}, repetition 1: a path with probability {probability:.2}",
         finding.effect, finding.place
@@ -105,18 +105,18 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
     Some(probability)
 }
 
-/// Probability of a path whose model leaves so much of the held-out lines, where no effect leaves `none` (both over repetition); `None` where that is within repetition.
+/// Probability of a path, which was `stated` before, whose model leaves so much of the held-out lines, where no effect leaves `none` (both over repetition); `None` where that is within repetition.
 ///
 /// A path has nothing that its model leaves out: the same function of frequency predicts every line at every speed and load, to within its own error ([`PATH_ERROR`]). Under anything else
 /// it may leave all between repetition and what no effect leaves, evenly in the logarithm.
-fn path_probability(left: f64, none: f64) -> Option<f64> {
+fn path_probability(stated: f64, left: f64, none: f64) -> Option<f64> {
     if none <= 1.0 {
         return None;
     }
     let error = left.max(1.0).ln() / PATH_ERROR;
     let of_path = (2.0 / PI).sqrt() / PATH_ERROR * (-0.5 * error * error).exp();
     let of_else = none.ln().recip();
-    Some(SUREST * of_path / (SUREST * of_path + (1.0 - SUREST) * of_else))
+    Some(stated * of_path / (stated * of_path + (1.0 - stated) * of_else))
 }
 
 /// Figures of a fit to all points but some; `None` where what was named has no model. Where the most probable finding has rivals, the one whose model predicts best comes first.
@@ -365,11 +365,13 @@ mod tests {
     fn analytic_a_path_is_as_probable_as_its_model_predicts() {
         let none = 5.0_f64;
         let equal = PATH_ERROR * (2.0 * ((2.0 / PI).sqrt() / PATH_ERROR * none.ln()).ln()).sqrt();
-        let at = |left: f64| path_probability(left, none).unwrap();
+        let at = |left: f64| path_probability(SUREST, left, none).unwrap();
         assert!((at(equal.exp()) - SUREST).abs() < 1e-12);
         assert!(at(1.0) > SUREST && at(0.5) == at(1.0));
         assert!(at(3.0) < SUREST && at(5.0) < 0.5 && at(4.0) < at(3.0));
-        assert_eq!(path_probability(0.9, 1.0), None);
+        assert_eq!(path_probability(SUREST, 0.9, 1.0), None);
+        // What was doubtful before needs less to be given up.
+        assert!(path_probability(0.8, 3.3, none).unwrap() < at(3.3));
     }
 
     /// The error of a path's model in drawn benches, within twice its standard error.
