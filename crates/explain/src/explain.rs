@@ -8,6 +8,7 @@ use crate::instrument::{self, Fault};
 use crate::judge::limits;
 use crate::judge::report::Explanation;
 use crate::measure::{self, Measured};
+use crate::name::path::HOUSING;
 use crate::name::{self, Question};
 
 /// What is asked.
@@ -69,11 +70,16 @@ fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(
         limits.extend(limits::not_compared(&explanation));
     }
     let explanation = Explanation { limits, ..explanation };
+    let mut explanation = explanation;
     let mut with_effects = refitted.unwrap_or_else(|| input.bench.clone());
     with_effects.belt.clone_from(&bench.belt);
     for effect in &explanation.effects {
         if effect.effect == "wrong_tooth_count" {
             with_effects.stages.clone_from(&bench.stages);
+            continue;
+        }
+        if effect.effect == "damping" && effect.place == HOUSING && bench.housing_modes.is_empty() {
+            explanation.limits.push("bench.toml is without the damping of the housing: the bench has no [[housing_mode]] that could be damped".into());
             continue;
         }
         let parameters = effect.parameters.iter().map(|(k, v)| (k.clone(), v.value())).collect();

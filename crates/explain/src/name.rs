@@ -12,6 +12,7 @@ pub mod gear_side;
 pub mod ghost;
 pub mod parting;
 pub mod path;
+pub mod path_form;
 pub mod shared;
 pub mod strange;
 pub mod subname;
@@ -192,7 +193,7 @@ pub fn answer(
     }
     // With a second effect under it, a path's form is known far worse than its own fit says.
     if findings.len() > 1 {
-        for f in findings.iter_mut().filter(|f| subname::is_path(f.effect)) {
+        for f in findings.iter_mut().filter(|f| subname::is_path(f.effect, &f.place)) {
             f.parameters.values_mut().for_each(|p| p.sigma *= 3.0);
         }
     }

@@ -42,7 +42,7 @@ fn is_open(findings: &[Finding], fit: Option<&Fit>, unexplained: bool) -> bool {
     let of_machine = |f: &Finding| {
         let kind = gearwatch_sim::effects::find(f.effect).map_or(EntryPoint::Data, |e| e.entry_point());
         let apart = [EntryPoint::Data, EntryPoint::Path, EntryPoint::Clock, EntryPoint::Force];
-        !is_path(f.effect) && !apart.contains(&kind)
+        !is_path(f.effect, &f.place) && !apart.contains(&kind)
     };
     if findings.is_empty() {
         return unexplained;

@@ -81,15 +81,15 @@ pub fn unproved(fit: &Fit) -> bool {
 }
 
 /// Whether a path accounts for all that its lines do. One factor leaves room for a change of the machine: it is taken off, and what it leaves is asked for more.
-fn accounts_for_all(effect: &str) -> bool {
-    is_path(effect) && effect != "scaling"
+fn accounts_for_all(f: &Finding) -> bool {
+    is_path(f.effect, &f.place) && f.effect != "scaling"
 }
 
 /// How probable a changed path is by what its model leaves of the recordings that are held out; `None` where nothing is held out, what was is within repetition of its reference, or the path
 /// is one factor.
 pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> Option<f64> {
     let held = left_out(q.comparison);
-    if held.is_empty() || !accounts_for_all(finding.effect) {
+    if held.is_empty() || !accounts_for_all(finding) {
         return None;
     }
     let rest = q.comparison.without(&held);
@@ -189,8 +189,8 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     };
     // What else may have changed in place of a path is none of its rivals.
     if let [only] = findings
-        && accounts_for_all(only.effect)
-        && let Some(most) = path_probability(own.held, none.held)
+        && accounts_for_all(only)
+        && let Some(most) = path_probability(SUREST, own.held, none.held)
     {
         only.probability = only.probability.min(most);
     }
@@ -274,7 +274,10 @@ pub fn of_finding(f: &Finding) -> Named {
 
 /// The first effect of the machine at another place of the same kind: nothing was found there.
 fn elsewhere(q: &Question<'_>, named: &[Named]) -> Option<(String, Vec<Named>)> {
-    let at = named.iter().position(|n| !is_path(&n.spec.effect)).or_else(|| (!named.is_empty()).then_some(0))?;
+    let at = named
+        .iter()
+        .position(|n| !is_path(&n.spec.effect, &n.spec.place))
+        .or_else(|| (!named.is_empty()).then_some(0))?;
     let own = &named[at].spec;
     let effect = effects::find(&own.effect).ok()?;
     let place = places_of(q, &own.place).into_iter().find(|p| {

@@ -63,7 +63,9 @@ pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2])
 /// Predicts the line changes of `all`, from the pairs of `fitted`, whose cells are `cells`. `None` where nothing that is named has a model.
 pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Predicted> {
     let of_path = |channel: usize| {
-        let on = |n: &&Named| is_path(&n.spec.effect) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place);
+        let on = |n: &&Named| {
+            is_path(&n.spec.effect, &n.spec.place) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place)
+        };
         named.iter().find(on)
     };
     let machine = Machine::fitted(fitted, cells, named);
@@ -110,7 +112,7 @@ type States = Vec<Option<[Complex64; 2]>>;
 
 impl Machine {
     fn fitted(q: &Question<'_>, cells: &[Cell], named: &[Named]) -> Option<Self> {
-        let modelled: Vec<&Named> = named.iter().filter(|n| !is_path(&n.spec.effect)).collect();
+        let modelled: Vec<&Named> = named.iter().filter(|n| !is_path(&n.spec.effect, &n.spec.place)).collect();
         if modelled.is_empty() {
             return None;
         }

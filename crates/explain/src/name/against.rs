@@ -387,7 +387,7 @@ fn simplicity(place: Place) -> u8 {
 /// Whether a mask may only show what a finding does besides: other orders of the same shaft, or of the shafts of a pair whose teeth changed, or another
 /// order of a ripple's train.
 fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
-    let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect)) else { return false };
+    let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect, &f.place)) else { return false };
     let ripple = |p: Place| matches!(p, Place::ShaftOrder(_, k) if k > 1) || matches!(p, Place::MotorOrder(_));
     match (found, shaft_of(found), shaft_of(place)) {
         (_, Some(a), Some(b)) => a == b || (ripple(found) && ripple(place)),

@@ -1,6 +1,7 @@
 //! A changed sensor path, gain or mounting: the same function of frequency for lines and background at every speed.
 
 use crate::change::locate::{self, Cell};
+use crate::name::path_form::{damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit};
 use crate::name::{Finding, Question};
 use crate::read::dsp::median;
 
@@ -130,13 +131,23 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
         return None;
     }
     let clearest = (0..floors.len()).max_by(|a, b| floors[*a].1.total_cmp(&floors[*b].1))?;
-    let resonance = resonance_fit(&profile(cells, clearest));
-    let mut f = Finding::new("structural_resonance", HOUSING, 0.8).with(
-        "frequency_hz",
-        resonance.frequency_hz,
-        0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz,
-    );
-    f.alternatives.push(("damping", HOUSING.to_owned()));
+    let profile = profile(cells, clearest);
+    let resonance = resonance_fit(&profile);
+    let mut f = if let Some(damping) = damping_fit(&profile, &resonance) {
+        steps.push(format!(
+            "change of the housing over frequency: {} modes that are damped {:.2} times as much account for it better than modes that moved, by {:.0} nats",
+            damping.modes, damping.factor, damping.nats
+        ));
+        let mut f = Finding::new("damping", HOUSING, 0.8).with("factor", damping.factor, 0.35 * damping.factor);
+        f.alternatives.push(("structural_resonance", HOUSING.to_owned()));
+        f
+    } else {
+        let sigma_hz = 0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz;
+        let mut f =
+            Finding::new("structural_resonance", HOUSING, 0.8).with("frequency_hz", resonance.frequency_hz, sigma_hz);
+        f.alternatives.push(("damping", HOUSING.to_owned()));
+        f
+    };
     f.evidence.place = "lines and background of all sensors".into();
     f.evidence.law = "a function of frequency, the same at every speed".into();
     Some(f)
@@ -241,98 +252,4 @@ pub fn path(
         mounting.left, resonance.left
     );
     Some((vec![c], f))
-}
-
-/// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).
-fn profile(cells: &[Cell], channel: usize) -> Vec<(f64, f64, f64)> {
-    let mut out = Vec::new();
-    let ratio = 2f64.powf(1.0 / 6.0);
-    let mut low = 20.0;
-    while low < 1e5 {
-        let members: Vec<&Cell> = cells
-            .iter()
-            .filter(|c| c.channel == channel && c.frequency_hz >= low && c.frequency_hz < low * ratio)
-            .collect();
-        if members.len() >= 3 {
-            let mut values: Vec<f64> = members.iter().map(|c| c.change).collect();
-            let middle = median(&mut values);
-            let mut spread: Vec<f64> = members.iter().map(|c| (c.change - middle).abs()).collect();
-            let sigma = (1.4826 * median(&mut spread)).max(0.04);
-            out.push((low * ratio.sqrt(), middle, sigma * sigma / members.len() as f64 + 0.03 * 0.03));
-        }
-        low *= ratio;
-    }
-    out
-}
-
-/// Misfit per band of one factor for all frequencies.
-fn one_factor_misfit(profile: &[(f64, f64, f64)]) -> f64 {
-    let (sum, weight) = profile.iter().fold((0.0, 0.0), |(s, w), p| (s + p.1 / p.2, w + 1.0 / p.2));
-    let level = sum / weight.max(1e-12);
-    robust(profile.iter().map(|p| (p.1 - level).powi(2) / p.2))
-}
-
-struct PathFit {
-    frequency_hz: f64,
-    damping: f64,
-    gain: f64,
-    left: f64,
-}
-
-/// `gain / |1 − (f/f0)² + 2iζ f/f0|`, the sensor on a spring (PHYSICS L11), searched on a grid.
-fn mounting_fit(profile: &[(f64, f64, f64)]) -> PathFit {
-    let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.06, gain: 1.0, left: f64::INFINITY };
-    for i in 0..120 {
-        let f0 = 300.0 * (12_000.0f64 / 300.0).powf(f64::from(i) / 119.0);
-        for damping in [0.02, 0.04, 0.06, 0.1, 0.16, 0.25] {
-            let shape = |f: f64| {
-                let r = f / f0;
-                -0.5 * ((1.0 - r * r).powi(2) + (2.0 * damping * r).powi(2)).ln()
-            };
-            let (sum, weight) =
-                profile.iter().fold((0.0, 0.0), |(s, w), p| (s + (p.1 - shape(p.0)) / p.2, w + 1.0 / p.2));
-            let level = sum / weight.max(1e-12);
-            let left = robust(profile.iter().map(|p| (p.1 - level - shape(p.0)).powi(2) / p.2));
-            if left < best.left {
-                best = PathFit { frequency_hz: f0, damping, gain: level.exp(), left };
-            }
-        }
-    }
-    best
-}
-
-/// `|1 + a H(f)|` of a mode at `f0` with complex share `a` in the response, searched on a grid.
-fn resonance_fit(profile: &[(f64, f64, f64)]) -> PathFit {
-    use num_complex::Complex64;
-    let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.03, gain: 1.0, left: f64::INFINITY };
-    for i in 0..160 {
-        let f0 = 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 159.0);
-        for damping in [0.01, 0.02, 0.03, 0.05, 0.08] {
-            for size in [0.05, 0.1, 0.2, 0.4, 0.8, 1.6] {
-                for turn in 0..8 {
-                    let a = Complex64::from_polar(size, f64::from(turn) * std::f64::consts::FRAC_PI_4);
-                    let left = robust(profile.iter().map(|p| {
-                        let r = p.0 / f0;
-                        let h = r * r / Complex64::new(1.0 - r * r, 2.0 * damping * r);
-                        let model = (Complex64::new(1.0, 0.0) + a * h).norm().max(1e-3).ln();
-                        (p.1 - model).powi(2) / p.2
-                    }));
-                    if left < best.left {
-                        best = PathFit { frequency_hz: f0, damping, gain: size, left };
-                    }
-                }
-            }
-        }
-    }
-    best
-}
-
-/// Mean of squares, each limited: a few bands that follow something else do not decide.
-fn robust(squares: impl Iterator<Item = f64>) -> f64 {
-    let (mut sum, mut n) = (0.0, 0usize);
-    for s in squares {
-        sum += s.min(25.0);
-        n += 1;
-    }
-    sum / n.max(1) as f64
 }

@@ -1,0 +1,210 @@
+//! What a changed path does over frequency: one factor, a sensor on a spring, a mode that came or moved, modes that are damped otherwise.
+
+use num_complex::Complex64;
+
+use crate::change::locate::Cell;
+use crate::read::dsp::median;
+
+/// Price of a number that is fitted, for `n` bands: Schwarz' criterion (1978).
+fn price(numbers: usize, bands: usize) -> f64 {
+    numbers as f64 * (bands.max(1) as f64).ln()
+}
+
+/// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).
+pub fn profile(cells: &[Cell], channel: usize) -> Vec<(f64, f64, f64)> {
+    let mut out = Vec::new();
+    let ratio = 2f64.powf(1.0 / 6.0);
+    let mut low = 20.0;
+    while low < 1e5 {
+        let members: Vec<&Cell> = cells
+            .iter()
+            .filter(|c| c.channel == channel && c.frequency_hz >= low && c.frequency_hz < low * ratio)
+            .collect();
+        if members.len() >= 3 {
+            let mut values: Vec<f64> = members.iter().map(|c| c.change).collect();
+            let middle = median(&mut values);
+            let mut spread: Vec<f64> = members.iter().map(|c| (c.change - middle).abs()).collect();
+            let sigma = (1.4826 * median(&mut spread)).max(0.04);
+            out.push((low * ratio.sqrt(), middle, sigma * sigma / members.len() as f64 + 0.03 * 0.03));
+        }
+        low *= ratio;
+    }
+    out
+}
+
+/// Misfit per band of one factor for all frequencies.
+pub fn one_factor_misfit(profile: &[(f64, f64, f64)]) -> f64 {
+    let (sum, weight) = profile.iter().fold((0.0, 0.0), |(s, w), p| (s + p.1 / p.2, w + 1.0 / p.2));
+    let level = sum / weight.max(1e-12);
+    robust(profile.iter().map(|p| (p.1 - level).powi(2) / p.2))
+}
+
+/// A path with one resonance.
+pub struct PathFit {
+    /// Of the resonance (Hz).
+    pub frequency_hz: f64,
+    /// Its damping ratio.
+    pub damping: f64,
+    /// Below it.
+    pub gain: f64,
+    /// Misfit per band.
+    pub left: f64,
+}
+
+/// `gain / |1 − (f/f0)² + 2iζ f/f0|`, the sensor on a spring (PHYSICS L11), searched on a grid.
+pub fn mounting_fit(profile: &[(f64, f64, f64)]) -> PathFit {
+    let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.06, gain: 1.0, left: f64::INFINITY };
+    for i in 0..120 {
+        let f0 = 300.0 * (12_000.0f64 / 300.0).powf(f64::from(i) / 119.0);
+        for damping in [0.02, 0.04, 0.06, 0.1, 0.16, 0.25] {
+            let shape = |f: f64| {
+                let r = f / f0;
+                -0.5 * ((1.0 - r * r).powi(2) + (2.0 * damping * r).powi(2)).ln()
+            };
+            let (sum, weight) =
+                profile.iter().fold((0.0, 0.0), |(s, w), p| (s + (p.1 - shape(p.0)) / p.2, w + 1.0 / p.2));
+            let level = sum / weight.max(1e-12);
+            let left = robust(profile.iter().map(|p| (p.1 - level - shape(p.0)).powi(2) / p.2));
+            if left < best.left {
+                best = PathFit { frequency_hz: f0, damping, gain: level.exp(), left };
+            }
+        }
+    }
+    best
+}
+
+/// `|1 + a H(f)|` of a mode at `f0` with complex share `a` in the response, searched on a grid.
+pub fn resonance_fit(profile: &[(f64, f64, f64)]) -> PathFit {
+    let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.03, gain: 1.0, left: f64::INFINITY };
+    for i in 0..160 {
+        let f0 = 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 159.0);
+        for damping in [0.01, 0.02, 0.03, 0.05, 0.08] {
+            for size in [0.05, 0.1, 0.2, 0.4, 0.8, 1.6] {
+                for turn in 0..8 {
+                    let a = Complex64::from_polar(size, f64::from(turn) * std::f64::consts::FRAC_PI_4);
+                    let left = robust(profile.iter().map(|p| {
+                        let r = p.0 / f0;
+                        let h = r * r / Complex64::new(1.0 - r * r, 2.0 * damping * r);
+                        let model = (Complex64::new(1.0, 0.0) + a * h).norm().max(1e-3).ln();
+                        (p.1 - model).powi(2) / p.2
+                    }));
+                    if left < best.left {
+                        best = PathFit { frequency_hz: f0, damping, gain: size, left };
+                    }
+                }
+            }
+        }
+    }
+    best
+}
+
+/// A structure whose modes are damped otherwise than before.
+pub struct DampingFit {
+    /// Damping over what it was.
+    pub factor: f64,
+    /// Modes at which that shows.
+    pub modes: usize,
+    /// By how much it accounts better for the profile than modes that came or moved.
+    pub nats: f64,
+}
+
+/// Modes that are sought, at most, and must be found: damping of a structure changes at all of its modes, and one alone may have moved.
+const MOST_MODES: usize = 6;
+const LEAST_MODES: usize = 2;
+
+/// How well the form at a mode is known, in proportion to its change: bands of a sixth of an octave smear modes of a few per cent, and neighbours overlap.
+const FORM: f64 = 0.25;
+/// Factors on the damping of a mode that are tried (ln).
+const FACTORS: [f64; 10] = [-1.8, -1.3, -0.9, -0.6, -0.35, 0.35, 0.6, 0.9, 1.3, 1.8];
+
+/// A profile as a sum of changes at single modes.
+struct AtModes {
+    /// What is left, limited, and the price of the numbers.
+    cost: f64,
+    price: f64,
+    modes: usize,
+}
+
+/// Modes are added one by one, each where it leaves least, as long as they gain more than their numbers cost: a frequency and a damping ratio, and each a factor of its own out of several.
+fn at_modes(profile: &[(f64, f64, f64)], factors: &[f64]) -> AtModes {
+    let bands = profile.len();
+    let numbers = if factors.len() > 1 { 3 } else { 2 };
+    let cost = |left: &[f64]| robust(left.iter().zip(profile).map(|(d, p)| d * d / p.2)) * bands as f64;
+    let mut left: Vec<f64> = profile.iter().map(|p| p.1).collect();
+    let mut out = AtModes { cost: cost(&left), price: 0.0, modes: 0 };
+    while out.modes < MOST_MODES {
+        let places = (0..120).map(|i| 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 119.0));
+        let forms = places.flat_map(|f0| [0.01, 0.02, 0.04, 0.08].map(|damping| (f0, damping)));
+        let tried = forms.flat_map(|(f0, damping)| factors.iter().map(move |k| (f0, damping, *k)));
+        let next = tried.map(|(f0, damping, k)| {
+            let of = |(p, d): (&(f64, f64, f64), &f64)| d - damped(p.0 / f0, damping, k.exp());
+            let next: Vec<f64> = profile.iter().zip(&left).map(of).collect();
+            (cost(&next), next)
+        });
+        let Some((to, next)) = next.reduce(|a, b| if b.0 < a.0 { b } else { a }) else { break };
+        if out.cost - to < price(numbers, bands) {
+            break;
+        }
+        left = next;
+        out = AtModes { cost: to, price: out.price + price(numbers, bands), modes: out.modes + 1 };
+    }
+    out
+}
+
+/// A structure whose modes are damped otherwise than before: `Σ −½ ln[((1 − r²)² + (2kζr)²) / ((1 − r²)² + (2ζr)²)]`, `r = f/f0`, with one factor `k` for all modes. Each falls at its own frequency
+/// where it is damped more and rises where it is damped less, by `ln k`; between them nothing changes. A mode that came or moved raises one side and lowers the other, so the same
+/// sum with a factor of its own for each mode stands for that, beside one resonance. `None` where that accounts better for the profile, numbers paid for.
+pub fn damping_fit(profile: &[(f64, f64, f64)], resonance: &PathFit) -> Option<DampingFit> {
+    let bands = profile.len();
+    let rough: Vec<_> = profile.iter().map(|p| (p.0, p.1, p.2 + (FORM * p.1).powi(2))).collect();
+    let moved = at_modes(&rough, &FACTORS);
+    let other = (moved.cost + moved.price).min(resonance.left * bands as f64 + price(4, bands));
+    let one = |k: &f64| (*k, at_modes(&rough, &[*k]));
+    let total = |fit: &AtModes| fit.cost + fit.price + price(1, bands);
+    let fits = FACTORS.iter().map(one).filter(|(_, fit)| fit.modes >= LEAST_MODES);
+    let (k, best) = fits.reduce(|a, b| if total(&b.1) < total(&a.1) { b } else { a })?;
+    let nats = 0.5 * (other - total(&best));
+    (nats > 0.0).then(|| DampingFit { factor: k.exp(), modes: best.modes, nats })
+}
+
+/// ln of what one mode makes of a change of its damping ratio by a factor.
+fn damped(r: f64, damping: f64, factor: f64) -> f64 {
+    let about = |zeta: f64| (1.0 - r * r).powi(2) + (2.0 * zeta * r).powi(2);
+    -0.5 * (about(factor * damping) / about(damping)).ln()
+}
+
+/// Mean of squares, each limited: a few bands that follow something else do not decide.
+fn robust(squares: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut n) = (0.0, 0usize);
+    for s in squares {
+        sum += s.min(25.0);
+        n += 1;
+    }
+    sum / n.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sixths of an octave with a deviation of 0.05, in which a path changed as told.
+    fn bands(change: &dyn Fn(f64) -> f64) -> Vec<(f64, f64, f64)> {
+        (0..42).map(|k| 60.0 * 2f64.powf(f64::from(k) / 6.0)).map(|hz| (hz, change(hz), 0.0025)).collect()
+    }
+
+    /// Four modes of 3 % that are damped two and a half times as much: the factor to a step of the grid, and by many nats rather than one resonance. A mode that moved by 13 % is none of it, and a factor for
+    /// all frequencies has no modes.
+    #[test]
+    fn analytic_damping_changes_at_all_modes_alike() {
+        let modes = [210.0, 600.0, 1400.0, 4800.0];
+        let damping = bands(&|hz| modes.iter().map(|f0| damped(hz / f0, 0.03, 2.5)).sum());
+        let ask = |profile: &[(f64, f64, f64)]| damping_fit(profile, &resonance_fit(profile));
+        let found = ask(&damping).unwrap();
+        assert!((found.factor.ln() - 2.5f64.ln()).abs() < 0.35 && found.modes >= 3, "{} {}", found.factor, found.modes);
+        let mode = |hz: f64, f0: f64| (1.0 + 8.0 / Complex64::new(1.0 - (hz / f0).powi(2), 0.04 * hz / f0)).norm().ln();
+        let moved = bands(&|hz| mode(hz, 1400.0) - mode(hz, 1600.0));
+        assert!(ask(&moved).is_none());
+        assert!(ask(&bands(&|_| 0.3)).is_none());
+        assert!(ask(&bands(&|_| 0.0)).is_none());
+    }
+}
