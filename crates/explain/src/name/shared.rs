@@ -1,7 +1,7 @@
 //! Effects that change the same lines of a train: which of them it is, by the simulator's own signatures, and whether it is any.
 //!
 //! SHAPE ranks all of them over drawn benches; the best few are then fitted jointly with the bench's own numbers, each by itself. The evidence of
-//! that fit decides, SHAPE (which also hears the sidebands) has a small vote. What the fit leaves of the changes tells whether the library has the effect at all.
+//! that fit decides. What the fit leaves of the changes tells whether the library has the effect at all.
 
 use gearwatch_sim::effects::{self, EntryPoint};
 
@@ -21,9 +21,8 @@ pub enum Depth {
 
 /// Effects that are fitted.
 const REFITTED: usize = 8;
-/// Weight of SHAPE's log share and of the fit's log evidence (nats) in the score: conditional logistic regression of the right effect on both over
-/// 32 drawn cases. Both are below 1 since lines share the model's errors.
-const SHAPE_WEIGHT: f64 = 0.2;
+/// Weight of the fit's log evidence (nats) in the score: conditional logistic regression of the right effect over 32 drawn cases. It is below 1 since lines share the model's errors. SHAPE has no
+/// vote beside it: it is a rougher look at the same mesh lines, which would count twice.
 const EVIDENCE_WEIGHT: f64 = 0.25;
 /// Least share of SHAPE that is believed: it knows neither the coupling of tooth pairs nor how their errors share the load, and is wrong at times however sure.
 const LEAST_SHARE: f64 = 1e-6;
@@ -161,7 +160,7 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
         for s in scored {
             let usual = shape::prior(s.ranked.effect).ln();
             let fitted = s.fit.map_or(least, |f| f.evidence);
-            s.score = SHAPE_WEIGHT * (s.score - usual) + usual + EVIDENCE_WEIGHT * fitted;
+            s.score = usual + EVIDENCE_WEIGHT * fitted;
         }
     }
     refit::none(q, cells, &base)
