@@ -494,17 +494,39 @@ impl World {
         self.crashed.push(start);
     }
 
+    /// Whether a fault can be told from those that last.
+    fn has_room_for(&self, fault: Fault, mono_ms: u64) -> bool {
+        let of_a_disk = matches!(fault, Fault::Full | Fault::Io | Fault::Taken | Fault::SpoolFull | Fault::SpoolIo);
+        // Syncs that hang soon after one another look like slow ones.
+        let too_soon = fault == Fault::Hang && mono_ms < self.hung_until + 2 * SOON_MS;
+        !(too_soon || of_a_disk && self.mend_at.is_some())
+    }
+
+    fn kill(&mut self) {
+        self.crash();
+        self.disk.restart();
+        self.at(|outside| outside.post.disk().restart());
+        self.start();
+        // The next start finds that the log was not closed.
+        let unclean = self.log.as_ref().is_some_and(|log| log.recovery().unclean);
+        self.at(|outside| outside.totals.witnessed(Fault::Kill, u64::from(unclean)));
+    }
+
+    fn power_cut(&mut self) {
+        let before = self.disk.witness();
+        self.crash();
+        self.powerless.extend(self.crashed.last());
+        self.disk.power_cut();
+        self.at(|outside| outside.post.power_cut());
+        let torn = self.disk.witness().torn_bytes > before.torn_bytes;
+        self.at(|outside| outside.totals.witnessed(Fault::PowerCut, u64::from(torn)));
+        self.start();
+    }
+
     fn inject(&mut self) {
         let fault = self.faults[self.chance.below(self.faults.len() as u64) as usize];
         let (mono_ms, running) = self.at(|outside| (outside.mono_ms, outside.log.is_some()));
-        if !running
-            || (self.mend_at.is_some()
-                && matches!(fault, Fault::Full | Fault::Io | Fault::Taken | Fault::SpoolFull | Fault::SpoolIo))
-        {
-            return;
-        }
-        // Syncs that hang soon after one another look like slow ones, whoever looks.
-        if fault == Fault::Hang && mono_ms < self.hung_until + 2 * SOON_MS {
+        if !running || !self.has_room_for(fault, mono_ms) {
             return;
         }
         let for_ms = self.chance.between(1, 15) * 1000;
@@ -514,7 +536,6 @@ impl World {
                 self.log.as_ref().map_or(0, Stepper::durable_seq)
             );
         }
-        let before = self.disk.witness();
         self.at(|outside| outside.totals.injected(fault));
         match fault {
             Fault::Hang => {
@@ -538,24 +559,8 @@ impl World {
                 self.mend_at = Some(mono_ms + for_ms);
                 self.at(|outside| outside.trouble(for_ms + 3000));
             }
-            Fault::Kill => {
-                self.crash();
-                self.disk.restart();
-                self.at(|outside| outside.post.disk().restart());
-                self.start();
-                // Whoever starts next finds that nobody closed the log.
-                let unclean = self.log.as_ref().is_some_and(|log| log.recovery().unclean);
-                self.at(|outside| outside.totals.witnessed(fault, u64::from(unclean)));
-            }
-            Fault::PowerCut => {
-                self.crash();
-                self.powerless.extend(self.crashed.last());
-                self.disk.power_cut();
-                self.at(|outside| outside.post.power_cut());
-                let torn = self.disk.witness().torn_bytes > before.torn_bytes;
-                self.at(|outside| outside.totals.witnessed(fault, u64::from(torn)));
-                self.start();
-            }
+            Fault::Kill => self.kill(),
+            Fault::PowerCut => self.power_cut(),
             Fault::Taken => self.take_away(),
             Fault::Clock => {
                 const DAY_MS: i64 = 86_400_000;
