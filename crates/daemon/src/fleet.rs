@@ -20,6 +20,7 @@ mod view;
 pub use {
     access::Access,
     follow::{From, Notice, follow},
+    nats::NatsError,
     page::page,
     view::{Bench, Fleet, Heard, Place, Told},
 };

@@ -168,19 +168,15 @@ fn now_ns() -> i64 {
 impl Fleet {
     fn once(&self, notices: &Receiver<Notice>) -> anyhow::Result<Exit> {
         let mut view = View::default();
-        let mut trouble = String::from("no answer");
         loop {
             match notices.recv_timeout(self.patience) {
                 Ok(Notice::Letter(heard)) => drop(view.take(&heard)),
                 Ok(Notice::CaughtUp) => break,
                 Ok(Notice::Connected) => {}
-                Ok(Notice::Lost(error)) => {
-                    trouble = error;
-                    // The patience is for the whole answer, and a server that refuses will refuse again.
-                    anyhow::bail!("{}: {trouble}", self.server);
-                }
+                // The patience is for the whole answer, and a server that refuses will refuse again.
+                Ok(Notice::Lost(error)) => anyhow::bail!("{}: {error}", self.server),
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
-                    anyhow::bail!("{}: {trouble} within {:.0?}", self.server, self.patience)
+                    anyhow::bail!("{}: no answer within {:.0?}", self.server, self.patience)
                 }
             }
         }

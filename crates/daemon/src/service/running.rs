@@ -21,7 +21,7 @@ use super::feeding::SourceState;
 use super::notify::Notifier;
 use super::opening::{self, Opened, RunningSink};
 use super::watching::{Ends, RunningBench, start_bench};
-use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
+use super::{Again, Reload, ReloadError, Service, ServiceError, Summary, edge, viewing};
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
 use crate::selftest::SelfTest;
@@ -163,7 +163,7 @@ impl Running {
         let mut last_load = Instant::now();
         let mut last_snapshot = last_load;
         let mut died = Vec::new();
-        let mut building: Option<JoinHandle<Result<Service, String>>> = None;
+        let mut building: Option<JoinHandle<Result<Service, ReloadError>>> = None;
         let mut next = None;
         while !stop.is_given() && !self.benches.iter().all(|bench| bench.lane.is_finished()) {
             std::thread::sleep(TICK);
@@ -178,7 +178,7 @@ impl Running {
                 let (again, held) = (again.clone(), self.page);
                 let again = move || {
                     let service = again()?;
-                    service.try_out(held).map_err(|e| e.to_string())?;
+                    service.try_out(held)?;
                     Ok(service)
                 };
                 let builder = std::thread::Builder::new().name("gw-reload".to_owned());
@@ -374,8 +374,8 @@ impl Running {
 }
 
 /// The new service, if it could be built; says how it went.
-fn built(building: JoinHandle<Result<Service, String>>) -> Option<Box<Service>> {
-    match building.join().unwrap_or_else(|_| Err("its code panicked".to_owned())) {
+fn built(building: JoinHandle<Result<Service, ReloadError>>) -> Option<Box<Service>> {
+    match building.join().unwrap_or(Err(ReloadError::Panicked)) {
         Ok(service) => {
             tracing::info!("the new configuration is good and takes over");
             Some(Box::new(service))

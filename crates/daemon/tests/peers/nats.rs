@@ -82,7 +82,7 @@ fn left_after(begin: &[u8], answer_ping: bool, talk: &[u8]) -> (u64, String) {
         let access = Access::default();
         let tell = move |notice| {
             if let Notice::Lost(error) = notice {
-                drop(lost.send(error));
+                drop(lost.send(error.to_string()));
             }
         };
         follow(&address, &access, "gearwatch", From::Beginning, tell).await

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use tokio::sync::{mpsc, oneshot};
 
 use super::wire::{Message, publish};
-use super::{Connection, PATIENCE};
+use super::{Connection, NatsError, PATIENCE};
 
 /// What the server says where there is no such stream.
 const NO_STREAM: u64 = 10059;
@@ -60,6 +60,12 @@ struct Refused {
     why: String,
 }
 
+impl Refused {
+    fn of(self, stream: &str) -> NatsError {
+        NatsError::Refused { stream: stream.to_owned(), why: self.why }
+    }
+}
+
 impl JetStream {
     /// For those who write.
     pub(crate) fn writing(connection: Connection) -> Self {
@@ -72,7 +78,7 @@ impl JetStream {
     }
 
     /// Waits for the end of the connection, and says why.
-    pub(crate) async fn gone(&self) -> String {
+    pub(crate) async fn gone(&self) -> NatsError {
         self.0.gone().await
     }
 
@@ -80,11 +86,11 @@ impl JetStream {
     ///
     /// # Errors
     /// Where there is none, or the server does not say.
-    pub(crate) async fn state(&self, name: &str) -> Result<State, String> {
-        self.find(name).await?.map_err(|refused| format!("stream {name:?}: {}", refused.why))
+    pub(crate) async fn state(&self, name: &str) -> Result<State, NatsError> {
+        self.find(name).await?.map_err(|refused| refused.of(name))
     }
 
-    async fn find(&self, name: &str) -> Result<Result<State, Refused>, String> {
+    async fn find(&self, name: &str) -> Result<Result<State, Refused>, NatsError> {
         let answer = self.0.request(&format!("$JS.API.STREAM.INFO.{name}"), b"").await?;
         let state = |value: Value| serde_json::from_value(value["state"].clone()).unwrap_or_default();
         Ok(read(&answer).map(state))
@@ -94,13 +100,13 @@ impl JetStream {
     ///
     /// # Errors
     /// Where the server refuses, or does not say.
-    pub(crate) async fn find_or_make(&self, wanted: &Wanted<'_>) -> Result<(), String> {
+    pub(crate) async fn find_or_make(&self, wanted: &Wanted<'_>) -> Result<(), NatsError> {
         let refused = match self.find(wanted.name).await? {
             Ok(_) => return Ok(()),
             Err(refused) => refused,
         };
         if refused.code != NO_STREAM {
-            return Err(format!("stream {:?}: {}", wanted.name, refused.why));
+            return Err(refused.of(wanted.name));
         }
         let config = json!({
             "name": wanted.name,
@@ -117,7 +123,7 @@ impl JetStream {
         });
         let subject = format!("$JS.API.STREAM.CREATE.{}", wanted.name);
         let made = self.0.request(&subject, config.to_string().as_bytes()).await?;
-        read(&made).map(drop).map_err(|refused| format!("stream {:?}: {}", wanted.name, refused.why))
+        read(&made).map(drop).map_err(|refused| refused.of(wanted.name))
     }
 
     /// Sends a message to a stream.
@@ -129,7 +135,7 @@ impl JetStream {
         subject: &str,
         headers: &[(&str, &str)],
         payload: &[u8],
-    ) -> Result<Confirmation, String> {
+    ) -> Result<Confirmation, NatsError> {
         self.0.ask(subject, headers, payload).await.map(Confirmation)
     }
 
@@ -137,7 +143,7 @@ impl JetStream {
     ///
     /// # Errors
     /// Where the server refuses, or does not say.
-    pub(crate) async fn read(mut self, stream: &str, start: Start) -> Result<Reader, String> {
+    pub(crate) async fn read(mut self, stream: &str, start: Start) -> Result<Reader, NatsError> {
         let mut config = json!({
             "ack_policy": "none",
             "replay_policy": "instant",
@@ -149,11 +155,10 @@ impl JetStream {
         start.put(&mut config);
         let body = json!({ "stream_name": stream, "config": config }).to_string();
         let made = self.0.request(&format!("$JS.API.CONSUMER.CREATE.{stream}"), body.as_bytes()).await?;
-        let made = read(&made).map_err(|refused| format!("stream {stream:?}: {}", refused.why))?;
-        let name =
-            made["name"].as_str().filter(|name| is_plain(name)).ok_or("the server made a reader without a name")?;
+        let made = read(&made).map_err(|refused| refused.of(stream))?;
+        let name = made["name"].as_str().filter(|name| is_plain(name)).ok_or(NatsError::Nameless)?;
         let pull = format!("$JS.API.CONSUMER.MSG.NEXT.{stream}.{name}");
-        let messages = self.0.messages.take().ok_or("messages are read already")?;
+        let messages = self.0.messages.take().ok_or(NatsError::Read)?;
         let waiting = made["num_pending"].as_u64().unwrap_or_default();
         Ok(Reader { jetstream: self, messages, pull, asked_for: 0, next: 1, waiting })
     }
@@ -176,11 +181,11 @@ impl Confirmation {
     ///
     /// # Errors
     /// Where the stream refuses the message, or nobody says anything.
-    pub(crate) async fn come(self) -> Result<(), String> {
-        let answer = tokio::time::timeout(PATIENCE, self.0).await.map_err(|_| "no confirmation".to_owned())?;
-        let answer = answer.map_err(|_| "the connection is gone".to_owned())?.or_nobody("the stream")?;
-        let stored = read(&answer).map_err(|refused| format!("not stored: {}", refused.why))?;
-        stored["seq"].is_u64().then_some(()).ok_or_else(|| "a confirmation without a number".to_owned())
+    pub(crate) async fn come(self) -> Result<(), NatsError> {
+        let answer = tokio::time::timeout(PATIENCE, self.0).await.map_err(|_| NatsError::Unconfirmed)?;
+        let answer = answer.map_err(|_| NatsError::Gone)?.or_nobody("the stream")?;
+        let stored = read(&answer).map_err(|refused| NatsError::NotStored(refused.why))?;
+        stored["seq"].is_u64().then_some(()).ok_or(NatsError::Unnumbered)
     }
 }
 
@@ -258,7 +263,7 @@ impl Reader {
     ///
     /// # Errors
     /// Where the connection is gone, a message is missing, or the server says nothing.
-    pub(crate) async fn next(&mut self) -> Result<Stored, String> {
+    pub(crate) async fn next(&mut self) -> Result<Stored, NatsError> {
         loop {
             if self.asked_for == 0 {
                 let body = json!({ "batch": BATCH, "expires": nanos(EXPIRES), "idle_heartbeat": nanos(HEARTBEAT) })
@@ -271,9 +276,9 @@ impl Reader {
                 biased;
                 heard = self.messages.recv() => heard,
                 reason = self.jetstream.gone() => return Err(reason),
-                () = tokio::time::sleep(2 * HEARTBEAT + PATIENCE) => return Err("the stream says nothing".to_owned()),
+                () = tokio::time::sleep(2 * HEARTBEAT + PATIENCE) => return Err(NatsError::StreamSilent),
             };
-            let message = heard.ok_or("the connection is gone")?;
+            let message = heard.ok_or(NatsError::Gone)?;
             match message.status {
                 None => return self.take(message),
                 // A sign of life.
@@ -281,15 +286,15 @@ impl Reader {
                 // Nothing came, or not all: it is asked for anew.
                 Some(404 | 408) => self.asked_for = 0,
                 Some(409) if message.description.contains("Batch") => self.asked_for = 0,
-                Some(code) => return Err(format!("the stream says {code} {}", message.description)),
+                Some(code) => return Err(NatsError::Status { code, description: message.description }),
             }
         }
     }
 
-    fn take(&mut self, message: Message) -> Result<Stored, String> {
-        let place = Place::read(&message.reply).ok_or("a message does not say where it stands in the stream")?;
+    fn take(&mut self, message: Message) -> Result<Stored, NatsError> {
+        let place = Place::read(&message.reply).ok_or(NatsError::NoPlace)?;
         if place.delivered != self.next {
-            return Err(format!("message {} came where {} was to come", place.delivered, self.next));
+            return Err(NatsError::Order { found: place.delivered, expected: self.next });
         }
         self.next += 1;
         self.asked_for = self.asked_for.saturating_sub(1);
