@@ -25,6 +25,7 @@ mod content;
 mod disk;
 mod doctor;
 mod examine;
+mod flaw;
 mod format;
 mod handle;
 mod keeper;
@@ -50,6 +51,7 @@ pub use config::{Compression, ConfigError, LogConfig, RawPolicy};
 pub use disk::Disk;
 pub use doctor::{FileHealth, Health, RecoverError, doctor, recover_file};
 pub use examine::{Damage, Ending};
+pub use flaw::Flaw;
 pub use handle::{LogError, LogHandle, spawn};
 pub use message::{
     ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, Message, NOTE_TOPIC, Schema, encode, verdict_schema,

@@ -8,12 +8,13 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::examine::Rules;
+use crate::flaw::Flaw;
 use crate::format::{Channel, FileSchema};
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op, unpack};
 
 /// Largest chunk that is unpacked (bytes). The log writes none above [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends
 /// files of earlier versions, whose chunks could be larger.
-const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
+pub(crate) const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
 
 /// Bytes that a search for the next good chunk may look at, in multiples of the file's length.
 const SEARCH_BUDGET: usize = 8;
@@ -39,7 +40,7 @@ pub(crate) enum Found<'a> {
     /// A record kind that this walk does not know.
     Other,
     /// Bytes that are no whole, good record.
-    Damage(String),
+    Damage(Flaw),
 }
 
 #[derive(Clone, Copy)]
@@ -120,10 +121,10 @@ impl<'a> Walk<'a> {
         self.at = offset.min(self.bytes.len());
     }
 
-    fn damage(&mut self, what: impl Into<String>) -> Option<(Range<usize>, Found<'a>)> {
+    fn damage(&mut self, what: Flaw) -> Option<(Range<usize>, Found<'a>)> {
         let start = self.at;
         self.at = self.resume_after(start);
-        Some((start..self.at, Found::Damage(what.into())))
+        Some((start..self.at, Found::Damage(what)))
     }
 
     /// Where the next good record may be: at the next chunk whose checksum is right, or behind the damaged record if its length leads to a
@@ -166,17 +167,13 @@ impl<'a> Iterator for Walk<'a> {
         }
         if self.at == 0 {
             if !self.bytes.starts_with(&MAGIC) {
-                return self.damage("does not begin as an MCAP file");
+                return self.damage(Flaw::Magic);
             }
             self.at = MAGIC.len();
         }
         let start = self.at;
         let Some((opcode, range)) = self.frame(start) else {
-            return if start == self.bytes.len() {
-                None
-            } else {
-                self.damage("a record is cut off, or its length is wrong")
-            };
+            return if start == self.bytes.len() { None } else { self.damage(Flaw::Record) };
         };
         let end = range.end;
         let body = &self.bytes[range];
@@ -206,7 +203,7 @@ impl<'a> Iterator for Walk<'a> {
             _ if strict => None,
             _ => Some(Found::Other),
         };
-        let Some(found) = found else { return self.damage(format!("a record of kind {opcode} has impossible fields")) };
+        let Some(found) = found else { return self.damage(Flaw::Fields(opcode)) };
         self.at = end;
         Some((start..end, found))
     }
@@ -253,11 +250,11 @@ fn message(body: &[u8]) -> Option<MessageView<'_>> {
     })
 }
 
-fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, String> {
-    let (content, crc) = body.split_last_chunk::<4>().ok_or("an attachment is cut off")?;
+fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, Flaw> {
+    let (content, crc) = body.split_last_chunk::<4>().ok_or(Flaw::AttachmentEnd)?;
     let stored = u32::from_le_bytes(*crc);
     if stored != 0 && stored != crc32fast::hash(content) {
-        return Err("the checksum of an attachment is wrong".into());
+        return Err(Flaw::AttachmentChecksum);
     }
     let mut take = Take(content);
     let mut parse = || {
@@ -266,7 +263,7 @@ fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, String> {
         let data = take.bytes(length)?;
         take.0.is_empty().then_some(AttachmentView { log_time, create_time, name, media_type, data })
     };
-    parse().ok_or_else(|| "an attachment has impossible fields".into())
+    parse().ok_or(Flaw::AttachmentFields)
 }
 
 fn metadata<'a>(body: &[u8], strict: bool) -> Option<Found<'a>> {
@@ -276,7 +273,7 @@ fn metadata<'a>(body: &[u8], strict: bool) -> Option<Found<'a>> {
 }
 
 /// Unpacks a chunk and checks all of it.
-fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
+fn chunk(body: &[u8]) -> Result<Chunk<'_>, Flaw> {
     let mut take = Take(body);
     let mut head = || {
         let (start_time, end_time, size, crc) = (take.u64()?, take.u64()?, take.u64()?, take.u32()?);
@@ -285,21 +282,20 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
         let payload = take.bytes(length)?;
         take.0.is_empty().then_some((start_time, end_time, size, crc, compression, payload))
     };
-    let (start_time, end_time, size, crc, compression, payload) = head().ok_or("a chunk has impossible fields")?;
+    let (start_time, end_time, size, crc, compression, payload) = head().ok_or(Flaw::ChunkFields)?;
     if size > MAX_CHUNK {
-        return Err(format!("a chunk says that it unpacks to {size} bytes; at most {MAX_CHUNK} are accepted"));
+        return Err(Flaw::ChunkSize(size));
     }
     let records = if compression.is_empty() && payload.len() as u64 == size {
         Cow::Borrowed(payload)
     } else {
         let mut out = Vec::new();
         // `size` is at most MAX_CHUNK, so it fits.
-        unpack(compression, payload, size as usize, &mut out)
-            .map_err(|e| format!("a chunk cannot be unpacked: {e}"))?;
+        unpack(compression, payload, size as usize, &mut out).map_err(|e| Flaw::Unpacking(e.to_string()))?;
         Cow::Owned(out)
     };
     if crc != 0 && crc32fast::hash(&records) != crc {
-        return Err("the checksum of a chunk is wrong".into());
+        return Err(Flaw::ChunkChecksum);
     }
     let mut rest = Take(&records);
     while !rest.0.is_empty() {
@@ -311,7 +307,7 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
             None => false,
         };
         if !whole {
-            return Err("a record in a chunk is cut off or has impossible fields".into());
+            return Err(Flaw::Inner);
         }
     }
     let compressed_size = payload.len() as u64;
