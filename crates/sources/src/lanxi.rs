@@ -234,7 +234,7 @@ impl Session {
                 result = reader.take(decoded, &status, ready);
             }
         });
-        result.map_err(|message| self.error(message))
+        result.map_err(|e| self.error(e.to_string()))
     }
 
     fn error(&self, message: String) -> SourceError {

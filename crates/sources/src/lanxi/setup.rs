@@ -68,7 +68,7 @@ impl Measurement {
             return Err(rest.error(change));
         }
         let mut setup = call("channels/input/default", rest.get("channels/input/default"))?;
-        let expected = fill(&mut setup, wanted, &transducers).map_err(|message| rest.error(message))?;
+        let expected = fill(&mut setup, wanted, &transducers).map_err(|e| rest.error(e.to_string()))?;
         call("channels/input", rest.put("channels/input", &setup.to_string()))?;
         wait("RecorderStreaming")?;
         let socket = call("destination/socket", rest.get("destination/socket"))?;
@@ -209,13 +209,22 @@ fn transducer_name(transducer: &Value) -> Option<String> {
     Some(format!("{number} no. {}", transducer["serialNumber"]))
 }
 
+/// Why the instrument cannot be set up as configured.
+#[derive(Debug, thiserror::Error)]
+enum SetupError {
+    #[error("channels/input/default: expected channels, found {0}")]
+    NoChannels(Value),
+    #[error("it has no input {wanted}; it has {inputs}")]
+    NoInput { wanted: u16, inputs: usize },
+}
+
 /// Turns the default setup into the wanted one; what is known of each wanted signal, in order.
-fn fill(setup: &mut Value, wanted: &Wanted<'_>, transducers: &[Value]) -> Result<Vec<Expected>, String> {
+fn fill(setup: &mut Value, wanted: &Wanted<'_>, transducers: &[Value]) -> Result<Vec<Expected>, SetupError> {
     let bandwidth_hz = wanted.rate_hz / RATE_PER_BANDWIDTH;
     let bandwidth =
         if bandwidth_hz >= 1000.0 { format!("{} kHz", bandwidth_hz / 1000.0) } else { format!("{bandwidth_hz} Hz") };
     let Some(channels) = setup["channels"].as_array_mut() else {
-        return Err(format!("channels/input/default: expected channels, found {setup}"));
+        return Err(SetupError::NoChannels(setup.clone()));
     };
     let mut expected = vec![None; wanted.inputs.len()];
     for channel in channels.iter_mut() {
@@ -230,7 +239,7 @@ fn fill(setup: &mut Value, wanted: &Wanted<'_>, transducers: &[Value]) -> Result
     }
     let missing = wanted.inputs.iter().zip(&expected).find(|(_, found)| found.is_none());
     if let Some((input, _)) = missing {
-        return Err(format!("it has no input {}; it has {}", input.input, channels.len()));
+        return Err(SetupError::NoInput { wanted: input.input, inputs: channels.len() });
     }
     Ok(expected.into_iter().flatten().collect())
 }
@@ -299,6 +308,6 @@ mod tests {
         assert!(of("destinations").iter().all(|d| *d == json!(["socket"])));
         let inputs = [input(4)];
         let missing = fill(&mut setup, &Wanted { inputs: &inputs, ..wanted }, &[]).unwrap_err();
-        assert_eq!(missing, "it has no input 4; it has 3");
+        assert_eq!(missing.to_string(), "it has no input 4; it has 3");
     }
 }
