@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use gearwatch_core::block::{Packet, Samples};
 
-use crate::record::{Cause, Gap, Record};
+use crate::record::{Cause, Gap, Lost, Record};
 use crate::stepper::Now;
 use crate::storage::Marker;
 
@@ -271,16 +271,10 @@ impl Inner {
             Record::Raw(_) => self.shed.raw += 1,
             _ => {}
         }
-        let (run, first, last, count) = extent(record, self.shed.records);
-        match self.runs.get_mut(&run) {
-            Some(run) => {
-                (run.first, run.last) = (run.first.min(first), run.last.max(last));
-                run.count += count;
-            }
-            None => {
-                self.runs.insert(run, Run { first, last, count });
-            }
-        }
+        let Lost { channel, cause, first, last, count } = record.lost(self.shed.records);
+        let run = self.runs.entry((channel, cause)).or_insert(Run { first, last, count: 0 });
+        (run.first, run.last) = (run.first.min(first), run.last.max(last));
+        run.count += count;
         Sent::Shed { total: self.shed.records }
     }
 
@@ -293,29 +287,6 @@ impl Inner {
             self.push(Record::Gap(gap), now);
         }
     }
-}
-
-/// Channel and cause, first and last number, and count of what is lost with this record. What a gap record tells is told by the one that takes its place.
-fn extent(record: &Record, shed: u64) -> ((String, Cause), u64, u64, u64) {
-    let (channel, first, last, count) = match record {
-        Record::Verdict { verdict: v, .. } => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
-        Record::Raw(packet) => match &**packet {
-            Packet::Vibration(b) => {
-                let count = b.samples.len() as u64;
-                let last = b.first_sample_index.saturating_add(count.saturating_sub(1));
-                (b.sensor.to_string(), b.first_sample_index, last, count)
-            }
-            Packet::Tacho(b) => (format!("tacho/{}", b.shaft), shed, shed, b.pulse_times.len() as u64),
-            Packet::OperatingPoint(_) => ("operating_point".into(), shed, shed, 1),
-        },
-        Record::Gap(gap) => return ((gap.channel.clone(), gap.cause), gap.first, gap.last, gap.count),
-        Record::Clock(_) => ("clock".into(), shed, shed, 1),
-        Record::Spectrum(_) => ("spectrum".into(), shed, shed, 1),
-        Record::Note(_) => ("log_note".into(), shed, shed, 1),
-        Record::Alarm(_) => ("alarm".into(), shed, shed, 1),
-        Record::Context(_) => ("context".into(), shed, shed, 1),
-    };
-    ((channel, Cause::LogQueueFull), first, last, count)
 }
 
 /// Memory that a packet holds (bytes), near enough for a bound.

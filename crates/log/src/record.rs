@@ -38,6 +38,44 @@ pub enum Record {
     Context(Arc<Context>),
 }
 
+/// What a gap record says of a record that found no room.
+pub(crate) struct Lost {
+    pub channel: String,
+    pub cause: Cause,
+    pub first: u64,
+    pub last: u64,
+    pub count: u64,
+}
+
+impl Record {
+    /// What is lost with it, where it is the record of this number that finds no room. What a gap record says is said by the one that takes its place.
+    pub(crate) fn lost(&self, number: u64) -> Lost {
+        let one = |channel: &str| (channel.to_owned(), number, number, 1);
+        let (channel, first, last, count) = match self {
+            Self::Verdict { verdict: v, .. } => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
+            Self::Raw(packet) => match &**packet {
+                Packet::Vibration(b) => {
+                    let count = b.samples.len() as u64;
+                    let last = b.first_sample_index.saturating_add(count.saturating_sub(1));
+                    (b.sensor.to_string(), b.first_sample_index, last, count)
+                }
+                Packet::Tacho(b) => (format!("tacho/{}", b.shaft), number, number, b.pulse_times.len() as u64),
+                Packet::OperatingPoint(_) => one("operating_point"),
+            },
+            Self::Gap(gap) => {
+                let Gap { channel, first, last, count, cause, .. } = gap.clone();
+                return Lost { channel, cause, first, last, count };
+            }
+            Self::Clock(_) => one("clock"),
+            Self::Spectrum(_) => one("spectrum"),
+            Self::Note(_) => one("log_note"),
+            Self::Alarm(_) => one("alarm"),
+            Self::Context(_) => one("context"),
+        };
+        Lost { channel, cause: Cause::LogQueueFull, first, last, count }
+    }
+}
+
 /// A discontinuity: what is missing, and why. `first` and `last` count what `channel` counts: samples of a sensor, windows of a
 /// sensor and stage, sequence numbers of the log.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
