@@ -15,13 +15,12 @@ const SAMPLES: usize = 3 * 8192;
 
 fn bench() -> Bench {
     let shaft = |name: &str| Shaft {
-        name: name.into(),
         inertia_kg_m2: 0.002,
         torsion_nm_per_rad: 2e4,
         torsion_damping_nm_s_per_rad: 0.4,
         bearing_n_per_m: 1.5e8,
         bearing_damping_n_s_per_m: 1e3,
-        axial_n_per_m: None,
+        ..Shaft::named(name)
     };
     let stage = Stage {
         name: "stage1".into(),
