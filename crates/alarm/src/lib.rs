@@ -28,7 +28,7 @@
 use std::collections::BTreeMap;
 
 use gearwatch_core::rank::RankConfig;
-use gearwatch_core::verdict::{InstrumentState, Verdict};
+use gearwatch_core::verdict::{Code, InstrumentState, Verdict};
 use serde::{Deserialize, Serialize};
 
 mod config;
@@ -132,6 +132,15 @@ impl ChannelHealth {
             Self::Earning => "not_ok_yet",
             Self::Ok => "ok",
             Self::NotOk(state) => state.code(),
+        }
+    }
+
+    /// The state of a code; `None` where no state has it.
+    pub fn of_code(code: &str) -> Option<Self> {
+        match InstrumentState::of_code(code) {
+            Some(InstrumentState::Ok) => Some(Self::Ok),
+            Some(state) => Some(Self::NotOk(state)),
+            None => (code == Self::Earning.code()).then_some(Self::Earning),
         }
     }
 }

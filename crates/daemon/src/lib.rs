@@ -30,5 +30,6 @@ pub mod selftest;
 pub mod service;
 pub mod sink;
 pub mod snapshot;
+pub mod states;
 pub mod status;
 pub mod web;

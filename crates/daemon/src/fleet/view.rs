@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use gearwatch_core::verdict::{HARMONICS, MachineState, Rank, Verdict};
+use gearwatch_core::verdict::{Code, HARMONICS, MachineState, Rank, Verdict};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::SILENCE;
+use crate::states::{BenchCondition, BenchInstrument, Life};
 
 /// Runs of a bench that are remembered, to recognise repetitions of their letters.
 const RUNS: usize = 8;
@@ -65,14 +66,14 @@ pub struct Place {
 /// One bench.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Bench {
-    /// `running` or `stopped`; empty before it said so.
-    pub service: String,
+    /// Whether its service runs, as far as it said so.
+    pub service: Life,
     /// All that must go on goes on there.
     pub ok: bool,
     /// Worst machine state of its places.
-    pub machine: String,
+    pub machine: MachineState,
     /// `ok` only if all channels are.
-    pub instrument: String,
+    pub instrument: BenchInstrument,
     /// Motor speed in Hz, where known.
     pub motor_speed_hz: Option<f64>,
     /// Torque at the brake in N m, where known.
@@ -97,19 +98,15 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// In one word: `silent`, `stopped`, `not ok`, or the machine's state. Silence is never good news.
-    pub fn condition(&self, now_ns: i64) -> &str {
+    /// In one word.
+    pub fn condition(&self, now_ns: i64) -> BenchCondition {
         let silence = i64::try_from(SILENCE.as_nanos()).unwrap_or(i64::MAX);
-        if self.service == "stopped" {
-            "stopped"
-        } else if now_ns.saturating_sub(self.heard_ns) > silence {
-            "silent"
-        } else if self.machine == "alarm" || self.service.is_empty() {
-            if self.machine.is_empty() { "unknown" } else { &self.machine }
-        } else if !self.ok || self.instrument != "ok" {
-            "not ok"
-        } else {
-            &self.machine
+        let not_ok = !self.ok || self.instrument != BenchInstrument::OK;
+        match self.service {
+            Life::Stopped => BenchCondition::Stopped,
+            _ if now_ns.saturating_sub(self.heard_ns) > silence => BenchCondition::Silent,
+            Life::Running if not_ok && self.machine != MachineState::Alarm => BenchCondition::NotOk,
+            _ => BenchCondition::Machine(self.machine),
         }
     }
 
@@ -158,10 +155,11 @@ impl Bench {
     }
 
     fn state(&mut self, heard: &Heard) {
-        self.service = heard.text("service").to_owned();
+        // With a word of another version `ok` and the instrument decide.
+        self.service = Life::of_code(heard.text("service")).unwrap_or(Life::Running);
         self.ok = heard.flag("ok");
-        self.machine = heard.text("machine").to_owned();
-        self.instrument = heard.text("instrument").to_owned();
+        self.machine = MachineState::of_code(heard.text("machine")).unwrap_or_default();
+        self.instrument = BenchInstrument::of_code(heard.text("instrument"));
         let number = |key: &str| heard.object.get(key).and_then(Value::as_f64);
         self.motor_speed_hz = number("motor_speed_hz");
         self.brake_torque_nm = number("brake_torque_nm");
@@ -223,11 +221,11 @@ mod tests {
         };
         fleet.take(&letter("a", 1, &state("running")));
         let second = 1_000_000_000;
-        assert_eq!(fleet.benches["b"].condition(second), "normal");
-        assert_eq!(fleet.benches["b"].condition(31 * second), "silent");
+        assert_eq!(fleet.benches["b"].condition(second).code(), "normal");
+        assert_eq!(fleet.benches["b"].condition(31 * second).code(), "silent");
         fleet.take(&letter("a", 2, &state("stopped")));
-        assert_eq!(fleet.benches["b"].condition(second), "stopped");
-        assert_eq!(Bench { heard_ns: second, ..Bench::default() }.condition(second), "unknown");
+        assert_eq!(fleet.benches["b"].condition(second).code(), "stopped");
+        assert_eq!(Bench { heard_ns: second, ..Bench::default() }.condition(second).code(), "unknown");
     }
 
     #[test]

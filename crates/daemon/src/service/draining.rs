@@ -12,6 +12,7 @@ use crate::config::SinkEntry;
 use crate::event::Event;
 use crate::sink::{Drain, Events, SinkContext, SinkError, Standing, Voice};
 use crate::snapshot::SinkSnapshot;
+use crate::states::SinkCondition;
 use gearwatch_runtime::backoff::Backoff;
 
 /// How a sink is.
@@ -62,14 +63,14 @@ impl SinkMonitor {
     pub(super) fn snapshot(&self) -> SinkSnapshot {
         let none = |ok, detail| Standing { ok, detail, ..Standing::default() };
         let (state, standing) = match self.state() {
-            SinkState::Running => ("running", self.voice.ask()),
-            SinkState::Waiting { error } => ("waiting", none(false, error)),
-            SinkState::Disabled => ("disabled", none(true, String::new())),
-            SinkState::Ended => ("ended", none(true, String::new())),
+            SinkState::Running => (SinkCondition::Running, self.voice.ask()),
+            SinkState::Waiting { error } => (SinkCondition::Waiting, none(false, error)),
+            SinkState::Disabled => (SinkCondition::Disabled, none(true, String::new())),
+            SinkState::Ended => (SinkCondition::Ended, none(true, String::new())),
         };
         SinkSnapshot {
             name: self.name.clone(),
-            state: state.to_owned(),
+            state,
             ok: standing.ok,
             offered: self.counters.entered(),
             dropped: self.counters.dropped(),

@@ -14,6 +14,7 @@ use tokio::runtime::Handle;
 use crate::config::SourceEntry;
 use crate::event::{Event, Fanout};
 use crate::snapshot::SourceSnapshot;
+use crate::states::SourceCondition;
 
 /// How a source is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -83,16 +84,16 @@ impl SourceMonitor {
 
     pub(super) fn snapshot(&self) -> SourceSnapshot {
         let (state, error) = match self.state() {
-            SourceState::Waiting { error } => ("waiting", error),
-            SourceState::Failed { error } => ("failed", error),
-            SourceState::Ended => ("ended", String::new()),
-            SourceState::Opening | SourceState::Running if self.is_silent() => ("silent", String::new()),
-            SourceState::Opening => ("opening", String::new()),
-            SourceState::Running => ("running", String::new()),
+            SourceState::Waiting { error } => (SourceCondition::Waiting, error),
+            SourceState::Failed { error } => (SourceCondition::Failed, error),
+            SourceState::Ended => (SourceCondition::Ended, String::new()),
+            SourceState::Opening | SourceState::Running if self.is_silent() => (SourceCondition::Silent, String::new()),
+            SourceState::Opening => (SourceCondition::Opening, String::new()),
+            SourceState::Running => (SourceCondition::Running, String::new()),
         };
         SourceSnapshot {
             name: self.name.clone(),
-            state: state.to_owned(),
+            state,
             error,
             packets: self.packets.load(Ordering::Relaxed),
             dropped: self.queue.dropped(),

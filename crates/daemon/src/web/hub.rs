@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-use gearwatch_alarm::{Acknowledgement, Evidence};
+use gearwatch_alarm::{Acknowledgement, Evidence, Severity};
 use gearwatch_core::verdict::Verdict;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -60,8 +60,8 @@ pub struct Fault {
     pub bench: String,
     /// Stage name.
     pub stage: String,
-    /// The worst of them: `warning` or `critical`.
-    pub severity: String,
+    /// The worst of them.
+    pub severity: Severity,
     /// Time of the first window of the first (ns since the epoch).
     pub since_ns: i64,
     /// One of them holds.

@@ -40,8 +40,6 @@ pub const CHECKSUM: usize = 4;
 pub const MOST_CHANNELS: u16 = 1024;
 /// Longest payload (bytes).
 pub const LONGEST_PAYLOAD: usize = 4 << 20;
-/// Longest payload of a datagram: UDP over IPv4 carries 65 507 bytes.
-pub const LONGEST_DATAGRAM_PAYLOAD: usize = 65_507 - HEADER - CHECKSUM;
 
 /// How a number lies in the payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
