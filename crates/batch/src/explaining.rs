@@ -42,7 +42,8 @@ impl Work for Explaining<'_> {
 
     fn bench(&self) {}
 
-    /// The digest covers the bench file, and the name and content of each recording and its sidecar file.
+    /// The digest covers the bench file, and the name and content of each recording and its sidecar
+    /// file.
     fn identify(&self, path: &Path) -> Result<Identity, Unreadable> {
         let mut digest = Sha256::new();
         let mut files = vec![path.join(CASE_BENCH)];
@@ -99,7 +100,8 @@ enum RowError {
     Columns(#[from] ArrowError),
 }
 
-/// The most probable effect has columns of its own; all of the answer is in `explanation`, as `gearwatch explain` writes it.
+/// The most probable effect has columns of its own; all of the answer is in `explanation`, as
+/// `gearwatch explain` writes it.
 fn row(table: Table, of: &Identity, answer: &Explanation) -> Result<RecordBatch, RowError> {
     let json = serde_json::to_string(answer)?;
     let first = answer.effects.first();

@@ -85,8 +85,8 @@ impl Kind {
     }
 }
 
-/// The list of a manifest: one path a line, relative to the manifest's folder; empty lines and lines that begin with `#` count for
-/// nothing.
+/// The list of a manifest: one path a line, relative to the manifest's folder; empty lines and
+/// lines that begin with `#` count for nothing.
 ///
 /// # Errors
 /// When the manifest cannot be read, names what is not there, or names one item twice.
@@ -125,7 +125,8 @@ pub fn from_manifest(manifest: &Path, kind: Kind) -> Result<Vec<PathBuf>, WorkLi
     Ok(paths)
 }
 
-/// Recordings below folders (and files named directly), by the endings of their names, without the dot.
+/// Recordings below folders (and files named directly), by the endings of their names, without the
+/// dot.
 ///
 /// # Errors
 /// When a folder cannot be read or nothing is found in it.

@@ -1,6 +1,8 @@
-//! The configuration of the service: TOML, every key described, unknown keys refused with their place.
+//! The configuration of the service: TOML, every key described, unknown keys refused with their
+//! place.
 //!
-//! *validate → build → run*: [`Config::parse`] and [`Config::problems`] touch nothing but the text; what they accept can be built.
+//! *validate → build → run*: [`Config::parse`] and [`Config::problems`] touch nothing but the text;
+//! what they accept can be built.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -109,7 +111,8 @@ impl Config {
     /// Reads a text; `name` stands for the file in messages, relative paths start at `folder`.
     ///
     /// # Errors
-    /// With the place, when the text is not TOML, has unknown, missing or mistyped keys, or values that cannot be right.
+    /// With the place, when the text is not TOML, has unknown, missing or mistyped keys, or values
+    /// that cannot be right.
     pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Self, ConfigError> {
         let syntax = |message: String| ConfigError::Syntax { name: name.to_owned(), message };
         let file: File = toml::from_str(text).map_err(|e| syntax(e.to_string().trim_end().to_owned()))?;
@@ -228,7 +231,8 @@ impl Config {
         self.benches.iter().any(BenchConfig::is_live)
     }
 
-    /// What happens when a sink's queue is full: as configured, else wait where no source is live, and drop the oldest where one is.
+    /// What happens when a sink's queue is full: as configured, else wait where no source is live,
+    /// and drop the oldest where one is.
     pub fn when_full(&self, sink: &SinkEntry) -> WhenFull {
         sink.when_full.unwrap_or(if self.is_live() { WhenFull::DropOldest } else { WhenFull::Block })
     }

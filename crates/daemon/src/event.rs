@@ -57,7 +57,8 @@ pub enum Event {
     Spectrum(Arc<SpectrumFrame>),
 }
 
-/// How a bench is, in a few words and figures. `machine` and `instrument` are never better than what is known.
+/// How a bench is, in a few words and figures. `machine` and `instrument` are never better than
+/// what is known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BenchState {
     /// When this was so (ns since the epoch).
@@ -112,7 +113,8 @@ impl Fanout {
         }
     }
 
-    /// Tells all sinks that have room. For what is said again a second later, by somebody who must never wait.
+    /// Tells all sinks that have room. For what is said again a second later, by somebody who must
+    /// never wait.
     pub fn mention(&self, event: Event) {
         let event = Arc::new(event);
         for queue in &self.0 {

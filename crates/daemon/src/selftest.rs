@@ -1,6 +1,8 @@
-//! The self test in service: a known signal goes through the same workers as the benches' windows, and must get its known ranks.
+//! The self test in service: a known signal goes through the same workers as the benches' windows,
+//! and must get its known ranks.
 //!
-//! A worker that computes nonsense, hangs, or has a broken transform is seen within 25 seconds, although all benches may look normal.
+//! A worker that computes nonsense, hangs, or has a broken transform is seen within 25 seconds,
+//! although all benches may look normal.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,7 +1,8 @@
 //! The service: builds everything a configuration names, runs it, and stops it in order.
 //!
-//! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files and baselines, but starts nothing;
-//! [`Service::run`] owns all threads and returns when all have ended.
+//! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files
+//! and baselines, but starts nothing; [`Service::run`] owns all threads and returns when all have
+//! ended.
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
@@ -108,7 +109,8 @@ pub struct Summary {
     pub windows_lost: u64,
     /// Events that a sink missed, by sink; sinks whose reader has gone are not counted.
     pub events_lost: Vec<(String, u64)>,
-    /// Sinks that must write all they have and close it, and could not, or had not when the time to stop was over: logs.
+    /// Sinks that must write all they have and close it, and could not, or had not when the time to
+    /// stop was over: logs.
     pub unfinished: Vec<String>,
 }
 
@@ -122,7 +124,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Reads bench files and baselines, learns baselines where that is asked for, plans the pipelines. Starts nothing.
+    /// Reads bench files and baselines, learns baselines where that is asked for, plans the
+    /// pipelines. Starts nothing.
     ///
     /// # Errors
     /// When a file cannot be used or things do not fit each other.
@@ -147,8 +150,9 @@ impl Service {
         self
     }
 
-    /// Tries the ends that the configuration names, and leaves them as they are: folders that must be written, files with secrets and certificates, the
-    /// address of the page, which may be in use where it is `held` already.
+    /// Tries the ends that the configuration names, and leaves them as they are: folders that must
+    /// be written, files with secrets and certificates, the address of the page, which may be in
+    /// use where it is `held` already.
     ///
     /// # Errors
     /// When one cannot be used.
@@ -183,8 +187,8 @@ impl Service {
         self.run_reloading(stop, &Reload::default(), || Err(ReloadError::NoFile))
     }
 
-    /// As [`Self::run`]. When `reload` is asked for, `again` builds the service anew beside the running one; what it builds takes over, and
-    /// where it fails the running one goes on.
+    /// As [`Self::run`]. When `reload` is asked for, `again` builds the service anew beside the
+    /// running one; what it builds takes over, and where it fails the running one goes on.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -234,7 +238,8 @@ impl Written {
         Self { text: config.shown(), name: config.name.clone(), folder: config.folder.clone() }
     }
 
-    /// Starts it again; what is in the way now may not be a moment later, and nobody watches meanwhile.
+    /// Starts it again; what is in the way now may not be a moment later, and nobody watches
+    /// meanwhile.
     fn start(&self, runtime: &Runtime, stop: &Stop, carried: &Carried) -> Result<Running, ServiceError> {
         loop {
             let built = Config::parse(&self.text, &self.name, &self.folder)

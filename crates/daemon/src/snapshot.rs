@@ -1,5 +1,5 @@
-//! How the service is, at one moment: what `gearwatch status`, the page and Prometheus are told. Observers see copies and never touch
-//! the engine.
+//! How the service is, at one moment: what `gearwatch status`, the page and Prometheus are told.
+//! Observers see copies and never touch the engine.
 
 use std::fmt::Write;
 
@@ -19,7 +19,8 @@ pub struct Snapshot {
     pub version: String,
     /// Seconds since it started.
     pub uptime_secs: f64,
-    /// All that must go on goes on: the self test is right, sources deliver, no alarm path is broken.
+    /// All that must go on goes on: the self test is right, sources deliver, no alarm path is
+    /// broken.
     pub ok: bool,
     /// Self test.
     #[serde(deserialize_with = "tolerant")]
@@ -241,7 +242,8 @@ impl Snapshot {
         }
     }
 
-    /// In the text format of Prometheus (version 0.0.4). An unknown rank is −1 and never 0; its deviation is left out.
+    /// In the text format of Prometheus (version 0.0.4). An unknown rank is −1 and never 0; its
+    /// deviation is left out.
     pub fn prometheus(&self) -> String {
         let mut out = Exposition::default();
         out.family("gearwatch_ok", "gauge", "1 if all that must go on goes on");

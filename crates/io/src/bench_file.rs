@@ -55,7 +55,8 @@ pub fn parse(text: &str, path: &Path) -> Result<Bench, BenchFileError> {
     if problems.is_empty() { Ok(bench) } else { Err(BenchFileError::Values { path: path.to_owned(), problems }) }
 }
 
-/// The text of a bench file that [`parse`] reads as the same bench. Keys that bear a default are written out.
+/// The text of a bench file that [`parse`] reads as the same bench. Keys that bear a default are
+/// written out.
 ///
 /// # Errors
 /// When a value cannot be written as TOML.
@@ -237,7 +238,8 @@ parameters = { gap_m = 1.0e-5 }
         assert!(text.contains("line 1"), "{text}");
     }
 
-    /// What asked for gigabytes, or overflowed in a worker, is refused with the key, the value and the bound; the bounds are usable.
+    /// What asked for gigabytes, or overflowed in a worker, is refused with the key, the value and
+    /// the bound; the bounds are usable.
     #[test]
     fn regress_values_beyond_all_bounds_are_told() {
         let belt = "[belt]\nratio = 1e-300\n[motor]";

@@ -8,11 +8,13 @@ use crate::problem::Problem;
 
 /// Bytes of values that any file may hold.
 pub const KEPT_BYTES: u64 = 64 << 20;
-/// Bytes of values beyond those, for each byte read: 16-bit samples that a compressed MATLAB array holds as doubles take 6 to 8.
+/// Bytes of values beyond those, for each byte read: 16-bit samples that a compressed MATLAB array
+/// holds as doubles take 6 to 8.
 pub const KEPT_PER_BYTE: u64 = 16;
 /// Bytes that any gzipped file may unpack to.
 pub const UNPACKED_BYTES: u64 = 256 << 20;
-/// Bytes that the chunks of any MCAP file may unpack to: two hours of four dead channels at 16 kHz. They are read one by one.
+/// Bytes that the chunks of any MCAP file may unpack to: two hours of four dead channels at 16 kHz.
+/// They are read one by one.
 pub const UNPACKED_CHUNK_BYTES: u64 = 2 << 30;
 /// Bytes beyond those, for each packed byte; tables of measured numbers pack to a fifth.
 pub const UNPACKED_PER_BYTE: u64 = 16;

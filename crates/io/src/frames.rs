@@ -1,7 +1,7 @@
 //! gearwatch's own frames for samples over TCP and UDP: bytes in, frames out, and back. No sockets.
 //!
-//! A frame is a header and a payload, little-endian and packed, each with a checksum of its own (CRC-32 as in Ethernet and zlib), so that a
-//! damaged length is known before it is waited for:
+//! A frame is a header and a payload, little-endian and packed, each with a checksum of its own
+//! (CRC-32 as in Ethernet and zlib), so that a damaged length is known before it is waited for:
 //!
 //! ```text
 //! offset size  field

@@ -1,7 +1,8 @@
 //! Recordings in formats of other programs: CSV, WAV, MATLAB 5, TDMS.
 //!
-//! None of them holds all of a recording. What goes into the sidecar file that belongs beside it comes back when the pair is read; what neither holds is
-//! said in [`Saved::left_out`]. Gaps are refused: the formats would close them.
+//! None of them holds all of a recording. What goes into the sidecar file that belongs beside it
+//! comes back when the pair is read; what neither holds is said in [`Saved::left_out`]. Gaps are
+//! refused: the formats would close them.
 
 use std::io::Write;
 
@@ -97,8 +98,9 @@ impl Column<'_> {
 /// Writes a recording.
 ///
 /// # Errors
-/// When the bytes cannot be written, there is no sample, or the format cannot hold the recording: gaps, channels of different rates (not TDMS),
-/// beginnings or lengths (CSV and WAV), too many samples.
+/// When the bytes cannot be written, there is no sample, or the format cannot hold the recording:
+/// gaps, channels of different rates (not TDMS), beginnings or lengths (CSV and WAV), too many
+/// samples.
 pub fn save(recording: &Recording, kind: Kind, out: &mut impl Write) -> Result<Saved, SaveError> {
     let unfit = |what: String| SaveError::Unfit { what, format: kind.name() };
     let mut columns = Vec::new();
@@ -186,7 +188,8 @@ struct ChannelLine {
     unit: String,
 }
 
-/// A sidecar file holds one operating point: the only one, or the mean of several, and that is said.
+/// A sidecar file holds one operating point: the only one, or the mean of several, and that is
+/// said.
 fn operating_point(points: &[OperatingPoint]) -> (Option<OperatingPoint>, Vec<String>) {
     let Some(first) = points.first() else { return (None, Vec::new()) };
     let mut left_out = Vec::new();
@@ -212,7 +215,8 @@ fn operating_point(points: &[OperatingPoint]) -> (Option<OperatingPoint>, Vec<St
 fn called(kind: Kind, at: usize, name: &str, before: &[Column<'_>]) -> String {
     match kind {
         Kind::Wav => (at + 1).to_string(),
-        // Plain names: what parts fields in CSV must not stand in one, and a number would be a column's place.
+        // Plain names: what parts fields in CSV must not stand in one, and a number would be a
+        // column's place.
         Kind::Mat | Kind::Csv => mat::variable(name, |taken| {
             [mat::RATE, csv::TIME, "t"].contains(&taken) || before.iter().any(|one| one.called == taken)
         }),

@@ -12,7 +12,8 @@ use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
 /// How strictly a file is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rules {
-    /// A file of this log: only what the log writes, in its order, every chunk with checksum and group record.
+    /// A file of this log: only what the log writes, in its order, every chunk with checksum and
+    /// group record.
     Own,
     /// Any MCAP file.
     Foreign,
@@ -124,7 +125,8 @@ pub(crate) fn examine(bytes: &[u8], rules: Option<Rules>) -> Examined {
                             all.owed = indexes;
                             intact = false;
                         }
-                        // The walk goes on behind the chunk and finds there what is wrong, or nothing.
+                        // The walk goes on behind the chunk and finds there what is wrong, or
+                        // nothing.
                         continue;
                     }
                 }
@@ -163,7 +165,8 @@ fn settle_tail(bytes: &[u8], all: &mut Examined) {
     }
 }
 
-/// The rules by what the header says; a damaged header makes a file foreign, and its chunks are still checked.
+/// The rules by what the header says; a damaged header makes a file foreign, and its chunks are
+/// still checked.
 fn rules_of(bytes: &[u8]) -> Rules {
     match Walk::new(bytes, Rules::Foreign).next() {
         Some((_, Found::Header { library, .. })) if library.split(' ').next() == LIBRARY.split(' ').next() => {
@@ -173,7 +176,8 @@ fn rules_of(bytes: &[u8]) -> Rules {
     }
 }
 
-/// Checks a chunk against the rules and takes note of it; gives the message indexes that belong behind it.
+/// Checks a chunk against the rules and takes note of it; gives the message indexes that belong
+/// behind it.
 fn note_chunk(all: &mut Examined, range: &Range<usize>, chunk: &Chunk<'_>) -> Result<Vec<u8>, Flaw> {
     let mut messages: BTreeMap<u16, Vec<(u64, u64)>> = BTreeMap::new();
     let mut views = 0u64;

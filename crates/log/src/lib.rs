@@ -6,9 +6,12 @@
 //!   sheds, counts)                       └ rotates, closes, prunes, recovers: nobody else touches the folder
 //! ```
 //!
-//! - A record is *acknowledged* when [`LogHandle::durable_seq`] has reached its sequence number. What is acknowledged survives a power cut.
-//! - Every chunk begins with a [`Group`] record that says what the chunk must hold; groups are numbered without a hole.
-//! - A file without footer is the normal case after a crash. The next start closes it, and records the tail that was never acknowledged as a gap.
+//! - A record is *acknowledged* when [`LogHandle::durable_seq`] has reached its sequence number.
+//!   What is acknowledged survives a power cut.
+//! - Every chunk begins with a [`Group`] record that says what the chunk must hold; groups are
+//!   numbered without a hole.
+//! - A file without footer is the normal case after a crash. The next start closes it, and records
+//!   the tail that was never acknowledged as a gap.
 //! - No sequence number is given out twice, not even one that was lost.
 //!
 //! ```

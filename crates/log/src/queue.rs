@@ -1,5 +1,6 @@
-//! The bounded queue in front of the log's owner. Senders never wait: what does not fit is shed, newest first, and every shed run becomes one
-//! [`Gap`] record as soon as there is room again. Raw data have a bound of their own, so that they can never push out a verdict.
+//! The bounded queue in front of the log's owner. Senders never wait: what does not fit is shed,
+//! newest first, and every shed run becomes one [`Gap`] record as soon as there is room again. Raw
+//! data have a bound of their own, so that they can never push out a verdict.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -19,8 +20,8 @@ pub enum Sent {
         /// Sequence number of the record in the log.
         seq: u64,
     },
-    /// Raw data have no sequence number: their sample index shows every gap. They wait to be kept or dropped as [`super::RawPolicy`] says.
-    /// A context has none either: it is no message.
+    /// Raw data have no sequence number: their sample index shows every gap. They wait to be kept
+    /// or dropped as [`super::RawPolicy`] says. A context has none either: it is no message.
     Buffered,
     /// The queue was full. The record is lost and will be accounted for by a gap record.
     Shed {
@@ -62,9 +63,11 @@ struct Inner {
     results: usize,
     raw_bytes: usize,
     next_seq: u64,
-    /// Numbers with the time at which they were given out, oldest first, one for each [`MARK_EVERY`]; those that are durable go.
+    /// Numbers with the time at which they were given out, oldest first, one for each
+    /// [`MARK_EVERY`]; those that are durable go.
     marks: VecDeque<(u64, Duration)>,
-    /// Keeps the highest number that may be given out, so that a start after a kill knows how much was lost at most.
+    /// Keeps the highest number that may be given out, so that a start after a kill knows how much
+    /// was lost at most.
     marker: Box<dyn Marker>,
     marked: u64,
     runs: BTreeMap<(String, Cause), Run>,
@@ -163,7 +166,8 @@ impl Queue {
         self.lock().shed(record);
     }
 
-    /// How long the oldest result waits that is not durable, to within [`MARK_EVERY`]; zero where none waits.
+    /// How long the oldest result waits that is not durable, to within [`MARK_EVERY`]; zero where
+    /// none waits.
     pub fn oldest_wait(&self, durable: u64, mono: Duration) -> Duration {
         let mut inner = self.lock();
         if inner.next_seq <= durable + 1 {
@@ -175,8 +179,8 @@ impl Queue {
         inner.marks.front().map_or(Duration::ZERO, |(_, at)| mono.saturating_sub(*at))
     }
 
-    /// Results that can be on their way at once, in the queue and in the owner's hands, which hold at most as many each; one more
-    /// may come with the gap record before it.
+    /// Results that can be on their way at once, in the queue and in the owner's hands, which hold
+    /// at most as many each; one more may come with the gap record before it.
     pub fn unwritten_max(&self) -> u64 {
         2 * (self.max_results as u64 + 1)
     }
@@ -203,8 +207,8 @@ impl Queue {
         self.lock().stopping
     }
 
-    /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says that it is enough.
-    /// Says whether the end was asked for and nothing is left.
+    /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says
+    /// that it is enough. Says whether the end was asked for and nothing is left.
     pub fn take(&self, timeout: Duration, now: impl Fn() -> Now, mut out: impl FnMut(Item) -> Fill) -> bool {
         let mut inner = self.lock();
         if inner.items.is_empty() && inner.runs.is_empty() && !inner.stopping {
@@ -312,7 +316,8 @@ mod tests {
         fn mark(&mut self, _: u64) {}
     }
 
-    /// Gap records that found no room were counted as lost themselves, and nothing named the windows that they were about: seen in a week of trouble.
+    /// Gap records that found no room were counted as lost themselves, and nothing named the
+    /// windows that they were about: seen in a week of trouble.
     #[test]
     fn regress_what_a_gap_record_tells_is_told_though_it_found_no_room() {
         let now = Now { wall_ns: 7, mono: Duration::ZERO };

@@ -1,4 +1,5 @@
-//! Writing anew what is good of a file: for `gearwatch recover`, and for a log file that is damaged in the middle.
+//! Writing anew what is good of a file: for `gearwatch recover`, and for a log file that is damaged
+//! in the middle.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -35,7 +36,8 @@ pub struct Salvaged {
     pub ending: Ending,
     /// Messages whose channel no good record describes.
     pub orphans: u64,
-    /// Groups of a gearwatch log that are missing between good ones, with the numbers of the results that they held.
+    /// Groups of a gearwatch log that are missing between good ones, with the numbers of the
+    /// results that they held.
     pub missing: Vec<Missing>,
 }
 
@@ -53,7 +55,8 @@ pub struct Missing {
 }
 
 impl Salvaged {
-    /// Everything that the file ever held is in the new one. A file that was merely not closed has lost nothing.
+    /// Everything that the file ever held is in the new one. A file that was merely not closed has
+    /// lost nothing.
     pub fn is_lossless(&self) -> bool {
         self.damage.is_empty() && self.torn_tail.is_none() && self.orphans == 0 && self.missing.is_empty()
     }
@@ -77,7 +80,8 @@ pub fn salvage(bytes: &[u8]) -> io::Result<Salvaged> {
     salvage_as(bytes, None)
 }
 
-/// The same by given rules. Chunks of a gearwatch log keep their bounds; a hole between them gets a gap record.
+/// The same by given rules. Chunks of a gearwatch log keep their bounds; a hole between them gets a
+/// gap record.
 ///
 /// # Errors
 /// When a chunk cannot be packed.
@@ -187,7 +191,8 @@ impl Anew {
         if self.gather && self.chunk.len() >= GATHER { self.finish_chunk() } else { Ok(()) }
     }
 
-    /// Channel and, where the file does not have it yet, schema. A schema whose record is lost is known to this program if the topic is one of its own.
+    /// Channel and, where the file does not have it yet, schema. A schema whose record is lost is
+    /// known to this program if the topic is one of its own.
     fn describe(&mut self, channel: &Channel, schema: Option<&FileSchema>) {
         let mut channel = channel.clone();
         if channel.schema_id != 0 && !self.layout.schemas.contains_key(&channel.schema_id) {

@@ -1,5 +1,6 @@
-//! What a start knows of those before it: alarms that stand, and losses that nobody was told of yet. Every file begins with what stood then, and
-//! holds what happened since, so that the newest file alone tells.
+//! What a start knows of those before it: alarms that stand, and losses that nobody was told of
+//! yet. Every file begins with what stood then, and holds what happened since, so that the newest
+//! file alone tells.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;

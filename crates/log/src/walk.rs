@@ -1,7 +1,8 @@
 //! A walk over the records of a file that may be cut off, damaged or made by somebody else.
 //!
-//! Every length is bounded before it is used, a chunk is handed over only when its checksum and the framing of all its records are right, and
-//! after damage the walk goes on at the next chunk whose checksum is right.
+//! Every length is bounded before it is used, a chunk is handed over only when its checksum and the
+//! framing of all its records are right, and after damage the walk goes on at the next chunk whose
+//! checksum is right.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -12,8 +13,9 @@ use crate::flaw::Flaw;
 use crate::format::{Channel, FileSchema};
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op, unpack};
 
-/// Largest chunk that is unpacked (bytes). The log writes none above [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends
-/// files of earlier versions, whose chunks could be larger.
+/// Largest chunk that is unpacked (bytes). The log writes none above
+/// [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends files of
+/// earlier versions, whose chunks could be larger.
 pub(crate) const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
 
 /// Bytes that a search for the next good chunk may look at, in multiples of the file's length.
@@ -100,7 +102,8 @@ impl Chunk<'_> {
     }
 }
 
-/// The walk: yields where each record lies and what it is; ends after the end of the data section or of the bytes.
+/// The walk: yields where each record lies and what it is; ends after the end of the data section
+/// or of the bytes.
 pub(crate) struct Walk<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -127,8 +130,8 @@ impl<'a> Walk<'a> {
         Some((start..self.at, Found::Damage(what)))
     }
 
-    /// Where the next good record may be: at the next chunk whose checksum is right, or behind the damaged record if its length leads to a
-    /// record before that.
+    /// Where the next good record may be: at the next chunk whose checksum is right, or behind the
+    /// damaged record if its length leads to a record before that.
     fn resume_after(&mut self, start: usize) -> usize {
         let known = |(opcode, _): &(u8, Range<usize>)| (op::HEADER..=op::DATA_END).contains(opcode);
         let framed =

@@ -35,7 +35,8 @@ pub struct SinkEntry {
     pub kind: &'static str,
     /// Events that may wait for it.
     pub queue: usize,
-    /// What happens when more do; where left out, see [`Config::when_full`](super::Config::when_full).
+    /// What happens when more do; where left out, see
+    /// [`Config::when_full`](super::Config::when_full).
     pub when_full: Option<WhenFull>,
     /// Its own keys.
     pub config: Box<dyn SinkConfig>,

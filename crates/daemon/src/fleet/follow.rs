@@ -1,4 +1,5 @@
-//! Reads the stream, from some point on, for ever: after an outage it goes on behind the last letter that was heard.
+//! Reads the stream, from some point on, for ever: after an outage it goes on behind the last
+//! letter that was heard.
 
 use std::convert::Infallible;
 use std::time::{Duration, Instant, SystemTime};

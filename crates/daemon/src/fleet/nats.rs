@@ -1,4 +1,5 @@
-//! A connection to a NATS server, as much of the protocol as letters need (<https://docs.nats.io/reference/reference-protocols/nats-protocol>).
+//! A connection to a NATS server, as much of the protocol as letters need
+//! (<https://docs.nats.io/reference/reference-protocols/nats-protocol>).
 //!
 //! ```text
 //! address.rs    where the server is
@@ -7,8 +8,9 @@
 //! error.rs      why there is no connection, or no more
 //! ```
 //!
-//! The peer is not trusted: whatever it sends, and for how long, takes no more memory than one message, the messages that wait for their reader
-//! ([`WAITING`]) and one answer for each request under way. A connection is used once. It is not renewed, since that could send a later letter
+//! The peer is not trusted: whatever it sends, and for how long, takes no more memory than one
+//! message, the messages that wait for their reader ([`WAITING`]) and one answer for each request
+//! under way. A connection is used once. It is not renewed, since that could send a later letter
 //! before one that was lost; [`Connection::gone`] says why it ended.
 
 use std::collections::BTreeMap;
@@ -33,12 +35,13 @@ pub use error::NatsError;
 pub(crate) use jetstream::{Confirmation, JetStream, Start, Wanted};
 use wire::{Message, Said, Wire};
 
-/// Messages that wait for whoever reads a subscription; the connection is not read while there is no room for more.
+/// Messages that wait for whoever reads a subscription; the connection is not read while there is
+/// no room for more.
 const WAITING: usize = 16;
 /// Commands that wait to be sent; whoever sends waits while there is no room for more.
 const COMMANDS: usize = 64;
-/// Things the server may say between two pings of ours that nobody has asked for; each [`THING`] of a message counts as one. A server that
-/// says more is left.
+/// Things the server may say between two pings of ours that nobody has asked for; each [`THING`] of
+/// a message counts as one. A server that says more is left.
 const MOST_UNASKED: usize = 1000;
 /// Bytes.
 const THING: usize = 4096;
@@ -214,7 +217,8 @@ fn introduction(access: &Access, secure: bool) -> serde_json::Value {
     says
 }
 
-/// A name that no other client has at the moment: hashed with keys that the standard library draws for each hasher.
+/// A name that no other client has at the moment: hashed with keys that the standard library draws
+/// for each hasher.
 fn unique() -> String {
     use std::hash::{BuildHasher, RandomState};
     format!("{:016x}{:016x}", RandomState::new().hash_one(0), RandomState::new().hash_one(1))
@@ -243,7 +247,8 @@ struct Listener {
 }
 
 impl Listener {
-    /// Reads until something is wrong; says what. The server is asked for a sign of life where it says nothing, and left where it gives none.
+    /// Reads until something is wrong; says what. The server is asked for a sign of life where it
+    /// says nothing, and left where it gives none.
     async fn listen(mut self) -> NatsError {
         let (mut unasked, mut silent) = (0, 0);
         let mut tick = tokio::time::interval(PATIENCE);

@@ -4,7 +4,8 @@
 //! stream ─► follow ─► Fleet and Past ─► once a second one JSON object ─► GET /api/fleet, /api/events (server-sent events) ─► page
 //! ```
 //!
-//! The page has a follower of its own: it heals after an outage as the terminal does, and what came late stands where it belongs in time.
+//! The page has a follower of its own: it heals after an outage as the terminal does, and what came
+//! late stands where it belongs in time.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -172,7 +173,8 @@ mod tests {
         Notice::Letter(Box::new(Heard::read(0, text.as_bytes()).unwrap()))
     }
 
-    /// A minute shows its worst, a late letter goes where it belongs, a repetition changes nothing, and the past is bounded.
+    /// A minute shows its worst, a late letter goes where it belongs, a repetition changes nothing,
+    /// and the past is bounded.
     #[test]
     fn analytic_the_past_is_by_the_time_of_the_windows() {
         let mut shown = Shown::default();

@@ -117,7 +117,8 @@ impl Bench {
             self.again += 1;
             return Told::Again;
         }
-        // In the middle of a run that was not heard from its beginning nothing is known to be missing.
+        // In the middle of a run that was not heard from its beginning nothing is known to be
+        // missing.
         self.missing += last.map_or(0, |last| seq - last - 1);
         self.runs.insert(run.to_owned(), seq);
         while self.runs.len() > RUNS {
@@ -137,7 +138,8 @@ impl Bench {
 
     fn verdict(&mut self, heard: &Heard) {
         self.verdicts += 1;
-        // What a service of another version says in words that are not known here is unknown, never normal.
+        // What a service of another version says in words that are not known here is unknown, never
+        // normal.
         let place = match Verdict::deserialize(&heard.object) {
             Ok(v) => Place { window: v.window, machine: v.machine, ranks: v.harmonics.map(|h| h.rank) },
             Err(_) => Place { window: heard.number("window").unwrap_or(0), ..Place::default() },
@@ -197,7 +199,8 @@ mod tests {
     fn analytic_letters_count_once_and_holes_are_counted() {
         let mut fleet = Fleet::default();
         let verdict = "\"kind\":\"verdict\",\"stage\":\"s\",\"channel\":\"c\",\"window\":3,\"machine\":\"alarm\",\"instrument\":\"ok\",\"rank_1x\":\"V\"";
-        // First heard in the middle of a run; then a repetition of everything, a hole of two, and another run.
+        // First heard in the middle of a run; then a repetition of everything, a hole of two, and
+        // another run.
         let row = [("a", 5), ("a", 6), ("a", 5), ("a", 6), ("a", 7), ("a", 10), ("b", 1), ("a", 9), ("b", 2)];
         let told: Vec<Told> = row.iter().map(|&(run, seq)| fleet.take(&letter(run, seq, verdict))).collect();
         use Told::{Again, New};

@@ -1,4 +1,5 @@
-//! Runs one sink: hands it its queue, opens it again after an error, disables it when its reader has gone.
+//! Runs one sink: hands it its queue, opens it again after an error, disables it when its reader
+//! has gone.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -126,7 +127,8 @@ pub(super) fn drain(
             Ok(Err(e)) => super::short(&e.to_string()),
             Err(_) => "its code panicked".to_owned(),
         };
-        // What failed while no more came in was the end of it; a later try may tidy up, but makes nothing good.
+        // What failed while no more came in was the end of it; a later try may tidy up, but makes
+        // nothing good.
         monitor.end_failed.fetch_or(events.is_closed(), Ordering::Relaxed);
         let wait = backoff.next_wait(began);
         tracing::error!(sink = entry.name, "{error}; next try in {wait:.1?}");

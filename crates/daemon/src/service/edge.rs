@@ -1,4 +1,5 @@
-//! The service's own window to the outside: the page with Prometheus metrics. It sees snapshots only.
+//! The service's own window to the outside: the page with Prometheus metrics. It sees snapshots
+//! only.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -143,7 +144,8 @@ async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl Fn() -> F) {
     }
 }
 
-/// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is no reason not to watch.
+/// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is
+/// no reason not to watch.
 async fn serve_page(access: PageAccess, ends: web::Ends, snapshots: watch::Receiver<Arc<Snapshot>>) {
     let address = access.address;
     let listener = match TcpListener::bind(address).await {

@@ -1,4 +1,5 @@
-//! Runs one source: opens it, pumps its packets into the bench's queue, opens a live one again after an error.
+//! Runs one source: opens it, pumps its packets into the bench's queue, opens a live one again
+//! after an error.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -208,7 +209,8 @@ fn pump(
     Ok(())
 }
 
-/// Counts a packet, and hands it to the sinks that want raw data, before anything else happens to it.
+/// Counts a packet, and hands it to the sinks that want raw data, before anything else happens to
+/// it.
 fn take_note(packet: &Packet, monitor: &SourceMonitor, raw: &Fanout) {
     monitor.count();
     if !raw.is_empty() {

@@ -52,8 +52,9 @@ impl Notifier {
         manager::say(manager::State::Stopping);
     }
 
-    /// Feeds the watchdog when it is time, if all lanes went on since the last time, the self test has not failed, and no sink stands still without
-    /// saying why. A disk that is full or fails, and says so, is no reason to be started anew.
+    /// Feeds the watchdog when it is time, if all lanes went on since the last time, the self test
+    /// has not failed, and no sink stands still without saying why. A disk that is full or fails,
+    /// and says so, is no reason to be started anew.
     pub(super) fn tick(
         &mut self,
         now: Instant,

@@ -36,7 +36,8 @@ use gearwatch_runtime::clock::now_unix_ns;
 const TICK: Duration = Duration::from_millis(20);
 /// How often load is measured and pages are told.
 const LOAD_PERIOD: Duration = Duration::from_secs(1);
-/// How often the status and the metrics are renewed: what goes wrong shows within a second even if the first look misses it.
+/// How often the status and the metrics are renewed: what goes wrong shows within a second even if
+/// the first look misses it.
 const SNAPSHOT_PERIOD: Duration = Duration::from_millis(200);
 
 /// What takes over.

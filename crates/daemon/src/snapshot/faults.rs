@@ -1,5 +1,5 @@
-//! What is wrong in a few entries, the gravest first: alarms by bench and stage, and the worst state of all benches. The page and `gearwatch top` show
-//! these, so that both say the same.
+//! What is wrong in a few entries, the gravest first: alarms by bench and stage, and the worst
+//! state of all benches. The page and `gearwatch top` show these, so that both say the same.
 
 use gearwatch_alarm::Severity;
 use gearwatch_core::verdict::MachineState;
@@ -18,7 +18,8 @@ fn weight(state: BenchInstrument) -> u8 {
 }
 
 impl Snapshot {
-    /// The gravest states of all benches, and which benches are in them: one that is in order must not hide another that is not.
+    /// The gravest states of all benches, and which benches are in them: one that is in order must
+    /// not hide another that is not.
     pub(super) fn gravest(&self) -> Gravest {
         let names = |in_it: &dyn Fn(&BenchSnapshot) -> bool| {
             self.benches.iter().filter(|bench| in_it(bench)).map(|bench| bench.name.clone()).collect::<Vec<_>>()
@@ -36,7 +37,8 @@ impl Snapshot {
     }
 }
 
-/// Alarms by bench and stage: what nobody has seen first, then critical ones, then those of many channels.
+/// Alarms by bench and stage: what nobody has seen first, then critical ones, then those of many
+/// channels.
 pub(super) fn faults(benches: &[BenchSnapshot]) -> Vec<Fault> {
     let mut out: Vec<Fault> = Vec::new();
     for bench in benches {

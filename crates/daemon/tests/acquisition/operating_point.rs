@@ -1,4 +1,5 @@
-//! Modbus TCP against a small server, MQTT against mosquitto (passed over with a message where it is not installed).
+//! Modbus TCP against a small server, MQTT against mosquitto (passed over with a message where it
+//! is not installed).
 #![allow(clippy::print_stdout, reason = "a test that is passed over says so")]
 
 use std::io::{Read, Write};
@@ -57,7 +58,8 @@ impl Registers {
 fn service(operating_point: &str) -> Running {
     let folder = tempfile::tempdir().unwrap();
     bench_file(folder.path(), "bench.toml", "b");
-    // Readings are matched with samples by time. The signal's own operating point, at its start, is overruled by the first reading.
+    // Readings are matched with samples by time. The signal's own operating point, at its start, is
+    // overruled by the first reading.
     let now_ns = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos();
     let text = format!(
         "format = \"gearwatch-service/1\"\n[service]\nstatus_socket = \"s.sock\"\nself_test = false\n[[bench]]\nfile = \"bench.toml\"\n\

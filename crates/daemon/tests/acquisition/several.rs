@@ -9,8 +9,8 @@ use gearwatch_emulate::{InstrumentConfig, TroubleConfig};
 
 use super::support::{Running, bench_file, instrument, runtime, wait_until};
 
-/// Two benches, one fed by an instrument whose plug is pulled: it is NOT OK within two deadlines, comes back when the instrument does, and
-/// the other bench misses no window and no sample.
+/// Two benches, one fed by an instrument whose plug is pulled: it is NOT OK within two deadlines,
+/// comes back when the instrument does, and the other bench misses no window and no sample.
 #[test]
 fn conform_a_dead_instrument_leaves_the_other_bench_alone() {
     const DEADLINE_SECS: f64 = 1.0;
@@ -59,7 +59,8 @@ fn conform_a_dead_instrument_leaves_the_other_bench_alone() {
     assert_eq!(stats.stats().closed_in_order.load(std::sync::atomic::Ordering::Relaxed), 1, "left idle");
 }
 
-/// A bench on a bad network beside one on a good one: the good one misses nothing, the bad one is never called normal while nothing comes.
+/// A bench on a bad network beside one on a good one: the good one misses nothing, the bad one is
+/// never called normal while nothing comes.
 #[test]
 #[ignore = "forty seconds; just campaign-network"]
 fn conform_the_neighbour_of_a_bad_network_misses_nothing() {
@@ -101,7 +102,8 @@ fn conform_the_neighbour_of_a_bad_network_misses_nothing() {
     assert!(bad.gaps > 0 && bad.sources[0].opened > 1, "{bad:?}");
     assert_eq!((good.gaps, good.samples_missing, good.windows_shed, good.windows_failed), (0, 0, 0, 0));
     assert_eq!(good.sources[0].dropped, 0);
-    // All that was due: 2048 samples a second since the start, to within two windows that are under way.
+    // All that was due: 2048 samples a second since the start, to within two windows that are under
+    // way.
     let due = (began.elapsed().as_secs_f64() - 2.0) * 2048.0;
     assert!(good.samples_in as f64 > due, "{} of {due}", good.samples_in);
 }

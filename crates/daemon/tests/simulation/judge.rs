@@ -42,7 +42,8 @@ fn content(label: &str, files: &BTreeMap<String, Vec<u8>>) -> Content {
     content
 }
 
-/// Panics with the seed where something was lost, doubled or said wrongly; else the figures of the world.
+/// Panics with the seed where something was lost, doubled or said wrongly; else the figures of the
+/// world.
 pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
     let label = format!("seed {seed}");
     let content = content(&label, &world.disk().contents());
@@ -58,7 +59,8 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
         assert!(outside.lies.is_empty(), "{label}: {:?}", outside.lies.first());
         for offered in &outside.offered {
             let crashed = world.crashed.contains(&offered.start);
-            // Who takes away the file and cuts the power before the service could say so leaves nobody to tell, nor to know which numbers were used.
+            // Who takes away the file and cuts the power before the service could say so leaves
+            // nobody to tell, nor to know which numbers were used.
             let untellable = world.taken.contains(&offered.start) && world.powerless.contains(&offered.start);
             let kept = match offered.sent {
                 Sent::Queued { seq } => match content.results.get(&seq) {

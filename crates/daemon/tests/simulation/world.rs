@@ -19,7 +19,8 @@ use crate::trouble::{Chance, Fault, Totals};
 use crate::written;
 use gearwatch_testkit::log::context;
 
-/// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each second, the supervisor looks.
+/// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each
+/// second, the supervisor looks.
 const STEP_MS: u64 = 250;
 /// When the wall clock of a world begins (ns since 1970).
 const BEGINNING_NS: i64 = 1_795_228_800_000_000_000;
@@ -77,7 +78,8 @@ pub struct Outside {
     totals: Totals,
 }
 
-/// A time in which results wait longer than a group and a step explain, as the service's supervisor says.
+/// A time in which results wait longer than a group and a step explain, as the service's supervisor
+/// says.
 #[derive(Default)]
 struct Wait {
     /// Since when (ms).
@@ -97,7 +99,8 @@ struct Waits {
     before: Option<u64>,
 }
 
-/// Without anything durable for longer than two slow syncs, one after the other, and a group of a second: a sync hangs.
+/// Without anything durable for longer than two slow syncs, one after the other, and a group of a
+/// second: a sync hangs.
 const HANGS_MS: u64 = 4500;
 /// Slow syncs make one wait after the other; a sync that hung is followed by none.
 const SOON_MS: u64 = 2500;
@@ -137,7 +140,8 @@ pub struct World {
     mend_at: Option<u64>,
     /// The last sync that hangs is over then (ms).
     hung_until: u64,
-    /// Starts that ended by a kill or a power cut, or whose end the disk did not take; and those that ended by a power cut.
+    /// Starts that ended by a kill or a power cut, or whose end the disk did not take; and those
+    /// that ended by a power cut.
     pub crashed: Vec<usize>,
     pub powerless: Vec<usize>,
     /// Starts whose file was taken away, once for each time.
@@ -278,7 +282,8 @@ impl Outside {
         if judged.state.files_removed > 0 {
             self.lies.push(format!("at {} ms a file was removed, though all are to be kept", self.mono_ms));
         }
-        // Twelve seconds after the last trouble everything is all right again, and must be said to be.
+        // Twelve seconds after the last trouble everything is all right again, and must be said to
+        // be.
         if !judged.ok && oldest_ms < 1900 && self.mono_ms > self.trouble_until + 12_000 {
             self.lies.push(format!("at {} ms not ok without a reason: {}", self.mono_ms, judged.why));
         }

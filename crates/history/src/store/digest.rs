@@ -72,8 +72,9 @@ fn unnamed((_, stage, channel): &Key) -> Key {
     (String::new(), stage.clone(), channel.clone())
 }
 
-/// Leaves at most about `most` cells: forgets what was not asked for the longest, and of what question `now` wants all rows but its own `row`. So the files
-/// of one question never drive each other out.
+/// Leaves at most about `most` cells: forgets what was not asked for the longest, and of what
+/// question `now` wants all rows but its own `row`. So the files of one question never drive each
+/// other out.
 pub(super) fn make_room(digests: &mut BTreeMap<Of, Digest>, most: usize, now: u64, row: &Key) {
     let mut cells: usize = digests.values().map(Digest::cells).sum();
     while cells > most {

@@ -54,7 +54,8 @@ const TOO_SHORT: Damage = Damage::Payload("it ends inside an entry");
 const SIGNAL_NUMBER: Damage = Damage::Payload("a signal number is out of range");
 
 impl Walk<'_> {
-    /// Looks whether what has come can be the beginning of a whole payload. What is refused of a beginning is refused of the whole.
+    /// Looks whether what has come can be the beginning of a whole payload. What is refused of a
+    /// beginning is refused of the whole.
     pub(super) fn check(&self, kind: Kind) -> Result<(), Damage> {
         match kind {
             Kind::Signals => self.signals(&mut |_, _| {}),

@@ -1,4 +1,5 @@
-//! Vectors of an HDF5 file that stay in it: their chunks are read and unpacked one by one, as their values are asked for.
+//! Vectors of an HDF5 file that stay in it: their chunks are read and unpacked one by one, as their
+//! values are asked for.
 
 use flate2::{Decompress, FlushDecompress, Status};
 use gearwatch_core::block::Samples;
@@ -12,7 +13,8 @@ use crate::store::{self, Store};
 const SHORTEST: u64 = 1 << 12;
 /// Values that are read at a time where a dataset has no chunks.
 const PIECE: u64 = 1 << 14;
-/// Values of a chunk. Vectors in shorter ones, whose table would be out of proportion, are left to the library.
+/// Values of a chunk. Vectors in shorter ones, whose table would be out of proportion, are left to
+/// the library.
 const SHORTEST_CHUNK: u64 = 64;
 /// Bytes of a chunk, unpacked; larger ones are left to the library.
 const LARGEST_CHUNK: u64 = 8 << 20;
@@ -73,7 +75,8 @@ pub(crate) struct Stored {
 }
 
 impl Stored {
-    /// The vector that a dataset is, with `count` values in all. None where it is short, or stored in a way that is left to the library.
+    /// The vector that a dataset is, with `count` values in all. None where it is short, or stored
+    /// in a way that is left to the library.
     pub(super) fn of(
         dataset: &Dataset,
         path: &str,

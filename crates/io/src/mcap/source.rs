@@ -76,7 +76,8 @@ impl<R: Read> McapSource<R> {
         }
     }
 
-    /// Gives the sample rate of topics with one sample a message; otherwise it is estimated from their time stamps.
+    /// Gives the sample rate of topics with one sample a message; otherwise it is estimated from
+    /// their time stamps.
     pub fn with_sample_rate(mut self, sample_rate_hz: Option<f64>) -> Self {
         self.sample_rate_hz = sample_rate_hz;
         self
@@ -118,7 +119,8 @@ impl<R: Read> McapSource<R> {
                         Some(unit) => unit.clone(),
                         None => {
                             let unit = readable(&block.unit, format_args!("the message at byte {}", message.offset))?;
-                            // Real recordings have a handful; a file with a new unit in every message gets no table.
+                            // Real recordings have a handful; a file with a new unit in every
+                            // message gets no table.
                             if self.units.len() < 256 {
                                 self.units.insert(block.unit.as_str().into(), unit.clone());
                             }

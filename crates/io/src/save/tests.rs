@@ -40,7 +40,8 @@ fn read_back(recording: &Recording, kind: Kind, folder: &Path) -> (Recording, Ve
     (read_recording(&path, &OpenOptions::default()).unwrap(), saved.left_out)
 }
 
-/// What was written is read back: names, units, rate, operating point, and every sample exactly; also names that stand for something else in a format.
+/// What was written is read back: names, units, rate, operating point, and every sample exactly;
+/// also names that stand for something else in a format.
 #[test]
 fn conform_each_format_gives_back_what_was_written() {
     let (folder, told) = (tempfile::tempdir().unwrap(), recording());

@@ -1,4 +1,5 @@
-//! Where the values of a file lie: runs of rows, so that any block of a channel can be read by itself. Raw data are passed over here, never read.
+//! Where the values of a file lie: runs of rows, so that any block of a channel can be read by
+//! itself. Raw data are passed over here, never read.
 
 use std::io::{BufReader, Read, Seek};
 
@@ -35,7 +36,8 @@ pub(super) struct Place {
     pub offset: usize,
 }
 
-/// Channels whose values stand side by side in rows of `row` bytes; alone, where a chunk holds one channel after the other.
+/// Channels whose values stand side by side in rows of `row` bytes; alone, where a chunk holds one
+/// channel after the other.
 #[derive(Debug)]
 pub(super) struct Lane {
     pub row: usize,
@@ -234,7 +236,8 @@ mod tests {
         lane
     }
 
-    /// Three segments of two chunks each, 100 bytes from begin to begin: one run of six. A chunk that follows without a gap is no run of its own.
+    /// Three segments of two chunks each, 100 bytes from begin to begin: one run of six. A chunk
+    /// that follows without a gap is no run of its own.
     #[test]
     fn analytic_runs_in_step_are_one() {
         let repeated = lane(&[(0, 5, 100, 2), (200, 5, 100, 2), (400, 5, 100, 1), (500, 5, 0, 1)]);
@@ -243,7 +246,8 @@ mod tests {
         assert_eq!((seamless.runs, seamless.rows), (vec![Run { at: 8, rows: 17, period: 20, repeats: 1 }], 17));
     }
 
-    /// Other lengths, another distance, another period and a run that lies before its forerunner stay by themselves.
+    /// Other lengths, another distance, another period and a run that lies before its forerunner
+    /// stay by themselves.
     #[test]
     fn analytic_runs_out_of_step_stay() {
         for second in [(100, 4, 0, 1), (250, 5, 100, 2), (200, 5, 90, 2), (0, 5, 0, 1)] {

@@ -310,7 +310,8 @@ impl<'a> Reader<'a> {
         Ok(match (code, known) {
             (0x20, _) => Some(Value::Text(self.text()?)),
             (0x44, _) => {
-                // Seconds since 1904 and fractions of 2^-64 s, in this order where the high byte comes first.
+                // Seconds since 1904 and fractions of 2^-64 s, in this order where the high byte
+                // comes first.
                 let (fraction, seconds) = if self.big_endian {
                     let seconds = self.u64()?;
                     (self.u64()?, seconds)

@@ -2,7 +2,8 @@
 
 use super::meta::{Properties, Value};
 
-/// A scale that cannot be used: one that is not linear, such as that of a thermocouple, or that no number comes out of.
+/// A scale that cannot be used: one that is not linear, such as that of a thermocouple, or that no
+/// number comes out of.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(super) enum ScaleError {
     #[error("a polynomial scale above first order")]

@@ -1,4 +1,5 @@
-//! Blocks of the channels of a file that is read at any place: memory for some blocks, whatever the size of the file.
+//! Blocks of the channels of a file that is read at any place: memory for some blocks, whatever the
+//! size of the file.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -36,7 +37,8 @@ pub(crate) struct Indexed {
     file: Positioned,
 }
 
-/// Finds the channels of a file and the places of their values; none where the file is too irregular for it.
+/// Finds the channels of a file and the places of their values; none where the file is too
+/// irregular for it.
 pub(crate) fn index(file: File) -> Result<Option<Indexed>, Problem> {
     let metadata = BufReader::new(Positioned::new(file.try_clone()?)?);
     let file = Positioned::new(file)?;
@@ -65,7 +67,8 @@ pub(crate) fn index(file: File) -> Result<Option<Indexed>, Problem> {
 }
 
 impl Indexed {
-    /// The blocks of some channels; none where channels of one row do not go on side by side, or blocks are too large.
+    /// The blocks of some channels; none where channels of one row do not go on side by side, or
+    /// blocks are too large.
     pub(crate) fn blocks(self, sensors: &[Sensor], progress: Progress) -> Option<Blocks> {
         let mut open: Vec<Option<OpenLane>> = self.lanes.iter().map(|_| None).collect();
         let mut all = 0_u64;

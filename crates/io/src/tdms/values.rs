@@ -1,4 +1,5 @@
-//! Values of channels, taken from the bytes of chunks a column at a time: plain copies where the bytes allow it.
+//! Values of channels, taken from the bytes of chunks a column at a time: plain copies where the
+//! bytes allow it.
 
 use gearwatch_core::block::Samples;
 
@@ -51,7 +52,8 @@ impl Values {
         }
     }
 
-    /// The list for values that are kept as `T`; a list that holds values of another type becomes one of reals.
+    /// The list for values that are kept as `T`; a list that holds values of another type becomes
+    /// one of reals.
     fn prepare(&mut self, fits: bool, empty: Self) {
         if fits {
             return;
@@ -90,7 +92,8 @@ impl Values {
     }
 }
 
-/// Where the values of one channel stand in a piece of a chunk: one in each whole row, at `offset` of its bytes.
+/// Where the values of one channel stand in a piece of a chunk: one in each whole row, at `offset`
+/// of its bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Column<'a> {
     pub piece: &'a [u8],
@@ -173,8 +176,8 @@ impl Sink<'_, '_> {
 mod tests {
     use super::*;
 
-    /// Rows of three bytes with a 16-bit number in the last two, 0x0102 × k: taken in both byte orders; the rest of a
-    /// row that was cut is left.
+    /// Rows of three bytes with a 16-bit number in the last two, 0x0102 × k: taken in both byte
+    /// orders; the rest of a row that was cut is left.
     #[test]
     fn analytic_a_column_of_rows_is_taken_in_both_byte_orders() {
         let piece = [9, 1, 2, 9, 3, 4, 9];

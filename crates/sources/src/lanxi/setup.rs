@@ -1,4 +1,5 @@
-//! From an idle instrument to a running measurement, call by call, and back to idle in the right order.
+//! From an idle instrument to a running measurement, call by call, and back to idle in the right
+//! order.
 
 use std::net::TcpStream;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -113,7 +114,8 @@ struct Opened {
 }
 
 impl Drop for Opened {
-    /// Stop, then close the socket, then finish and close: in another order the instrument takes it for lost data.
+    /// Stop, then close the socket, then finish and close: in another order the instrument takes it
+    /// for lost data.
     fn drop(&mut self) {
         let mut away = None;
         let mut last = |path: &str| {
@@ -139,7 +141,8 @@ impl Drop for Opened {
     }
 }
 
-/// Type and serial number of the module, if it is the right one and can do what is wanted. Nothing is changed on it.
+/// Type and serial number of the module, if it is the right one and can do what is wanted. Nothing
+/// is changed on it.
 fn check_module(rest: &Rest, wanted: &Wanted<'_>) -> Result<(String, u64), SourceError> {
     let info = rest.get("module/info").map_err(|e| rest.error(format!("module/info: {e}")))?;
     let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
@@ -176,7 +179,8 @@ fn open(rest: &Rest, may_end: bool) -> Result<(), SourceError> {
     if may_end {
         tracing::info!(instrument = rest.address, "ending what runs on it");
         for path in ["measurements/stop", "finish", "close"] {
-            // Which of these are allowed depends on what runs; the next `open` shows whether they were enough.
+            // Which of these are allowed depends on what runs; the next `open` shows whether they
+            // were enough.
             let _ = rest.put(path, "");
         }
         return rest.put("open", &body).map(drop).map_err(|e| rest.error(format!("open: {e}")));
@@ -284,7 +288,8 @@ mod tests {
         Input { input: number, sensor, sensitivity_v_per_unit: None, unit: None, ccld: None, range: None, filter: None }
     }
 
-    /// The tutorial's example: 10 V range and 10 mV/Pa make a full scale of 1188.5 Pa. Here with an accelerometer of 10 mV per m/s².
+    /// The tutorial's example: 10 V range and 10 mV/Pa make a full scale of 1188.5 Pa. Here with an
+    /// accelerometer of 10 mV per m/s².
     #[test]
     fn literature_full_scale_from_range_headroom_and_sensitivity() {
         let mut channel = json!({ "channel": 1, "range": "10 Vpeak" });

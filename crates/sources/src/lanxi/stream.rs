@@ -238,7 +238,8 @@ impl Channel {
         }
     }
 
-    /// Makes use of what was said, when it is complete. Samples before and after a change do not belong together.
+    /// Makes use of what was said, when it is complete. Samples before and after a change do not
+    /// belong together.
     fn settle(&mut self, before: &Meaning, number: u16) -> Result<(), MeaningError> {
         let Meaning { data_type: Some(_), scale: Some(scale), offset, period: Some(_), unit: Some(unit) } =
             &self.meaning

@@ -75,7 +75,8 @@ impl Register {
 }
 
 impl Modbus {
-    /// Reads until the service stops or an answer fails. A reading that comes too late may be half read, so that the connection is given up.
+    /// Reads until the service stops or an answer fails. A reading that comes too late may be half
+    /// read, so that the connection is given up.
     async fn poll(&self, readings: &Readings, sender: &Sender, deadline: Duration) -> Result<(), PollError> {
         let late = |_| PollError::Late(deadline);
         let connect = async {

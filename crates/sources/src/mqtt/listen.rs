@@ -122,7 +122,8 @@ impl Mqtt {
         let (out, mut heard) = mpsc::channel(WAITING);
         let filters: Vec<_> =
             self.topics.iter().map(|topic| SubscribeFilter::new(topic.topic.clone(), QoS::AtLeastOnce)).collect();
-        // The connection is polled by a task of its own, and never given up in the middle of a packet. The set ends it with this future.
+        // The connection is polled by a task of its own, and never given up in the middle of a
+        // packet. The set ends it with this future.
         let mut tasks = tokio::task::JoinSet::new();
         tasks.spawn(async move {
             loop {

@@ -139,7 +139,8 @@ fn channels(config: &SoundCard, calibration: Option<&Calibration>) -> Result<Vec
     config.channels.iter().map(of).collect()
 }
 
-/// A form of the stream that the device has, with all inputs that are wanted and as many bits as possible.
+/// A form of the stream that the device has, with all inputs that are wanted and as many bits as
+/// possible.
 fn supported(
     device: &Device,
     config: &SoundCard,

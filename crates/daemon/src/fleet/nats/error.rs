@@ -9,7 +9,8 @@ use gearwatch_runtime::tls::TrustError;
 use super::address::AddressError;
 use super::wire::WireError;
 
-/// Why there is no connection, or why it has ended. All that use a connection get the same error, so that it can be cloned.
+/// Why there is no connection, or why it has ended. All that use a connection get the same error,
+/// so that it can be cloned.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum NatsError {
     /// The address cannot be read.

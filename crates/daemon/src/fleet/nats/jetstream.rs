@@ -1,4 +1,5 @@
-//! Streams: made, written to with confirmations, and read in order (<https://docs.nats.io/reference/reference-protocols/nats_api_reference>).
+//! Streams: made, written to with confirmations, and read in order
+//! (<https://docs.nats.io/reference/reference-protocols/nats_api_reference>).
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -96,7 +97,8 @@ impl JetStream {
         Ok(read(&answer).map(state))
     }
 
-    /// Makes a stream where there is none. That it answers means that the server has read back what it had stored.
+    /// Makes a stream where there is none. That it answers means that the server has read back what
+    /// it had stored.
     ///
     /// # Errors
     /// Where the server refuses, or does not say.
@@ -313,8 +315,8 @@ struct Place {
 }
 
 impl Place {
-    /// `$JS.ACK.<stream>.<reader>.<times>.<number>.<delivered>.<stored>.<pending>`, or the same with `<domain>.<account>` before the stream and
-    /// possibly something behind.
+    /// `$JS.ACK.<stream>.<reader>.<times>.<number>.<delivered>.<stored>.<pending>`, or the same
+    /// with `<domain>.<account>` before the stream and possibly something behind.
     fn read(subject: &str) -> Option<Self> {
         let parts: Vec<&str> = subject.strip_prefix("$JS.ACK.")?.split('.').collect();
         let from = match parts.len() {

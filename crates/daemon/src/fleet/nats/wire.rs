@@ -8,9 +8,11 @@ use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, BufReader};
 
 use super::NatsError;
 
-/// Longest line (bytes). The longest one of a server is what it says of itself, which names the servers of its cluster.
+/// Longest line (bytes). The longest one of a server is what it says of itself, which names the
+/// servers of its cluster.
 const LONGEST_LINE: usize = 64 << 10;
-/// Longest message with its headers (bytes): what a server takes unless it is told otherwise (`max_payload`, 1 MiB), and room for headers.
+/// Longest message with its headers (bytes): what a server takes unless it is told otherwise
+/// (`max_payload`, 1 MiB), and room for headers.
 const LONGEST_MESSAGE: usize = (1 << 20) + (64 << 10);
 
 /// What a server says that no server says.
@@ -123,7 +125,8 @@ impl<R: AsyncRead + Unpin> Wire<R> {
         Self { from: BufReader::with_capacity(LONGEST_LINE, from), line: Vec::new(), body: Vec::new(), begun: None }
     }
 
-    /// The stream itself, where nothing was read ahead: what somebody slipped in before a handshake must not count as said after it.
+    /// The stream itself, where nothing was read ahead: what somebody slipped in before a handshake
+    /// must not count as said after it.
     pub fn into_inner(self) -> Result<R, WireError> {
         if self.from.buffer().is_empty() && self.line.is_empty() {
             Ok(self.from.into_inner())

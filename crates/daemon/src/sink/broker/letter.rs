@@ -1,4 +1,5 @@
-//! Letters: what a broker's readers get. Subject, identity and one flat JSON object; `docs/fleet.md` is the contract.
+//! Letters: what a broker's readers get. Subject, identity and one flat JSON object;
+//! `docs/fleet.md` is the contract.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -46,12 +47,14 @@ pub(in crate::sink) struct Letter {
     pub topic: String,
     /// The same for the same letter, however often it is sent; never given to another one.
     pub id: String,
-    /// A JSON object without its opening brace: whoever sends it puts the mark of a repetition in front.
+    /// A JSON object without its opening brace: whoever sends it puts the mark of a repetition in
+    /// front.
     pub body: String,
 }
 
 impl Letter {
-    /// As it lies in the spool. JSON on one line, escaped parts and hexadecimal numbers hold no line end.
+    /// As it lies in the spool. JSON on one line, escaped parts and hexadecimal numbers hold no
+    /// line end.
     pub fn to_bytes(&self) -> Vec<u8> {
         format!("{}\n{}\n{}", self.topic, self.id, self.body).into_bytes()
     }
@@ -62,7 +65,8 @@ impl Letter {
     }
 }
 
-/// A name as one part of a subject: what has a meaning in NATS or MQTT, and all that is not plain ASCII, becomes `%XX`.
+/// A name as one part of a subject: what has a meaning in NATS or MQTT, and all that is not plain
+/// ASCII, becomes `%XX`.
 pub(in crate::sink) fn escape(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
     for &byte in name.as_bytes() {
@@ -138,7 +142,8 @@ impl Secretary {
         }
     }
 
-    /// Says that letters were lost because the spool was full; to the bench of the event that had to have room.
+    /// Says that letters were lost because the spool was full; to the bench of the event that had
+    /// to have room.
     pub fn write_lost(&mut self, event: &Event, count: u64, t_ns: UnixNanos) -> Letter {
         let bench: Arc<str> = match event {
             Event::Verdict { bench, .. }

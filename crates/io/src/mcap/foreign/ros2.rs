@@ -1,8 +1,9 @@
-//! ROS 2 messages: a `ros2msg` definition is compiled to the few values that are wanted, which are then picked out of
-//! the CDR bytes of each message.
+//! ROS 2 messages: a `ros2msg` definition is compiled to the few values that are wanted, which are
+//! then picked out of the CDR bytes of each message.
 //!
-//! CDR frames nothing: a struct is its members one after the other, each aligned to its own size, counted from
-//! behind the four bytes that name the byte order. So a definition becomes a flat list of steps.
+//! CDR frames nothing: a struct is its members one after the other, each aligned to its own size,
+//! counted from behind the four bytes that name the byte order. So a definition becomes a flat list
+//! of steps.
 
 use std::collections::BTreeMap;
 
@@ -57,9 +58,9 @@ enum Count {
 type Types = BTreeMap<String, Vec<Member>>;
 
 impl Picker {
-    /// A picker of the members `wanted` (such as `header.stamp.sec`) of the first member of type `inner` (such as
-    /// `sensor_msgs/Imu`) in the message type `name`, or of the message itself if it has that type. `None` where
-    /// the message has no such member outside of lists.
+    /// A picker of the members `wanted` (such as `header.stamp.sec`) of the first member of type
+    /// `inner` (such as `sensor_msgs/Imu`) in the message type `name`, or of the message itself if
+    /// it has that type. `None` where the message has no such member outside of lists.
     ///
     /// # Errors
     /// When the definition cannot be understood, or lacks a wanted member.
@@ -108,7 +109,8 @@ fn short_name(name: &str) -> String {
     name.replacen("/msg/", "/", 1)
 }
 
-/// All types of a definition: the first has the name of the schema, the others follow behind lines of `=`.
+/// All types of a definition: the first has the name of the schema, the others follow behind lines
+/// of `=`.
 fn parse(name: &str, definition: &str) -> Result<Types, Problem> {
     let mut types = Types::new();
     let mut current = short_name(name);
@@ -311,7 +313,8 @@ impl Cdr<'_> {
                     match inner[..] {
                         [Step::Skip { size, count: 1 }] if length > 0 => self.skip(size, length)?,
                         _ => {
-                            // Each item takes at least a byte, so a length beyond the rest cannot be true.
+                            // Each item takes at least a byte, so a length beyond the rest cannot
+                            // be true.
                             if length > self.body.len() - self.at {
                                 return Err(CdrError::List { length, bytes: self.body.len() });
                             }
