@@ -24,7 +24,7 @@ pub use {
     follow::{From, Notice, follow},
     nats::NatsError,
     page::page,
-    view::{Bench, Fleet, Heard, Place, Told},
+    view::{Bench, Fleet, Heard, NewestVerdict, Told},
 };
 
 /// Name of the stream unless the configuration says otherwise.

@@ -30,7 +30,7 @@ mod cell;
 mod digest;
 
 use answer::answer;
-use cell::Cell;
+use cell::ShortSpan;
 use digest::{Digest, Of, make_room};
 
 /// Spans that are kept, of all rows and files: some 20 MB.
@@ -91,7 +91,7 @@ struct State {
 /// What is known of a time.
 #[derive(Debug, Default)]
 struct Found {
-    cells: BTreeMap<i64, Cell>,
+    cells: BTreeMap<i64, ShortSpan>,
     events: Vec<Event>,
     alarms: Vec<(i64, AlarmRecord)>,
     /// Files that can hold something of it and are in no level, those of them that are still to be
@@ -238,7 +238,7 @@ impl Store {
         };
         match read() {
             Ok(Some((every, rows, events, alarms, files))) => {
-                found.cells = rows.iter().map(|(&at, span)| (at, Cell::of(span, asked.place()))).collect();
+                found.cells = rows.iter().map(|(&at, span)| (at, ShortSpan::of(span, asked.place()))).collect();
                 (found.events, found.alarms) = (events, alarms);
                 (every, files)
             }

@@ -19,7 +19,7 @@ use crate::budget::{Budget, Notes};
 use crate::forward::Forward;
 use crate::problem::Problem;
 use memory::Memory;
-use meta::{Index, Kind, Object, Objects, Value};
+use meta::{Index, Object, Objects, RawType, Value};
 
 pub use values::Values;
 
@@ -78,7 +78,7 @@ fn describe(
     let mut channels = Vec::new();
     for (at, object) in objects.all.iter().enumerate() {
         let Some((group, name)) = names(&object.path) else { continue };
-        if matches!(&object.index, Some(Index::Plain { kind: Kind::Other(_), .. })) {
+        if matches!(&object.index, Some(Index::Plain { kind: RawType::Other(_), .. })) {
             notes.push(format_args!("{group}/{name} holds no numbers and was passed over"));
             continue;
         }

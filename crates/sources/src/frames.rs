@@ -45,10 +45,10 @@ impl Layout {
 
 /// How far the samples are numbered; outlives a connection.
 #[derive(Clone, Debug, Default)]
-pub struct Memory(Arc<Mutex<Place>>);
+pub struct Memory(Arc<Mutex<Progress>>);
 
 #[derive(Debug, Default)]
-struct Place {
+struct Progress {
     numbering: Numbering,
     /// The last frame's stream, and sequence and sample that must come next.
     last: Option<(u64, u64, u64)>,
@@ -67,7 +67,7 @@ enum Order {
     Late,
 }
 
-impl Place {
+impl Progress {
     fn order(&self, frame: &Frame) -> Order {
         match self.last {
             None => Order::Follows,

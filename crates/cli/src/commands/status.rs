@@ -18,7 +18,7 @@ use crate::terminal;
 
 mod find;
 
-use find::Place;
+use find::Endpoint;
 
 /// Say how the running service is
 #[derive(Args)]
@@ -75,8 +75,8 @@ impl Status {
         let mut tried = Vec::new();
         for place in find::places() {
             let answer = match &place {
-                Place::Socket(path) => gearwatch_daemon::status::ask(path, PATIENCE).map_err(anyhow::Error::from),
-                Place::Page(url) => self.ask_page(url),
+                Endpoint::Socket(path) => gearwatch_daemon::status::ask(path, PATIENCE).map_err(anyhow::Error::from),
+                Endpoint::Page(url) => self.ask_page(url),
             };
             match answer {
                 Ok(text) => return Ok(text),

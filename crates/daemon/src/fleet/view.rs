@@ -54,7 +54,7 @@ pub enum Told {
 
 /// The newest verdict of a stage at a channel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Place {
+pub struct NewestVerdict {
     /// Number of the window.
     pub window: u64,
     /// Machine state.
@@ -91,7 +91,7 @@ pub struct Bench {
     /// Alarms that hold: name and severity.
     pub alarms: BTreeMap<String, String>,
     /// The newest verdicts, by `<stage>@<channel>`.
-    pub places: BTreeMap<String, Place>,
+    pub places: BTreeMap<String, NewestVerdict>,
     /// Last number of each run; the newest runs.
     #[serde(skip)]
     runs: BTreeMap<String, u64>,
@@ -141,8 +141,8 @@ impl Bench {
         // What a service of another version says in words that are not known here is unknown, never
         // normal.
         let place = match Verdict::deserialize(&heard.object) {
-            Ok(v) => Place { window: v.window, machine: v.machine, ranks: v.harmonics.map(|h| h.rank) },
-            Err(_) => Place { window: heard.number("window").unwrap_or(0), ..Place::default() },
+            Ok(v) => NewestVerdict { window: v.window, machine: v.machine, ranks: v.harmonics.map(|h| h.rank) },
+            Err(_) => NewestVerdict { window: heard.number("window").unwrap_or(0), ..NewestVerdict::default() },
         };
         self.places.insert(format!("{}@{}", heard.text("stage"), heard.text("channel")), place);
     }
@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(bench.places["s@c"].machine, MachineState::Alarm);
         // Codes of a later version are not understood here.
         fleet.take(&letter("b", 3, &verdict.replace("alarm", "worn").replace("\"V\"", "\"0\"")));
-        assert_eq!(fleet.benches["b"].places["s@c"], Place { window: 3, ..Place::default() });
+        assert_eq!(fleet.benches["b"].places["s@c"], NewestVerdict { window: 3, ..NewestVerdict::default() });
     }
 
     #[test]

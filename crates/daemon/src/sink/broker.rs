@@ -34,7 +34,7 @@ use deliver::{SpoolPlace, run};
 #[cfg(feature = "brokers")]
 pub(super) use {
     deliver::{Carrier, Delivery, WINDOW},
-    letter::Kind,
+    letter::LetterKind,
     outbox::{Outbox, Outgoing},
 };
 #[cfg(feature = "brokers")]

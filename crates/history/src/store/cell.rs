@@ -39,7 +39,7 @@ impl Short {
 
 /// A span in short form.
 #[derive(Clone, Debug)]
-pub(super) struct Cell {
+pub(super) struct ShortSpan {
     pub(super) windows: u32,
     pub(super) states: [u32; 5],
     pub(super) not_ok: u32,
@@ -52,7 +52,7 @@ pub(super) struct Cell {
     pub(super) indicator: Short,
 }
 
-impl Cell {
+impl ShortSpan {
     /// `place`: of the wanted one among the indicators of the span.
     pub(super) fn of(span: &Span, place: Option<usize>) -> Self {
         let short = |mean: &Mean| Short::of(mean.estimate(OWN_SHARE));

@@ -1,6 +1,6 @@
 //! From bytes, split anywhere, to messages.
 
-use super::payload::{Kind, Walk};
+use super::payload::{PayloadKind, Walk};
 use super::{LONGEST_PAYLOAD, Message, Time};
 
 /// First bytes of every message.
@@ -137,7 +137,7 @@ fn step(bytes: &[u8], strict: bool, usual: Option<u16>) -> Step {
 }
 
 struct Header {
-    kind: Kind,
+    kind: PayloadKind,
     time: Time,
     /// The payload lies here.
     start: usize,
@@ -176,7 +176,7 @@ fn header(bytes: &[u8], strict: bool, usual: Option<u16>) -> Result<Option<Heade
     let length = u32::from_le_bytes([a, b, c, d]);
     match usize::try_from(length) {
         Ok(payload) if payload <= LONGEST_PAYLOAD => {
-            let kind = Kind::of(kind);
+            let kind = PayloadKind::of(kind);
             // What cannot be checked from within, and a form that one flipped bit makes of the
             // other.
             let doubtful = strict || kind.is_opaque() || (header_length == SHORT && usual.is_none());

@@ -6,7 +6,7 @@ use std::io::BufReader;
 
 use gearwatch_core::block::Samples;
 
-use super::lanes::{Lane, Lanes, Place};
+use super::lanes::{Lane, Lanes, Slot};
 use super::meta::Objects;
 use super::values::{Column, Values};
 use super::{Channel, describe, walk};
@@ -32,7 +32,7 @@ pub(crate) struct Indexed {
     /// Number of values of each.
     pub lengths: Vec<u64>,
     pub warnings: Vec<String>,
-    places: Vec<(usize, Place)>,
+    places: Vec<(usize, Slot)>,
     lanes: Vec<Lane>,
     file: Positioned,
 }
@@ -102,7 +102,7 @@ impl Indexed {
 /// A channel that is asked for.
 struct Line {
     lane: usize,
-    place: Place,
+    place: Slot,
     scale: f64,
     offset: f64,
 }

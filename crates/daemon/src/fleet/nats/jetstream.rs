@@ -294,27 +294,27 @@ impl Reader {
     }
 
     fn take(&mut self, message: Message) -> Result<Stored, NatsError> {
-        let place = Place::read(&message.reply).ok_or(NatsError::NoPlace)?;
+        let place = StreamPosition::read(&message.reply).ok_or(NatsError::NoPlace)?;
         if place.delivered != self.next {
             return Err(NatsError::Order { found: place.delivered, expected: self.next });
         }
         self.next += 1;
         self.asked_for = self.asked_for.saturating_sub(1);
-        let Place { number, stored_ns, pending, .. } = place;
+        let StreamPosition { number, stored_ns, pending, .. } = place;
         Ok(Stored { number, stored_ns, pending, payload: message.payload })
     }
 }
 
 /// What the subject for an acknowledgement says of a message.
 #[derive(Debug, PartialEq, Eq)]
-struct Place {
+struct StreamPosition {
     number: u64,
     delivered: u64,
     stored_ns: i64,
     pending: u64,
 }
 
-impl Place {
+impl StreamPosition {
     /// `$JS.ACK.<stream>.<reader>.<times>.<number>.<delivered>.<stored>.<pending>`, or the same
     /// with `<domain>.<account>` before the stream and possibly something behind.
     fn read(subject: &str) -> Option<Self> {
@@ -337,13 +337,13 @@ mod tests {
     /// Both forms, as the server's description of acknowledgements has them.
     #[test]
     fn literature_the_place_of_a_message_is_read() {
-        let place = Place { number: 42, delivered: 7, stored_ns: 1_700_000_000_123_456_789, pending: 3 };
+        let place = StreamPosition { number: 42, delivered: 7, stored_ns: 1_700_000_000_123_456_789, pending: 3 };
         let old = "$JS.ACK.gearwatch.reader.1.42.7.1700000000123456789.3";
         let new = "$JS.ACK.hub.AbCdEf.gearwatch.reader.1.42.7.1700000000123456789.3.x7";
-        assert_eq!(Place::read(old), Some(place));
-        assert_eq!(Place::read(new), Place::read(old));
+        assert_eq!(StreamPosition::read(old), Some(place));
+        assert_eq!(StreamPosition::read(new), StreamPosition::read(old));
         for bad in ["", "$JS.ACK.a.b.1.2.3.4", "$JS.ACK.a.b.1.x.3.4.5", "$JS.ACK.a.b.1.2.3.99999999999999999999.5"] {
-            assert_eq!(Place::read(bad), None, "{bad}");
+            assert_eq!(StreamPosition::read(bad), None, "{bad}");
         }
     }
 

@@ -15,14 +15,14 @@ use crate::event::{BenchState, Event};
 
 /// What a letter is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::sink) enum Kind {
+pub(in crate::sink) enum LetterKind {
     Verdict,
     Alarm,
     State,
     Gap,
 }
 
-impl Kind {
+impl LetterKind {
     /// As it stands in subjects and in the object.
     const fn name(self) -> &'static str {
         match self {
@@ -119,14 +119,14 @@ impl Secretary {
         match event {
             Event::Verdict { bench, verdict, .. } => {
                 let place = [verdict.stage.as_str(), verdict.channel.as_str()];
-                Some(self.letter(bench, Kind::Verdict, &place, &**verdict))
+                Some(self.letter(bench, LetterKind::Verdict, &place, &**verdict))
             }
             Event::Alarm { bench, alarm, seen } => {
                 let place = [alarm.stage.as_str(), alarm.channel.as_str()];
                 let seen = seen.as_deref().map(Seen::of);
-                Some(self.letter(bench, Kind::Alarm, &place, &AlarmLetter { alarm, seen }))
+                Some(self.letter(bench, LetterKind::Alarm, &place, &AlarmLetter { alarm, seen }))
             }
-            Event::Gap { bench, gap } => Some(self.letter(bench, Kind::Gap, &[], gap)),
+            Event::Gap { bench, gap } => Some(self.letter(bench, LetterKind::Gap, &[], gap)),
             Event::State { bench, state } => {
                 let told = self.states.get(bench);
                 let due = told.is_none_or(|(before, when)| {
@@ -136,7 +136,7 @@ impl Secretary {
                     return None;
                 }
                 self.states.insert(bench.clone(), (state.clone(), now));
-                Some(self.letter(bench, Kind::State, &[], &**state))
+                Some(self.letter(bench, LetterKind::State, &[], &**state))
             }
             Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => None,
         }
@@ -153,10 +153,10 @@ impl Secretary {
             Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => "".into(),
         };
         let gap = Gap { channel: "spool".to_owned(), first: 0, last: 0, count, cause: Cause::SpoolFull, t_ns };
-        self.letter(&bench, Kind::Gap, &[], &gap)
+        self.letter(&bench, LetterKind::Gap, &[], &gap)
     }
 
-    fn letter(&mut self, bench: &Arc<str>, kind: Kind, place: &[&str], content: &impl Serialize) -> Letter {
+    fn letter(&mut self, bench: &Arc<str>, kind: LetterKind, place: &[&str], content: &impl Serialize) -> Letter {
         let number = self.numbers.entry(bench.clone()).or_default();
         *number += 1;
         let name = escape(bench);
@@ -199,7 +199,7 @@ mod tests {
             let event = Event::Gap { bench: bench.into(), gap: gap.clone() };
             let letter = secretary.write(&event, Instant::now()).unwrap();
             assert_eq!(Letter::from_bytes(&letter.to_bytes()), Some(letter.clone()));
-            assert_eq!(Kind::of_topic(&letter.topic), Some(Kind::Gap));
+            assert_eq!(LetterKind::of_topic(&letter.topic), Some(LetterKind::Gap));
             let object: serde_json::Value = serde_json::from_str(&format!("{{{}", letter.body)).unwrap();
             assert_eq!(
                 (&object["kind"], &object["bench"], &object["count"]),

@@ -10,7 +10,7 @@ use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Ou
 use tokio::sync::Notify;
 
 use super::Mqtt;
-use crate::sink::broker::{Carrier, Delivery, Kind as LetterKind, Outbox, Position, WINDOW, broker_error};
+use crate::sink::broker::{Carrier, Delivery, LetterKind, Outbox, Position, WINDOW, broker_error};
 use crate::sink::{Drain, SinkContext, SinkError};
 
 /// Opens the sink.
