@@ -2,8 +2,9 @@
 
 use std::fmt::Display;
 use std::io::Read;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::open::Progress;
 use crate::problem::Problem;
 
 /// Bytes of values that any file may hold.
@@ -20,6 +21,22 @@ pub const UNPACKED_CHUNK_BYTES: u64 = 2 << 30;
 pub const UNPACKED_PER_BYTE: u64 = 16;
 /// Sentences on what is unusual in a file.
 const MOST_NOTES: usize = 50;
+
+/// Bytes that were read so far of a file, for a progress display; the total is the size of the
+/// file.
+#[derive(Clone, Debug, Default)]
+pub struct Progress(Arc<AtomicU64>);
+
+impl Progress {
+    /// Bytes read so far.
+    pub fn bytes(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn add(&self, bytes: u64) {
+        self.0.fetch_add(bytes, Ordering::Relaxed);
+    }
+}
 
 /// Bytes of values that a reader keeps in memory, bounded by what it has read.
 #[derive(Debug)]

@@ -4,13 +4,12 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use gearwatch_core::block::{OperatingPoint, Packet, UnixNanos};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 
+pub use crate::budget::Progress;
 use crate::budget::{Budget, Unpacked};
 use crate::formats::{FORMATS, Format};
 use crate::mcap::source::Contents;
@@ -28,22 +27,6 @@ pub trait Reader: Source<Error = Problem> {
     /// packet.
     fn contents(&self) -> Option<Contents> {
         None
-    }
-}
-
-/// Bytes that were read so far of a file, for a progress display; the total is the size of the
-/// file.
-#[derive(Clone, Debug, Default)]
-pub struct Progress(Arc<AtomicU64>);
-
-impl Progress {
-    /// Bytes read so far.
-    pub fn bytes(&self) -> u64 {
-        self.0.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn add(&self, bytes: u64) {
-        self.0.fetch_add(bytes, Ordering::Relaxed);
     }
 }
 

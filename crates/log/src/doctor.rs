@@ -11,11 +11,12 @@ use gearwatch_io::text::open_regular;
 
 use crate::content::{Part, visit};
 use crate::disk::is_locked;
-use crate::examine::{Damage, Ending, Rules, examine};
+use crate::examine::{Damage, Ending, examine};
 use crate::message::{GAP_TOPIC, Group};
 use crate::names::FileName;
 use crate::record::{Cause, Gap};
 use crate::salvage::{Missing, Salvaged, hole, salvage};
+use crate::walk::Rules;
 
 /// What `doctor` found in one file.
 #[derive(Clone, Debug)]

@@ -6,18 +6,8 @@ use std::ops::Range;
 use crate::flaw::Flaw;
 use crate::format::{ChunkFacts, LIBRARY, Layout};
 use crate::message::{GROUP_TOPIC, Group};
-use crate::walk::{Chunk, Found, Inner, MessageView, Walk};
+use crate::walk::{Chunk, Found, Inner, MessageView, Rules, Walk};
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
-
-/// How strictly a file is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Rules {
-    /// A file of this log: only what the log writes, in its order, every chunk with checksum and
-    /// group record.
-    Own,
-    /// Any MCAP file.
-    Foreign,
-}
 
 /// Bytes that are not what they should be.
 #[derive(Clone, Debug, PartialEq, Eq)]

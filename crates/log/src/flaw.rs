@@ -1,7 +1,5 @@
 //! What can be wrong with the bytes of a log.
 
-use crate::walk::MAX_CHUNK;
-
 /// Why bytes are no whole, good record.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Flaw {
@@ -29,9 +27,14 @@ pub enum Flaw {
     /// Lengths and texts do not fit.
     #[error("a chunk has impossible fields")]
     ChunkFields,
-    /// So many bytes, more than are unpacked.
-    #[error("a chunk says that it unpacks to {0} bytes; at most {MAX_CHUNK} are accepted")]
-    ChunkSize(u64),
+    /// More bytes than are unpacked.
+    #[error("a chunk says that it unpacks to {size} bytes; at most {most} are accepted")]
+    ChunkSize {
+        /// As stated.
+        size: u64,
+        /// What is accepted.
+        most: u64,
+    },
     /// With the decompressor's reason.
     #[error("a chunk cannot be unpacked: {0}")]
     Unpacking(String),

@@ -9,11 +9,12 @@ use gearwatch_runtime::clock::now_unix_ns;
 use tokio::sync::watch;
 
 use crate::config::{ConfigError, LogConfig};
+use crate::now::Now;
 use crate::queue::{Queue, Sent};
 use crate::record::{Context, Record};
 use crate::recover::Recovery;
 use crate::state::LogState;
-use crate::stepper::{Now, Stepper};
+use crate::stepper::Stepper;
 use crate::storage::Storage;
 use crate::watch::Watch;
 

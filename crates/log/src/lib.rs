@@ -34,6 +34,7 @@ mod handle;
 mod keeper;
 mod message;
 mod names;
+mod now;
 mod owner;
 mod queue;
 mod raw;
@@ -60,12 +61,13 @@ pub use message::{
     ALARM_TOPIC, CLOCK_TOPIC, GAP_TOPIC, GROUP_TOPIC, Group, Message, NOTE_TOPIC, Schema, encode, verdict_schema,
 };
 pub use names::{started_s, utc};
+pub use now::Now;
 pub use queue::Sent;
 pub use record::{AlarmRecord, Attachment, Cause, Clock, Context, Gap, Level, Note, Record};
 pub use recover::Recovery;
 pub use salvage::{Missing, Salvaged, salvage};
 pub use spectrum::{SpectrumFrame, SpectrumLine};
 pub use state::{Condition, LogState};
-pub use stepper::{Now, Sender, Stepper};
+pub use stepper::{Sender, Stepper};
 pub use storage::{Marker, Storage, StorageFile};
 pub use watch::{DURABLE_WITHIN, Judgement, Watch};

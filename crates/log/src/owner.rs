@@ -14,18 +14,19 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use crate::config::LogConfig;
-use crate::examine::{Rules, examine};
+use crate::examine::examine;
 use crate::format::Layout;
 use crate::keeper::Keeper;
 use crate::message::{Group, Message, encode, unsigned};
 use crate::names::FileName;
+use crate::now::Now;
 use crate::queue::{Fill, Item, ShedCounts};
 use crate::record::{AlarmRecord, Cause, Context, Gap, Level, Note, Record};
 use crate::recover::{Recovery, close_open_files, log_files};
 use crate::standing::Standing;
 use crate::state::{Condition, LogState};
-use crate::stepper::Now;
 use crate::storage::{Storage, StorageFile};
+use crate::walk::Rules;
 
 /// How long to wait after a failure before the disk is tried again.
 const RETRY: Duration = Duration::from_millis(500);

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use gearwatch_core::block::{Packet, Samples};
 
+use crate::now::Now;
 use crate::record::{Cause, Gap, Lost, Record};
-use crate::stepper::Now;
 use crate::storage::Marker;
 
 /// What became of a record.

@@ -3,13 +3,14 @@
 
 use std::io;
 
-use crate::examine::{Ending, Examined, GoodChunk, Rules, examine};
+use crate::examine::{Ending, Examined, GoodChunk, examine};
 use crate::message::Group;
 use crate::names::{FileName, TEMPORARY};
 use crate::queue::MARKED_AHEAD;
 use crate::record::{AlarmRecord, Gap};
 use crate::salvage::salvage_as;
 use crate::storage::{Storage, StorageFile};
+use crate::walk::Rules;
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
 
 /// What was found at the start, and done about it.

@@ -9,11 +9,11 @@ use gearwatch_io::mcap::contract::PROFILE;
 use crate::codec::Put;
 use crate::config::Compression;
 use crate::content::{Part, visit};
-use crate::examine::{Damage, Ending, Rules, examine};
+use crate::examine::{Damage, Ending, examine};
 use crate::format::{Channel, FileSchema, LIBRARY, Layout, attachment_record, put_channel, put_message, put_schema};
 use crate::message::{GROUP_TOPIC, Group, encode, schema_for_topic};
 use crate::record::{Cause, Gap, Record};
-use crate::walk::{AttachmentView, MessageView};
+use crate::walk::{AttachmentView, MessageView, Rules};
 use gearwatch_io::mcap::fields::{MAGIC, op};
 
 /// Messages outside of chunks are gathered to chunks of this size (bytes).

@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 
 use crate::content::{Part, visit};
-use crate::examine::Rules;
 use crate::message::{ALARM_TOPIC, GAP_TOPIC};
 use crate::record::{AlarmRecord, Gap};
 use crate::recover::log_files;
 use crate::storage::Storage;
+use crate::walk::Rules;
 
 /// Keys of the file's facts that hold the alarms and the losses.
 const ALARMS: &str = "alarms";

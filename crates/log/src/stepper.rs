@@ -9,6 +9,7 @@ use tokio::sync::watch;
 
 use crate::config::LogConfig;
 use crate::handle::LogError;
+use crate::now::Now;
 use crate::owner::{LAST_TRIES, Owner, first_seq};
 use crate::queue::{Queue, Sent};
 use crate::record::{Cause, Context, Gap, Level, Note, Record};
@@ -17,15 +18,6 @@ use crate::standing::Standing;
 use crate::state::LogState;
 use crate::storage::Storage;
 use crate::watch::Watch;
-
-/// Both clocks, read together.
-#[derive(Clone, Copy, Debug)]
-pub struct Now {
-    /// Wall clock (ns since the epoch): for labels only.
-    pub wall_ns: UnixNanos,
-    /// Monotonic clock, since the service started.
-    pub mono: Duration,
-}
 
 /// A log that does nothing but when it is told to.
 pub struct Stepper {

@@ -8,7 +8,6 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::examine::Rules;
 use crate::flaw::Flaw;
 use crate::format::{Channel, FileSchema};
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op, unpack};
@@ -16,10 +15,20 @@ use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op, unpack};
 /// Largest chunk that is unpacked (bytes). The log writes none above
 /// [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends files of
 /// earlier versions, whose chunks could be larger.
-pub(crate) const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
+const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
 
 /// Bytes that a search for the next good chunk may look at, in multiples of the file's length.
 const SEARCH_BUDGET: usize = 8;
+
+/// How strictly a file is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rules {
+    /// A file of this log: only what the log writes, in its order, every chunk with checksum and
+    /// group record.
+    Own,
+    /// Any MCAP file.
+    Foreign,
+}
 
 /// One thing found in a file.
 pub(crate) enum Found<'a> {
@@ -287,7 +296,7 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, Flaw> {
     };
     let (start_time, end_time, size, crc, compression, payload) = head().ok_or(Flaw::ChunkFields)?;
     if size > MAX_CHUNK {
-        return Err(Flaw::ChunkSize(size));
+        return Err(Flaw::ChunkSize { size, most: MAX_CHUNK });
     }
     let records = if compression.is_empty() && payload.len() as u64 == size {
         Cow::Borrowed(payload)
