@@ -33,7 +33,7 @@ pub enum WireError {
     /// A line ends otherwise than with CR and LF.
     #[error("a line has no end")]
     NoEnd,
-    /// Longer than [`LONGEST_LINE`].
+    /// Longer than `LONGEST_LINE`.
     #[error("a line is longer than {LONGEST_LINE} bytes")]
     LongLine,
     /// The greeting is no JSON.
@@ -45,7 +45,7 @@ pub enum WireError {
     /// Subject, subscription and lengths are not there.
     #[error("{0:?} is no head of a message")]
     Head(String),
-    /// Longer than [`LONGEST_MESSAGE`].
+    /// Longer than `LONGEST_MESSAGE`.
     #[error("a message of {0} bytes is longer than {LONGEST_MESSAGE}")]
     LongMessage(usize),
     /// Content was asked for without a head.
