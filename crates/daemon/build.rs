@@ -1,4 +1,5 @@
-//! Lists the files of the live page, so that a script in their folder is served without a line elsewhere.
+//! Lists the files of the live page, so that a script in their folder is served without a line
+//! elsewhere.
 
 use std::path::Path;
 use std::{env, fs};

@@ -1,5 +1,7 @@
 //! The crates may only look downward: core ← sim ← explain, core ← io, then runtime, sources, log, history, daemon, cli.
 
+mod knots;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;

@@ -1,10 +1,12 @@
-//! What an alarm rests on: the line that lies furthest beyond its limit, and the operating point at which it was seen.
+//! What an alarm rests on: the line that lies furthest beyond its limit, and the operating point at
+//! which it was seen.
 
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::{HarmonicVerdict, MachineState, Verdict};
 use serde::{Deserialize, Serialize};
 
-/// The harmonic of a window that speaks most clearly for an alarm. What is not known is left out, never 0.
+/// The harmonic of a window that speaks most clearly for an alarm. What is not known is left out,
+/// never 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     /// Number of the mesh harmonic (1–5).
@@ -39,7 +41,8 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Of a window: the harmonic whose |deviation| lies the most sigmas beyond the limit. None where no deviation is known.
+    /// Of a window: the harmonic whose |deviation| lies the most sigmas beyond the limit. None
+    /// where no deviation is known.
     pub fn of(verdict: &Verdict, ranks: &RankConfig) -> Option<Self> {
         let limit_percent = match verdict.machine {
             MachineState::Deviating => Some(ranks.steps_percent[0]),

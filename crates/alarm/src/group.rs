@@ -11,7 +11,8 @@ pub struct Group {
     pub channels: Vec<String>,
     /// The worst of them; where none holds any more, that of the one that ended last.
     pub severity: Severity,
-    /// It says more than was known of the stage: the first channel, one that is worse than all others, or the end of the last.
+    /// It says more than was known of the stage: the first channel, one that is worse than all
+    /// others, or the end of the last.
     pub news: bool,
 }
 

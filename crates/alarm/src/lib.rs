@@ -1,22 +1,30 @@
-//! Health of one bench: alarms that do not flicker, and an instrument state per channel that must be earned.
+//! Health of one bench: alarms that do not flicker, and an instrument state per channel that must
+//! be earned.
 //!
-//! Pure: driven by verdicts alone, so that a replay gives the same alarms. Delays are counted in judged windows, and in the data's own time.
+//! Pure: driven by verdicts alone, so that a replay gives the same alarms. Delays are counted in
+//! judged windows, and in the data's own time.
 //!
 //! ```text
 //! Verdict ─► instrument: ok only after `earn` good windows ─────────────────────────► ChannelHealth
 //!        └─► place (stage and channel): settled? ─► votes ─► delay ─► latch, shelf ─► Alarm, with evidence and group
 //! ```
 //!
-//! - *N of M*: an alarm comes when at least `needed` of the last `of` judged windows ask for it (on delay).
-//! - *Delay in time*: beside that, the vote must have held for `delay_secs`, and normal windows must go on for `clear_secs`.
-//! - *Hysteresis, off delay*: it goes when `clear` judged windows in a row are `normal`; a window that is merely less bad does not count.
+//! - *N of M*: an alarm comes when at least `needed` of the last `of` judged windows ask for it (on
+//!   delay).
+//! - *Delay in time*: beside that, the vote must have held for `delay_secs`, and normal windows
+//!   must go on for `clear_secs`.
+//! - *Hysteresis, off delay*: it goes when `clear` judged windows in a row are `normal`; a window
+//!   that is merely less bad does not count.
 //! - *Latch*: a latched alarm that has gone stays until somebody acknowledges it.
-//! - *Inhibition*: after a run-up or a change of load (`settle_secs`), and during maintenance, windows ask for nothing; what stands stays.
-//! - *Shelving*: an acknowledgement may hold for a time only. Until then the same alarm is not told again, however often it goes and comes; where it
-//!   still holds after that, it is raised anew. One that grows worse is not shelved.
-//! - *Grouping*: channels of one stage are one fault; each change says which of them stand, and whether it is news ([`Group`]).
-//! - A window whose state is unknown neither raises nor clears: unknown is never normal. A channel is `ok` only after `earn` good windows
-//!   in a row, also at the start.
+//! - *Inhibition*: after a run-up or a change of load (`settle_secs`), and during maintenance,
+//!   windows ask for nothing; what stands stays.
+//! - *Shelving*: an acknowledgement may hold for a time only. Until then the same alarm is not told
+//!   again, however often it goes and comes; where it still holds after that, it is raised anew.
+//!   One that grows worse is not shelved.
+//! - *Grouping*: channels of one stage are one fault; each change says which of them stand, and
+//!   whether it is news ([`Group`]).
+//! - A window whose state is unknown neither raises nor clears: unknown is never normal. A channel
+//!   is `ok` only after `earn` good windows in a row, also at the start.
 //!
 //! ```
 //! use gearwatch_alarm::AlarmConfig;
@@ -28,7 +36,7 @@
 use std::collections::BTreeMap;
 
 use gearwatch_core::rank::RankConfig;
-use gearwatch_core::verdict::{InstrumentState, Verdict};
+use gearwatch_core::verdict::{Code, InstrumentState, Verdict};
 use serde::{Deserialize, Serialize};
 
 mod config;
@@ -84,13 +92,15 @@ pub struct Alarm {
     pub acknowledged: bool,
     /// It neither holds nor waits for somebody to see it.
     pub over: bool,
-    /// What it rests on: of the window that raised it or made it worse. None in logs of earlier versions, and where no deviation is known.
+    /// What it rests on: of the window that raised it or made it worse. None in logs of earlier
+    /// versions, and where no deviation is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evidence: Option<Box<Evidence>>,
     /// Who has seen it last, where somebody has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen: Option<Box<Acknowledgement>>,
-    /// The channels of the stage that stand with it, after a change. None in logs of earlier versions.
+    /// The channels of the stage that stand with it, after a change. None in logs of earlier
+    /// versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<Box<Group>>,
 }
@@ -109,7 +119,8 @@ pub struct Acknowledgement {
     pub from: String,
     /// When (ns since the epoch).
     pub t_ns: i64,
-    /// It holds until then alone: the alarm is shelved (ns since the epoch, in the data's own time).
+    /// It holds until then alone: the alarm is shelved (ns since the epoch, in the data's own
+    /// time).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_ns: Option<i64>,
 }
@@ -132,6 +143,15 @@ impl ChannelHealth {
             Self::Earning => "not_ok_yet",
             Self::Ok => "ok",
             Self::NotOk(state) => state.code(),
+        }
+    }
+
+    /// The state of a code; `None` where no state has it.
+    pub fn of_code(code: &str) -> Option<Self> {
+        match InstrumentState::of_code(code) {
+            Some(InstrumentState::Ok) => Some(Self::Ok),
+            Some(state) => Some(Self::NotOk(state)),
+            None => (code == Self::Earning.code()).then_some(Self::Earning),
         }
     }
 }
@@ -209,13 +229,15 @@ impl Health {
         self.newest.values().map(|verdict| verdict.t0).max().unwrap_or(0)
     }
 
-    /// What `by` says of the time, by the data's own clock: a replay has another than the one who acknowledges.
+    /// What `by` says of the time, by the data's own clock: a replay has another than the one who
+    /// acknowledges.
     fn in_data_time(&self, by: &Acknowledgement) -> Acknowledgement {
         let until_ns = by.until_ns.map(|until| self.now().saturating_add(until.saturating_sub(by.t_ns)));
         Acknowledgement { until_ns, ..by.clone() }
     }
 
-    /// The bench is in maintenance until `by.until_ns`, or not any more where that is past; how the entry is then, `None` where nothing changes.
+    /// The bench is in maintenance until `by.until_ns`, or not any more where that is past; how the
+    /// entry is then, `None` where nothing changes.
     pub fn maintain(&mut self, by: &Acknowledgement) -> Option<Alarm> {
         let (now, by) = (self.now(), self.in_data_time(by));
         let until = by.until_ns?;
@@ -265,13 +287,15 @@ impl Health {
         }
     }
 
-    /// Data came back after a silence: what was said before it does not hold any more, and every `ok` must be earned again. Alarms stay.
+    /// Data came back after a silence: what was said before it does not hold any more, and every
+    /// `ok` must be earned again. Alarms stay.
     pub fn begin_anew(&mut self) {
         self.newest.clear();
         self.instruments.clear();
     }
 
-    /// Somebody has seen it; how it is then, `None` where there is no such alarm. One that holds no longer is over then.
+    /// Somebody has seen it; how it is then, `None` where there is no such alarm. One that holds no
+    /// longer is over then.
     pub fn acknowledge(&mut self, id: &str, by: &Acknowledgement) -> Option<Alarm> {
         let by = self.in_data_time(by);
         for place in self.places.values_mut() {
@@ -290,7 +314,8 @@ impl Health {
         None
     }
 
-    /// An alarm of before the start, which still stands. Of a stage or channel that the bench no longer has, nobody will hear: it is latched.
+    /// An alarm of before the start, which still stands. Of a stage or channel that the bench no
+    /// longer has, nobody will hear: it is latched.
     pub fn restore(&mut self, alarm: Alarm, is_watched: bool) {
         if alarm.id == MAINTENANCE {
             self.maintenance = Some(alarm);

@@ -12,7 +12,8 @@ use crate::{Acknowledgement, Alarm, AlarmConfig, Evidence, Severity};
 #[derive(Debug, Default)]
 pub(super) struct Place {
     recent: VecDeque<Option<Severity>>,
-    /// Since when enough windows ask for at least a critical alarm, and for at least a warning (ns since the epoch).
+    /// Since when enough windows ask for at least a critical alarm, and for at least a warning (ns
+    /// since the epoch).
     asked_since: [Option<i64>; 2],
     normal_in_a_row: usize,
     /// The first of these.
@@ -24,14 +25,16 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Nothing asks for anything, as long as somebody works at the bench; votes begin anew after that.
+    /// Nothing asks for anything, as long as somebody works at the bench; votes begin anew after
+    /// that.
     pub(super) fn rest(&mut self) {
         self.recent.clear();
         self.asked_since = [None; 2];
         (self.normal_in_a_row, self.normal_since) = (0, None);
     }
 
-    /// The shelf that holds at this time; one whose time is over is cleared, and the alarm that still holds is to be told again.
+    /// The shelf that holds at this time; one whose time is over is cleared, and the alarm that
+    /// still holds is to be told again.
     fn shelf(&mut self, t_ns: i64) -> bool {
         let is_over = |seen: &Acknowledgement| seen.until_ns.is_none_or(|until| t_ns >= until);
         if !self.shelf.as_ref().is_some_and(|(_, seen)| is_over(seen)) {
@@ -72,7 +75,8 @@ impl Place {
             voted = voted.or((asked.is_some() && lasts(*began, config.delay_secs)).then_some(least));
         }
         let is_clear = self.normal_in_a_row >= config.clear && lasts(self.normal_since, config.clear_secs);
-        // Shelved: it comes as one that somebody has seen, unless it is worse than what was shelved.
+        // Shelved: it comes as one that somebody has seen, unless it is worse than what was
+        // shelved.
         let shelved = |severity: Severity| {
             self.shelf.as_ref().filter(|(worst, _)| severity <= *worst).map(|(_, seen)| seen.clone())
         };

@@ -54,14 +54,16 @@ fn analytic_three_of_five_raise_and_four_normal_in_a_row_clear() {
     // Two of five are too few; unknown windows count for nothing in either direction.
     assert_eq!(feed(&mut health(), "ndndnnndunduuun"), []);
     assert_eq!(feed(&mut health(), "ndnduduu"), [(5, true, Severity::Warning)]);
-    // The alarm goes with the fourth normal window in a row, and unknown ones do not count as normal.
+    // The alarm goes with the fourth normal window in a row, and unknown ones do not count as
+    // normal.
     assert_eq!(feed(&mut health(), "dddnnndnnuuuunn"), [(2, true, Severity::Warning), (14, false, Severity::Warning)]);
     // It grows worse with the third window that asks for it.
     assert_eq!(feed(&mut health(), "dddaaa"), [(2, true, Severity::Warning), (5, true, Severity::Critical)]);
 }
 
-/// Windows a second apart: the vote stands from the third deviating window on, so that a delay of 4 s raises the alarm at the seventh; a pause in the vote
-/// begins the delay anew. Normal windows must go on for 6 s: the seventh ends it. Critical and warning wait each for itself.
+/// Windows a second apart: the vote stands from the third deviating window on, so that a delay of
+/// 4 s raises the alarm at the seventh; a pause in the vote begins the delay anew. Normal windows
+/// must go on for 6 s: the seventh ends it. Critical and warning wait each for itself.
 #[test]
 fn analytic_alarms_wait_in_time_too() {
     let delayed = || Health::new(AlarmConfig { clear: 2, delay_secs: 4.0, clear_secs: 6.0, ..AlarmConfig::default() });
@@ -90,7 +92,8 @@ fn analytic_a_latched_alarm_stays_until_acknowledged() {
     assert!(health.acknowledge("stage9@acc_1", &somebody()).is_none());
     assert!(health.acknowledge(&alarm.id, &somebody()).is_some_and(|alarm| alarm.over));
     assert_eq!(health.alarms().count(), 0);
-    // Acknowledged while it holds: it goes by itself later, and an alarm that grows worse must be seen again.
+    // Acknowledged while it holds: it goes by itself later, and an alarm that grows worse must be
+    // seen again.
     feed(&mut health, "ddd");
     assert!(health.acknowledge(&alarm.id, &somebody()).is_some_and(|alarm| !alarm.over));
     feed(&mut health, "aaa");
@@ -100,8 +103,9 @@ fn analytic_a_latched_alarm_stays_until_acknowledged() {
     assert_eq!(health.alarms().count(), 0);
 }
 
-/// The evidence is the line that lies the most sigmas beyond its limit, here 2x: (12 − 10) / 0.5 = 4 beside (20 − 10) / 5 = 2. Who has seen the
-/// alarm stands with it until it grows worse.
+/// The evidence is the line that lies the most sigmas beyond its limit, here 2x:
+/// (12 − 10) / 0.5 = 4 beside (20 − 10) / 5 = 2. Who has seen the alarm stands with it until it
+/// grows worse.
 #[test]
 fn analytic_an_alarm_says_what_it_rests_on_and_who_has_seen_it() {
     let mut health = health();
@@ -134,8 +138,8 @@ fn analytic_an_alarm_says_what_it_rests_on_and_who_has_seen_it() {
     assert_eq!(serde_json::from_value::<Alarm>(text).expect("an alarm").evidence, None);
 }
 
-/// A latched alarm of before the start stays; one that held goes on, and ends by normal windows as any other; one of a place that is no longer
-/// watched waits for somebody to see it.
+/// A latched alarm of before the start stays; one that held goes on, and ends by normal windows as
+/// any other; one of a place that is no longer watched waits for somebody to see it.
 #[test]
 fn regress_a_restart_forgets_no_alarm() {
     let mut before = health();
@@ -173,8 +177,8 @@ fn analytic_an_instrument_earns_its_ok() {
     assert_eq!(health.instruments().next().unwrap().1.code(), "not_ok_yet");
 }
 
-/// Windows a second apart. Shelved for 10 s at window 3: it goes and comes without a word, and is told again where it holds after that. One that
-/// grows worse is told at once.
+/// Windows a second apart. Shelved for 10 s at window 3: it goes and comes without a word, and is
+/// told again where it holds after that. One that grows worse is told at once.
 #[test]
 fn analytic_a_shelved_alarm_is_quiet_for_its_time() {
     let mut health = Health::new(AlarmConfig { needed: 1, of: 1, clear: 2, ..AlarmConfig::default() });
@@ -200,7 +204,8 @@ fn analytic_a_shelved_alarm_is_quiet_for_its_time() {
     assert_eq!(feed(&mut health, "da"), [(15, true, false)], "it has grown worse");
 }
 
-/// Channels of one stage are one fault: the first is news, the others are not, one that is worse is; the end is that of the last.
+/// Channels of one stage are one fault: the first is news, the others are not, one that is worse
+/// is; the end is that of the last.
 #[test]
 fn analytic_channels_of_a_stage_are_one_fault() {
     use MachineState::{Alarm as Grave, Deviating, Normal};
@@ -222,7 +227,8 @@ fn analytic_channels_of_a_stage_are_one_fault() {
     assert_eq!(feed("stage1", "b", Normal), (String::new(), Warning, true));
 }
 
-/// After a standstill, a run-up and a change of load windows ask for nothing for the time that is set; steady ones do.
+/// After a standstill, a run-up and a change of load windows ask for nothing for the time that is
+/// set; steady ones do.
 #[test]
 fn analytic_a_run_up_raises_nothing() {
     let config = AlarmConfig { needed: 1, of: 1, settle_secs: 5.0, ..AlarmConfig::default() };
@@ -246,7 +252,8 @@ fn analytic_a_run_up_raises_nothing() {
     assert!(wrong.problems().is_empty() && wrong.settle_secs == 0.0);
 }
 
-/// Nothing is raised while somebody works at the bench; the entry says who, stands over a restart, and ends by itself or by whoever ends it.
+/// Nothing is raised while somebody works at the bench; the entry says who, stands over a restart,
+/// and ends by itself or by whoever ends it.
 #[test]
 fn analytic_maintenance_raises_nothing_and_ends() {
     let second = |i: i64, machine| Verdict { t0: i * 1_000_000_000, ..verdict(i as u64, machine, InstrumentState::Ok) };

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, UInt32Array};
-use arrow_schema::{DataType, Field, Schema};
+use arrow_schema::{ArrowError, DataType, Field, Schema};
 use gearwatch_core::recording::Recording;
 use gearwatch_explain::explain::{Input, explain};
 use gearwatch_explain::judge::report::Explanation;
@@ -42,7 +42,8 @@ impl Work for Explaining<'_> {
 
     fn bench(&self) {}
 
-    /// The digest covers the bench file, and the name and content of each recording and its sidecar file.
+    /// The digest covers the bench file, and the name and content of each recording and its sidecar
+    /// file.
     fn identify(&self, path: &Path) -> Result<Identity, Unreadable> {
         let mut digest = Sha256::new();
         let mut files = vec![path.join(CASE_BENCH)];
@@ -64,7 +65,7 @@ impl Work for Explaining<'_> {
         let (recordings, reference) = (self.read(path, RECORDINGS)?, self.read(path, REFERENCE)?);
         let input = Input { bench: &bench, recordings: &recordings, reference: &reference, without: &[] };
         let answer = explain(&input, &mut |_| {}).map_err(|error| Trouble::Item(error.to_string()))?;
-        let row = row(self.table(), of, &answer.explanation).map_err(Trouble::Item)?;
+        let row = row(self.table(), of, &answer.explanation).map_err(|error| Trouble::Item(error.to_string()))?;
         piece.write(&row)?;
         Ok(1)
     }
@@ -90,9 +91,19 @@ impl Explaining<'_> {
     }
 }
 
-/// The most probable effect has columns of its own; all of the answer is in `explanation`, as `gearwatch explain` writes it.
-fn row(table: Table, of: &Identity, answer: &Explanation) -> Result<RecordBatch, String> {
-    let json = serde_json::to_string(answer).map_err(|error| error.to_string())?;
+/// Why an answer makes no row.
+#[derive(Debug, thiserror::Error)]
+enum RowError {
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+    #[error(transparent)]
+    Columns(#[from] ArrowError),
+}
+
+/// The most probable effect has columns of its own; all of the answer is in `explanation`, as
+/// `gearwatch explain` writes it.
+fn row(table: Table, of: &Identity, answer: &Explanation) -> Result<RecordBatch, RowError> {
+    let json = serde_json::to_string(answer)?;
     let first = answer.effects.first();
     let texts = [
         env!("CARGO_PKG_VERSION"),
@@ -120,5 +131,5 @@ fn row(table: Table, of: &Identity, answer: &Explanation) -> Result<RecordBatch,
     columns.extend(counts.map(|n| Arc::new(UInt32Array::from(vec![u32::try_from(n).unwrap_or(u32::MAX)])) as ArrayRef));
     let known = |value: Option<f64>| value.filter(|value| value.is_finite());
     columns.extend(numbers.map(|value| Arc::new(Float64Array::from(vec![known(value)])) as ArrayRef));
-    RecordBatch::try_new(table.schema, columns).map_err(|error| error.to_string())
+    Ok(RecordBatch::try_new(table.schema, columns)?)
 }

@@ -15,9 +15,11 @@ use crate::part::{Identity, PieceWriter, Table, sha256_of};
 use crate::rows::{Origin, Rows, table};
 use crate::run::{Trouble, Unreadable, Work};
 
-/// Rows gathered before they go to the piece; bounds the memory of a thread whatever the length of a recording.
+/// Rows gathered before they go to the piece; bounds the memory of a thread whatever the length of
+/// a recording.
 const ROWS_AT_A_TIME: usize = 1024;
-/// Sample rates that differ by less are the same (relative): clocks of instruments are off by some 10 ppm, and text files round.
+/// Sample rates that differ by less are the same (relative): clocks of instruments are off by some
+/// 10 ppm, and text files round.
 const SAME_RATE: f64 = 0.01;
 
 /// How recordings are judged.
@@ -30,7 +32,8 @@ pub struct Judging<'a> {
     pub options: &'a OpenOptions,
     /// SHA-256 of the baseline file, empty where there is none.
     pub baseline_sha256: String,
-    /// The sample rate of the bench (Hz), with which recordings of another are refused; `None`: all are taken.
+    /// The sample rate of the bench (Hz), with which recordings of another are refused; `None`: all
+    /// are taken.
     pub sample_rate_hz: Option<f64>,
 }
 

@@ -1,8 +1,9 @@
 //! Files of a batch: a piece per item of work while the shard is at work, one part when it is done.
 //!
-//! Everything appears under its final name by a rename, whole. A shard that is killed finds its pieces again; a shard that is run a
-//! second time finds its part, and what the part holds is not worked again. A lock on `<part>.lock` keeps two processes from working
-//! the same shard into the same folder; the system lets go of it when the process ends, however it ends.
+//! Everything appears under its final name by a rename, whole. A shard that is killed finds its
+//! pieces again; a shard that is run a second time finds its part, and what the part holds is not
+//! worked again. A lock on `<part>.lock` keeps two processes from working the same shard into the
+//! same folder; the system lets go of it when the process ends, however it ends.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -27,7 +28,8 @@ use crate::shard::Shard;
 const SETTINGS_KEY: &str = "gearwatch.settings";
 /// Rows read at a time when pieces are joined.
 const BATCH_ROWS: usize = 4096;
-/// Rows of a group. The library holds a group in memory, twice as it comes to its end: 210 columns of 8 bytes make that 20 MB a thread.
+/// Rows of a group. The library holds a group in memory, twice as it comes to its end: 210 columns
+/// of 8 bytes make that 20 MB a thread.
 const GROUP_ROWS: usize = 5 * 1024;
 
 /// Why files of a batch cannot be written or read.
@@ -46,7 +48,8 @@ pub enum PartError {
         "{0}: another process is working this shard into this folder; give each shard its own number, or each run its own --out"
     )]
     Locked(PathBuf),
-    /// Parts of another number of shards lie in the folder: together they would hold items twice, or not at all.
+    /// Parts of another number of shards lie in the folder: together they would hold items twice,
+    /// or not at all.
     #[error(
         "{path} is one of {found} shards, and this run makes {expected}; give the run another --out, or remove the old parts"
     )]
@@ -106,7 +109,8 @@ pub struct Workshop {
     _lock: File,
 }
 
-/// An item as the files know it: the texts of the table's keys, its name in the work list first, then digests of its content.
+/// An item as the files know it: the texts of the table's keys, its name in the work list first,
+/// then digests of its content.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Identity(pub Vec<String>);
 
@@ -118,11 +122,13 @@ impl Identity {
 }
 
 impl Workshop {
-    /// Opens the folder for a shard. `settings` is whatever the rows depend on beside the items, in any text form.
+    /// Opens the folder for a shard. `settings` is whatever the rows depend on beside the items, in
+    /// any text form.
     ///
     /// # Errors
-    /// When the folder cannot be made, another process has the shard, the folder has parts of another number of shards, or a file of the part's
-    /// name that was not made with these settings and may not be replaced.
+    /// When the folder cannot be made, another process has the shard, the folder has parts of
+    /// another number of shards, or a file of the part's name that was not made with these settings
+    /// and may not be replaced.
     pub fn open(folder: &Path, shard: Shard, settings: &str, table: Table, replace: bool) -> Result<Self, PartError> {
         let settings = hex(&Sha256::digest(settings.as_bytes()));
         let part = folder.join(shard.part_name());
@@ -175,10 +181,12 @@ impl Workshop {
         PieceWriter::new(&self.pieces, target, &self.settings, self.table.schema.clone())
     }
 
-    /// Joins the pieces of these items, in this order, to the part, and clears all pieces of this shard away.
+    /// Joins the pieces of these items, in this order, to the part, and clears all pieces of this
+    /// shard away.
     ///
     /// # Errors
-    /// When a piece is missing or damaged, or the part cannot be written; then the part that was there before stays.
+    /// When a piece is missing or damaged, or the part cannot be written; then the part that was
+    /// there before stays.
     pub fn finish(self, items: &[Identity]) -> Result<PathBuf, PartError> {
         let mut writer = self.writer(self.part.clone())?;
         for item in items {
@@ -218,7 +226,8 @@ impl Workshop {
         builder.with_batch_size(BATCH_ROWS).build().ok()
     }
 
-    /// An earlier part goes back to pieces, so that only what is new is worked. What of it is damaged is worked again.
+    /// An earlier part goes back to pieces, so that only what is new is worked. What of it is
+    /// damaged is worked again.
     fn take_to_pieces(&self, reader: ParquetRecordBatchReader) -> Result<(), PartError> {
         let mut open: Option<(Identity, PieceWriter)> = None;
         for batch in reader {
@@ -285,7 +294,8 @@ impl PieceWriter {
     fn new(folder: &Path, target: PathBuf, settings: &str, schema: SchemaRef) -> Result<Self, PartError> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".unfinished-");
-        // Temporary files are private by default; parts are for others to read, as far as the umask allows.
+        // Temporary files are private by default; parts are for others to read, as far as the umask
+        // allows.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let temporary = builder.tempfile_in(folder).map_err(io_at(folder))?;
@@ -323,7 +333,8 @@ pub fn write_table(out: impl io::Write + Send, batch: &RecordBatch) -> Result<()
     writer.close().map(|_| ())
 }
 
-/// Writes a table of texts and numbers, each column as long as the others; numbers that are not finite are `null`.
+/// Writes a table of texts and numbers, each column as long as the others; numbers that are not
+/// finite are `null`.
 ///
 /// # Errors
 /// When `out` does not take the bytes, or columns are not alike long.
@@ -424,7 +435,8 @@ mod tests {
         let part = workshop.finish(&[a.clone(), b]).unwrap();
         assert_eq!(row_count(&part), 15);
 
-        // What was made with other settings, or by somebody else, is replaced only where that was asked for.
+        // What was made with other settings, or by somebody else, is replaced only where that was
+        // asked for.
         let refused = open(folder.path(), Shard::WHOLE, "two").unwrap_err().to_string();
         assert!(refused.contains("part-") && refused.contains("--force"), "{refused}");
         assert_eq!(row_count(&part), 15);

@@ -1,7 +1,8 @@
-//! One row per window, channel and stage: where it comes from, and the fields of the verdict as columns.
+//! One row per window, channel and stage: where it comes from, and the fields of the verdict as
+//! columns.
 //!
-//! Names, types, units and descriptions of the columns are those of the table of fields (`core::verdict::FIELDS`); unit and description stand in the
-//! metadata of each column.
+//! Names, types, units and descriptions of the columns are those of the table of fields
+//! (`core::verdict::FIELDS`); unit and description stand in the metadata of each column.
 
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
@@ -28,7 +29,8 @@ pub struct Origin {
     pub baseline_sha256: String,
 }
 
-/// Columns that say where a row comes from, with their descriptions; the first three are its identity.
+/// Columns that say where a row comes from, with their descriptions; the first three are its
+/// identity.
 const ORIGIN: [(&str, &str); 5] = [
     ("file", "Recording, as named in the list of work."),
     ("file_sha256", "SHA-256 of the recording."),

@@ -10,7 +10,8 @@ use crate::part::{Identity, PartError, PieceWriter, Table, Workshop};
 use crate::shard::Shard;
 use crate::worklist::WorkListError;
 
-/// What is done with each item of a list. [`crate::judging`] and [`crate::explaining`] are such work.
+/// What is done with each item of a list. [`crate::judging`] and [`crate::explaining`] are such
+/// work.
 pub trait Work: Sync {
     /// What a thread keeps from item to item.
     type Bench;
@@ -70,7 +71,8 @@ pub struct Job<'a> {
     pub shard: Shard,
     /// Folder of the parts.
     pub folder: &'a Path,
-    /// Everything beside the items that the rows depend on, as text: rows made with other settings are made again.
+    /// Everything beside the items that the rows depend on, as text: rows made with other settings
+    /// are made again.
     pub settings: &'a str,
     /// Threads.
     pub threads: usize,
@@ -115,8 +117,9 @@ impl Summary {
     }
 }
 
-/// Works a shard. `told` hears of each item as it is finished, from any thread. A damaged item is passed over; a disk that is full or
-/// gone ends the work, and what was finished is kept for the next run.
+/// Works a shard. `told` hears of each item as it is finished, from any thread. A damaged item is
+/// passed over; a disk that is full or gone ends the work, and what was finished is kept for the
+/// next run.
 ///
 /// # Errors
 /// When files of the batch cannot be written.
@@ -196,7 +199,8 @@ fn one<W: Work>(work: &W, bench: &mut W::Bench, workshop: &Workshop, path: &Path
         return Ok(Finished { identity: Some(identity), outcome: Outcome::Known });
     }
     let mut piece = workshop.begin(&identity)?;
-    // A fault of this program must not cost the thousand other items; what the thread kept is thrown away with it.
+    // A fault of this program must not cost the thousand other items; what the thread kept is
+    // thrown away with it.
     let worked = catch_unwind(AssertUnwindSafe(|| work.work(bench, path, &identity, &mut piece)));
     match worked {
         Ok(Ok(rows)) => {

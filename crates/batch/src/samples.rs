@@ -6,7 +6,8 @@
 //! | a sensor's name | float where single precision holds every value, else double | in the unit that its metadata says; null where this channel has a gap |
 //! | `motor_speed_hz`, `brake_torque_nm`, `temperature_c` | double | the last one that was told before; only those that are known |
 //!
-//! Where no channel has a sample there is no row, so that gaps stay visible in `time`. The field's metadata hold `unit` and `sample_rate_hz`.
+//! Where no channel has a sample there is no row, so that gaps stay visible in `time`. The field's
+//! metadata hold `unit` and `sample_rate_hz`.
 
 use std::collections::HashMap;
 use std::io::Write;
@@ -103,7 +104,8 @@ type PointColumn = (&'static str, fn(&OperatingPoint) -> f64);
 /// Writes a recording; what the table does not hold is returned, a sentence each.
 ///
 /// # Errors
-/// When there is no sample, channels have different rates, a name has another meaning, or the bytes cannot be written.
+/// When there is no sample, channels have different rates, a name has another meaning, or the bytes
+/// cannot be written.
 pub fn write_parquet(recording: &Recording, out: impl Write + Send) -> Result<Vec<String>, SamplesError> {
     let channels = || recording.channels.iter().filter(|(_, channel)| !channel.is_empty());
     let (first_name, first) = channels().next().ok_or(SamplesError::Empty)?;
@@ -209,8 +211,8 @@ mod tests {
         Channel { sample_rate_hz: 1000.0, unit: "g".into(), segments: pieces.iter().map(segment).collect() }
     }
 
-    /// Two channels, one of which loses three samples that the other has, and both two more: the rows of the first loss are null, those of the second
-    /// are not there.
+    /// Two channels, one of which loses three samples that the other has, and both two more: the
+    /// rows of the first loss are null, those of the second are not there.
     #[test]
     fn analytic_gaps_are_nulls_or_missing_rows() {
         let mut recording = Recording::default();

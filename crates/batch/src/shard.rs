@@ -41,8 +41,8 @@ impl Shard {
         if (1..=count).contains(&index) { Ok(Self { index, count }) } else { Err(ShardError::Range { index, count }) }
     }
 
-    /// The shard of this task of a Slurm array job (`sbatch --array=1-10`, or from any other first index), or the whole outside of one.
-    /// `variable` looks up an environment variable.
+    /// The shard of this task of a Slurm array job (`sbatch --array=1-10`, or from any other first
+    /// index), or the whole outside of one. `variable` looks up an environment variable.
     ///
     /// # Errors
     /// When the variables are there but make no sense.
@@ -55,7 +55,8 @@ impl Shard {
         let (Some(first), Some(last)) = (number("SLURM_ARRAY_TASK_MIN")?, number("SLURM_ARRAY_TASK_MAX")?) else {
             return Err(ShardError::Slurm("SLURM_ARRAY_TASK_ID is set without SLURM_ARRAY_TASK_MIN and _MAX".into()));
         };
-        // Single tasks of an array that are run again (--array=3, --array=3,7) do not say how many the whole has.
+        // Single tasks of an array that are run again (--array=3, --array=3,7) do not say how many
+        // the whole has.
         if first == last {
             return Err(ShardError::Slurm(format!("the array holds {id} alone, and may be a part of a larger one")));
         }
@@ -69,8 +70,8 @@ impl Shard {
         Self::new(index, span)
     }
 
-    /// Whether the recording at `position` of the work list is in this shard: positions are dealt out in turn, so that shards of a
-    /// list that is sorted by date take equally long.
+    /// Whether the recording at `position` of the work list is in this shard: positions are dealt
+    /// out in turn, so that shards of a list that is sorted by date take equally long.
     pub fn holds(self, position: usize) -> bool {
         position % self.count as usize == (self.index - 1) as usize
     }

@@ -1,8 +1,10 @@
-//! Statistics over the operating points of a set of recordings or simulations: what the rank paper's figures 3 to 7 show.
+//! Statistics over the operating points of a set of recordings or simulations: what the rank
+//! paper's figures 3 to 7 show.
 //!
-//! One row a case, operating point, channel and stage: peak to peak and root mean square of the signal (mean taken off, window by window),
-//! the amplitudes of 1x to 5x, and the sidebands of both shafts. Each is a mean over windows with the standard error of that mean,
-//! `s / √n`; windows that overlap by half share samples, so that for noise the error is up to 1.2 times as large.
+//! One row a case, operating point, channel and stage: peak to peak and root mean square of the
+//! signal (mean taken off, window by window), the amplitudes of 1x to 5x, and the sidebands of both
+//! shafts. Each is a mean over windows with the standard error of that mean, `s / √n`; windows that
+//! overlap by half share samples, so that for noise the error is up to 1.2 times as large.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -94,8 +96,8 @@ pub struct Collector<'a> {
 }
 
 impl<'a> Collector<'a> {
-    /// For a recording, or for a simulation without a name. Windows whose speed and torque match within `tolerances` belong to one
-    /// operating point.
+    /// For a recording, or for a simulation without a name. Windows whose speed and torque match
+    /// within `tolerances` belong to one operating point.
     pub fn new(
         pipeline: &'a Pipeline,
         tolerances: BaselineConfig,

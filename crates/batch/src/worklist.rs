@@ -58,7 +58,7 @@ fn first_few(missing: &[(usize, PathBuf)]) -> String {
 
 /// What a list holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum Items {
     /// Files.
     Recordings,
     /// Folders with a bench file.
@@ -68,7 +68,7 @@ pub enum Kind {
 /// The bench file of a case.
 pub const CASE_BENCH: &str = "bench.toml";
 
-impl Kind {
+impl Items {
     /// In words.
     pub const fn name(self) -> &'static str {
         match self {
@@ -85,12 +85,12 @@ impl Kind {
     }
 }
 
-/// The list of a manifest: one path a line, relative to the manifest's folder; empty lines and lines that begin with `#` count for
-/// nothing.
+/// The list of a manifest: one path a line, relative to the manifest's folder; empty lines and
+/// lines that begin with `#` count for nothing.
 ///
 /// # Errors
 /// When the manifest cannot be read, names what is not there, or names one item twice.
-pub fn from_manifest(manifest: &Path, kind: Kind) -> Result<Vec<PathBuf>, WorkListError> {
+pub fn from_manifest(manifest: &Path, kind: Items) -> Result<Vec<PathBuf>, WorkListError> {
     let text = read_text(manifest).map_err(|cause| WorkListError::Read { path: manifest.to_owned(), cause })?;
     let folder = manifest.parent().unwrap_or(Path::new(""));
     let mut found: Vec<(PathBuf, usize)> = Vec::new();
@@ -125,7 +125,8 @@ pub fn from_manifest(manifest: &Path, kind: Kind) -> Result<Vec<PathBuf>, WorkLi
     Ok(paths)
 }
 
-/// Recordings below folders (and files named directly), by the endings of their names, without the dot.
+/// Recordings below folders (and files named directly), by the endings of their names, without the
+/// dot.
 ///
 /// # Errors
 /// When a folder cannot be read or nothing is found in it.
@@ -154,14 +155,14 @@ pub fn from_folders(places: &[PathBuf], endings: &[&str]) -> Result<Vec<PathBuf>
 pub fn cases(places: &[PathBuf]) -> Result<Vec<PathBuf>, WorkListError> {
     let mut found = BTreeSet::new();
     for place in places {
-        if Kind::Cases.is(place) {
+        if Items::Cases.is(place) {
             found.insert(place.clone());
             continue;
         }
         let mut here = BTreeSet::new();
         let read = |cause| WorkListError::Read { path: place.clone(), cause };
         for entry in fs::read_dir(place).map_err(read)? {
-            here.extend(Some(entry.map_err(read)?.path()).filter(|path| Kind::Cases.is(path)));
+            here.extend(Some(entry.map_err(read)?.path()).filter(|path| Items::Cases.is(path)));
         }
         if here.is_empty() {
             return Err(WorkListError::NoCase(place.clone()));
@@ -215,7 +216,7 @@ mod tests {
         fs::write(folder.path().join("a.mcap"), "x").unwrap();
         fs::write(folder.path().join("b.mcap"), "x").unwrap();
         fs::write(&manifest, "# recordings\nb.mcap\n\na.mcap\n").unwrap();
-        let names: Vec<_> = from_manifest(&manifest, Kind::Recordings)
+        let names: Vec<_> = from_manifest(&manifest, Items::Recordings)
             .unwrap()
             .iter()
             .map(|p| p.file_name().unwrap().to_owned())
@@ -223,11 +224,11 @@ mod tests {
         assert_eq!(names, ["a.mcap", "b.mcap"]);
 
         fs::write(&manifest, "a.mcap\nc.mcap\n").unwrap();
-        let error = from_manifest(&manifest, Kind::Recordings).unwrap_err().to_string();
+        let error = from_manifest(&manifest, Items::Recordings).unwrap_err().to_string();
         assert!(error.contains("1 of 2") && error.contains("c.mcap (line 2)"), "{error}");
 
         fs::write(&manifest, "a.mcap\n./a.mcap\n").unwrap();
-        let error = from_manifest(&manifest, Kind::Recordings).unwrap_err().to_string();
+        let error = from_manifest(&manifest, Items::Recordings).unwrap_err().to_string();
         assert!(error.contains("line 2") && error.contains("line 1"), "{error}");
     }
 

@@ -7,7 +7,8 @@ use crate::comb::CombField;
 use crate::kinematics::{LEAST_COMB, OTHER_SPEED, SLIP_REACH, comb_orders, deciding_orders, own_speed};
 use crate::steady::{Run, Steady};
 
-/// Ratios that are tried, relative to the sheet's, in pieces in which no speed and its double lie together.
+/// Ratios that are tried, relative to the sheet's, in pieces in which no speed and its double lie
+/// together.
 const TRIED: [(f64, f64); 8] = [
     (0.2, 0.32),
     (0.32, 0.5),
@@ -18,12 +19,14 @@ const TRIED: [(f64, f64); 8] = [
     (2.5, 4.0),
     (4.0, 5.0),
 ];
-/// Lines of the comb that must lie in the usable band, and its upper end (share of the sample rate).
+/// Lines of the comb that must lie in the usable band, and its upper end (share of the sample
+/// rate).
 const LEAST_LINES: usize = 3;
 const USABLE_BAND: f64 = 0.45;
 /// Ratios of two recordings are one within this (relative): belts creep by up to a per cent.
 const SAME: f64 = 0.01;
-/// At a whole multiple of the speed every line of the comb is a harmonic of the right one, within this (relative). At broken ratios few are.
+/// At a whole multiple of the speed every line of the comb is a harmonic of the right one, within
+/// this (relative). At broken ratios few are.
 const MULTIPLE: f64 = 5e-3;
 /// The creep of a belt, by which a measured ratio is above that of the pulleys (relative).
 const CREEP: f64 = 5e-3;
@@ -46,9 +49,11 @@ pub fn with_ratio(bench: &Bench, other: &OtherRatio) -> Bench {
     out
 }
 
-/// Another ratio, by the tacho of a shaft behind the belt or by where the mesh lines lie, the same in all recordings with a stated motor speed.
+/// Another ratio, by the tacho of a shaft behind the belt or by where the mesh lines lie, the same
+/// in all recordings with a stated motor speed.
 ///
-/// `rival` is the bench with another tooth number that fits, if one does: whichever puts more lines where there are some is the better explanation.
+/// `rival` is the bench with another tooth number that fits, if one does: whichever puts more lines
+/// where there are some is the better explanation.
 pub fn other_ratio(
     bench: &Bench,
     rival: Option<&Bench>,
@@ -124,7 +129,8 @@ mod tests {
 
     const RATE_HZ: f64 = 8192.0;
 
-    /// 23 teeth at a speed, with sidebands and orders of the shaft, in noise; the motor behind a belt of 2.
+    /// 23 teeth at a speed, with sidebands and orders of the shaft, in noise; the motor behind a
+    /// belt of 2.
     fn recording(input_hz: f64) -> Recording {
         let mut state = 7_u64;
         let mut even = || {
@@ -152,7 +158,8 @@ mod tests {
         out
     }
 
-    /// Ratios that are too large and too small, at a broken and at no broken ratio to the right one; the right one is left alone.
+    /// Ratios that are too large and too small, at a broken and at no broken ratio to the right
+    /// one; the right one is left alone.
     #[test]
     fn analytic_the_ratio_that_fits_is_found() {
         let mut bench = gearwatch_sim::shipped::bench("single-pair").unwrap();

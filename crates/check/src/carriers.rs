@@ -1,8 +1,10 @@
 //! Shaft angle of a recording from the phases of its own strong mesh harmonics, in passes.
 //!
-//! What is wanted of a harmonic is its phase within a hertz or two, so it is demodulated straight to some fifty values a second: the shaft's phasor is
-//! formed once a sample, its powers are the harmonics of the stage, and every product with a channel is gathered in three neighbouring blocks by the
-//! weights of a quadratic spline (three boxcars in a row). Its zeros lie on all multiples of the rate of blocks: what would fold into the band is 90 dB down.
+//! What is wanted of a harmonic is its phase within a hertz or two, so it is demodulated straight
+//! to some fifty values a second: the shaft's phasor is formed once a sample, its powers are the
+//! harmonics of the stage, and every product with a channel is gathered in three neighbouring
+//! blocks by the weights of a quadratic spline (three boxcars in a row). Its zeros lie on all
+//! multiples of the rate of blocks: what would fold into the band is 90 dB down.
 
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
@@ -16,9 +18,11 @@ const HARMONICS: usize = 8;
 const CARRIER_RATIO: f64 = 10.0;
 /// Harmonics that carry the angle at most.
 const CARRIERS: usize = 12;
-/// Upper limit of the harmonics of each pass (Hz): later passes know the angle well enough for higher ones.
+/// Upper limit of the harmonics of each pass (Hz): later passes know the angle well enough for
+/// higher ones.
 const PASSES_HZ: [f64; 3] = [1200.0, 3000.0, 5000.0];
-/// Blocks a second over the half width that is kept; the noise beside it is read up to three times the half width.
+/// Blocks a second over the half width that is kept; the noise beside it is read up to three times
+/// the half width.
 const BLOCKS: f64 = 32.0;
 
 /// One mesh harmonic as a phase reference.
@@ -36,7 +40,8 @@ impl Carrier {
     }
 }
 
-/// The mesh harmonics that tell the angle best: those of all stages (`mesh_orders`, the first of each) up to an order, in all channels, `keep` bins on each side of each.
+/// The mesh harmonics that tell the angle best: those of all stages (`mesh_orders`, the first of
+/// each) up to an order, in all channels, `keep` bins on each side of each.
 fn clearest<T: Copy + Into<f64>, A: Iterator<Item = f64>>(
     transforms: &mut Transforms,
     channels: &[&[T]],
@@ -60,7 +65,8 @@ fn clearest<T: Copy + Into<f64>, A: Iterator<Item = f64>>(
     out
 }
 
-/// Mean of the angles (revolutions, at each block) that some harmonics give, by their weights. Where a harmonic begins says nothing of the angle, so that each is taken about its mean.
+/// Mean of the angles (revolutions, at each block) that some harmonics give, by their weights.
+/// Where a harmonic begins says nothing of the angle, so that each is taken about its mean.
 fn mean_angle(carriers: &[Carrier]) -> Vec<f64> {
     let total: f64 = carriers.iter().map(Carrier::weight).sum();
     let blocks = carriers.first().map_or(0, |c| c.phase_rad.len());
@@ -74,10 +80,12 @@ fn mean_angle(carriers: &[Carrier]) -> Vec<f64> {
     out
 }
 
-/// Refines the input-shaft angle from the phase of strong mesh harmonics of all channels; how many of them carried the last pass.
+/// Refines the input-shaft angle from the phase of strong mesh harmonics of all channels; how many
+/// of them carried the last pass.
 ///
-/// Each pass demodulates the harmonics of all stages (`mesh_orders`, the first of each) with the angle so far, keeps `half_width_hz` about each, and adds the mean
-/// of their phases weighted by power and squared order (the inverse variance of the angle that each gives).
+/// Each pass demodulates the harmonics of all stages (`mesh_orders`, the first of each) with the
+/// angle so far, keeps `half_width_hz` about each, and adds the mean of their phases weighted by
+/// power and squared order (the inverse variance of the angle that each gives).
 pub fn refine<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
     channels: &[&[T]],
@@ -108,9 +116,11 @@ pub fn refine<T: Copy + Into<f64>>(
     carried
 }
 
-/// How the input shaft swings about its even turning: residual angle at even steps of time, from the phases of the strong mesh harmonics of all channels.
+/// How the input shaft swings about its even turning: residual angle at even steps of time, from
+/// the phases of the strong mesh harmonics of all channels.
 ///
-/// What turns the whole train back and forth shows in every harmonic as the same angle; what belongs to one mesh alone averages out with the others.
+/// What turns the whole train back and forth shows in every harmonic as the same angle; what
+/// belongs to one mesh alone averages out with the others.
 pub struct Swing {
     /// Values a second.
     pub rate_hz: f64,
@@ -120,14 +130,17 @@ pub struct Swing {
     pub left: Vec<f64>,
 }
 
-/// Blocks a second of a swing over its highest frequency: the spline's zeros keep what lies beyond it out.
+/// Blocks a second of a swing over its highest frequency: the spline's zeros keep what lies beyond
+/// it out.
 const SWING_BLOCKS: f64 = 8.0;
-/// Half width of the window in which the amplitude of a line in the swing is read: seconds, and periods at least.
+/// Half width of the window in which the amplitude of a line in the swing is read: seconds, and
+/// periods at least.
 const READ_S: f64 = 0.75;
 const READ_PERIODS: f64 = 2.0;
 
 impl Swing {
-    /// Lets an angle (revolutions, per sample) follow what it left of the swing about one frequency, whose amplitude and phase may change within a second or two.
+    /// Lets an angle (revolutions, per sample) follow what it left of the swing about one
+    /// frequency, whose amplitude and phase may change within a second or two.
     pub fn follow(&self, hz: f64, angle: &mut [f64]) {
         let blocks = self.left.len();
         let turn = |b: usize| Complex64::from_polar(1.0, TAU * hz * (b as f64 + 0.5) / self.rate_hz);
@@ -150,7 +163,8 @@ impl Swing {
     }
 }
 
-/// The swing up to `highest_hz` of a recording whose angle is known slowly (`angle`, revolutions at each sample); `None` where no harmonic stands above its noise.
+/// The swing up to `highest_hz` of a recording whose angle is known slowly (`angle`, revolutions at
+/// each sample); `None` where no harmonic stands above its noise.
 pub fn swing<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
     channels: &[&[T]],
@@ -186,7 +200,8 @@ pub fn swing<T: Copy + Into<f64>>(
     Some(Swing { rate_hz: blocks as f64 / seconds, rev, left })
 }
 
-/// The first `count` harmonics of an order in every channel, turned back by the angle and gathered in blocks; by harmonic, then channel.
+/// The first `count` harmonics of an order in every channel, turned back by the angle and gathered
+/// in blocks; by harmonic, then channel.
 fn demodulate<T: Copy + Into<f64>>(
     channels: &[&[T]],
     (angle, len): (impl Iterator<Item = f64>, usize),
@@ -196,7 +211,8 @@ fn demodulate<T: Copy + Into<f64>>(
 ) -> Vec<Vec<Complex64>> {
     let lanes = count * channels.len();
     let mut out = vec![vec![Complex64::ZERO; blocks]; lanes];
-    // What the three blocks about the current one have gathered so far: a lane's sums lie together while its samples go by.
+    // What the three blocks about the current one have gathered so far: a lane's sums lie together
+    // while its samples go by.
     let mut sums = vec![[Complex64::ZERO; 3]; lanes];
     // The record counts as going round, as it does to the transform.
     let about = |block: usize| [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
@@ -240,7 +256,8 @@ fn carrier(transforms: &mut Transforms, values: Vec<Complex64>, order: f64, keep
     let mut ring: Vec<f64> = ((keep + keep / 2)..(3 * keep)).flat_map(|k| [power(k), power(len - k)]).collect();
     let noise = median(&mut ring) / std::f64::consts::LN_2;
     let ratio = inside / (2 * keep + 1) as f64 / noise.max(f64::MIN_POSITIVE);
-    // A record that goes round must not do so with a kink, which would shake the angle far from the ends: its even turning is taken out, then put back.
+    // A record that goes round must not do so with a kink, which would shake the angle far from the
+    // ends: its even turning is taken out, then put back.
     low_pass(transforms, &mut bins, keep);
     let inner = &bins[len / 8..len - len / 8];
     let step = inner.windows(2).map(|two| two[1] * two[0].conj()).sum::<Complex64>().arg();
@@ -266,7 +283,8 @@ fn carrier(transforms: &mut Transforms, values: Vec<Complex64>, order: f64, keep
     Carrier { order, ratio, phase_rad }
 }
 
-/// Signal of a spectrum of which `keep` bins on each side are kept, half as many beyond faded out: cut off sharply, the kink at the ends would leave a ripple at the edge.
+/// Signal of a spectrum of which `keep` bins on each side are kept, half as many beyond faded out:
+/// cut off sharply, the kink at the ends would leave a ripple at the edge.
 fn low_pass(transforms: &mut Transforms, bins: &mut [Complex64], keep: usize) {
     let (len, fade) = (bins.len(), keep / 2 + 1);
     for k in keep + 1..=len / 2 {
@@ -330,7 +348,8 @@ mod tests {
         }
     }
 
-    /// Harmonics of a speed that wanders by half a per mille at 0.5 Hz, in noise: started at constant speed, the angle comes out to what the noise leaves.
+    /// Harmonics of a speed that wanders by half a per mille at 0.5 Hz, in noise: started at
+    /// constant speed, the angle comes out to what the noise leaves.
     #[test]
     fn analytic_wander_is_followed() {
         const RATE_HZ: f64 = 8192.0;
@@ -350,14 +369,17 @@ mod tests {
         assert_eq!(carried, 4);
         let off: Vec<f64> = (0..LEN).map(|n| angle[n] - turn(n)).collect();
         let mean = off.iter().sum::<f64>() / LEN as f64;
-        // At the ends the record goes round with a kink; within, white noise of 0.58 rms leaves 0.58 sqrt(2 · 3 Hz / 8192 Hz) = 0.016 rad of each harmonic.
+        // At the ends the record goes round with a kink; within, white noise of 0.58 rms leaves
+        // 0.58 sqrt(2 · 3 Hz / 8192 Hz) = 0.016 rad of each harmonic.
         let inner = &off[LEN / 10..LEN - LEN / 10];
         let worst = inner.iter().map(|o| (o - mean).abs()).fold(0.0, f64::max);
         assert!(worst < 4.0 * 0.016 / (TAU * 23.0 * 4.0), "{worst:.2e} revolutions");
     }
 
-    /// Clear lines at a speed a tenth of a bin beside the one given: their spectra reach beyond the band that is kept. Where the angle is even it comes out even, without a ripple at the band's
-    /// edge: lines of order 60 have no sidebands above −80 dB, which the interpolation over angle has too.
+    /// Clear lines at a speed a tenth of a bin beside the one given: their spectra reach beyond the
+    /// band that is kept. Where the angle is even it comes out even, without a ripple at the band's
+    /// edge: lines of order 60 have no sidebands above −80 dB, which the interpolation over angle
+    /// has too.
     #[test]
     fn analytic_the_angle_has_no_ripple() {
         const RATE_HZ: f64 = 8192.0;
@@ -376,8 +398,10 @@ mod tests {
         assert!(TAU * 60.0 * worst / 2.0 < 1e-4, "{worst:.2e} revolutions");
     }
 
-    /// A speed that swings by 0.5 % at 4 Hz, which the even angle given does not know: the swing is the angle that it makes, 0.5 % · 25 Hz / (2π · 4 Hz) of a revolution, to 5 % (noise leaves 0.018 rad
-    /// of each harmonic), and an angle that follows it is the true one to a tenth of that.
+    /// A speed that swings by 0.5 % at 4 Hz, which the even angle given does not know: the swing is
+    /// the angle that it makes, 0.5 % · 25 Hz / (2π · 4 Hz) of a revolution, to 5 % (noise leaves
+    /// 0.018 rad of each harmonic), and an angle that follows it is the true one to a tenth of
+    /// that.
     #[test]
     fn analytic_the_swing_of_the_train_is_its_angle() {
         const RATE_HZ: f64 = 8192.0;

@@ -1,4 +1,5 @@
-//! Channels that are missing, faulty or in another unit; rates that contradict; a load that is not stated.
+//! Channels that are missing, faulty or in another unit; rates that contradict; a load that is not
+//! stated.
 
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
@@ -8,7 +9,8 @@ use gearwatch_core::verdict::InstrumentState;
 use crate::look::LookChannel;
 use crate::{Finding, Look, Severity};
 
-/// Rates that differ by less are the same (relative): clocks of instruments are off by some 10 ppm, and text files round.
+/// Rates that differ by less are the same (relative): clocks of instruments are off by some 10 ppm,
+/// and text files round.
 const SAME_RATE: f64 = 0.01;
 /// What time stamps may be off (relative, and s): those of a PC come late by some milliseconds.
 const STAMP_DRIFT: f64 = 1e-3;

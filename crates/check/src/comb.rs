@@ -9,10 +9,13 @@ use crate::powers::{Paired, Powers, Precision};
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
 
-/// Peaks of a comb's score that are asked for the other orders of the train: the mesh of 140 teeth passes eight whole orders of its shaft within the slip that is looked for, and each has side peaks.
+/// Peaks of a comb's score that are asked for the other orders of the train: the mesh of 140 teeth
+/// passes eight whole orders of its shaft within the slip that is looked for, and each has side
+/// peaks.
 const PEAKS: usize = 32;
 
-/// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a comb is scored on.
+/// Logarithm of power over local floor, per bin of a plain spectrum, summed over channels; what a
+/// comb is scored on.
 #[derive(Clone, Default)]
 pub struct CombField {
     log_excess: Arc<Vec<f32>>,
@@ -31,7 +34,8 @@ impl CombField {
             let power = transforms.powers(signal);
             let floor = local_floor(&power, 60);
             for (k, sum) in log_excess.iter_mut().enumerate() {
-                // Capped: one huge line must not outvote a whole comb. Where little noise hides them, orders of pitch errors reach 30 dB too.
+                // Capped: one huge line must not outvote a whole comb. Where little noise hides
+                // them, orders of pitch errors reach 30 dB too.
                 let excess = (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
                 *sum += (excess / channels.len() as f64) as f32;
             }
@@ -78,10 +82,11 @@ impl CombField {
         best
     }
 
-    /// The speed in a range at which, of the best peaks of a comb, the most of `all` orders of the train are met; and the score of the comb there.
+    /// The speed in a range at which, of the best peaks of a comb, the most of `all` orders of the
+    /// train are met; and the score of the comb there.
     ///
-    /// Errors of a gear's teeth light every order of its shaft, so that mesh harmonics alone fit at another speed too, where they fall on such orders. The shafts' own orders then
-    /// do not.
+    /// Errors of a gear's teeth light every order of its shaft, so that mesh harmonics alone fit at
+    /// another speed too, where they fall on such orders. The shafts' own orders then do not.
     pub fn speed(&self, comb: &[f64], all: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
         let scores: Vec<(f64, f64)> = self.scores(comb, low_hz, high_hz).collect();
         let at = |i: usize| scores.get(i).map_or(f64::NEG_INFINITY, |one| one.1);

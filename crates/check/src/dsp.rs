@@ -11,7 +11,8 @@ const BLACKMAN_HARRIS: [f64; 4] = [0.35875, 0.48829, 0.14128, 0.01168];
 /// Bins from the peak of a Blackman–Harris line to its first null.
 pub const MAIN_LOBE_BINS: usize = 4;
 
-/// Variance of a least-squares line amplitude over the mean power of one bin of noise: `Σw⁴ (Σw)² / (Σw²)³` of the window.
+/// Variance of a least-squares line amplitude over the mean power of one bin of noise:
+/// `Σw⁴ (Σw)² / (Σw²)³` of the window.
 pub const LINE_FIT_NOISE_GAIN: f64 = 1.379;
 
 /// Noise bandwidth of the window (bins): `N Σw² / (Σw)²`.
@@ -35,7 +36,8 @@ impl Transforms {
     pub fn forward_real(&mut self, signal: &mut [f64]) -> Vec<Complex64> {
         let plan = self.real.plan_fft_forward(signal.len());
         let mut bins = plan.make_output_vec();
-        // The lengths agree by construction, so the transform cannot fail; an empty spectrum would show at once.
+        // The lengths agree by construction, so the transform cannot fail; an empty spectrum would
+        // show at once.
         if plan.process(signal, &mut bins).is_err() {
             bins.fill(Complex64::ZERO);
         }
@@ -91,7 +93,8 @@ pub fn window_response(bins: f64) -> Complex64 {
     let turn = Complex64::from_polar(1.0, -PI * bins);
     let nearest = bins.round();
     if (bins - nearest).abs() < 1e-9 {
-        // The limit at whole numbers: only the term with its pole there stays; `turn` carries the sign.
+        // The limit at whole numbers: only the term with its pole there stays; `turn` carries the
+        // sign.
         let size = match nearest.abs() as u64 {
             0 => a0,
             1 => a1 / 2.0,
@@ -111,7 +114,8 @@ pub fn window_scale(len: usize) -> f64 {
     2.0 / (BLACKMAN_HARRIS[0] * len as f64)
 }
 
-/// Spectrum of a signal through the Blackman–Harris window; a sine of amplitude A shows A at its bin.
+/// Spectrum of a signal through the Blackman–Harris window; a sine of amplitude A shows A at its
+/// bin.
 pub fn windowed_spectrum(transforms: &mut Transforms, signal: &[f64]) -> Vec<Complex64> {
     let len = signal.len();
     let mut weighted: Vec<f64> = signal.iter().enumerate().map(|(n, x)| x * window(n, len)).collect();
@@ -121,8 +125,10 @@ pub fn windowed_spectrum(transforms: &mut Transforms, signal: &[f64]) -> Vec<Com
     bins
 }
 
-/// Samples that are interpolated at a time, and those on each side of them that take part. The outer half of the latter fades out, so that a stretch ends as it begins; what is cut
-/// off then reaches the middle by the side lobes of that taper only, below −100 dB up to 0.45 of the sample rate.
+/// Samples that are interpolated at a time, and those on each side of them that take part. The
+/// outer half of the latter fades out, so that a stretch ends as it begins; what is cut off then
+/// reaches the middle by the side lobes of that taper only, below −100 dB up to 0.45 of the sample
+/// rate.
 const STRETCH: usize = 1 << 14;
 /// The same where memory counts: a third more of work.
 pub(crate) const SHORT_STRETCH: usize = 1 << 12;
@@ -130,8 +136,10 @@ const BESIDE: usize = 1 << 10;
 
 /// Values of a signal at ascending positions (samples).
 ///
-/// Each stretch of it is interpolated fourfold by zero padding its spectrum, so that the polynomial through eight neighbours after it is good to −80 dB up to 0.45 of the sample rate; the memory
-/// that this takes does not grow with the signal. A signal counts as going round, as it does to the transform, where it is no longer than a stretch.
+/// Each stretch of it is interpolated fourfold by zero padding its spectrum, so that the polynomial
+/// through eight neighbours after it is good to −80 dB up to 0.45 of the sample rate; the memory
+/// that this takes does not grow with the signal. A signal counts as going round, as it does to the
+/// transform, where it is no longer than a stretch.
 fn at_positions<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
     stretch: usize,
@@ -170,7 +178,8 @@ fn at_positions<T: Copy + Into<f64>>(
     }
 }
 
-/// A signal resampled to even steps of shaft angle: as many samples as before over the same revolutions. The mean rate stays, so nothing folds.
+/// A signal resampled to even steps of shaft angle: as many samples as before over the same
+/// revolutions. The mean rate stays, so nothing folds.
 pub fn resample_to_angle<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
     signal: &[T],
@@ -185,7 +194,8 @@ pub fn resample_to_angle<T: Copy + Into<f64>>(
     out
 }
 
-/// The same with an angle that comes in order (`phases`, one a sample) between its `ends`, samples that go in order to where they are wanted, and so many of them at a time.
+/// The same with an angle that comes in order (`phases`, one a sample) between its `ends`, samples
+/// that go in order to where they are wanted, and so many of them at a time.
 pub(crate) fn resample<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
     stretch: usize,
@@ -213,11 +223,13 @@ pub(crate) fn resample<T: Copy + Into<f64>>(
     at_positions(transforms, stretch, signal, positions, take);
 }
 
-/// One over the product of each of eight neighbours' distances from the others: the constants of Lagrange's polynomial through them.
+/// One over the product of each of eight neighbours' distances from the others: the constants of
+/// Lagrange's polynomial through them.
 const LAGRANGE: [f64; 8] =
     [-1.0 / 5040.0, 1.0 / 720.0, -1.0 / 240.0, 1.0 / 144.0, -1.0 / 144.0, 1.0 / 240.0, -1.0 / 720.0, 1.0 / 5040.0];
 
-/// Lagrange interpolation through eight neighbours: a line at a share `f` of the sample rate is off by at most 35/32768 (2π f)⁸ of its amplitude, in the middle between two samples.
+/// Lagrange interpolation through eight neighbours: a line at a share `f` of the sample rate is off
+/// by at most 35/32768 (2π f)⁸ of its amplitude, in the middle between two samples.
 fn lagrange(values: &[f64], position: f64) -> f64 {
     let base = (position.floor() as usize).clamp(3, values.len().saturating_sub(5));
     let near = &values[base - 3..base + 5];
@@ -236,8 +248,8 @@ fn lagrange(values: &[f64], position: f64) -> f64 {
     sum
 }
 
-/// Takes the lines at the marked bins out of a windowed signal over shaft angle and goes back to time: the windowed remainder's
-/// spectrum over time, scaled as [`windowed_spectrum`].
+/// Takes the lines at the marked bins out of a windowed signal over shaft angle and goes back to
+/// time: the windowed remainder's spectrum over time, scaled as [`windowed_spectrum`].
 pub fn remainder_over_time(
     transforms: &mut Transforms,
     order_spectrum: &[Complex64],
@@ -319,8 +331,9 @@ mod tests {
         assert!((bins - WINDOW_NOISE_BINS).abs() < 1e-4, "{bins}");
     }
 
-    /// Lines up to 0.45 of the sample rate, read where a shaft that swings puts its even steps, over several stretches: the interpolation is good to −80 dB of a line. The signal rises
-    /// and falls at its ends, for the record counts as going round.
+    /// Lines up to 0.45 of the sample rate, read where a shaft that swings puts its even steps,
+    /// over several stretches: the interpolation is good to −80 dB of a line. The signal rises and
+    /// falls at its ends, for the record counts as going round.
     #[test]
     fn analytic_long_signals_are_interpolated_as_their_lines_say() {
         let len = 5 * STRETCH + 1234;

@@ -13,15 +13,19 @@ pub struct Integrity {
     pub overload: bool,
 }
 
-/// Samples that must pile up before a signal counts as clipped: a sine at full scale of an unclipped converter shows one or two.
+/// Samples that must pile up before a signal counts as clipped: a sine at full scale of an
+/// unclipped converter shows one or two.
 const PILE: usize = 6;
-/// At least one sample in so many of the pile begins a run: a signal that is held at a limit stays there for some samples, whereas the
-/// highest peak of a quiet train whose teeth meet again and again comes back to the same height, one sample at a time.
+/// At least one sample in so many of the pile begins a run: a signal that is held at a limit stays
+/// there for some samples, whereas the highest peak of a quiet train whose teeth meet again and
+/// again comes back to the same height, one sample at a time.
 const HELD: usize = 50;
-/// Widths of the pile (share of the range): a clean limit, and one behind which an amplifier still adds noise.
+/// Widths of the pile (share of the range): a clean limit, and one behind which an amplifier still
+/// adds noise.
 const WIDTHS: [f64; 2] = [1e-3, 4e-3];
-/// How many times as many samples the pile holds as the slice of its width next to it, and as such a slice on average over [`BESIDE`]
-/// slices: the turning points of a sine thin out inwards by 2.4 and 4.
+/// How many times as many samples the pile holds as the slice of its width next to it, and as such
+/// a slice on average over [`BESIDE`] slices: the turning points of a sine thin out inwards by
+/// 2.4 and 4.
 const OVER_NEXT: usize = 5;
 const OVER_BESIDE: usize = 6;
 const BESIDE: usize = 8;
@@ -92,7 +96,8 @@ mod tests {
         (0..8192).map(|n| (0.0371 * f64::from(n)).sin().clamp(-limit, limit)).collect()
     }
 
-    /// A period of 128 samples whose one highest peak lasts a sample: 64 equal maxima, and nothing is clipped. The same held at nine tenths is.
+    /// A period of 128 samples whose one highest peak lasts a sample: 64 equal maxima, and nothing
+    /// is clipped. The same held at nine tenths is.
     #[test]
     fn regress_peaks_that_recur_are_not_clipped() {
         let turn = |order: f64, n: i32| (std::f64::consts::TAU * order * f64::from(n) / 128.0).cos();
@@ -102,7 +107,8 @@ mod tests {
         assert!(check(&held, Quality::GOOD).clipped_at.is_some_and(|level| (level - 1.0).abs() < 1e-9));
     }
 
-    /// Clipped deep, with noise behind the limit; a sine whose samples fall on the same phases in every period is not.
+    /// Clipped deep, with noise behind the limit; a sine whose samples fall on the same phases in
+    /// every period is not.
     #[test]
     fn analytic_noise_behind_the_limit_hides_no_clipping() {
         let mut state = 1u64;
@@ -123,7 +129,8 @@ mod tests {
         assert_eq!(frozen(&samples), 40);
     }
 
-    /// A sine clipped at 0.7 piles up there; a whole one has its own turning points at the ends, in which it thins out.
+    /// A sine clipped at 0.7 piles up there; a whole one has its own turning points at the ends, in
+    /// which it thins out.
     #[test]
     fn analytic_clipped_sine_piles_up_and_a_whole_one_does_not() {
         let clipped = check(&sine(0.7), Quality::GOOD).clipped_at;

@@ -17,41 +17,49 @@ pub fn comb_orders(train: &Train) -> Vec<f64> {
 
 /// Largest change of the teeth of one gear that is tried.
 const TEETH_REACH: i64 = 4;
-/// How far the speed may lie from the tacho's (relative): sample clocks are better than that, and where they are not, still near. While tooth
-/// numbers are in question the narrow reach holds: a tooth in a hundred is a per cent.
+/// How far the speed may lie from the tacho's (relative): sample clocks are better than that, and
+/// where they are not, still near. While tooth numbers are in question the narrow reach holds: a
+/// tooth in a hundred is a per cent.
 const TACHO_REACH: f64 = 0.004;
 const CLOCK_REACH: f64 = 0.01;
-/// How far the speed may lie from the drive display without a belt (relative): display and sample clock.
+/// How far the speed may lie from the drive display without a belt (relative): display and sample
+/// clock.
 const DIRECT_REACH: f64 = 0.008;
-/// How far a sample rate may be off that is told from other teeth (relative), where nothing but the drive display says so: a rate that was typed in.
+/// How far a sample rate may be off that is told from other teeth (relative), where nothing but the
+/// drive display says so: a rate that was typed in.
 const RATE_REACH: f64 = 0.02;
 /// Belt slip that is looked for (relative).
 pub(crate) const SLIP_REACH: f64 = 0.04;
-/// Gain in mean log excess of all lines, or of those that another tooth number moves, at which it is believed, and how sure the latter must be
-/// (standard errors).
+/// Gain in mean log excess of all lines, or of those that another tooth number moves, at which it
+/// is believed, and how sure the latter must be (standard errors).
 ///
-/// A comb on noise scores about 0.3, one on lines of 10 dB about 2.3: where the sheet's lines are to be there is nothing, and something
-/// where the other tooth number puts them.
+/// A comb on noise scores about 0.3, one on lines of 10 dB about 2.3: where the sheet's lines are
+/// to be there is nothing, and something where the other tooth number puts them.
 const TEETH_GAIN: f64 = 0.5;
 const TEETH_SURE: f64 = 4.0;
-/// Tooth numbers farther off than those that are tried, up to so many: nobody has them, and their scores say what chance gives. The best of a dozen and a half numbers tried must lie so
-/// many of their standard deviations above them: by chance once in two thousand sheets, were they normal.
+/// Tooth numbers farther off than those that are tried, up to so many: nobody has them, and their
+/// scores say what chance gives. The best of a dozen and a half numbers tried must lie so many of
+/// their standard deviations above them: by chance once in two thousand sheets, were they normal.
 pub(crate) const NOBODYS_REACH: i64 = 24;
 pub(crate) const OF_NOBODY: f64 = 4.0;
-/// The same where the lines that it moves speak for it as well: one number in twenty that nobody has scores so much. True numbers of single recordings behind a slipping motor come to 2.0 at
+/// The same where the lines that it moves speak for it as well: one number in twenty that nobody
+/// has scores so much. True numbers of single recordings behind a slipping motor come to 2.0 at
 /// least, one that errors of all teeth lit to 1.2.
 const OF_NOBODY_MOVED: f64 = 1.645;
 /// So few say nothing.
 const LEAST_NOBODYS: usize = 8;
 /// Lines that must move, in all recordings together.
 const TEETH_LINES: usize = 8;
-/// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds wander.
+/// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds
+/// wander.
 const APART_BINS: f64 = 6.0;
 
-/// Mean log excess of the comb below which it meets no lines: the best of some hundred speeds on noise alone reaches 1.3.
+/// Mean log excess of the comb below which it meets no lines: the best of some hundred speeds on
+/// noise alone reaches 1.3.
 pub(crate) const LEAST_COMB: f64 = 1.6;
-/// Mesh lines are those of another pinion where its comb gains so much over the bench's own, which is itself no better than so much above the upper
-/// quartile of all teeth: any integer comb meets the orders of a pitch error, and a mesh stands out from them.
+/// Mesh lines are those of another pinion where its comb gains so much over the bench's own, which
+/// is itself no better than so much above the upper quartile of all teeth: any integer comb meets
+/// the orders of a pitch error, and a mesh stands out from them.
 const OTHER_BENCH: f64 = 1.0;
 const NO_MESH: f64 = 0.5;
 /// The same gain of the bench's own comb at another speed.
@@ -61,7 +69,8 @@ const SAME_ORDER: f64 = 1e-9;
 /// Teeth that are tried.
 const TRIED_TEETH: std::ops::RangeInclusive<u32> = 10..=140;
 
-/// Why a recording is not of this bench at the speed that is stated, if it is not; `train` may have a tooth number that the sheet has not.
+/// Why a recording is not of this bench at the speed that is stated, if it is not; `train` may have
+/// a tooth number that the sheet has not.
 pub fn stranger(
     bench: &Bench,
     train: &Train,
@@ -106,14 +115,16 @@ pub fn stranger(
     }
     let (low, high) = (speed.input_hz * (1.0 - 1e-3), speed.input_hz * (1.0 + 1e-3));
     let comb = |order: f64| -> Vec<f64> { (1..=5).map(|h| order * f64::from(h)).collect() };
-    // Sun or ring of another number of teeth alone cannot be assembled, so that the lines of a planetary stage are not asked for another pinion.
+    // Sun or ring of another number of teeth alone cannot be assembled, so that the lines of a
+    // planetary stage are not asked for another pinion.
     let pairs = bench.stages.iter().zip(&train.stages).filter(|(_, kinematics)| kinematics.planetary.is_none());
     for (stage, kinematics) in pairs {
         let own = field.search(&comb(kinematics.mesh_order), low, high).1;
         let mut others: Vec<(f64, u32)> = Vec::new();
         for teeth in TRIED_TEETH {
             let order = kinematics.pinion_order * f64::from(teeth);
-            // Combs that share lines with a mesh of the bench say nothing, nor do those of the low orders that every shaft makes.
+            // Combs that share lines with a mesh of the bench say nothing, nor do those of the low
+            // orders that every shaft makes.
             let shares = train.stages.iter().any(|s| {
                 let ratio = |a: u8, b: u8| order * f64::from(a) / (s.mesh_order * f64::from(b));
                 (1..=5).any(|a| (1..=5).any(|b| (ratio(a, b) - 1.0).abs() < 2e-3))
@@ -121,7 +132,8 @@ pub fn stranger(
             let of_shaft = train.shafts.iter().any(|(_, own)| {
                 let multiple = (order / own).round();
                 let off = (multiple * own / order - 1.0).abs();
-                // Errors of a gear's teeth light every order of its shaft. Those of the pinion's own are met by all numbers alike, those of another shaft by some.
+                // Errors of a gear's teeth light every order of its shaft. Those of the pinion's
+                // own are met by all numbers alike, those of another shaft by some.
                 let of_another = own != &kinematics.pinion_order && off < SAME_ORDER;
                 of_another || (multiple <= f64::from(SHAFT_MULTIPLES) && off < 2e-3)
             });
@@ -193,13 +205,15 @@ fn range(bench: &Bench, train: &Train, steady: &Steady<'_, impl Run>, tacho_hz: 
     (centre * (1.0 - slip.max(spread)), centre * (1.0 + spread))
 }
 
-/// Orders that decide between speeds at which the mesh harmonics fit alike: theirs, and the first of every shaft.
+/// Orders that decide between speeds at which the mesh harmonics fit alike: theirs, and the first
+/// of every shaft.
 pub(crate) fn speed_orders(train: &Train) -> Vec<f64> {
     let shafts = train.shafts.iter().flat_map(|(_, order)| (1..=4).map(move |k| order * f64::from(k)));
     comb_orders(train).into_iter().chain(shafts).collect()
 }
 
-/// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft orders.
+/// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft
+/// orders.
 pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
     let mut out = speed_orders(train);
     for stage in &train.stages {
@@ -255,8 +269,8 @@ impl Moved {
     }
 }
 
-/// The bench with other teeth on one gear, of a planetary stage on sun or ring with the planets that then fit between them; none where it could not be
-/// assembled.
+/// The bench with other teeth on one gear, of a planetary stage on sun or ring with the planets
+/// that then fit between them; none where it could not be assembled.
 pub fn with_teeth(bench: &Bench, stage: usize, pinion: bool, teeth: u32) -> Option<Bench> {
     let mut other = bench.clone();
     let s = other.stages.get_mut(stage)?;
@@ -284,7 +298,8 @@ pub fn speeds(bench: &Bench, train: &Train, all: &[Steady<'_, impl Run>], fields
         .collect()
 }
 
-/// Speed by the bench's own teeth and its score. Where all lines lie together a little farther off than the display may be, the rate is wrong or the motor slips.
+/// Speed by the bench's own teeth and its score. Where all lines lie together a little farther off
+/// than the display may be, the rate is wrong or the motor slips.
 pub(crate) fn own_speed(
     bench: &Bench,
     train: &Train,
@@ -304,7 +319,8 @@ pub(crate) fn own_speed(
     if far.1 > near.1 + TEETH_GAIN { far } else { near }
 }
 
-/// Whether the tacho through a bench's teeth and the drive display cannot both be right: beyond what a display, a sample clock and a belt are off.
+/// Whether the tacho through a bench's teeth and the drive display cannot both be right: beyond
+/// what a display, a sample clock and a belt are off.
 fn against_display(bench: &Bench, steady: &Steady<'_, impl Run>) -> bool {
     let train = Train::new(bench);
     let Some(input_hz) = steady.tacho_hz(&train).filter(|_| steady.display_motor_hz.is_finite()) else { return false };
@@ -312,10 +328,12 @@ fn against_display(bench: &Bench, steady: &Steady<'_, impl Run>) -> bool {
     !(low * (1.0 - CLOCK_REACH)..=high * (1.0 + CLOCK_REACH)).contains(&input_hz)
 }
 
-/// The bench with the one tooth number changed that fits all recordings clearly better, if there is one.
+/// The bench with the one tooth number changed that fits all recordings clearly better, if there is
+/// one.
 ///
-/// Which lines move depends on where the speed is known: with a tacho on the output shaft, the pinion's teeth move nothing but the input
-/// shaft's own lines. So candidates are ranked by all lines and believed by those that move.
+/// Which lines move depends on where the speed is known: with a tacho on the output shaft, the
+/// pinion's teeth move nothing but the input shaft's own lines. So candidates are ranked by all
+/// lines and believed by those that move.
 pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
     let sheet = Fit::of(bench, all, fields, true);
     let mut best: Option<Candidate> = None;
@@ -357,7 +375,8 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombFi
             })
             .collect()
     };
-    // A stage whose mesh is faint beside the other's: its share of all lines is small, but what tooth numbers score that nobody has says how small chance is.
+    // A stage whose mesh is faint beside the other's: its share of all lines is small, but what
+    // tooth numbers score that nobody has says how small chance is.
     let (one, sure) = best.map(|one| (one, true)).or_else(|| Some((faint?, false)))?;
     let nobody = nobodys(&one.gear);
     let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
@@ -407,16 +426,20 @@ impl Fit {
     }
 }
 
-/// Whether the sheet's own lines are there: where the sheet alone puts lines, there is more like what the best tooth number's own lines show than like those of numbers that nobody has. Then
-/// something else makes the lines of the best. Lines that both sheets have say nothing: at another speed, behind which the motor slips, most are of that kind.
+/// Whether the sheet's own lines are there: where the sheet alone puts lines, there is more like
+/// what the best tooth number's own lines show than like those of numbers that nobody has. Then
+/// something else makes the lines of the best. Lines that both sheets have say nothing: at another
+/// speed, behind which the motor slips, most are of that kind.
 fn sheet_has_lines(moved: &Moved, nobody: &[(f64, Moved)]) -> bool {
     let enough = nobody.iter().filter(|(_, moved)| moved.other.len() >= TEETH_LINES);
     let mut nobody: Vec<f64> = enough.map(|(_, moved)| dsp::mean(&moved.other)).collect();
     nobody.len() > LEAST_NOBODYS && dsp::mean(&moved.sheet) > 0.5 * (dsp::median(&mut nobody) + dsp::mean(&moved.other))
 }
 
-/// Whether the score of a tooth number stands by so many standard deviations out of those of numbers that nobody has. Where sidebands of a pitch error make every whole
-/// number fit a little, they scatter by that; a few that share lines with another mesh do not count, the scatter being that of the median.
+/// Whether the score of a tooth number stands by so many standard deviations out of those of
+/// numbers that nobody has. Where sidebands of a pitch error make every whole number fit a little,
+/// they scatter by that; a few that share lines with another mesh do not count, the scatter being
+/// that of the median.
 pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
     let middle = dsp::median(&mut nobodys.to_vec());
     let mut off: Vec<f64> = nobodys.iter().map(|x| (x - middle).abs()).collect();
@@ -427,8 +450,9 @@ pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// Every number's comb meets the orders that pitch errors light: the best of them is one of many. Where noise alone is under the others' combs, one that meets lines stands out; a multiple
-    /// of it that shares them does not hide it.
+    /// Every number's comb meets the orders that pitch errors light: the best of them is one of
+    /// many. Where noise alone is under the others' combs, one that meets lines stands out; a
+    /// multiple of it that shares them does not hide it.
     #[test]
     fn analytic_a_tooth_number_stands_out_of_those_that_nobody_has() {
         let lit: Vec<f64> = (0..40).map(|k| 3.2 + 0.5 * f64::from(k).sin()).collect();

@@ -1,7 +1,9 @@
 //! Teeth of the last wheel, by the comb of its shaft.
 //!
-//! They move no mesh line, only the output shaft's orders and sidebands, and near their carriers by less than the speed wanders. Over shaft angle, which the mesh
-//! lines have made even, lines are a bin or two wide, and a comb counted to its tenth line about eight harmonics is told from its neighbour's.
+//! They move no mesh line, only the output shaft's orders and sidebands, and near their carriers by
+//! less than the speed wanders. Over shaft angle, which the mesh lines have made even, lines are a
+//! bin or two wide, and a comb counted to its tenth line about eight harmonics is told from its
+//! neighbour's.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
@@ -46,19 +48,23 @@ pub struct OrderSpectra<B> {
 
 /// Largest change of the teeth that is tried.
 const REACH: i64 = 4;
-/// Sidebands on each side, mesh harmonics, and orders of the shaft that are counted: there errors of teeth gather.
+/// Sidebands on each side, mesh harmonics, and orders of the shaft that are counted: there errors
+/// of teeth gather.
 const SIDEBANDS: usize = 10;
 const HARMONICS: usize = 8;
 const ORDERS: usize = 12;
 /// Lines nearer than this (bins) to one that the train makes anyway say nothing.
 const APART_BINS: f64 = 3.0;
-/// Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean, at which other teeth are believed.
+/// Gain in median log excess from the sheet's comb to the other's, and the standard score of its
+/// mean, at which other teeth are believed.
 const GAIN: f64 = 0.4;
 const SURE: f64 = 4.0;
-/// A line stands above what lies so many bins beside it, outside its main lobe, and not only above the noise: the skirt of a strong line is no line. Where a stronger one is that near, nothing
-/// is to be seen.
+/// A line stands above what lies so many bins beside it, outside its main lobe, and not only above
+/// the noise: the skirt of a strong line is no line. Where a stronger one is that near, nothing is
+/// to be seen.
 pub(crate) const BESIDE: usize = MAIN_LOBE_BINS + 1;
-/// Multiples of the last shaft's speed that errors of another shaft's gears are modulated by: run-out of the wheel changes how the pinion's errors are felt. Such products are no multiples of
+/// Multiples of the last shaft's speed that errors of another shaft's gears are modulated by:
+/// run-out of the wheel changes how the pinion's errors are felt. Such products are no multiples of
 /// either shaft alone. Beside a whole ratio they are those of a wheel with a tooth more or fewer.
 const PRODUCTS: usize = 3;
 /// Lines on each side.
@@ -73,7 +79,8 @@ fn multiples(teeth: usize) -> Vec<usize> {
         .collect()
 }
 
-/// One tooth number of the last wheel: the order of its shaft by it, and its multiples that are counted.
+/// One tooth number of the last wheel: the order of its shaft by it, and its multiples that are
+/// counted.
 struct Comb {
     order: f64,
     multiples: Vec<usize>,
@@ -89,15 +96,18 @@ impl Comb {
 struct Seen {
     /// Log of its power over what lies beside it.
     excess: f64,
-    /// How far it lies from the comb's multiple, and from the nearest product of the other comb's order with another shaft (bins), where one is that near.
+    /// How far it lies from the comb's multiple, and from the nearest product of the other comb's
+    /// order with another shaft (bins), where one is that near.
     off: f64,
     from_product: Option<f64>,
 }
 
-/// Mean log excess of each line of one comb that neither the other nor the rest of the train has. Recordings and channels show the same lines, so that what falls on
-/// one by chance does so in all of them: a line is one witness, however often it was recorded.
+/// Mean log excess of each line of one comb that neither the other nor the rest of the train has.
+/// Recordings and channels show the same lines, so that what falls on one by chance does so in all
+/// of them: a line is one witness, however often it was recorded.
 ///
-/// Beside a whole ratio of the stage, products of the other comb are within a bin of this one's multiples. Where the lines lie says whose they are, all of them together.
+/// Beside a whole ratio of the stage, products of the other comb are within a bin of this one's
+/// multiples. Where the lines lie says whose they are, all of them together.
 fn excess<B: Bins>(all: &[OrderSpectra<B>], train: &Train, own: &Comb, other: &Comb) -> Vec<f64> {
     let lines: Vec<Vec<Seen>> = own.multiples.iter().map(|n| line(all, train, own.order * *n as f64, other)).collect();
     let nearer: f64 = lines
@@ -113,7 +123,8 @@ fn excess<B: Bins>(all: &[OrderSpectra<B>], train: &Train, own: &Comb, other: &C
     lines.iter().filter_map(of_one).collect()
 }
 
-/// The highest order that is asked for with any of the tooth numbers that are tried, and what lies beside it (orders of the input shaft).
+/// The highest order that is asked for with any of the tooth numbers that are tried, and what lies
+/// beside it (orders of the input shaft).
 pub(crate) fn highest_order(bench: &Bench, train: &Train) -> Option<f64> {
     let (sheet, kinematic) = (bench.stages.last()?.wheel.teeth, train.stages.last()?);
     let fewest = (i64::from(sheet) - NOBODYS_REACH).max(1) as f64;
@@ -148,7 +159,8 @@ fn line<B: Bins>(all: &[OrderSpectra<B>], train: &Train, order: f64, other: &Com
     seen
 }
 
-/// Log of the power of the peak among three bins over what lies beside it, and its position. `None` where there is no peak, or a stronger line is near.
+/// Log of the power of the peak among three bins over what lies beside it, and its position. `None`
+/// where there is no peak, or a stronger line is near.
 fn peak(spectrum: &impl Bins, bin: usize) -> Option<(f64, f64)> {
     let first = bin.checked_sub(BESIDE)?;
     let mut bins = [0.0; 2 * BESIDE + 1];
@@ -171,7 +183,8 @@ fn peak(spectrum: &impl Bins, bin: usize) -> Option<(f64, f64)> {
     Some((excess, (bin + highest) as f64 - BESIDE as f64 + shift))
 }
 
-/// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more or fewer it and the mesh lines would differ by one in that many.
+/// Whether a tacho on the last shaft has counted the teeth as the sheet says: with one tooth more
+/// or fewer it and the mesh lines would differ by one in that many.
 fn tacho_agrees<B>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>], teeth: u32) -> bool {
     let last = train.shafts.last().map(|s| s.0.as_str());
     if bench.tacho.as_ref().map(|t| t.shaft.as_str()) != last {
@@ -181,7 +194,8 @@ fn tacho_agrees<B>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>], teeth:
     !off.is_empty() && median(&mut off) < 0.5 / f64::from(teeth)
 }
 
-/// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the sheet says.
+/// The bench with the last wheel's teeth as its shaft's comb shows them, where that is not what the
+/// sheet says.
 pub fn other_wheel<B: Bins>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>]) -> Option<(OtherTeeth, Bench)> {
     let stage = bench.stages.len().checked_sub(1)?;
     let (sheet, kinematic) = (bench.stages[stage].wheel.teeth, train.stages.get(stage)?);
@@ -189,7 +203,8 @@ pub fn other_wheel<B: Bins>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>
         return None;
     }
     let own = Comb::new(kinematic.mesh_order, sheet);
-    // Gain in median log excess from the sheet's comb to the other's, and the standard score of its mean.
+    // Gain in median log excess from the sheet's comb to the other's, and the standard score of its
+    // mean.
     let gain = |teeth: u32| -> Option<(f64, f64)> {
         let comb = Comb::new(kinematic.mesh_order, teeth);
         let (mut old, mut new) = (excess(all, train, &own, &comb), excess(all, train, &comb, &own));
@@ -221,8 +236,10 @@ pub fn other_wheel<B: Bins>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>
         .then_some((OtherTeeth { stage, pinion: false, teeth, sheet, gain }, other))
 }
 
-/// Whether the sheet's own comb is there, by what the other tooth numbers gain on it, without the best of them. A comb that is not there is like that of any other number; where the sheet's
-/// stands above the rest of them it is there, and the lines of the best one are made by something else.
+/// Whether the sheet's own comb is there, by what the other tooth numbers gain on it, without the
+/// best of them. A comb that is not there is like that of any other number; where the sheet's
+/// stands above the rest of them it is there, and the lines of the best one are made by something
+/// else.
 fn sheet_stands(gains: &[f64]) -> bool {
     let mut above: Vec<f64> = gains.iter().map(|gain| -gain).collect();
     !above.is_empty() && median(&mut above) > GAIN
@@ -243,7 +260,8 @@ mod tests {
         assert_eq!(all.len(), 12 + 8 * 20);
     }
 
-    /// The sheet's comb that all others fall short of is there; one that they equal, more or less, is not.
+    /// The sheet's comb that all others fall short of is there; one that they equal, more or less,
+    /// is not.
     #[test]
     fn analytic_a_sheet_that_other_numbers_fall_short_of_stands() {
         assert!(sheet_stands(&[-0.9, -0.7, -0.5, 0.1]));

@@ -1,11 +1,41 @@
 //! Whether bench file, recordings and baseline belong together, before the first verdict.
 //!
-//! A wrong number in the bench file or in the set-up of the acquisition makes a healthy machine look faulty, or a faulty one look healthy. Each
-//! [`Finding`] states what was found, what was expected and what to do. What is certainly wrong is refused by the command; what is doubtful stands
-//! in every verdict until it is cleared (`[check] cleared` of the bench file).
+//! A wrong number in the bench file or in the set-up of the acquisition makes a healthy machine
+//! look faulty, or a faulty one look healthy. Each [`Finding`] states what was found, what was
+//! expected and what to do. What is certainly wrong is refused by the command; what is doubtful
+//! stands in every verdict until it is cleared (`[check] cleared` of the bench file).
 //!
-//! The lower part reads speed and tooth numbers of a recording from its lines ([`steady`], [`comb`], [`kinematics`], [`last_wheel`]); explanations
-//! begin with it too.
+//! The lower part reads speed and tooth numbers of a recording from its lines ([`steady`],
+//! [`comb`], [`kinematics`], [`last_wheel`]); explanations begin with it too.
+//!
+//! ```text
+//! bench file ──────────────────────────────┐
+//! recording ─► Look ─► speed, lines, teeth ─┼─► check ─► Finding: note, doubtful, wrong ─► refused, or doubts of verdicts
+//! baseline ────────────────────────────────┘
+//! ```
+//!
+//! A sample rate that is too low for the fifth mesh harmonic shows in the bench file alone:
+//!
+//! ```
+//! use gearwatch_check::{Severity, check};
+//! use gearwatch_core::bench::Bench;
+//!
+//! let bench = Bench::from_toml(
+//!     r#"
+//! format = "gearwatch-bench/1"
+//! name = "small"
+//! motor = { speed_hz = 30.0 }
+//! shaft = [{ name = "input" }, { name = "output" }]
+//! stage = [{ name = "stage1", pinion = { teeth = 23 }, wheel = { teeth = 41 } }]
+//! sensor = [{ name = "acc_1", shaft = "input" }]
+//! acquisition = { sample_rate_hz = 4096.0 }
+//! "#,
+//! )?;
+//! let checked = check(&bench, &[], None);
+//! assert_eq!(checked.worst(), Some(Severity::Doubtful));
+//! assert!(checked.findings.iter().any(|finding| finding.id == "band"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use std::fmt;
 
@@ -100,7 +130,8 @@ impl Checked {
         (!wrong.is_empty()).then(|| wrong.join("; "))
     }
 
-    /// The words of what is doubtful (or wrong) about one recording, as verdicts carry them: sorted, each once, with a space between.
+    /// The words of what is doubtful (or wrong) about one recording, as verdicts carry them:
+    /// sorted, each once, with a space between.
     pub fn doubts(&self, recording: &str) -> String {
         let of_it = |finding: &&Finding| finding.recording.is_empty() || finding.recording == recording;
         let mut ids: Vec<&str> = self
@@ -116,7 +147,8 @@ impl Checked {
     }
 }
 
-/// Checks a bench with what was looked at of its recordings, and with the baseline that is to judge them.
+/// Checks a bench with what was looked at of its recordings, and with the baseline that is to judge
+/// them.
 pub fn check(bench: &Bench, looks: &[Look], baseline: Option<&Baseline>) -> Checked {
     let mut findings = sheet::findings(bench, looks);
     for look in looks {

@@ -56,10 +56,12 @@ pub use crate::kinematics::SHAFT_MULTIPLES;
 /// Multiples of the motor's speed.
 pub const MOTOR_MULTIPLES: u8 = 6;
 
-/// Orders that differ by less are one line: whole multiples of one shaft's revolution, up to rounding.
+/// Orders that differ by less are one line: whole multiples of one shaft's revolution, up to
+/// rounding.
 pub const SAME_LINE: f64 = 1e-7;
 
-/// All lines of a train, ascending; of lines closer than `resolution` (orders) only the most likely owner stays.
+/// All lines of a train, ascending; of lines closer than `resolution` (orders) only the most likely
+/// owner stays.
 pub fn of_train(train: &Train, has_belt: bool, resolution: f64) -> Vec<Line> {
     let mut all = Vec::new();
     let mut add = |family, order: f64| {
@@ -96,7 +98,8 @@ pub fn of_train(train: &Train, has_belt: bool, resolution: f64) -> Vec<Line> {
             }
         }
     }
-    // Families were added in the order of their rank; a stable sort by order and a sweep keep the first of each heap.
+    // Families were added in the order of their rank; a stable sort by order and a sweep keep the
+    // first of each heap.
     let mut kept: Vec<(usize, Line)> = all.into_iter().enumerate().collect();
     kept.sort_by(|a, b| a.1.order.total_cmp(&b.1.order).then(a.0.cmp(&b.0)));
     let mut out: Vec<(usize, Line)> = Vec::with_capacity(kept.len());

@@ -1,4 +1,5 @@
-//! What is looked at of a recording: its first half minute, and what its time stamps say of the rest.
+//! What is looked at of a recording: its first half minute, and what its time stamps say of the
+//! rest.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,7 +14,8 @@ use crate::steady::Run;
 /// Most that is kept of each channel (s, samples).
 const MOST_S: f64 = 30.0;
 const MOST_SAMPLES: usize = 1 << 19;
-/// A service keeps so much of so many channels; lines, speed and teeth show in them as in all. Of the others it keeps this many samples.
+/// A service keeps so much of so many channels; lines, speed and teeth show in them as in all. Of
+/// the others it keeps this many samples.
 const MOST_WHOLE: usize = 8;
 const SHORT_SAMPLES: usize = 1 << 14;
 
@@ -39,7 +41,8 @@ pub(crate) struct LookChannel {
     pub(crate) runs: Vec<LookRun>,
 }
 
-/// Samples without a gap, in single precision: the converters of instruments have 24 bits, and a service keeps half a minute of eight channels.
+/// Samples without a gap, in single precision: the converters of instruments have 24 bits, and a
+/// service keeps half a minute of eight channels.
 #[derive(Clone, Debug)]
 pub(crate) struct LookRun {
     t0: UnixNanos,
@@ -108,7 +111,8 @@ impl Look {
         Self { recording: Recording { name: name.to_owned(), ..Recording::default() }, ..Self::default() }
     }
 
-    /// Nothing yet, of a service that watches this bench: of many channels, eight spread over the sheet are kept whole.
+    /// Nothing yet, of a service that watches this bench: of many channels, eight spread over the
+    /// sheet are kept whole.
     pub fn of_service(bench: &Bench) -> Self {
         let count = bench.sensors.len();
         let spread = (0..MOST_WHOLE).map(|i| bench.sensors[i * count / MOST_WHOLE].name.clone());
@@ -147,7 +151,8 @@ impl Look {
         self.channels.entry(block.sensor.to_string()).or_insert_with(fresh).push(block, most);
     }
 
-    /// Takes in a window of a running service: its samples that were not in the one before; its pulses are those of this shaft.
+    /// Takes in a window of a running service: its samples that were not in the one before; its
+    /// pulses are those of this shaft.
     pub fn push_window(&mut self, window: &Window, tacho_shaft: Option<&str>) {
         use gearwatch_core::block::{Samples, TachoBlock};
         let known = self.channels.get(&*window.sensor).and_then(|channel| channel.runs.last());

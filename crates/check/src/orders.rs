@@ -1,4 +1,5 @@
-//! Spectra over shaft angle, which the recording's own mesh lines have made even, with the noise beside each line.
+//! Spectra over shaft angle, which the recording's own mesh lines have made even, with the noise
+//! beside each line.
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
@@ -11,7 +12,8 @@ use crate::powers::{Paired, Precision};
 use crate::steady::{Run, Steady};
 use crate::turning::{Start, Turning};
 
-/// Distance of two listed lines from which they are told apart (bins): the joint fit pays for it with ten times the noise of a line alone.
+/// Distance of two listed lines from which they are told apart (bins): the joint fit pays for it
+/// with ten times the noise of a line alone.
 const SEPARABLE_BINS: f64 = 0.5;
 /// Share of the sample rate up to which lines are used: below the usual anti-alias corner.
 pub const USABLE_BAND: f64 = 0.45;
@@ -30,7 +32,8 @@ pub struct Turned {
     pub input_hz: f64,
     /// The same by the tacho.
     pub tacho_input_hz: Option<f64>,
-    /// Revolution of the input shaft at the first sample as counted from the first tacho pulse; 0 without a tacho.
+    /// Revolution of the input shaft at the first sample as counted from the first tacho pulse;
+    /// 0 without a tacho.
     pub start_rev: f64,
     /// The train's lines, ascending.
     pub lines: Vec<Line>,
@@ -56,7 +59,8 @@ impl Turned {
         let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
         let tacho_input_hz = tacho.as_ref().map(|t| t.1);
         let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0, &mut 0));
-        // The tacho follows the wander of the speed, the comb knows its mean against the sample clock: start from both.
+        // The tacho follows the wander of the speed, the comb knows its mean against the sample
+        // clock: start from both.
         let start = match tacho {
             Some((angle, tacho_input_hz)) => Start::Pulses { angle, input_hz, tacho_input_hz, len: signals[0].len() },
             None => Start::Even { input_hz, sample_rate_hz: rate },
@@ -80,7 +84,8 @@ impl Turned {
     }
 }
 
-/// Powers of the spectrum of one channel over shaft angle up to some order, with the mean noise power of each bin: what an [`OrderSpectrum`] shows, in a third of the memory and less.
+/// Powers of the spectrum of one channel over shaft angle up to some order, with the mean noise
+/// power of each bin: what an [`OrderSpectrum`] shows, in a third of the memory and less.
 pub(crate) struct OrderPowers {
     powers: Vec<f64>,
     floor: Vec<f64>,
@@ -145,7 +150,8 @@ pub fn occupied(len: usize, positions: impl Iterator<Item = f64>) -> Vec<bool> {
     taken
 }
 
-/// Mean noise power of each bin from the median of its free neighbours (median of exponential = ln 2 × mean).
+/// Mean noise power of each bin from the median of its free neighbours (median of exponential = ln
+/// 2 × mean).
 pub fn floor_of(spectrum: &[Complex64], taken: &[bool]) -> Vec<f64> {
     let floor = noise(|k| spectrum[k].norm_sqr(), &taken[..spectrum.len()], spectrum.len());
     (0..spectrum.len()).map(|k| floor.at(k)).collect()

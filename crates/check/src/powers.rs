@@ -1,4 +1,5 @@
-//! Powers of long spectra in the memory of the signal itself, in single precision where that is enough.
+//! Powers of long spectra in the memory of the signal itself, in single precision where that is
+//! enough.
 
 use num_complex::{Complex, Complex64};
 use rustfft::{FftNum, FftPlanner};
@@ -6,7 +7,8 @@ use std::f64::consts::PI;
 
 use crate::dsp::Transforms;
 
-/// What samples are kept in, and the powers of long spectra are worked out in: in single precision noise of the transform lies some 180 dB below the signal in each bin of half a minute.
+/// What samples are kept in, and the powers of long spectra are worked out in: in single precision
+/// noise of the transform lies some 180 dB below the signal in each bin of half a minute.
 pub trait Precision: FftNum + Into<f64> {
     /// Rounded.
     fn of(x: f64) -> Self;
@@ -35,7 +37,8 @@ impl Precision for f32 {
 }
 
 impl Transforms {
-    /// Powers of the bins of a real signal's spectrum, not scaled, in the memory of the signal itself: a transform that keeps its input and tables of factors takes five times as much.
+    /// Powers of the bins of a real signal's spectrum, not scaled, in the memory of the signal
+    /// itself: a transform that keeps its input and tables of factors takes five times as much.
     pub fn powers<T: Precision>(&mut self, signal: Paired<T>) -> Powers<T> {
         let len = signal.len;
         match columns(len / 2).filter(|_| len.is_multiple_of(2)) {
@@ -50,8 +53,9 @@ impl Transforms {
         }
     }
 
-    /// Bailey's four steps: even and odd samples as one complex signal, in a table of so many columns; transforms of the columns, turning, transforms of the rows. Bin `k` then lies in row
-    /// `k mod rows` and column `k / rows`.
+    /// Bailey's four steps: even and odd samples as one complex signal, in a table of so many
+    /// columns; transforms of the columns, turning, transforms of the rows. Bin `k` then lies in
+    /// row `k mod rows` and column `k / rows`.
     fn powers_in_place<T: Precision>(&mut self, mut bins: Vec<Complex<T>>, columns: usize) -> Powers<T> {
         let half = bins.len();
         let rows = half / columns;
@@ -130,11 +134,13 @@ impl<T: Precision> Extend<f64> for Paired<T> {
 
 /// Columns of a table that are transformed together.
 const BESIDE_COLUMNS: usize = 8;
-/// Shorter spectra take little memory anyhow; the rows and columns of longer ones are at most so long.
+/// Shorter spectra take little memory anyhow; the rows and columns of longer ones are at most so
+/// long.
 const LEAST_TABLE: usize = 1 << 14;
 const LONGEST_SIDE: usize = 1 << 13;
 
-/// Columns of a table of so many values that is nearly square; `None` where there is no need of it, or it cannot be had.
+/// Columns of a table of so many values that is nearly square; `None` where there is no need of it,
+/// or it cannot be had.
 fn columns(values: usize) -> Option<usize> {
     let root = values.isqrt();
     let columns = (1..=root).rev().find(|c| values.is_multiple_of(*c))?;
@@ -180,7 +186,8 @@ impl<T: Precision> Powers<T> {
         amplitude.into() * amplitude.into()
     }
 
-    /// From the spectrum of even samples as real and odd samples as imaginary parts to the amplitudes of the spectrum of all.
+    /// From the spectrum of even samples as real and odd samples as imaginary parts to the
+    /// amplitudes of the spectrum of all.
     fn part(&mut self, half: usize) {
         let wide = |bin: Complex<T>| Complex64::new(bin.re.into(), bin.im.into());
         let of = |amplitude: f64| Complex::new(T::of(amplitude), T::zero());
@@ -202,7 +209,8 @@ impl<T: Precision> Powers<T> {
 mod tests {
     use super::*;
 
-    /// The powers that are worked out in the memory of the signal are those of the plain transform: lengths that make a table, square or not, short ones, odd ones, and one whose half is prime.
+    /// The powers that are worked out in the memory of the signal are those of the plain transform:
+    /// lengths that make a table, square or not, short ones, odd ones, and one whose half is prime.
     #[test]
     fn oracle_powers_in_place_are_those_of_the_transform() {
         let mut state = 1u64;
@@ -226,7 +234,8 @@ mod tests {
             assert_eq!(powers.len(), bins.len());
             let highest = bins.iter().map(Complex64::norm_sqr).fold(0.0, f64::max);
             for (k, bin) in bins.iter().enumerate() {
-                // Rounding of the two transforms: some units in the last place of the highest amplitude.
+                // Rounding of the two transforms: some units in the last place of the highest
+                // amplitude.
                 let off = (powers.at(k).sqrt() - bin.norm()).abs();
                 assert!(off < 1e-13 * highest.sqrt(), "{len}: bin {k} off by {off:.2e}");
                 let off = (single.at(k).sqrt() - bin.norm()).abs();

@@ -1,4 +1,5 @@
-//! What the sheet says by itself: lines beyond the band of the acquisition, lines that coincide, a speed that looks like rpm.
+//! What the sheet says by itself: lines beyond the band of the acquisition, lines that coincide, a
+//! speed that looks like rpm.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
@@ -6,10 +7,12 @@ use gearwatch_core::verdict::HARMONICS;
 
 use crate::{Finding, Look, Severity};
 
-/// Anti-aliasing filters of instruments begin to fall here, and what lies above the second is filtered in all of them (shares of the rate).
+/// Anti-aliasing filters of instruments begin to fall here, and what lies above the second is
+/// filtered in all of them (shares of the rate).
 const FILTER_BEGINS: f64 = 0.39;
 const FILTERED: f64 = 0.45;
-/// Lines closer than this to each other fall together in a window of a second (Hz): the main lobe of its spectrum.
+/// Lines closer than this to each other fall together in a window of a second (Hz): the main lobe
+/// of its spectrum.
 const TOGETHER_HZ: f64 = 2.0;
 /// A motor that turns faster than this (Hz) is rare, and its speed in rpm is common.
 pub(crate) const FAST_MOTOR_HZ: f64 = 400.0;
@@ -38,7 +41,8 @@ pub(crate) fn findings(bench: &Bench, looks: &[Look]) -> Vec<Finding> {
     out
 }
 
-/// A motor speed that puts even the mesh frequency beyond the band, and as rpm does not: `said` where it stands, `option` how it is written as rpm.
+/// A motor speed that puts even the mesh frequency beyond the band, and as rpm does not: `said`
+/// where it stands, `option` how it is written as rpm.
 fn unit(train: &Train, motor_hz: f64, rate: f64, said: &str, option: &str) -> Option<Finding> {
     let lowest = train.stages.iter().map(|stage| stage.mesh_order).reduce(f64::min)?;
     let mesh_hz = lowest * motor_hz / train.motor_order;

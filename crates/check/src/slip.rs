@@ -11,7 +11,8 @@ use crate::{Finding, Severity};
 const WORTH: f64 = 1e-3;
 /// Standard deviations from the slip that was learned: one sheet in some ten thousand by chance.
 const SURE: f64 = 4.0;
-/// A share of the speed and a whole tooth look alike within this (relative): lines are read better than that, and loads move slip by more.
+/// A share of the speed and a whole tooth look alike within this (relative): lines are read better
+/// than that, and loads move slip by more.
 const ALIKE: f64 = 1e-3;
 
 pub(crate) fn findings(bench: &Bench, train: &Train, heard: &[Heard<'_>], baseline: Option<&Baseline>) -> Vec<Finding> {
@@ -89,7 +90,8 @@ fn found(bench: &Bench, lags: &[(&Heard<'_>, f64)]) -> Option<Finding> {
     })
 }
 
-/// The teeth of the first pinion by sheet, and others that would put all lines where they are, in every recording.
+/// The teeth of the first pinion by sheet, and others that would put all lines where they are, in
+/// every recording.
 fn same_as_teeth(bench: &Bench, lags: &[(&Heard<'_>, f64)]) -> Option<(u32, u32)> {
     // Another sun would need another planet and another ring.
     let sheet = bench.stages.first().filter(|stage| stage.gearing.planetary.is_none())?.pinion.teeth;

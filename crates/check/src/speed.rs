@@ -1,4 +1,5 @@
-//! Where the mesh lines lie, against where tacho, stated speed and sheet put them; and what explains the difference.
+//! Where the mesh lines lie, against where tacho, stated speed and sheet put them; and what
+//! explains the difference.
 
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::bench::Bench;
@@ -14,27 +15,34 @@ use crate::slip;
 use crate::steady::Steady;
 use crate::{Finding, Look, Severity, channels};
 
-/// Mean log excess of a comb from which it meets lines, as in the reading of recordings: noise alone reaches 1.3 at the best of some hundred speeds.
+/// Mean log excess of a comb from which it meets lines, as in the reading of recordings: noise
+/// alone reaches 1.3 at the best of some hundred speeds.
 const FITS: f64 = 1.6;
-/// What another explanation must gain over the sheet's where the sheet's fits, and score by itself where it does not.
+/// What another explanation must gain over the sheet's where the sheet's fits, and score by itself
+/// where it does not.
 const GAIN: f64 = 2.0;
 const SURE: f64 = FITS + 1.0;
-/// Reaches about an expected speed (relative): a tacho by its sample clock, a display without a belt, a belt's slip, a nominal speed with load.
+/// Reaches about an expected speed (relative): a tacho by its sample clock, a display without a
+/// belt, a belt's slip, a nominal speed with load.
 const TACHO: f64 = 0.015;
 const DISPLAY: f64 = 0.01;
 const BELT: f64 = 0.04;
 const NOMINAL: f64 = 0.08;
-/// Slip of an induction motor at full load, at most (relative): design B of NEMA MG 1. A stated speed without a tacho is that of the field, not of the shaft.
+/// Slip of an induction motor at full load, at most (relative): design B of NEMA MG 1. A stated
+/// speed without a tacho is that of the field, not of the shaft.
 const MOST_SLIP: f64 = 0.05;
-/// An offset between tacho and lines from which the sample rate is in doubt: clocks are off by some 10⁻⁵.
+/// An offset between tacho and lines from which the sample rate is in doubt: clocks are off by some
+/// 10⁻⁵.
 const CLOCK: f64 = 2e-3;
-/// Between the rate that a recording states and that of the sheet nothing decides beforehand: the lines do, by so many nats a line, five for a comb of ten.
+/// Between the rate that a recording states and that of the sheet nothing decides beforehand: the
+/// lines do, by so many nats a line, five for a comb of ten.
 const DECIDES: f64 = 0.5;
 /// Motor speeds below this are no rpm: no motor turns less than once a second.
 const LEAST_RPM: f64 = 60.0;
 /// Ratios are taken for a whole number or another shaft within this (relative).
 const SAME: f64 = 5e-3;
-/// Fewest revolutions of the input shaft, and lines of the comb within the band, by which a speed is judged.
+/// Fewest revolutions of the input shaft, and lines of the comb within the band, by which a speed
+/// is judged.
 const REVOLUTIONS: f64 = 20.0;
 const LEAST_LINES: usize = 3;
 /// Share of the sample rate up to which lines are counted: below the usual anti-alias corner.
@@ -66,11 +74,13 @@ pub(crate) struct Heard<'a> {
     pub(crate) score: f64,
     /// A much better explanation than the expected speed.
     other: Option<Other>,
-    /// The lines lie where the slip of the motor behind the stated speed puts them, and not at the stated speed.
+    /// The lines lie where the slip of the motor behind the stated speed puts them, and not at the
+    /// stated speed.
     pub(crate) slips: bool,
     /// How well the sheet's comb fits at the stated speed itself.
     pub(crate) stated_score: f64,
-    /// What lines gain if the recording was made at the sheet's rate, where it states another (nats a line).
+    /// What lines gain if the recording was made at the sheet's rate, where it states another (nats
+    /// a line).
     rate_gain: Option<f64>,
 }
 
@@ -150,9 +160,11 @@ fn hear_one<'a>(bench: &Bench, train: &Train, look: &'a Look, transforms: &mut T
         rate_gain: None,
     };
     if let Some((rate, sheet)) = channels::other_rate(bench, look) {
-        // At twice the true rate all lines seem to lie at twice their frequency. A motor slips at either.
+        // At twice the true rate all lines seem to lie at twice their frequency. A motor slips at
+        // either.
         let slip = if from == From::Stated && bench.belt.is_none() { MOST_SLIP } else { reach };
-        // At half the frequency the comb of the mesh lines meets sidebands, which may be as high; those of all shafts it meets no longer.
+        // At half the frequency the comb of the mesh lines meets sidebands, which may be as high;
+        // those of all shafts it meets no longer.
         let orders = kinematics::deciding_orders(train);
         let at = |hz: f64| heard.field.search(&orders, hz * (1.0 - slip), hz * (1.0 + reach));
         let ((_, as_stated), (hz, at_sheet)) = (at(expected_hz), at(expected_hz * rate / sheet));
@@ -171,8 +183,8 @@ fn hear_one<'a>(bench: &Bench, train: &Train, look: &'a Look, transforms: &mut T
 }
 
 impl Heard<'_> {
-    /// Takes the lines where the slip of the motor puts them, if more of them are there than at the stated speed: slip is what such a motor does, and nothing
-    /// speaks against it beforehand.
+    /// Takes the lines where the slip of the motor puts them, if more of them are there than at the
+    /// stated speed: slip is what such a motor does, and nothing speaks against it beforehand.
     fn slip(&mut self, train: &Train) {
         let middle = self.expected_hz * (1.0 - 0.5 * (self.reach + MOST_SLIP));
         let behind = best(train, &self.field, &self.steady, middle, 0.5 * (MOST_SLIP - self.reach));
@@ -183,7 +195,8 @@ impl Heard<'_> {
     }
 }
 
-/// The longest run of every sensor of the sheet that moves and holds numbers; `None` for run-ups and where there is none.
+/// The longest run of every sensor of the sheet that moves and holds numbers; `None` for run-ups
+/// and where there is none.
 fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a, LookRun>> {
     let recording = &look.recording;
     let mut channels: Vec<(&str, &str, &_)> = Vec::new();
@@ -208,7 +221,8 @@ fn steady<'a>(bench: &Bench, look: &'a Look) -> Option<Steady<'a, LookRun>> {
         return None;
     }
     let count = speeds().count() as f64;
-    // What is stated without a tacho is the speed of the field, behind which the shaft of a motor lags.
+    // What is stated without a tacho is the speed of the field, behind which the shaft of a motor
+    // lags.
     let field = bench.belt.is_none() && recording.tachos.is_empty();
     Some(Steady {
         recording,
@@ -232,7 +246,8 @@ fn expected(bench: &Bench, train: &Train, steady: &Steady<'_, LookRun>) -> (f64,
     }
 }
 
-/// The speed within reach at which the sheet's comb fits best, and its score; `None` where too few of its lines lie in the band.
+/// The speed within reach at which the sheet's comb fits best, and its score; `None` where too few
+/// of its lines lie in the band.
 fn best(train: &Train, field: &CombField, steady: &Steady<'_, LookRun>, hz: f64, reach: f64) -> Option<(f64, f64)> {
     let orders = kinematics::comb_orders(train);
     let highest = USABLE_BAND * steady.sample_rate_hz;
@@ -241,7 +256,8 @@ fn best(train: &Train, field: &CombField, steady: &Steady<'_, LookRun>, hz: f64,
     (inside >= LEAST_LINES).then(|| field.speed(&orders, &all, hz * (1.0 - reach), hz * (1.0 + reach)))
 }
 
-/// The explanation that fits much better than the expected speed, if there is one. What has a known cause goes before what has none.
+/// The explanation that fits much better than the expected speed, if there is one. What has a known
+/// cause goes before what has none.
 fn other(bench: &Bench, train: &Train, heard: &Heard<'_>, transforms: &mut Transforms) -> Option<Other> {
     let needed = (heard.score + GAIN).max(SURE);
     let fits = |hz: f64, reach: f64| best(train, &heard.field, &heard.steady, hz, reach);
@@ -286,7 +302,8 @@ fn tacho_cause(train: &Train, heard: &Heard<'_>, input_hz: f64) -> Cause {
     if whole >= 1.0 && (pulses / whole - 1.0).abs() < SAME { Cause::Pulses(whole) } else { Cause::Speed }
 }
 
-/// A speed far off at which the sheet's lines stand out clearly. At simple ratios harmonics meet each other's lines.
+/// A speed far off at which the sheet's lines stand out clearly. At simple ratios harmonics meet
+/// each other's lines.
 fn anywhere(
     bench: &Bench,
     train: &Train,
@@ -365,7 +382,8 @@ fn finding(
 }
 
 impl Heard<'_> {
-    /// Share by which the input shaft lags behind the stated motor speed; `None` where none is stated, or the lines are not found.
+    /// Share by which the input shaft lags behind the stated motor speed; `None` where none is
+    /// stated, or the lines are not found.
     pub(crate) fn lag(&self) -> Option<f64> {
         (self.from == From::Stated && self.is_settled()).then_some(1.0 - self.input_hz / self.expected_hz)
     }
@@ -430,7 +448,8 @@ fn explained(bench: &Bench, train: &Train, heard: &Heard<'_>, other: &Other) -> 
     }
 }
 
-/// Tacho and lines contradict each other by more than clocks do: one of them does not count seconds.
+/// Tacho and lines contradict each other by more than clocks do: one of them does not count
+/// seconds.
 fn clock(heard: &Heard<'_>) -> Option<Finding> {
     let ratio = heard.input_hz / heard.expected_hz;
     (!heard.clock_is_settled()).then(|| {

@@ -44,7 +44,8 @@ pub struct Steady<'a, R = Segment> {
     pub sample_rate_hz: f64,
     /// Motor speed as displayed, mean (Hz).
     pub display_motor_hz: f64,
-    /// By how much of it the shaft may lag behind (relative): 0 where the display is a reading of the shaft.
+    /// By how much of it the shaft may lag behind (relative): 0 where the display is a reading of
+    /// the shaft.
     pub most_slip: f64,
     /// (N m).
     pub brake_torque_nm: f64,
@@ -120,7 +121,8 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
     if high > low * (1.0 + RUN_UP) {
         return Err(Unused::RunUp);
     }
-    // The nominal speed typed in is no reading: an induction motor slips behind it, by how much nobody said.
+    // The nominal speed typed in is no reading: an induction motor slips behind it, by how much
+    // nobody said.
     let nominal = |hz: f64| (hz / bench.motor.speed_hz - 1.0).abs() < 1e-9 && bench.belt.is_none();
     let display = Some(mean(&speeds)).filter(|hz| !nominal(*hz) || !recording.tachos.is_empty()).unwrap_or(f64::NAN);
     let guess = if display.is_finite() { display } else { bench.motor.speed_hz } / train.motor_order;
@@ -137,7 +139,8 @@ pub fn steady<'a>(bench: &Bench, train: &Train, recording: &'a Recording) -> Res
 }
 
 impl<R: Run> Steady<'_, R> {
-    /// Mean input-shaft speed by the tacho (Hz): whole pulses over the time between the first and the last.
+    /// Mean input-shaft speed by the tacho (Hz): whole pulses over the time between the first and
+    /// the last.
     pub fn tacho_hz(&self, train: &Train) -> Option<f64> {
         let (shaft, tacho) = self.recording.tachos.iter().next()?;
         let order = train.shaft_order(shaft)?;
@@ -147,7 +150,8 @@ impl<R: Run> Steady<'_, R> {
         (tacho.pulse_times.len() >= 4 && speed.is_finite() && speed > 0.0).then_some(speed)
     }
 
-    /// Input-shaft angle by the tacho, the mean speed that it gives over the first channel (Hz), or nothing.
+    /// Input-shaft angle by the tacho, the mean speed that it gives over the first channel (Hz), or
+    /// nothing.
     pub fn tacho_angle(&self, train: &Train) -> Option<(PulseAngle, f64)> {
         let (_, _, run) = self.channels.first()?;
         let (shaft, tacho) = self.recording.tachos.iter().next()?;

@@ -41,7 +41,8 @@ pub(crate) fn findings(bench: &Bench, heard: &mut [Heard<'_>]) -> Vec<Finding> {
     vec![finding(bench, &teeth, if sure { Severity::Wrong } else { Severity::Doubtful })]
 }
 
-/// The last wheel moves no mesh line, and is counted over shaft angle, in recordings whose speed is known: one that was only found by letting the motor lag may be that of other teeth. Its
+/// The last wheel moves no mesh line, and is counted over shaft angle, in recordings whose speed is
+/// known: one that was only found by letting the motor lag may be that of other teeth. Its
 /// sidebands may be faint: that is a doubt.
 fn of_the_last_wheel(bench: &Bench, asked: &[&Heard<'_>]) -> Option<Finding> {
     let train = Train::new(bench);

@@ -51,7 +51,8 @@ fn without_tacho(packets: &[Packet]) -> Vec<Packet> {
     packets.iter().filter(|packet| !matches!(packet, Packet::Tacho(_))).cloned().collect()
 }
 
-/// Healthy recordings of all shipped benches that can be simulated, with and without their tacho: nothing is doubtful but what the sheet itself says of the band.
+/// Healthy recordings of all shipped benches that can be simulated, with and without their tacho:
+/// nothing is doubtful but what the sheet itself says of the band.
 #[test]
 fn conform_healthy_recordings_raise_no_doubt() {
     for shipped in shipped::BENCHES {
@@ -82,7 +83,8 @@ fn regress_a_wrong_tooth_number_is_found_with_a_tacho_too() {
     }
 }
 
-/// The last wheel moves no mesh line, its shaft's sidebands do: two teeth more on the sheet than on the wheel, whose spacing has errors. With the right number nothing is doubtful.
+/// The last wheel moves no mesh line, its shaft's sidebands do: two teeth more on the sheet than on
+/// the wheel, whose spacing has errors. With the right number nothing is doubtful.
 #[test]
 fn regress_a_wrong_tooth_number_of_the_last_wheel_is_found() {
     let mut bench = sheet();
@@ -106,9 +108,11 @@ fn pair_of(pinion: u32, wheel: u32) -> Bench {
     bench
 }
 
-/// Healthy pairs whose lines another tooth number seems to make: wheels of one tooth more or less than a multiple of the pinion's, with which the products of both shafts' errors would be
-/// orders of the wheel's shaft; pinions whose errors of pitch are higher than some mesh harmonics, so that a motor that slips by a tooth seems to fit; orders of the wheel close beside the
-/// pinion's, where the angle must be without ripple.
+/// Healthy pairs whose lines another tooth number seems to make: wheels of one tooth more or less
+/// than a multiple of the pinion's, with which the products of both shafts' errors would be orders
+/// of the wheel's shaft; pinions whose errors of pitch are higher than some mesh harmonics, so that
+/// a motor that slips by a tooth seems to fit; orders of the wheel close beside the pinion's, where
+/// the angle must be without ripple.
 #[test]
 fn regress_no_other_tooth_number_is_seen_in_healthy_pairs() {
     let beside = [(23, 93), (16, 65), (18, 73), (20, 81), (17, 69), (20, 61), (23, 91), (20, 39)];
@@ -122,7 +126,8 @@ fn regress_no_other_tooth_number_is_seen_in_healthy_pairs() {
     }
 }
 
-/// Tooth numbers at random, without a tacho: healthy pairs, pairs with pitch errors of the wheel, and the same with a wrong wheel in the sheet. No tooth number is doubted that is right, none of
+/// Tooth numbers at random, without a tacho: healthy pairs, pairs with pitch errors of the wheel,
+/// and the same with a wrong wheel in the sheet. No tooth number is doubted that is right, none of
 /// another gear is named, and nine of ten wrong ones are found.
 #[test]
 #[ignore = "two minutes; just campaign-teeth"]
@@ -185,8 +190,9 @@ fn regress_a_wrong_rate_is_refused() {
     }
 }
 
-/// The drive says the speed of its field, the motor slips behind it by 1.24 %: a note, and no doubt about speed, lines or teeth. Slip that one tooth fewer would
-/// look like is doubtful; so is what the baseline knows better, as of a rate that is off by 0.9 %.
+/// The drive says the speed of its field, the motor slips behind it by 1.24 %: a note, and no doubt
+/// about speed, lines or teeth. Slip that one tooth fewer would look like is doubtful; so is what
+/// the baseline knows better, as of a rate that is off by 0.9 %.
 #[test]
 fn regress_the_slip_of_a_motor_is_no_fault() {
     let bench = sheet();
@@ -243,7 +249,8 @@ fn regress_rpm_for_hz_is_named() {
     wrong.motor.speed_hz = 1500.0;
     let checked = check(&wrong, &[], None);
     assert!(found(&checked).contains(&("speed_unit", Severity::Wrong)), "{checked:#?}");
-    // A recording that states its speed rightly does not make the sheet right; one that states rpm as Hz is told by the band, with a tacho too.
+    // A recording that states its speed rightly does not make the sheet right; one that states rpm
+    // as Hz is told by the band, with a tacho too.
     let checked = check(&wrong, &[look(pair(), |_| {})], None);
     assert!(checked.findings.iter().any(|f| f.id == "speed_unit" && f.found.starts_with("speed_hz = 1500")));
     let stated = |packet: &mut Packet| {
@@ -272,7 +279,8 @@ fn analytic_wrong_pulses_per_revolution_are_counted() {
     assert!(finding.severity == Severity::Wrong && finding.advice.starts_with("1 pulses per revolution"), "{finding}");
 }
 
-/// No torque stated; a sensor that hears noise alone; one that stands still; one that is missing. What was looked into is a note from then on.
+/// No torque stated; a sensor that hears noise alone; one that stands still; one that is missing.
+/// What was looked into is a note from then on.
 #[test]
 fn conform_what_is_missing_or_deaf_is_told() {
     let all = packets("paper-rig");

@@ -1,6 +1,8 @@
-//! The angle of a shaft through a recording: from tacho pulses or an even speed, with what the mesh lines correct.
+//! The angle of a shaft through a recording: from tacho pulses or an even speed, with what the mesh
+//! lines correct.
 
-/// The angle of a shaft through a recording, worked out where it is asked for: written down it would take as much memory as a channel of the recording, or two.
+/// The angle of a shaft through a recording, worked out where it is asked for: written down it
+/// would take as much memory as a channel of the recording, or two.
 #[derive(Clone, Debug)]
 pub struct Turning {
     start: Start,
@@ -64,7 +66,8 @@ impl Turning {
             let mut angle = match &self.start {
                 Start::Even { input_hz, sample_rate_hz } => input_hz * n as f64 / sample_rate_hz,
                 Start::Pulses { angle, input_hz, tacho_input_hz, len } => {
-                    // Where the sample clock is off, sample `n` was not taken at `n` steps of the tacho's time.
+                    // Where the sample clock is off, sample `n` was not taken at `n` steps of the
+                    // tacho's time.
                     let position = n as f64 * input_hz / tacho_input_hz;
                     let k = (position as usize).min(len - 2);
                     let (a, b) = (angle.at(k, &mut pulses[0]), angle.at(k + 1, &mut pulses[1]));
@@ -91,12 +94,14 @@ pub struct PulseAngle {
 }
 
 impl PulseAngle {
-    /// Of a shaft that turns `order` times as fast as the one whose angle is wanted. `None` with fewer than four pulses.
+    /// Of a shaft that turns `order` times as fast as the one whose angle is wanted. `None` with
+    /// fewer than four pulses.
     pub fn new(pulse_s: Vec<f64>, pulses_per_rev: f64, sample_rate_hz: f64, order: f64) -> Option<Self> {
         (pulse_s.len() >= 4).then_some(Self { pulse_s, pulses_per_rev, sample_rate_hz, order })
     }
 
-    /// Angle at a sample (revolutions); `pulse` is one before it, from which the next is sought, 0 to begin with.
+    /// Angle at a sample (revolutions); `pulse` is one before it, from which the next is sought,
+    /// 0 to begin with.
     pub fn at(&self, sample: usize, pulse: &mut usize) -> f64 {
         let (pulse_s, n) = (&self.pulse_s, self.pulse_s.len());
         let slope = |i: usize| {
@@ -128,7 +133,8 @@ impl PulseAngle {
     }
 }
 
-/// Value between the middles of blocks: cubic through four (Catmull–Rom), straight on beyond the ends.
+/// Value between the middles of blocks: cubic through four (Catmull–Rom), straight on beyond the
+/// ends.
 pub(crate) fn between(values: &[f64], position: f64) -> f64 {
     let last = values.len() - 2;
     let k = (position.max(0.0) as usize).min(last);

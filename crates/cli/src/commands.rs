@@ -51,7 +51,7 @@ mod sweep;
 mod top;
 
 /// All commands, in the order of `gearwatch --help`.
-const COMMANDS: &[Kind] = &[
+const COMMANDS: &[CommandEntry] = &[
     kind::<run::RunService>(),
     kind::<status::Status>(),
     kind::<replay::Replay>(),
@@ -119,7 +119,7 @@ pub trait Run: Args + Send {
     fn run(self) -> anyhow::Result<Exit>;
 }
 
-struct Kind {
+struct CommandEntry {
     name: &'static str,
     /// The cargo feature that a build without this command lacks.
     lacks: Option<&'static str>,
@@ -127,8 +127,8 @@ struct Kind {
     run: fn(&clap::ArgMatches) -> anyhow::Result<Exit>,
 }
 
-const fn kind<T: Run>() -> Kind {
-    Kind {
+const fn kind<T: Run>() -> CommandEntry {
+    CommandEntry {
         name: T::NAME,
         lacks: None,
         build: || T::augment_args(Command::new(T::NAME)),
@@ -138,11 +138,11 @@ const fn kind<T: Run>() -> Kind {
 
 /// A command that this build has left out: it stands in the help and takes any arguments, so that whoever tries it learns what it needs.
 #[allow(dead_code, reason = "not used where nothing was left out")]
-const fn left_out(name: &'static str, feature: &'static str) -> Kind {
-    Kind { name, lacks: Some(feature), build: || Command::new(""), run: |_| Ok(Exit::Unknown) }
+const fn left_out(name: &'static str, feature: &'static str) -> CommandEntry {
+    CommandEntry { name, lacks: Some(feature), build: || Command::new(""), run: |_| Ok(Exit::Unknown) }
 }
 
-impl Kind {
+impl CommandEntry {
     fn command(&self) -> Command {
         let Some(feature) = self.lacks else { return (self.build)() };
         Command::new(self.name)
@@ -166,7 +166,7 @@ pub fn command_line() -> Command {
         .about("Watches, replays, diagnoses, simulates and explains a gear test bench")
         .subcommand_required(true)
         .arg_required_else_help(true)
-        .subcommands(COMMANDS.iter().map(Kind::command))
+        .subcommands(COMMANDS.iter().map(CommandEntry::command))
 }
 
 /// Parses the arguments, runs the command, and says what went wrong.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use gearwatch_daemon::config::Config;
-use gearwatch_daemon::service::{Reload, Service, Summary};
+use gearwatch_daemon::service::{Reload, ReloadError, Service, Summary};
 use gearwatch_runtime::stop::Stop;
 
 use crate::exit::Exit;
@@ -25,9 +25,8 @@ pub fn serve(config: Config, ends_with_sinks: bool, reread: Option<PathBuf>) -> 
     }
     let told = stop.clone();
     let again = move || {
-        let path = reread.as_ref().ok_or("there is no configuration file to read again")?;
-        let config = Config::read(path).map_err(|e| e.to_string())?;
-        Service::build(config, &told).map_err(|e| e.to_string())
+        let path = reread.as_ref().ok_or(ReloadError::NoFile)?;
+        Ok(Service::build(Config::read(path)?, &told)?)
     };
     let summary = service.run_reloading(&stop, &reload, again)?;
     say(&summary);

@@ -152,9 +152,9 @@ const LONGEST: usize = 4096;
 
 /// How much is said of each kind: what one place in the program says is one kind.
 #[derive(Default)]
-struct Limits(HashMap<Identifier, Kind>);
+struct Limits(HashMap<Identifier, Repetition>);
 
-struct Kind {
+struct Repetition {
     since: Instant,
     said: u64,
     left_out: u64,
@@ -165,7 +165,7 @@ struct Kind {
 impl Limits {
     /// Whether a line may be written now.
     fn admit(&mut self, kind: Identifier, line: &[u8], now: Instant) -> bool {
-        let kind = self.0.entry(kind).or_insert(Kind { since: now, said: 0, left_out: 0, last: String::new() });
+        let kind = self.0.entry(kind).or_insert(Repetition { since: now, said: 0, left_out: 0, last: String::new() });
         if kind.left_out == 0 && now.duration_since(kind.since) >= PERIOD {
             (kind.since, kind.said) = (now, 0);
         }
@@ -180,7 +180,7 @@ impl Limits {
 
     /// What is to be said of lines that were left out, once their period is over.
     fn settle(&mut self, now: Instant) -> Vec<String> {
-        let over = |kind: &Kind| kind.left_out > 0 && now.duration_since(kind.since) >= PERIOD;
+        let over = |kind: &Repetition| kind.left_out > 0 && now.duration_since(kind.since) >= PERIOD;
         let told = self.0.values().filter(|kind| over(kind));
         let told =
             told.map(|kind| format!("{} more lines like this were left out: {}", kind.left_out, kind.last)).collect();

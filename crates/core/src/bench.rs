@@ -333,6 +333,29 @@ mod defaults {
 }
 
 impl Bench {
+    /// As a bench file has it that gives no more than these, so that a new key has its default in one place.
+    pub fn new(name: impl Into<String>, motor: Motor, shafts: Vec<Shaft>, stages: Vec<Stage>) -> Self {
+        Self {
+            format: FORMAT.into(),
+            name: name.into(),
+            motor,
+            belt: None,
+            shafts,
+            stages,
+            gear_material: GearMaterial::default(),
+            brake: Brake::default(),
+            housing_modes: Vec::new(),
+            sensors: Vec::new(),
+            tacho: None,
+            acquisition: Acquisition::default(),
+            effects: Vec::new(),
+            terms: Vec::new(),
+            bearings: Vec::new(),
+            indicators: IndicatorSettings::default(),
+            check: Check::default(),
+        }
+    }
+
     /// The text of a bench file, as it stands: [`Self::problems`] says whether its values can be right.
     ///
     /// # Errors

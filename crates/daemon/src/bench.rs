@@ -1,4 +1,5 @@
-//! A bench as the service watches it: bench file, baseline and pipeline, made from its configuration.
+//! A bench as the service watches it: bench file, baseline and pipeline, made from its
+//! configuration.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

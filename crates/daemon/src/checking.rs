@@ -9,11 +9,13 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::doubts::Doubts;
 use gearwatch_core::window::Window;
 
-/// From so long after the last window that is looked at the judging thread waits for the answer (ns of the windows' own time): it is there by then, and every
-/// run of the same windows says so at the same one.
+/// From so long after the last window that is looked at the judging thread waits for the answer (ns
+/// of the windows' own time): it is there by then, and every run of the same windows says so at the
+/// same one.
 const ANSWER_AFTER_NS: u64 = 20_000_000_000;
 
-/// Looks at the first windows of a running source, asks on a thread of its own, and tells the verdicts from then on.
+/// Looks at the first windows of a running source, asks on a thread of its own, and tells the
+/// verdicts from then on.
 #[derive(Debug)]
 pub struct Examiner {
     bench: Arc<Bench>,
@@ -59,7 +61,8 @@ impl Examiner {
             Stage::Asking { since, .. } if window.t0.abs_diff(*since) < ANSWER_AFTER_NS => None,
             Stage::Asking { .. } => {
                 let Stage::Asking { answer, .. } = std::mem::replace(&mut self.stage, Stage::Done) else { return None };
-                // A check that panicked is told by the thread itself; the bench is watched all the same.
+                // A check that panicked is told by the thread itself; the bench is watched all the
+                // same.
                 let checked = answer.join().ok()?;
                 self.doubts.set(&checked.doubts(""));
                 Some(checked)
@@ -133,7 +136,8 @@ mod tests {
         }
     }
 
-    /// The answer is waited for 20 s after the look, whatever the number of channels; 20 windows of 64 channels are a third of a second.
+    /// The answer is waited for 20 s after the look, whatever the number of channels; 20 windows of
+    /// 64 channels are a third of a second.
     #[test]
     fn regress_many_channels_do_not_shorten_the_time_for_the_answer() {
         let bench = Arc::new(bench());

@@ -1,6 +1,8 @@
-//! The configuration of the service: TOML, every key described, unknown keys refused with their place.
+//! The configuration of the service: TOML, every key described, unknown keys refused with their
+//! place.
 //!
-//! *validate → build → run*: [`Config::parse`] and [`Config::problems`] touch nothing but the text; what they accept can be built.
+//! *validate → build → run*: [`Config::parse`] and [`Config::problems`] touch nothing but the text;
+//! what they accept can be built.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -22,7 +24,7 @@ mod schema;
 mod service;
 
 pub use bench::BenchConfig;
-pub use entry::{SinkEntry, SourceEntry};
+pub use entry::{EntryError, SinkEntry, SourceEntry};
 pub use report::ReportConfig;
 pub use schema::schema;
 pub use service::{PageTls, ServiceConfig};
@@ -54,6 +56,18 @@ pub enum ConfigError {
         name: String,
         /// Place, what was expected and what was found.
         message: String,
+    },
+    /// A table of a source or a sink.
+    #[error("{name}: line {line}, {place}: {source}")]
+    Entry {
+        /// File name, or what stands for it.
+        name: String,
+        /// Where the table begins.
+        line: usize,
+        /// The table's name.
+        place: &'static str,
+        /// What is wrong.
+        source: Box<EntryError>,
     },
     /// The values cannot be right.
     #[error("{name}: {}", problems.join("; "))]
@@ -97,16 +111,17 @@ impl Config {
     /// Reads a text; `name` stands for the file in messages, relative paths start at `folder`.
     ///
     /// # Errors
-    /// With the place, when the text is not TOML, has unknown, missing or mistyped keys, or values that cannot be right.
+    /// With the place, when the text is not TOML, has unknown, missing or mistyped keys, or values
+    /// that cannot be right.
     pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Self, ConfigError> {
         let syntax = |message: String| ConfigError::Syntax { name: name.to_owned(), message };
         let file: File = toml::from_str(text).map_err(|e| syntax(e.to_string().trim_end().to_owned()))?;
         if file.format != FORMAT {
             return Err(syntax(format!("format is {:?}; this version reads {FORMAT:?}", file.format)));
         }
-        let at = |place: &str, table: &Spanned<Table>, message: String| {
+        let at = |place, table: &Spanned<Table>, source| {
             let line = text.get(..table.span().start).map_or(0, |before| before.matches('\n').count()) + 1;
-            syntax(format!("line {line}, {place}: {message}"))
+            ConfigError::Entry { name: name.to_owned(), line, place, source: Box::new(source) }
         };
         let mut benches = Vec::new();
         for keys in file.benches {
@@ -155,8 +170,8 @@ impl Config {
         let keys = |pairs: Vec<(&str, toml::Value)>| {
             pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect::<Table>()
         };
-        let syntax = |message: String| ConfigError::Syntax { name: text(recording), message };
-        let speed = toml::Value::try_from(speed).map_err(|e| syntax(e.to_string()))?;
+        let syntax = |e: EntryError| ConfigError::Syntax { name: text(recording), message: e.to_string() };
+        let speed = toml::Value::try_from(speed).map_err(|e| syntax(e.into()))?;
         let source = keys(vec![("kind", "file".into()), ("path", text(recording).into()), ("speed", speed)]);
         let config = Self {
             name: text(recording),
@@ -216,7 +231,8 @@ impl Config {
         self.benches.iter().any(BenchConfig::is_live)
     }
 
-    /// What happens when a sink's queue is full: as configured, else wait where no source is live, and drop the oldest where one is.
+    /// What happens when a sink's queue is full: as configured, else wait where no source is live,
+    /// and drop the oldest where one is.
     pub fn when_full(&self, sink: &SinkEntry) -> WhenFull {
         sink.when_full.unwrap_or(if self.is_live() { WhenFull::DropOldest } else { WhenFull::Block })
     }

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use gearwatch_alarm::{Acknowledgement, Alarm};
 use gearwatch_core::block::Packet;
-use gearwatch_core::verdict::Verdict;
+use gearwatch_core::verdict::{MachineState, Verdict};
 use gearwatch_runtime::queue::Outlet;
 
 use serde::Serialize;
 
+use crate::states::{BenchInstrument, Life};
 use gearwatch_log::{Clock, Gap, SpectrumFrame};
 
 /// One thing to be told. Shared between the sinks, so that nothing is copied per sink.
@@ -56,19 +57,20 @@ pub enum Event {
     Spectrum(Arc<SpectrumFrame>),
 }
 
-/// How a bench is, in a few words and figures. `machine` and `instrument` are never better than what is known.
+/// How a bench is, in a few words and figures. `machine` and `instrument` are never better than
+/// what is known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BenchState {
     /// When this was so (ns since the epoch).
     pub t_ns: i64,
-    /// `running` or `stopped`.
-    pub service: &'static str,
+    /// Whether the service runs.
+    pub service: Life,
     /// All that must go on goes on: sources, sinks, self test.
     pub ok: bool,
     /// Worst machine state of the bench's places.
-    pub machine: String,
+    pub machine: MachineState,
     /// `ok` only if all channels are.
-    pub instrument: String,
+    pub instrument: BenchInstrument,
     /// Motor speed in Hz, `null` where unknown.
     pub motor_speed_hz: Option<f64>,
     /// Torque at the brake in N m, `null` where unknown.
@@ -88,9 +90,7 @@ pub struct BenchState {
 impl BenchState {
     /// In a way that somebody may want to know of at once.
     pub fn differs_from(&self, other: &Self) -> bool {
-        let heart = |state: &Self| {
-            (state.service, state.ok, state.machine.clone(), state.instrument.clone(), state.alarms_active)
-        };
+        let heart = |state: &Self| (state.service, state.ok, state.machine, state.instrument, state.alarms_active);
         heart(self) != heart(other)
     }
 }
@@ -113,7 +113,8 @@ impl Fanout {
         }
     }
 
-    /// Tells all sinks that have room. For what is said again a second later, by somebody who must never wait.
+    /// Tells all sinks that have room. For what is said again a second later, by somebody who must
+    /// never wait.
     pub fn mention(&self, event: Event) {
         let event = Arc::new(event);
         for queue in &self.0 {

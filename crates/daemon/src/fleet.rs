@@ -1,7 +1,9 @@
-//! The fleet: what all benches say to one JetStream stream, read by `gearwatch fleet`. `docs/fleet.md` is the contract of subjects, headers and fields.
+//! The fleet: what all benches say to one JetStream stream, read by `gearwatch fleet`.
+//! `docs/fleet.md` is the contract of subjects, headers and fields.
 //!
-//! [`follow`] reads the stream from some point on and comes back by itself after an outage; [`Fleet`] is what it makes of the letters: every one
-//! counts once, however often it was sent, and holes in the numbers are counted. [`page()`] shows it to a browser.
+//! [`follow`] reads the stream from some point on and comes back by itself after an outage;
+//! [`Fleet`] is what it makes of the letters: every one counts once, however often it was sent, and
+//! holes in the numbers are counted. [`page()`] shows it to a browser.
 
 use std::time::Duration;
 
@@ -20,8 +22,9 @@ mod view;
 pub use {
     access::Access,
     follow::{From, Notice, follow},
+    nats::NatsError,
     page::page,
-    view::{Bench, Fleet, Heard, Place, Told},
+    view::{Bench, Fleet, Heard, NewestVerdict, Told},
 };
 
 /// Name of the stream unless the configuration says otherwise.
@@ -34,7 +37,8 @@ pub const RESENT_HEADER: &str = "Gearwatch-Resent";
 pub const HEARTBEAT: Duration = Duration::from_secs(10);
 /// A bench that was not heard for so long is silent.
 pub const SILENCE: Duration = Duration::from_secs(30);
-/// So long the server recognises a letter that it has already. What comes later is in the stream twice, marked; [`Fleet`] counts it once.
+/// So long the server recognises a letter that it has already. What comes later is in the stream
+/// twice, marked; [`Fleet`] counts it once.
 pub const DUPLICATE_WINDOW: Duration = Duration::from_secs(600);
 
 /// The server must answer within this time.

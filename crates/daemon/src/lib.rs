@@ -1,4 +1,5 @@
-//! The service: workers and sinks on tokio, fed by sources. Sources, log, alarms and history are crates of their own.
+//! The service: workers and sinks on tokio, fed by sources. Sources, log, alarms and history are
+//! crates of their own.
 //!
 //! ```text
 //! source ─► bounded queue ─► cutting ─► workers (all cores) ─► judging ─► fanout ─┬► stdout
@@ -8,8 +9,9 @@
 //! supervisor: looks at all of them once a second; `ok` only for what is known to be well
 //! ```
 //!
-//! [`config`] becomes [`service`]: every range is checked before anything starts, all problems are reported at once. A part that fails is started again or ends
-//! the service; nothing that is unknown is reported as normal. `docs/contributing.md` tells the life of a packet.
+//! [`config`] becomes [`service`]: every range is checked before anything starts, all problems are
+//! reported at once. A part that fails is started again or ends the service; nothing that is
+//! unknown is reported as normal. `docs/contributing.md` tells the life of a packet.
 //!
 //! ```
 //! use gearwatch_daemon::config::Config;
@@ -30,5 +32,6 @@ pub mod selftest;
 pub mod service;
 pub mod sink;
 pub mod snapshot;
+pub mod states;
 pub mod status;
 pub mod web;

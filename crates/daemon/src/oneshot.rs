@@ -1,4 +1,5 @@
-//! One recording through the engine to its end, on the caller's thread: the same lane as the service's, without sources and sinks.
+//! One recording through the engine to its end, on the caller's thread: the same lane as the
+//! service's, without sources and sinks.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -28,8 +29,8 @@ pub enum OneShotError<E: std::error::Error + 'static> {
     Died(#[from] LaneDied),
 }
 
-/// Pulls all packets through a pipeline. `tell` gets the windows and verdicts in order, with `state`, which is handed back together
-/// with the count of what happened to the samples.
+/// Pulls all packets through a pipeline. `tell` gets the windows and verdicts in order, with
+/// `state`, which is handed back together with the count of what happened to the samples.
 ///
 /// # Errors
 /// When the reader fails; what came before it was told.

@@ -1,6 +1,8 @@
-//! The self test in service: a known signal goes through the same workers as the benches' windows, and must get its known ranks.
+//! The self test in service: a known signal goes through the same workers as the benches' windows,
+//! and must get its known ranks.
 //!
-//! A worker that computes nonsense, hangs, or has a broken transform is seen within 25 seconds, although all benches may look normal.
+//! A worker that computes nonsense, hangs, or has a broken transform is seen within 25 seconds,
+//! although all benches may look normal.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,6 +18,7 @@ use gearwatch_sources::{Feed, Pull, SourceContext};
 use crate::bench::learn;
 use crate::config::Config;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool, Told};
+use crate::states::SelfTestState;
 
 /// One known window so often.
 const PERIOD: Duration = Duration::from_secs(10);
@@ -117,16 +120,16 @@ impl SelfTest {
         }
     }
 
-    /// `right`, `wrong`, `late`, or `not_yet`.
-    pub fn state(&self, now: Instant) -> &'static str {
+    /// Its answer so far.
+    pub fn state(&self, now: Instant) -> SelfTestState {
         let answers = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
         let since = answers.last_right.unwrap_or(self.started);
         match answers.last_right {
-            _ if self.lane.has_died() => "wrong",
-            _ if now.saturating_duration_since(since) > LATE => "late",
-            Some(_) if answers.last_was_right => "right",
-            Some(_) => "wrong",
-            None => "not_yet",
+            _ if self.lane.has_died() => SelfTestState::Wrong,
+            _ if now.saturating_duration_since(since) > LATE => SelfTestState::Late,
+            Some(_) if answers.last_was_right => SelfTestState::Right,
+            Some(_) => SelfTestState::Wrong,
+            None => SelfTestState::NotYet,
         }
     }
 }
@@ -154,12 +157,12 @@ mod tests {
         let pool = Pool::start(2).unwrap();
         let mut test = SelfTest::start(&pool).unwrap();
         let begin = Instant::now();
-        assert_eq!(test.state(begin), "not_yet");
+        assert_eq!(test.state(begin), SelfTestState::NotYet);
         test.tick(begin);
-        while test.state(Instant::now()) == "not_yet" && begin.elapsed() < Duration::from_secs(20) {
+        while test.state(Instant::now()) == SelfTestState::NotYet && begin.elapsed() < Duration::from_secs(20) {
             std::thread::sleep(Duration::from_millis(2));
         }
-        assert_eq!(test.state(Instant::now()), "right");
-        assert_eq!(test.state(Instant::now() + LATE + Duration::from_secs(1)), "late");
+        assert_eq!(test.state(Instant::now()), SelfTestState::Right);
+        assert_eq!(test.state(Instant::now() + LATE + Duration::from_secs(1)), SelfTestState::Late);
     }
 }

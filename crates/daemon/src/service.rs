@@ -1,7 +1,8 @@
 //! The service: builds everything a configuration names, runs it, and stops it in order.
 //!
-//! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files and baselines, but starts nothing;
-//! [`Service::run`] owns all threads and returns when all have ended.
+//! *validate → build → run*: [`Config`] was checked before; [`Service::build`] opens bench files
+//! and baselines, but starts nothing; [`Service::run`] owns all threads and returns when all have
+//! ended.
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
@@ -14,7 +15,7 @@ use gearwatch_runtime::stop::Stop;
 use tokio::runtime::Runtime;
 
 use crate::bench::{BenchError, WatchedBench};
-use crate::config::Config;
+use crate::config::{Config, ConfigError};
 use crate::selftest::SelfTestError;
 use crate::sink::SinkError;
 
@@ -34,6 +35,7 @@ pub use draining::{SinkMonitor, SinkState};
 pub use feeding::{SourceMonitor, SourceState};
 
 use edge::PageAccess;
+pub use edge::PageError;
 use running::{Carried, Next, Running};
 
 /// Why the service cannot start, or had to end.
@@ -52,19 +54,44 @@ pub enum ServiceError {
     },
     /// Token, certificate or key of the page.
     #[error("the page: {0}")]
-    Page(String),
+    Page(#[from] PageError),
+    /// A configuration that ran before cannot be read again.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
     /// Two benches of one name: nobody could tell their ranks and alarms apart.
     #[error("two benches are called {0:?}; give one another `name` in its bench file")]
     SameName(String),
     /// The status socket.
-    #[error("status_socket: {0}")]
-    Status(String),
+    #[error("status_socket: {}: {source}", path.display())]
+    Status {
+        /// Where it would be.
+        path: PathBuf,
+        /// What is in the way.
+        source: std::io::Error,
+    },
     /// The self test.
     #[error(transparent)]
     SelfTest(#[from] SelfTestError),
     /// The system gives no thread.
     #[error("a thread cannot be started: {0}")]
     Thread(#[from] std::io::Error),
+}
+
+/// Why a running service keeps its configuration.
+#[derive(Debug, thiserror::Error)]
+pub enum ReloadError {
+    /// The service was started without a file.
+    #[error("there is no configuration file to read again")]
+    NoFile,
+    /// The file.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// What the file asks for.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The thread that read it.
+    #[error("its code panicked")]
+    Panicked,
 }
 
 /// How the service ended.
@@ -82,7 +109,8 @@ pub struct Summary {
     pub windows_lost: u64,
     /// Events that a sink missed, by sink; sinks whose reader has gone are not counted.
     pub events_lost: Vec<(String, u64)>,
-    /// Sinks that must write all they have and close it, and could not, or had not when the time to stop was over: logs.
+    /// Sinks that must write all they have and close it, and could not, or had not when the time to
+    /// stop was over: logs.
     pub unfinished: Vec<String>,
 }
 
@@ -96,7 +124,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Reads bench files and baselines, learns baselines where that is asked for, plans the pipelines. Starts nothing.
+    /// Reads bench files and baselines, learns baselines where that is asked for, plans the
+    /// pipelines. Starts nothing.
     ///
     /// # Errors
     /// When a file cannot be used or things do not fit each other.
@@ -107,7 +136,7 @@ impl Service {
             .map(|bench| WatchedBench::build(bench, &config.folder, config.service.worker_count(), stop))
             .collect::<Result<_, _>>()
             .map_err(|e| ServiceError::Bench(Box::new(e)))?;
-        let page = PageAccess::read(&config.service, &config.folder).map_err(ServiceError::Page)?;
+        let page = PageAccess::read(&config.service, &config.folder)?;
         let mut names = BTreeSet::new();
         if let Some(twice) = benches.iter().find(|bench| !names.insert(bench.name.clone())) {
             return Err(ServiceError::SameName(twice.name.to_string()));
@@ -121,8 +150,9 @@ impl Service {
         self
     }
 
-    /// Tries the ends that the configuration names, and leaves them as they are: folders that must be written, files with secrets and certificates, the
-    /// address of the page, which may be in use where it is `held` already.
+    /// Tries the ends that the configuration names, and leaves them as they are: folders that must
+    /// be written, files with secrets and certificates, the address of the page, which may be in
+    /// use where it is `held` already.
     ///
     /// # Errors
     /// When one cannot be used.
@@ -133,12 +163,12 @@ impl Service {
         }
         if let Some(path) = &self.config.service.status_socket {
             let path = self.config.folder.join(path);
-            crate::status::try_out(&path).map_err(|e| ServiceError::Status(format!("{}: {e}", path.display())))?;
+            crate::status::try_out(&path).map_err(|source| ServiceError::Status { path, source })?;
         }
         let Some(address) = self.page_address() else { return Ok(()) };
         match std::net::TcpListener::bind(address) {
-            Err(e) if e.kind() != std::io::ErrorKind::AddrInUse || held != Some(address) => {
-                Err(ServiceError::Page(format!("{address}: {e}")))
+            Err(source) if source.kind() != std::io::ErrorKind::AddrInUse || held != Some(address) => {
+                Err(PageError::Bind { address, source }.into())
             }
             _ => Ok(()),
         }
@@ -154,11 +184,11 @@ impl Service {
     /// # Errors
     /// When a sink cannot be opened at the start, or the system gives no thread.
     pub fn run(self, stop: &Stop) -> Result<Summary, ServiceError> {
-        self.run_reloading(stop, &Reload::default(), || Err("there is nothing to reload".to_owned()))
+        self.run_reloading(stop, &Reload::default(), || Err(ReloadError::NoFile))
     }
 
-    /// As [`Self::run`]. When `reload` is asked for, `again` builds the service anew beside the running one; what it builds takes over, and
-    /// where it fails the running one goes on.
+    /// As [`Self::run`]. When `reload` is asked for, `again` builds the service anew beside the
+    /// running one; what it builds takes over, and where it fails the running one goes on.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -166,7 +196,7 @@ impl Service {
         self,
         stop: &Stop,
         reload: &Reload,
-        again: impl Fn() -> Result<Self, String> + Send + Sync + 'static,
+        again: impl Fn() -> Result<Self, ReloadError> + Send + Sync + 'static,
     ) -> Result<Summary, ServiceError> {
         let again: Again = Arc::new(again);
         let runtime =
@@ -208,11 +238,12 @@ impl Written {
         Self { text: config.shown(), name: config.name.clone(), folder: config.folder.clone() }
     }
 
-    /// Starts it again; what is in the way now may not be a moment later, and nobody watches meanwhile.
+    /// Starts it again; what is in the way now may not be a moment later, and nobody watches
+    /// meanwhile.
     fn start(&self, runtime: &Runtime, stop: &Stop, carried: &Carried) -> Result<Running, ServiceError> {
         loop {
             let built = Config::parse(&self.text, &self.name, &self.folder)
-                .map_err(|e| ServiceError::Page(e.to_string()))
+                .map_err(ServiceError::from)
                 .and_then(|config| Service::build(config, stop))
                 .and_then(|service| Running::start(service, runtime, stop, carried.clone()));
             match built {
@@ -251,4 +282,4 @@ impl Reload {
 }
 
 /// Builds the service anew.
-type Again = Arc<dyn Fn() -> Result<Service, String> + Send + Sync>;
+type Again = Arc<dyn Fn() -> Result<Service, ReloadError> + Send + Sync>;

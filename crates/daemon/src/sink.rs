@@ -1,13 +1,15 @@
 //! Sinks: where verdicts go. One file a kind, one line in [`KINDS`].
 //!
 //! # Adding a sink
-//! 1. A file in `sink/` with a struct for its TOML keys (`Serialize`, `Deserialize`, `JsonSchema`, `deny_unknown_fields`) that
-//!    implements [`SinkConfig`], and a `pub(super) const KIND`.
+//! 1. A file in `sink/` with a struct for its TOML keys (`Serialize`, `Deserialize`, `JsonSchema`,
+//!    `deny_unknown_fields`) that implements [`SinkConfig`], and a `pub(super) const KIND`.
 //! 2. One line in [`KINDS`].
 //!
-//! Every sink has a bounded queue of its own and runs apart from all others: one that is slow or gone costs nobody else anything,
-//! and what it misses is counted. A sink that blocks (files, pipes) returns [`Drain::Thread`], one with a socket [`Drain::Task`].
-//! A verdict whose rank is unknown must stay recognisable as such in whatever the sink writes: never as rank 0, never as normal.
+//! Every sink has a bounded queue of its own and runs apart from all others: one that is slow or
+//! gone costs nobody else anything, and what it misses is counted. A sink that blocks (files,
+//! pipes) returns [`Drain::Thread`], one with a socket [`Drain::Task`]. A verdict whose rank is
+//! unknown must stay recognisable as such in whatever the sink writes: never as rank 0, never as
+//! normal.
 
 use std::future::Future;
 use std::path::{Path, PathBuf};

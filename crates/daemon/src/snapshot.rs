@@ -1,12 +1,13 @@
-//! How the service is, at one moment: what `gearwatch status`, the page and Prometheus are told. Observers see copies and never touch
-//! the engine.
+//! How the service is, at one moment: what `gearwatch status`, the page and Prometheus are told.
+//! Observers see copies and never touch the engine.
 
 use std::fmt::Write;
 
-use gearwatch_alarm::{Acknowledgement, Evidence};
+use gearwatch_alarm::{Acknowledgement, ChannelHealth, Evidence, Severity};
 use gearwatch_core::verdict::{MachineState, Verdict};
 use serde::{Deserialize, Serialize};
 
+use crate::states::{BenchInstrument, SelfTestState, SinkCondition, SourceCondition, tolerant};
 use crate::web;
 
 mod faults;
@@ -18,10 +19,12 @@ pub struct Snapshot {
     pub version: String,
     /// Seconds since it started.
     pub uptime_secs: f64,
-    /// All that must go on goes on: the self test is right, sources deliver, no alarm path is broken.
+    /// All that must go on goes on: the self test is right, sources deliver, no alarm path is
+    /// broken.
     pub ok: bool,
-    /// Self test: `right`, `wrong`, `late`, or `not_yet`.
-    pub self_test: String,
+    /// Self test.
+    #[serde(deserialize_with = "tolerant")]
+    pub self_test: SelfTestState,
     /// Busy time / available time of the workers (0–1).
     pub load: f64,
     /// One entry a bench.
@@ -35,10 +38,11 @@ pub struct Snapshot {
 pub struct BenchSnapshot {
     /// Its name.
     pub name: String,
-    /// Worst machine state of its places: `alarm`, `path_changed`, `deviating`, `unknown`, `normal`.
-    pub machine: String,
+    /// Worst machine state of its places.
+    #[serde(deserialize_with = "tolerant")]
+    pub machine: MachineState,
     /// `ok` only if all channels are.
-    pub instrument: String,
+    pub instrument: BenchInstrument,
     /// Motor speed in Hz, where known.
     pub motor_speed_hz: Option<f64>,
     /// Torque at the brake in N m, where known.
@@ -72,8 +76,9 @@ pub struct BenchSnapshot {
 pub struct SourceSnapshot {
     /// Its name.
     pub name: String,
-    /// `opening`, `running`, `silent`, `waiting`, `ended` or `failed`.
-    pub state: String,
+    /// What it does.
+    #[serde(deserialize_with = "tolerant")]
+    pub state: SourceCondition,
     /// What went wrong last, empty where nothing did.
     pub error: String,
     /// Packets delivered.
@@ -94,7 +99,8 @@ pub struct PlaceSnapshot {
     /// Number of the window.
     pub window: u64,
     /// Machine state.
-    pub machine: String,
+    #[serde(deserialize_with = "tolerant")]
+    pub machine: MachineState,
     /// Why it is unknown, such as `outside_baseline`; empty where it is not.
     #[serde(default)]
     pub reason: String,
@@ -109,8 +115,8 @@ pub struct PlaceSnapshot {
 pub struct AlarmSnapshot {
     /// Names it when it is acknowledged.
     pub id: String,
-    /// `warning` or `critical`.
-    pub severity: String,
+    /// How bad it is.
+    pub severity: Severity,
     /// Time of the window that raised it (ns since the epoch).
     pub since_ns: i64,
     /// It holds now.
@@ -136,8 +142,9 @@ pub struct AlarmSnapshot {
 pub struct SinkSnapshot {
     /// Its name.
     pub name: String,
-    /// `running`, `waiting`, `disabled` or `ended`.
-    pub state: String,
+    /// What it does.
+    #[serde(deserialize_with = "tolerant")]
+    pub state: SinkCondition,
     /// What it is given arrives where it belongs, or will arrive.
     pub ok: bool,
     /// Events offered.
@@ -156,7 +163,7 @@ impl PlaceSnapshot {
             stage: verdict.stage.clone(),
             channel: verdict.channel.clone(),
             window: verdict.window,
-            machine: verdict.machine.code().to_owned(),
+            machine: verdict.machine,
             reason: verdict.reason.code().to_owned(),
             levels: verdict.harmonics.iter().map(|h| h.rank.level()).collect(),
             deviations_percent: verdict
@@ -168,16 +175,20 @@ impl PlaceSnapshot {
     }
 }
 
-/// The worst of some machine states; unknown is worse than normal, and of no state at all unknown.
-pub(crate) fn worst(states: impl Iterator<Item = MachineState>) -> MachineState {
-    let severity = |state: &MachineState| match state {
+/// How grave a machine state is; unknown is worse than normal.
+const fn gravity(state: MachineState) -> u8 {
+    match state {
         MachineState::Normal => 0,
         MachineState::Unknown => 1,
         MachineState::Deviating => 2,
         MachineState::PathChanged => 3,
         MachineState::Alarm => 4,
-    };
-    states.max_by_key(severity).unwrap_or(MachineState::Unknown)
+    }
+}
+
+/// The worst of some machine states; of no state at all unknown.
+pub(crate) fn worst(states: impl Iterator<Item = MachineState>) -> MachineState {
+    states.max_by_key(|&state| gravity(state)).unwrap_or(MachineState::Unknown)
 }
 
 impl Snapshot {
@@ -185,8 +196,8 @@ impl Snapshot {
     pub fn to_page(&self) -> web::Status {
         let benches = self.benches.iter().map(|bench| web::BenchStatus {
             name: bench.name.clone(),
-            machine: bench.machine.clone(),
-            instrument: bench.instrument.clone(),
+            machine: bench.machine.code().to_owned(),
+            instrument: bench.instrument.code().to_owned(),
             motor_speed_hz: bench.motor_speed_hz,
             brake_torque_nm: bench.brake_torque_nm,
             temperature_c: None,
@@ -195,7 +206,7 @@ impl Snapshot {
                 .iter()
                 .map(|source| web::SourceStatus {
                     name: source.name.clone(),
-                    state: source.state.clone(),
+                    state: source.state.code().to_owned(),
                     windows: bench.windows_judged,
                     gaps: bench.gaps,
                 })
@@ -207,7 +218,7 @@ impl Snapshot {
                     id: alarm.id.clone(),
                     since_ns: alarm.since_ns,
                     place: alarm.id.replace('@', " at "),
-                    what: alarm.severity.clone(),
+                    what: alarm.severity.code().to_owned(),
                     state: if alarm.active { "active" } else { "latched" }.to_owned(),
                     acknowledged: alarm.acknowledged,
                     stage: alarm.stage.clone(),
@@ -220,7 +231,7 @@ impl Snapshot {
         let facts = [
             ("version", self.version.clone()),
             ("load", format!("{:.0} %", 100.0 * self.load)),
-            ("self test", self.self_test.clone()),
+            ("self test", self.self_test.code().to_owned()),
             ("uptime", format!("{:.0} s", self.uptime_secs)),
         ];
         web::Status {
@@ -231,7 +242,8 @@ impl Snapshot {
         }
     }
 
-    /// In the text format of Prometheus (version 0.0.4). An unknown rank is −1 and never 0; its deviation is left out.
+    /// In the text format of Prometheus (version 0.0.4). An unknown rank is −1 and never 0; its
+    /// deviation is left out.
     pub fn prometheus(&self) -> String {
         let mut out = Exposition::default();
         out.family("gearwatch_ok", "gauge", "1 if all that must go on goes on");
@@ -239,7 +251,7 @@ impl Snapshot {
         out.family("gearwatch_uptime_seconds", "gauge", "Seconds since the start");
         out.sample("gearwatch_uptime_seconds", &[], self.uptime_secs);
         out.family("gearwatch_self_test_right", "gauge", "1 if the known signal got its known ranks in time");
-        out.sample("gearwatch_self_test_right", &[], f64::from(u8::from(self.self_test == "right")));
+        out.sample("gearwatch_self_test_right", &[], f64::from(u8::from(self.self_test == SelfTestState::Right)));
         out.family("gearwatch_worker_load_ratio", "gauge", "Busy time / available time of the workers");
         out.sample("gearwatch_worker_load_ratio", &[], self.load);
         let counters: [Counter; 7] = [
@@ -259,7 +271,7 @@ impl Snapshot {
         }
         out.family("gearwatch_source_running", "gauge", "1 if the source delivers");
         self.each_source(|bench, s| {
-            let running = f64::from(u8::from(s.state == "running"));
+            let running = f64::from(u8::from(s.state == SourceCondition::Running));
             out.sample("gearwatch_source_running", &[("bench", &bench.name), ("source", &s.name)], running);
         });
         out.family("gearwatch_source_packets_total", "counter", "Packets delivered");
@@ -276,7 +288,7 @@ impl Snapshot {
         for bench in &self.benches {
             for (channel, code) in &bench.channels {
                 let labels = [("bench", bench.name.as_str()), ("channel", channel), ("state", code)];
-                out.sample("gearwatch_channel_ok", &labels, f64::from(u8::from(code == "ok")));
+                out.sample("gearwatch_channel_ok", &labels, f64::from(u8::from(code == ChannelHealth::Ok.code())));
             }
         }
         out.family("gearwatch_rank", "gauge", "Rank 0 to 5 of a mesh harmonic, -1 where unknown");
@@ -296,7 +308,7 @@ impl Snapshot {
         );
         for bench in &self.benches {
             for alarm in &bench.alarms {
-                let value = if alarm.severity == "critical" { 2.0 } else { 1.0 };
+                let value = if alarm.severity == Severity::Critical { 2.0 } else { 1.0 };
                 let acknowledged = if alarm.acknowledged { "true" } else { "false" };
                 let labels = [
                     ("bench", bench.name.as_str()),

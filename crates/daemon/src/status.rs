@@ -1,7 +1,9 @@
-//! The status socket: whoever connects gets the newest snapshot as JSON, and only those who may read its path can connect.
+//! The status socket: whoever connects gets the newest snapshot as JSON, and only those who may
+//! read its path can connect.
 //!
-//! On Unix it is a Unix socket. Elsewhere it is a port of the loopback address that the system chooses; the file at the path of the socket holds that
-//! address and a token drawn at each start, and the service answers those only who send the token. The file's folder says who may read it.
+//! On Unix it is a Unix socket. Elsewhere it is a port of the loopback address that the system
+//! chooses; the file at the path of the socket holds that address and a token drawn at each start,
+//! and the service answers those only who send the token. The file's folder says who may read it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,11 +1,13 @@
-//! The live page: an HTTP server on the loopback interface with the page's files, a stream of events and the acknowledgement of alarms.
+//! The live page: an HTTP server on the loopback interface with the page's files, a stream of
+//! events and the acknowledgement of alarms.
 //!
 //! ```text
 //! engine ─► Hub (newest values, bounded history) ─► GET /api/events (server-sent events) ─► page
 //!                                                ◄─ POST /api/alarms/{id}/acknowledge    ◄─
 //! ```
 //!
-//! The page never touches the pipeline: it sees what the [`Hub`] was told. A slow page never holds up ranks: it is told all anew.
+//! The page never touches the pipeline: it sees what the [`Hub`] was told. A slow page never holds
+//! up ranks: it is told all anew.
 
 mod gate;
 mod guard;
@@ -105,8 +107,9 @@ struct Shared {
     listeners: Arc<Semaphore>,
 }
 
-/// The routes of the page. `bound` is the address that the server listens on; only requests that name it (or a host of `also`) in
-/// their `Host` header are answered, which keeps foreign pages and rebound names out.
+/// The routes of the page. `bound` is the address that the server listens on; only requests that
+/// name it (or a host of `also`) in their `Host` header are answered, which keeps foreign pages and
+/// rebound names out.
 pub fn router(ends: Ends, texts: Texts, bound: SocketAddr, also: &[String]) -> Router {
     let Texts { metrics, snapshot } = texts;
     let Ends { hub, acknowledge, past } = ends;
@@ -168,7 +171,8 @@ async fn status(State(shared): State<Shared>) -> Response {
 struct Seen {
     who: String,
     why: String,
-    /// It holds so long alone: the alarm is shelved, or the bench in maintenance (min); 0 ends that.
+    /// It holds so long alone: the alarm is shelved, or the bench in maintenance (min); 0 ends
+    /// that.
     #[serde(default)]
     minutes: Option<f64>,
 }

@@ -1,7 +1,9 @@
-//! libiio 0.x: devices of Linux' Industrial I/O, in this machine or behind `iiod` over a network, USB or a serial line.
+//! libiio 0.x: devices of Linux' Industrial I/O, in this machine or behind `iiod` over a network,
+//! USB or a serial line.
 //!
-//! Functions and types are those of `iio.h` (libiio 0.24); units are those of the kernel's IIO interface (Documentation/ABI/testing/sysfs-bus-iio):
-//! (raw + offset) × scale is m/s² for accelerations and mV for voltages.
+//! Functions and types are those of `iio.h` (libiio 0.24); units are those of the kernel's IIO
+//! interface (Documentation/ABI/testing/sysfs-bus-iio): (raw + offset) × scale is m/s² for
+//! accelerations and mV for voltages.
 
 use std::ffi::{c_char, c_int, c_long, c_longlong, c_uint, c_void};
 use std::path::Path;
@@ -142,7 +144,8 @@ impl Acquisition {
     /// Finds the device, sets its rate, and starts its buffer.
     ///
     /// # Errors
-    /// When the library, the device or a channel is missing, the rate is refused, or the buffer cannot be had.
+    /// When the library, the device or a channel is missing, the rate is refused, or the buffer
+    /// cannot be had.
     pub fn start(library: Option<&Path>, wish: Wish<'_>) -> Result<Self, DriverError> {
         let functions = Functions::load(library)?;
         let uri = c_text(wish.uri)?;
@@ -162,12 +165,14 @@ impl Acquisition {
             raw: Vec::new(),
         };
         let longest_ms = c_uint::try_from(wish.longest.as_millis()).unwrap_or(c_uint::MAX);
-        // SAFETY: the context is open. A backend without time limits refuses; it is asked in vain then.
+        // SAFETY: the context is open. A backend without time limits refuses; it is asked in vain
+        // then.
         let _ = unsafe { (this.functions.set_timeout)(context, longest_ms) };
         let device = this.find(wish.device)?;
         this.choose(device, wish.channels)?;
         this.rate_hz = this.set_rate(device, wish.sample_rate_hz);
-        // SAFETY: the device belongs to the open context. What it cannot queue it refuses, and goes on with what it has.
+        // SAFETY: the device belongs to the open context. What it cannot queue it refuses, and goes
+        // on with what it has.
         unsafe {
             let _ = (this.functions.queue)(device, WAITING);
             this.buffer = (this.functions.create_buffer)(device, wish.samples, false);
@@ -205,7 +210,8 @@ impl Acquisition {
     fn choose(&mut self, device: Device, wanted: &[&str]) -> Result<(), DriverError> {
         let f = &self.functions;
         let mut found: Vec<(String, Channel)> = Vec::new();
-        // SAFETY: the device belongs to the open context; numbers below the count are channels, whose ids live as long as it.
+        // SAFETY: the device belongs to the open context; numbers below the count are channels,
+        // whose ids live as long as it.
         unsafe {
             for at in 0..(f.channel_count)(device) {
                 let channel = (f.channel_at)(device, at);
@@ -254,10 +260,12 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Sets the rate and returns the one that the device has then; `None` where it has no such number.
+    /// Sets the rate and returns the one that the device has then; `None` where it has no such
+    /// number.
     fn set_rate(&self, device: Device, rate_hz: f64) -> Option<f64> {
         let (f, name, mut found) = (&self.functions, c"sampling_frequency".as_ptr(), f64::NAN);
-        // SAFETY: device and channels belong to the open context, `found` takes one number. Some devices have a fixed rate and refuse the first call.
+        // SAFETY: device and channels belong to the open context, `found` takes one number. Some
+        // devices have a fixed rate and refuse the first call.
         unsafe {
             if (f.device_number)(device, name, &raw mut found) >= 0 {
                 (f.set_device_number)(device, name, rate_hz);
@@ -282,7 +290,8 @@ impl Acquisition {
         self.inputs.iter().map(Input::range).collect()
     }
 
-    /// Waits for the next buffer and gives the values of each input, in m/s², V or as the device has them.
+    /// Waits for the next buffer and gives the values of each input, in m/s², V or as the device
+    /// has them.
     ///
     /// # Errors
     /// When nothing came in time, or the device is gone.
@@ -295,7 +304,8 @@ impl Acquisition {
         }
         for (input, values) in self.inputs.iter().zip(values) {
             self.raw.resize(self.samples * input.width, 0);
-            // SAFETY: the channel is enabled in this buffer, and the library is told how much room there is.
+            // SAFETY: the channel is enabled in this buffer, and the library is told how much room
+            // there is.
             let bytes = unsafe { (f.read)(input.channel, self.buffer, self.raw.as_mut_ptr().cast(), self.raw.len()) };
             values.clear();
             let numbers = self.raw[..bytes.min(self.raw.len())].chunks_exact(input.width);
@@ -305,7 +315,8 @@ impl Acquisition {
     }
 }
 
-/// Bytes of a scan as the kernel lays it out: each number at a multiple of its own size, the whole at one of the largest.
+/// Bytes of a scan as the kernel lays it out: each number at a multiple of its own size, the whole
+/// at one of the largest.
 fn scan_bytes(inputs: &[Input]) -> usize {
     let mut places: Vec<(c_long, usize)> = inputs.iter().map(|input| (input.index, input.width)).collect();
     places.sort_unstable();
@@ -316,7 +327,8 @@ fn scan_bytes(inputs: &[Input]) -> usize {
 }
 
 impl Input {
-    /// A number as `iio_channel_read` leaves it: of this machine's byte order, shifted and with its sign.
+    /// A number as `iio_channel_read` leaves it: of this machine's byte order, shifted and with its
+    /// sign.
     fn number(&self, bytes: &[u8]) -> f64 {
         let mut wide = [0; 8];
         let of = |bytes: &[u8], wide: &mut [u8; 8]| {
@@ -350,7 +362,8 @@ impl Input {
 
 impl Drop for Acquisition {
     fn drop(&mut self) {
-        // SAFETY: both are open, and are not used again; the buffer goes first, since it belongs to the context.
+        // SAFETY: both are open, and are not used again; the buffer goes first, since it belongs to
+        // the context.
         unsafe {
             if !self.buffer.is_null() {
                 (self.functions.destroy_buffer)(self.buffer);
@@ -361,7 +374,8 @@ impl Drop for Acquisition {
 }
 
 impl Functions {
-    /// What `errno` says after a call that returned null. On Windows the C library has one of its own, which is not seen from here.
+    /// What `errno` says after a call that returned null. On Windows the C library has one of its
+    /// own, which is not seen from here.
     fn last_error(&self, call: &'static str) -> DriverError {
         let seen = if cfg!(windows) { None } else { std::io::Error::last_os_error().raw_os_error() };
         let code = seen.unwrap_or(0);
@@ -374,7 +388,8 @@ impl Functions {
         }
         let mut text = [0_u8; 256];
         let number = c_int::try_from(-code).unwrap_or(c_int::MAX);
-        // SAFETY: the library writes at most as many bytes as it is told, with a zero byte at their end.
+        // SAFETY: the library writes at most as many bytes as it is told, with a zero byte at their
+        // end.
         unsafe { (self.error_text)(number, text.as_mut_ptr().cast(), text.len()) };
         DriverError::Call { call, message: from_buffer(&text), code }
     }

@@ -1,13 +1,13 @@
-//! C libraries of data acquisition, loaded when a source that needs them is opened: a program that was built without them runs with them, and one that
-//! has none of them says which one it misses.
+//! C libraries of data acquisition, loaded when a source that needs them is opened: a program that
+//! was built without them runs with them, and one that has none of them says which one it misses.
 //!
 //! ```text
 //! gearwatch-sources, kind `nidaqmx` ─► nidaqmx::Acquisition ─► libnidaqmx.so.1, nicaiu.dll   (National Instruments)
 //! gearwatch-sources, kind `iio`     ─► iio::Acquisition     ─► libiio.so.0, libiio.dll       (Analog Devices, Debian: libiio0)
 //! ```
 //!
-//! All unsafe code of gearwatch is here. A type owns its handles, passes no pointer on, and frees them when it is dropped; a name with a zero byte never
-//! reaches C.
+//! All unsafe code of gearwatch is here. A type owns its handles, passes no pointer on, and frees
+//! them when it is dropped; a name with a zero byte never reaches C.
 #![allow(unsafe_code, reason = "calls into C libraries")]
 
 pub mod iio;

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use libloading::Library;
 
-/// A library that stays loaded until the program ends: those of instruments have threads of their own, which run on after the last handle is closed.
+/// A library that stays loaded until the program ends: those of instruments have threads of their
+/// own, which run on after the last handle is closed.
 pub(crate) type Loaded = ManuallyDrop<Library>;
 
 /// Why a library cannot be used.
@@ -36,7 +37,8 @@ impl Wanted {
         };
         let mut tried = Vec::new();
         for file in files {
-            // SAFETY: what a library does when it is loaded is its own; the administrator of the machine has chosen it.
+            // SAFETY: what a library does when it is loaded is its own; the administrator of the
+            // machine has chosen it.
             match unsafe { Library::new(&file) } {
                 Ok(library) => return Ok(ManuallyDrop::new(library)),
                 Err(e) => tried.push(e.to_string()),
@@ -70,7 +72,8 @@ macro_rules! functions {
         impl Functions {
             fn load(path: Option<&std::path::Path>) -> Result<Self, $crate::LoadError> {
                 let library = $wanted.load(path)?;
-                // SAFETY: the types are those of the library's header; the library is never unloaded.
+                // SAFETY: the types are those of the library's header; the library is never
+                // unloaded.
                 unsafe { Ok(Self { $($field: $wanted.function(&library, $name)?,)* }) }
             }
         }

@@ -1,6 +1,7 @@
 //! NI-DAQmx: continuous acquisition of analogue inputs by the device's own clock.
 //!
-//! Functions, types and numbers are those of `NIDAQmx.h` and of NI's reference of the C interface (names of the constants are kept beside them).
+//! Functions, types and numbers are those of `NIDAQmx.h` and of NI's reference of the C interface
+//! (names of the constants are kept beside them).
 
 use std::ffi::{c_char, c_void};
 use std::path::Path;
@@ -169,7 +170,8 @@ impl Acquisition {
         self.rate_hz
     }
 
-    /// Reads up to `samples.len()` / inputs sample instants, all inputs of one instant in turn, and returns how many came in time.
+    /// Reads up to `samples.len()` / inputs sample instants, all inputs of one instant in turn, and
+    /// returns how many came in time.
     ///
     /// # Errors
     /// When samples were lost, or the device is gone.
@@ -196,7 +198,8 @@ impl Acquisition {
         Ok(usize::try_from(came).unwrap_or(0).min(samples.len() / self.inputs))
     }
 
-    /// Inputs that were driven past their range since the last reading; none where the device cannot say.
+    /// Inputs that were driven past their range since the last reading; none where the device
+    /// cannot say.
     pub fn overloaded(&self) -> Overloaded {
         let mut found = 0;
         // SAFETY: the task is open, `found` takes one number.
@@ -205,7 +208,8 @@ impl Acquisition {
             return Overloaded(String::new());
         }
         let mut names = [0_u8; 4096];
-        // SAFETY: the task is open; the library writes at most as many bytes as it is told, with a zero byte at their end.
+        // SAFETY: the task is open; the library writes at most as many bytes as it is told, with a
+        // zero byte at their end.
         let code = unsafe { (self.functions.overloaded)(self.task, names.as_mut_ptr().cast(), names.len() as u32) };
         let names = if code == 0 { from_buffer(&names) } else { String::new() };
         // Which ones cannot be had: none of them is to be trusted.
@@ -281,7 +285,8 @@ impl Functions {
             return Ok(());
         }
         let mut text = [0_u8; 2048];
-        // SAFETY: the library writes at most as many bytes as it is told, with a zero byte at their end.
+        // SAFETY: the library writes at most as many bytes as it is told, with a zero byte at their
+        // end.
         let said = unsafe { (self.last_error)(text.as_mut_ptr().cast(), text.len() as u32) };
         let said = if said >= 0 { from_buffer(&text) } else { String::new() };
         // Several lines: the first ones say what, the last ones which task.

@@ -69,7 +69,8 @@ impl FrameSender {
         self.sequence
     }
 
-    /// Sends to whoever connects, one after another, until asked to stop. While nobody is there, frames are made and lost.
+    /// Sends to whoever connects, one after another, until asked to stop. While nobody is there,
+    /// frames are made and lost.
     ///
     /// # Errors
     /// When the material ends with an error or the listener fails.
@@ -111,7 +112,8 @@ impl FrameSender {
     /// Sends datagrams until asked to stop. One that cannot be sent is lost, as on any network.
     ///
     /// # Errors
-    /// When the material ends with an error, the system gives no socket, or a sample instant does not fit a datagram.
+    /// When the material ends with an error, the system gives no socket, or a sample instant does
+    /// not fit a datagram.
     pub fn datagrams(&mut self, peer: SocketAddr) -> Result<(), SendError> {
         let failed = |source| SendError::Network { peer, source };
         let any: SocketAddr = if peer.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };

@@ -1,7 +1,8 @@
 //! A LAN-XI front end that is not there: its web server and its stream.
 //!
-//! It answers as the Open API's reference says, 403 in the wrong state included, has one transducer a channel that says what it is,
-//! and plays its material as 24-bit samples. It counts what a client does wrong.
+//! It answers as the Open API's reference says, 403 in the wrong state included, has one transducer
+//! a channel that says what it is, and plays its material as 24-bit samples. It counts what a
+//! client does wrong.
 
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicU64, Ordering};

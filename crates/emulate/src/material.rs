@@ -115,7 +115,8 @@ impl Material {
         Ok(false)
     }
 
-    /// The next packet when it is due; from the beginning again after the last one. `None` when asked to stop.
+    /// The next packet when it is due; from the beginning again after the last one. `None` when
+    /// asked to stop.
     ///
     /// # Errors
     /// When the material cannot be read on.

@@ -155,7 +155,8 @@ mod tests {
             (0..100_000).map(|i| plan.due(f64::from(i) * 0.1).len()).collect::<Vec<_>>()
         };
         let flips = all(0).iter().sum::<usize>();
-        // A Poisson process of mean 5000 in 10 000 s; its step of 0.1 s makes the mean interval 2.05 s. Five sigma.
+        // A Poisson process of mean 5000 in 10 000 s; its step of 0.1 s makes the mean interval
+        // 2.05 s. Five sigma.
         assert!(flips.abs_diff(4878) < 350, "{flips}");
         assert_eq!(all(0), all(0));
         assert_ne!(all(0), all(1));

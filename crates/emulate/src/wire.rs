@@ -1,4 +1,5 @@
-//! The sending end of a connection: bytes wait here, leave in pieces of any size, and may never arrive.
+//! The sending end of a connection: bytes wait here, leave in pieces of any size, and may never
+//! arrive.
 
 use std::io::Write;
 use std::net::TcpStream;

@@ -103,7 +103,7 @@ pub fn drill(question: &Question<'_>, done: &(dyn Fn(usize, usize) + Sync)) -> R
         for (recording, reference) in halves {
             match speed(question.bench, &train, &recording) {
                 Ok(input_hz) => carriers.push(Carrier { recording, reference, input_hz }),
-                Err(why) => refused.push(why),
+                Err(why) => refused.push(why.to_string()),
             }
         }
     }

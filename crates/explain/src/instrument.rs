@@ -460,18 +460,32 @@ impl Asked<'_> {
     }
 }
 
+/// Why a recording shows no speed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SpeedError {
+    /// Its speed rises or falls.
+    #[error("{0}: a run-up")]
+    RunUp(String),
+    /// It cannot be used, with the reason.
+    #[error("{0}")]
+    Unusable(String),
+    /// No mesh lines stand out.
+    #[error("{0}: no speed")]
+    NotFound(String),
+}
+
 /// Speed of the input shaft (Hz) that the mesh lines of a steady recording show.
 ///
 /// # Errors
 /// Why there is none.
-pub fn speed(bench: &Bench, train: &Train, recording: &Recording) -> Result<f64, String> {
+pub fn speed(bench: &Bench, train: &Train, recording: &Recording) -> Result<f64, SpeedError> {
     let steady = features::steady(bench, train, recording).map_err(|why| match why {
-        features::Unused::RunUp => format!("{}: a run-up", recording.name),
-        features::Unused::Bad(why) => why,
+        features::Unused::RunUp => SpeedError::RunUp(recording.name.clone()),
+        features::Unused::Bad(why) => SpeedError::Unusable(why),
     })?;
     let field = steady.comb_field(&mut Transforms::default());
     let speeds = kinematics::speeds(bench, train, std::slice::from_ref(&steady), std::slice::from_ref(&field));
-    speeds.first().map(|s| s.input_hz).ok_or_else(|| format!("{}: no speed", recording.name))
+    speeds.first().map(|s| s.input_hz).ok_or_else(|| SpeedError::NotFound(recording.name.clone()))
 }
 
 /// Cross-spectra of the channels that both have.

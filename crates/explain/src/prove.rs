@@ -16,7 +16,6 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 use gearwatch_sim::effects;
-use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::steady::SteadySolver;
 use num_complex::Complex64;
 use rand::{RngExt, SeedableRng};
@@ -42,6 +41,17 @@ pub enum Kind {
     Removed,
     /// Physics that no library holds.
     Alien,
+}
+
+impl Kind {
+    /// Effects that such a case conceals.
+    fn effects(self) -> usize {
+        match self {
+            Self::Null | Self::Alien => 0,
+            Self::Single | Self::Removed => 1,
+            Self::Double => 2,
+        }
+    }
 }
 
 /// What a case conceals.
@@ -185,11 +195,7 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
         None if with_reference => EFFECTS,
         None => ALONE,
     };
-    let count = match kind {
-        Kind::Null | Kind::Alien => 0,
-        Kind::Single | Kind::Removed => 1,
-        Kind::Double => 2,
-    };
+    let count = kind.effects();
     // Wrong teeth are a matter of the sheet: the truth is another bench then.
     let teeth = match only {
         Some(id) => id == "wrong_tooth_count",
@@ -197,13 +203,7 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
     };
     let wrong = teeth.then(|| draw::effect(&mut d, &bench, "wrong_tooth_count")).flatten();
     let alien = (kind == Kind::Alien).then(|| alien(&mut d, bench.sensors.len()));
-    let mut truth_bench = bench.clone();
-    if let Some(e) = &wrong {
-        let (stage, which) = e.place.split_once('.')?;
-        let s = truth_bench.stages.iter_mut().find(|s| s.name == stage)?;
-        let gear = if which == "pinion" { &mut s.pinion } else { &mut s.wheel };
-        gear.teeth = e.parameters["teeth"] as u32;
-    }
+    let truth_bench = with_teeth(&bench, wrong.as_ref())?;
     let before = real(&mut d, &truth_bench, errors);
     let housings: Vec<Housing> = bench.sensors.iter().map(|_| Housing::draw(&mut d)).collect();
     let assembly: u64 = d.0.random();
@@ -271,34 +271,40 @@ fn attempt(seed: u64, index: u64, only: Option<&str>, errors: f64, load: f64) ->
     let speeds = [(motor * d.uniform(0.5, 0.65)).round(), motor];
     let loads = [(torque * d.uniform(0.35, 0.5)).round(), torque];
     let some_only = d.uniform(0.0, 1.0) < 0.25;
-    let mut run = |setup: &SimSetup,
-                   effects: &[EffectSpec],
-                   alien: Option<&Alien>,
-                   some: bool|
-     -> Option<Vec<Recording>> {
-        let session = Session {
-            setup: setup.clone(),
-            effects,
-            alien,
-            noise: session.noise.clone(),
-            level: session.level.clone(),
-            ..session
-        };
-        let mut out = Vec::new();
-        for speed in speeds {
-            for load in loads {
-                if some && load != loads[1] {
-                    continue;
-                }
-                out.push(record(&mut d, &mut solver, &session, speed, load, format!("{speed:.0}hz-{load:.0}nm.mcap"))?);
-            }
-        }
-        Some(out)
-    };
-    let recordings = run(&after, &effects, alien.as_ref(), false)?;
-    let reference = if with_reference { run(&before, &[], None, some_only)? } else { Vec::new() };
+    let mut run = |session: &Session<'_>, loads: &[f64]| recorded(&mut d, &mut solver, session, &speeds, loads);
+    let (noise, level) = (session.noise.clone(), session.level.clone());
+    let concealing = Session { setup: after, effects: &effects, alien: alien.as_ref(), noise, level, ..session };
+    let recordings = run(&concealing, &loads)?;
+    let reference_loads = if some_only { &loads[1..] } else { &loads[..] };
+    let reference = if with_reference { run(&session, reference_loads)? } else { Vec::new() };
     let truth = Truth { kind, effects, alien, reference: with_reference, visibility };
     Some(Case { bench, recordings, reference, truth })
+}
+
+/// The bench that is recorded where the sheet has a wrong number of teeth.
+fn with_teeth(sheet: &Bench, wrong: Option<&EffectSpec>) -> Option<Bench> {
+    let mut bench = sheet.clone();
+    if let Some(e) = wrong {
+        let (stage, which) = e.place.split_once('.')?;
+        let s = bench.stages.iter_mut().find(|s| s.name == stage)?;
+        let gear = if which == "pinion" { &mut s.pinion } else { &mut s.wheel };
+        gear.teeth = e.parameters["teeth"] as u32;
+    }
+    Some(bench)
+}
+
+/// A recording at each motor speed (Hz) and brake torque (Nm).
+fn recorded(
+    d: &mut Draw,
+    solver: &mut SteadySolver,
+    session: &Session<'_>,
+    speeds: &[f64],
+    loads: &[f64],
+) -> Option<Vec<Recording>> {
+    let points = speeds.iter().flat_map(|&speed| loads.iter().map(move |&load| (speed, load)));
+    points
+        .map(|(speed, load)| record(d, solver, session, speed, load, format!("{speed:.0}hz-{load:.0}nm.mcap")))
+        .collect()
 }
 
 /// Answers a case, without the effect that was taken out of the library for it.

@@ -103,7 +103,8 @@ struct Sentence {
 }
 
 impl History {
-    /// Puts together what lies within spans of `every` ns, of windows in `from..to` (ns since the epoch).
+    /// Puts together what lies within spans of `every` ns, of windows in `from..to` (ns since the
+    /// epoch).
     pub fn new(every: i64, from: Option<i64>, to: Option<i64>) -> Self {
         Self {
             every,
@@ -259,7 +260,8 @@ impl History {
         Ok(true)
     }
 
-    /// Counts the time from the last window of the bench's first row to this one, where no sample between them is missing.
+    /// Counts the time from the last window of the bench's first row to this one, where no sample
+    /// between them is missing.
     fn operate(&mut self, line: &VerdictLine, at: i64) {
         let (t0_ns, first_sample) = (line.t0_ns, line.first_sample);
         let Some(last) = self.counted.get_mut(&line.bench) else {
@@ -347,7 +349,8 @@ impl History {
 /// Kinds of events.
 pub(crate) const EVENTS: [&str; 6] = ["alarm", "acknowledged", "ended", "gap", "reload", "note"];
 
-/// Kind and text of an event; `None` inside where it is told elsewhere, `None` outside where it cannot be read.
+/// Kind and text of an event; `None` inside where it is told elsewhere, `None` outside where it
+/// cannot be read.
 #[allow(clippy::option_option, reason = "not read, read and told elsewhere, read")]
 fn event(topic: &str, data: &[u8]) -> Option<Option<(&'static str, String)>> {
     if topic == ALARM_TOPIC {

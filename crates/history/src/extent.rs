@@ -1,4 +1,5 @@
-//! How far a log file was read: one that is still being written grows, and what was read of it is soon not all.
+//! How far a log file was read: one that is still being written grows, and what was read of it is
+//! soon not all.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -19,7 +20,8 @@ impl Extent {
         Self { bytes: length(path), read: Instant::now() }
     }
 
-    /// The file holds something that was not read, and is to be read again. One that is `open` is so once in `again`, a closed one at once.
+    /// The file holds something that was not read, and is to be read again. One that is `open` is
+    /// so once in `again`, a closed one at once.
     pub(crate) fn is_behind(&self, path: &Path, open: bool, again: Duration) -> bool {
         // One that was removed says nothing new.
         let grown = length(path).is_some_and(|bytes| Some(bytes) != self.bytes);

@@ -1,4 +1,5 @@
-//! One channel's spectra and the times of its raw data in files that are not in the levels, or that the levels show too coarsely.
+//! One channel's spectra and the times of its raw data in files that are not in the levels, or that
+//! the levels show too coarsely.
 
 use std::collections::BTreeMap;
 use std::io::BufReader;

@@ -28,7 +28,8 @@ impl Keeping {
     }
 }
 
-/// Starts the thread; it ends with `stop`. Ranks and log do not wait for it: a disk that hangs holds up this thread alone.
+/// Starts the thread; it ends with `stop`. Ranks and log do not wait for it: a disk that hangs
+/// holds up this thread alone.
 ///
 /// # Errors
 /// When the system gives no thread.

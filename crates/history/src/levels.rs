@@ -1,12 +1,14 @@
-//! Levels of detail: what closed log files hold, put together by spans of 2 min to a day, in one SQLite file beside them.
+//! Levels of detail: what closed log files hold, put together by spans of 2 min to a day, in one
+//! SQLite file beside them.
 //!
 //! ```text
 //! closed file ─► History by 2 min ─► Levels::take ─► 2 min · 10 min · 1 h · 1 d, each file once
 //!                                         Levels ─► page, `gearwatch history`, weekly report
 //! ```
 //!
-//! The log files stay the truth: levels are made from them, and made again where the file is lost. What is finer goes earlier; how much is kept
-//! counts spans in which something was judged, not the clock, so that a wrong clock removes nothing.
+//! The log files stay the truth: levels are made from them, and made again where the file is lost.
+//! What is finer goes earlier; how much is kept counts spans in which something was judged, not the
+//! clock, so that a wrong clock removes nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -118,8 +120,8 @@ impl Levels {
         Self::with(db)
     }
 
-    /// To be read, as they are at the first question; `None` where there are none. Nothing is taken in as long as this is kept: what rows say and which
-    /// files they hold belong together.
+    /// To be read, as they are at the first question; `None` where there are none. Nothing is taken
+    /// in as long as this is kept: what rows say and which files they hold belong together.
     ///
     /// # Errors
     /// When the file is there and cannot be read.
@@ -170,7 +172,8 @@ impl Levels {
         Ok(out)
     }
 
-    /// Takes in a closed file, read by spans of [`FINEST_NS`], whole or not at all; one that was taken in before changes nothing.
+    /// Takes in a closed file, read by spans of [`FINEST_NS`], whole or not at all; one that was
+    /// taken in before changes nothing.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -189,7 +192,8 @@ impl Levels {
         Ok(())
     }
 
-    /// The level whose spans make up `every` (ns), and the span that comes of it: a longer one where nothing as fine reaches back to `from`.
+    /// The level whose spans make up `every` (ns), and the span that comes of it: a longer one
+    /// where nothing as fine reaches back to `from`.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -207,7 +211,8 @@ impl Levels {
         Ok(level.map(|(long, _)| (*long, every.max(*long))))
     }
 
-    /// A row by spans of `every` (ns) that overlap `from..to`; `level` (ns) is one of which `every` is made up.
+    /// A row by spans of `every` (ns) that overlap `from..to`; `level` (ns) is one of which `every`
+    /// is made up.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -302,7 +307,8 @@ impl Levels {
         Ok(out)
     }
 
-    /// Times in which a channel has raw data, as far as they overlap `from..to` (ns since the epoch).
+    /// Times in which a channel has raw data, as far as they overlap `from..to` (ns since the
+    /// epoch).
     ///
     /// # Errors
     /// When they cannot be read.
@@ -314,8 +320,8 @@ impl Levels {
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
-    /// Puts all that lies between `from` and `to` into a history of spans of `every` (ns), where some level makes them up; the files that need not
-    /// be read for it.
+    /// Puts all that lies between `from` and `to` into a history of spans of `every` (ns), where
+    /// some level makes them up; the files that need not be read for it.
     ///
     /// # Errors
     /// When it cannot be read, or there are more rows than anybody reads.

@@ -19,7 +19,8 @@ pub const LONGEST_NS: i64 = 120_000_000_000;
 /// Samples and pulses that a window may hold: 64 channels of 16 kHz for a minute.
 const MOST_SAMPLES: usize = 64 << 20;
 
-/// Times in which a channel has raw data, from the first block to the beginning of the last (ns since the epoch).
+/// Times in which a channel has raw data, from the first block to the beginning of the last (ns
+/// since the epoch).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Stretches(pub(crate) BTreeMap<String, Vec<(i64, i64)>>);
 
@@ -102,7 +103,8 @@ impl Cut {
         for path in files {
             let Ok(file) = gearwatch_io::text::open_regular(path) else { continue };
             let mut source = McapSource::new(BufReader::with_capacity(1 << 20, file), Limits::default());
-            // A file that is being written ends in the middle; one without raw data says so. Either way it has no more.
+            // A file that is being written ends in the middle; one without raw data says so. Either
+            // way it has no more.
             while let Ok(Some(packet)) = source.next_packet() {
                 let (begin, end, size) = extent(&packet);
                 if begin < to && end > from {
@@ -148,7 +150,8 @@ impl Cut {
         let (t0_ns, begin) = (first.t0, first.first_sample_index);
         let mut samples: Vec<f32> = Vec::new();
         for segment in &channel.segments {
-            // Indices begin anew with each start of the service: what lies before the first sample cannot be placed.
+            // Indices begin anew with each start of the service: what lies before the first sample
+            // cannot be placed.
             let Some(at) = segment.first_sample_index.checked_sub(begin) else { break };
             let at = usize::try_from(at).map_err(|_| CutError::TooMany)?;
             if at.saturating_add(segment.samples.len()) > MOST_SAMPLES {

@@ -39,7 +39,8 @@ pub(crate) fn write(folder: &Path, number: usize, messages: &[Logged]) {
     log.finish().expect("an end");
 }
 
-/// Windows of half a minute from `first` on, of two rows: 1x differs from window to window, 2x is known in every third one, the rest never.
+/// Windows of half a minute from `first` on, of two rows: 1x differs from window to window, 2x is
+/// known in every third one, the rest never.
 pub(crate) fn windows(first: i64, count: i64) -> Vec<Logged> {
     let mut out = Vec::new();
     for i in first..first + count {

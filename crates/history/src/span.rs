@@ -50,7 +50,8 @@ pub struct Span {
     pub speed: Mean,
     /// Torque at the brake (N m).
     pub torque: Mean,
-    /// Those that are wanted, usually all by the names of [`indicator_names`]; empty where no window has any.
+    /// Those that are wanted, usually all by the names of [`indicator_names`]; empty where no
+    /// window has any.
     pub indicators: Vec<Mean>,
 }
 

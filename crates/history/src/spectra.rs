@@ -1,4 +1,5 @@
-//! Order spectra of a log in short form: amplitudes as logarithms, one spectrum a channel and span of time.
+//! Order spectra of a log in short form: amplitudes as logarithms, one spectrum a channel and span
+//! of time.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -122,7 +123,8 @@ impl Shelf {
 mod tests {
     use super::*;
 
-    /// The step of a code is a factor 10^(1/2047), so an amplitude comes back within half of it: 5.7e-4 and the digits of an f32.
+    /// The step of a code is a factor 10^(1/2047), so an amplitude comes back within half of it:
+    /// 5.7e-4 and the digits of an f32.
     #[test]
     fn analytic_amplitudes_come_back_within_half_a_step() {
         let step = 10_f64.powf(0.5 / STEPS) - 1.0;

@@ -1,4 +1,5 @@
-//! The history for a page: from the levels of detail, and what is not in them from the log, in the background, file by file.
+//! The history for a page: from the levels of detail, and what is not in them from the log, in the
+//! background, file by file.
 //!
 //! ```text
 //! ask(from, to, every, row) ─► levels ─► cells ──────────────────────────────────────────► answer
@@ -29,7 +30,7 @@ mod cell;
 mod digest;
 
 use answer::answer;
-use cell::Cell;
+use cell::ShortSpan;
 use digest::{Digest, Of, make_room};
 
 /// Spans that are kept, of all rows and files: some 20 MB.
@@ -90,10 +91,11 @@ struct State {
 /// What is known of a time.
 #[derive(Debug, Default)]
 struct Found {
-    cells: BTreeMap<i64, Cell>,
+    cells: BTreeMap<i64, ShortSpan>,
     events: Vec<Event>,
     alarms: Vec<(i64, AlarmRecord)>,
-    /// Files that can hold something of it and are in no level, those of them that are still to be read, and those that were not read to the end.
+    /// Files that can hold something of it and are in no level, those of them that are still to be
+    /// read, and those that were not read to the end.
     files: usize,
     to_read: usize,
     troubled: usize,
@@ -130,8 +132,8 @@ impl Store {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The files that can hold windows of this time, oldest first: each from its own start to that of the next. Beside them the newest of all, which
-    /// is being written.
+    /// The files that can hold windows of this time, oldest first: each from its own start to that
+    /// of the next. Beside them the newest of all, which is being written.
     fn files(&self, from: i64, to: i64) -> std::io::Result<(Vec<PathBuf>, Option<PathBuf>)> {
         let all = crate::files(&self.folder)?;
         let start = |path: &PathBuf| {
@@ -139,7 +141,8 @@ impl Store {
             started_s(name).map_or(i64::MIN, |s| s.saturating_mul(SECOND))
         };
         let starts: Vec<i64> = all.iter().map(start).collect();
-        // A window is logged a little after it was cut, and clocks of instruments are not those of this machine.
+        // A window is logged a little after it was cut, and clocks of instruments are not those of
+        // this machine.
         let slack = 60 * SECOND;
         let wanted = |i: &usize| {
             let next = starts.get(i + 1).copied().unwrap_or(i64::MAX);
@@ -149,7 +152,8 @@ impl Store {
         Ok((chosen, all.last().cloned()))
     }
 
-    /// What is known by now, as columns; `to_read` files of `files` are still to be read, and are read now.
+    /// What is known by now, as columns; `to_read` files of `files` are still to be read, and are
+    /// read now.
     ///
     /// # Errors
     /// When the folder cannot be listed.
@@ -158,7 +162,8 @@ impl Store {
         Ok(answer(asked, every, &found))
     }
 
-    /// What was told of alarms of all benches, oldest first, and how many files are still to be read.
+    /// What was told of alarms of all benches, oldest first, and how many files are still to be
+    /// read.
     ///
     /// # Errors
     /// When the folder cannot be listed.
@@ -220,7 +225,8 @@ impl Store {
         Ok((every, found))
     }
 
-    /// Puts in what the levels know; the span that it is put together by, and the names of the files that need not be read.
+    /// Puts in what the levels know; the span that it is put together by, and the names of the
+    /// files that need not be read.
     fn find_in_levels(&self, asked: &Asked, every: i64, found: &mut Found) -> (i64, BTreeSet<String>) {
         let read = || -> Result<Option<_>, crate::levels::LevelsError> {
             let Some(levels) = Levels::read(&self.folder)? else { return Ok(None) };
@@ -232,7 +238,7 @@ impl Store {
         };
         match read() {
             Ok(Some((every, rows, events, alarms, files))) => {
-                found.cells = rows.iter().map(|(&at, span)| (at, Cell::of(span, asked.place()))).collect();
+                found.cells = rows.iter().map(|(&at, span)| (at, ShortSpan::of(span, asked.place()))).collect();
                 (found.events, found.alarms) = (events, alarms);
                 (every, files)
             }
@@ -245,7 +251,8 @@ impl Store {
         }
     }
 
-    /// Spectra of a channel in `from..to` (ns since the epoch), thinned out to the rows of a waterfall, and the times of its raw data.
+    /// Spectra of a channel in `from..to` (ns since the epoch), thinned out to the rows of a
+    /// waterfall, and the times of its raw data.
     ///
     /// # Errors
     /// When the folder cannot be listed.

@@ -15,7 +15,8 @@ pub enum TimeError {
     Span(String),
 }
 
-/// Nanoseconds since the epoch of `2026-11-22`, `2026-11-22T14:30`, with seconds, with `Z` or without.
+/// Nanoseconds since the epoch of `2026-11-22`, `2026-11-22T14:30`, with seconds, with `Z` or
+/// without.
 ///
 /// # Errors
 /// With what was expected, when it is no time.

@@ -1,4 +1,5 @@
-//! The numbers of a logged verdict that a history needs, without the rest: a week of eight rows is ten million lines.
+//! The numbers of a logged verdict that a history needs, without the rest: a week of eight rows is
+//! ten million lines.
 
 use std::collections::HashMap;
 use std::fmt;

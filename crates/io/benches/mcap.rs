@@ -1,5 +1,6 @@
-//! Recordings written and read, beside the bare `mcap` crate: 8 channels at 16 384 Hz for 30 s, a message for each channel
-//! and tenth of a second, chunks of 1 MiB with checksums. Figures are bytes of 32-bit samples a second.
+//! Recordings written and read, beside the bare `mcap` crate: 8 channels at 16 384 Hz for 30 s, a
+//! message for each channel and tenth of a second, chunks of 1 MiB with checksums. Figures are
+//! bytes of 32-bit samples a second.
 //!
 //! `cargo bench -p gearwatch-io`
 

@@ -1,7 +1,8 @@
 //! Baseline files: JSON with a checksum of its own and the hash of the bench that it belongs to.
 //!
-//! The file is the [`Baseline`] as a JSON object with one key more, `checksum_sha256`: SHA-256 of the object without
-//! that key as compact JSON, keys in the order of the file. White space does not matter, every other change is noticed.
+//! The file is the [`Baseline`] as a JSON object with one key more, `checksum_sha256`: SHA-256 of
+//! the object without that key as compact JSON, keys in the order of the file. White space does not
+//! matter, every other change is noticed.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +12,8 @@ use gearwatch_core::bench::Bench;
 use crate::sealed::{self, Broken, sha256_of};
 use crate::text::read_text;
 
-/// Window lengths that differ by less are the same (relative): the length of a window is a whole number of samples.
+/// Window lengths that differ by less are the same (relative): the length of a window is a whole
+/// number of samples.
 const WINDOW_TOLERANCE: f64 = 1e-3;
 
 /// Why a baseline file cannot be used.
@@ -109,10 +111,11 @@ fn advice(changes: &[Change]) -> &'static str {
     }
 }
 
-/// Hash of a bench's content, lower-case hexadecimal: SHA-256 of the bench as compact JSON. Comments, spacing and defaults
-/// written out or left out do not change it.
+/// Hash of a bench's content, lower-case hexadecimal: SHA-256 of the bench as compact JSON.
+/// Comments, spacing and defaults written out or left out do not change it.
 pub fn bench_sha256(bench: &Bench) -> String {
-    // Neither doubts that were cleared nor what condition indicators are told change what a baseline was learned from.
+    // Neither doubts that were cleared nor what condition indicators are told change what a
+    // baseline was learned from.
     let bench = &Bench {
         check: gearwatch_core::bench::Check::default(),
         bearings: Vec::new(),
@@ -151,8 +154,8 @@ pub fn parse(text: &str, path: &Path) -> Result<Baseline, BaselineFileError> {
 /// Reads and checks a baseline file.
 ///
 /// # Errors
-/// When it cannot be read, is above [`LARGEST_TEXT`](crate::text::LARGEST_TEXT) (a thousand runs of eight channels
-/// take some 20 MB), or as [`parse`].
+/// When it cannot be read, is above [`LARGEST_TEXT`](crate::text::LARGEST_TEXT) (a thousand runs of
+/// eight channels take some 20 MB), or as [`parse`].
 pub fn read(path: &Path) -> Result<Baseline, BaselineFileError> {
     let read_error = |cause| BaselineFileError::Read { path: path.to_owned(), cause };
     let text = read_text(path).map_err(read_error)?;
@@ -202,10 +205,12 @@ fn other_bench(baseline: &Baseline, path: &Path, bench: &Bench, changes: Vec<Cha
     BaselineFileError::OtherBench { path, baseline, bench, changes }
 }
 
-/// Ties a baseline to a bench that it still holds for, and notes why. `t_ns` is now. Gives what had changed.
+/// Ties a baseline to a bench that it still holds for, and notes why. `t_ns` is now. Gives what had
+/// changed.
 ///
 /// # Errors
-/// When the lines that were learned mean something else on this bench: other teeth, ratios, stages or units.
+/// When the lines that were learned mean something else on this bench: other teeth, ratios, stages
+/// or units.
 pub fn rebind(
     baseline: &mut Baseline,
     path: &Path,
@@ -215,7 +220,8 @@ pub fn rebind(
 ) -> Result<Vec<Change>, BaselineFileError> {
     let now = Machine::of(bench);
     let mut changes = baseline.machine.as_ref().map_or_else(Vec::new, |machine| machine.changes(&now));
-    // A file that does not say what it rests on still names its stages, and the unit of each channel.
+    // A file that does not say what it rests on still names its stages, and the unit of each
+    // channel.
     let is: Vec<&String> = bench.stages.iter().map(|stage| &stage.name).collect();
     if baseline.stages.iter().ne(is.iter().copied()) {
         let sentence = format!("the stages were {:?}, are {is:?}", baseline.stages);
@@ -309,8 +315,8 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
         assert_eq!(parse(&compact.to_string(), &path).expect("compact"), baseline());
     }
 
-    /// Every digit and every letter of the text, changed one at a time: refused each time, or the same baseline (the 17th
-    /// digit of a number may not matter).
+    /// Every digit and every letter of the text, changed one at a time: refused each time, or the
+    /// same baseline (the 17th digit of a number may not matter).
     #[test]
     fn conform_every_changed_character_is_noticed() {
         let path = Path::new("normal.json");
@@ -370,7 +376,8 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
         }
     }
 
-    /// What matters and is no other line is named, and kept with a reason; what makes other lines is not kept for any reason.
+    /// What matters and is no other line is named, and kept with a reason; what makes other lines
+    /// is not kept for any reason.
     #[test]
     fn conform_a_baseline_is_tied_anew_with_a_reason() {
         let path = Path::new("normal.json");
@@ -393,7 +400,8 @@ stage = [ { name = "s", pinion = { teeth = 20 }, wheel = { teeth = 40 } } ]
         assert!(error.to_string().contains("wheel.teeth was 40, is 41"), "{error}");
     }
 
-    /// Files of before baselines said what they rest on: good for the very same bench file, and told how to go on with a changed one.
+    /// Files of before baselines said what they rest on: good for the very same bench file, and
+    /// told how to go on with a changed one.
     #[test]
     fn conform_older_files_are_read_and_can_be_tied() {
         let path = Path::new("normal.json");

@@ -55,7 +55,8 @@ pub fn parse(text: &str, path: &Path) -> Result<Bench, BenchFileError> {
     if problems.is_empty() { Ok(bench) } else { Err(BenchFileError::Values { path: path.to_owned(), problems }) }
 }
 
-/// The text of a bench file that [`parse`] reads as the same bench. Keys that bear a default are written out.
+/// The text of a bench file that [`parse`] reads as the same bench. Keys that bear a default are
+/// written out.
 ///
 /// # Errors
 /// When a value cannot be written as TOML.
@@ -106,7 +107,7 @@ fn explain(text: &str, error: &toml::de::Error) -> String {
             return format!("{place}: the key {unknown:?} is not supported: {sentence}");
         }
         let known: Vec<&str> = quoted.collect();
-        let nearest = known.iter().map(|key| (distance(unknown, key), *key)).min();
+        let nearest = known.iter().map(|key| (strsim::levenshtein(unknown, key), *key)).min();
         let hint = match nearest {
             // A third of the letters, rounded up, may differ.
             Some((far, key)) if far <= unknown.len().max(key.len()).div_ceil(3) => format!("; did you mean {key:?}?"),
@@ -120,22 +121,6 @@ fn explain(text: &str, error: &toml::de::Error) -> String {
         return format!("{place}: the key {missing:?} is missing");
     }
     format!("{place}: {message}")
-}
-
-/// Levenshtein distance in characters.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut corner = i;
-        row[0] = i + 1;
-        for (j, &y) in b.iter().enumerate() {
-            let replaced = corner + usize::from(x != y);
-            corner = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(corner + 1);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]
@@ -253,7 +238,8 @@ parameters = { gap_m = 1.0e-5 }
         assert!(text.contains("line 1"), "{text}");
     }
 
-    /// What asked for gigabytes, or overflowed in a worker, is refused with the key, the value and the bound; the bounds are usable.
+    /// What asked for gigabytes, or overflowed in a worker, is refused with the key, the value and
+    /// the bound; the bounds are usable.
     #[test]
     fn regress_values_beyond_all_bounds_are_told() {
         let belt = "[belt]\nratio = 1e-300\n[motor]";
@@ -279,12 +265,5 @@ parameters = { gap_m = 1.0e-5 }
         let largest =
             SMALL.replace("teeth = 29", "teeth = 1000").replace("\"small\"", &format!("{:?}", "x".repeat(120)));
         assert!(parse(&largest, Path::new("b.toml")).is_ok());
-    }
-
-    #[test]
-    fn analytic_distances_of_words() {
-        assert_eq!(distance("teeth", "tooth"), 2);
-        assert_eq!(distance("", "abc"), 3);
-        assert_eq!(distance("same", "same"), 0);
     }
 }

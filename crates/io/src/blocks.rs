@@ -21,9 +21,11 @@ pub(crate) fn time_of(t0: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNan
     t0.saturating_add(nanos)
 }
 
-/// How many values are not finite; counted without a branch, as that is several times as fast as stopping at the first.
+/// How many values are not finite; counted without a branch, as that is several times as fast as
+/// stopping at the first.
 pub(crate) fn not_finite(values: &[f32]) -> usize {
-    // In parts whose count fits 32 bits, so that nothing wraps; a checked sum would be taken one value after the other.
+    // In parts whose count fits 32 bits, so that nothing wraps; a checked sum would be taken one
+    // value after the other.
     let part = |part: &[f32]| part.iter().fold(0_u32, |n, v| n.wrapping_add(u32::from(!v.is_finite())));
     values.chunks(1 << 16).map(|values| part(values) as usize).sum()
 }

@@ -2,22 +2,41 @@
 
 use std::fmt::Display;
 use std::io::Read;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::open::Progress;
 use crate::problem::Problem;
 
 /// Bytes of values that any file may hold.
 pub const KEPT_BYTES: u64 = 64 << 20;
-/// Bytes of values beyond those, for each byte read: 16-bit samples that a compressed MATLAB array holds as doubles take 6 to 8.
+/// Bytes of values beyond those, for each byte read: 16-bit samples that a compressed MATLAB array
+/// holds as doubles take 6 to 8.
 pub const KEPT_PER_BYTE: u64 = 16;
 /// Bytes that any gzipped file may unpack to.
 pub const UNPACKED_BYTES: u64 = 256 << 20;
-/// Bytes that the chunks of any MCAP file may unpack to: two hours of four dead channels at 16 kHz. They are read one by one.
+/// Bytes that the chunks of any MCAP file may unpack to: two hours of four dead channels at 16 kHz.
+/// They are read one by one.
 pub const UNPACKED_CHUNK_BYTES: u64 = 2 << 30;
 /// Bytes beyond those, for each packed byte; tables of measured numbers pack to a fifth.
 pub const UNPACKED_PER_BYTE: u64 = 16;
 /// Sentences on what is unusual in a file.
 const MOST_NOTES: usize = 50;
+
+/// Bytes that were read so far of a file, for a progress display; the total is the size of the
+/// file.
+#[derive(Clone, Debug, Default)]
+pub struct Progress(Arc<AtomicU64>);
+
+impl Progress {
+    /// Bytes read so far.
+    pub fn bytes(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn add(&self, bytes: u64) {
+        self.0.fetch_add(bytes, Ordering::Relaxed);
+    }
+}
 
 /// Bytes of values that a reader keeps in memory, bounded by what it has read.
 #[derive(Debug)]

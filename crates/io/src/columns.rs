@@ -1,4 +1,5 @@
-//! From what a file holds (columns, variables, datasets) to sensors with names, units and sample rates.
+//! From what a file holds (columns, variables, datasets) to sensors with names, units and sample
+//! rates.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -35,7 +36,8 @@ pub(crate) struct Sensor {
     pub t0: UnixNanos,
 }
 
-/// Chooses and names the columns as the options say; where they choose none, all of `usual` are read.
+/// Chooses and names the columns as the options say; where they choose none, all of `usual` are
+/// read.
 pub(crate) fn choose(
     columns: &[Column],
     usual: impl Iterator<Item = usize>,
@@ -104,7 +106,8 @@ pub(crate) fn clean(name: &str) -> String {
 /// Bytes of a name or unit in a recording.
 const LONGEST_NAME: usize = 1024;
 
-/// A name or unit as it stands in a recording; control characters, which a terminal would obey, become `_`.
+/// A name or unit as it stands in a recording; control characters, which a terminal would obey,
+/// become `_`.
 pub(crate) fn readable(text: &str, place: impl std::fmt::Display) -> Result<Arc<str>, Problem> {
     if text.len() > LONGEST_NAME {
         let what = format_args!("a name of {} bytes", text.len()).to_string();

@@ -57,8 +57,8 @@ impl<R: Read> Forward<R> {
         Ok(out)
     }
 
-    /// Hands the next `size` bytes on in pieces that are multiples of `unit` (> 0) but for the last one. Returns how many
-    /// came; fewer only where the input ends.
+    /// Hands the next `size` bytes on in pieces that are multiples of `unit` (> 0) but for the last
+    /// one. Returns how many came; fewer only where the input ends.
     pub(crate) fn pieces(
         &mut self,
         size: u64,

@@ -6,8 +6,9 @@
 //!            └ options, sidecar file: what a file leaves unsaid
 //! ```
 //!
-//! Nothing here trusts a length: memory is bounded by the size of the file ([`budget`]), and what does not fit is an error that names the place, what was
-//! expected, what was found and what to do ([`Problem`]).
+//! Nothing here trusts a length: memory is bounded by the size of the file ([`budget`]), and what
+//! does not fit is an error that names the place, what was expected, what was found and what to do
+//! ([`Problem`]).
 //!
 //! ```
 //! use gearwatch_core::source::Source;

@@ -4,13 +4,12 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use gearwatch_core::block::{OperatingPoint, Packet, UnixNanos};
 use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 
+pub use crate::budget::Progress;
 use crate::budget::{Budget, Unpacked};
 use crate::formats::{FORMATS, Format};
 use crate::mcap::source::Contents;
@@ -24,24 +23,10 @@ pub trait Reader: Source<Error = Problem> {
     /// Sentences on what is unusual; complete after the last packet.
     fn warnings(&self) -> Vec<String>;
 
-    /// What a file holds besides its packets, where its format has such; complete after the last packet.
+    /// What a file holds besides its packets, where its format has such; complete after the last
+    /// packet.
     fn contents(&self) -> Option<Contents> {
         None
-    }
-}
-
-/// Bytes that were read so far of a file, for a progress display; the total is the size of the file.
-#[derive(Clone, Debug, Default)]
-pub struct Progress(Arc<AtomicU64>);
-
-impl Progress {
-    /// Bytes read so far.
-    pub fn bytes(&self) -> u64 {
-        self.0.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn add(&self, bytes: u64) {
-        self.0.fetch_add(bytes, Ordering::Relaxed);
     }
 }
 
@@ -62,7 +47,8 @@ impl<R: Read> Read for Counted<R> {
 /// Bytes from a file, a pipe or memory.
 pub type Bytes = Box<dyn Read + Send>;
 
-/// What a format reads: the bytes of a recording from the first one on, decompressed where the file is gzipped.
+/// What a format reads: the bytes of a recording from the first one on, decompressed where the file
+/// is gzipped.
 pub struct Input {
     pub(crate) bytes: Bytes,
     /// The same bytes for formats that go to and fro; absent for a pipe and a gzipped file.
@@ -104,7 +90,8 @@ impl Opened {
         self.reader.warnings()
     }
 
-    /// What the file holds besides its packets, where its format has such; complete after the last packet.
+    /// What the file holds besides its packets, where its format has such; complete after the last
+    /// packet.
     pub fn contents(&self) -> Option<Contents> {
         self.reader.contents()
     }
@@ -152,8 +139,9 @@ impl Source for Opened {
 /// Bytes at the beginning from which a format is known.
 const HEAD: usize = 4096;
 
-/// Opens a recording, a regular file, or `-` for standard input; its format is found from its first bytes, else from its name. A sidecar file `<path>.toml` says
-/// what `options` leave out. A gzipped file is read as what it holds.
+/// Opens a recording, a regular file, or `-` for standard input; its format is found from its first
+/// bytes, else from its name. A sidecar file `<path>.toml` says what `options` leave out. A gzipped
+/// file is read as what it holds.
 ///
 /// # Errors
 /// When the file cannot be read, its format is not known, or an option does not fit it.
@@ -178,8 +166,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened, ReadError> {
     Ok(opened)
 }
 
-/// As [`open`], from bytes that come from elsewhere, such as a pipe; `path` is named in errors, and its end helps to find
-/// the format. There is no sidecar file.
+/// As [`open`], from bytes that come from elsewhere, such as a pipe; `path` is named in errors, and
+/// its end helps to find the format. There is no sidecar file.
 ///
 /// # Errors
 /// As [`open`].

@@ -1,4 +1,5 @@
-//! What a file leaves unsaid: sample rate, units, which column is which sensor. From flags, or from a sidecar file.
+//! What a file leaves unsaid: sample rate, units, which column is which sensor. From flags, or from
+//! a sidecar file.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -8,8 +9,9 @@ use serde::Deserialize;
 use crate::problem::{Problem, ReadError};
 use crate::text::read_text;
 
-/// What the user says about a recording. The keys of a sidecar file `<recording>.toml` are the names of the fields
-/// (`[[channel]]` for the channels); what is given by flags goes before what the sidecar says.
+/// What the user says about a recording. The keys of a sidecar file `<recording>.toml` are the
+/// names of the fields (`[[channel]]` for the channels); what is given by flags goes before what
+/// the sidecar says.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OpenOptions {
@@ -17,7 +19,8 @@ pub struct OpenOptions {
     pub sample_rate_hz: Option<f64>,
     /// Unit of all channels that have none of their own here: `m/s^2`, `g`, `mm/s`, `V` or `1`.
     pub unit: Option<String>,
-    /// Physical value = value in the file × scale, for all channels that have none of their own here.
+    /// Physical value = value in the file × scale, for all channels that have none of their own
+    /// here.
     pub scale: Option<f64>,
     /// Name or number (from 1) of the column or variable that holds the time in seconds.
     pub time_column: Option<String>,
@@ -84,7 +87,8 @@ impl FromStr for ChannelOption {
 }
 
 impl OpenOptions {
-    /// These options, with those of the sidecar file of `recording` where these leave something out.
+    /// These options, with those of the sidecar file of `recording` where these leave something
+    /// out.
     ///
     /// # Errors
     /// When there is a sidecar file that cannot be read or is wrong.

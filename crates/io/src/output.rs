@@ -1,5 +1,5 @@
-//! Files that a command writes: never over what it reads, never over what is there unless that was asked for, and
-//! never half.
+//! Files that a command writes: never over what it reads, never over what is there unless that was
+//! asked for, and never half.
 
 use std::fs::{File, Metadata};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
@@ -69,10 +69,12 @@ impl Outputs {
         self
     }
 
-    /// Checks the name of an output, before the work that makes its content. Links are followed, symbolic and hard ones.
+    /// Checks the name of an output, before the work that makes its content. Links are followed,
+    /// symbolic and hard ones.
     ///
     /// # Errors
-    /// When it is an input or another output, exists without leave to replace it, is no file, or its folder does not exist.
+    /// When it is an input or another output, exists without leave to replace it, is no file, or
+    /// its folder does not exist.
     pub fn target(&mut self, path: &Path) -> Result<Target, OutputError> {
         if let Err(source) = std::fs::metadata(folder_of(path)) {
             return Err(OutputError::Io { path: path.to_owned(), source });
@@ -149,7 +151,8 @@ impl Target {
         let prefix = format!(".{}.", name.chars().take(100).collect::<String>());
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).suffix(".part");
-        // Temporary files are private by default; outputs are for others to read, as far as the umask allows.
+        // Temporary files are private by default; outputs are for others to read, as far as the
+        // umask allows.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let made = builder.tempfile_in(folder).and_then(|file| {
@@ -211,7 +214,8 @@ impl Output {
             }
             Err(e) => return Err(target.failed(e.error)),
         }
-        // The name is durable once its folder is. Some file systems cannot sync a folder; the file is whole in any case.
+        // The name is durable once its folder is. Some file systems cannot sync a folder; the file
+        // is whole in any case.
         if let Ok(folder) = File::open(folder_of(&target.place)) {
             let _ = folder.sync_all();
         }

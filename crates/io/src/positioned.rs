@@ -3,7 +3,8 @@
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 
-/// A file with a position of its own. Handles that share the system's position with it are not disturbed: on other systems than Unix it is put back.
+/// A file with a position of its own. Handles that share the system's position with it are not
+/// disturbed: on other systems than Unix it is put back.
 pub(crate) struct Positioned {
     file: File,
     at: u64,

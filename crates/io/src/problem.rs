@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-/// What is wrong with the bytes, without the name of the file: parsers are functions over bytes and know no names.
+/// What is wrong with the bytes, without the name of the file: parsers are functions over bytes and
+/// know no names.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
     /// The system could not deliver the bytes.

@@ -1,7 +1,8 @@
 //! Recordings in formats of other programs: CSV, WAV, MATLAB 5, TDMS.
 //!
-//! None of them holds all of a recording. What goes into the sidecar file that belongs beside it comes back when the pair is read; what neither holds is
-//! said in [`Saved::left_out`]. Gaps are refused: the formats would close them.
+//! None of them holds all of a recording. What goes into the sidecar file that belongs beside it
+//! comes back when the pair is read; what neither holds is said in [`Saved::left_out`]. Gaps are
+//! refused: the formats would close them.
 
 use std::io::Write;
 
@@ -16,7 +17,7 @@ mod wav;
 
 /// A format that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum SaveFormat {
     /// A table with a header, a time column and a column a channel; numbers exact.
     Csv,
     /// Floats of 32 bits where they hold the values exactly, else of 64.
@@ -27,7 +28,7 @@ pub enum Kind {
     Tdms,
 }
 
-impl Kind {
+impl SaveFormat {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Csv, Self::Wav, Self::Mat, Self::Tdms];
 
@@ -97,9 +98,10 @@ impl Column<'_> {
 /// Writes a recording.
 ///
 /// # Errors
-/// When the bytes cannot be written, there is no sample, or the format cannot hold the recording: gaps, channels of different rates (not TDMS),
-/// beginnings or lengths (CSV and WAV), too many samples.
-pub fn save(recording: &Recording, kind: Kind, out: &mut impl Write) -> Result<Saved, SaveError> {
+/// When the bytes cannot be written, there is no sample, or the format cannot hold the recording:
+/// gaps, channels of different rates (not TDMS), beginnings or lengths (CSV and WAV), too many
+/// samples.
+pub fn save(recording: &Recording, kind: SaveFormat, out: &mut impl Write) -> Result<Saved, SaveError> {
     let unfit = |what: String| SaveError::Unfit { what, format: kind.name() };
     let mut columns = Vec::new();
     for (at, (name, channel)) in recording.channels.iter().enumerate() {
@@ -113,24 +115,24 @@ pub fn save(recording: &Recording, kind: Kind, out: &mut impl Write) -> Result<S
     let rate_hz = first.channel.sample_rate_hz;
     for column in &columns {
         let (a, b) = (first.name, column.name);
-        if kind != Kind::Tdms && column.channel.sample_rate_hz != rate_hz {
+        if kind != SaveFormat::Tdms && column.channel.sample_rate_hz != rate_hz {
             return Err(unfit(format!("{a} has {rate_hz} Hz and {b} {} Hz", column.channel.sample_rate_hz)));
         }
-        let table = matches!(kind, Kind::Csv | Kind::Wav);
+        let table = matches!(kind, SaveFormat::Csv | SaveFormat::Wav);
         let (len, of) = (column.segment.samples.len(), first.segment.samples.len());
         if table && len != of {
             return Err(unfit(format!("{a} has {of} samples and {b} {len}")));
         }
         let apart_s = 1e-9 * column.segment.t0.saturating_sub(first.segment.t0) as f64;
-        if kind != Kind::Tdms && (apart_s * rate_hz).abs() > 0.5 {
+        if kind != SaveFormat::Tdms && (apart_s * rate_hz).abs() > 0.5 {
             return Err(unfit(format!("{b} begins {apart_s} s after {a}")));
         }
     }
     match kind {
-        Kind::Csv => csv::write(&columns, rate_hz, out)?,
-        Kind::Wav => wav::write(&columns, rate_hz, out).map_err(|e| e.or_unfit(&unfit))?,
-        Kind::Mat => mat::write(&columns, rate_hz, out).map_err(|e| e.or_unfit(&unfit))?,
-        Kind::Tdms => tdms::write(&columns, &recording.operating_points, out)?,
+        SaveFormat::Csv => csv::write(&columns, rate_hz, out)?,
+        SaveFormat::Wav => wav::write(&columns, rate_hz, out).map_err(|e| e.or_unfit(&unfit))?,
+        SaveFormat::Mat => mat::write(&columns, rate_hz, out).map_err(|e| e.or_unfit(&unfit))?,
+        SaveFormat::Tdms => tdms::write(&columns, &recording.operating_points, out)?,
     }
     let (point, mut left_out) = operating_point(&recording.operating_points);
     left_out.extend(
@@ -143,15 +145,17 @@ pub fn save(recording: &Recording, kind: Kind, out: &mut impl Write) -> Result<S
             left_out.push(format!("{}: the quality marks of its blocks are left out", column.name));
         }
     }
-    if kind != Kind::Tdms && first.segment.t0 != 0 {
+    if kind != SaveFormat::Tdms && first.segment.t0 != 0 {
         left_out
             .push(format!("the time of the first sample, {} ns since 1970-01-01 UTC, is left out", first.segment.t0));
     }
     let sidecar = Sidecar {
-        sample_rate_hz: (kind != Kind::Tdms || 1.0 / (1.0 / rate_hz) != rate_hz).then_some(rate_hz).filter(|_| {
-            // One number speaks for all channels.
-            columns.iter().all(|column| column.channel.sample_rate_hz == rate_hz)
-        }),
+        sample_rate_hz: (kind != SaveFormat::Tdms || 1.0 / (1.0 / rate_hz) != rate_hz).then_some(rate_hz).filter(
+            |_| {
+                // One number speaks for all channels.
+                columns.iter().all(|column| column.channel.sample_rate_hz == rate_hz)
+            },
+        ),
         motor_speed_hz: point.map(|point| point.motor_speed_hz).filter(|x| x.is_finite()),
         brake_torque_nm: point.map(|point| point.brake_torque_nm).filter(|x| x.is_finite()),
         channel: columns
@@ -186,7 +190,8 @@ struct ChannelLine {
     unit: String,
 }
 
-/// A sidecar file holds one operating point: the only one, or the mean of several, and that is said.
+/// A sidecar file holds one operating point: the only one, or the mean of several, and that is
+/// said.
 fn operating_point(points: &[OperatingPoint]) -> (Option<OperatingPoint>, Vec<String>) {
     let Some(first) = points.first() else { return (None, Vec::new()) };
     let mut left_out = Vec::new();
@@ -209,14 +214,15 @@ fn operating_point(points: &[OperatingPoint]) -> (Option<OperatingPoint>, Vec<St
 }
 
 /// What a channel is called in the file.
-fn called(kind: Kind, at: usize, name: &str, before: &[Column<'_>]) -> String {
+fn called(kind: SaveFormat, at: usize, name: &str, before: &[Column<'_>]) -> String {
     match kind {
-        Kind::Wav => (at + 1).to_string(),
-        // Plain names: what parts fields in CSV must not stand in one, and a number would be a column's place.
-        Kind::Mat | Kind::Csv => mat::variable(name, |taken| {
+        SaveFormat::Wav => (at + 1).to_string(),
+        // Plain names: what parts fields in CSV must not stand in one, and a number would be a
+        // column's place.
+        SaveFormat::Mat | SaveFormat::Csv => mat::variable(name, |taken| {
             [mat::RATE, csv::TIME, "t"].contains(&taken) || before.iter().any(|one| one.called == taken)
         }),
-        Kind::Tdms => name.to_owned(),
+        SaveFormat::Tdms => name.to_owned(),
     }
 }
 

@@ -1,4 +1,5 @@
-//! JSON objects with a checksum of their own: SHA-256 of the object without that key as compact JSON, keys in the order of the file.
+//! JSON objects with a checksum of their own: SHA-256 of the object without that key as compact
+//! JSON, keys in the order of the file.
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};

@@ -1,6 +1,8 @@
-//! Signature files: what fault states do to the mesh harmonics of one bench, as `gearwatch signatures --out` writes them.
+//! Signature files: what fault states do to the mesh harmonics of one bench, as
+//! `gearwatch signatures --out` writes them.
 //!
-//! JSON with a checksum of its own and the hash of the bench that it belongs to, as a baseline file has them.
+//! JSON with a checksum of its own and the hash of the bench that it belongs to, as a baseline file
+//! has them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -173,7 +175,8 @@ impl SignatureFile {
         Ok(file)
     }
 
-    /// The tables that verdicts are matched with, by stage, sensor and operating point; states of the wheel say so in their name.
+    /// The tables that verdicts are matched with, by stage, sensor and operating point; states of
+    /// the wheel say so in their name.
     pub fn tables(&self, bench: &Bench) -> Signatures {
         let motor_order = Train::new(bench).motor_order;
         let mut tables: Vec<SignaturesAt> = Vec::new();

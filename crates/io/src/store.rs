@@ -1,4 +1,5 @@
-//! Channels whose lengths are known, handed out as blocks in order of time: from memory, or read as they are asked for.
+//! Channels whose lengths are known, handed out as blocks in order of time: from memory, or read as
+//! they are asked for.
 
 use gearwatch_core::block::{Block, Packet, Samples, UnixNanos};
 

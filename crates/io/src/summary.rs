@@ -105,7 +105,8 @@ pub struct OperatingPoints {
 const LISTED_GAPS: usize = 100;
 
 impl Summary {
-    /// Reads a source to its end, or to its first error, which is handed back beside what was read before it.
+    /// Reads a source to its end, or to its first error, which is handed back beside what was read
+    /// before it.
     pub fn read<S: Source>(source: &mut S) -> (Self, Option<S::Error>) {
         let mut summary = Self::default();
         loop {

@@ -1,4 +1,5 @@
-//! Files with text that people or this program wrote: bench files, sidecars, baselines. Regular files only, of bounded size.
+//! Files with text that people or this program wrote: bench files, sidecars, baselines. Regular
+//! files only, of bounded size.
 
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read};
@@ -9,7 +10,8 @@ use crate::output::other_than_a_file;
 /// Largest text file that is read (bytes).
 pub const LARGEST_TEXT: u64 = 64 << 20;
 
-/// Opens a regular file. A pipe or a device is refused before it is opened: opening one may wait for ever.
+/// Opens a regular file. A pipe or a device is refused before it is opened: opening one may wait
+/// for ever.
 ///
 /// # Errors
 /// When there is none, it is no regular file, or it may not be read.

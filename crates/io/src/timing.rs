@@ -1,6 +1,7 @@
 //! Sample rate and gaps from time stamps that jitter.
 
-/// Stamps that are looked at beyond the current one before a gap is believed: a late stamp is followed by early ones, a gap is not.
+/// Stamps that are looked at beyond the current one before a gap is believed: a late stamp is
+/// followed by early ones, a gap is not.
 pub(crate) const LOOK_AHEAD: usize = 5;
 
 /// Samples from which a rate is estimated before any is handed over.
@@ -30,9 +31,10 @@ impl Grid {
         Self { period_s, next_s: None }
     }
 
-    /// Number of samples that are missing before the first of `upcoming` (seconds, at least one); its stamps beyond the
-    /// first are a look ahead. A gap is where this stamp and the following ones are all late by more than
-    /// half a period. Slow drift of the clock against the period is followed.
+    /// Number of samples that are missing before the first of `upcoming` (seconds, at least one);
+    /// its stamps beyond the first are a look ahead. A gap is where this stamp and the following
+    /// ones are all late by more than half a period. Slow drift of the clock against the period is
+    /// followed.
     ///
     /// # Errors
     /// The stamps go back by more than the period of ten samples.
@@ -58,7 +60,8 @@ impl Grid {
     }
 }
 
-/// Period of regular samples with jitter and gaps (s): median over lags, then a least-squares line through all stamps on the grid.
+/// Period of regular samples with jitter and gaps (s): median over lags, then a least-squares line
+/// through all stamps on the grid.
 ///
 /// # Errors
 /// With fewer than three stamps, or stamps that do not ascend.
@@ -110,8 +113,8 @@ mod tests {
         ((k * 7919) % 101) as f64 / 50.0 - 1.0
     }
 
-    /// 40 Hz with a jitter of ±4 ms and two lost samples: the line through n stamps has a slope error of about
-    /// sqrt(12) sd / (n^1.5), here 3e-7 s; both the rate and the gap are found.
+    /// 40 Hz with a jitter of ±4 ms and two lost samples: the line through n stamps has a slope
+    /// error of about sqrt(12) sd / (n^1.5), here 3e-7 s; both the rate and the gap are found.
     #[test]
     fn analytic_rate_and_gap_survive_jitter() {
         let stamps: Vec<f64> =

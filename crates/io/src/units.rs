@@ -1,6 +1,7 @@
 //! Units as files write them, and as the recording contract knows them.
 
-/// The contract's name of a unit and the factor to it; `None` for a unit that the contract does not know.
+/// The contract's name of a unit and the factor to it; `None` for a unit that the contract does not
+/// know.
 pub fn canonical(text: &str) -> Option<(&'static str, f64)> {
     const INCH_MM: f64 = 25.4;
     let mut key: String = text.trim().to_lowercase().chars().filter(|c| !c.is_whitespace()).collect();

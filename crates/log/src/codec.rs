@@ -1,7 +1,8 @@
 //! MCAP's primitive fields, written; they are read by [`gearwatch_io::mcap::fields`].
 //!
-//! The `mcap` crate can neither go on with a file that a crash left behind nor repeat channel records in every chunk, and its readers panic
-//! on some damaged files; so the log writes and walks the few record kinds it needs itself, and is tested against that crate's reader.
+//! The `mcap` crate can neither go on with a file that a crash left behind nor repeat channel
+//! records in every chunk, and its readers panic on some damaged files; so the log writes and walks
+//! the few record kinds it needs itself, and is tested against that crate's reader.
 
 use std::collections::BTreeMap;
 

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::examine::Rules;
 use crate::format::{Channel, FileSchema};
-use crate::walk::{AttachmentView, Found, Inner, MessageView, Walk};
+use crate::walk::{AttachmentView, Found, Inner, MessageView, Rules, Walk};
 
 /// What is handed over, in the order of the file.
 pub(crate) enum Part<'a> {

@@ -14,13 +14,16 @@ const LOCK: &str = ".lock";
 /// A folder of files.
 pub struct Disk {
     folder: PathBuf,
-    /// Of a folder that this process alone writes to. Held as long as the value lives; the system gives it back even after `kill -9`.
+    /// Of a folder that this process alone writes to. Held as long as the value lives; the system
+    /// gives it back even after `kill -9`.
     lock: Option<File>,
-    /// Descriptors for the moment when the process has no more: the log must be able to begin a new file then.
+    /// Descriptors for the moment when the process has no more: the log must be able to begin a new
+    /// file then.
     reserve: Vec<File>,
 }
 
-/// So many descriptors a rotation may need at once: the new file, the folder, a listing, an old file that is closed.
+/// So many descriptors a rotation may need at once: the new file, the folder, a listing, an old
+/// file that is closed.
 const RESERVED: usize = 4;
 
 /// Whether a process writes to the folder.
@@ -43,7 +46,8 @@ impl Disk {
         Ok(disk)
     }
 
-    /// Makes the folder if need be, and locks nothing: a sink that is opened again may find the value of before.
+    /// Makes the folder if need be, and locks nothing: a sink that is opened again may find the
+    /// value of before.
     ///
     /// # Errors
     /// When the folder cannot be made.
@@ -52,7 +56,8 @@ impl Disk {
         Ok(Self { folder: folder.to_owned(), lock: None, reserve: Vec::new() })
     }
 
-    /// Says whether a log could be written in this folder, and leaves it as it is. A folder that a process writes to counts as one that can be.
+    /// Says whether a log could be written in this folder, and leaves it as it is. A folder that a
+    /// process writes to counts as one that can be.
     ///
     /// # Errors
     /// When it cannot be made or written.
@@ -84,7 +89,8 @@ impl Disk {
         }
     }
 
-    /// Does what needs descriptors; where the process has no more, those that were kept back are given up for it.
+    /// Does what needs descriptors; where the process has no more, those that were kept back are
+    /// given up for it.
     fn with_reserve<T>(&mut self, mut act: impl FnMut() -> io::Result<T>) -> io::Result<T> {
         let mut result = act();
         if result.as_ref().is_err_and(is_out_of_descriptors) {
@@ -155,7 +161,8 @@ impl Storage for Disk {
         let folder = self.folder.clone();
         for entry in self.with_reserve(|| fs::read_dir(&folder))? {
             let entry = entry?;
-            // A file that somebody removes meanwhile is not there; a name that is not text is not ours.
+            // A file that somebody removes meanwhile is not there; a name that is not text is not
+            // ours.
             let Ok(metadata) = entry.metadata() else { continue };
             if let (true, Ok(name)) = (metadata.is_file(), entry.file_name().into_string()) {
                 files.push((name, metadata.len()));
@@ -194,7 +201,8 @@ fn free_space(folder: &Path) -> io::Result<u64> {
     fs4::available_space(folder)
 }
 
-/// Name of the file that holds the highest number that may have been given out, and the start of the machine in which it was written.
+/// Name of the file that holds the highest number that may have been given out, and the start of
+/// the machine in which it was written.
 const NUMBERS: &str = ".numbers";
 
 /// Names the running start of the machine.
@@ -265,7 +273,8 @@ struct DiskFile {
 }
 
 impl DiskFile {
-    /// Always writes at the end as it is then: bytes behind a hole that somebody cut would look like a whole file.
+    /// Always writes at the end as it is then: bytes behind a hole that somebody cut would look
+    /// like a whole file.
     fn open(options: &mut OpenOptions, path: &Path) -> io::Result<Box<dyn StorageFile>> {
         Ok(Box::new(Self { file: options.append(true).open(path)?, path: path.to_owned() }))
     }

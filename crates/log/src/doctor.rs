@@ -1,4 +1,5 @@
-//! Is a log whole? For `gearwatch doctor DIR` and `gearwatch recover FILE`; nothing is changed in the folder.
+//! Is a log whole? For `gearwatch doctor DIR` and `gearwatch recover FILE`; nothing is changed in
+//! the folder.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -10,11 +11,12 @@ use gearwatch_io::text::open_regular;
 
 use crate::content::{Part, visit};
 use crate::disk::is_locked;
-use crate::examine::{Damage, Ending, Rules, examine};
+use crate::examine::{Damage, Ending, examine};
 use crate::message::{GAP_TOPIC, Group};
 use crate::names::FileName;
 use crate::record::{Cause, Gap};
 use crate::salvage::{Missing, Salvaged, hole, salvage};
+use crate::walk::Rules;
 
 /// What `doctor` found in one file.
 #[derive(Clone, Debug)]
@@ -40,11 +42,13 @@ pub struct FileHealth {
 pub struct Health {
     /// The files, oldest first.
     pub files: Vec<FileHealth>,
-    /// Groups that are in no file though later ones are. What retention removed at the beginning does not count.
+    /// Groups that are in no file though later ones are. What retention removed at the beginning
+    /// does not count.
     pub missing: Vec<Missing>,
     /// Groups that are in more than one place.
     pub repeated: Vec<u64>,
-    /// Gaps that the service itself recorded, by cause: how many records, and what they count together.
+    /// Gaps that the service itself recorded, by cause: how many records, and what they count
+    /// together.
     pub gaps: BTreeMap<String, (u64, u64)>,
     /// A service is writing to the folder, so that its newest file has no end yet.
     pub in_use: bool,
@@ -53,9 +57,9 @@ pub struct Health {
 }
 
 impl Health {
-    /// Nothing that was ever acknowledged is missing, and every file is closed but the one that is being written.
-    /// What the service recorded as a gap was lost before it was acknowledged, and does not count here, but for damage that was
-    /// found later.
+    /// Nothing that was ever acknowledged is missing, and every file is closed but the one that is
+    /// being written. What the service recorded as a gap was lost before it was acknowledged, and
+    /// does not count here, but for damage that was found later.
     pub fn is_whole(&self) -> bool {
         let open_is_fine = |index: usize| self.in_use && index + 1 == self.files.len();
         let good = |(index, file): (usize, &FileHealth)| {
@@ -170,7 +174,8 @@ pub enum RecoverError {
     },
 }
 
-/// Writes what is good of a file to a new one, and makes that durable. The file itself is not touched.
+/// Writes what is good of a file to a new one, and makes that durable. The file itself is not
+/// touched.
 ///
 /// # Errors
 /// When the file cannot be read, nothing is in it, or the output cannot be written.

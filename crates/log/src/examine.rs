@@ -3,19 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
+use crate::flaw::Flaw;
 use crate::format::{ChunkFacts, LIBRARY, Layout};
 use crate::message::{GROUP_TOPIC, Group};
-use crate::walk::{Chunk, Found, Inner, MessageView, Walk};
+use crate::walk::{Chunk, Found, Inner, MessageView, Rules, Walk};
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
-
-/// How strictly a file is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Rules {
-    /// A file of this log: only what the log writes, in its order, every chunk with checksum and group record.
-    Own,
-    /// Any MCAP file.
-    Foreign,
-}
 
 /// Bytes that are not what they should be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,7 +17,7 @@ pub struct Damage {
     /// Length of the bytes that are lost, up to the next good record or the end.
     pub length: u64,
     /// What is wrong.
-    pub what: String,
+    pub what: Flaw,
 }
 
 /// A chunk that is good.
@@ -97,7 +89,7 @@ pub(crate) fn examine(bytes: &[u8], rules: Option<Rules>) -> Examined {
             Found::Header { .. } | Found::Other | Found::MessageIndex => {
                 let expected = matches!(found, Found::Header { .. }) && range.start == MAGIC.len();
                 if rules == Rules::Own && !expected {
-                    problem = Some("a record where this log writes none".into());
+                    problem = Some(Flaw::Misplaced);
                 }
             }
             // In the files of others only.
@@ -123,7 +115,8 @@ pub(crate) fn examine(bytes: &[u8], rules: Option<Rules>) -> Examined {
                             all.owed = indexes;
                             intact = false;
                         }
-                        // The walk goes on behind the chunk and finds there what is wrong, or nothing.
+                        // The walk goes on behind the chunk and finds there what is wrong, or
+                        // nothing.
                         continue;
                     }
                 }
@@ -157,12 +150,13 @@ fn settle_tail(bytes: &[u8], all: &mut Examined) {
     if last_good <= end {
         let tail = all.damage.iter().position(|damage| damage.offset >= end);
         let tail = tail.map(|first| all.damage.split_off(first)).unwrap_or_default();
-        let what = tail.into_iter().next().map_or_else(|| "an end that is cut off".into(), |damage| damage.what);
+        let what = tail.into_iter().next().map_or(Flaw::End, |damage| damage.what);
         all.torn_tail = Some(Damage { offset: end, length: bytes.len() as u64 - end, what });
     }
 }
 
-/// The rules by what the header says; a damaged header makes a file foreign, and its chunks are still checked.
+/// The rules by what the header says; a damaged header makes a file foreign, and its chunks are
+/// still checked.
 fn rules_of(bytes: &[u8]) -> Rules {
     match Walk::new(bytes, Rules::Foreign).next() {
         Some((_, Found::Header { library, .. })) if library.split(' ').next() == LIBRARY.split(' ').next() => {
@@ -172,8 +166,9 @@ fn rules_of(bytes: &[u8]) -> Rules {
     }
 }
 
-/// Checks a chunk against the rules and takes note of it; gives the message indexes that belong behind it.
-fn note_chunk(all: &mut Examined, range: &Range<usize>, chunk: &Chunk<'_>) -> Result<Vec<u8>, String> {
+/// Checks a chunk against the rules and takes note of it; gives the message indexes that belong
+/// behind it.
+fn note_chunk(all: &mut Examined, range: &Range<usize>, chunk: &Chunk<'_>) -> Result<Vec<u8>, Flaw> {
     let mut messages: BTreeMap<u16, Vec<(u64, u64)>> = BTreeMap::new();
     let mut views = 0u64;
     let mut group = None;
@@ -190,7 +185,7 @@ fn note_chunk(all: &mut Examined, range: &Range<usize>, chunk: &Chunk<'_>) -> Re
                     group = group_of(all, &view);
                 }
                 if all.rules == Rules::Own && !local.contains(&view.channel) {
-                    return Err(format!("a message of channel {}, which the chunk does not describe", view.channel));
+                    return Err(Flaw::Channel(view.channel));
                 }
                 views += 1;
                 messages.entry(view.channel).or_default().push((view.log_time, offset));
@@ -198,9 +193,9 @@ fn note_chunk(all: &mut Examined, range: &Range<usize>, chunk: &Chunk<'_>) -> Re
         }
     }
     if all.rules == Rules::Own {
-        let group = group.ok_or("a chunk without a group record")?;
+        let group = group.ok_or(Flaw::NoGroup)?;
         if !chunk.checked || group.messages + 1 != views {
-            return Err(format!("a chunk of {views} messages without checksum, or whose group record says otherwise"));
+            return Err(Flaw::Group(views));
         }
     }
     let times = || messages.values().flatten().map(|&(time, _)| time);
@@ -214,8 +209,7 @@ fn note_chunk(all: &mut Examined, range: &Range<usize>, chunk: &Chunk<'_>) -> Re
         messages: &messages,
     };
     if all.rules == Rules::Own && (chunk.start_time, chunk.end_time) != (start_time, end_time) {
-        let what = "a chunk's times are not those of its messages; the messages are good".into();
-        all.damage.push(Damage { offset: range.start as u64, length: 0, what });
+        all.damage.push(Damage { offset: range.start as u64, length: 0, what: Flaw::Times });
     }
     all.chunks.push(GoodChunk { range: range.clone(), group });
     Ok(all.layout.chunk(range.start as u64, range.len() as u64, &facts))

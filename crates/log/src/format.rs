@@ -1,7 +1,8 @@
 //! The bytes of a log file: opening, groups, closing.
 //!
-//! [`Layout`] keeps what the summary at the end needs. It is filled either while a file is written or while a file that a crash left
-//! behind is walked; so a recovered file is closed by the same code as any other.
+//! [`Layout`] keeps what the summary at the end needs. It is filled either while a file is written
+//! or while a file that a crash left behind is walked; so a recovered file is closed by the same
+//! code as any other.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -138,7 +139,8 @@ impl Layout {
         self.metadata.push(index);
     }
 
-    /// Takes note of a chunk that begins at `offset`, and gives the message index records that follow it.
+    /// Takes note of a chunk that begins at `offset`, and gives the message index records that
+    /// follow it.
     pub fn chunk(&mut self, offset: u64, length: u64, facts: &ChunkFacts<'_>) -> Vec<u8> {
         let mut indexes = Vec::new();
         let mut index_offsets = BTreeMap::new();
@@ -212,8 +214,9 @@ impl Layout {
         Ok(id)
     }
 
-    /// A chunk with its message indexes. Schemas stand in the first chunk that uses them; channel records are repeated in every
-    /// chunk, so that a damaged chunk does not take the meaning of all later ones with it.
+    /// A chunk with its message indexes. Schemas stand in the first chunk that uses them; channel
+    /// records are repeated in every chunk, so that a damaged chunk does not take the meaning of
+    /// all later ones with it.
     ///
     /// # Errors
     /// When the compressor fails or the file has too many channels.

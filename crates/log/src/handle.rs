@@ -9,11 +9,12 @@ use gearwatch_runtime::clock::now_unix_ns;
 use tokio::sync::watch;
 
 use crate::config::{ConfigError, LogConfig};
+use crate::now::Now;
 use crate::queue::{Queue, Sent};
 use crate::record::{Context, Record};
 use crate::recover::Recovery;
 use crate::state::LogState;
-use crate::stepper::{Now, Stepper};
+use crate::stepper::Stepper;
 use crate::storage::Storage;
 use crate::watch::Watch;
 
@@ -41,7 +42,8 @@ pub struct LogHandle {
 
 /// Recovers what the last end left, then starts the owner's thread.
 ///
-/// A full or failing disk does not keep the log from starting; [`LogHandle::state`] says so, and records wait or are shed and counted.
+/// A full or failing disk does not keep the log from starting; [`LogHandle::state`] says so, and
+/// records wait or are shed and counted.
 ///
 /// # Errors
 /// When a setting is out of its range or the folder cannot be listed.
@@ -64,7 +66,8 @@ pub fn spawn(config: LogConfig, context: Arc<Context>, storage: Box<dyn Storage>
 }
 
 impl LogHandle {
-    /// Hands a record over. Never waits: what the queue has no room for is shed, and a gap record will say so.
+    /// Hands a record over. Never waits: what the queue has no room for is shed, and a gap record
+    /// will say so.
     pub fn send(&self, record: Record) -> Sent {
         self.queue.send(record, self.now())
     }
@@ -85,8 +88,8 @@ impl LogHandle {
         (watch, move || start.elapsed())
     }
 
-    /// Of the numbers that this log gave out since its start, everything up to this one survives a power cut. Numbers of an earlier start are
-    /// durable or covered by a gap record.
+    /// Of the numbers that this log gave out since its start, everything up to this one survives a
+    /// power cut. Numbers of an earlier start are durable or covered by a gap record.
     pub fn durable_seq(&self) -> watch::Receiver<u64> {
         self.durable.clone()
     }
@@ -101,8 +104,9 @@ impl LogHandle {
         &self.recovery
     }
 
-    /// Accepts nothing more, writes what waits, closes the file, and waits for all that. Says whether everything is durable.
-    /// Call it where waiting is allowed. A second call, and one after the thread has died, says no.
+    /// Accepts nothing more, writes what waits, closes the file, and waits for all that. Says
+    /// whether everything is durable. Call it where waiting is allowed. A second call, and one
+    /// after the thread has died, says no.
     pub fn stop(&self) -> bool {
         self.queue.stop();
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();

@@ -1,4 +1,5 @@
-//! Which raw data are kept: none, all, or those around a deviation. "Around" is measured in the time of the samples, so that a replay keeps the same.
+//! Which raw data are kept: none, all, or those around a deviation. "Around" is measured in the
+//! time of the samples, so that a replay keeps the same.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -18,7 +19,8 @@ pub(crate) struct Keeper {
     point: Option<Arc<Packet>>,
     /// Raw data up to this time are wanted.
     keep_until: UnixNanos,
-    /// Packets that the buffer had no room for before anybody could want them, though they were within the time to be kept.
+    /// Packets that the buffer had no room for before anybody could want them, though they were
+    /// within the time to be kept.
     pub overflowed: u64,
 }
 
@@ -56,7 +58,8 @@ impl Keeper {
         }
     }
 
-    /// A verdict came; if it is a deviation, what lies around its window goes to `write`, now and later.
+    /// A verdict came; if it is a deviation, what lies around its window goes to `write`, now and
+    /// later.
     pub fn verdict(&mut self, verdict: &Verdict, mut write: impl FnMut(&Arc<Packet>)) {
         let RawPolicy::AroundDeviations { level, before_secs, after_secs, .. } = self.policy else { return };
         if verdict.harmonics.iter().all(|harmonic| harmonic.rank.level() < level) {
@@ -65,13 +68,15 @@ impl Keeper {
         let from = verdict.t0.saturating_sub(nanos(before_secs));
         let until = verdict.t0.saturating_add(WINDOW_NS).saturating_add(nanos(after_secs));
         self.keep_until = self.keep_until.max(until);
-        // What waits was not kept until now: samples begin anew, and a reader must know the speed and torque that hold.
+        // What waits was not kept until now: samples begin anew, and a reader must know the speed
+        // and torque that hold.
         let mut begun = false;
         while let Some(first) = self.buffer.front() {
             if time(first) > self.keep_until {
                 break;
             }
-            // A block that begins before may still reach into the time that is wanted; blocks are short, so one second is enough.
+            // A block that begins before may still reach into the time that is wanted; blocks are
+            // short, so one second is enough.
             if time(first) >= from.saturating_sub(1_000_000_000) {
                 if let Some(point) = self.point.as_ref().filter(|_| !begun) {
                     write(point);
@@ -93,7 +98,8 @@ impl Keeper {
     }
 }
 
-/// A verdict comes after the samples of its window, and its time is that of the first: so long they must be kept beyond what is asked for.
+/// A verdict comes after the samples of its window, and its time is that of the first: so long they
+/// must be kept beyond what is asked for.
 const WINDOW_NS: i64 = 10_000_000_000;
 
 fn time(packet: &Packet) -> UnixNanos {

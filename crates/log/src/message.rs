@@ -56,7 +56,8 @@ pub struct Message {
     pub data: Vec<u8>,
 }
 
-/// The record that opens every chunk: what the chunk must hold, so that a reader notices when a chunk or a part of one is missing.
+/// The record that opens every chunk: what the chunk must hold, so that a reader notices when a
+/// chunk or a part of one is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Group {
     /// Counts the groups of the log, over all its files and starts of the service, without a hole.
@@ -91,7 +92,8 @@ impl Group {
     }
 }
 
-/// The message of a record; `None` for a context, which is no message, and for what cannot be put into a recording.
+/// The message of a record; `None` for a context, which is no message, and for what cannot be put
+/// into a recording.
 pub fn encode(seq: u64, record: &Record, now_ns: UnixNanos) -> Option<Message> {
     let (topic, schema, log_ns, data): (String, &'static Schema, UnixNanos, Vec<u8>) = match record {
         Record::Verdict { bench, verdict, line } => {
@@ -121,7 +123,8 @@ fn part_of(bench: Option<&str>) -> String {
     bench.map_or_else(String::new, |bench| format!("{bench}/"))
 }
 
-/// A recording has no place for times before 1970; such a clock is wrong anyway, and the payload still holds what it said.
+/// A recording has no place for times before 1970; such a clock is wrong anyway, and the payload
+/// still holds what it said.
 pub(crate) fn unsigned(time: UnixNanos) -> u64 {
     u64::try_from(time).unwrap_or(0)
 }
@@ -253,8 +256,8 @@ pub(crate) fn schema_for_topic(topic: &str) -> Option<&'static Schema> {
     }
 }
 
-/// The JSON schema of a verdict, by the table of its fields. A number that is not known is written as `null`; viewers want one type per field, so the
-/// schema says `number`.
+/// The JSON schema of a verdict, by the table of its fields. A number that is not known is written
+/// as `null`; viewers want one type per field, so the schema says `number`.
 pub fn verdict_schema() -> Value {
     let property = |field: &gearwatch_core::verdict::Field| {
         let mut property = json!({ "type": match field.holds {
@@ -278,7 +281,8 @@ pub fn verdict_schema() -> Value {
     json!({ "type": "object", "properties": properties, "title": "gearwatch.Verdict" })
 }
 
-/// The JSON schema of an object, from an example of it: so a field that joins the object joins the schema too.
+/// The JSON schema of an object, from an example of it: so a field that joins the object joins the
+/// schema too.
 fn schema_of(name: &str, example: &impl Serialize) -> Schema {
     let value = serde_json::to_value(example).unwrap_or_default();
     let mut root = type_of(&value);

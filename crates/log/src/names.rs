@@ -1,5 +1,6 @@
-//! Names of log files: `gearwatch-<number>-<first group>-<UTC time>.mcap`. The number orders the files, whatever the clock did; the first group
-//! says which groups an older file must not hold; the time is for people.
+//! Names of log files: `gearwatch-<number>-<first group>-<UTC time>.mcap`. The number orders the
+//! files, whatever the clock did; the first group says which groups an older file must not hold;
+//! the time is for people.
 
 use gearwatch_core::block::UnixNanos;
 use gearwatch_core::calendar::{civil, days};
@@ -35,12 +36,14 @@ impl FileName {
     }
 }
 
-/// When a log file was begun (s since the epoch), by its name; `None` where it is no name of a log file.
+/// When a log file was begun (s since the epoch), by its name; `None` where it is no name of a log
+/// file.
 pub fn started_s(name: &str) -> Option<i64> {
     FileName::parse(name).map(|name| name.start_s)
 }
 
-/// `20261121T024942Z` of seconds since the epoch (proleptic Gregorian calendar; years before 0 or after 9999 are shown as such).
+/// `20261121T024942Z` of seconds since the epoch (proleptic Gregorian calendar; years before 0 or
+/// after 9999 are shown as such).
 pub fn utc(seconds: i64) -> String {
     let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
     let (year, month, day) = civil(days);

@@ -1,7 +1,9 @@
-//! The one owner of the log's files, as a plain state machine: time and storage are handed in, so that tests can run it through every failure.
+//! The one owner of the log's files, as a plain state machine: time and storage are handed in, so
+//! that tests can run it through every failure.
 //!
-//! A group is acknowledged in this order: chunk appended, file synced, `durable_seq` published. After a failed append or sync the file is cut back to what was
-//! acknowledged and never written again; the group stays in memory and goes to a new file.
+//! A group is acknowledged in this order: chunk appended, file synced, `durable_seq` published.
+//! After a failed append or sync the file is cut back to what was acknowledged and never written
+//! again; the group stays in memory and goes to a new file.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
@@ -12,18 +14,19 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use crate::config::LogConfig;
-use crate::examine::{Rules, examine};
+use crate::examine::examine;
 use crate::format::Layout;
 use crate::keeper::Keeper;
 use crate::message::{Group, Message, encode, unsigned};
 use crate::names::FileName;
+use crate::now::Now;
 use crate::queue::{Fill, Item, ShedCounts};
 use crate::record::{AlarmRecord, Cause, Context, Gap, Level, Note, Record};
 use crate::recover::{Recovery, close_open_files, log_files};
 use crate::standing::Standing;
 use crate::state::{Condition, LogState};
-use crate::stepper::Now;
 use crate::storage::{Storage, StorageFile};
+use crate::walk::Rules;
 
 /// How long to wait after a failure before the disk is tried again.
 const RETRY: Duration = Duration::from_millis(500);
@@ -34,7 +37,8 @@ const LOOK: Duration = Duration::from_millis(500);
 /// How often the end is tried: a write that fails once must not cost the footer.
 pub(crate) const LAST_TRIES: usize = 3;
 
-/// Free space that must be there before a full disk is tried again (bytes), beside the group that waits.
+/// Free space that must be there before a full disk is tried again (bytes), beside the group that
+/// waits.
 const FREE_MARGIN: u64 = 64 << 10;
 
 struct Open {
@@ -61,11 +65,13 @@ struct Acknowledged {
     last: u64,
 }
 
-/// At most one in so many files is removed at once, whatever makes them look old or much: a mistake must not empty a folder.
+/// At most one in so many files is removed at once, whatever makes them look old or much: a mistake
+/// must not empty a folder.
 const MOST_REMOVED_SHARE: u64 = 4;
 
-/// How long the log has been written since each of its files began (s). The order of the files is that of their numbers. A file is written for
-/// at most `rotate_secs`, so no step of the wall clock counts for more than that, and a time in which nothing ran does not count.
+/// How long the log has been written since each of its files began (s). The order of the files is
+/// that of their numbers. A file is written for at most `rotate_secs`, so no step of the wall clock
+/// counts for more than that, and a time in which nothing ran does not count.
 fn ages(files: &[FileName], now_s: i64, rotate_secs: u64) -> Vec<u64> {
     let ends = files.iter().skip(1).map(|file| file.start_s).chain([now_s]);
     let written =
@@ -77,10 +83,12 @@ fn ages(files: &[FileName], now_s: i64, rotate_secs: u64) -> Vec<u64> {
     ages
 }
 
-/// Bytes of messages in a group at most: its chunk must stay below what every reader takes. The rest is for the group record, schemas and channels. Results
-/// and raw data have lower limits of their own; only what a deviation releases at once comes to this one.
+/// Bytes of messages in a group at most: its chunk must stay below what every reader takes. The
+/// rest is for the group record, schemas and channels. Results and raw data have lower limits of
+/// their own; only what a deviation releases at once comes to this one.
 const MOST_IN_GROUP: usize = gearwatch_io::mcap::LARGEST_RECORD - (1 << 20);
-/// What a message takes in a chunk beside its data: opcode, length, channel, sequence and two times.
+/// What a message takes in a chunk beside its data: opcode, length, channel, sequence and two
+/// times.
 const MESSAGE_HEAD: usize = 31;
 /// Results of a group at the end of the log, where few large groups are wanted (bytes at most).
 const HURRIED_BYTES: usize = 16 << 20;
@@ -114,15 +122,16 @@ pub(crate) struct Owner {
     /// The pending group must be written before anything else is taken.
     urgent: bool,
     rotate: bool,
-    /// The end was asked for: what waits goes out in few large groups, since each costs a wait for the disk.
+    /// The end was asked for: what waits goes out in few large groups, since each costs a wait for
+    /// the disk.
     hurried: bool,
     next_group: u64,
     next_number: u64,
     last_seq: u64,
     unwritten_max: u64,
     started: bool,
-    /// What the first group says of the end before it: a start that is killed before its second group must not leave a hole that nothing
-    /// explains.
+    /// What the first group says of the end before it: a start that is killed before its second
+    /// group must not leave a hole that nothing explains.
     beginning: Vec<Record>,
     retry_at: Option<Duration>,
     /// Files that have no end because something failed, or one that may be on no disk.
@@ -134,11 +143,13 @@ pub(crate) struct Owner {
     write_failures: u64,
     files_lost: u64,
     looked: Duration,
-    /// Files that were given up and not read since: the length of a file that was cut and written to tells nothing.
+    /// Files that were given up and not read since: the length of a file that was cut and written
+    /// to tells nothing.
     doubtful: Vec<Acknowledged>,
     /// What the log has to say of itself, on its way into the queue.
     own_records: VecDeque<Record>,
-    /// Gap records of the open file with their numbers, the newest [`GAPS_KEPT`]: whoever takes the file away takes them too.
+    /// Gap records of the open file with their numbers, the newest [`GAPS_KEPT`]: whoever takes the
+    /// file away takes them too.
     gaps: VecDeque<(u64, Gap)>,
     /// Alarms that stand with what was taken so far, and losses that are not told yet.
     standing: Standing,
@@ -146,7 +157,8 @@ pub(crate) struct Owner {
     state: watch::Sender<LogState>,
 }
 
-/// First sequence number after a recovery: behind all that may have been given out before, so that no number ever means two things.
+/// First sequence number after a recovery: behind all that may have been given out before, so that
+/// no number ever means two things.
 pub(crate) fn first_seq(recovery: &Recovery) -> u64 {
     recovery.last_seq + recovery.lost_max + 1
 }
@@ -202,8 +214,9 @@ impl Owner {
         }
     }
 
-    /// Writes a first group, when it is due; says whether it is there. Before that no number is given out: a start that left no trace would be
-    /// followed by one that gives out the same numbers again.
+    /// Writes a first group, when it is due; says whether it is there. Before that no number is
+    /// given out: a start that left no trace would be followed by one that gives out the same
+    /// numbers again.
     pub fn start(&mut self, now: Now, shed: ShedCounts) -> bool {
         if !self.started && self.retry_at.is_none_or(|at| now.mono >= at) {
             for record in std::mem::take(&mut self.beginning) {
@@ -291,7 +304,8 @@ impl Owner {
         self.fill_up(now);
     }
 
-    /// Takes raw data into the pending group as far as there is room. What a deviation releases at once may fill several groups.
+    /// Takes raw data into the pending group as far as there is room. What a deviation releases at
+    /// once may fill several groups.
     fn fill_up(&mut self, now: Now) {
         while let Some(message) = self.waiting_raw.front() {
             if self.chunk_bytes + bytes_of(message) > MOST_IN_GROUP {
@@ -328,7 +342,8 @@ impl Owner {
         self.publish(shed);
     }
 
-    /// What the log has to say of itself next; to be put into the queue, which gives out the numbers.
+    /// What the log has to say of itself next; to be put into the queue, which gives out the
+    /// numbers.
     pub fn take_own_record(&mut self) -> Option<Record> {
         self.own_records.pop_front()
     }
@@ -338,7 +353,8 @@ impl Owner {
         self.own_records.push_front(record);
     }
 
-    /// Gives the open file up where it is no longer what was written. An error tells nothing: the next look will.
+    /// Gives the open file up where it is no longer what was written. An error tells nothing: the
+    /// next look will.
     fn look(&mut self, now: Now) {
         self.look_back(now);
         let Some(open) = &mut self.open else { return };
@@ -348,7 +364,8 @@ impl Owner {
         }
     }
 
-    /// Reads files that were given up, and says so where what was acknowledged is not in them. What the disk does not give is read at the next look.
+    /// Reads files that were given up, and says so where what was acknowledged is not in them. What
+    /// the disk does not give is read at the next look.
     fn look_back(&mut self, now: Now) {
         for file in std::mem::take(&mut self.doubtful) {
             let held = match self.storage.read(&file.name) {
@@ -391,14 +408,16 @@ impl Owner {
         self.retry_at.is_none()
     }
 
-    /// Writes what waits, closes the file in good order, and says whether everything is durable. Where not all was taken that the queue held, the log
-    /// must not say that its end was a good one: the next start has to tell what is missing.
+    /// Writes what waits, closes the file in good order, and says whether everything is durable.
+    /// Where not all was taken that the queue held, the log must not say that its end was a good
+    /// one: the next start has to tell what is missing.
     pub fn finish(&mut self, now: Now, shed: ShedCounts, all_taken: bool) -> bool {
         let mark = if all_taken { Mark::End } else { Mark::None };
         for _ in 0..LAST_TRIES {
             if self.started {
                 self.look(now);
-                // No sender is given a number any more, so those behind the last one are free for what the log itself has yet to say.
+                // No sender is given a number any more, so those behind the last one are free for
+                // what the log itself has yet to say.
                 while all_taken && let Some(record) = self.own_records.pop_front() {
                     self.result(&Item { seq: self.last_seq + 1, record }, now);
                 }
@@ -427,7 +446,8 @@ impl Owner {
     }
 
     fn commit(&mut self, now: Now, mark: Mark) {
-        // A failure of the file at hand says nothing of a new one, so that is tried at once; after that the disk gets time.
+        // A failure of the file at hand says nothing of a new one, so that is tried at once; after
+        // that the disk gets time.
         let mut result = self.try_commit(now, mark);
         if result.is_err() && self.open.is_some() {
             self.write_failures += 1;
@@ -468,7 +488,8 @@ impl Owner {
         Ok(())
     }
 
-    /// While the disk is known to be full it is not written to: a torn group would only take more of it.
+    /// While the disk is known to be full it is not written to: a torn group would only take more
+    /// of it.
     fn wait_for_space(&mut self) -> io::Result<()> {
         if self.state.borrow().condition != Condition::Full {
             return Ok(());
@@ -559,8 +580,8 @@ impl Owner {
         self.give_up(length, now);
     }
 
-    /// Gives a file up: cut back to what was acknowledged, or removed if that is nothing. `length` is what is there under its name, where that
-    /// could be told.
+    /// Gives a file up: cut back to what was acknowledged, or removed if that is nothing. `length`
+    /// is what is there under its name, where that could be told.
     fn give_up(&mut self, length: Option<Option<u64>>, now: Now) {
         let Some(mut open) = self.open.take() else { return };
         let acknowledged = Acknowledged {
@@ -579,13 +600,15 @@ impl Owner {
         if length.is_some_and(|length| length.is_none_or(|length| length < open.durable_bytes)) {
             self.miss(&acknowledged, now);
         } else {
-            // If it cannot be cut: what is too much in it stands in the next file too, and is cut off when this one is closed.
+            // If it cannot be cut: what is too much in it stands in the next file too, and is cut
+            // off when this one is closed.
             let _ = open.file.truncate(open.durable_bytes);
             self.doubtful.push(acknowledged);
         }
     }
 
-    /// Somebody took away what was acknowledged. What is left of it is kept as it is, and closed as after a crash.
+    /// Somebody took away what was acknowledged. What is left of it is kept as it is, and closed as
+    /// after a crash.
     fn miss(&mut self, gone: &Acknowledged, now: Now) {
         self.files_lost += 1;
         let (first, last) = (gone.first, gone.last);

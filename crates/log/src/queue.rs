@@ -1,5 +1,6 @@
-//! The bounded queue in front of the log's owner. Senders never wait: what does not fit is shed, newest first, and every shed run becomes one
-//! [`Gap`] record as soon as there is room again. Raw data have a bound of their own, so that they can never push out a verdict.
+//! The bounded queue in front of the log's owner. Senders never wait: what does not fit is shed,
+//! newest first, and every shed run becomes one [`Gap`] record as soon as there is room again. Raw
+//! data have a bound of their own, so that they can never push out a verdict.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -7,8 +8,8 @@ use std::time::Duration;
 
 use gearwatch_core::block::{Packet, Samples};
 
-use crate::record::{Cause, Gap, Record};
-use crate::stepper::Now;
+use crate::now::Now;
+use crate::record::{Cause, Gap, Lost, Record};
 use crate::storage::Marker;
 
 /// What became of a record.
@@ -19,8 +20,8 @@ pub enum Sent {
         /// Sequence number of the record in the log.
         seq: u64,
     },
-    /// Raw data have no sequence number: their sample index shows every gap. They wait to be kept or dropped as [`super::RawPolicy`] says.
-    /// A context has none either: it is no message.
+    /// Raw data have no sequence number: their sample index shows every gap. They wait to be kept
+    /// or dropped as [`super::RawPolicy`] says. A context has none either: it is no message.
     Buffered,
     /// The queue was full. The record is lost and will be accounted for by a gap record.
     Shed {
@@ -62,9 +63,11 @@ struct Inner {
     results: usize,
     raw_bytes: usize,
     next_seq: u64,
-    /// Numbers with the time at which they were given out, oldest first, one for each [`MARK_EVERY`]; those that are durable go.
+    /// Numbers with the time at which they were given out, oldest first, one for each
+    /// [`MARK_EVERY`]; those that are durable go.
     marks: VecDeque<(u64, Duration)>,
-    /// Keeps the highest number that may be given out, so that a start after a kill knows how much was lost at most.
+    /// Keeps the highest number that may be given out, so that a start after a kill knows how much
+    /// was lost at most.
     marker: Box<dyn Marker>,
     marked: u64,
     runs: BTreeMap<(String, Cause), Run>,
@@ -163,7 +166,8 @@ impl Queue {
         self.lock().shed(record);
     }
 
-    /// How long the oldest result waits that is not durable, to within [`MARK_EVERY`]; zero where none waits.
+    /// How long the oldest result waits that is not durable, to within [`MARK_EVERY`]; zero where
+    /// none waits.
     pub fn oldest_wait(&self, durable: u64, mono: Duration) -> Duration {
         let mut inner = self.lock();
         if inner.next_seq <= durable + 1 {
@@ -175,8 +179,8 @@ impl Queue {
         inner.marks.front().map_or(Duration::ZERO, |(_, at)| mono.saturating_sub(*at))
     }
 
-    /// Results that can be on their way at once, in the queue and in the owner's hands, which hold at most as many each; one more
-    /// may come with the gap record before it.
+    /// Results that can be on their way at once, in the queue and in the owner's hands, which hold
+    /// at most as many each; one more may come with the gap record before it.
     pub fn unwritten_max(&self) -> u64 {
         2 * (self.max_results as u64 + 1)
     }
@@ -203,8 +207,8 @@ impl Queue {
         self.lock().stopping
     }
 
-    /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says that it is enough.
-    /// Says whether the end was asked for and nothing is left.
+    /// Waits at most `timeout` for something to do, then moves records to `out` until `full` says
+    /// that it is enough. Says whether the end was asked for and nothing is left.
     pub fn take(&self, timeout: Duration, now: impl Fn() -> Now, mut out: impl FnMut(Item) -> Fill) -> bool {
         let mut inner = self.lock();
         if inner.items.is_empty() && inner.runs.is_empty() && !inner.stopping {
@@ -271,16 +275,10 @@ impl Inner {
             Record::Raw(_) => self.shed.raw += 1,
             _ => {}
         }
-        let (run, first, last, count) = extent(record, self.shed.records);
-        match self.runs.get_mut(&run) {
-            Some(run) => {
-                (run.first, run.last) = (run.first.min(first), run.last.max(last));
-                run.count += count;
-            }
-            None => {
-                self.runs.insert(run, Run { first, last, count });
-            }
-        }
+        let Lost { channel, cause, first, last, count } = record.lost(self.shed.records);
+        let run = self.runs.entry((channel, cause)).or_insert(Run { first, last, count: 0 });
+        (run.first, run.last) = (run.first.min(first), run.last.max(last));
+        run.count += count;
         Sent::Shed { total: self.shed.records }
     }
 
@@ -293,29 +291,6 @@ impl Inner {
             self.push(Record::Gap(gap), now);
         }
     }
-}
-
-/// Channel and cause, first and last number, and count of what is lost with this record. What a gap record tells is told by the one that takes its place.
-fn extent(record: &Record, shed: u64) -> ((String, Cause), u64, u64, u64) {
-    let (channel, first, last, count) = match record {
-        Record::Verdict { verdict: v, .. } => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
-        Record::Raw(packet) => match &**packet {
-            Packet::Vibration(b) => {
-                let count = b.samples.len() as u64;
-                let last = b.first_sample_index.saturating_add(count.saturating_sub(1));
-                (b.sensor.to_string(), b.first_sample_index, last, count)
-            }
-            Packet::Tacho(b) => (format!("tacho/{}", b.shaft), shed, shed, b.pulse_times.len() as u64),
-            Packet::OperatingPoint(_) => ("operating_point".into(), shed, shed, 1),
-        },
-        Record::Gap(gap) => return ((gap.channel.clone(), gap.cause), gap.first, gap.last, gap.count),
-        Record::Clock(_) => ("clock".into(), shed, shed, 1),
-        Record::Spectrum(_) => ("spectrum".into(), shed, shed, 1),
-        Record::Note(_) => ("log_note".into(), shed, shed, 1),
-        Record::Alarm(_) => ("alarm".into(), shed, shed, 1),
-        Record::Context(_) => ("context".into(), shed, shed, 1),
-    };
-    ((channel, Cause::LogQueueFull), first, last, count)
 }
 
 /// Memory that a packet holds (bytes), near enough for a bound.
@@ -341,7 +316,8 @@ mod tests {
         fn mark(&mut self, _: u64) {}
     }
 
-    /// Gap records that found no room were counted as lost themselves, and nothing named the windows that they were about: seen in a week of trouble.
+    /// Gap records that found no room were counted as lost themselves, and nothing named the
+    /// windows that they were about: seen in a week of trouble.
     #[test]
     fn regress_what_a_gap_record_tells_is_told_though_it_found_no_room() {
         let now = Now { wall_ns: 7, mono: Duration::ZERO };

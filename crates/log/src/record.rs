@@ -13,20 +13,24 @@ use crate::spectrum::SpectrumFrame;
 /// One thing to be logged.
 #[derive(Clone, Debug)]
 pub enum Record {
-    /// A verdict, on `/gear/<stage>/rank`, or `/gear/<bench>/<stage>/rank` where several benches share the log.
+    /// A verdict, on `/gear/<stage>/rank`, or `/gear/<bench>/<stage>/rank` where several benches
+    /// share the log.
     Verdict {
         /// Name of the bench, where several share the log.
         bench: Option<Arc<str>>,
         /// The verdict.
         verdict: Arc<Verdict>,
-        /// The JSON object that is the line on stdout too, byte for byte; where several benches share a log it names the bench.
+        /// The JSON object that is the line on stdout too, byte for byte; where several benches
+        /// share a log it names the bench.
         line: Arc<str>,
     },
-    /// Raw data as the source gave them, on `/vib/…`, `/tacho/…` and `/operating_point`; kept or not by [`super::RawPolicy`].
+    /// Raw data as the source gave them, on `/vib/…`, `/tacho/…` and `/operating_point`; kept or
+    /// not by [`super::RawPolicy`].
     Raw(Arc<Packet>),
     /// Something is missing, on `/gap`.
     Gap(Gap),
-    /// An order spectrum, on `/spectrum/<channel>`, or `/spectrum/<bench>/<channel>` where several benches share the log.
+    /// An order spectrum, on `/spectrum/<channel>`, or `/spectrum/<bench>/<channel>` where several
+    /// benches share the log.
     Spectrum(Arc<SpectrumFrame>),
     /// How the clocks stand, on `/clock`.
     Clock(Clock),
@@ -38,8 +42,47 @@ pub enum Record {
     Context(Arc<Context>),
 }
 
-/// A discontinuity: what is missing, and why. `first` and `last` count what `channel` counts: samples of a sensor, windows of a
-/// sensor and stage, sequence numbers of the log.
+/// What a gap record says of a record that found no room.
+pub(crate) struct Lost {
+    pub channel: String,
+    pub cause: Cause,
+    pub first: u64,
+    pub last: u64,
+    pub count: u64,
+}
+
+impl Record {
+    /// What is lost with it, where it is the record of this number that finds no room. What a gap
+    /// record says is said by the one that takes its place.
+    pub(crate) fn lost(&self, number: u64) -> Lost {
+        let one = |channel: &str| (channel.to_owned(), number, number, 1);
+        let (channel, first, last, count) = match self {
+            Self::Verdict { verdict: v, .. } => (format!("{}/{}", v.channel, v.stage), v.window, v.window, 1),
+            Self::Raw(packet) => match &**packet {
+                Packet::Vibration(b) => {
+                    let count = b.samples.len() as u64;
+                    let last = b.first_sample_index.saturating_add(count.saturating_sub(1));
+                    (b.sensor.to_string(), b.first_sample_index, last, count)
+                }
+                Packet::Tacho(b) => (format!("tacho/{}", b.shaft), number, number, b.pulse_times.len() as u64),
+                Packet::OperatingPoint(_) => one("operating_point"),
+            },
+            Self::Gap(gap) => {
+                let Gap { channel, first, last, count, cause, .. } = gap.clone();
+                return Lost { channel, cause, first, last, count };
+            }
+            Self::Clock(_) => one("clock"),
+            Self::Spectrum(_) => one("spectrum"),
+            Self::Note(_) => one("log_note"),
+            Self::Alarm(_) => one("alarm"),
+            Self::Context(_) => one("context"),
+        };
+        Lost { channel, cause: Cause::LogQueueFull, first, last, count }
+    }
+}
+
+/// A discontinuity: what is missing, and why. `first` and `last` count what `channel` counts:
+/// samples of a sensor, windows of a sensor and stage, sequence numbers of the log.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Gap {
     /// `<sensor>`, `<sensor>/<stage>`, or [`Gap::LOG`].
@@ -59,10 +102,12 @@ pub struct Gap {
 impl Gap {
     /// Channel name of gaps in the log's own sequence numbers.
     pub const LOG: &str = "log";
-    /// Channel name of the time in which nothing was watched because the configuration was read again. It counts milliseconds since the epoch.
+    /// Channel name of the time in which nothing was watched because the configuration was read
+    /// again. It counts milliseconds since the epoch.
     pub const RELOAD: &str = "reload";
 
-    /// The configuration was read again: nothing was watched between these times (ns since the epoch).
+    /// The configuration was read again: nothing was watched between these times (ns since the
+    /// epoch).
     pub fn reload(from_ns: UnixNanos, to_ns: UnixNanos) -> Self {
         let ms = |ns: UnixNanos| u64::try_from(ns / 1_000_000).unwrap_or(0);
         let (first, last) = (ms(from_ns), ms(to_ns.max(from_ns)));
@@ -71,7 +116,8 @@ impl Gap {
     }
 }
 
-/// An alarm, as it is after what happened at `t_ns`. A file begins with those that stand, so that a start knows them from the newest file alone.
+/// An alarm, as it is after what happened at `t_ns`. A file begins with those that stand, so that a
+/// start knows them from the newest file alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlarmRecord {
     /// Name of the bench.

@@ -1,14 +1,16 @@
-//! What happens at every start, and costs nothing where the last end was a good one: files that a crash left open are closed.
+//! What happens at every start, and costs nothing where the last end was a good one: files that a
+//! crash left open are closed.
 
 use std::io;
 
-use crate::examine::{Ending, Examined, GoodChunk, Rules, examine};
+use crate::examine::{Ending, Examined, GoodChunk, examine};
 use crate::message::Group;
 use crate::names::{FileName, TEMPORARY};
 use crate::queue::MARKED_AHEAD;
 use crate::record::{AlarmRecord, Gap};
 use crate::salvage::salvage_as;
 use crate::storage::{Storage, StorageFile};
+use crate::walk::Rules;
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op};
 
 /// What was found at the start, and done about it.
@@ -18,12 +20,13 @@ pub struct Recovery {
     pub files: u64,
     /// Files that had no end and have one now.
     pub closed: Vec<String>,
-    /// Files that were damaged in the middle and have been written anew without the damaged part; what they were is beside them, with
-    /// `.damaged` behind the name.
+    /// Files that were damaged in the middle and have been written anew without the damaged part;
+    /// what they were is beside them, with `.damaged` behind the name.
     pub rewritten: Vec<String>,
     /// Files in which nothing had become durable; they were removed.
     pub removed: Vec<String>,
-    /// Files that could not be closed, and why; they stay as they are and can be read up to their last good group.
+    /// Files that could not be closed, and why; they stay as they are and can be read up to their
+    /// last good group.
     pub left: Vec<String>,
     /// Bytes behind the last good group that a crash left half written.
     pub torn_bytes: u64,
@@ -91,12 +94,14 @@ pub(crate) fn recover(storage: &mut dyn Storage) -> io::Result<Recovery> {
         report.lost_max = if clean { 0 } else { group.unwritten_max };
     }
     if !report.removed.is_empty() {
-        // A start so short that no group of it became durable: its numbers may have been given out all the same.
+        // A start so short that no group of it became durable: its numbers may have been given out
+        // all the same.
         report.unclean = true;
         report.lost_max = report.lost_max.max(MOST_UNWRITTEN);
     }
-    // What was marked in this start of the machine is nearer to what was lost than what could be lost at most. Where it is more, somebody took away
-    // files behind the newest one that is there, with what was acknowledged in them.
+    // What was marked in this start of the machine is nearer to what was lost than what could be
+    // lost at most. Where it is more, somebody took away files behind the newest one that is there,
+    // with what was acknowledged in them.
     if let Some(given_out) = storage.marked().and_then(|marked| marked.checked_sub(report.last_seq)) {
         if given_out > report.lost_max + MARKED_AHEAD {
             report.unclean = true;
@@ -119,10 +124,11 @@ const UNKNOWN: u64 = 1 << 32;
 /// Results that can be on their way at once with the longest queue that may be configured.
 const MOST_UNWRITTEN: u64 = 2 * ((1 << 20) + 1);
 
-/// Closes every file that has no end, and names those that could not be closed. For the owner, while no file is open.
+/// Closes every file that has no end, and names those that could not be closed. For the owner,
+/// while no file is open.
 ///
-/// Files in `unsure` are closed again even where their end is there to be read: the sync behind it failed, so it may be on no disk, and a power cut
-/// would leave a hole in its place.
+/// Files in `unsure` are closed again even where their end is there to be read: the sync behind it
+/// failed, so it may be on no disk, and a power cut would leave a hole in its place.
 pub(crate) fn close_open_files(
     storage: &mut dyn Storage,
     next_group: u64,
@@ -161,8 +167,8 @@ pub(crate) fn log_files(storage: &mut dyn Storage) -> io::Result<Vec<FileName>> 
     Ok(files)
 }
 
-/// Newest files whose index is checked at the start. A power cut can tear the end only of files that were being closed then; with older ones the last bytes
-/// are proof enough.
+/// Newest files whose index is checked at the start. A power cut can tear the end only of files
+/// that were being closed then; with older ones the last bytes are proof enough.
 const CHECKED: usize = 8;
 
 /// Whether a file has its end; only files without are read whole.
@@ -192,7 +198,8 @@ fn is_closed(storage: &mut dyn Storage, name: &str, thorough: bool) -> bool {
 pub(crate) enum Done {
     /// Nothing durable was in it.
     Removed,
-    /// It was whole, or it was closed before and is damaged: then it is left to `gearwatch recover`.
+    /// It was whole, or it was closed before and is damaged: then it is left to
+    /// `gearwatch recover`.
     Whole,
     Closed,
     Rewritten,
@@ -206,8 +213,8 @@ pub(crate) struct Outcome {
     pub clean_end: bool,
 }
 
-/// Closes one file. Groups that stand in the next file too are cut off: they were never acknowledged here, because a failed write or sync is
-/// followed by the same group in a new file.
+/// Closes one file. Groups that stand in the next file too are cut off: they were never
+/// acknowledged here, because a failed write or sync is followed by the same group in a new file.
 pub(crate) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group: Option<u64>) -> Outcome {
     // An error that passes must not cost the numbering.
     let mut read = storage.read(name);
@@ -233,7 +240,8 @@ pub(crate) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group
     }
     let torn_bytes = all.torn_tail.as_ref().map_or(0, |tail| tail.length);
     let result = if all.ending == Ending::Closed {
-        // It may have been closed by a start that was killed before it could sync, and the numbers go on behind what is in it.
+        // It may have been closed by a start that was killed before it could sync, and the numbers
+        // go on behind what is in it.
         let again = storage.open(name).and_then(|mut file| {
             write_again(&mut *file, bytes, &all, bytes.len())?;
             file.sync()
@@ -250,8 +258,9 @@ pub(crate) fn close_file(storage: &mut dyn Storage, name: &str, next_first_group
     Outcome { done, torn_bytes, last_group: all.last_group(), clean_end: all.clean_end }
 }
 
-/// Writes the last group and what is behind it once more, in place. The run before may have seen its sync fail and been killed before it could
-/// cut the group off: then it is readable here, on no disk, and about to count as durable.
+/// Writes the last group and what is behind it once more, in place. The run before may have seen
+/// its sync fail and been killed before it could cut the group off: then it is readable here, on no
+/// disk, and about to count as durable.
 fn write_again(file: &mut dyn StorageFile, bytes: &[u8], all: &Examined, end: usize) -> io::Result<()> {
     let from = all.chunks.last().map_or(end, |chunk| chunk.range.start);
     file.overwrite(from as u64, bytes.get(from..end).unwrap_or_default())

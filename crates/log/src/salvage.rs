@@ -1,4 +1,5 @@
-//! Writing anew what is good of a file: for `gearwatch recover`, and for a log file that is damaged in the middle.
+//! Writing anew what is good of a file: for `gearwatch recover`, and for a log file that is damaged
+//! in the middle.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -8,11 +9,11 @@ use gearwatch_io::mcap::contract::PROFILE;
 use crate::codec::Put;
 use crate::config::Compression;
 use crate::content::{Part, visit};
-use crate::examine::{Damage, Ending, Rules, examine};
+use crate::examine::{Damage, Ending, examine};
 use crate::format::{Channel, FileSchema, LIBRARY, Layout, attachment_record, put_channel, put_message, put_schema};
 use crate::message::{GROUP_TOPIC, Group, encode, schema_for_topic};
 use crate::record::{Cause, Gap, Record};
-use crate::walk::{AttachmentView, MessageView};
+use crate::walk::{AttachmentView, MessageView, Rules};
 use gearwatch_io::mcap::fields::{MAGIC, op};
 
 /// Messages outside of chunks are gathered to chunks of this size (bytes).
@@ -35,7 +36,8 @@ pub struct Salvaged {
     pub ending: Ending,
     /// Messages whose channel no good record describes.
     pub orphans: u64,
-    /// Groups of a gearwatch log that are missing between good ones, with the numbers of the results that they held.
+    /// Groups of a gearwatch log that are missing between good ones, with the numbers of the
+    /// results that they held.
     pub missing: Vec<Missing>,
 }
 
@@ -53,7 +55,8 @@ pub struct Missing {
 }
 
 impl Salvaged {
-    /// Everything that the file ever held is in the new one. A file that was merely not closed has lost nothing.
+    /// Everything that the file ever held is in the new one. A file that was merely not closed has
+    /// lost nothing.
     pub fn is_lossless(&self) -> bool {
         self.damage.is_empty() && self.torn_tail.is_none() && self.orphans == 0 && self.missing.is_empty()
     }
@@ -77,7 +80,8 @@ pub fn salvage(bytes: &[u8]) -> io::Result<Salvaged> {
     salvage_as(bytes, None)
 }
 
-/// The same by given rules. Chunks of a gearwatch log keep their bounds; a hole between them gets a gap record.
+/// The same by given rules. Chunks of a gearwatch log keep their bounds; a hole between them gets a
+/// gap record.
 ///
 /// # Errors
 /// When a chunk cannot be packed.
@@ -187,7 +191,8 @@ impl Anew {
         if self.gather && self.chunk.len() >= GATHER { self.finish_chunk() } else { Ok(()) }
     }
 
-    /// Channel and, where the file does not have it yet, schema. A schema whose record is lost is known to this program if the topic is one of its own.
+    /// Channel and, where the file does not have it yet, schema. A schema whose record is lost is
+    /// known to this program if the topic is one of its own.
     fn describe(&mut self, channel: &Channel, schema: Option<&FileSchema>) {
         let mut channel = channel.clone();
         if channel.schema_id != 0 && !self.layout.schemas.contains_key(&channel.schema_id) {

@@ -1,8 +1,9 @@
-//! A disk that fails on command, for tests: it can lose power at any call, tear unsynced writes, lose names that were not made durable,
-//! fill up, and report errors.
+//! A disk that fails on command, for tests: it can lose power at any call, tear unsynced writes,
+//! lose names that were not made durable, fill up, and report errors.
 //!
-//! What the model promises is what a journalling file system promises and no more: after [`Simulated::power_cut`] a file holds what it held at its last
-//! `sync`, plus an arbitrary part of the sectors written since; the folder holds the names of the last `sync_dir`, plus an arbitrary
+//! What the model promises is what a journalling file system promises and no more: after
+//! [`Simulated::power_cut`] a file holds what it held at its last `sync`, plus an arbitrary part of
+//! the sectors written since; the folder holds the names of the last `sync_dir`, plus an arbitrary
 //! first part of the changes since.
 
 use std::collections::BTreeMap;
@@ -23,7 +24,8 @@ pub enum Fault {
     CrashDuring,
     /// The machine stops after the call took effect, before anybody learns of it.
     CrashAfter,
-    /// The call fails with an I/O error; an append leaves a first part behind, a sync drops what was not durable.
+    /// The call fails with an I/O error; an append leaves a first part behind, a sync drops what
+    /// was not durable.
     Io,
     /// The disk says that it is full; an append leaves a first part behind.
     Full,
@@ -46,7 +48,8 @@ struct File {
     durable: Vec<u8>,
     /// Lowest offset that was written or cut since the last sync.
     dirty_from: Option<usize>,
-    /// A failed sync: from this offset on the disk holds these bytes, and no later sync changes that.
+    /// A failed sync: from this offset on the disk holds these bytes, and no later sync changes
+    /// that.
     poison: Option<(usize, Vec<u8>)>,
 }
 
@@ -55,7 +58,8 @@ impl File {
         Self { current: content.clone(), durable: content, dirty_from: None, poison: None }
     }
 
-    /// A sync that succeeds. Linux marks the pages of a failed sync clean: they stay readable, and never reach the disk.
+    /// A sync that succeeds. Linux marks the pages of a failed sync clean: they stay readable, and
+    /// never reach the disk.
     fn sync(&mut self) {
         self.durable.clone_from(&self.current);
         if let Some((from, held)) = &self.poison {
@@ -298,7 +302,8 @@ impl Inner {
     /// What the platters hold after a power cut.
     fn tear(&mut self, file: &File) -> Vec<u8> {
         let Some(dirty) = file.dirty_from else { return file.durable.clone() };
-        // The length is a number in the inode: any that the file had meanwhile, in steps of a sector.
+        // The length is a number in the inode: any that the file had meanwhile, in steps of a
+        // sector.
         let (low, high) = (file.durable.len().min(file.current.len()), file.durable.len().max(file.current.len()));
         let length = if self.below(3) == 0 { high } else { low + self.below(high - low + 1) };
         let mut torn = vec![0; length];

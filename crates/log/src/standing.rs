@@ -1,15 +1,16 @@
-//! What a start knows of those before it: alarms that stand, and losses that nobody was told of yet. Every file begins with what stood then, and
-//! holds what happened since, so that the newest file alone tells.
+//! What a start knows of those before it: alarms that stand, and losses that nobody was told of
+//! yet. Every file begins with what stood then, and holds what happened since, so that the newest
+//! file alone tells.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 
 use crate::content::{Part, visit};
-use crate::examine::Rules;
 use crate::message::{ALARM_TOPIC, GAP_TOPIC};
 use crate::record::{AlarmRecord, Gap};
 use crate::recover::log_files;
 use crate::storage::Storage;
+use crate::walk::Rules;
 
 /// Keys of the file's facts that hold the alarms and the losses.
 const ALARMS: &str = "alarms";

@@ -11,7 +11,8 @@ pub enum Condition {
     /// They do.
     #[default]
     Ok,
-    /// `LOG_FULL`: the disk is full. Ranks go on, the log goes on by itself when there is space again, what is lost meanwhile is counted.
+    /// `LOG_FULL`: the disk is full. Ranks go on, the log goes on by itself when there is space
+    /// again, what is lost meanwhile is counted.
     Full,
     /// The disk fails otherwise; it is tried again twice a second.
     Failed(String),
@@ -40,7 +41,8 @@ pub struct LogState {
     pub unlogged_records: u64,
     /// Verdicts among them.
     pub unlogged_windows: u64,
-    /// Raw packets that were shed, had no room in the buffer before a deviation, or cannot be put into a recording.
+    /// Raw packets that were shed, had no room in the buffer before a deviation, or cannot be put
+    /// into a recording.
     pub unlogged_raw: u64,
     /// The file that is being written; empty where there is none.
     pub file: String,
@@ -50,6 +52,7 @@ pub struct LogState {
     pub files_removed: u64,
     /// Writes that failed since the start: groups that could not be made durable at the first try.
     pub write_failures: u64,
-    /// Files that somebody removed, replaced or cut while they were written; what was acknowledged in them is a gap.
+    /// Files that somebody removed, replaced or cut while they were written; what was acknowledged
+    /// in them is a gap.
     pub files_lost: u64,
 }

@@ -1,4 +1,5 @@
-//! The log without its thread: for tests, which hand in time, and as the inside of [`super::LogHandle`].
+//! The log without its thread: for tests, which hand in time, and as the inside of
+//! [`super::LogHandle`].
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,6 +9,7 @@ use tokio::sync::watch;
 
 use crate::config::LogConfig;
 use crate::handle::LogError;
+use crate::now::Now;
 use crate::owner::{LAST_TRIES, Owner, first_seq};
 use crate::queue::{Queue, Sent};
 use crate::record::{Cause, Context, Gap, Level, Note, Record};
@@ -16,15 +18,6 @@ use crate::standing::Standing;
 use crate::state::LogState;
 use crate::storage::Storage;
 use crate::watch::Watch;
-
-/// Both clocks, read together.
-#[derive(Clone, Copy, Debug)]
-pub struct Now {
-    /// Wall clock (ns since the epoch): for labels only.
-    pub wall_ns: UnixNanos,
-    /// Monotonic clock, since the service started.
-    pub mono: Duration,
-}
 
 /// A log that does nothing but when it is told to.
 pub struct Stepper {
@@ -112,7 +105,8 @@ impl Stepper {
         }
     }
 
-    /// When [`Stepper::step`] has something to do again, measured from now, if nothing comes before.
+    /// When [`Stepper::step`] has something to do again, measured from now, if nothing comes
+    /// before.
     pub fn idle_time(&self, now: Now) -> Duration {
         self.owner.idle_time(now)
     }
@@ -127,7 +121,8 @@ impl Stepper {
         }
     }
 
-    /// Waits at most `idle` for records, takes them, and does what is due; at the end closes the log and says whether everything is durable.
+    /// Waits at most `idle` for records, takes them, and does what is due; at the end closes the
+    /// log and says whether everything is durable.
     pub(crate) fn turn(&mut self, idle: Duration, now: impl Fn() -> Now) -> Option<bool> {
         self.open(now());
         if self.queue.is_stopping() {
@@ -137,17 +132,19 @@ impl Stepper {
             let owner = &mut self.owner;
             self.queue.take(idle, &now, |item| owner.accept(item, now()))
         } else {
-            // A full group cannot be written at the moment: what comes now waits in the queue or is shed there. At the end there
-            // are some last tries.
+            // A full group cannot be written at the moment: what comes now waits in the queue or is
+            // shed there. At the end there are some last tries.
             self.queue.wait_for_stop(idle) && !(0..LAST_TRIES).any(|_| self.owner.flush(now()))
         };
         if ended {
-            // What the disk does not take any more stays in the queue, and is lost: that is no good end.
+            // What the disk does not take any more stays in the queue, and is lost: that is no good
+            // end.
             let all_taken = self.queue.is_empty();
             return Some(self.owner.finish(now(), self.queue.shed(), all_taken));
         }
         self.owner.step(now(), self.queue.shed());
-        // What the log says of itself waits until there is room: nobody else would say it. At the end the owner writes it without the queue.
+        // What the log says of itself waits until there is room: nobody else would say it. At the
+        // end the owner writes it without the queue.
         while let Some(record) = self.owner.take_own_record() {
             if let Some(record) = self.queue.offer(record, now()) {
                 self.owner.return_own_record(record);

@@ -4,7 +4,8 @@ use std::io;
 
 /// A folder of files, flat, with names that the log itself makes up.
 pub trait Storage: Send {
-    /// Makes a new, empty file. An error if the name is taken. Survives a power cut only after [`Storage::sync_dir`].
+    /// Makes a new, empty file. An error if the name is taken. Survives a power cut only after
+    /// [`Storage::sync_dir`].
     fn create(&mut self, name: &str) -> io::Result<Box<dyn StorageFile>>;
 
     /// Opens a file that exists, to append to it.
@@ -16,7 +17,8 @@ pub trait Storage: Send {
     /// The last `count` bytes, or all if there are fewer.
     fn read_end(&mut self, name: &str, count: usize) -> io::Result<Vec<u8>>;
 
-    /// Puts `from` in the place of `to`, atomically. Survives a power cut only after [`Storage::sync_dir`].
+    /// Puts `from` in the place of `to`, atomically. Survives a power cut only after
+    /// [`Storage::sync_dir`].
     fn rename(&mut self, from: &str, to: &str) -> io::Result<()>;
 
     /// Removes a file.
@@ -38,7 +40,8 @@ pub trait Storage: Send {
     fn marked(&mut self) -> Option<u64>;
 }
 
-/// A note of the highest number that may have been given out. It need not survive a power cut, but must not be believed after one.
+/// A note of the highest number that may have been given out. It need not survive a power cut, but
+/// must not be believed after one.
 pub trait Marker: Send {
     /// Numbers up to this one may be given out from now on.
     fn mark(&mut self, seq: u64);
@@ -49,15 +52,18 @@ pub trait StorageFile: Send {
     /// Writes all bytes at the end. After an error an unknown part of them may be there.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Makes the content durable. After an error nobody knows what of the bytes since the last success reached the disk, and asking again
-    /// does not tell (on Linux a second `fsync` reports success for pages that were dropped): the file must not be trusted with more.
+    /// Makes the content durable. After an error nobody knows what of the bytes since the last
+    /// success reached the disk, and asking again does not tell (on Linux a second `fsync` reports
+    /// success for pages that were dropped): the file must not be trusted with more.
     fn sync(&mut self) -> io::Result<()>;
 
-    /// Writes these bytes over those at `from`, which are the same. After a failed sync they are readable and on no disk, and nothing but
-    /// writing them again brings them there; whoever finds them later cannot tell.
+    /// Writes these bytes over those at `from`, which are the same. After a failed sync they are
+    /// readable and on no disk, and nothing but writing them again brings them there; whoever finds
+    /// them later cannot tell.
     fn overwrite(&mut self, from: u64, bytes: &[u8]) -> io::Result<()>;
 
-    /// Length of what the file's name stands for (bytes); `None` where the name stands for another file, or for none. An error where nobody can tell.
+    /// Length of what the file's name stands for (bytes); `None` where the name stands for another
+    /// file, or for none. An error where nobody can tell.
     fn length(&mut self) -> io::Result<Option<u64>>;
 
     /// Cuts the file to `length` bytes; later appends follow there.

@@ -1,22 +1,34 @@
 //! A walk over the records of a file that may be cut off, damaged or made by somebody else.
 //!
-//! Every length is bounded before it is used, a chunk is handed over only when its checksum and the framing of all its records are right, and
-//! after damage the walk goes on at the next chunk whose checksum is right.
+//! Every length is bounded before it is used, a chunk is handed over only when its checksum and the
+//! framing of all its records are right, and after damage the walk goes on at the next chunk whose
+//! checksum is right.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::examine::Rules;
+use crate::flaw::Flaw;
 use crate::format::{Channel, FileSchema};
 use gearwatch_io::mcap::fields::{MAGIC, RECORD_HEAD, Take, op, unpack};
 
-/// Largest chunk that is unpacked (bytes). The log writes none above [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends
-/// files of earlier versions, whose chunks could be larger.
+/// Largest chunk that is unpacked (bytes). The log writes none above
+/// [`gearwatch_io::mcap::LARGEST_RECORD`], which every reader takes; this walk also mends files of
+/// earlier versions, whose chunks could be larger.
 const MAX_CHUNK: u64 = 4 * gearwatch_io::mcap::LARGEST_RECORD as u64;
 
 /// Bytes that a search for the next good chunk may look at, in multiples of the file's length.
 const SEARCH_BUDGET: usize = 8;
+
+/// How strictly a file is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rules {
+    /// A file of this log: only what the log writes, in its order, every chunk with checksum and
+    /// group record.
+    Own,
+    /// Any MCAP file.
+    Foreign,
+}
 
 /// One thing found in a file.
 pub(crate) enum Found<'a> {
@@ -39,7 +51,7 @@ pub(crate) enum Found<'a> {
     /// A record kind that this walk does not know.
     Other,
     /// Bytes that are no whole, good record.
-    Damage(String),
+    Damage(Flaw),
 }
 
 #[derive(Clone, Copy)]
@@ -99,7 +111,8 @@ impl Chunk<'_> {
     }
 }
 
-/// The walk: yields where each record lies and what it is; ends after the end of the data section or of the bytes.
+/// The walk: yields where each record lies and what it is; ends after the end of the data section
+/// or of the bytes.
 pub(crate) struct Walk<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -120,14 +133,14 @@ impl<'a> Walk<'a> {
         self.at = offset.min(self.bytes.len());
     }
 
-    fn damage(&mut self, what: impl Into<String>) -> Option<(Range<usize>, Found<'a>)> {
+    fn damage(&mut self, what: Flaw) -> Option<(Range<usize>, Found<'a>)> {
         let start = self.at;
         self.at = self.resume_after(start);
-        Some((start..self.at, Found::Damage(what.into())))
+        Some((start..self.at, Found::Damage(what)))
     }
 
-    /// Where the next good record may be: at the next chunk whose checksum is right, or behind the damaged record if its length leads to a
-    /// record before that.
+    /// Where the next good record may be: at the next chunk whose checksum is right, or behind the
+    /// damaged record if its length leads to a record before that.
     fn resume_after(&mut self, start: usize) -> usize {
         let known = |(opcode, _): &(u8, Range<usize>)| (op::HEADER..=op::DATA_END).contains(opcode);
         let framed =
@@ -166,17 +179,13 @@ impl<'a> Iterator for Walk<'a> {
         }
         if self.at == 0 {
             if !self.bytes.starts_with(&MAGIC) {
-                return self.damage("does not begin as an MCAP file");
+                return self.damage(Flaw::Magic);
             }
             self.at = MAGIC.len();
         }
         let start = self.at;
         let Some((opcode, range)) = self.frame(start) else {
-            return if start == self.bytes.len() {
-                None
-            } else {
-                self.damage("a record is cut off, or its length is wrong")
-            };
+            return if start == self.bytes.len() { None } else { self.damage(Flaw::Record) };
         };
         let end = range.end;
         let body = &self.bytes[range];
@@ -206,7 +215,7 @@ impl<'a> Iterator for Walk<'a> {
             _ if strict => None,
             _ => Some(Found::Other),
         };
-        let Some(found) = found else { return self.damage(format!("a record of kind {opcode} has impossible fields")) };
+        let Some(found) = found else { return self.damage(Flaw::Fields(opcode)) };
         self.at = end;
         Some((start..end, found))
     }
@@ -253,11 +262,11 @@ fn message(body: &[u8]) -> Option<MessageView<'_>> {
     })
 }
 
-fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, String> {
-    let (content, crc) = body.split_last_chunk::<4>().ok_or("an attachment is cut off")?;
+fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, Flaw> {
+    let (content, crc) = body.split_last_chunk::<4>().ok_or(Flaw::AttachmentEnd)?;
     let stored = u32::from_le_bytes(*crc);
     if stored != 0 && stored != crc32fast::hash(content) {
-        return Err("the checksum of an attachment is wrong".into());
+        return Err(Flaw::AttachmentChecksum);
     }
     let mut take = Take(content);
     let mut parse = || {
@@ -266,7 +275,7 @@ fn attachment(body: &[u8]) -> Result<AttachmentView<'_>, String> {
         let data = take.bytes(length)?;
         take.0.is_empty().then_some(AttachmentView { log_time, create_time, name, media_type, data })
     };
-    parse().ok_or_else(|| "an attachment has impossible fields".into())
+    parse().ok_or(Flaw::AttachmentFields)
 }
 
 fn metadata<'a>(body: &[u8], strict: bool) -> Option<Found<'a>> {
@@ -276,7 +285,7 @@ fn metadata<'a>(body: &[u8], strict: bool) -> Option<Found<'a>> {
 }
 
 /// Unpacks a chunk and checks all of it.
-fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
+fn chunk(body: &[u8]) -> Result<Chunk<'_>, Flaw> {
     let mut take = Take(body);
     let mut head = || {
         let (start_time, end_time, size, crc) = (take.u64()?, take.u64()?, take.u64()?, take.u32()?);
@@ -285,21 +294,20 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
         let payload = take.bytes(length)?;
         take.0.is_empty().then_some((start_time, end_time, size, crc, compression, payload))
     };
-    let (start_time, end_time, size, crc, compression, payload) = head().ok_or("a chunk has impossible fields")?;
+    let (start_time, end_time, size, crc, compression, payload) = head().ok_or(Flaw::ChunkFields)?;
     if size > MAX_CHUNK {
-        return Err(format!("a chunk says that it unpacks to {size} bytes; at most {MAX_CHUNK} are accepted"));
+        return Err(Flaw::ChunkSize { size, most: MAX_CHUNK });
     }
     let records = if compression.is_empty() && payload.len() as u64 == size {
         Cow::Borrowed(payload)
     } else {
         let mut out = Vec::new();
         // `size` is at most MAX_CHUNK, so it fits.
-        unpack(compression, payload, size as usize, &mut out)
-            .map_err(|e| format!("a chunk cannot be unpacked: {e}"))?;
+        unpack(compression, payload, size as usize, &mut out).map_err(|e| Flaw::Unpacking(e.to_string()))?;
         Cow::Owned(out)
     };
     if crc != 0 && crc32fast::hash(&records) != crc {
-        return Err("the checksum of a chunk is wrong".into());
+        return Err(Flaw::ChunkChecksum);
     }
     let mut rest = Take(&records);
     while !rest.0.is_empty() {
@@ -311,7 +319,7 @@ fn chunk(body: &[u8]) -> Result<Chunk<'_>, String> {
             None => false,
         };
         if !whole {
-            return Err("a record in a chunk is cut off or has impossible fields".into());
+            return Err(Flaw::Inner);
         }
     }
     let compressed_size = payload.len() as u64;

@@ -1,5 +1,5 @@
-//! The log as its supervisor sees it: judged by what becomes durable, not by what its thread says of itself. A thread that hangs in a call to the
-//! disk says nothing, and its last word was good.
+//! The log as its supervisor sees it: judged by what becomes durable, not by what its thread says
+//! of itself. A thread that hangs in a call to the disk says nothing, and its last word was good.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -7,7 +7,8 @@ mod deviations;
 
 pub use deviations::{Deviation, Deviations};
 
-/// Colours of the series, told apart by people with colour-vision deficiency too (Okabe and Ito 2008).
+/// Colours of the series, told apart by people with colour-vision deficiency too (Okabe and Ito
+/// 2008).
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -17,7 +18,8 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(120, 120, 120),
 ];
 const SIZE: (u32, u32) = (900, 320);
-/// Share of the height that is left free for a legend of some five entries, so that it hides nothing.
+/// Share of the height that is left free for a legend of some five entries, so that it hides
+/// nothing.
 const LEGEND_SHARE: f64 = 0.4;
 const FONT: (&str, u32) = ("sans-serif", 14);
 /// Height of a row of names of marks, which stand above the picture.
@@ -90,7 +92,8 @@ pub struct Lines {
 pub struct Series {
     /// Its name.
     pub name: String,
-    /// Abscissa and ordinate, ascending in the abscissa; points that are not finite break the curve's range but not the picture.
+    /// Abscissa and ordinate, ascending in the abscissa; points that are not finite break the
+    /// curve's range but not the picture.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -101,7 +104,8 @@ pub struct Mark {
     pub x: f64,
     /// Its name, may be empty.
     pub label: String,
-    /// Row in which the name is written, 0 at the top: marks of different kinds often lie close together.
+    /// Row in which the name is written, 0 at the top: marks of different kinds often lie close
+    /// together.
     pub row: u32,
 }
 
@@ -334,7 +338,8 @@ fn draw_bars(bars: &Bars, root: &Area<'_>) -> Result<(), ChartError> {
 mod tests {
     use super::*;
 
-    /// Thinning keeps the largest value of every run: a single spike in a million points is still there.
+    /// Thinning keeps the largest value of every run: a single spike in a million points is still
+    /// there.
     #[test]
     fn analytic_thinning_keeps_peaks() {
         let mut points: Vec<_> = (0..1_000_000).map(|i| (f64::from(i), 0.0)).collect();

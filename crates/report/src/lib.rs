@@ -1,7 +1,26 @@
 //! Reports that can be handed on: one HTML file, pictures inside, nothing loaded from elsewhere.
 //!
-//! A [`Report`] says first what the verdict is, then what it rests on, then what was not judged and why, and last how to make it
-//! again. It knows nothing of gears: commands fill it, [`render`] writes it, the same input giving the same bytes.
+//! A [`Report`] says first what the verdict is, then what it rests on, then what was not judged and
+//! why, and last how to make it again. It knows nothing of gears: commands fill it, [`render`]
+//! writes it, the same input giving the same bytes.
+//!
+//! ```text
+//! Report ─┬─ verdict, tone
+//!         ├─ Section ─► Part: text, list, Table of Cells, Chart (SVG)  ─► render ─► one HTML file
+//!         ├─ appendix: more Sections
+//!         └─ provenance
+//! ```
+//!
+//! ```
+//! use gearwatch_report::{Cell, Part, Report, Section, Table, Tone, render};
+//!
+//! let row = vec![Cell::from("stage1"), Cell::toned("rank V", Tone::Bad)];
+//! let table = Table { caption: "Ranks".into(), head: vec!["Stage".into(), "1x".into()], rows: vec![row] };
+//! let sections = vec![Section { heading: "What was found".into(), parts: vec![Part::Table(table)] }];
+//! let report = Report { title: "Bench 3".into(), tone: Tone::Bad, sections, ..Report::default() };
+//! let page = render(&report);
+//! assert!(page.starts_with("<!DOCTYPE html>") && page.contains("rank V"));
+//! ```
 
 mod chart;
 mod page;
@@ -36,7 +55,8 @@ pub struct Report {
     pub tone: Tone,
     /// In order.
     pub sections: Vec<Section>,
-    /// For whoever wants to know how it was found: words of the trade, which the reader of the rest does not need.
+    /// For whoever wants to know how it was found: words of the trade, which the reader of the rest
+    /// does not need.
     pub appendix: Vec<Section>,
     /// What it takes to make the report again: versions, files with their hashes, settings.
     pub provenance: Vec<(String, String)>,

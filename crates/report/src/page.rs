@@ -104,7 +104,8 @@ fn show_part(part: &Part) -> Markup {
     }
 }
 
-/// The points of curves as JSON, for the script that lets a reader zoom and read values; the drawing is what is printed.
+/// The points of curves as JSON, for the script that lets a reader zoom and read values; the
+/// drawing is what is printed.
 fn curves(chart: &Chart) -> Option<String> {
     let Chart::Lines(lines) = chart else { return None };
     let series: Vec<_> = lines

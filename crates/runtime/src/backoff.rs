@@ -1,4 +1,5 @@
-//! How long to wait before the next try: exponential with full jitter, so that many that failed together do not come back together.
+//! How long to wait before the next try: exponential with full jitter, so that many that failed
+//! together do not come back together.
 
 use std::time::{Duration, Instant};
 

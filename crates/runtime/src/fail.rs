@@ -1,7 +1,8 @@
-//! Points at which a test lets a task of the real binary panic. Builds without debug assertions have none.
+//! Points at which a test lets a task of the real binary panic. Builds without debug assertions
+//! have none.
 //!
-//! `GEARWATCH_FAIL=<point>=<file>` in the environment: the task panics when it comes to the point while the file is there, and removes it
-//! before, so that it happens once.
+//! `GEARWATCH_FAIL=<point>=<file>` in the environment: the task panics when it comes to the point
+//! while the file is there, and removes it before, so that it happens once.
 
 /// Panics if a test asks for it.
 #[cfg(not(debug_assertions))]

@@ -1,4 +1,5 @@
-//! What the tables of sources and sinks have in common: a kind has a name, help, an example, and reads its own keys.
+//! What the tables of sources and sinks have in common: a kind has a name, help, an example, and
+//! reads its own keys.
 
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Serialize;

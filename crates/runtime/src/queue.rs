@@ -1,4 +1,5 @@
-//! Bounded queues with a named policy for the moment when they are full, and counters of what that cost.
+//! Bounded queues with a named policy for the moment when they are full, and counters of what that
+//! cost.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-/// A text that shows itself to nobody. It has no way into a message, a log or a state but [`Secret::expose`].
+/// A text that shows itself to nobody. It has no way into a message, a log or a state but
+/// [`Secret::expose`].
 #[derive(Clone, PartialEq, Eq)]
 pub struct Secret(String);
 
@@ -33,7 +34,8 @@ impl std::fmt::Debug for Secret {
     }
 }
 
-/// What of an address may be said: scheme, host and port. User, password, path and query may be secrets.
+/// What of an address may be said: scheme, host and port. User, password, path and query may be
+/// secrets.
 pub fn place(address: &str) -> String {
     let (scheme, rest) = address.split_once("://").unwrap_or(("", address));
     let authority = rest.split(['/', '?', '#']).next().unwrap_or_default();
@@ -41,14 +43,16 @@ pub fn place(address: &str) -> String {
     if scheme.is_empty() { host.to_owned() } else { format!("{scheme}://{host}") }
 }
 
-/// Whether an address carries a secret: a user or password, a query, or a part of the path that looks like a key.
+/// Whether an address carries a secret: a user or password, a query, or a part of the path that
+/// looks like a key.
 pub fn carries_secret(address: &str) -> bool {
     let rest = address.split_once("://").map_or(address, |(_, rest)| rest);
     let (authority, path) = rest.split_at(rest.find(['/', '?', '#']).unwrap_or(rest.len()));
     authority.contains('@') || path.contains('?') || path.split('/').any(looks_like_key)
 }
 
-/// Letters and digits mixed, longer than a word: what services put into addresses that only the owner may know.
+/// Letters and digits mixed, longer than a word: what services put into addresses that only the
+/// owner may know.
 fn looks_like_key(part: &str) -> bool {
     const LONGEST_WORD: usize = 16;
     let has = |wanted: fn(&char) -> bool| part.chars().any(|c| wanted(&c));

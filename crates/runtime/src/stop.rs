@@ -7,7 +7,8 @@ use tokio_util::sync::CancellationToken;
 /// How often a sleeping thread looks whether it should stop.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Tells all parts of the service to come to an end. Clones are the same signal; children end with their parent.
+/// Tells all parts of the service to come to an end. Clones are the same signal; children end with
+/// their parent.
 #[derive(Clone, Debug, Default)]
 pub struct Stop(CancellationToken);
 

@@ -1,4 +1,5 @@
-//! The client's side of TLS, the same for brokers, receivers of alarms and the page of another machine: whom we trust.
+//! The client's side of TLS, the same for brokers, receivers of alarms and the page of another
+//! machine: whom we trust.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -59,10 +60,12 @@ impl std::fmt::Debug for Trust {
 }
 
 impl Trust {
-    /// The authorities in a file (PEM), and none beside them; those of the system where no file is named.
+    /// The authorities in a file (PEM), and none beside them; those of the system where no file is
+    /// named.
     ///
     /// # Errors
-    /// With the file, when it cannot be read or there is no certificate in it; when the system knows no authority.
+    /// With the file, when it cannot be read or there is no certificate in it; when the system
+    /// knows no authority.
     pub fn read(file: Option<&Path>) -> Result<Self, TrustError> {
         let roots = match file {
             Some(file) => {

@@ -236,11 +236,6 @@ impl ToothModifications {
 }
 
 impl ToothDamage {
-    /// True where nothing is wrong.
-    pub fn is_healthy(&self) -> bool {
-        *self == Self::default()
-    }
-
     /// True where the other flank is damaged as well.
     pub(crate) fn affects_back_flank(&self) -> bool {
         self.breakage.is_some()

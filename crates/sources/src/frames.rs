@@ -1,4 +1,5 @@
-//! From frames to packets: what TCP and UDP have in common. The format is in `gearwatch_io::frames`.
+//! From frames to packets: what TCP and UDP have in common. The format is in
+//! `gearwatch_io::frames`.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -44,10 +45,10 @@ impl Layout {
 
 /// How far the samples are numbered; outlives a connection.
 #[derive(Clone, Debug, Default)]
-pub struct Memory(Arc<Mutex<Place>>);
+pub struct Memory(Arc<Mutex<Progress>>);
 
 #[derive(Debug, Default)]
-struct Place {
+struct Progress {
     numbering: Numbering,
     /// The last frame's stream, and sequence and sample that must come next.
     last: Option<(u64, u64, u64)>,
@@ -66,7 +67,7 @@ enum Order {
     Late,
 }
 
-impl Place {
+impl Progress {
     fn order(&self, frame: &Frame) -> Order {
         match self.last {
             None => Order::Follows,
@@ -215,7 +216,8 @@ mod tests {
         // In order; one frame lost; one late and one twice, not used; then in order again.
         let frames = [frame(1, 0, 0), frame(1, 1, 2), frame(1, 3, 6), frame(1, 2, 4), frame(1, 3, 6), frame(1, 4, 8)];
         assert_eq!(taken(&frames), [(0, false), (2, false), (6, true), (8, false)]);
-        // A sender that was started anew counts from zero; its time says that 7 samples are missing.
+        // A sender that was started anew counts from zero; its time says that 7 samples are
+        // missing.
         let anew = Frame { t0: 9_000_000, ..frame(2, 0, 0) };
         assert_eq!(taken(&[frame(1, 5, 0), anew]), [(0, false), (9, true)]);
     }

@@ -1,8 +1,9 @@
 //! How samples lie in a stream of bytes: text lines or interleaved binary numbers.
 //!
-//! `lines`: one sample instant a line, one number per channel, separated by commas, semicolons, tabs or blanks; empty lines and lines that
-//! begin with `#` are passed over. `f32le`, `f64le`, `i16le`, `i32le`: little-endian numbers, one per channel in turn, no
-//! header. Integers become counts (`scale`, `offset`), floating-point numbers are taken as physical values.
+//! `lines`: one sample instant a line, one number per channel, separated by commas, semicolons,
+//! tabs or blanks; empty lines and lines that begin with `#` are passed over. `f32le`, `f64le`,
+//! `i16le`, `i32le`: little-endian numbers, one per channel in turn, no header. Integers become
+//! counts (`scale`, `offset`), floating-point numbers are taken as physical values.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! Devices of Linux' Industrial I/O (converters and accelerometers on boards and HATs), in this machine or behind `iiod`, by libiio, which is loaded when
-//! the source is opened.
+//! Devices of Linux' Industrial I/O (converters and accelerometers on boards and HATs), in this
+//! machine or behind `iiod`, by libiio, which is loaded when the source is opened.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};

@@ -8,7 +8,8 @@ use crate::framing::UNITS;
 /// Sample rates that a device may be asked for (Hz).
 const RATES_HZ: RangeInclusive<f64> = 1.0..=1e7;
 
-/// One input as configured: what it is called, and what makes physical values of its numbers, where the device does not say so itself.
+/// One input as configured: what it is called, and what makes physical values of its numbers, where
+/// the device does not say so itself.
 pub(crate) struct ConfiguredInput<'a> {
     /// As messages call it: `input 3`.
     pub name: String,

@@ -7,7 +7,8 @@
 //! stream.rs   messages to packets: scale, quality, gaps
 //! ```
 //!
-//! The thread of the source owns the stream's socket. Whatever ends it (an error, a stop, a reload) takes the instrument back to idle.
+//! The thread of the source owns the stream's socket. Whatever ends it (an error, a stop, a reload)
+//! takes the instrument back to idle.
 
 use std::collections::VecDeque;
 use std::io::Read;
@@ -234,7 +235,7 @@ impl Session {
                 result = reader.take(decoded, &status, ready);
             }
         });
-        result.map_err(|message| self.error(message))
+        result.map_err(|e| self.error(e.to_string()))
     }
 
     fn error(&self, message: String) -> SourceError {

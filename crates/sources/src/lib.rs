@@ -32,16 +32,18 @@
 //! ```
 //!
 //! # Adding a source
-//! 1. A file `NAME.rs` with a struct for its TOML keys (`Deserialize`, `JsonSchema`, `deny_unknown_fields`) that
-//!    implements [`SourceConfig`], and a `pub(crate) const KIND`.
+//! 1. A file `NAME.rs` with a struct for its TOML keys (`Deserialize`, `JsonSchema`,
+//!    `deny_unknown_fields`) that implements [`SourceConfig`], and a `pub(crate) const KIND`.
 //! 2. One line in [`KINDS`].
 //!
-//! Parsing, `gearwatch list`, the schema, supervision, reconnects, counters and the conformance tests follow from the
-//! table. A source that is pulled (a file, the simulator, a socket that is read with a time limit) returns [`Feed::Pull`] and gets a
-//! thread of its own. One whose protocol is spoken by tokio returns [`Feed::Push`]: a future that owns its socket and puts packets
-//! into the outlet. Either ends with an error when the connection is lost, and is opened again after a while; it checks then
-//! that it meets the same device as before. Whatever is missing is told by a jump of
-//! `first_sample_index` or by [`Quality::GAP_BEFORE`](gearwatch_core::block::Quality::GAP_BEFORE), never silently closed up.
+//! Parsing, `gearwatch list`, the schema, supervision, reconnects, counters and the conformance
+//! tests follow from the table. A source that is pulled (a file, the simulator, a socket that is
+//! read with a time limit) returns [`Feed::Pull`] and gets a thread of its own. One whose protocol
+//! is spoken by tokio returns [`Feed::Push`]: a future that owns its socket and puts packets into
+//! the outlet. Either ends with an error when the connection is lost, and is opened again after a
+//! while; it checks then that it meets the same device as before. Whatever is missing is told by a
+//! jump of `first_sample_index` or by
+//! [`Quality::GAP_BEFORE`](gearwatch_core::block::Quality::GAP_BEFORE), never silently closed up.
 
 use std::future::Future;
 use std::path::{Path, PathBuf};

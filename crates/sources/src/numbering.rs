@@ -1,4 +1,5 @@
-//! Numbers samples by their time stamps, through gaps and new connections: what is missing becomes a jump of the index.
+//! Numbers samples by their time stamps, through gaps and new connections: what is missing becomes
+//! a jump of the index.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -7,8 +8,8 @@ use gearwatch_core::block::{Quality, UnixNanos};
 
 use crate::framing::time_of;
 
-/// No more can be missing than time has gone by, but for what was buffered under way (s). Stamps that say more are those of another clock,
-/// or damaged.
+/// No more can be missing than time has gone by, but for what was buffered under way (s). Stamps
+/// that say more are those of another clock, or damaged.
 const SLACK_SECS: f64 = 10.0;
 /// Share of a stamp's deviation that is followed at once.
 const FOLLOWED: f64 = 1e-3;
@@ -37,7 +38,8 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// It is the one that was met before, or the first one. Samples before a new opening are never followed without a gap.
+    /// It is the one that was met before, or the first one. Samples before a new opening are never
+    /// followed without a gap.
     ///
     /// # Errors
     /// When another one was met before.
@@ -51,8 +53,9 @@ impl Device {
         Ok(())
     }
 
-    /// Numbers samples of all channels that ended at `end_ns`: their time, the index of the first, and whether there is a gap before them. After a loss,
-    /// and at an opening, the clock says how much is missing.
+    /// Numbers samples of all channels that ended at `end_ns`: their time, the index of the first,
+    /// and whether there is a gap before them. After a loss, and at an opening, the clock says how
+    /// much is missing.
     pub(crate) fn number(
         this: &Mutex<Self>,
         end_ns: UnixNanos,
@@ -95,13 +98,15 @@ pub(crate) struct Numbering {
 }
 
 impl Numbering {
-    /// Something was lost here; the next samples follow on a gap even if their time does not show one.
+    /// Something was lost here; the next samples follow on a gap even if their time does not show
+    /// one.
     pub(crate) fn break_here(&mut self) {
         self.broken = true;
     }
 
-    /// Index of the first of these samples, and [`Quality::GAP_BEFORE`] where they do not follow on those before. Stamps that are half a
-    /// sample off do not follow; those that run backwards, or jump by more than time has gone by, tell a gap, but not how long it is.
+    /// Index of the first of these samples, and [`Quality::GAP_BEFORE`] where they do not follow on
+    /// those before. Stamps that are half a sample off do not follow; those that run backwards, or
+    /// jump by more than time has gone by, tell a gap, but not how long it is.
     pub(crate) fn place(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (u64, Quality) {
         let mut quality = Quality::GOOD;
         if let Some((expected, came)) = self.expected {
@@ -118,8 +123,9 @@ impl Numbering {
         (self.advance(t0, samples, rate_hz), quality)
     }
 
-    /// Samples that follow for certain, as their sender numbers them: their time, and the index of the first. A sender's stamps jitter by
-    /// what its threads wait; they are followed slowly, so that jitter is averaged out and drift is not. A step of the clock is taken as it is.
+    /// Samples that follow for certain, as their sender numbers them: their time, and the index of
+    /// the first. A sender's stamps jitter by what its threads wait; they are followed slowly, so
+    /// that jitter is averaged out and drift is not. A step of the clock is taken as it is.
     pub(crate) fn follow(&mut self, t0: UnixNanos, samples: usize, rate_hz: f64) -> (UnixNanos, u64) {
         let t0 = match self.expected {
             Some((expected, _)) if (t0.saturating_sub(expected) as f64 * 1e-9).abs() < STEP_SECS => {
@@ -164,7 +170,8 @@ mod tests {
         assert_eq!(numbering.place(221 * MS, 20, RATE_HZ), (221, Quality::GAP_BEFORE));
     }
 
-    /// Stamps that jitter by 20 ms make times that move by 20 µs at most; a clock that steps by a second is believed.
+    /// Stamps that jitter by 20 ms make times that move by 20 µs at most; a clock that steps by a
+    /// second is believed.
     #[test]
     fn analytic_jitter_is_averaged_out_and_steps_are_not() {
         let mut numbering = Numbering::default();

@@ -1,4 +1,5 @@
-//! The operating point of a bench, put together from whatever source knows a part of it. What is stale is unknown.
+//! The operating point of a bench, put together from whatever source knows a part of it. What is
+//! stale is unknown.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};

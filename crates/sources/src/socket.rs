@@ -1,4 +1,5 @@
-//! The loop of all sources that read from a socket with a time limit: hand on what is ready, look whether to stop, read again.
+//! The loop of all sources that read from a socket with a time limit: hand on what is ready, look
+//! whether to stop, read again.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -13,7 +14,8 @@ pub(crate) const POLL: Duration = Duration::from_millis(50);
 /// Bytes asked for at once.
 pub(crate) const READ_BYTES: usize = 64 * 1024;
 
-/// Reads until the service stops: each call of `read` waits at most for about [`POLL`], and puts the packets that came to the end of the queue.
+/// Reads until the service stops: each call of `read` waits at most for about [`POLL`], and puts
+/// the packets that came to the end of the queue.
 pub(crate) fn feed(
     stop: Stop,
     mut read: impl FnMut(&mut VecDeque<Packet>) -> Result<(), SourceError> + Send + 'static,

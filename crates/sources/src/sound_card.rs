@@ -1,4 +1,5 @@
-//! Sound cards and USB accelerometers, which are sound cards to the system. Compiled in with the cargo feature `sound-card`.
+//! Sound cards and USB accelerometers, which are sound cards to the system. Compiled in with the
+//! cargo feature `sound-card`.
 
 use gearwatch_runtime::kinds::{self, Kind};
 use schemars::JsonSchema;

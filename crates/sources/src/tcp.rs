@@ -6,13 +6,13 @@ use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::time::{Duration, Instant};
 
 use gearwatch_core::block::Packet;
-use gearwatch_io::frames::{Decoded, Decoder};
+use gearwatch_io::frames::{Damage, Decoded, Decoder};
 use gearwatch_runtime::kinds::Kind;
 use gearwatch_runtime::stop::Stop;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::frames::{Layout, Memory, Reader};
+use crate::frames::{FrameError, Layout, Memory, Reader};
 use crate::socket::{self, POLL, READ_BYTES, is_timeout};
 use crate::{Feed, SourceConfig, SourceContext, SourceError, kind};
 
@@ -106,6 +106,19 @@ impl SourceConfig for Tcp {
     }
 }
 
+/// Why a sender is given up.
+#[derive(Debug, thiserror::Error)]
+enum ClientError {
+    #[error("the connection was closed")]
+    Closed,
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    #[error("no frame for {:.1} s{}", deadline.as_secs_f64(), damage.map_or_else(String::new, |it| format!(" ({it})")))]
+    Silent { deadline: Duration, damage: Option<Damage> },
+}
+
 struct Client {
     socket: TcpStream,
     peer: SocketAddr,
@@ -137,12 +150,12 @@ impl Reading {
     fn read(&mut self, ready: &mut VecDeque<Packet>) -> Result<(), SourceError> {
         let Some(client) = &mut self.client else { return self.accept() };
         let peer = client.peer;
-        if let Err(message) = client.read(&mut self.reader, &mut self.buffer, ready, self.deadline) {
+        if let Err(why) = client.read(&mut self.reader, &mut self.buffer, ready, self.deadline) {
             if self.listener.is_none() {
-                return Err(SourceError::Peer { peer: self.name.clone(), message });
+                return Err(SourceError::Peer { peer: self.name.clone(), message: why.to_string() });
             }
             // The next sender may call; what is missing meanwhile shows in the source's silence.
-            tracing::warn!("{peer}: {message}; listening at {}", self.name);
+            tracing::warn!("{peer}: {why}; listening at {}", self.name);
             self.client = None;
         }
         Ok(())
@@ -174,16 +187,16 @@ impl Client {
         buffer: &mut [u8],
         ready: &mut VecDeque<Packet>,
         deadline: Duration,
-    ) -> Result<(), String> {
+    ) -> Result<(), ClientError> {
         match self.socket.read(buffer) {
-            Ok(0) => return Err("the connection was closed".to_owned()),
+            Ok(0) => return Err(ClientError::Closed),
             Ok(n) => {
                 let mut result = Ok(());
                 let (peer, heard) = (self.peer, &mut self.heard);
                 self.decoder.push(buffer.get(..n).unwrap_or_default(), &mut |decoded| match decoded {
                     Decoded::Frame(frame) if result.is_ok() => {
                         *heard = Instant::now();
-                        result = reader.take(frame, ready).map_err(|e| e.to_string());
+                        result = reader.take(frame, ready);
                     }
                     Decoded::Frame(_) => {}
                     Decoded::Lost(lost) => tracing::warn!(%peer, bytes = lost.bytes, "not readable: {}", lost.damage),
@@ -191,11 +204,10 @@ impl Client {
                 result?;
             }
             Err(e) if is_timeout(&e) => {}
-            Err(e) => return Err(e.to_string()),
+            Err(e) => return Err(e.into()),
         }
         if self.heard.elapsed() > deadline {
-            let damage = self.decoder.lost().map_or_else(String::new, |lost| format!(" ({})", lost.damage));
-            return Err(format!("no frame for {:.1} s{damage}", deadline.as_secs_f64()));
+            return Err(ClientError::Silent { deadline, damage: self.decoder.lost().map(|lost| lost.damage) });
         }
         Ok(())
     }

@@ -1,7 +1,8 @@
-//! A built-in test signal: the mesh tones of the bench with tacho and noise, in which a fault sets in after a while.
+//! A built-in test signal: the mesh tones of the bench with tacho and noise, in which a fault sets
+//! in after a while.
 //!
-//! It is made to be recognised, not to be physical: every mesh harmonic of every stage is one tone of known amplitude. What a
-//! bench really sounds like is the simulator's business.
+//! It is made to be recognised, not to be physical: every mesh harmonic of every stage is one tone
+//! of known amplitude. What a bench really sounds like is the simulator's business.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;

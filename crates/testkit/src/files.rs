@@ -248,7 +248,8 @@ pub fn values(packets: &[Packet], sensor: &str) -> Vec<f64> {
     blocks(packets).iter().filter(|b| &*b.sensor == sensor).flat_map(|b| b.samples.iter()).collect()
 }
 
-/// The folder of shared material beside the checkout's parent; `None`, with a message, where it is missing.
+/// The folder of shared material beside the checkout's parent; `None`, with a message, where it is
+/// missing.
 pub fn shared(sub: &str) -> Option<PathBuf> {
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(sub);
     if path.exists() {

@@ -99,7 +99,8 @@ pub struct Content {
     pub raw: Vec<Read>,
 }
 
-/// Reads all files of a log that is not being written, oldest first; panics on anything that is not whole, double or out of order.
+/// Reads all files of a log that is not being written, oldest first; panics on anything that is not
+/// whole, double or out of order.
 pub fn content(files: &BTreeMap<String, Vec<u8>>) -> Content {
     let mut content = Content::default();
     for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".mcap")) {

@@ -1,6 +1,7 @@
 //! Reports as files that are handed on.
 
-/// What makes a browser load something. The name of SVG's vocabulary, and where the drawing library comes from, are names alone.
+/// What makes a browser load something. The name of SVG's vocabulary, and where the drawing library
+/// comes from, are names alone.
 const LOADING: [&str; 7] = ["src=", "href=", "url(", "@import", "fetch(", "XMLHttpRequest", "import("];
 const NAMES: [&str; 2] = ["http://www.w3.org/2000/svg", "/*! https://github.com/leeoniya/uPlot"];
 

@@ -11,7 +11,7 @@ use gearwatch_batch::judging::Judging;
 use gearwatch_batch::part::{PartError, sha256_of};
 use gearwatch_batch::run::{Job, Outcome, Summary, Work, run};
 use gearwatch_batch::shard::Shard;
-use gearwatch_batch::worklist::{self, Kind};
+use gearwatch_batch::worklist::{self, Items};
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_io::{baseline_file, bench_file};
 
@@ -113,7 +113,7 @@ impl Batch {
         let normal = baseline.clone();
         let pipeline = input::pipeline(&bench, baseline, self.signatures.as_deref())?;
         let recordings = match &self.manifest {
-            Some(manifest) => worklist::from_manifest(manifest, Kind::Recordings)?,
+            Some(manifest) => worklist::from_manifest(manifest, Items::Recordings)?,
             None => worklist::from_folders(&self.paths, &endings())?,
         };
         let sample_rate_hz = Some(bench.acquisition.sample_rate_hz).filter(|_| !self.any_rate);
@@ -124,16 +124,16 @@ impl Batch {
             baseline_sha256,
             sample_rate_hz,
         };
-        self.work(&work, &recordings, shard, &settings, Kind::Recordings)
+        self.work(&work, &recordings, shard, &settings, Items::Recordings)
     }
 
     fn explain(&self, shard: Shard) -> anyhow::Result<Exit> {
         let cases = match &self.manifest {
-            Some(manifest) => worklist::from_manifest(manifest, Kind::Cases)?,
+            Some(manifest) => worklist::from_manifest(manifest, Items::Cases)?,
             None => worklist::cases(&self.paths)?,
         };
         let settings = format!("gearwatch {}\nexplaining", env!("CARGO_PKG_VERSION"));
-        self.work(&Explaining { endings: &endings() }, &cases, shard, &settings, Kind::Cases)
+        self.work(&Explaining { endings: &endings() }, &cases, shard, &settings, Items::Cases)
     }
 
     fn work(
@@ -142,7 +142,7 @@ impl Batch {
         items: &[PathBuf],
         shard: Shard,
         settings: &str,
-        kind: Kind,
+        kind: Items,
     ) -> anyhow::Result<Exit> {
         if items.is_empty() {
             bail!("there is nothing to work: the list of {} is empty", kind.name());
@@ -170,7 +170,7 @@ fn endings() -> Vec<&'static str> {
     gearwatch_io::formats::FORMATS.iter().flat_map(|format| format.extensions().iter().copied()).collect()
 }
 
-fn report(summary: &Summary, shard: Shard, kind: Kind) -> anyhow::Result<Exit> {
+fn report(summary: &Summary, shard: Shard, kind: Items) -> anyhow::Result<Exit> {
     let count = |is: fn(&Outcome) -> bool| summary.outcomes.iter().filter(|(_, outcome)| is(outcome)).count();
     let rows: usize = summary.outcomes.iter().map(|(_, o)| if let Outcome::Done(rows) = o { *rows } else { 0 }).sum();
     let damaged = summary.damaged().count();

@@ -11,7 +11,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::source::Source;
 use gearwatch_io::mcap::{Compression, McapWriter, PublishTime};
 use gearwatch_io::output::{Output, Target};
-use gearwatch_io::save::{Kind, save};
+use gearwatch_io::save::{SaveFormat, save};
 use gearwatch_io::uff::{self, Dataset, Form, Values};
 use gearwatch_io::{ReadError, sidecar_path};
 
@@ -81,7 +81,7 @@ impl Run for Convert {
 
     fn run(self) -> anyhow::Result<Exit> {
         let end = self.output.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        let foreign = Kind::ALL.into_iter().find(|kind| kind.extension() == end);
+        let foreign = SaveFormat::ALL.into_iter().find(|kind| kind.extension() == end);
         if end == "parquet" && cfg!(not(feature = "batch")) {
             bail!("{}: {}", self.output.display(), gearwatch_runtime::kinds::with_feature("batch"));
         }
@@ -123,7 +123,7 @@ enum To {
     #[cfg(feature = "batch")]
     Parquet(Target),
     /// With its sidecar file.
-    Foreign(Kind, Target, Target),
+    Foreign(SaveFormat, Target, Target),
 }
 
 fn whole<S: Source<Error = ReadError>>(source: &mut S) -> Result<Recording, ReadError> {
@@ -157,7 +157,7 @@ impl Convert {
     fn write_foreign<S: Source<Error = ReadError>>(
         &self,
         source: &mut S,
-        kind: Kind,
+        kind: SaveFormat,
         target: Target,
         sidecar: Target,
     ) -> anyhow::Result<()> {

@@ -10,7 +10,10 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
+use gearwatch_alarm::Severity;
+use gearwatch_core::verdict::MachineState;
 use gearwatch_daemon::fleet::{self, Access, Fleet as View, From, Notice, Told};
+use gearwatch_daemon::states::BenchCondition;
 use gearwatch_runtime::secret::{Secret, carries_secret, place};
 
 use super::Run;
@@ -168,19 +171,15 @@ fn now_ns() -> i64 {
 impl Fleet {
     fn once(&self, notices: &Receiver<Notice>) -> anyhow::Result<Exit> {
         let mut view = View::default();
-        let mut trouble = String::from("no answer");
         loop {
             match notices.recv_timeout(self.patience) {
                 Ok(Notice::Letter(heard)) => drop(view.take(&heard)),
                 Ok(Notice::CaughtUp) => break,
                 Ok(Notice::Connected) => {}
-                Ok(Notice::Lost(error)) => {
-                    trouble = error;
-                    // The patience is for the whole answer, and a server that refuses will refuse again.
-                    anyhow::bail!("{}: {trouble}", self.server);
-                }
+                // The patience is for the whole answer, and a server that refuses will refuse again.
+                Ok(Notice::Lost(error)) => anyhow::bail!("{}: {error}", self.server),
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
-                    anyhow::bail!("{}: {trouble} within {:.0?}", self.server, self.patience)
+                    anyhow::bail!("{}: no answer within {:.0?}", self.server, self.patience)
                 }
             }
         }
@@ -195,14 +194,17 @@ impl Fleet {
 
 fn exit(view: &View) -> Exit {
     let now = now_ns();
-    let conditions: Vec<&str> = view.benches.values().map(|bench| bench.condition(now)).collect();
-    let alarm = |severity: &str| view.benches.values().flat_map(|b| b.alarms.values()).any(|s| s == severity);
-    let any = |names: &[&str]| conditions.iter().any(|condition| names.contains(condition));
-    if any(&["alarm"]) || alarm("critical") {
+    let conditions: Vec<_> = view.benches.values().map(|bench| bench.condition(now)).collect();
+    let alarm =
+        |severity: Severity| view.benches.values().flat_map(|b| b.alarms.values()).any(|s| s == severity.code());
+    let any = |state: MachineState| conditions.contains(&BenchCondition::Machine(state));
+    if any(MachineState::Alarm) || alarm(Severity::Critical) {
         Exit::Critical
-    } else if any(&["deviating", "path_changed"]) || alarm("warning") {
+    } else if any(MachineState::Deviating) || any(MachineState::PathChanged) || alarm(Severity::Warning) {
         Exit::Warning
-    } else if conditions.is_empty() || conditions.iter().any(|condition| *condition != "normal") {
+    } else if conditions.is_empty()
+        || conditions.iter().any(|condition| *condition != BenchCondition::Machine(MachineState::Normal))
+    {
         Exit::Unknown
     } else {
         Exit::Ok
@@ -216,8 +218,8 @@ fn row(name: &str, bench: &fleet::Bench, now: i64) -> [String; 8] {
     let alarms: Vec<_> = bench.alarms.iter().map(|(id, severity)| format!("{id} {severity}")).collect();
     [
         name.to_owned(),
-        bench.condition(now).to_owned(),
-        bench.instrument.clone(),
+        bench.condition(now).code().to_owned(),
+        bench.instrument.code().to_owned(),
         known(bench.motor_speed_hz, 2),
         known(bench.brake_torque_nm, 1),
         bench.verdicts.to_string(),

@@ -51,9 +51,9 @@ impl Run for Info {
         let mut exit = Exit::Ok;
         for path in &self.input.files {
             let said = match kind_of(path) {
-                Kind::Bench => bench(path),
-                Kind::Json => stated(path),
-                Kind::Recording => recording(path, &self.input),
+                FileKind::Bench => bench(path),
+                FileKind::Json => stated(path),
+                FileKind::Recording => recording(path, &self.input),
             };
             let said = said.unwrap_or_else(|error| Said { text: String::new(), json: Value::Null, error: Some(error) });
             let mut out = terminal::out();
@@ -74,13 +74,14 @@ impl Run for Info {
 impl Info {
     /// A bench file among the files is checked with the recordings beside it; hands back what is wrong, if anything.
     fn fit(&self) -> anyhow::Result<Option<String>> {
-        let of = |kind: Kind| self.input.files.iter().filter(move |path| kind_of(path) == kind);
-        let Some(bench) = of(Kind::Bench).find_map(|path| gearwatch_io::bench_file::read(path).ok()) else {
+        let of = |kind: FileKind| self.input.files.iter().filter(move |path| kind_of(path) == kind);
+        let Some(bench) = of(FileKind::Bench).find_map(|path| gearwatch_io::bench_file::read(path).ok()) else {
             return Ok(None);
         };
-        let baseline = of(Kind::Json).find_map(|path| gearwatch_io::baseline_file::read(path).ok());
+        let baseline = of(FileKind::Json).find_map(|path| gearwatch_io::baseline_file::read(path).ok());
         let open = self.input.options.open_options();
-        let looks: Vec<_> = of(Kind::Recording).filter_map(|path| gearwatch_sources::look(path, &open).ok()).collect();
+        let looks: Vec<_> =
+            of(FileKind::Recording).filter_map(|path| gearwatch_sources::look(path, &open).ok()).collect();
         let checked = check::check(&bench, &looks, baseline.as_ref());
         let mut out = std::io::stdout().lock();
         match self.format {
@@ -111,22 +112,22 @@ const fn word(severity: Severity) -> &'static str {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum FileKind {
     Bench,
     Json,
     Recording,
 }
 
 /// From the name, and for JSON from the first character too.
-fn kind_of(path: &Path) -> Kind {
+fn kind_of(path: &Path) -> FileKind {
     let end = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     if end == "toml" {
-        return Kind::Bench;
+        return FileKind::Bench;
     }
     let mut first = [0; 1];
     let begins_with_brace =
         open_regular(path).and_then(|mut f| f.read_exact(&mut first)).is_ok_and(|()| first == *b"{");
-    if begins_with_brace { Kind::Json } else { Kind::Recording }
+    if begins_with_brace { FileKind::Json } else { FileKind::Recording }
 }
 
 fn bench(path: &Path) -> anyhow::Result<Said> {

@@ -6,7 +6,10 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 use clap::Args;
+use gearwatch_alarm::Severity;
+use gearwatch_core::verdict::MachineState;
 use gearwatch_daemon::snapshot::Snapshot;
+use gearwatch_daemon::states::BenchInstrument;
 
 use super::Run;
 use crate::exit::Exit;
@@ -15,7 +18,7 @@ use crate::terminal;
 
 mod find;
 
-use find::Place;
+use find::Endpoint;
 
 /// Say how the running service is
 #[derive(Args)]
@@ -72,8 +75,8 @@ impl Status {
         let mut tried = Vec::new();
         for place in find::places() {
             let answer = match &place {
-                Place::Socket(path) => gearwatch_daemon::status::ask(path, PATIENCE).map_err(anyhow::Error::from),
-                Place::Page(url) => self.ask_page(url),
+                Endpoint::Socket(path) => gearwatch_daemon::status::ask(path, PATIENCE).map_err(anyhow::Error::from),
+                Endpoint::Page(url) => self.ask_page(url),
             };
             match answer {
                 Ok(text) => return Ok(text),
@@ -92,13 +95,14 @@ impl Status {
 }
 
 fn exit(snapshot: &Snapshot) -> Exit {
-    let worst = |code: &str| snapshot.benches.iter().any(|bench| bench.machine == code);
-    let alarm = |severity: &str| snapshot.benches.iter().flat_map(|b| &b.alarms).any(|a| a.severity == severity);
-    if worst("alarm") || alarm("critical") {
+    let worst = |state: MachineState| snapshot.benches.iter().any(|bench| bench.machine == state);
+    let alarm = |severity: Severity| snapshot.benches.iter().flat_map(|b| &b.alarms).any(|a| a.severity == severity);
+    let instruments_ok = snapshot.benches.iter().all(|bench| bench.instrument == BenchInstrument::OK);
+    if worst(MachineState::Alarm) || alarm(Severity::Critical) {
         Exit::Critical
-    } else if worst("deviating") || worst("path_changed") || alarm("warning") {
+    } else if worst(MachineState::Deviating) || worst(MachineState::PathChanged) || alarm(Severity::Warning) {
         Exit::Warning
-    } else if !snapshot.ok || worst("unknown") || snapshot.benches.iter().any(|bench| bench.instrument != "ok") {
+    } else if !snapshot.ok || worst(MachineState::Unknown) || !instruments_ok {
         Exit::Unknown
     } else {
         Exit::Ok
@@ -113,10 +117,10 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
         snapshot.version,
         snapshot.uptime_secs,
         100.0 * snapshot.load,
-        snapshot.self_test
+        snapshot.self_test.code()
     )?;
     for bench in &snapshot.benches {
-        writeln!(out, "{}: machine {}, instrument {}", bench.name, bench.machine, bench.instrument)?;
+        writeln!(out, "{}: machine {}, instrument {}", bench.name, bench.machine.code(), bench.instrument.code())?;
         writeln!(
             out,
             "  windows: {} judged, {} shed, {} failed; {} gap(s), {} samples missing",
@@ -124,7 +128,7 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
         )?;
         for source in &bench.sources {
             let trouble = if source.error.is_empty() { String::new() } else { format!("; {}", source.error) };
-            writeln!(out, "  source {}: {}, {} packets{trouble}", source.name, source.state, source.packets)?;
+            writeln!(out, "  source {}: {}, {} packets{trouble}", source.name, source.state.code(), source.packets)?;
         }
         for (channel, state) in &bench.channels {
             writeln!(out, "  channel {channel}: {state}")?;
@@ -141,12 +145,19 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
             };
             let ranks: Vec<_> = place.levels.iter().map(rank).collect();
             let why = if place.reason.is_empty() { String::new() } else { format!(" ({})", place.reason) };
-            writeln!(out, "  {} at {}: {}{why}, ranks {}", place.stage, place.channel, place.machine, ranks.join(" "))?;
+            writeln!(
+                out,
+                "  {} at {}: {}{why}, ranks {}",
+                place.stage,
+                place.channel,
+                place.machine.code(),
+                ranks.join(" ")
+            )?;
         }
         for alarm in &bench.alarms {
             let active = if alarm.active { "active" } else { "over, latched" };
             let seen = if alarm.acknowledged { "acknowledged" } else { "not acknowledged" };
-            writeln!(out, "  alarm {}: {}, {active}, {seen}", alarm.id, alarm.severity)?;
+            writeln!(out, "  alarm {}: {}, {active}, {seen}", alarm.id, alarm.severity.code())?;
         }
     }
     for sink in &snapshot.sinks {
@@ -154,7 +165,7 @@ fn print(out: &mut impl Write, snapshot: &Snapshot) -> std::io::Result<()> {
             out,
             "sink {}: {}, {} events, {} missed{}",
             sink.name,
-            sink.state,
+            sink.state.code(),
             sink.offered,
             sink.dropped,
             if sink.detail.is_empty() { String::new() } else { format!("; {}", sink.detail) }

@@ -108,6 +108,22 @@ fn waiting(home: &Bench, process: usize) -> Option<u64> {
     figure(snapshot.sinks.iter().find(|sink| sink.name == "nats")?, "waiting")
 }
 
+/// The configuration of one process, with its share of the benches and a NATS server at a port.
+fn written(home: &Bench, process: usize, port: u16) -> std::path::PathBuf {
+    let mut config = format!(
+        "format = \"gearwatch-service/1\"\nservice = {{ workers = 1, self_test = false, status_socket = \"status-{process}.sock\" }}\n\
+         [[sink]]\nkind = \"mcap_log\"\nfolder = \"log-{process}\"\n\
+         [[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{port}\"]\nspool = \"spool-{process}\"\n"
+    );
+    for bench in (process..BENCHES).step_by(PROCESSES) {
+        home.write(&format!("bench-{bench}.toml"), &BENCH.replace("\"small\"", &format!("\"bench {bench:02}\"")));
+        config += &format!(
+            "[[bench]]\nfile = \"bench-{bench}.toml\"\n[[bench.source]]\nkind = \"test_signal\"\nspeed = 4.0\nseed = {bench}\n"
+        );
+    }
+    home.write(&format!("service-{process}.toml"), &config)
+}
+
 /// Benches in so many processes.
 const PROCESSES: usize = 4;
 const BENCHES: usize = 20;
@@ -122,19 +138,7 @@ fn conform_twenty_benches_through_a_killed_server_and_a_cut_cable() {
     let mut services = Vec::new();
     for process in 0..PROCESSES {
         let port = [cable.port, line.port].get(process).copied().unwrap_or(server.port);
-        let mut config = format!(
-            "format = \"gearwatch-service/1\"\nservice = {{ workers = 1, self_test = false, status_socket = \"status-{process}.sock\" }}\n\
-             [[sink]]\nkind = \"mcap_log\"\nfolder = \"log-{process}\"\n\
-             [[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{port}\"]\nspool = \"spool-{process}\"\n"
-        );
-        for bench in (process..BENCHES).step_by(PROCESSES) {
-            home.write(&format!("bench-{bench}.toml"), &BENCH.replace("\"small\"", &format!("\"bench {bench:02}\"")));
-            config += &format!(
-                "[[bench]]\nfile = \"bench-{bench}.toml\"\n[[bench.source]]\nkind = \"test_signal\"\nspeed = 4.0\nseed = {bench}\n"
-            );
-        }
-        let path = home.write(&format!("service-{process}.toml"), &config);
-        services.push(start(&path));
+        services.push(start(&written(&home, process, port)));
     }
     let heard = home.path("heard.jsonl");
     let url = server.url();

@@ -113,6 +113,139 @@ impl Watcher {
     }
 }
 
+/// The service, what surrounds it, and what was seen of both.
+struct Week {
+    bench: Bench,
+    /// Where the log is, and where the library looks for troubles.
+    log: PathBuf,
+    trouble: PathBuf,
+    /// The service's configuration, and its text where it is right.
+    config: PathBuf,
+    right: String,
+    page: String,
+    broker: Option<Server>,
+    service: Running,
+    watcher: Watcher,
+    seen: Seen,
+}
+
+impl Week {
+    /// Starts the service at so many times real time; its messages go to the file `talk`.
+    fn start(bench: Bench, library: &Path, times: u64, talk: &Path) -> Self {
+        let (log, trouble) = (bench.path("log"), bench.path("trouble"));
+        std::fs::create_dir(&trouble).unwrap();
+        let page =
+            format!("127.0.0.1:{}", std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port());
+        let flaky = flaky_broker();
+        let broker = Server::mosquitto(&bench.path("mosquitto"));
+        let further = format!(
+            "rotate_bytes = 1048576\n[[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{flaky}\"]\nspool = \"spool\"\nspool_bytes = 4194304\n\
+             [[sink]]\nkind = \"mqtt\"\nport = {}\nspool = \"spool-mqtt\"\nspool_bytes = 4194304\n",
+            broker.as_ref().map_or(flaky, |broker| broker.port)
+        );
+        let config = configure(&bench, &log, &format!("{times}.0"), &further);
+        let service = std::fs::read_to_string(&config).unwrap();
+        let right = service.replace("workers = 2", &format!("workers = 2, page = \"{page}\""));
+        std::fs::write(&config, &right).unwrap();
+        let child = gearwatch(&["run", "--config", text(&config)])
+            .env("LD_PRELOAD", library)
+            .env("TROUBLE", &trouble)
+            .stdout(Stdio::null())
+            .stderr(std::fs::File::create(talk).unwrap())
+            .spawn()
+            .unwrap();
+        let service = Running(child);
+        wait_for(Duration::from_secs(20), || status(&bench)).expect("the service runs");
+        let watcher = Watcher { under_way: UNDER_WAY * times.div_ceil(TIMES), ..Watcher::default() };
+        Self { bench, log, trouble, config, right, page, broker, service, watcher, seen: Seen::default() }
+    }
+
+    fn status(&self) -> Option<Snapshot> {
+        status(&self.bench)
+    }
+
+    /// Reads the status, checks it, and waits a moment.
+    fn look(&mut self, kind: &'static str) {
+        if let Some(snapshot) = self.status() {
+            self.watcher.look(&snapshot, kind, &mut self.seen);
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+
+    fn look_until(&mut self, until: Instant, kind: &'static str) {
+        while Instant::now() < until {
+            self.look(kind);
+        }
+    }
+
+    /// Goes through a trouble that has begun.
+    fn endure(&mut self, kind: &'static str, until: Instant) {
+        match kind {
+            "reload" => self.reload(),
+            "wrong" => self.refuse(kind, until),
+            "broker" => self.lose_the_broker(kind, until),
+            "clients" => {
+                while Instant::now() < until {
+                    self.seen.clients += 2;
+                    ask_page(&self.page, "/metrics", Duration::from_millis(300));
+                    ask_page(&self.page, "/api/events", Duration::from_millis(300));
+                    self.look(kind);
+                }
+            }
+            _ => self.look_until(until, kind),
+        }
+    }
+
+    fn reload(&mut self) {
+        let asked = Instant::now();
+        signal(&self.service.0, "HUP");
+        self.seen.reloads += 1;
+        let anew = || self.status().filter(|now| now.uptime_secs < asked.elapsed().as_secs_f64());
+        wait_for(RIGHT_AGAIN, anew).expect("the service answers after a reload");
+    }
+
+    fn refuse(&mut self, kind: &'static str, until: Instant) {
+        let uptime_secs = self.status().map_or(0.0, |now| now.uptime_secs);
+        std::fs::write(&self.config, self.right.replace("rotate_bytes = 1048576", "rotate_bytes = 1")).unwrap();
+        signal(&self.service.0, "HUP");
+        self.look_until(until, kind);
+        std::fs::write(&self.config, &self.right).unwrap();
+        let goes_on = self.status().is_some_and(|now| now.uptime_secs > uptime_secs);
+        assert!(goes_on, "a wrong configuration changed the service");
+        self.seen.refused += 1;
+    }
+
+    fn lose_the_broker(&mut self, kind: &'static str, until: Instant) {
+        if let Some(broker) = &mut self.broker {
+            broker.kill();
+            self.seen.brokers_killed += 1;
+        }
+        self.look_until(until, kind);
+        if let Some(broker) = &mut self.broker {
+            broker.restart();
+            let confirmed =
+                || status(&self.bench).as_ref().and_then(mqtt_of).and_then(|sink| figure(sink, "confirmed"));
+            let before = confirmed();
+            let more = wait_for(RIGHT_AGAIN, || confirmed().filter(|now| Some(*now) > before));
+            assert!(more.is_some(), "the broker is back, and gets nothing");
+        }
+    }
+
+    /// Ends the troubles of the disk; the service must be right again soon.
+    fn mend(&self, kind: &str) {
+        for name in ["hang", "slow", "full", "fail"] {
+            // The one that is there.
+            let _ = std::fs::remove_file(self.trouble.join(name));
+        }
+        let right = || self.status().filter(|now| log_of(now).is_some_and(|log| log.ok));
+        assert!(
+            wait_for(RIGHT_AGAIN, right).is_some(),
+            "{kind}: not right again: {:?}",
+            self.status().as_ref().and_then(log_of)
+        );
+    }
+}
+
 #[test]
 #[ignore = "an hour and more; `just campaign-week`"]
 fn conform_a_week_of_trouble_is_told_and_survived() {
@@ -121,34 +254,9 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
     let secs = number("GEARWATCH_SOAK_SECS").unwrap_or(7 * 86_400 / times);
     let bench = Bench::new();
     let Some(library) = library(&bench) else { return eprintln!("skipped: there is no C compiler (cc)") };
-    let (folder, trouble) = (bench.path("log"), bench.path("trouble"));
-    std::fs::create_dir(&trouble).unwrap();
-    let page =
-        format!("127.0.0.1:{}", std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port());
-    let flaky = flaky_broker();
-    let mut broker = Server::mosquitto(&bench.path("mosquitto"));
-    let further = format!(
-        "rotate_bytes = 1048576\n[[sink]]\nkind = \"nats\"\nservers = [\"nats://127.0.0.1:{flaky}\"]\nspool = \"spool\"\nspool_bytes = 4194304\n\
-         [[sink]]\nkind = \"mqtt\"\nport = {}\nspool = \"spool-mqtt\"\nspool_bytes = 4194304\n",
-        broker.as_ref().map_or(flaky, |broker| broker.port)
-    );
-    let config = configure(&bench, &folder, &format!("{times}.0"), &further);
-    let service = std::fs::read_to_string(&config).unwrap();
-    let right = service.replace("workers = 2", &format!("workers = 2, page = \"{page}\""));
-    std::fs::write(&config, &right).unwrap();
     let talk = bench.path("talk");
-    let child = gearwatch(&["run", "--config", text(&config)])
-        .env("LD_PRELOAD", &library)
-        .env("TROUBLE", &trouble)
-        .stdout(Stdio::null())
-        .stderr(std::fs::File::create(&talk).unwrap())
-        .spawn()
-        .unwrap();
-    let mut running = Running(child);
-    let child = &mut running.0;
-    wait_for(Duration::from_secs(20), || status(&bench)).expect("the service runs");
-    let (mut seen, mut watcher, mut moments) = (Seen::default(), Watcher::default(), Moments::new(7));
-    watcher.under_way = UNDER_WAY * times.div_ceil(TIMES);
+    let mut week = Week::start(bench, &library, times, &talk);
+    let mut moments = Moments::new(7);
     let begin = Instant::now();
     let troubles = ["hang", "slow", "full", "fail", "clock", "reload", "clients", "taken", "wrong", "broker"];
     let mut account = Account::at(times.div_ceil(TIMES));
@@ -158,83 +266,19 @@ fn conform_a_week_of_trouble_is_told_and_survived() {
         }
         let kind = troubles[round % troubles.len()];
         let until = Instant::now() + moments.between(Duration::from_secs(3), Duration::from_secs(7));
-        let mut ask = |seen: &mut Seen, kind: &'static str| {
-            if let Some(snapshot) = status(&bench) {
-                watcher.look(&snapshot, kind, seen);
-            }
-            std::thread::sleep(Duration::from_millis(50));
-        };
-        begin_trouble(kind, &trouble, &folder, &moments.between(Duration::ZERO, Duration::from_secs(4)));
-        match kind {
-            "reload" => {
-                let asked = Instant::now();
-                signal(child, "HUP");
-                seen.reloads += 1;
-                let anew = || status(&bench).filter(|now| now.uptime_secs < asked.elapsed().as_secs_f64());
-                wait_for(RIGHT_AGAIN, anew).expect("the service answers after a reload");
-            }
-            "wrong" => {
-                let uptime_secs = status(&bench).map_or(0.0, |now| now.uptime_secs);
-                std::fs::write(&config, right.replace("rotate_bytes = 1048576", "rotate_bytes = 1")).unwrap();
-                signal(child, "HUP");
-                while Instant::now() < until {
-                    ask(&mut seen, kind);
-                }
-                std::fs::write(&config, &right).unwrap();
-                let goes_on = status(&bench).is_some_and(|now| now.uptime_secs > uptime_secs);
-                assert!(goes_on, "a wrong configuration changed the service");
-                seen.refused += 1;
-            }
-            "broker" => {
-                if let Some(broker) = &mut broker {
-                    broker.kill();
-                    seen.brokers_killed += 1;
-                }
-                while Instant::now() < until {
-                    ask(&mut seen, kind);
-                }
-                if let Some(broker) = &mut broker {
-                    broker.restart();
-                    let confirmed =
-                        || status(&bench).as_ref().and_then(mqtt_of).and_then(|sink| figure(sink, "confirmed"));
-                    let before = confirmed();
-                    let more = wait_for(RIGHT_AGAIN, || confirmed().filter(|now| Some(*now) > before));
-                    assert!(more.is_some(), "the broker is back, and gets nothing");
-                }
-            }
-            "clients" => {
-                while Instant::now() < until {
-                    seen.clients += 2;
-                    ask_page(&page, "/metrics", Duration::from_millis(300));
-                    ask_page(&page, "/api/events", Duration::from_millis(300));
-                    ask(&mut seen, kind);
-                }
-            }
-            _ => {
-                while Instant::now() < until {
-                    ask(&mut seen, kind);
-                }
-            }
-        }
-        account.go_on(&folder, false);
-        for name in ["hang", "slow", "full", "fail"] {
-            // The one that is there.
-            let _ = std::fs::remove_file(trouble.join(name));
-        }
-        let right = || status(&bench).filter(|now| log_of(now).is_some_and(|log| log.ok));
-        assert!(
-            wait_for(RIGHT_AGAIN, right).is_some(),
-            "{kind}: not right again: {:?}",
-            status(&bench).as_ref().and_then(log_of)
-        );
+        begin_trouble(kind, &week.trouble, &week.log, &moments.between(Duration::ZERO, Duration::from_secs(4)));
+        week.endure(kind, until);
+        account.go_on(&week.log, false);
+        week.mend(kind);
     }
-    signal(child, "TERM");
-    let ended = ended_within(child, Duration::from_secs(10)).and_then(|status| status.code());
+    signal(&week.service.0, "TERM");
+    let ended = ended_within(&mut week.service.0, Duration::from_secs(10)).and_then(|status| status.code());
     let said = std::fs::read_to_string(&talk).unwrap();
+    let seen = &week.seen;
     assert_eq!(ended, Some(0), "{said}");
     assert!(!said.contains("panicked"), "{said}");
     assert!(seen.refused == 0 || said.contains("rotate_bytes"), "a wrong configuration was not told: {said}");
-    account.go_on(&folder, true);
+    account.go_on(&week.log, true);
     println!(
         "{secs} s at x{times} ({:.1} days): {} verdicts in {} files, {} windows missing, all of them explained; gaps {:?}, {} clock records; {seen:?}",
         (secs * times) as f64 / 86_400.0,

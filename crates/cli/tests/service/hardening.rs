@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use gearwatch_alarm::Severity;
 use gearwatch_daemon::snapshot::Snapshot;
 use gearwatch_log::Disk;
 
@@ -191,7 +192,7 @@ fn regress_alarms_and_who_saw_them_survive_a_kill() {
     let mut running = run(&path);
     let alarms = wait_for("two critical alarms", || {
         let alarms = snapshot(&bench)?.benches.first()?.alarms.clone();
-        (alarms.iter().filter(|alarm| alarm.severity == "critical").count() == 2).then_some(alarms)
+        (alarms.iter().filter(|alarm| alarm.severity == Severity::Critical).count() == 2).then_some(alarms)
     });
     let (seen, other) = (&alarms[0], &alarms[1]);
     let address = format!("/api/alarms/{}/acknowledge", seen.id.replace('/', "%2F").replace('@', "%40"));
@@ -214,7 +215,7 @@ fn regress_alarms_and_who_saw_them_survive_a_kill() {
     });
     let of = |id: &str| stands.iter().find(|alarm| alarm.id == id);
     let unseen = of(&other.id).expect("nobody has seen it, so it stands");
-    assert_eq!((unseen.since_ns, unseen.severity.as_str(), unseen.acknowledged), (other.since_ns, "critical", false));
+    assert_eq!((unseen.since_ns, unseen.severity, unseen.acknowledged), (other.since_ns, Severity::Critical, false));
     assert!(of(&seen.id).is_none_or(|alarm| alarm.acknowledged), "somebody has seen it");
     assert_eq!(again.end("TERM"), Some(0));
 

@@ -53,6 +53,13 @@ pub struct Gear {
     pub tip_diameter_mm: Option<f64>,
 }
 
+impl Gear {
+    /// As a bench file has it that gives no more than the teeth.
+    pub const fn with_teeth(teeth: u32) -> Self {
+        Self { teeth, bore_mm: None, mass_kg: None, inertia_kg_m2: None, profile_shift: None, tip_diameter_mm: None }
+    }
+}
+
 /// Word of the key `kind`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

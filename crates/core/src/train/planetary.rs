@@ -187,14 +187,7 @@ mod tests {
     use crate::bench::Gear;
 
     fn set(planets: u32, planet: u32, fixed: Member, input: Member, output: Member) -> Planetary {
-        let planet = Gear {
-            teeth: planet,
-            bore_mm: None,
-            mass_kg: None,
-            inertia_kg_m2: None,
-            profile_shift: None,
-            tip_diameter_mm: None,
-        };
+        let planet = Gear::with_teeth(planet);
         Planetary { planets, planet, positions_deg: Vec::new(), fixed, input, output }
     }
 

@@ -17,7 +17,8 @@ pub trait Code: Copy + PartialEq + 'static {
     }
 }
 
-/// Defines an enum together with the code and the meaning of each variant; the meaning is the variant's documentation.
+/// Defines an enum together with the code and the meaning of each variant; the meaning is the variant's documentation. A crate that uses it has `serde`.
+#[macro_export]
 macro_rules! codes {
     (
         $(#[$of_type:meta])*
@@ -56,11 +57,11 @@ macro_rules! codes {
             fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
                 let code = <std::borrow::Cow<'de, str> as serde::Deserialize<'de>>::deserialize(deserializer)?;
                 let unknown = || serde::de::Error::unknown_variant(&code, &[$( $code, )+]);
-                Self::of_code(&code).ok_or_else(unknown)
+                <Self as $crate::verdict::Code>::of_code(&code).ok_or_else(unknown)
             }
         }
 
-        impl Code for $name {
+        impl $crate::verdict::Code for $name {
             const ALL: &'static [Self] = &[$( Self::$variant, )+];
 
             fn code(self) -> &'static str {

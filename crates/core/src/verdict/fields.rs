@@ -1,4 +1,5 @@
-//! The fields of a verdict in one table: name, type, unit, meaning, and how each is read from a verdict and put into one.
+//! What a field of a verdict is: name, type, unit, meaning, and how it is read from a verdict and put into one. The rows stand beside the types, in
+//! [`super`].
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -6,8 +7,8 @@ use std::sync::LazyLock;
 use crate::estimate::Estimate;
 use crate::indicators::{CHANNEL_INDICATORS, GEAR_INDICATORS};
 use crate::verdict::{
-    Code, FromNormal, HARMONICS, HarmonicVerdict, INDICATOR_NAMES, InstrumentState, MachineState, NEAREST_STATES,
-    NearState, Rank, Reason, StageIndicators, StateFit, Verdict,
+    Code, FromNormal, HARMONIC_ROWS, HARMONICS, HarmonicVerdict, INDICATOR_NAMES, NEAREST_STATES, NearState,
+    STATE_FIT_ROW, STATE_ROWS, StageIndicators, Verdict, WINDOW_ROWS,
 };
 
 /// The type of a field.
@@ -75,8 +76,8 @@ pub struct Field {
     at: At,
 }
 
-type Read<T> = for<'a> fn(&'a T) -> Datum<'a>;
-type Write<T> = fn(&mut T, &Datum<'_>) -> bool;
+pub(super) type Read<T> = for<'a> fn(&'a T) -> Datum<'a>;
+pub(super) type Write<T> = fn(&mut T, &Datum<'_>) -> bool;
 
 #[derive(Clone, Copy, Debug)]
 enum At {
@@ -184,7 +185,7 @@ fn indicator_mut(of: &mut StageIndicators, which: usize) -> (&mut Estimate, &mut
     }
 }
 
-fn set(place: &mut f64, datum: &Datum<'_>) -> bool {
+pub(super) fn set(place: &mut f64, datum: &Datum<'_>) -> bool {
     let value = match *datum {
         Datum::Number(x) => x,
         Datum::Count(x) => x as f64,
@@ -195,23 +196,23 @@ fn set(place: &mut f64, datum: &Datum<'_>) -> bool {
     true
 }
 
-fn set_text<T: for<'t> From<&'t str>>(place: &mut T, datum: &Datum<'_>) -> bool {
+pub(super) fn set_text<T: for<'t> From<&'t str>>(place: &mut T, datum: &Datum<'_>) -> bool {
     let Datum::Text(text) = *datum else { return false };
     *place = text.into();
     true
 }
 
-fn set_code<C: Code>(place: &mut C, datum: &Datum<'_>) -> bool {
+pub(super) fn set_code<C: Code>(place: &mut C, datum: &Datum<'_>) -> bool {
     let Datum::Text(text) = *datum else { return false };
     C::of_code(text).map(|code| *place = code).is_some()
 }
 
-fn count<T: TryFrom<u64>>(datum: &Datum<'_>) -> Option<T> {
+pub(super) fn count<T: TryFrom<u64>>(datum: &Datum<'_>) -> Option<T> {
     let Datum::Count(x) = *datum else { return None };
     T::try_from(x).ok()
 }
 
-fn codes<C: Code>() -> Vec<(&'static str, &'static str)> {
+pub(super) fn codes<C: Code>() -> Vec<(&'static str, &'static str)> {
     C::ALL.iter().map(|&code| (code.code(), code.meaning())).collect()
 }
 
@@ -251,11 +252,11 @@ const SHARED: [&str; 1 << HARMONICS] = [
     "1x 2x 3x 4x 5x",
 ];
 
-fn shared(verdict: &Verdict) -> &'static str {
+pub(super) fn shared(verdict: &Verdict) -> &'static str {
     SHARED[verdict.harmonics.iter().enumerate().map(|(k, h)| usize::from(h.shared) << k).sum::<usize>()]
 }
 
-fn set_shared(verdict: &mut Verdict, datum: &Datum<'_>) -> bool {
+pub(super) fn set_shared(verdict: &mut Verdict, datum: &Datum<'_>) -> bool {
     let Datum::Text(text) = *datum else { return false };
     let Some(bits) = SHARED.iter().position(|&known| known == text) else { return false };
     for (k, h) in verdict.harmonics.iter_mut().enumerate() {
@@ -265,99 +266,12 @@ fn set_shared(verdict: &mut Verdict, datum: &Datum<'_>) -> bool {
 }
 
 /// A level repeats the rank for viewers that plot numbers; the rank itself decides.
-fn level_fits(_: &mut HarmonicVerdict, datum: &Datum<'_>) -> bool {
+pub(super) fn level_fits(_: &mut HarmonicVerdict, datum: &Datum<'_>) -> bool {
     matches!(datum, Datum::Count(0..=5) | Datum::Integer(-1))
 }
 
 /// Name, type, unit, meaning, how to read it, how to write it.
-type Row<T> = (&'static str, Holds, &'static str, &'static str, Read<T>, Write<T>);
-
-#[rustfmt::skip]
-const WINDOW: &[Row<Verdict>] = &[
-    ("stage", Holds::Text, "", "Stage of the bench file.",
-        |v| Datum::Text(&v.stage), |v, d| set_text(&mut v.stage, d)),
-    ("channel", Holds::Text, "", "Sensor of the bench file.",
-        |v| Datum::Text(&v.channel), |v, d| set_text(&mut v.channel, d)),
-    ("window", Holds::Count, "", "Number of the window: counts the windows of this channel since the source started.",
-        |v| Datum::Count(v.window), |v, d| count(d).map(|x| v.window = x).is_some()),
-    ("t0_ns", Holds::Time, "ns", "Time of the first sample.",
-        |v| Datum::Integer(v.t0), |v, d| time(d).map(|x| v.t0 = x).is_some()),
-    ("first_sample_index", Holds::Count, "", "Index of the first sample since the source started.",
-        |v| Datum::Count(v.first_sample_index), |v, d| count(d).map(|x| v.first_sample_index = x).is_some()),
-    ("samples", Holds::Count, "", "Samples in the window.",
-        |v| Datum::Count(v.samples.into()), |v, d| count(d).map(|x| v.samples = x).is_some()),
-    ("machine", Holds::Code(codes::<MachineState>), "", "State of the machine.",
-        |v| Datum::Text(v.machine.code()), |v, d| set_code(&mut v.machine, d)),
-    ("instrument", Holds::Code(codes::<InstrumentState>), "", "State of the instrument; anything but `ok` makes the ranks unknown.",
-        |v| Datum::Text(v.instrument.code()), |v, d| set_code(&mut v.instrument, d)),
-    ("resolvable", Holds::Flag, "", "Each rank that was given is more probable than not to be the right one.",
-        |v| Datum::Flag(v.resolvable), |v, d| flag(d).map(|x| v.resolvable = x).is_some()),
-    ("reason", Holds::Code(codes::<Reason>), "", "Why the state of the machine is unknown; empty where it is known.",
-        |v| Datum::Text(v.reason.code()), |v, d| set_code(&mut v.reason, d)),
-    ("doubts", Holds::Text, "", "Codes of what `gearwatch check` doubts, with a space between; empty where nothing is doubtful, `unchecked` before the check.",
-        |v| Datum::Text(&v.doubts), |v, d| set_text(&mut v.doubts, d)),
-    ("windows", Holds::Count, "", "Windows that were averaged: 1 for a live verdict.",
-        |v| Datum::Count(v.windows.into()), |v, d| count(d).map(|x| v.windows = x).is_some()),
-    ("baseline_sessions", Holds::Count, "", "Sessions of the baseline at this operating point. With 1 the scatter between sessions is unknown and left out of the sigmas.",
-        |v| Datum::Count(v.baseline_sessions.into()), |v, d| count(d).map(|x| v.baseline_sessions = x).is_some()),
-    ("input_speed_hz", Holds::Number, "Hz", "Speed of the input shaft, mean over the window.",
-        |v| Datum::Number(v.input_speed_hz.value), |v, d| set(&mut v.input_speed_hz.value, d)),
-    ("input_speed_sigma_hz", Holds::Number, "Hz", "Standard uncertainty of that speed.",
-        |v| Datum::Number(v.input_speed_hz.sigma), |v, d| set(&mut v.input_speed_hz.sigma, d)),
-    ("mesh_hz", Holds::Number, "Hz", "Mesh frequency of the stage, mean over the window.",
-        |v| Datum::Number(v.mesh_hz), |v, d| set(&mut v.mesh_hz, d)),
-    ("brake_torque_nm", Holds::Number, "N m", "Torque at the brake.",
-        |v| Datum::Number(v.brake_torque_nm), |v, d| set(&mut v.brake_torque_nm, d)),
-    ("cell", Holds::Text, "", "Cell of the baseline that was used; empty where there is none.",
-        |v| Datum::Text(&v.cell), |v, d| set_text(&mut v.cell, d)),
-    ("unit", Holds::Text, "", "Unit of the amplitudes.",
-        |v| Datum::Text(&v.unit), |v, d| set_text(&mut v.unit, d)),
-    ("shared", Holds::Text, "", "Harmonics on which a line of another stage falls, with a space between; their amplitude and deviation are those of both lines together.",
-        |v| Datum::Text(shared(v)), set_shared),
-];
-
-const STATE_FIT: Row<Verdict> = (
-    "state_fit",
-    Holds::Code(codes::<StateFit>),
-    "",
-    "How the states of the signature table fit the deviations.",
-    |v| Datum::Text(v.state_fit.code()),
-    |v, d| set_code(&mut v.state_fit, d),
-);
-
-/// `{}` stands for the harmonic.
-#[rustfmt::skip]
-const HARMONIC: &[Row<HarmonicVerdict>] = &[
-    ("rank_{}x", Holds::Code(codes::<Rank>), "", "Rank of the absolute deviation of {}x.",
-        |h| Datum::Text(h.rank.code()), |h, d| set_code(&mut h.rank, d)),
-    ("level_{}x", Holds::Level, "", "The rank as a number for plots: 0 to 5, −1 where unknown.",
-        |h| Datum::Integer(h.rank.level().into()), level_fits),
-    ("p_{}x", Holds::Number, "", "Probability that this rank is right, given the sigma of the deviation.",
-        |h| Datum::Number(h.rank_probability), |h, d| set(&mut h.rank_probability, d)),
-    ("dev_{}x_percent", Holds::Number, "%", "Signed deviation of {}x from the baseline.",
-        |h| Datum::Number(h.deviation_percent.value), |h, d| set(&mut h.deviation_percent.value, d)),
-    ("dev_sigma_{}x_percent", Holds::Number, "%", "Standard uncertainty of that deviation, from the window and the baseline.",
-        |h| Datum::Number(h.deviation_percent.sigma), |h, d| set(&mut h.deviation_percent.sigma, d)),
-    ("amp_{}x", Holds::Number, "channel", "Peak amplitude of {}x.",
-        |h| Datum::Number(h.amplitude.value), |h, d| set(&mut h.amplitude.value, d)),
-    ("sigma_{}x", Holds::Number, "channel", "Standard uncertainty of that amplitude.",
-        |h| Datum::Number(h.amplitude.sigma), |h, d| set(&mut h.amplitude.sigma, d)),
-    ("floor_{}x", Holds::Number, "channel", "Amplitude that noise alone shows beside the line.",
-        |h| Datum::Number(h.floor), |h, d| set(&mut h.floor, d)),
-    ("base_{}x", Holds::Number, "channel", "Normal amplitude of {}x at this operating point.",
-        |h| Datum::Number(h.baseline), |h, d| set(&mut h.baseline, d)),
-];
-
-/// `{}` stands for the place among the nearest.
-#[rustfmt::skip]
-const STATE: &[Row<NearState>] = &[
-    ("state_{}", Holds::Text, "", "Name of nearest state {} of the signature table, the most probable first.",
-        |s| Datum::Text(&s.name), |s, d| set_text(&mut s.name, d)),
-    ("state_{}_probability", Holds::Number, "", "Share of this state in the likelihood of all states of the table.",
-        |s| Datum::Number(s.probability), |s, d| set(&mut s.probability, d)),
-    ("state_{}_goodness", Holds::Number, "", "Chi-square probability of deviations at least this far from the state's.",
-        |s| Datum::Number(s.goodness), |s, d| set(&mut s.goodness, d)),
-];
+pub(super) type Row<T> = (&'static str, Holds, &'static str, &'static str, Read<T>, Write<T>);
 
 const OF_INDICATOR: [(&str, &str); 5] = [
     ("channel", "Condition indicator `{}` (docs/indicators.md)."),
@@ -367,7 +281,7 @@ const OF_INDICATOR: [(&str, &str); 5] = [
     ("%", "Standard uncertainty of that deviation; left out without a baseline."),
 ];
 
-fn time(datum: &Datum<'_>) -> Option<i64> {
+pub(super) fn time(datum: &Datum<'_>) -> Option<i64> {
     match *datum {
         Datum::Integer(x) => Some(x),
         Datum::Count(x) => i64::try_from(x).ok(),
@@ -375,7 +289,7 @@ fn time(datum: &Datum<'_>) -> Option<i64> {
     }
 }
 
-fn flag(datum: &Datum<'_>) -> Option<bool> {
+pub(super) fn flag(datum: &Datum<'_>) -> Option<bool> {
     if let Datum::Flag(x) = *datum { Some(x) } else { None }
 }
 
@@ -387,15 +301,15 @@ pub static FIELDS: LazyLock<Vec<Field>> = LazyLock::new(|| {
         Field { name: put(name), holds, unit, meaning: put(meaning), part, at }
     }
     let window = |row: &Row<Verdict>| named(row, 0, Part::Window, At::Window(row.4, row.5));
-    let mut out: Vec<Field> = WINDOW.iter().map(window).collect();
+    let mut out: Vec<Field> = WINDOW_ROWS.iter().map(window).collect();
     for h in 0..HARMONICS {
         let of = |row: &Row<HarmonicVerdict>| named(row, h + 1, Part::Harmonic(h + 1), At::Harmonic(h, row.4, row.5));
-        out.extend(HARMONIC.iter().map(of));
+        out.extend(HARMONIC_ROWS.iter().map(of));
     }
-    out.push(window(&STATE_FIT));
+    out.push(window(&STATE_FIT_ROW));
     for i in 0..NEAREST_STATES {
         let of = |row: &Row<NearState>| named(row, i + 1, Part::State(i + 1), At::State(i, row.4, row.5));
-        out.extend(STATE.iter().map(of));
+        out.extend(STATE_ROWS.iter().map(of));
     }
     for (which, names) in INDICATOR_NAMES.iter().enumerate() {
         let gear = which.checked_sub(CHANNEL_INDICATORS);

@@ -1,4 +1,5 @@
-//! One bench's way through the engine: windows are cut on one thread, judged in order on another, worked on by the pool in between.
+//! One bench's way through the engine: windows are cut on one thread, judged in order on another,
+//! worked on by the pool in between.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -306,8 +307,9 @@ impl Cutter {
         self.jobs.send_blocking(job).map_err(|_| Gone)
     }
 
-    /// A carrier, waited for while there is room for the packets that come meanwhile: the windows of many channels are complete in the same
-    /// moment, and that is no overload. None when half of the packets' queue is full.
+    /// A carrier, waited for while there is room for the packets that come meanwhile: the windows
+    /// of many channels are complete in the same moment, and that is no overload. None when half of
+    /// the packets' queue is full.
     fn carrier_unless_behind(&mut self, packets: &Inlet<Packet>) -> Result<Option<Box<Job>>, Gone> {
         if let Some(job) = self.spare.take() {
             return Ok(Some(job));
@@ -346,7 +348,8 @@ struct Dispatcher<'a> {
 }
 
 impl Taker for Dispatcher<'_> {
-    /// Under overload a window for which there is no carrier is not even made: ten times what the workers can do must not cost them their time.
+    /// Under overload a window for which there is no carrier is not even made: ten times what the
+    /// workers can do must not cost them their time.
     fn wants(&mut self, sensor: &Arc<str>, number: u64) -> bool {
         let Self { cutter, packets, result } = self;
         if cutter.overloaded == Overloaded::Wait || cutter.spare.is_some() || !is_behind(packets) {

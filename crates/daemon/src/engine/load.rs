@@ -1,4 +1,5 @@
-//! How busy the workers are: busy time / available time, and a warning when they are too busy for too long.
+//! How busy the workers are: busy time / available time, and a warning when they are too busy for
+//! too long.
 
 use std::sync::Mutex;
 use std::sync::PoisonError;
@@ -64,8 +65,8 @@ impl Load {
         self.workers.iter().map(|worker| worker.jobs.load(Ordering::Relaxed)).collect()
     }
 
-    /// Load since the last call, to be called about once a second. `shed` counts all windows shed so far: a period in which any was
-    /// shed is an overload, whatever the clock says.
+    /// Load since the last call, to be called about once a second. `shed` counts all windows shed
+    /// so far: a period in which any was shed is an overload, whatever the clock says.
     pub fn measure(&self, now: Instant, shed: u64) -> Measured {
         let busy_ns = self.workers.iter().map(|worker| worker.busy_ns.load(Ordering::Relaxed)).sum::<u64>();
         // Poisoned: the numbers are replaced as a whole, so that they are never half written.

@@ -85,7 +85,8 @@ impl Pool {
         self.threads.len()
     }
 
-    /// A thread has ended although nobody told it to: what it held never comes back, and its lane waits for ever.
+    /// A thread has ended although nobody told it to: what it held never comes back, and its lane
+    /// waits for ever.
     pub fn has_died(&self) -> bool {
         self.threads.iter().any(JoinHandle::is_finished)
     }

@@ -1,9 +1,10 @@
-//! Reads the stream, from some point on, for ever: after an outage it goes on behind the last letter that was heard.
+//! Reads the stream, from some point on, for ever: after an outage it goes on behind the last
+//! letter that was heard.
 
 use std::convert::Infallible;
 use std::time::{Duration, Instant, SystemTime};
 
-use super::nats::{Connection, JetStream, Start};
+use super::nats::{Connection, JetStream, NatsError, Start};
 use super::{Access, Heard};
 use gearwatch_runtime::backoff::Backoff;
 
@@ -31,7 +32,7 @@ pub enum Notice {
     /// All that was in the stream has been told; what comes now is live.
     CaughtUp,
     /// The server is away, or there is no such stream; it is tried again.
-    Lost(String),
+    Lost(NatsError),
 }
 
 /// Reads for ever.
@@ -60,7 +61,7 @@ async fn session(
     from: From,
     next: &mut Option<u64>,
     tell: &mut impl FnMut(Notice),
-) -> Result<Infallible, String> {
+) -> Result<Infallible, NatsError> {
     let jetstream = JetStream::reading(Connection::open(server, access).await?);
     let state = jetstream.state(name).await?;
     if next.is_some_and(|next| state.last + 1 < next) {

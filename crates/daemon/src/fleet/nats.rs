@@ -1,13 +1,16 @@
-//! A connection to a NATS server, as much of the protocol as letters need (<https://docs.nats.io/reference/reference-protocols/nats-protocol>).
+//! A connection to a NATS server, as much of the protocol as letters need
+//! (<https://docs.nats.io/reference/reference-protocols/nats-protocol>).
 //!
 //! ```text
 //! address.rs    where the server is
 //! wire.rs       what it says, read within bounds
 //! jetstream.rs  streams, confirmations and readers on top of it
+//! error.rs      why there is no connection, or no more
 //! ```
 //!
-//! The peer is not trusted: whatever it sends, and for how long, takes no more memory than one message, the messages that wait for their reader
-//! ([`WAITING`]) and one answer for each request under way. A connection is used once. It is not renewed, since that could send a later letter
+//! The peer is not trusted: whatever it sends, and for how long, takes no more memory than one
+//! message, the messages that wait for their reader ([`WAITING`]) and one answer for each request
+//! under way. A connection is used once. It is not renewed, since that could send a later letter
 //! before one that was lost; [`Connection::gone`] says why it ended.
 
 use std::collections::BTreeMap;
@@ -23,19 +26,22 @@ use tokio_rustls::rustls::pki_types::ServerName;
 use super::{Access, PATIENCE};
 
 mod address;
+mod error;
 mod jetstream;
 mod wire;
 
 pub(crate) use address::Address;
+pub use error::NatsError;
 pub(crate) use jetstream::{Confirmation, JetStream, Start, Wanted};
 use wire::{Message, Said, Wire};
 
-/// Messages that wait for whoever reads a subscription; the connection is not read while there is no room for more.
+/// Messages that wait for whoever reads a subscription; the connection is not read while there is
+/// no room for more.
 const WAITING: usize = 16;
 /// Commands that wait to be sent; whoever sends waits while there is no room for more.
 const COMMANDS: usize = 64;
-/// Things the server may say between two pings of ours that nobody has asked for; each [`THING`] of a message counts as one. A server that
-/// says more is left.
+/// Things the server may say between two pings of ours that nobody has asked for; each [`THING`] of
+/// a message counts as one. A server that says more is left.
 const MOST_UNASKED: usize = 1000;
 /// Bytes.
 const THING: usize = 4096;
@@ -57,7 +63,7 @@ pub(crate) struct Connection {
     /// First part of the subjects at which answers come.
     inbox: String,
     messages: Option<mpsc::Receiver<Message>>,
-    gone: watch::Receiver<Option<String>>,
+    gone: watch::Receiver<Option<NatsError>>,
     _tasks: JoinSet<()>,
 }
 
@@ -66,48 +72,50 @@ impl Connection {
     ///
     /// # Errors
     /// When any of that fails or takes longer than the server has.
-    pub(crate) async fn open(server: &str, access: &Access) -> Result<Self, String> {
+    pub(crate) async fn open(server: &str, access: &Access) -> Result<Self, NatsError> {
         let address = server.parse::<Address>()?;
         let opened = tokio::time::timeout(PATIENCE, Self::shake_hands(&address, access)).await;
-        opened.map_err(|_| format!("the server did not answer within {PATIENCE:?}"))?
+        opened.map_err(|_| NatsError::Late(PATIENCE))?
     }
 
-    async fn shake_hands(address: &Address, access: &Access) -> Result<Self, String> {
-        let socket = TcpStream::connect((address.host.as_str(), address.port)).await.map_err(|e| e.to_string())?;
+    async fn shake_hands(address: &Address, access: &Access) -> Result<Self, NatsError> {
+        let socket = TcpStream::connect((address.host.as_str(), address.port)).await?;
         // Confirmations are small and waited for.
-        socket.set_nodelay(true).map_err(|e| e.to_string())?;
+        socket.set_nodelay(true)?;
         let mut plain = Wire::new(socket);
-        let Said::Info(info) = plain.next().await? else { return Err("it is no NATS server".to_owned()) };
+        let Said::Info(info) = plain.next().await? else { return Err(NatsError::NotNats) };
         let secure = address.tls || access.ca_file.is_some() || info.tls_required;
         let stream: Box<dyn Stream> = if secure {
             if !info.speaks_tls() {
-                return Err("the server does not speak TLS".to_owned());
+                return Err(NatsError::NoTls);
             }
-            let trust = Trust::read(access.ca_file.as_deref()).map_err(|e| e.to_string())?;
+            let trust = Trust::read(access.ca_file.as_deref())?;
             let name = ServerName::try_from(address.host.clone());
-            let name = name.map_err(|_| format!("{:?} is no name that a certificate could be for", address.host))?;
-            let handshake = trust.connector().map_err(|e| e.to_string())?.connect(name, plain.into_inner()?).await;
-            Box::new(handshake.map_err(|e| e.to_string())?)
+            let name = name.map_err(|_| NatsError::Host(address.host.clone()))?;
+            Box::new(trust.connector()?.connect(name, plain.into_inner()?).await?)
         } else {
             Box::new(plain.into_inner()?)
         };
         let (read, mut write) = tokio::io::split(stream);
         let mut wire = Wire::new(read);
         let greeting = format!("CONNECT {}\r\nPING\r\n", introduction(access, secure));
-        write.write_all(greeting.as_bytes()).await.map_err(|e| e.to_string())?;
-        write.flush().await.map_err(|e| e.to_string())?;
+        write.write_all(greeting.as_bytes()).await?;
+        write.flush().await?;
         for _ in 0..MOST_UNASKED {
             match wire.next().await? {
                 Said::Pong => return Self::start(wire, write).await,
-                Said::Error(error) => return Err(error),
-                Said::Ping => write.write_all(b"PONG\r\n").await.map_err(|e| e.to_string())?,
+                Said::Error(error) => return Err(NatsError::Server(error)),
+                Said::Ping => write.write_all(b"PONG\r\n").await?,
                 Said::Info(_) | Said::Ok | Said::Message(_) => {}
             }
         }
-        Err("the server talks, and does not answer".to_owned())
+        Err(NatsError::Unanswered)
     }
 
-    async fn start(wire: Wire<ReadHalf<Box<dyn Stream>>>, write: WriteHalf<Box<dyn Stream>>) -> Result<Self, String> {
+    async fn start(
+        wire: Wire<ReadHalf<Box<dyn Stream>>>,
+        write: WriteHalf<Box<dyn Stream>>,
+    ) -> Result<Self, NatsError> {
         let (commands, waiting) = mpsc::channel(COMMANDS);
         let (message, messages) = mpsc::channel(WAITING);
         let (ended, gone) = watch::channel(None);
@@ -125,7 +133,7 @@ impl Connection {
             tell.send_if_modified(|reason| reason.replace(error).is_none());
         });
         let subscribe = format!("SUB {inbox}.a.* {ANSWERS}\r\nSUB {inbox}.m {MESSAGES}\r\n").into_bytes();
-        commands.send(subscribe).await.map_err(|_| "the connection is gone".to_owned())?;
+        commands.send(subscribe).await.map_err(|_| NatsError::Gone)?;
         Ok(Self {
             commands,
             asked,
@@ -144,10 +152,10 @@ impl Connection {
     }
 
     /// Waits for the end of the connection, and says why.
-    pub(crate) async fn gone(&self) -> String {
+    pub(crate) async fn gone(&self) -> NatsError {
         let mut gone = self.gone.clone();
         let reason = gone.wait_for(Option::is_some).await;
-        reason.ok().and_then(|reason| reason.clone()).unwrap_or_else(|| "the connection is gone".to_owned())
+        reason.ok().and_then(|reason| reason.clone()).unwrap_or(NatsError::Gone)
     }
 
     /// Sends, and gives the end at which the answer comes.
@@ -156,7 +164,7 @@ impl Connection {
         subject: &str,
         headers: &[(&str, &str)],
         payload: &[u8],
-    ) -> Result<oneshot::Receiver<Message>, String> {
+    ) -> Result<oneshot::Receiver<Message>, NatsError> {
         let question = self.next_question.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let (answer, answered) = oneshot::channel();
         self.asked.lock().unwrap_or_else(PoisonError::into_inner).insert(question, answer);
@@ -166,20 +174,20 @@ impl Connection {
     }
 
     /// Sends, and waits for the answer.
-    async fn request(&self, subject: &str, payload: &[u8]) -> Result<Message, String> {
+    async fn request(&self, subject: &str, payload: &[u8]) -> Result<Message, NatsError> {
         let answered = self.ask(subject, &[], payload).await?;
         tokio::select! {
-            answer = answered => answer.map_err(|_| "the connection is gone".to_owned())?.or_nobody(subject),
+            answer = answered => answer.map_err(|_| NatsError::Gone)?.or_nobody(subject),
             reason = self.gone() => Err(reason),
-            () = tokio::time::sleep(PATIENCE) => Err(format!("no answer about {subject}")),
+            () = tokio::time::sleep(PATIENCE) => Err(NatsError::Unheard(subject.to_owned())),
         }
     }
 
-    async fn send(&self, command: Vec<u8>) -> Result<(), String> {
+    async fn send(&self, command: Vec<u8>) -> Result<(), NatsError> {
         match tokio::time::timeout(PATIENCE, self.commands.send(command)).await {
             Ok(Ok(())) => Ok(()),
             Ok(Err(_)) => Err(self.gone().await),
-            Err(_) => Err("the connection takes nothing".to_owned()),
+            Err(_) => Err(NatsError::Blocked),
         }
     }
 }
@@ -209,24 +217,25 @@ fn introduction(access: &Access, secure: bool) -> serde_json::Value {
     says
 }
 
-/// A name that no other client has at the moment: hashed with keys that the standard library draws for each hasher.
+/// A name that no other client has at the moment: hashed with keys that the standard library draws
+/// for each hasher.
 fn unique() -> String {
     use std::hash::{BuildHasher, RandomState};
     format!("{:016x}{:016x}", RandomState::new().hash_one(0), RandomState::new().hash_one(1))
 }
 
 /// Sends what waits until nothing more can come; says why it ends.
-async fn speak(mut write: WriteHalf<Box<dyn Stream>>, mut commands: mpsc::Receiver<Vec<u8>>) -> String {
+async fn speak(mut write: WriteHalf<Box<dyn Stream>>, mut commands: mpsc::Receiver<Vec<u8>>) -> NatsError {
     while let Some(command) = commands.recv().await {
         let sent = async {
             write.write_all(&command).await?;
             if commands.is_empty() { write.flush().await } else { Ok(()) }
         };
         if let Err(error) = sent.await {
-            return error.to_string();
+            return error.into();
         }
     }
-    "it is not needed any more".to_owned()
+    NatsError::Unneeded
 }
 
 /// The reading side.
@@ -238,8 +247,9 @@ struct Listener {
 }
 
 impl Listener {
-    /// Reads until something is wrong; says what. The server is asked for a sign of life where it says nothing, and left where it gives none.
-    async fn listen(mut self) -> String {
+    /// Reads until something is wrong; says what. The server is asked for a sign of life where it
+    /// says nothing, and left where it gives none.
+    async fn listen(mut self) -> NatsError {
         let (mut unasked, mut silent) = (0, 0);
         let mut tick = tokio::time::interval(PATIENCE);
         loop {
@@ -249,7 +259,7 @@ impl Listener {
                     unasked = 0;
                     silent += 1;
                     if silent > 2 {
-                        return format!("the server has said nothing for {:?}", 2 * PATIENCE);
+                        return NatsError::Silent(2 * PATIENCE);
                     }
                     // A full queue is looked after by whoever sends.
                     let _ = self.commands.try_send(b"PING\r\n".to_vec());
@@ -262,8 +272,8 @@ impl Listener {
                 _ => 1,
             };
             let wanted = match said {
-                Err(error) => return error,
-                Ok(Said::Error(error)) => return error,
+                Err(error) => return error.into(),
+                Ok(Said::Error(error)) => return NatsError::Server(error),
                 Ok(Said::Ping) => {
                     let _ = self.commands.try_send(b"PONG\r\n".to_vec());
                     false
@@ -275,7 +285,7 @@ impl Listener {
                 unasked += things;
             }
             if unasked > MOST_UNASKED {
-                return format!("the server said {unasked} things that nobody asked for within {PATIENCE:?}");
+                return NatsError::Unasked { count: unasked, within: PATIENCE };
             }
         }
     }

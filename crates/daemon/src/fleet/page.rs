@@ -4,7 +4,8 @@
 //! stream ─► follow ─► Fleet and Past ─► once a second one JSON object ─► GET /api/fleet, /api/events (server-sent events) ─► page
 //! ```
 //!
-//! The page has a follower of its own: it heals after an outage as the terminal does, and what came late stands where it belongs in time.
+//! The page has a follower of its own: it heals after an outage as the terminal does, and what came
+//! late stands where it belongs in time.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -19,6 +20,7 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use futures_util::stream;
+use gearwatch_core::verdict::{Code, MachineState};
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
@@ -47,11 +49,11 @@ struct Past(BTreeMap<i64, i8>);
 impl Past {
     fn take(&mut self, heard: &Heard) {
         let Some(t0_ns) = heard.object.get("t0_ns").and_then(serde_json::Value::as_i64) else { return };
-        let severity = match heard.text("machine") {
-            "alarm" => 2,
-            "deviating" | "path_changed" => 1,
-            "normal" => 0,
-            _ => -1,
+        let severity = match MachineState::of_code(heard.text("machine")).unwrap_or_default() {
+            MachineState::Alarm => 2,
+            MachineState::Deviating | MachineState::PathChanged => 1,
+            MachineState::Normal => 0,
+            MachineState::Unknown => -1,
         };
         let minute = t0_ns.div_euclid(60_000_000_000);
         let worst = self.0.entry(minute).or_insert(severity);
@@ -72,7 +74,7 @@ struct Shown {
 
 #[derive(Serialize)]
 struct BenchShown<'a> {
-    condition: &'a str,
+    condition: &'static str,
     past: Option<&'a Past>,
     #[serde(flatten)]
     bench: &'a Bench,
@@ -100,7 +102,7 @@ impl Shown {
             .benches
             .iter()
             .map(|(name, bench)| {
-                let shown = BenchShown { condition: bench.condition(now_ns), past: self.pasts.get(name), bench };
+                let shown = BenchShown { condition: bench.condition(now_ns).code(), past: self.pasts.get(name), bench };
                 (name.as_str(), shown)
             })
             .collect();
@@ -171,7 +173,8 @@ mod tests {
         Notice::Letter(Box::new(Heard::read(0, text.as_bytes()).unwrap()))
     }
 
-    /// A minute shows its worst, a late letter goes where it belongs, a repetition changes nothing, and the past is bounded.
+    /// A minute shows its worst, a late letter goes where it belongs, a repetition changes nothing,
+    /// and the past is bounded.
     #[test]
     fn analytic_the_past_is_by_the_time_of_the_windows() {
         let mut shown = Shown::default();

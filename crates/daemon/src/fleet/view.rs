@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use gearwatch_core::verdict::{HARMONICS, MachineState, Rank, Verdict};
+use gearwatch_core::verdict::{Code, HARMONICS, MachineState, Rank, Verdict};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::SILENCE;
+use crate::states::{BenchCondition, BenchInstrument, Life};
 
 /// Runs of a bench that are remembered, to recognise repetitions of their letters.
 const RUNS: usize = 8;
@@ -53,7 +54,7 @@ pub enum Told {
 
 /// The newest verdict of a stage at a channel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Place {
+pub struct NewestVerdict {
     /// Number of the window.
     pub window: u64,
     /// Machine state.
@@ -65,14 +66,14 @@ pub struct Place {
 /// One bench.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Bench {
-    /// `running` or `stopped`; empty before it said so.
-    pub service: String,
+    /// Whether its service runs, as far as it said so.
+    pub service: Life,
     /// All that must go on goes on there.
     pub ok: bool,
     /// Worst machine state of its places.
-    pub machine: String,
+    pub machine: MachineState,
     /// `ok` only if all channels are.
-    pub instrument: String,
+    pub instrument: BenchInstrument,
     /// Motor speed in Hz, where known.
     pub motor_speed_hz: Option<f64>,
     /// Torque at the brake in N m, where known.
@@ -90,26 +91,22 @@ pub struct Bench {
     /// Alarms that hold: name and severity.
     pub alarms: BTreeMap<String, String>,
     /// The newest verdicts, by `<stage>@<channel>`.
-    pub places: BTreeMap<String, Place>,
+    pub places: BTreeMap<String, NewestVerdict>,
     /// Last number of each run; the newest runs.
     #[serde(skip)]
     runs: BTreeMap<String, u64>,
 }
 
 impl Bench {
-    /// In one word: `silent`, `stopped`, `not ok`, or the machine's state. Silence is never good news.
-    pub fn condition(&self, now_ns: i64) -> &str {
+    /// In one word.
+    pub fn condition(&self, now_ns: i64) -> BenchCondition {
         let silence = i64::try_from(SILENCE.as_nanos()).unwrap_or(i64::MAX);
-        if self.service == "stopped" {
-            "stopped"
-        } else if now_ns.saturating_sub(self.heard_ns) > silence {
-            "silent"
-        } else if self.machine == "alarm" || self.service.is_empty() {
-            if self.machine.is_empty() { "unknown" } else { &self.machine }
-        } else if !self.ok || self.instrument != "ok" {
-            "not ok"
-        } else {
-            &self.machine
+        let not_ok = !self.ok || self.instrument != BenchInstrument::OK;
+        match self.service {
+            Life::Stopped => BenchCondition::Stopped,
+            _ if now_ns.saturating_sub(self.heard_ns) > silence => BenchCondition::Silent,
+            Life::Running if not_ok && self.machine != MachineState::Alarm => BenchCondition::NotOk,
+            _ => BenchCondition::Machine(self.machine),
         }
     }
 
@@ -120,7 +117,8 @@ impl Bench {
             self.again += 1;
             return Told::Again;
         }
-        // In the middle of a run that was not heard from its beginning nothing is known to be missing.
+        // In the middle of a run that was not heard from its beginning nothing is known to be
+        // missing.
         self.missing += last.map_or(0, |last| seq - last - 1);
         self.runs.insert(run.to_owned(), seq);
         while self.runs.len() > RUNS {
@@ -140,10 +138,11 @@ impl Bench {
 
     fn verdict(&mut self, heard: &Heard) {
         self.verdicts += 1;
-        // What a service of another version says in words that are not known here is unknown, never normal.
+        // What a service of another version says in words that are not known here is unknown, never
+        // normal.
         let place = match Verdict::deserialize(&heard.object) {
-            Ok(v) => Place { window: v.window, machine: v.machine, ranks: v.harmonics.map(|h| h.rank) },
-            Err(_) => Place { window: heard.number("window").unwrap_or(0), ..Place::default() },
+            Ok(v) => NewestVerdict { window: v.window, machine: v.machine, ranks: v.harmonics.map(|h| h.rank) },
+            Err(_) => NewestVerdict { window: heard.number("window").unwrap_or(0), ..NewestVerdict::default() },
         };
         self.places.insert(format!("{}@{}", heard.text("stage"), heard.text("channel")), place);
     }
@@ -158,10 +157,11 @@ impl Bench {
     }
 
     fn state(&mut self, heard: &Heard) {
-        self.service = heard.text("service").to_owned();
+        // With a word of another version `ok` and the instrument decide.
+        self.service = Life::of_code(heard.text("service")).unwrap_or(Life::Running);
         self.ok = heard.flag("ok");
-        self.machine = heard.text("machine").to_owned();
-        self.instrument = heard.text("instrument").to_owned();
+        self.machine = MachineState::of_code(heard.text("machine")).unwrap_or_default();
+        self.instrument = BenchInstrument::of_code(heard.text("instrument"));
         let number = |key: &str| heard.object.get(key).and_then(Value::as_f64);
         self.motor_speed_hz = number("motor_speed_hz");
         self.brake_torque_nm = number("brake_torque_nm");
@@ -199,7 +199,8 @@ mod tests {
     fn analytic_letters_count_once_and_holes_are_counted() {
         let mut fleet = Fleet::default();
         let verdict = "\"kind\":\"verdict\",\"stage\":\"s\",\"channel\":\"c\",\"window\":3,\"machine\":\"alarm\",\"instrument\":\"ok\",\"rank_1x\":\"V\"";
-        // First heard in the middle of a run; then a repetition of everything, a hole of two, and another run.
+        // First heard in the middle of a run; then a repetition of everything, a hole of two, and
+        // another run.
         let row = [("a", 5), ("a", 6), ("a", 5), ("a", 6), ("a", 7), ("a", 10), ("b", 1), ("a", 9), ("b", 2)];
         let told: Vec<Told> = row.iter().map(|&(run, seq)| fleet.take(&letter(run, seq, verdict))).collect();
         use Told::{Again, New};
@@ -210,7 +211,7 @@ mod tests {
         assert_eq!(bench.places["s@c"].machine, MachineState::Alarm);
         // Codes of a later version are not understood here.
         fleet.take(&letter("b", 3, &verdict.replace("alarm", "worn").replace("\"V\"", "\"0\"")));
-        assert_eq!(fleet.benches["b"].places["s@c"], Place { window: 3, ..Place::default() });
+        assert_eq!(fleet.benches["b"].places["s@c"], NewestVerdict { window: 3, ..NewestVerdict::default() });
     }
 
     #[test]
@@ -223,11 +224,11 @@ mod tests {
         };
         fleet.take(&letter("a", 1, &state("running")));
         let second = 1_000_000_000;
-        assert_eq!(fleet.benches["b"].condition(second), "normal");
-        assert_eq!(fleet.benches["b"].condition(31 * second), "silent");
+        assert_eq!(fleet.benches["b"].condition(second).code(), "normal");
+        assert_eq!(fleet.benches["b"].condition(31 * second).code(), "silent");
         fleet.take(&letter("a", 2, &state("stopped")));
-        assert_eq!(fleet.benches["b"].condition(second), "stopped");
-        assert_eq!(Bench { heard_ns: second, ..Bench::default() }.condition(second), "unknown");
+        assert_eq!(fleet.benches["b"].condition(second).code(), "stopped");
+        assert_eq!(Bench { heard_ns: second, ..Bench::default() }.condition(second).code(), "unknown");
     }
 
     #[test]

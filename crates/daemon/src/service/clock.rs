@@ -1,4 +1,5 @@
-//! Watches the wall clock against the monotonic one: where somebody sets it, the log says so. Nothing in the service runs by the wall clock.
+//! Watches the wall clock against the monotonic one: where somebody sets it, the log says so.
+//! Nothing in the service runs by the wall clock.
 
 use gearwatch_log::Clock;
 
@@ -20,7 +21,8 @@ impl ClockWatch {
         Self { boot_id: boot_id.trim().to_owned(), ..Self::default() }
     }
 
-    /// To be called often. A record at the first look, and whenever the wall clock was set since the last one.
+    /// To be called often. A record at the first look, and whenever the wall clock was set since
+    /// the last one.
     pub(super) fn look(&mut self, wall_ns: i64, mono_ns: u64) -> Option<Clock> {
         let difference = wall_ns.saturating_sub(i64::try_from(mono_ns).unwrap_or(i64::MAX));
         let step_ns = self.difference.map(|before| difference.saturating_sub(before));
@@ -39,7 +41,8 @@ impl ClockWatch {
 mod tests {
     use super::*;
 
-    /// A day and an hour forward and back, and a second of leap; drift of 500 ppm and looks up to 40 ms apart are no steps.
+    /// A day and an hour forward and back, and a second of leap; drift of 500 ppm and looks up to
+    /// 40 ms apart are no steps.
     #[test]
     fn analytic_one_record_a_step_and_none_for_drift() {
         let mut watch = ClockWatch::default();

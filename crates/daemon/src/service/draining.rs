@@ -1,4 +1,5 @@
-//! Runs one sink: hands it its queue, opens it again after an error, disables it when its reader has gone.
+//! Runs one sink: hands it its queue, opens it again after an error, disables it when its reader
+//! has gone.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,6 +13,7 @@ use crate::config::SinkEntry;
 use crate::event::Event;
 use crate::sink::{Drain, Events, SinkContext, SinkError, Standing, Voice};
 use crate::snapshot::SinkSnapshot;
+use crate::states::SinkCondition;
 use gearwatch_runtime::backoff::Backoff;
 
 /// How a sink is.
@@ -62,14 +64,14 @@ impl SinkMonitor {
     pub(super) fn snapshot(&self) -> SinkSnapshot {
         let none = |ok, detail| Standing { ok, detail, ..Standing::default() };
         let (state, standing) = match self.state() {
-            SinkState::Running => ("running", self.voice.ask()),
-            SinkState::Waiting { error } => ("waiting", none(false, error)),
-            SinkState::Disabled => ("disabled", none(true, String::new())),
-            SinkState::Ended => ("ended", none(true, String::new())),
+            SinkState::Running => (SinkCondition::Running, self.voice.ask()),
+            SinkState::Waiting { error } => (SinkCondition::Waiting, none(false, error)),
+            SinkState::Disabled => (SinkCondition::Disabled, none(true, String::new())),
+            SinkState::Ended => (SinkCondition::Ended, none(true, String::new())),
         };
         SinkSnapshot {
             name: self.name.clone(),
-            state: state.to_owned(),
+            state,
             ok: standing.ok,
             offered: self.counters.entered(),
             dropped: self.counters.dropped(),
@@ -125,7 +127,8 @@ pub(super) fn drain(
             Ok(Err(e)) => super::short(&e.to_string()),
             Err(_) => "its code panicked".to_owned(),
         };
-        // What failed while no more came in was the end of it; a later try may tidy up, but makes nothing good.
+        // What failed while no more came in was the end of it; a later try may tidy up, but makes
+        // nothing good.
         monitor.end_failed.fetch_or(events.is_closed(), Ordering::Relaxed);
         let wait = backoff.next_wait(began);
         tracing::error!(sink = entry.name, "{error}; next try in {wait:.1?}");

@@ -1,4 +1,5 @@
-//! The service's own window to the outside: the page with Prometheus metrics. It sees snapshots only.
+//! The service's own window to the outside: the page with Prometheus metrics. It sees snapshots
+//! only.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use tokio::task::JoinSet;
 
 use crate::config::{PageTls, ServiceConfig};
 use crate::snapshot::Snapshot;
-use crate::web::{self, Gate, Peer, Token};
+use crate::web::{self, Gate, Peer, ShortToken, Token};
 use gearwatch_runtime::backoff::Backoff;
 
 /// With what the page proves who it is.
@@ -38,15 +39,54 @@ impl std::fmt::Debug for PageAccess {
     }
 }
 
+/// Why the page cannot be served as configured.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The file with the token cannot be read.
+    #[error("{}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The token could be guessed.
+    #[error("{}: {source}", path.display())]
+    Token {
+        /// The file.
+        path: PathBuf,
+        /// How short it is.
+        source: ShortToken,
+    },
+    /// Certificate or key.
+    #[cfg(feature = "tls")]
+    #[error(transparent)]
+    Certificate(#[from] web::CertificateError),
+    /// A build without TLS.
+    #[error("service.page_tls: this build has left out TLS; {}", gearwatch_runtime::kinds::with_feature("tls"))]
+    NoTls,
+    /// The address cannot be used.
+    #[error("{address}: {source}")]
+    Bind {
+        /// As configured.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
 impl PageAccess {
     /// Reads token, certificate and key; `None` where there is no page.
-    pub(super) fn read(config: &ServiceConfig, folder: &Path) -> Result<Option<Self>, String> {
+    pub(super) fn read(config: &ServiceConfig, folder: &Path) -> Result<Option<Self>, PageError> {
         let Some(address) = config.page else { return Ok(None) };
         let token = config.page_token_file.as_ref().map(|file| {
             let path = folder.join(file);
-            let text = gearwatch_io::text::read_text(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+            let text = match gearwatch_io::text::read_text(&path) {
+                Ok(text) => text,
+                Err(source) => return Err(PageError::Read { path, source }),
+            };
             let token = Token::new(text.lines().next().unwrap_or_default().trim());
-            token.map_err(|e| format!("{}: {e}", path.display()))
+            token.map_err(|source| PageError::Token { path, source })
         });
         let tls = config.page_tls.as_ref().map(|tls| identity(tls, folder));
         let hosts = config.page_hosts.clone();
@@ -55,13 +95,13 @@ impl PageAccess {
 }
 
 #[cfg(feature = "tls")]
-fn identity(files: &PageTls, folder: &Path) -> Result<Identity, String> {
-    web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key)).map_err(|e| e.to_string())
+fn identity(files: &PageTls, folder: &Path) -> Result<Identity, PageError> {
+    Ok(web::acceptor(&folder.join(&files.certificate), &folder.join(&files.key))?)
 }
 
 #[cfg(not(feature = "tls"))]
-fn identity(_: &PageTls, _: &Path) -> Result<Identity, String> {
-    Err(format!("service.page_tls: this build has left out TLS; {}", gearwatch_runtime::kinds::with_feature("tls")))
+fn identity(_: &PageTls, _: &Path) -> Result<Identity, PageError> {
+    Err(PageError::NoTls)
 }
 
 /// Starts the page, where there is one, and the status socket, where there is one.
@@ -104,7 +144,8 @@ async fn keep<F: Future<Output = ()>>(name: &'static str, run: impl Fn() -> F) {
     }
 }
 
-/// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is no reason not to watch.
+/// Serves the page and `/metrics` until something goes wrong. A port that is taken is told, and is
+/// no reason not to watch.
 async fn serve_page(access: PageAccess, ends: web::Ends, snapshots: watch::Receiver<Arc<Snapshot>>) {
     let address = access.address;
     let listener = match TcpListener::bind(address).await {

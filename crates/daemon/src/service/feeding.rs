@@ -1,4 +1,5 @@
-//! Runs one source: opens it, pumps its packets into the bench's queue, opens a live one again after an error.
+//! Runs one source: opens it, pumps its packets into the bench's queue, opens a live one again
+//! after an error.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -14,6 +15,7 @@ use tokio::runtime::Handle;
 use crate::config::SourceEntry;
 use crate::event::{Event, Fanout};
 use crate::snapshot::SourceSnapshot;
+use crate::states::SourceCondition;
 
 /// How a source is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -83,16 +85,16 @@ impl SourceMonitor {
 
     pub(super) fn snapshot(&self) -> SourceSnapshot {
         let (state, error) = match self.state() {
-            SourceState::Waiting { error } => ("waiting", error),
-            SourceState::Failed { error } => ("failed", error),
-            SourceState::Ended => ("ended", String::new()),
-            SourceState::Opening | SourceState::Running if self.is_silent() => ("silent", String::new()),
-            SourceState::Opening => ("opening", String::new()),
-            SourceState::Running => ("running", String::new()),
+            SourceState::Waiting { error } => (SourceCondition::Waiting, error),
+            SourceState::Failed { error } => (SourceCondition::Failed, error),
+            SourceState::Ended => (SourceCondition::Ended, String::new()),
+            SourceState::Opening | SourceState::Running if self.is_silent() => (SourceCondition::Silent, String::new()),
+            SourceState::Opening => (SourceCondition::Opening, String::new()),
+            SourceState::Running => (SourceCondition::Running, String::new()),
         };
         SourceSnapshot {
             name: self.name.clone(),
-            state: state.to_owned(),
+            state,
             error,
             packets: self.packets.load(Ordering::Relaxed),
             dropped: self.queue.dropped(),
@@ -207,7 +209,8 @@ fn pump(
     Ok(())
 }
 
-/// Counts a packet, and hands it to the sinks that want raw data, before anything else happens to it.
+/// Counts a packet, and hands it to the sinks that want raw data, before anything else happens to
+/// it.
 fn take_note(packet: &Packet, monitor: &SourceMonitor, raw: &Fanout) {
     monitor.count();
     if !raw.is_empty() {

@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use crate::states::SelfTestState;
+
 /// What went through one lane up to a moment: all that is needed to say whether it goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct LaneProgress {
@@ -50,13 +52,14 @@ impl Notifier {
         manager::say(manager::State::Stopping);
     }
 
-    /// Feeds the watchdog when it is time, if all lanes went on since the last time, the self test has not failed, and no sink stands still without
-    /// saying why. A disk that is full or fails, and says so, is no reason to be started anew.
+    /// Feeds the watchdog when it is time, if all lanes went on since the last time, the self test
+    /// has not failed, and no sink stands still without saying why. A disk that is full or fails,
+    /// and says so, is no reason to be started anew.
     pub(super) fn tick(
         &mut self,
         now: Instant,
         progress: impl FnOnce() -> Vec<LaneProgress>,
-        self_test: &str,
+        self_test: SelfTestState,
         stalled: impl FnOnce() -> bool,
     ) {
         let Some(period) = self.period else { return };
@@ -67,11 +70,11 @@ impl Notifier {
         let current = progress();
         let went_on = self.before.is_empty() || all_went_on(&self.before, &current);
         let stalled = stalled();
-        if went_on && !stalled && matches!(self_test, "right" | "not_yet") {
+        if went_on && !stalled && self_test.is_good() {
             manager::say(manager::State::Watchdog);
             self.before = current;
         } else {
-            tracing::error!(self_test, went_on, stalled, "no progress: the watchdog is not fed");
+            tracing::error!(self_test = self_test.code(), went_on, stalled, "no progress: the watchdog is not fed");
         }
     }
 }

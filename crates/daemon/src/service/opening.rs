@@ -35,7 +35,8 @@ pub(super) struct Opened {
     pub(super) spectra: Option<viewing::Wanted>,
 }
 
-/// Opens each of `entries`, which does at its full queue what its policy says. All have in common what `shared` holds.
+/// Opens each of `entries`, which does at its full queue what its policy says. All have in common
+/// what `shared` holds.
 pub(super) fn open(
     entries: Vec<(SinkEntry, WhenFull)>,
     shared: &SinkContext,

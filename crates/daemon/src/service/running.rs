@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use gearwatch_alarm::MAINTENANCE;
+use gearwatch_core::verdict::MachineState;
 use gearwatch_history::Store;
 use gearwatch_log::{AlarmRecord, Gap};
 use gearwatch_runtime::queue::WhenFull;
@@ -21,12 +22,13 @@ use super::feeding::SourceState;
 use super::notify::Notifier;
 use super::opening::{self, Opened, RunningSink};
 use super::watching::{Ends, RunningBench, start_bench};
-use super::{Again, Reload, Service, ServiceError, Summary, edge, viewing};
+use super::{Again, Reload, ReloadError, Service, ServiceError, Summary, edge, viewing};
 use crate::engine::Pool;
 use crate::event::{BenchState, Event, Fanout};
 use crate::selftest::SelfTest;
 use crate::sink::{Remembered, SinkContext};
 use crate::snapshot::{SinkSnapshot, Snapshot};
+use crate::states::{BenchInstrument, Life, SelfTestState};
 use crate::web::{self, Hub};
 use gearwatch_runtime::clock::now_unix_ns;
 
@@ -34,7 +36,8 @@ use gearwatch_runtime::clock::now_unix_ns;
 const TICK: Duration = Duration::from_millis(20);
 /// How often load is measured and pages are told.
 const LOAD_PERIOD: Duration = Duration::from_secs(1);
-/// How often the status and the metrics are renewed: what goes wrong shows within a second even if the first look misses it.
+/// How often the status and the metrics are renewed: what goes wrong shows within a second even if
+/// the first look misses it.
 const SNAPSHOT_PERIOD: Duration = Duration::from_millis(200);
 
 /// What takes over.
@@ -163,7 +166,7 @@ impl Running {
         let mut last_load = Instant::now();
         let mut last_snapshot = last_load;
         let mut died = Vec::new();
-        let mut building: Option<JoinHandle<Result<Service, String>>> = None;
+        let mut building: Option<JoinHandle<Result<Service, ReloadError>>> = None;
         let mut next = None;
         while !stop.is_given() && !self.benches.iter().all(|bench| bench.lane.is_finished()) {
             std::thread::sleep(TICK);
@@ -178,7 +181,7 @@ impl Running {
                 let (again, held) = (again.clone(), self.page);
                 let again = move || {
                     let service = again()?;
-                    service.try_out(held).map_err(|e| e.to_string())?;
+                    service.try_out(held)?;
                     Ok(service)
                 };
                 let builder = std::thread::Builder::new().name("gw-reload".to_owned());
@@ -207,7 +210,7 @@ impl Running {
                 last_load = now;
                 self.look_at_load(now);
                 self.hub.status(&self.snapshots.borrow().to_page());
-                self.tell_states("running");
+                self.tell_states(Life::Running);
             }
             if now.duration_since(last_snapshot) >= SNAPSHOT_PERIOD {
                 last_snapshot = now;
@@ -238,7 +241,7 @@ impl Running {
         while !self.benches.iter().all(closed) && !deadline(stop, &mut since) {
             std::thread::sleep(TICK / 4);
         }
-        self.tell_states("stopped");
+        self.tell_states(Life::Stopped);
         self.fanout.close();
         while !self.sinks.iter().all(|sink| sink.thread.is_finished()) && !deadline(stop, &mut since) {
             if !stop.is_given() && !reloading {
@@ -266,16 +269,17 @@ impl Running {
     }
 
     /// Tells the sinks how all benches are.
-    fn tell_states(&self, service: &'static str) {
+    fn tell_states(&self, service: Life) {
         let snapshot = self.snapshots.borrow();
+        let runs = service == Life::Running;
         for bench in &snapshot.benches {
             let state = BenchState {
                 t_ns: now_unix_ns(),
                 service,
-                ok: snapshot.ok && service == "running",
+                ok: snapshot.ok && runs,
                 // Nobody watches a bench whose service has stopped.
-                machine: if service == "running" { bench.machine.clone() } else { "unknown".to_owned() },
-                instrument: if service == "running" { bench.instrument.clone() } else { "stopped".to_owned() },
+                machine: if runs { bench.machine } else { MachineState::Unknown },
+                instrument: if runs { bench.instrument } else { BenchInstrument::Stopped },
                 motor_speed_hz: bench.motor_speed_hz,
                 brake_torque_nm: bench.brake_torque_nm,
                 windows_judged: bench.windows_judged,
@@ -288,9 +292,9 @@ impl Running {
         }
     }
 
-    fn self_test_state(&self, now: Instant) -> &'static str {
+    fn self_test_state(&self, now: Instant) -> SelfTestState {
         // One that is switched off by the configuration is not wrong.
-        self.self_test.as_ref().map_or("right", |self_test| self_test.state(now))
+        self.self_test.as_ref().map_or(SelfTestState::Right, |self_test| self_test.state(now))
     }
 
     /// Tells observers how all is.
@@ -298,15 +302,14 @@ impl Running {
         let self_test = self.self_test_state(now);
         let benches: Vec<_> = self.benches.iter().map(RunningBench::snapshot).collect();
         let sinks: Vec<_> = self.sinks.iter().map(|sink| sink.monitor.snapshot()).collect();
-        let delivering = |state: &str| matches!(state, "running" | "opening" | "ended");
-        let sources_ok = benches.iter().flat_map(|bench| &bench.sources).all(|source| delivering(&source.state));
+        let sources_ok = benches.iter().flat_map(|bench| &bench.sources).all(|source| source.state.is_good());
         self.tell_changes(&sinks);
         let sinks_ok = sinks.iter().all(|sink| sink.ok);
         let snapshot = Arc::new(Snapshot {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             uptime_secs: now.duration_since(self.started).as_secs_f64(),
-            ok: sources_ok && sinks_ok && matches!(self_test, "right" | "not_yet"),
-            self_test: self_test.to_owned(),
+            ok: sources_ok && sinks_ok && self_test.is_good(),
+            self_test,
             load: self.pool.load().latest(),
             benches,
             sinks,
@@ -374,8 +377,8 @@ impl Running {
 }
 
 /// The new service, if it could be built; says how it went.
-fn built(building: JoinHandle<Result<Service, String>>) -> Option<Box<Service>> {
-    match building.join().unwrap_or_else(|_| Err("its code panicked".to_owned())) {
+fn built(building: JoinHandle<Result<Service, ReloadError>>) -> Option<Box<Service>> {
+    match building.join().unwrap_or(Err(ReloadError::Panicked)) {
         Ok(service) => {
             tracing::info!("the new configuration is good and takes over");
             Some(Box::new(service))

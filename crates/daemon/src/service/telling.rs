@@ -28,7 +28,8 @@ pub(super) struct Teller {
     page: Option<Arc<Hub>>,
     viewer: Viewer,
     signatures: Signatures,
-    /// Channels whose ranks are unknown for a reason that does not pass by itself, with that reason: told once.
+    /// Channels whose ranks are unknown for a reason that does not pass by itself, with that
+    /// reason: told once.
     told: BTreeSet<(String, &'static str)>,
     /// `None` where the bench was checked before its start.
     examiner: Option<Examiner>,

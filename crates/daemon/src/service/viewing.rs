@@ -1,5 +1,5 @@
-//! Order spectra for the page and the log: made beside the ranks on a thread of their own, for the page only while somebody looks, for
-//! the log now and then.
+//! Order spectra for the page and the log: made beside the ranks on a thread of their own, for the
+//! page only while somebody looks, for the log now and then.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -99,7 +99,8 @@ impl std::fmt::Debug for Viewer {
 }
 
 impl Viewer {
-    /// Never waits: a window that the viewing thread has no room for is not shown, and its successor is logged in its place.
+    /// Never waits: a window that the viewing thread has no room for is not shown, and its
+    /// successor is logged in its place.
     pub(super) fn offer(&mut self, window: &Window, analysis: &WindowAnalysis) {
         if !analysis.input_speed_hz.is_known() {
             return;
@@ -159,8 +160,8 @@ fn show(views: &Receiver<View>, hub: &Hub, sinks: Option<&Fanout>) {
     }
 }
 
-/// The part of a spectrum that holds the mesh harmonics, in lines that a screen can show: each the largest of its group, so that no
-/// peak is lost.
+/// The part of a spectrum that holds the mesh harmonics, in lines that a screen can show: each the
+/// largest of its group, so that no peak is lost.
 fn frame(view: &View, orders: &Orders) -> SpectrumFrame {
     let highest = view.train.stages.iter().map(|s| s.harmonic_order(HARMONICS)).fold(0.0, f64::max) * BEYOND;
     let lines = ((highest / orders.step).ceil() as usize).clamp(2, orders.amplitude.len());
@@ -179,7 +180,8 @@ fn frame(view: &View, orders: &Orders) -> SpectrumFrame {
     }
 }
 
-/// Mesh harmonics, the first sidebands of both shafts, and the lines that passing planets and idlers make.
+/// Mesh harmonics, the first sidebands of both shafts, and the lines that passing planets and
+/// idlers make.
 fn marked(train: &Train, highest: f64) -> Vec<SpectrumLine> {
     let mut out = Vec::new();
     for stage in &train.stages {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use gearwatch_alarm::{Alarm, Health};
+use gearwatch_alarm::{Alarm, ChannelHealth, Health};
 use gearwatch_core::block::Packet;
 use gearwatch_core::train::Train;
 use gearwatch_core::verdict::MachineState;
@@ -22,6 +22,7 @@ use crate::config::BenchConfig;
 use crate::engine::{Lane, LaneHandle, Overloaded, Pool};
 use crate::event::Fanout;
 use crate::snapshot::{AlarmSnapshot, BenchSnapshot, PlaceSnapshot, worst};
+use crate::states::BenchInstrument;
 use crate::web::Hub;
 
 /// A bench that runs.
@@ -127,7 +128,7 @@ impl RunningBench {
         let counters = self.lane.counters();
         let samples = counters.samples();
         let sources: Vec<_> = self.sources.iter().map(|source| source.snapshot()).collect();
-        let silent = sources.iter().any(|s| matches!(s.state.as_str(), "silent" | "waiting" | "failed"));
+        let silent = sources.iter().any(|source| source.state.is_silent());
         let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
         if self.silent.swap(silent, Ordering::Relaxed) && !silent {
             health.begin_anew();
@@ -135,19 +136,20 @@ impl RunningBench {
         let channels: Vec<_> =
             health.instruments().map(|(channel, state)| (channel.to_owned(), state.code().to_owned())).collect();
         // No data is no good news.
-        let instrument = match channels.iter().find(|(_, code)| code != "ok") {
-            _ if silent => "silent",
-            Some((_, code)) => code,
-            None if channels.is_empty() => "not_ok_yet",
-            None => "ok",
+        let not_ok = health.instruments().map(|(_, state)| state).find(|state| *state != ChannelHealth::Ok);
+        let instrument = match not_ok {
+            _ if silent => BenchInstrument::Silent,
+            Some(state) => BenchInstrument::Channel(state),
+            None if channels.is_empty() => BenchInstrument::Channel(ChannelHealth::Earning),
+            None => BenchInstrument::OK,
         };
         let machine = if silent { MachineState::Unknown } else { worst(health.newest().map(|v| v.machine)) };
         let known = |value: f64| Some(value).filter(|value| value.is_finite());
         let newest = health.newest().next();
         BenchSnapshot {
             name: self.name.to_string(),
-            machine: machine.code().to_owned(),
-            instrument: instrument.to_owned(),
+            machine,
+            instrument,
             motor_speed_hz: newest.and_then(|v| known(v.input_speed_hz.value * self.motor_order)),
             brake_torque_nm: newest.and_then(|v| known(v.brake_torque_nm)),
             windows_cut: counters.cut(),
@@ -167,7 +169,7 @@ impl RunningBench {
     fn alarm(&self, alarm: &Alarm) -> AlarmSnapshot {
         AlarmSnapshot {
             id: format!("{}/{}", self.name, alarm.id),
-            severity: alarm.severity.code().to_owned(),
+            severity: alarm.severity,
             since_ns: alarm.since_ns,
             active: alarm.active,
             acknowledged: alarm.acknowledged,

@@ -1,14 +1,18 @@
-//! What the sinks that publish to a message broker have in common: letters, a spool on disk in front of the broker, delivery in order.
+//! What the sinks that publish to a message broker have in common: letters, a spool on disk in
+//! front of the broker, delivery in order.
 //!
 //! ```text
 //!  events ─► Letter (bench, run, number) ─► Spool: segments on disk, bounded ─► Carrier (NATS, MQTT) ─► broker
 //!                                               ▲ cursor: all before it was confirmed ◄────────────────┘
 //! ```
 //!
-//! - A letter is spooled before it is sent, and leaves the spool when the broker has confirmed it: while the broker is away, and across a restart
-//!   of the service, letters wait. *At least once, in order per bench.*
-//! - A letter that may have been sent before is marked as resent, and keeps its identity `<run>-<bench>-<number>`: receivers tell a repetition by it.
-//! - The spool is bounded; when it is full the oldest letters go, are counted, and a gap letter says so. The log stays the truth.
+//! - A letter is spooled before it is sent, and leaves the spool when the broker has confirmed it:
+//!   while the broker is away, and across a restart of the service, letters wait. *At least once,
+//!   in order per bench.*
+//! - A letter that may have been sent before is marked as resent, and keeps its identity
+//!   `<run>-<bench>-<number>`: receivers tell a repetition by it.
+//! - The spool is bounded; when it is full the oldest letters go, are counted, and a gap letter
+//!   says so. The log stays the truth.
 
 #[cfg(feature = "brokers")]
 mod deliver;
@@ -30,7 +34,7 @@ use deliver::{SpoolPlace, run};
 #[cfg(feature = "brokers")]
 pub(super) use {
     deliver::{Carrier, Delivery, WINDOW},
-    letter::Kind,
+    letter::LetterKind,
     outbox::{Outbox, Outgoing},
 };
 #[cfg(feature = "brokers")]

@@ -1,8 +1,8 @@
-//! A live view for Foxglove, and for whatever else speaks its WebSocket protocol: the topics of the log while they come. Compiled in with the
-//! cargo feature `foxglove`.
+//! A live view for Foxglove, and for whatever else speaks its WebSocket protocol: the topics of the
+//! log while they come. Compiled in with the cargo feature `foxglove`.
 //!
-//! Viewers look and nothing else: the server offers no service, no parameter, and takes nothing from them. It knows no token, and answers on
-//! loopback addresses only.
+//! Viewers look and nothing else: the server offers no service, no parameter, and takes nothing
+//! from them. It knows no token, and answers on loopback addresses only.
 
 use std::net::SocketAddr;
 

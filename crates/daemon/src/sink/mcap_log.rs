@@ -1,4 +1,5 @@
-//! The crash-safe MCAP log as a sink: verdicts on `/gear/<stage>/rank` (of several benches on `/gear/<bench>/<stage>/rank`), gaps, and raw data where wanted.
+//! The crash-safe MCAP log as a sink: verdicts on `/gear/<stage>/rank` (of several benches on
+//! `/gear/<bench>/<stage>/rank`), gaps, and raw data where wanted.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -96,7 +97,8 @@ pub(super) fn record(event: &Event) -> Option<Record> {
     })
 }
 
-/// All that the log keeps of an event: of an alarm the sentence for people, and the alarm itself for the next start.
+/// All that the log keeps of an event: of an alarm the sentence for people, and the alarm itself
+/// for the next start.
 fn records(event: &Event) -> impl Iterator<Item = Record> {
     let alarm = match event {
         Event::Alarm { bench, alarm, seen } => {
@@ -154,7 +156,8 @@ impl Drop for KeepingLevels {
     }
 }
 
-/// Ends the log's thread whatever happens: without this a panic here would leave it in possession of the folder, and no other log could be opened.
+/// Ends the log's thread whatever happens: without this a panic here would leave it in possession
+/// of the folder, and no other log could be opened.
 struct Stopping<'a>(&'a LogHandle);
 
 impl Drop for Stopping<'_> {

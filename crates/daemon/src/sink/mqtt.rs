@@ -1,6 +1,7 @@
 //! Publishes to an MQTT 3.1.1 broker with QoS 1: every letter is confirmed by the broker.
 //!
-//! The state of a bench is retained, so that who subscribes knows at once how it is; a last will says when the service is gone.
+//! The state of a bench is retained, so that who subscribes knows at once how it is; a last will
+//! says when the service is gone.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Publishes to NATS JetStream: every letter is confirmed by the stream, and a repetition is recognised there by its `Nats-Msg-Id`.
+//! Publishes to NATS JetStream: every letter is confirmed by the stream, and a repetition is
+//! recognised there by its `Nats-Msg-Id`.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! How a sink stands, in its own words and figures: asked for whenever somebody looks, so that it is never stale.
+//! How a sink stands, in its own words and figures: asked for whenever somebody looks, so that it
+//! is never stale.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -1,4 +1,5 @@
-//! Alarms as HTTP POST with a JSON body; tried again with growing waits until the receiver takes them.
+//! Alarms as HTTP POST with a JSON body; tried again with growing waits until the receiver takes
+//! them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -70,7 +71,8 @@ impl Webhook {
         let token = self.token_file.as_ref().map(|file| secret(folder, file)).transpose()?;
         let config = Agent::config_builder()
             .timeout_global(Some(Duration::from_secs_f64(self.timeout_secs)))
-            // Followed, a redirect turns the POST into a GET elsewhere: an alarm that nobody has got would count as posted.
+            // Followed, a redirect turns the POST into a GET elsewhere: an alarm that nobody has
+            // got would count as posted.
             .max_redirects(0)
             .max_redirects_will_error(false)
             .http_status_as_error(false);
@@ -206,7 +208,8 @@ impl Hook {
     fn post_all(&self, events: &Events, context: &SinkContext) {
         while let Ok(event) = events.recv_blocking() {
             gearwatch_runtime::fail::point("sink-webhook");
-            // That somebody has seen it is no news for whoever must come, nor that another channel shows the same fault.
+            // That somebody has seen it is no news for whoever must come, nor that another channel
+            // shows the same fault.
             let Event::Alarm { bench, alarm, seen: None } = &*event else { continue };
             if !is_news(alarm) {
                 continue;

@@ -1,31 +1,44 @@
-//! What is wrong in a few entries, the gravest first: alarms by bench and stage, and the worst state of all benches. The page and `gearwatch top` show
-//! these, so that both say the same.
+//! What is wrong in a few entries, the gravest first: alarms by bench and stage, and the worst
+//! state of all benches. The page and `gearwatch top` show these, so that both say the same.
 
-use super::{AlarmSnapshot, BenchSnapshot, Snapshot};
+use gearwatch_alarm::Severity;
+use gearwatch_core::verdict::MachineState;
+
+use super::{AlarmSnapshot, BenchSnapshot, Snapshot, gravity};
+use crate::states::BenchInstrument;
 use crate::web::{Fault, Gravest};
 
-/// Machine states, from good to grave.
-const MACHINE: [&str; 5] = ["normal", "unknown", "deviating", "path_changed", "alarm"];
-/// Instrument states that are no fault; all others are worse.
-const INSTRUMENT: [&str; 2] = ["ok", "unknown"];
-
-impl Snapshot {
-    /// The gravest states of all benches, and which benches are in them: one that is in order must not hide another that is not.
-    pub(super) fn gravest(&self) -> Gravest {
-        let of = |state: fn(&BenchSnapshot) -> &str, order: &[&str]| {
-            let weight = |code: &str| order.iter().position(|known| *known == code).unwrap_or(order.len());
-            let worst = self.benches.iter().map(state).max_by_key(|code| weight(code)).unwrap_or("unknown").to_owned();
-            let benches = self.benches.iter().filter(|b| weight(state(b)) == weight(&worst)).map(|b| b.name.clone());
-            let benches = benches.collect::<Vec<_>>();
-            (worst, benches)
-        };
-        let (machine, machine_of) = of(|bench| &bench.machine, &MACHINE);
-        let (instrument, instrument_of) = of(|bench| &bench.instrument, &INSTRUMENT);
-        Gravest { machine, machine_of, instrument, instrument_of }
+/// How grave an instrument state is: all that are neither good nor unknown are faults.
+fn weight(state: BenchInstrument) -> u8 {
+    match state {
+        BenchInstrument::OK => 0,
+        BenchInstrument::Unknown => 1,
+        _ => 2,
     }
 }
 
-/// Alarms by bench and stage: what nobody has seen first, then critical ones, then those of many channels.
+impl Snapshot {
+    /// The gravest states of all benches, and which benches are in them: one that is in order must
+    /// not hide another that is not.
+    pub(super) fn gravest(&self) -> Gravest {
+        let names = |in_it: &dyn Fn(&BenchSnapshot) -> bool| {
+            self.benches.iter().filter(|bench| in_it(bench)).map(|bench| bench.name.clone()).collect::<Vec<_>>()
+        };
+        let machines = self.benches.iter().map(|bench| bench.machine);
+        let machine = machines.max_by_key(|&state| gravity(state)).unwrap_or(MachineState::Unknown);
+        let instruments = self.benches.iter().map(|bench| bench.instrument);
+        let instrument = instruments.max_by_key(|&state| weight(state)).unwrap_or_default();
+        Gravest {
+            machine: machine.code().to_owned(),
+            machine_of: names(&|bench| bench.machine == machine),
+            instrument: instrument.code().to_owned(),
+            instrument_of: names(&|bench| weight(bench.instrument) == weight(instrument)),
+        }
+    }
+}
+
+/// Alarms by bench and stage: what nobody has seen first, then critical ones, then those of many
+/// channels.
 pub(super) fn faults(benches: &[BenchSnapshot]) -> Vec<Fault> {
     let mut out: Vec<Fault> = Vec::new();
     for bench in benches {
@@ -37,7 +50,7 @@ pub(super) fn faults(benches: &[BenchSnapshot]) -> Vec<Fault> {
             }
         }
     }
-    let grave = |fault: &Fault| (!fault.open.is_empty(), fault.severity == "critical", fault.ids.len());
+    let grave = |fault: &Fault| (!fault.open.is_empty(), fault.severity == Severity::Critical, fault.ids.len());
     out.sort_by_key(|fault| std::cmp::Reverse(grave(fault)));
     out
 }
@@ -46,7 +59,7 @@ fn begin(bench: &str, alarm: &AlarmSnapshot) -> Fault {
     let mut fault = Fault {
         bench: bench.to_owned(),
         stage: alarm.stage.clone(),
-        severity: alarm.severity.clone(),
+        severity: alarm.severity,
         since_ns: alarm.since_ns,
         active: false,
         ids: Vec::new(),
@@ -60,9 +73,7 @@ fn begin(bench: &str, alarm: &AlarmSnapshot) -> Fault {
 }
 
 fn join(fault: &mut Fault, alarm: &AlarmSnapshot) {
-    if alarm.severity == "critical" {
-        fault.severity.clone_from(&alarm.severity);
-    }
+    fault.severity = fault.severity.max(alarm.severity);
     fault.since_ns = fault.since_ns.min(alarm.since_ns);
     fault.active |= alarm.active;
     fault.ids.push(alarm.id.clone());
@@ -88,8 +99,16 @@ fn join(fault: &mut Fault, alarm: &AlarmSnapshot) {
 mod tests {
     use super::*;
     use gearwatch_alarm::Evidence;
+    use gearwatch_alarm::Severity::{Critical, Warning};
+    use gearwatch_core::verdict::MachineState::{Alarm, Normal, Unknown};
 
-    fn alarm(stage: &str, channel: &str, severity: &str, acknowledged: bool, deviation_percent: f64) -> AlarmSnapshot {
+    fn alarm(
+        stage: &str,
+        channel: &str,
+        severity: Severity,
+        acknowledged: bool,
+        deviation_percent: f64,
+    ) -> AlarmSnapshot {
         let evidence = Evidence {
             harmonic: 1,
             amplitude: 1.0,
@@ -106,7 +125,7 @@ mod tests {
         };
         AlarmSnapshot {
             id: format!("{stage}@{channel}"),
-            severity: severity.into(),
+            severity,
             since_ns: deviation_percent as i64,
             active: true,
             acknowledged,
@@ -117,11 +136,11 @@ mod tests {
         }
     }
 
-    fn bench(name: &str, machine: &str, alarms: Vec<AlarmSnapshot>) -> BenchSnapshot {
+    fn bench(name: &str, machine: MachineState, alarms: Vec<AlarmSnapshot>) -> BenchSnapshot {
         BenchSnapshot {
             name: name.into(),
-            machine: machine.into(),
-            instrument: if machine == "unknown" { "silent".into() } else { "ok".into() },
+            machine,
+            instrument: if machine == MachineState::Unknown { BenchInstrument::Silent } else { BenchInstrument::OK },
             motor_speed_hz: None,
             brake_torque_nm: None,
             windows_cut: 0,
@@ -141,12 +160,8 @@ mod tests {
     #[test]
     fn analytic_alarms_of_a_stage_are_one_entry_and_the_gravest_is_first() {
         let benches = [
-            bench("a", "normal", vec![alarm("s", "1", "critical", true, 40.0), alarm("s", "2", "warning", true, 50.0)]),
-            bench(
-                "b",
-                "alarm",
-                vec![alarm("s", "1", "warning", false, 12.0), alarm("t", "1", "critical", false, 20.0)],
-            ),
+            bench("a", Normal, vec![alarm("s", "1", Critical, true, 40.0), alarm("s", "2", Warning, true, 50.0)]),
+            bench("b", Alarm, vec![alarm("s", "1", Warning, false, 12.0), alarm("t", "1", Critical, false, 20.0)]),
         ];
         let said: Vec<String> = faults(&benches)
             .into_iter()
@@ -156,7 +171,7 @@ mod tests {
                     "{} {} {} {} {} {} {deviation}",
                     f.bench,
                     f.stage,
-                    f.severity,
+                    f.severity.code(),
                     f.channels.len(),
                     f.open.len(),
                     f.since_ns
@@ -168,7 +183,7 @@ mod tests {
 
     #[test]
     fn analytic_the_worst_of_all_benches_is_told_with_its_benches() {
-        let benches = vec![bench("a", "normal", vec![]), bench("b", "unknown", vec![]), bench("c", "unknown", vec![])];
+        let benches = vec![bench("a", Normal, vec![]), bench("b", Unknown, vec![]), bench("c", Unknown, vec![])];
         let gravest = Snapshot { benches, ..Snapshot::default() }.gravest();
         assert_eq!((gravest.machine.as_str(), gravest.machine_of.join("")), ("unknown", "bc".to_owned()));
         assert_eq!((gravest.instrument.as_str(), gravest.instrument_of.join("")), ("silent", "bc".to_owned()));

@@ -8,15 +8,15 @@ fn conform_unknown_is_minus_one_and_names_are_escaped() {
         stage: "a\"b\\c\nd".into(),
         channel: "acc".into(),
         window: 1,
-        machine: "unknown".into(),
+        machine: MachineState::Unknown,
         reason: "not_resolved".into(),
         levels: vec![-1, 5],
         deviations_percent: vec![None, Some(14.5)],
     };
     let bench = BenchSnapshot {
         name: "b".into(),
-        machine: "unknown".into(),
-        instrument: "ok".into(),
+        machine: MachineState::Unknown,
+        instrument: BenchInstrument::OK,
         motor_speed_hz: None,
         brake_torque_nm: None,
         windows_cut: 2,

@@ -1,4 +1,5 @@
-//! A port of the loopback address, and a file with the address and a token in place of a Unix socket.
+//! A port of the loopback address, and a file with the address and a token in place of a Unix
+//! socket.
 
 use std::fs::Metadata;
 use std::io::{ErrorKind, Read, Write};
@@ -57,7 +58,8 @@ pub(super) fn is_ours(path: &Path, found: &Metadata) -> bool {
     found.is_file() && read(path).is_ok()
 }
 
-/// Binds a port and writes the file, in the place of one that a dead process left behind; one that is answered is left alone.
+/// Binds a port and writes the file, in the place of one that a dead process left behind; one that
+/// is answered is left alone.
 pub(super) async fn bind(path: &Path) -> std::io::Result<Listener> {
     match std::fs::symlink_metadata(path) {
         Ok(found) if is_ours(path, &found) => {

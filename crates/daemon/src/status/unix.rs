@@ -25,7 +25,8 @@ pub(super) fn is_ours(_: &Path, found: &Metadata) -> bool {
     found.file_type().is_socket()
 }
 
-/// Binds a socket, in the place of one that a dead process left behind; one that is answered is left alone.
+/// Binds a socket, in the place of one that a dead process left behind; one that is answered is
+/// left alone.
 pub(super) async fn bind(path: &Path) -> std::io::Result<Listener> {
     if UnixStream::connect(path).await.is_ok() {
         return Err(std::io::Error::new(std::io::ErrorKind::AddrInUse, "another service answers there"));
@@ -51,7 +52,8 @@ pub(super) fn ask(path: &Path, patience: Duration) -> std::io::Result<String> {
 mod tests {
     use super::*;
 
-    /// A baseline, a folder or a link at the path of the socket stays what it was; what a dead process left of a socket makes room.
+    /// A baseline, a folder or a link at the path of the socket stays what it was; what a dead
+    /// process left of a socket makes room.
     #[test]
     fn regress_only_a_socket_makes_room_for_the_status_socket() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

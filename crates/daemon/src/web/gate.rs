@@ -1,8 +1,10 @@
-//! The door of a page: so many connections and no more, few from one address, and none that only sits there.
+//! The door of a page: so many connections and no more, few from one address, and none that only
+//! sits there.
 //!
-//! One rule ends all that dawdle: a connection on which the server has written nothing for [`PATIENCE`] is closed. It covers a slow handshake, a
-//! request whose head does not come, one that is kept open for later, and a reader that does not read. Pages that listen are written to every two
-//! seconds.
+//! One rule ends all that dawdle: a connection on which the server has written nothing for
+//! [`PATIENCE`] is closed. It covers a slow handshake, a request whose head does not come, one that
+//! is kept open for later, and a reader that does not read. Pages that listen are written to every
+//! two seconds.
 
 use std::collections::HashMap;
 use std::io;
@@ -23,7 +25,8 @@ use super::tls::Secured;
 
 /// Connections at once.
 const MOST: usize = 64;
-/// Connections at once from one address of another machine. On the machine itself everybody has the same address, and some room is kept for others.
+/// Connections at once from one address of another machine. On the machine itself everybody has the
+/// same address, and some room is kept for others.
 const MOST_FROM_AFAR: usize = 8;
 const MOST_FROM_HERE: usize = 48;
 /// A connection on which nothing was written for so long is closed.
@@ -194,7 +197,8 @@ mod tests {
     use super::*;
     use tokio::io::AsyncReadExt;
 
-    /// Eighty connections that say nothing: 48 get in, the others are hung up on at once; after the deadline the place is free again.
+    /// Eighty connections that say nothing: 48 get in, the others are hung up on at once; after the
+    /// deadline the place is free again.
     #[tokio::test]
     async fn regress_connections_that_sit_there_are_few_and_go() {
         let tcp = TcpListener::bind("127.0.0.1:0").await.unwrap();

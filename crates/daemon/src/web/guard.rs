@@ -1,6 +1,8 @@
-//! Who may ask: the `Host` header must name this server, and so must the `Origin` where there is one.
+//! Who may ask: the `Host` header must name this server, and so must the `Origin` where there is
+//! one.
 //!
-//! Comparing `Origin` with `Host` alone does not help against a rebound name, in which both are foreign; an allow-list does.
+//! Comparing `Origin` with `Host` alone does not help against a rebound name, in which both are
+//! foreign; an allow-list does.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -15,7 +17,8 @@ use axum::response::{IntoResponse, Response};
 pub struct AllowedHosts(Vec<String>);
 
 impl AllowedHosts {
-    /// The bound address, `localhost` at the same port where that is a loopback address, and the hosts that the user added.
+    /// The bound address, `localhost` at the same port where that is a loopback address, and the
+    /// hosts that the user added.
     pub fn new(bound: SocketAddr, also: &[String]) -> Self {
         let mut hosts = vec![bound.to_string()];
         if bound.ip().is_loopback() {

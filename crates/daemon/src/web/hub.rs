@@ -1,9 +1,10 @@
-//! What pages may see: the newest status, a bounded history of verdicts and spectra, and a stream of what comes in.
+//! What pages may see: the newest status, a bounded history of verdicts and spectra, and a stream
+//! of what comes in.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-use gearwatch_alarm::{Acknowledgement, Evidence};
+use gearwatch_alarm::{Acknowledgement, Evidence, Severity};
 use gearwatch_core::verdict::Verdict;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -60,8 +61,8 @@ pub struct Fault {
     pub bench: String,
     /// Stage name.
     pub stage: String,
-    /// The worst of them: `warning` or `critical`.
-    pub severity: String,
+    /// The worst of them.
+    pub severity: Severity,
     /// Time of the first window of the first (ns since the epoch).
     pub since_ns: i64,
     /// One of them holds.
@@ -173,11 +174,13 @@ impl Hub {
     }
 
     fn kept(&self) -> MutexGuard<'_, Kept> {
-        // What is kept is replaced whole, so that a panic elsewhere cannot have left it half written.
+        // What is kept is replaced whole, so that a panic elsewhere cannot have left it half
+        // written.
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells pages of a verdict; `states` are the nearest fault states, an array of `{name, probability, deviation_percent}`.
+    /// Tells pages of a verdict; `states` are the nearest fault states, an array of
+    /// `{name, probability, deviation_percent}`.
     pub fn verdict(&self, bench: &str, verdict: &Verdict, states: Value) {
         let Ok(Value::Object(mut object)) = serde_json::to_value(verdict) else { return };
         object.insert("bench".into(), json!(bench));
@@ -201,7 +204,8 @@ impl Hub {
         let _ = self.out.send(message);
     }
 
-    /// Tells pages how the service is. To be called once a second: a page that hears nothing for six seconds says so.
+    /// Tells pages how the service is. To be called once a second: a page that hears nothing for
+    /// six seconds says so.
     pub fn status(&self, status: &Status) {
         let Ok(json) = serde_json::to_string(status) else { return };
         let message = Message { kind: "status", json: json.into() };
@@ -220,8 +224,8 @@ impl Hub {
         self.kept().status.as_ref().map_or_else(|| "{}".to_owned(), |message| message.json.to_string())
     }
 
-    /// All that is kept, and the stream of what comes next, without a gap or an overlap between them, but that the newest verdict of a
-    /// row is also the end of its past.
+    /// All that is kept, and the stream of what comes next, without a gap or an overlap between
+    /// them, but that the newest verdict of a row is also the end of its past.
     fn subscribe(&self) -> (impl Iterator<Item = Message> + Send + use<>, broadcast::Receiver<Message>) {
         let kept = self.kept();
         let receiver = self.out.subscribe();
@@ -229,13 +233,15 @@ impl Hub {
         let newest = kept.rows.values().map(|row| &row.newest);
         let rest: Vec<_> = newest.chain(kept.spectra.values().flatten()).cloned().collect();
         let status = kept.status.clone();
-        // Written when its turn comes: hours of windows are many numbers, and the lock is not held for them.
+        // Written when its turn comes: hours of windows are many numbers, and the lock is not held
+        // for them.
         let pasts = pasts.into_iter().map(|(key, past)| Message { kind: "past", json: past.json(&key).into() });
         (status.into_iter().chain(pasts).chain(rest), receiver)
     }
 }
 
-/// What one page is told: all that is kept, then what comes in. A page that falls behind is told all that is kept once more, so that it has no hole.
+/// What one page is told: all that is kept, then what comes in. A page that falls behind is told
+/// all that is kept once more, so that it has no hole.
 pub struct Listener {
     /// Not held: streams end with the hub.
     hub: Weak<Hub>,

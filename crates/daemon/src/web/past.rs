@@ -1,11 +1,13 @@
-//! The past of a row as a page draws it: ranks, amplitudes and baseline over time, in columns. A verdict in full is twenty times as large.
+//! The past of a row as a page draws it: ranks, amplitudes and baseline over time, in columns. A
+//! verdict in full is twenty times as large.
 
 use std::collections::VecDeque;
 
 use gearwatch_core::verdict::{HARMONICS, MachineState, Verdict};
 use serde::{Serialize, Serializer};
 
-/// Windows kept per bench, stage and channel for a page that opens later: an hour of two a second, 0.5 MiB.
+/// Windows kept per bench, stage and channel for a page that opens later: an hour of two a second,
+/// 0.5 MiB.
 const KEPT: usize = 7200;
 
 #[derive(Clone, Copy, Debug)]
@@ -95,7 +97,8 @@ struct Columns<'a> {
     sigma: [Vec<Short>; HARMONICS],
 }
 
-/// Written with five significant digits, finer than a screen can show; `null` where it is not a number.
+/// Written with five significant digits, finer than a screen can show; `null` where it is not a
+/// number.
 struct Short(f32);
 
 impl Serialize for Short {
@@ -105,7 +108,8 @@ impl Serialize for Short {
             return if value == 0.0 { to.serialize_u8(0) } else { to.serialize_none() };
         }
         let exponent = 4 - value.abs().log10().floor() as i32;
-        // Dividing by a power of ten, not multiplying by its inverse, gives the double nearest to the short decimal.
+        // Dividing by a power of ten, not multiplying by its inverse, gives the double nearest to
+        // the short decimal.
         let rounded = if exponent >= 0 {
             let scale = 10_f64.powi(exponent);
             (value * scale).round() / scale

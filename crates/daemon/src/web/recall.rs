@@ -1,4 +1,5 @@
-//! What the page and programs may ask of the log: histories, alarms, spectra and raw data of any time.
+//! What the page and programs may ask of the log: histories, alarms, spectra and raw data of any
+//! time.
 
 use axum::Router;
 use axum::extract::{Query, State};
@@ -62,7 +63,8 @@ impl From<CutError> for Refused {
     }
 }
 
-/// Asks the log where nothing else waits for it: it lists a folder and reads files, which a disk that hangs can make long.
+/// Asks the log where nothing else waits for it: it lists a folder and reads files, which a disk
+/// that hangs can make long.
 async fn ask<T: Send + 'static>(
     shared: Shared,
     wanted: Wanted,

@@ -1,4 +1,5 @@
-//! The token that the page asks for: as `Authorization: Bearer …` from programs, and as the password of HTTP basic authentication from browsers.
+//! The token that the page asks for: as `Authorization: Bearer …` from programs, and as the
+//! password of HTTP basic authentication from browsers.
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
@@ -19,7 +20,8 @@ const PENALTY: Duration = Duration::from_millis(300);
 
 /// Whoever has been let in is told of again after so long.
 const TOLD_FOR: Duration = Duration::from_secs(3600);
-/// So many addresses are remembered; with more, the one that was told of first is told of again sooner.
+/// So many addresses are remembered; with more, the one that was told of first is told of again
+/// sooner.
 const MOST_TOLD: usize = 256;
 
 /// Who was let in, and when that was told.
@@ -61,7 +63,8 @@ impl Token {
         Ok(Self { text: text.into(), guesses: Arc::default(), admitted: Arc::default() })
     }
 
-    /// Whether this address is to be told of: a page asks for many things, and its visit is told once.
+    /// Whether this address is to be told of: a page asks for many things, and its visit is told
+    /// once.
     fn is_news(&self, peer: Option<IpAddr>, now: Instant) -> bool {
         let mut admitted = self.admitted.lock().unwrap_or_else(PoisonError::into_inner);
         let news = admitted.get(&peer).is_none_or(|told| now.saturating_duration_since(*told) >= TOLD_FOR);
@@ -173,7 +176,8 @@ mod tests {
         assert!(Token::new("short").is_err());
     }
 
-    /// For the audit: each address once an hour, however often it asks, and a bounded number of them.
+    /// For the audit: each address once an hour, however often it asks, and a bounded number of
+    /// them.
     #[test]
     fn conform_who_is_let_in_is_told_once_an_hour() {
         let token = Token::new("open sesame, please").unwrap();

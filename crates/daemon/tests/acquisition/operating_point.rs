@@ -1,4 +1,5 @@
-//! Modbus TCP against a small server, MQTT against mosquitto (passed over with a message where it is not installed).
+//! Modbus TCP against a small server, MQTT against mosquitto (passed over with a message where it
+//! is not installed).
 #![allow(clippy::print_stdout, reason = "a test that is passed over says so")]
 
 use std::io::{Read, Write};
@@ -7,6 +8,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use gearwatch_core::verdict::MachineState;
 
 use super::support::{Running, bench_file, wait_until};
 
@@ -55,7 +58,8 @@ impl Registers {
 fn service(operating_point: &str) -> Running {
     let folder = tempfile::tempdir().unwrap();
     bench_file(folder.path(), "bench.toml", "b");
-    // Readings are matched with samples by time. The signal's own operating point, at its start, is overruled by the first reading.
+    // Readings are matched with samples by time. The signal's own operating point, at its start, is
+    // overruled by the first reading.
     let now_ns = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos();
     let text = format!(
         "format = \"gearwatch-service/1\"\n[service]\nstatus_socket = \"s.sock\"\nself_test = false\n[[bench]]\nfile = \"bench.toml\"\n\
@@ -66,10 +70,10 @@ fn service(operating_point: &str) -> Running {
 }
 
 /// Torque as read and as told by the newest verdict, and whether the machine's state is known.
-fn seen(running: &Running) -> (Option<f64>, String) {
+fn seen(running: &Running) -> (Option<f64>, MachineState) {
     let snapshot = running.status();
     let bench = &snapshot.benches[0];
-    (bench.brake_torque_nm, bench.machine.clone())
+    (bench.brake_torque_nm, bench.machine)
 }
 
 #[test]
@@ -81,14 +85,14 @@ fn conform_modbus_gives_the_torque_and_what_is_stale_is_unknown() {
         drive.address
     );
     let running = service(&keys);
-    wait_until("the torque is known and the state with it", || seen(&running) == (Some(10.0), "normal".into()));
+    wait_until("the torque is known and the state with it", || seen(&running) == (Some(10.0), MachineState::Normal));
     drive.values.lock().unwrap().clear();
-    wait_until("a drive that hangs makes the state unknown", || seen(&running).1 == "unknown");
+    wait_until("a drive that hangs makes the state unknown", || seen(&running).1 == MachineState::Unknown);
     let error = running.status().benches[0].sources[1].error.clone();
     wait_until("the verdicts themselves are unknown", || seen(&running).0.is_none());
     assert!(error.is_empty() || error.contains("no answer"), "{error}");
     *drive.values.lock().unwrap() = vec![0, 0, 10_00];
-    wait_until("it comes back", || seen(&running) == (Some(10.0), "normal".into()));
+    wait_until("it comes back", || seen(&running) == (Some(10.0), MachineState::Normal));
     running.stop();
 }
 
@@ -103,7 +107,7 @@ fn conform_modbus_exceptions_are_told() {
     );
     let running = service(&keys);
     wait_until("the exception is told", || running.status().benches[0].sources[1].error.contains("register 9: "));
-    assert_eq!(running.status().benches[0].machine, "unknown");
+    assert_eq!(running.status().benches[0].machine, MachineState::Unknown);
     running.stop();
 }
 
@@ -180,15 +184,15 @@ fn conform_mqtt_gives_the_torque_and_what_is_stale_is_unknown() {
     let normal = |broker: &Broker| {
         broker.publish("brake", "{\"t\": 10.0}", false);
         std::thread::sleep(Duration::from_millis(100));
-        seen(&running) == (Some(10.0), "normal".into())
+        seen(&running) == (Some(10.0), MachineState::Normal)
     };
     wait_until("the torque is known and the state with it", || normal(&broker));
-    wait_until("nobody speaks, so that nothing is known", || seen(&running).1 == "unknown");
+    wait_until("nobody speaks, so that nothing is known", || seen(&running).1 == MachineState::Unknown);
     wait_until("the verdicts themselves are unknown", || seen(&running).0.is_none());
     wait_until("somebody speaks again", || normal(&broker));
     broker.kill();
     wait_until("a dead broker is an error", || !running.status().benches[0].sources[1].error.is_empty());
-    assert_eq!(seen(&running).1, "unknown");
+    assert_eq!(seen(&running).1, MachineState::Unknown);
     broker.restart();
     wait_until("it comes back", || normal(&broker));
     running.stop();

@@ -3,12 +3,14 @@
 
 use std::time::{Duration, Instant};
 
+use gearwatch_core::verdict::MachineState;
+use gearwatch_daemon::states::{BenchInstrument, SourceCondition};
 use gearwatch_emulate::{InstrumentConfig, TroubleConfig};
 
 use super::support::{Running, bench_file, instrument, runtime, wait_until};
 
-/// Two benches, one fed by an instrument whose plug is pulled: it is NOT OK within two deadlines, comes back when the instrument does, and
-/// the other bench misses no window and no sample.
+/// Two benches, one fed by an instrument whose plug is pulled: it is NOT OK within two deadlines,
+/// comes back when the instrument does, and the other bench misses no window and no sample.
 #[test]
 fn conform_a_dead_instrument_leaves_the_other_bench_alone() {
     const DEADLINE_SECS: f64 = 1.0;
@@ -28,11 +30,11 @@ fn conform_a_dead_instrument_leaves_the_other_bench_alone() {
     wait_until("both deliver", || running.bench("one").windows_judged > 0 && running.bench("two").windows_judged > 0);
     drop(first);
     let pulled = Instant::now();
-    wait_until("the first is not all right", || running.bench("one").instrument == "silent");
+    wait_until("the first is not all right", || running.bench("one").instrument == BenchInstrument::Silent);
     let told = pulled.elapsed().as_secs_f64();
     // The state is published once a second.
     assert!(told < 2.0 * DEADLINE_SECS + 1.0, "{told}");
-    assert_eq!(running.bench("one").machine, "unknown");
+    assert_eq!(running.bench("one").machine, MachineState::Unknown);
     let before = running.bench("two").windows_judged;
     wait_until("the second goes on", || running.bench("two").windows_judged > before + 1);
     let config = InstrumentConfig { listen: address, ..InstrumentConfig::default() };
@@ -42,13 +44,13 @@ fn conform_a_dead_instrument_leaves_the_other_bench_alone() {
         second = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| instrument(&runtime, config))).ok();
         second.is_some()
     });
-    wait_until("the first is back", || running.bench("one").sources[0].state == "running");
+    wait_until("the first is back", || running.bench("one").sources[0].state == SourceCondition::Running);
     wait_until("the outage is a gap", || running.bench("one").gaps == 1);
     let one = running.bench("one");
     assert!(one.samples_missing > 0 && one.sources[0].opened >= 2, "{one:?}");
     let two = running.bench("two");
     assert_eq!((two.gaps, two.samples_missing, two.windows_shed, two.sources[0].dropped), (0, 0, 0, 0));
-    assert_eq!(two.sources[0].state, "running");
+    assert_eq!(two.sources[0].state, SourceCondition::Running);
     let stopping = Instant::now();
     let summary = running.stop();
     assert!(summary.stopped && summary.failed.is_empty(), "{summary:?}");
@@ -57,7 +59,8 @@ fn conform_a_dead_instrument_leaves_the_other_bench_alone() {
     assert_eq!(stats.stats().closed_in_order.load(std::sync::atomic::Ordering::Relaxed), 1, "left idle");
 }
 
-/// A bench on a bad network beside one on a good one: the good one misses nothing, the bad one is never called normal while nothing comes.
+/// A bench on a bad network beside one on a good one: the good one misses nothing, the bad one is
+/// never called normal while nothing comes.
 #[test]
 #[ignore = "forty seconds; just campaign-network"]
 fn conform_the_neighbour_of_a_bad_network_misses_nothing() {
@@ -84,9 +87,9 @@ fn conform_the_neighbour_of_a_bad_network_misses_nothing() {
     let began = Instant::now();
     while began.elapsed().as_secs_f64() < SECS {
         let bench = running.bench("bad");
-        if bench.sources[0].state != "running" {
-            assert_ne!(bench.machine, "normal");
-            assert_ne!(bench.instrument, "ok");
+        if bench.sources[0].state != SourceCondition::Running {
+            assert_ne!(bench.machine, MachineState::Normal);
+            assert_ne!(bench.instrument, BenchInstrument::OK);
         }
         std::thread::sleep(Duration::from_millis(200));
     }
@@ -99,7 +102,8 @@ fn conform_the_neighbour_of_a_bad_network_misses_nothing() {
     assert!(bad.gaps > 0 && bad.sources[0].opened > 1, "{bad:?}");
     assert_eq!((good.gaps, good.samples_missing, good.windows_shed, good.windows_failed), (0, 0, 0, 0));
     assert_eq!(good.sources[0].dropped, 0);
-    // All that was due: 2048 samples a second since the start, to within two windows that are under way.
+    // All that was due: 2048 samples a second since the start, to within two windows that are under
+    // way.
     let due = (began.elapsed().as_secs_f64() - 2.0) * 2048.0;
     assert!(good.samples_in as f64 > due, "{} of {due}", good.samples_in);
 }

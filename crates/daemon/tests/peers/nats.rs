@@ -1,4 +1,5 @@
-//! NATS servers that talk without end. Each must be left after a bounded number of bytes; the one seen first had filled 1.4 GB.
+//! NATS servers that talk without end. Each must be left after a bounded number of bytes; the one
+//! seen first had filled 1.4 GB.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -8,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use gearwatch_daemon::fleet::{Access, From, Notice, follow};
 
-/// Bytes that a peer may get rid of before it is left: what the sockets of both ends hold (Linux lets a receiver's grow to 6 MiB and a sender's to
-/// 4 MiB), one message, and those that wait.
+/// Bytes that a peer may get rid of before it is left: what the sockets of both ends hold (Linux
+/// lets a receiver's grow to 6 MiB and a sender's to 4 MiB), one message, and those that wait.
 const MOST_BYTES: u64 = 40 << 20;
 /// Long enough for a busy machine, and shorter than what the peers would talk.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -17,7 +18,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const INFO: &[u8] =
     b"INFO {\"server_id\":\"x\",\"version\":\"2.10.0\",\"port\":4222,\"headers\":true,\"max_payload\":1048576}\r\n";
 
-/// Talks to whoever connects: `begin` once, then `talk` until the other end has gone. Gives the bytes that it got rid of.
+/// Talks to whoever connects: `begin` once, then `talk` until the other end has gone. Gives the
+/// bytes that it got rid of.
 fn peer(begin: Vec<u8>, answer_ping: bool, talk: Vec<u8>) -> (String, mpsc::Receiver<u64>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("nats://{}", listener.local_addr().unwrap());
@@ -73,7 +75,8 @@ fn attack(stream: &mut TcpStream, begin: &[u8], answer_ping: bool, talk: &[u8]) 
     sent.max(MOST_BYTES + 1)
 }
 
-/// Follows the stream of a peer until it was left once; gives the bytes that the peer got rid of, and the reason.
+/// Follows the stream of a peer until it was left once; gives the bytes that the peer got rid of,
+/// and the reason.
 fn left_after(begin: &[u8], answer_ping: bool, talk: &[u8]) -> (u64, String) {
     let (address, told) = peer(begin.to_vec(), answer_ping, talk.to_vec());
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
@@ -82,7 +85,7 @@ fn left_after(begin: &[u8], answer_ping: bool, talk: &[u8]) -> (u64, String) {
         let access = Access::default();
         let tell = move |notice| {
             if let Notice::Lost(error) = notice {
-                drop(lost.send(error));
+                drop(lost.send(error.to_string()));
             }
         };
         follow(&address, &access, "gearwatch", From::Beginning, tell).await
@@ -117,7 +120,8 @@ fn regress_a_nats_server_that_talks_without_end_is_left() {
     ] {
         let (bytes, reason) = left_after(begin, answer_ping, talk);
         println!("{label}: left after {bytes} bytes: {reason}");
-        // Behind a greeting the first bytes decide whether they came too early or are a line without end.
+        // Behind a greeting the first bytes decide whether they came too early or are a line
+        // without end.
         assert!(reason.contains(wanted), "{label}: {reason}");
         assert!(bytes <= MOST_BYTES, "{label}: {bytes} bytes were taken from it");
     }

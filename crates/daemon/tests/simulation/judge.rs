@@ -42,7 +42,8 @@ fn content(label: &str, files: &BTreeMap<String, Vec<u8>>) -> Content {
     content
 }
 
-/// Panics with the seed where something was lost, doubled or said wrongly; else the figures of the world.
+/// Panics with the seed where something was lost, doubled or said wrongly; else the figures of the
+/// world.
 pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
     let label = format!("seed {seed}");
     let content = content(&label, &world.disk().contents());
@@ -58,7 +59,8 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
         assert!(outside.lies.is_empty(), "{label}: {:?}", outside.lies.first());
         for offered in &outside.offered {
             let crashed = world.crashed.contains(&offered.start);
-            // Who takes away the file and cuts the power before the service could say so leaves nobody to tell, nor to know which numbers were used.
+            // Who takes away the file and cuts the power before the service could say so leaves
+            // nobody to tell, nor to know which numbers were used.
             let untellable = world.taken.contains(&offered.start) && world.powerless.contains(&offered.start);
             let kept = match offered.sent {
                 Sent::Queued { seq } => match content.results.get(&seq) {
@@ -120,18 +122,7 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
     assert_eq!(windows.len(), all, "{label}: a window is in the log twice");
     let restored: Vec<&AlarmRecord> = world.restored.iter().collect();
     assert_eq!(restored, stands.values().collect::<Vec<_>>(), "{label}: alarms that stand");
-    // A clock that jumped stands in the groups: wall and monotonic time part.
-    for (fault, cause) in [(Fault::Overload, Cause::Overload), (Fault::Worker, Cause::Failure)] {
-        let told = content.gaps.iter().filter(|gap| gap.cause == cause).count();
-        world.at(|outside| outside.witness(fault, told as u64));
-    }
-    let differences = content.groups.windows(2).filter(|pair| {
-        let of = |group: &Group| group.wall_ns - group.mono_ns as i64;
-        (of(&pair[0]) - of(&pair[1])).abs() > 500_000_000
-    });
-    let jumps = differences.count() as u64;
-    world.witness_of_lasting();
-    world.at(|outside| outside.witness(Fault::Clock, jumps));
+    witness(world, &content);
     let delivered = world.at(|outside| {
         assert!(outside.pages.lies.is_empty(), "{label}: {:?}", outside.pages.lies.first());
         let lines = outside.offered.iter().filter_map(|offered| match &offered.what {
@@ -142,8 +133,6 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
     });
     // The last file was begun with the configuration that was read last.
     assert_eq!(content.packed.last().map(String::as_str), Some(world.compression()), "{label}: compression");
-    let repacked = content.packed.windows(2).filter(|pair| pair[0] != pair[1]).count() as u64;
-    world.at(|outside| outside.witness(Fault::Changed, repacked));
     let (looks, ok) = world.at(|outside| (outside.looks, outside.looks_ok));
     vec![
         ("results logged", logged),
@@ -156,6 +145,24 @@ pub fn judge(seed: u64, world: &World) -> Vec<(&'static str, u64)> {
         ("letters told as lost", delivered.told_lost),
         ("letters missing", delivered.missing),
     ]
+}
+
+/// Counts the faults that the log shows.
+fn witness(world: &World, content: &Content) {
+    for (fault, cause) in [(Fault::Overload, Cause::Overload), (Fault::Worker, Cause::Failure)] {
+        let gaps = content.gaps.iter().filter(|gap| gap.cause == cause).count();
+        world.at(|outside| outside.witness(fault, gaps as u64));
+    }
+    // A clock that jumped stands in the groups: wall and monotonic time part.
+    let jumps = content.groups.windows(2).filter(|pair| {
+        let of = |group: &Group| group.wall_ns - group.mono_ns as i64;
+        (of(&pair[0]) - of(&pair[1])).abs() > 500_000_000
+    });
+    let jumps = jumps.count() as u64;
+    world.witness_of_lasting();
+    world.at(|outside| outside.witness(Fault::Clock, jumps));
+    let repacked = content.packed.windows(2).filter(|pair| pair[0] != pair[1]).count() as u64;
+    world.at(|outside| outside.witness(Fault::Changed, repacked));
 }
 
 /// A file was taken away: gap records that stood in it are gone too.

@@ -1,7 +1,8 @@
-//! The way of the samples: a sender at the sensor, a network that loses and changes what it carries, and the service's own decoder, numbering,
-//! windows and verdicts behind it.
+//! The way of the samples: a sender at the sensor, a network that loses and changes what it
+//! carries, and the service's own decoder, numbering, windows and verdicts behind it.
 //!
-//! Every sample says by its value where it belongs, so that whatever comes out can be judged by the formula alone.
+//! Every sample says by its value where it belongs, so that whatever comes out can be judged by the
+//! formula alone.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -86,7 +87,8 @@ impl Line {
         }
     }
 
-    /// A quarter of a second at the sensor. Without a connection the samples are lost, and the sender goes on counting.
+    /// A quarter of a second at the sensor. Without a connection the samples are lost, and the
+    /// sender goes on counting.
     pub fn sample(&mut self, now_ms: u64, wall_ns: i64, connected: bool) {
         let first_sample = self.sample;
         self.sample += FRAME;
@@ -264,7 +266,8 @@ impl Intake {
         heard.push(Heard::Verdicts(window, verdicts));
     }
 
-    /// Every sample since the first one that came is in a window, thrown away, waiting, or missing; each of them counted once.
+    /// Every sample since the first one that came is in a window, thrown away, waiting, or missing;
+    /// each of them counted once.
     pub fn account(&mut self) {
         let counters = *self.assembler.counters();
         let kept = counters.samples_in_windows + counters.samples_discarded + counters.samples_pending;

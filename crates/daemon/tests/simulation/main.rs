@@ -1,14 +1,19 @@
-//! The service in a world that one seed makes: its clock, its disk, its sensor, the network, the people who acknowledge alarms, and the order of it all.
-//! What runs in it are the service's own decoder, numbering, windows, verdicts, alarms, log, supervisor, the spool in front of a broker and what pages are
-//! told; played are only threads, sockets, the broker and the disks. Configurations are read by the service's own reader. A seed that fails fails again in the
-//! same way: `GEARWATCH_SEED=<seed> cargo test -p gearwatch-daemon --test simulation`.
+//! The service in a world that one seed makes: its clock, its disk, its sensor, the network, the
+//! people who acknowledge alarms, and the order of it all. What runs in it are the service's own
+//! decoder, numbering, windows, verdicts, alarms, log, supervisor, the spool in front of a broker
+//! and what pages are told; played are only threads, sockets, the broker and the disks.
+//! Configurations are read by the service's own reader. A seed that fails fails again in the same
+//! way: `GEARWATCH_SEED=<seed> cargo test -p gearwatch-daemon --test simulation`.
 //!
-//! Judged is, at every moment, that nobody says `ok` while something older than two seconds is not durable; and at the end of each world, with the reader of
-//! the `mcap` crate, that each window is in the log once, or in a gap record, that every alarm stands that nobody has seen, and that each letter came to the broker in
-//! order, once or marked, or is counted as lost. Every sample says where it
-//! belongs, so that each window is compared with what the sensor measured, and all samples are accounted for after every piece that came.
+//! Judged is, at every moment, that nobody says `ok` while something older than two seconds is not
+//! durable; and at the end of each world, with the reader of the `mcap` crate, that each window is
+//! in the log once, or in a gap record, that every alarm stands that nobody has seen, and that each
+//! letter came to the broker in order, once or marked, or is counted as lost. Every sample says
+//! where it belongs, so that each window is compared with what the sensor measured, and all samples
+//! are accounted for after every piece that came.
 //!
-//! Every kind of fault has a witness that shares nothing with whoever injected it: a campaign in which a fault was never seen has not tried it.
+//! Every kind of fault has a witness that shares nothing with whoever injected it: a campaign in
+//! which a fault was never seen has not tried it.
 
 #![expect(clippy::print_stdout, reason = "campaigns tell figures")]
 
@@ -56,12 +61,18 @@ fn conform_no_world_makes_the_service_lose_or_lie() {
 }
 
 /// Worlds in which something was lost once, each for a reason of its own:
-/// - 1: the log called its end good while results were left in its queue; later: windows that came at once after a network that held them back.
-/// - 28: a file was cut, that was noticed, and the service was killed before the record of it was durable.
-/// - 72, 80: a sync failed, the service was killed, and the next start took the group for durable, which was readable and on no disk.
-/// - 984: a file was cut and the disk failed in the same moment, so that nobody could tell how long the file was; that was taken for well.
-/// - 315 of the worlds with brokers and pages: a file was cut, and half a group written behind the cut made it as long as it should be.
-/// - 1818 of these: a file's end was written, its sync failed, and the end was taken for durable because it could be read; the next power cut left a hole.
+/// - 1: the log called its end good while results were left in its queue; later: windows that came
+///   at once after a network that held them back.
+/// - 28: a file was cut, that was noticed, and the service was killed before the record of it was
+///   durable.
+/// - 72, 80: a sync failed, the service was killed, and the next start took the group for durable,
+///   which was readable and on no disk.
+/// - 984: a file was cut and the disk failed in the same moment, so that nobody could tell how long
+///   the file was; that was taken for well.
+/// - 315 of the worlds with brokers and pages: a file was cut, and half a group written behind the
+///   cut made it as long as it should be.
+/// - 1818 of these: a file's end was written, its sync failed, and the end was taken for durable
+///   because it could be read; the next power cut left a hole.
 #[test]
 fn regress_worlds_that_failed_once() {
     for seed in [1, 28, 72, 80, 984] {
@@ -83,7 +94,8 @@ fn conform_a_seed_replays_exactly() {
     assert_ne!(files(7), files(8));
 }
 
-/// Who says that syncs are slow or hang is no echo of the injector: in worlds without the one or the other nobody says so.
+/// Who says that syncs are slow or hang is no echo of the injector: in worlds without the one or
+/// the other nobody says so.
 #[test]
 fn conform_nobody_sees_slow_syncs_where_there_are_none() {
     for absent in [&[Fault::Hang, Fault::Slow][..], &[Fault::Hang], &[Fault::Slow]] {

@@ -1,4 +1,5 @@
-//! What pages see: the service's own hub, pages that open at any moment, and pages that read nothing for a while.
+//! What pages see: the service's own hub, pages that open at any moment, and pages that read
+//! nothing for a while.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -24,7 +25,8 @@ struct Open {
 pub struct Pages {
     hub: Arc<Hub>,
     open: Option<Open>,
-    /// Windows that a page should show: since the start of the service, or since the time of the data went back.
+    /// Windows that a page should show: since the start of the service, or since the time of the
+    /// data went back.
     past: Vec<(u64, i64)>,
     newest: Option<u64>,
     /// As told last.

@@ -1,5 +1,6 @@
-//! The way of the letters: the service's own desk (numbering, spool, order, marks of repetition) on a disk of its own, a line that breaks, and a broker that keeps
-//! what it has confirmed, and nothing else.
+//! The way of the letters: the service's own desk (numbering, spool, order, marks of repetition) on
+//! a disk of its own, a line that breaks, and a broker that keeps what it has confirmed, and
+//! nothing else.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -119,7 +120,8 @@ impl Post {
         format!("{:08x}", self.run)
     }
 
-    /// Opens the desk where it is not open. A disk that fails can keep it from that; the sink is then tried again.
+    /// Opens the desk where it is not open. A disk that fails can keep it from that; the sink is
+    /// then tried again.
     fn open(&mut self) {
         if self.desk.is_some() {
             return;
@@ -136,7 +138,8 @@ impl Post {
         self.open();
         let now = self.begun + Duration::from_millis(now_ms);
         let run = self.run_name();
-        // While the sink cannot be opened its queue takes events and loses the rest; here they are lost at once, and the log has them.
+        // While the sink cannot be opened its queue takes events and loses the rest; here they are
+        // lost at once, and the log has them.
         let Some(desk) = &mut self.desk else { return };
         let window = match event {
             Event::Verdict { verdict, .. } => Some(verdict.window),
@@ -271,7 +274,8 @@ impl Post {
         &self.broker.letters
     }
 
-    /// Panics where a letter is missing that nobody has told of, came out of order, or came again without a mark.
+    /// Panics where a letter is missing that nobody has told of, came out of order, or came again
+    /// without a mark.
     pub fn judge(&self, label: &str, lines: &BTreeMap<u64, Vec<u8>>) -> Delivered {
         assert!(self.lies.is_empty(), "{label}: {:?}", self.lies.first());
         let mut there: BTreeSet<(String, u64)> = BTreeSet::new();
@@ -286,7 +290,8 @@ impl Post {
             }
             let last = newest.get(run).copied().unwrap_or(0);
             if seq <= last || run < newest_run {
-                // What had to go for want of room, and whose file the disk still had after a power cut: told as lost, and there after all.
+                // What had to go for want of room, and whose file the disk still had after a power
+                // cut: told as lost, and there after all.
                 late += 1;
                 let marked = letter["resent"] == true && late <= self.lost;
                 assert!(marked, "{label}: number {seq} of run {run} came behind {last} of {newest_run}");

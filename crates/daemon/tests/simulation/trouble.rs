@@ -86,7 +86,8 @@ impl Fault {
         Self::Stalled,
     ];
 
-    /// Those that there were when the worlds were lived that are kept because something was lost in them.
+    /// Those that there were when the worlds were lived that are kept because something was lost in
+    /// them.
     pub fn of_old_worlds() -> &'static [Self] {
         const { Self::ALL.split_at(17).0 }
     }

@@ -19,7 +19,8 @@ use crate::trouble::{Chance, Fault, Totals};
 use crate::written;
 use gearwatch_testkit::log::context;
 
-/// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each second, the supervisor looks.
+/// The world goes on in steps of this (ms): a frame of samples is sent, a window is complete each
+/// second, the supervisor looks.
 const STEP_MS: u64 = 250;
 /// When the wall clock of a world begins (ns since 1970).
 const BEGINNING_NS: i64 = 1_795_228_800_000_000_000;
@@ -77,7 +78,8 @@ pub struct Outside {
     totals: Totals,
 }
 
-/// A time in which results wait longer than a group and a step explain, as the service's supervisor says.
+/// A time in which results wait longer than a group and a step explain, as the service's supervisor
+/// says.
 #[derive(Default)]
 struct Wait {
     /// Since when (ms).
@@ -97,7 +99,8 @@ struct Waits {
     before: Option<u64>,
 }
 
-/// Without anything durable for longer than two slow syncs, one after the other, and a group of a second: a sync hangs.
+/// Without anything durable for longer than two slow syncs, one after the other, and a group of a
+/// second: a sync hangs.
 const HANGS_MS: u64 = 4500;
 /// Slow syncs make one wait after the other; a sync that hung is followed by none.
 const SOON_MS: u64 = 2500;
@@ -137,7 +140,8 @@ pub struct World {
     mend_at: Option<u64>,
     /// The last sync that hangs is over then (ms).
     hung_until: u64,
-    /// Starts that ended by a kill or a power cut, or whose end the disk did not take; and those that ended by a power cut.
+    /// Starts that ended by a kill or a power cut, or whose end the disk did not take; and those
+    /// that ended by a power cut.
     pub crashed: Vec<usize>,
     pub powerless: Vec<usize>,
     /// Starts whose file was taken away, once for each time.
@@ -278,7 +282,8 @@ impl Outside {
         if judged.state.files_removed > 0 {
             self.lies.push(format!("at {} ms a file was removed, though all are to be kept", self.mono_ms));
         }
-        // Twelve seconds after the last trouble everything is all right again, and must be said to be.
+        // Twelve seconds after the last trouble everything is all right again, and must be said to
+        // be.
         if !judged.ok && oldest_ms < 1900 && self.mono_ms > self.trouble_until + 12_000 {
             self.lies.push(format!("at {} ms not ok without a reason: {}", self.mono_ms, judged.why));
         }
@@ -494,17 +499,39 @@ impl World {
         self.crashed.push(start);
     }
 
+    /// Whether a fault can be told from those that last.
+    fn has_room_for(&self, fault: Fault, mono_ms: u64) -> bool {
+        let of_a_disk = matches!(fault, Fault::Full | Fault::Io | Fault::Taken | Fault::SpoolFull | Fault::SpoolIo);
+        // Syncs that hang soon after one another look like slow ones.
+        let too_soon = fault == Fault::Hang && mono_ms < self.hung_until + 2 * SOON_MS;
+        !(too_soon || of_a_disk && self.mend_at.is_some())
+    }
+
+    fn kill(&mut self) {
+        self.crash();
+        self.disk.restart();
+        self.at(|outside| outside.post.disk().restart());
+        self.start();
+        // The next start finds that the log was not closed.
+        let unclean = self.log.as_ref().is_some_and(|log| log.recovery().unclean);
+        self.at(|outside| outside.totals.witnessed(Fault::Kill, u64::from(unclean)));
+    }
+
+    fn power_cut(&mut self) {
+        let before = self.disk.witness();
+        self.crash();
+        self.powerless.extend(self.crashed.last());
+        self.disk.power_cut();
+        self.at(|outside| outside.post.power_cut());
+        let torn = self.disk.witness().torn_bytes > before.torn_bytes;
+        self.at(|outside| outside.totals.witnessed(Fault::PowerCut, u64::from(torn)));
+        self.start();
+    }
+
     fn inject(&mut self) {
         let fault = self.faults[self.chance.below(self.faults.len() as u64) as usize];
         let (mono_ms, running) = self.at(|outside| (outside.mono_ms, outside.log.is_some()));
-        if !running
-            || (self.mend_at.is_some()
-                && matches!(fault, Fault::Full | Fault::Io | Fault::Taken | Fault::SpoolFull | Fault::SpoolIo))
-        {
-            return;
-        }
-        // Syncs that hang soon after one another look like slow ones, whoever looks.
-        if fault == Fault::Hang && mono_ms < self.hung_until + 2 * SOON_MS {
+        if !running || !self.has_room_for(fault, mono_ms) {
             return;
         }
         let for_ms = self.chance.between(1, 15) * 1000;
@@ -514,7 +541,6 @@ impl World {
                 self.log.as_ref().map_or(0, Stepper::durable_seq)
             );
         }
-        let before = self.disk.witness();
         self.at(|outside| outside.totals.injected(fault));
         match fault {
             Fault::Hang => {
@@ -538,24 +564,8 @@ impl World {
                 self.mend_at = Some(mono_ms + for_ms);
                 self.at(|outside| outside.trouble(for_ms + 3000));
             }
-            Fault::Kill => {
-                self.crash();
-                self.disk.restart();
-                self.at(|outside| outside.post.disk().restart());
-                self.start();
-                // Whoever starts next finds that nobody closed the log.
-                let unclean = self.log.as_ref().is_some_and(|log| log.recovery().unclean);
-                self.at(|outside| outside.totals.witnessed(fault, u64::from(unclean)));
-            }
-            Fault::PowerCut => {
-                self.crash();
-                self.powerless.extend(self.crashed.last());
-                self.disk.power_cut();
-                self.at(|outside| outside.post.power_cut());
-                let torn = self.disk.witness().torn_bytes > before.torn_bytes;
-                self.at(|outside| outside.totals.witnessed(fault, u64::from(torn)));
-                self.start();
-            }
+            Fault::Kill => self.kill(),
+            Fault::PowerCut => self.power_cut(),
             Fault::Taken => self.take_away(),
             Fault::Clock => {
                 const DAY_MS: i64 = 86_400_000;

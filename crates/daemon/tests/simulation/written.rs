@@ -26,7 +26,8 @@ pub fn read(text: &str) -> Result<LogConfig, String> {
     let config = Config::parse(text, "service.toml", Path::new("")).map_err(|e| e.to_string())?;
     // What the service takes it for, with all defaults.
     let shown: toml::Table = toml::from_str(&config.shown()).map_err(|e| e.to_string())?;
-    // A text that was cut before the log is right, and a service without a log; such a world has nothing to judge, and does not take it.
+    // A text that was cut before the log is right, and a service without a log; such a world has
+    // nothing to judge, and does not take it.
     let sink = shown
         .get("sink")
         .and_then(toml::Value::as_array)

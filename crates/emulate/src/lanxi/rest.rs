@@ -218,7 +218,8 @@ async fn start(Has(shared): Has<Arc<Shared>>) -> Response {
 }
 
 async fn stop_measurement(Has(shared): Has<Arc<Shared>>) -> Response {
-    // A client that closed the socket already did so in the wrong order; the player has counted that.
+    // A client that closed the socket already did so in the wrong order; the player has counted
+    // that.
     let recording = shared.recorder().state == State::Recording;
     let answer = shared.go(&[State::Recording], State::Streaming);
     if recording {

@@ -235,26 +235,10 @@ impl Change {
                     on(recording, Some(s), |x, _| x.iter_mut().for_each(|x| *x *= db));
                 }
             }
-            Kind::Swap => {
-                let pairs: Vec<(usize, usize)> =
-                    (0..sensors.len()).flat_map(|i| (i + 1..sensors.len()).map(move |j| (i, j))).collect();
-                if let Some((i, j)) = pairs.get(self.place)
-                    && let (Some(a), Some(b)) =
-                        (recording.channels.remove(&sensors[*i]), recording.channels.remove(&sensors[*j]))
-                {
-                    recording.channels.insert(sensors[*i].clone(), b);
-                    recording.channels.insert(sensors[*j].clone(), a);
-                }
-            }
+            Kind::Swap => swap(recording, &sensors, self.place),
             Kind::Dead => on(recording, one, |x, _| x.iter_mut().for_each(|x| *x *= 1e-6)),
             Kind::Polarity => on(recording, one, |x, _| x.iter_mut().for_each(|x| *x = -*x)),
-            Kind::Clipping => on(recording, one, |x, _| {
-                let mut sizes: Vec<f64> = x.iter().map(|x| x.abs()).collect();
-                sizes.sort_by(f64::total_cmp);
-                let at = ((1.0 - 0.01 * size) * sizes.len() as f64) as usize;
-                let limit = sizes[at.min(sizes.len() - 1)];
-                x.iter_mut().for_each(|x| *x = x.clamp(-limit, limit));
-            }),
+            Kind::Clipping => on(recording, one, |x, _| clip(x, 0.01 * size)),
             Kind::Mains => on(recording, one, |x, rate| {
                 let amplitude = 0.01 * size * rms(x);
                 for (n, x) in x.iter_mut().enumerate() {
@@ -341,6 +325,26 @@ fn on(recording: &mut Recording, name: Option<String>, change: impl FnOnce(&mut 
     if let Some(segment) = channel.segments.iter_mut().max_by_key(|s| s.samples.len()) {
         change(&mut segment.samples, rate);
     }
+}
+
+/// Exchanges the channels of the pair of sensors at a position among all pairs.
+fn swap(recording: &mut Recording, sensors: &[String], pair: usize) {
+    let mut pairs = (0..sensors.len()).flat_map(|i| (i + 1..sensors.len()).map(move |j| (i, j)));
+    if let Some((i, j)) = pairs.nth(pair)
+        && let (Some(a), Some(b)) = (recording.channels.remove(&sensors[i]), recording.channels.remove(&sensors[j]))
+    {
+        recording.channels.insert(sensors[i].clone(), b);
+        recording.channels.insert(sensors[j].clone(), a);
+    }
+}
+
+/// Clips the share of the samples that is largest.
+fn clip(x: &mut [f64], share: f64) {
+    let mut sizes: Vec<f64> = x.iter().map(|x| x.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let at = ((1.0 - share) * sizes.len() as f64) as usize;
+    let limit = sizes[at.min(sizes.len() - 1)];
+    x.iter_mut().for_each(|x| *x = x.clamp(-limit, limit));
 }
 
 fn rms(x: &[f64]) -> f64 {

@@ -15,43 +15,28 @@ const SAMPLES: usize = 3 * 8192;
 
 fn bench() -> Bench {
     let shaft = |name: &str| Shaft {
-        name: name.into(),
         inertia_kg_m2: 0.002,
         torsion_nm_per_rad: 2e4,
         torsion_damping_nm_s_per_rad: 0.4,
         bearing_n_per_m: 1.5e8,
         bearing_damping_n_s_per_m: 1e3,
-        axial_n_per_m: None,
+        ..Shaft::named(name)
     };
-    let gear = |teeth| Gear {
-        teeth,
-        bore_mm: None,
-        mass_kg: None,
-        inertia_kg_m2: None,
-        profile_shift: None,
-        tip_diameter_mm: None,
+    let stage = Stage {
+        name: "stage1".into(),
+        module_mm: 2.0,
+        pressure_angle_deg: 20.0,
+        face_width_mm: 20.0,
+        backlash_um: 80.0,
+        mesh_damping_ratio: 0.06,
+        line_of_centres_deg: 0.0,
+        pinion: Gear::with_teeth(23),
+        wheel: Gear::with_teeth(41),
+        gearing: Default::default(),
     };
+    let motor = Motor { speed_hz: 30.0, inertia_kg_m2: 0.008, slip_slope_nm_s_per_rad: 2.0 };
     Bench {
-        format: FORMAT.into(),
-        name: "test".into(),
-        motor: Motor { speed_hz: 30.0, inertia_kg_m2: 0.008, slip_slope_nm_s_per_rad: 2.0 },
-        belt: None,
-        shafts: vec![shaft("input"), shaft("output")],
-        stages: vec![Stage {
-            name: "stage1".into(),
-            module_mm: 2.0,
-            pressure_angle_deg: 20.0,
-            face_width_mm: 20.0,
-            backlash_um: 80.0,
-            mesh_damping_ratio: 0.06,
-            line_of_centres_deg: 0.0,
-            pinion: gear(23),
-            wheel: gear(41),
-            gearing: Default::default(),
-        }],
-        gear_material: GearMaterial::default(),
         brake: Brake { torque_nm: 40.0, inertia_kg_m2: 0.01 },
-        housing_modes: vec![],
         sensors: ["acc_1", "acc_2"]
             .iter()
             .map(|name| Sensor {
@@ -61,13 +46,8 @@ fn bench() -> Bench {
                 unit: "m/s^2".into(),
             })
             .collect(),
-        tacho: None,
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
-        effects: vec![],
-        terms: vec![],
-        bearings: vec![],
-        indicators: Default::default(),
-        check: Default::default(),
+        ..Bench::new("test", motor, vec![shaft("input"), shaft("output")], vec![stage])
     }
 }
 

@@ -26,6 +26,9 @@ const ODDS: f64 = 1e3;
 /// Laws that predict.
 const PREDICTING: usize = 3;
 const SUREST: f64 = 0.95;
+/// What the figures of a law's fit are.
+const METRIC: &str = "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, all lines; the model before is the bench as the reference shows it, after it the \
+                      same with a law that no effect has, fitted to the other recordings; 1 or less is repetition";
 
 /// A law, the bench with it, and how it predicts.
 pub struct Shown {
@@ -129,16 +132,13 @@ pub fn find(
         let residuals = lines.as_ref().map(|lines| Residuals::of(q.comparison, lines, &held));
         beside.extend(residuals.map(|r| Beside { what: words(&found[k]), held_out: r.held }));
     }
-    let total: f64 = found.iter().map(|f| (INDEPENDENT * (f.evidence - found[best].evidence)).exp()).sum();
-    let of = |same: &dyn Fn(&Fitted) -> bool| {
-        let own = found.iter().filter(|f| same(f));
-        let sum: f64 = own.map(|f| (INDEPENDENT * (f.evidence - found[best].evidence)).exp()).sum();
-        (sum / total).min(SUREST)
-    };
     let term = last.written();
     let kind = entry_point(&term.expression, &term.place);
-    let probability = of(&|f| f.term.term.expression == term.expression && f.term.term.place == term.place);
-    let entered = of(&|f| f.term.term.place == term.place && entry_point(&f.term.term.expression, &term.place) == kind);
+    let probability =
+        share(&found, best, |f| f.term.term.expression == term.expression && f.term.term.place == term.place);
+    let entered = share(&found, best, |f| {
+        f.term.term.place == term.place && entry_point(&f.term.term.expression, &term.place) == kind
+    });
     let estimate = Estimate::new(last.size * last.term.scale, last.sigma * last.term.scale);
     Some(Shown {
         term: FreeTerm {
@@ -150,9 +150,7 @@ pub fn find(
         },
         bench: last.bench(q, cells)?,
         fit: Fit {
-            metric: "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, all lines; the model before is the bench as the reference shows it, after it the \
-                     same with a law that no effect has, fitted to the other recordings; 1 or less is repetition"
-                .into(),
+            metric: METRIC.into(),
             train_before: untouched.fitted,
             train_after: own.fitted,
             held_out_before: untouched.held,
@@ -163,6 +161,14 @@ pub fn find(
             sham: None,
         },
     })
+}
+
+/// Probability of the laws that are the `same`, from the evidence of all.
+fn share(found: &[Fitted], best: usize, same: impl Fn(&Fitted) -> bool) -> f64 {
+    let weight = |f: &Fitted| (INDEPENDENT * (f.evidence - found[best].evidence)).exp();
+    let total: f64 = found.iter().map(weight).sum();
+    let own: f64 = found.iter().filter(|f| same(f)).map(weight).sum();
+    (own / total).min(SUREST)
 }
 
 fn words(f: &Fitted) -> String {

@@ -2,9 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use gearwatch_core::bench::{
-    Acquisition, Belt, Bench, Brake, EffectSpec, FORMAT, Gear, GearMaterial, Motor, Sensor, Shaft, Stage, Tacho,
-};
+use gearwatch_core::bench::{Acquisition, Belt, Bench, Brake, EffectSpec, Gear, Motor, Sensor, Shaft, Stage, Tacho};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
@@ -94,24 +92,16 @@ impl Draw {
 pub fn bench(d: &mut Draw) -> Bench {
     let stages = if d.uniform(0.0, 1.0) < 0.65 { 1 } else { 2 };
     let shaft = |d: &mut Draw, name: &str| Shaft {
-        name: name.into(),
         inertia_kg_m2: d.uniform(0.001, 0.006),
         torsion_nm_per_rad: d.uniform(9e3, 6e4),
         torsion_damping_nm_s_per_rad: d.uniform(0.3, 0.7),
         bearing_n_per_m: d.uniform(1.2e8, 2.4e8),
         bearing_damping_n_s_per_m: d.uniform(800.0, 2000.0),
-        axial_n_per_m: None,
+        ..Shaft::named(name)
     };
     let names: &[&str] = if stages == 1 { &["input", "output"] } else { &["input", "intermediate", "output"] };
     let shafts: Vec<Shaft> = names.iter().map(|n| shaft(d, n)).collect();
-    let gear = |teeth: u32, bore: f64| Gear {
-        teeth,
-        bore_mm: Some(bore),
-        mass_kg: None,
-        inertia_kg_m2: None,
-        profile_shift: None,
-        tip_diameter_mm: None,
-    };
+    let gear = |teeth: u32, bore: f64| Gear { bore_mm: Some(bore), ..Gear::with_teeth(teeth) };
     let stage_list: Vec<Stage> = (0..stages)
         .map(|i| {
             let pinion = d.whole(19, 37);
@@ -149,24 +139,14 @@ pub fn bench(d: &mut Draw) -> Bench {
         .collect();
     let tacho = [None, Some("input"), Some("output")][d.whole(0, 2) as usize]
         .map(|shaft| Tacho { shaft: shaft.into(), pulses_per_rev: 1.0 });
+    let motor = Motor { speed_hz: d.uniform(28.0, 45.0).round(), inertia_kg_m2: 0.008, slip_slope_nm_s_per_rad: 2.5 };
     Bench {
-        format: FORMAT.into(),
-        name: "drawn".into(),
-        motor: Motor { speed_hz: d.uniform(28.0, 45.0).round(), inertia_kg_m2: 0.008, slip_slope_nm_s_per_rad: 2.5 },
         belt,
-        shafts,
-        stages: stage_list,
-        gear_material: GearMaterial::default(),
         brake: Brake { torque_nm: d.uniform(40.0, 120.0).round(), inertia_kg_m2: 0.015 },
-        housing_modes: vec![],
         sensors,
         tacho,
         acquisition: Acquisition { sample_rate_hz: RATE_HZ },
-        effects: vec![],
-        terms: vec![],
-        bearings: vec![],
-        indicators: Default::default(),
-        check: Default::default(),
+        ..Bench::new("drawn", motor, shafts, stage_list)
     }
 }
 

@@ -106,11 +106,6 @@ impl RecordingFeatures {
     pub fn order_hz(&self, order: f64) -> f64 {
         order * self.input_hz
     }
-
-    /// Position of an order in the order spectra.
-    pub fn order_bin(&self, order: f64) -> f64 {
-        order * self.revolutions
-    }
 }
 
 /// Reads one steady recording, given the input-shaft speed that the comb search found. Where the speed fluctuates at a fixed frequency (Hz), the angle follows that too.

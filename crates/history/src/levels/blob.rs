@@ -1,4 +1,5 @@
-//! A span as bytes: counts whole, means in single precision, of which a screen and a report show a few digits.
+//! A span as bytes: counts whole, means in single precision, of which a screen and a report show a
+//! few digits.
 
 use std::collections::HashMap;
 

@@ -94,7 +94,8 @@ pub(super) fn prune(db: &Connection) -> Result<()> {
     let begin = |secs: i64, kept: i64, nth: &mut rusqlite::Statement<'_>| {
         nth.query_row(params![secs, kept / secs - 1], |row| row.get::<_, i64>(0)).optional()
     };
-    // The keys begin with level and row: with the rows named they are sought, else the whole level is read.
+    // The keys begin with level and row: with the rows named they are sought, else the whole level
+    // is read.
     for (secs, kept) in LEVELS {
         if let Some(begin) = begin(secs, kept, &mut nth)? {
             db.execute(

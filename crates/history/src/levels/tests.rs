@@ -51,12 +51,14 @@ fn through_levels(folder: &Path, every: i64, from: Option<i64>, to: Option<i64>)
     (history, known.len())
 }
 
-/// Numbers in single precision: 6e-8 of each, and no more than some twenty of them are put together here.
+/// Numbers in single precision: 6e-8 of each, and no more than some twenty of them are put together
+/// here.
 fn alike(a: f64, b: f64) -> bool {
     a.is_nan() && b.is_nan() || (a - b).abs() <= 2e-6 * a.abs().max(b.abs()).max(1e-3)
 }
 
-/// A history through the levels says what one says that reads every file: by 2 min, by hours, by days, with and without limits.
+/// A history through the levels says what one says that reads every file: by 2 min, by hours, by
+/// days, with and without limits.
 #[test]
 fn oracle_levels_say_what_the_files_say() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -131,7 +133,8 @@ fn conform_spectra_and_alarms_of_any_time_are_found() {
     assert_eq!(levels.events(START, START + 7200 * SECOND, 1).expect("events").len(), 1, "the newest alone");
 }
 
-/// What is finer goes earlier, by spans and not by the clock: one window of a wrong clock takes the place of one span.
+/// What is finer goes earlier, by spans and not by the clock: one window of a wrong clock takes the
+/// place of one span.
 #[test]
 fn analytic_a_level_keeps_so_many_spans() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -165,7 +168,8 @@ fn analytic_a_level_keeps_so_many_spans() {
     assert_eq!(levels.level_for(5 * SECOND, START).expect("a level"), None);
 }
 
-/// A reader that has seen rows without a file is not told that the file is in them: it would be in neither.
+/// A reader that has seen rows without a file is not told that the file is in them: it would be in
+/// neither.
 #[test]
 fn regress_a_file_that_is_taken_in_meanwhile_is_not_lost() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -3,7 +3,7 @@
 use gearwatch_core::verdict::HARMONICS;
 use serde_json::{Value, json};
 
-use super::cell::Cell;
+use super::cell::ShortSpan;
 use super::{Asked, Found, MOST_EVENTS, SECOND};
 use crate::span::STATES;
 
@@ -17,10 +17,12 @@ fn number(x: f32) -> Value {
 
 pub(super) fn answer(asked: &Asked, every: i64, found: &Found) -> Value {
     let Found { cells, events, files, to_read, troubled, .. } = found;
-    let column = |of: &dyn Fn(&Cell) -> f32| -> Value { cells.values().map(|c| number(of(c))).collect() };
-    let harmonics =
-        |of: &dyn Fn(&Cell, usize) -> f32| -> Value { (0..HARMONICS).map(|h| column(&|c: &Cell| of(c, h))).collect() };
-    let gravest = |c: &Cell| STATES.iter().zip(c.states).find(|(_, n)| *n > 0).map_or("unknown", |(name, _)| *name);
+    let column = |of: &dyn Fn(&ShortSpan) -> f32| -> Value { cells.values().map(|c| number(of(c))).collect() };
+    let harmonics = |of: &dyn Fn(&ShortSpan, usize) -> f32| -> Value {
+        (0..HARMONICS).map(|h| column(&|c: &ShortSpan| of(c, h))).collect()
+    };
+    let gravest =
+        |c: &ShortSpan| STATES.iter().zip(c.states).find(|(_, n)| *n > 0).map_or("unknown", |(name, _)| *name);
     let wanted = asked.place().is_some();
     let hidden = events.len().saturating_sub(MOST_EVENTS);
     json!({

@@ -39,7 +39,7 @@ impl Short {
 
 /// A span in short form.
 #[derive(Clone, Debug)]
-pub(super) struct Cell {
+pub(super) struct ShortSpan {
     pub(super) windows: u32,
     pub(super) states: [u32; 5],
     pub(super) not_ok: u32,
@@ -52,7 +52,7 @@ pub(super) struct Cell {
     pub(super) indicator: Short,
 }
 
-impl Cell {
+impl ShortSpan {
     /// `place`: of the wanted one among the indicators of the span.
     pub(super) fn of(span: &Span, place: Option<usize>) -> Self {
         let short = |mean: &Mean| Short::of(mean.estimate(OWN_SHARE));
@@ -90,7 +90,8 @@ impl Cell {
 mod tests {
     use super::*;
 
-    /// Two parts of a span, 30 and 10 windows: (30·2 + 10·6)/40 = 3; sigma √((30·0.1)² + (10·0.4)²)/40 = 0.125.
+    /// Two parts of a span, 30 and 10 windows: (30·2 + 10·6)/40 = 3; sigma
+    /// √((30·0.1)² + (10·0.4)²)/40 = 0.125.
     #[test]
     fn analytic_parts_of_a_span_are_put_together_by_their_windows() {
         let merged = Short { value: 2.0, sigma: 0.1 }.with(30.0, Short { value: 6.0, sigma: 0.4 }, 10.0);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use gearwatch_log::AlarmRecord;
 
-use super::cell::Cell;
+use super::cell::ShortSpan;
 use crate::collect::{Event, History, Key};
 use crate::extent::Extent;
 use crate::span::Wanted;
@@ -16,7 +16,7 @@ pub(super) type Of = (PathBuf, i64, Option<usize>);
 /// What a file holds, put together by one span.
 #[derive(Debug)]
 pub(super) struct Digest {
-    rows: BTreeMap<Key, BTreeMap<i64, Cell>>,
+    rows: BTreeMap<Key, BTreeMap<i64, ShortSpan>>,
     /// All other rows were left out for want of room.
     only: Option<Key>,
     pub(super) events: Vec<Event>,
@@ -36,7 +36,10 @@ impl Digest {
         // A file that cannot be read is one without anything in it, and said to be so.
         let failed = history.read(path).is_err();
         let rows = history.groups().map(|(key, spans)| {
-            (key.clone(), spans.iter().map(|(&at, span)| (at, Cell::of(span, Some(0)))).collect::<BTreeMap<_, _>>())
+            (
+                key.clone(),
+                spans.iter().map(|(&at, span)| (at, ShortSpan::of(span, Some(0)))).collect::<BTreeMap<_, _>>(),
+            )
         });
         let rows = rows.collect();
         history.finish();
@@ -55,7 +58,7 @@ impl Digest {
     }
 
     /// The row; a log of one bench alone may leave the bench's name out.
-    pub(super) fn row(&self, row: &Key) -> impl Iterator<Item = (&i64, &Cell)> {
+    pub(super) fn row(&self, row: &Key) -> impl Iterator<Item = (&i64, &ShortSpan)> {
         self.rows.get(row).or_else(|| self.rows.get(&unnamed(row))).into_iter().flatten()
     }
 
@@ -72,8 +75,9 @@ fn unnamed((_, stage, channel): &Key) -> Key {
     (String::new(), stage.clone(), channel.clone())
 }
 
-/// Leaves at most about `most` cells: forgets what was not asked for the longest, and of what question `now` wants all rows but its own `row`. So the files
-/// of one question never drive each other out.
+/// Leaves at most about `most` cells: forgets what was not asked for the longest, and of what
+/// question `now` wants all rows but its own `row`. So the files of one question never drive each
+/// other out.
 pub(super) fn make_room(digests: &mut BTreeMap<Of, Digest>, most: usize, now: u64, row: &Key) {
     let mut cells: usize = digests.values().map(Digest::cells).sum();
     while cells > most {

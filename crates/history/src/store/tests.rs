@@ -13,7 +13,8 @@ fn analytic_thinning_keeps_the_last_and_never_more_than_asked_for() {
     }
 }
 
-/// A minute is shown in steps of 5 s, a year in steps of a day; never more points than a screen has.
+/// A minute is shown in steps of 5 s, a year in steps of a day; never more points than a screen
+/// has.
 #[test]
 fn analytic_the_longer_the_time_the_longer_the_spans() {
     let asked = |secs: i64| Asked { row: Key::default(), from: 0, to: secs * SECOND, indicator: String::new() };
@@ -41,7 +42,8 @@ fn told(store: &Store) -> (u64, usize) {
     }
 }
 
-/// What a file has got since it was read is read too: once in a while as long as the file is open, at once when it is closed.
+/// What a file has got since it was read is read too: once in a while as long as the file is open,
+/// at once when it is closed.
 #[test]
 fn regress_a_file_that_grows_leaves_no_hole() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -59,7 +61,8 @@ fn regress_a_file_that_grows_leaves_no_hole() {
     assert_eq!([told(&eager), told(&patient)], [(34, 17); 2]);
 }
 
-/// Two files of 25 spans of two rows each, and room for 60: the row that is asked for stays whole, and each file is read once.
+/// Two files of 25 spans of two rows each, and room for 60: the row that is asked for stays whole,
+/// and each file is read once.
 #[test]
 fn regress_files_of_one_question_do_not_drive_each_other_out() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -66,7 +66,8 @@ fn conform_every_kind_survives_being_written() {
     }
 }
 
-/// What the file leaves out is what is usual: the ring stands still, the sun drives, the carrier is driven; with another member fixed the others follow.
+/// What the file leaves out is what is usual: the ring stands still, the sun drives, the carrier is
+/// driven; with another member fixed the others follow.
 #[test]
 fn conform_members_follow_from_what_is_said() {
     use gearwatch_core::bench::Member::{Carrier, Ring, Sun};
@@ -89,7 +90,8 @@ fn conform_members_follow_from_what_is_said() {
     );
 }
 
-/// A spur bench writes no key of another kind, so that what was written before is written again, letter by letter.
+/// A spur bench writes no key of another kind, so that what was written before is written again,
+/// letter by letter.
 #[test]
 fn regress_a_spur_stage_is_written_as_before() {
     let bench = read(
@@ -146,8 +148,9 @@ fn conform_a_planetary_stage_that_cannot_be_built_is_refused() {
     }
 }
 
-/// Sun 27, planets 35, ring 99, the teeth of the Bell 206 helicopter: four planets cannot be equally spaced, (27 + 99)/4 being 31.5; 32 and 31 steps of 360°/126 by turns,
-/// 91.43° and 88.57°, hold them.
+/// Sun 27, planets 35, ring 99, the teeth of the Bell 206 helicopter: four planets cannot be
+/// equally spaced, (27 + 99)/4 being 31.5; 32 and 31 steps of 360°/126 by turns, 91.43° and 88.57°,
+/// hold them.
 #[test]
 fn analytic_planets_that_equal_spacing_cannot_hold() {
     let teeth = PLANETARY
@@ -195,7 +198,8 @@ fn conform_a_helical_pair_that_cannot_be_built_is_refused() {
     read(&HELICAL.replace("teeth = 23", "teeth = 14").replace("kind", "profile_shifted = true\nkind"));
 }
 
-/// Coefficients and the centre distance that contradict each other are refused with place, number and what would be right; a planetary stage has no distance of pinion and wheel.
+/// Coefficients and the centre distance that contradict each other are refused with place, number
+/// and what would be right; a planetary stage has no distance of pinion and wheel.
 #[test]
 fn conform_profile_shift_that_cannot_be_is_refused() {
     let free = HELICAL

@@ -215,8 +215,9 @@ fn stated_rate(variable: &Variable) -> Option<f64> {
     (rate.is_finite() && rate > 0.0).then_some(rate)
 }
 
-/// Where the sample rate of arrays is known from: an array of times, or a number in the same struct, else at the top, else anywhere, such as in a
-/// head of its own, where all that are there agree.
+/// Where the sample rate of arrays is known from: an array of times, or a number in the same
+/// struct, else at the top, else anywhere, such as in a head of its own, where all that are there
+/// agree.
 struct Rates<'a> {
     /// The array of times, and the rate that follows from it.
     time: Option<(&'a Variable, f64)>,
@@ -238,7 +239,8 @@ impl<'a> Rates<'a> {
         let mut anywhere: Option<(f64, &'a str)> = None;
         let mut agree = true;
         let place = |path: &'a str| path.rsplit_once('.').map_or("", |(place, _)| place);
-        // A struct with arrays of its own states their rate; a head, which has none, states that of all.
+        // A struct with arrays of its own states their rate; a head, which has none, states that of
+        // all.
         let with_arrays: BTreeSet<&str> =
             all.iter().filter(|v| v.numbers.len() >= SHORTEST).map(|v| place(&v.path)).collect();
         for (rate, path) in all.iter().filter_map(|v| Some((stated_rate(v)?, v.path.as_str()))) {

@@ -1,4 +1,5 @@
-//! WAV: integers of 16, 24 and 32 bits, floats of 32 and 64 bits, also as RF64 and BW64 with more than 4 GiB.
+//! WAV: integers of 16, 24 and 32 bits, floats of 32 and 64 bits, also as RF64 and BW64 with more
+//! than 4 GiB.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -82,7 +83,8 @@ struct WavSource {
     done: bool,
 }
 
-/// What 32-bit size fields hold where the size is in the chunk `ds64`, or not known because the recorder was stopped.
+/// What 32-bit size fields hold where the size is in the chunk `ds64`, or not known because the
+/// recorder was stopped.
 const NO_SIZE: u32 = u32::MAX;
 
 impl WavSource {

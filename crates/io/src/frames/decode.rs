@@ -64,7 +64,8 @@ pub enum Decoded {
     Lost(Lost),
 }
 
-/// Turns the bytes of a connection into frames. What comes out does not depend on how the bytes were split.
+/// Turns the bytes of a connection into frames. What comes out does not depend on how the bytes
+/// were split.
 #[derive(Debug, Default)]
 pub struct Decoder {
     buffer: Vec<u8>,

@@ -1,6 +1,6 @@
 //! From bytes, split anywhere, to messages.
 
-use super::payload::{Kind, Walk};
+use super::payload::{PayloadKind, Walk};
 use super::{LONGEST_PAYLOAD, Message, Time};
 
 /// First bytes of every message.
@@ -60,13 +60,15 @@ pub enum Decoded {
 
 /// Turns bytes into messages. What comes out does not depend on how the bytes were split.
 ///
-/// Holds at most one message of [`LONGEST_PAYLOAD`] and what was pushed last. A message is handed out when its last byte is there; after
-/// damage, and where it is the first of short headers or nothing in it can be checked, only when the next one has begun.
+/// Holds at most one message of [`LONGEST_PAYLOAD`] and what was pushed last. A message is handed
+/// out when its last byte is there; after damage, and where it is the first of short headers or
+/// nothing in it can be checked, only when the next one has begun.
 #[derive(Debug, Default)]
 pub struct Decoder {
     buffer: Vec<u8>,
     lost: Option<Lost>,
-    /// The header length of this stream, once a message has come: one bit lies between the two that there are.
+    /// The header length of this stream, once a message has come: one bit lies between the two that
+    /// there are.
     header_length: Option<u16>,
 }
 
@@ -95,7 +97,8 @@ impl Decoder {
                     at += used;
                 }
                 Step::Damaged(damage) => {
-                    // On to the next byte that may begin a message; what lies inside a damaged one may be whole.
+                    // On to the next byte that may begin a message; what lies inside a damaged one
+                    // may be whole.
                     let inside = rest.get(1..).unwrap_or_default();
                     let skipped = 1 + inside.iter().position(|&b| b == MAGIC[0]).unwrap_or(inside.len());
                     at += skipped;
@@ -123,8 +126,8 @@ fn out_lost(lost: &mut Option<Lost>, out: &mut dyn FnMut(Decoded)) {
     }
 }
 
-/// Looks at the bytes where a message should begin. `strict`: after damage, when bytes must prove that they are a message. `usual`: the
-/// header length of the messages before.
+/// Looks at the bytes where a message should begin. `strict`: after damage, when bytes must prove
+/// that they are a message. `usual`: the header length of the messages before.
 fn step(bytes: &[u8], strict: bool, usual: Option<u16>) -> Step {
     match header(bytes, strict, usual) {
         Ok(Some(header)) => header.payload(bytes).unwrap_or_else(Step::Damaged),
@@ -134,7 +137,7 @@ fn step(bytes: &[u8], strict: bool, usual: Option<u16>) -> Step {
 }
 
 struct Header {
-    kind: Kind,
+    kind: PayloadKind,
     time: Time,
     /// The payload lies here.
     start: usize,
@@ -173,8 +176,9 @@ fn header(bytes: &[u8], strict: bool, usual: Option<u16>) -> Result<Option<Heade
     let length = u32::from_le_bytes([a, b, c, d]);
     match usize::try_from(length) {
         Ok(payload) if payload <= LONGEST_PAYLOAD => {
-            let kind = Kind::of(kind);
-            // What cannot be checked from within, and a form that one flipped bit makes of the other.
+            let kind = PayloadKind::of(kind);
+            // What cannot be checked from within, and a form that one flipped bit makes of the
+            // other.
             let doubtful = strict || kind.is_opaque() || (header_length == SHORT && usual.is_none());
             Ok(Some(Header { kind, time, start, end: start + payload, doubtful }))
         }
@@ -186,7 +190,8 @@ impl Header {
     fn payload(self, bytes: &[u8]) -> Result<Step, Damage> {
         let Self { kind, time, start, end, doubtful } = self;
         let here = bytes.get(start..bytes.len().min(end)).unwrap_or_default();
-        // A wrong length shows before the bytes that it promises have come, so that it holds nothing up.
+        // A wrong length shows before the bytes that it promises have come, so that it holds
+        // nothing up.
         let walk = Walk { bytes: here, length: end - start };
         walk.check(kind)?;
         if bytes.len() < end {

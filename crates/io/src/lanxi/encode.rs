@@ -6,7 +6,8 @@ use super::{Body, Message, Value};
 /// Bytes from `header_length` to `message_length`.
 const HEADER_LENGTH: u16 = 20;
 
-/// Appends a message. Lists and values that are longer than the format's own counters are cut there.
+/// Appends a message. Lists and values that are longer than the format's own counters are cut
+/// there.
 pub fn encode(message: &Message, out: &mut Vec<u8>) {
     out.extend(MAGIC);
     out.extend(HEADER_LENGTH.to_le_bytes());

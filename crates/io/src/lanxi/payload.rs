@@ -16,7 +16,7 @@ pub(super) const DESCRIPTOR_HEAD: usize = 8;
 
 /// Kind of a payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum PayloadKind {
     Signals,
     Quality,
     Interpretation,
@@ -24,7 +24,7 @@ pub(super) enum Kind {
     Unknown(u16),
 }
 
-impl Kind {
+impl PayloadKind {
     pub(super) const fn of(number: u16) -> Self {
         match number {
             1 => Self::Signals,
@@ -54,20 +54,21 @@ const TOO_SHORT: Damage = Damage::Payload("it ends inside an entry");
 const SIGNAL_NUMBER: Damage = Damage::Payload("a signal number is out of range");
 
 impl Walk<'_> {
-    /// Looks whether what has come can be the beginning of a whole payload. What is refused of a beginning is refused of the whole.
-    pub(super) fn check(&self, kind: Kind) -> Result<(), Damage> {
+    /// Looks whether what has come can be the beginning of a whole payload. What is refused of a
+    /// beginning is refused of the whole.
+    pub(super) fn check(&self, kind: PayloadKind) -> Result<(), Damage> {
         match kind {
-            Kind::Signals => self.signals(&mut |_, _| {}),
-            Kind::Quality => self.quality(&mut |_| {}),
-            Kind::Interpretation => self.descriptors(&mut |_, _, _| Ok(())),
-            Kind::Auxiliary | Kind::Unknown(_) => Ok(()),
+            PayloadKind::Signals => self.signals(&mut |_, _| {}),
+            PayloadKind::Quality => self.quality(&mut |_| {}),
+            PayloadKind::Interpretation => self.descriptors(&mut |_, _, _| Ok(())),
+            PayloadKind::Auxiliary | PayloadKind::Unknown(_) => Ok(()),
         }
     }
 
     /// Reads a payload of which all bytes have come.
-    pub(super) fn parse(&self, kind: Kind) -> Result<Body, Damage> {
+    pub(super) fn parse(&self, kind: PayloadKind) -> Result<Body, Damage> {
         Ok(match kind {
-            Kind::Signals => {
+            PayloadKind::Signals => {
                 let mut signals: Vec<Signal> = Vec::new();
                 self.signals(&mut |id, values| {
                     let counts = values.as_chunks::<SAMPLE>().0.iter().map(|&[a, b, c]| {
@@ -78,12 +79,12 @@ impl Walk<'_> {
                 })?;
                 Body::Signals(signals)
             }
-            Kind::Quality => {
+            PayloadKind::Quality => {
                 let mut all = Vec::new();
                 self.quality(&mut |quality| all.push(quality))?;
                 Body::Quality(all)
             }
-            Kind::Interpretation => {
+            PayloadKind::Interpretation => {
                 let mut all = Vec::new();
                 self.descriptors(&mut |signal, kind, bytes| {
                     all.push(Descriptor { signal, value: value(kind, bytes)? });
@@ -91,8 +92,8 @@ impl Walk<'_> {
                 })?;
                 Body::Interpretation(all)
             }
-            Kind::Auxiliary => Body::Auxiliary,
-            Kind::Unknown(number) => Body::Unknown(number),
+            PayloadKind::Auxiliary => Body::Auxiliary,
+            PayloadKind::Unknown(number) => Body::Unknown(number),
         })
     }
 

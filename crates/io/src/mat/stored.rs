@@ -1,4 +1,5 @@
-//! Vectors of an HDF5 file that stay in it: their chunks are read and unpacked one by one, as their values are asked for.
+//! Vectors of an HDF5 file that stay in it: their chunks are read and unpacked one by one, as their
+//! values are asked for.
 
 use flate2::{Decompress, FlushDecompress, Status};
 use gearwatch_core::block::Samples;
@@ -12,7 +13,8 @@ use crate::store::{self, Store};
 const SHORTEST: u64 = 1 << 12;
 /// Values that are read at a time where a dataset has no chunks.
 const PIECE: u64 = 1 << 14;
-/// Values of a chunk. Vectors in shorter ones, whose table would be out of proportion, are left to the library.
+/// Values of a chunk. Vectors in shorter ones, whose table would be out of proportion, are left to
+/// the library.
 const SHORTEST_CHUNK: u64 = 64;
 /// Bytes of a chunk, unpacked; larger ones are left to the library.
 const LARGEST_CHUNK: u64 = 8 << 20;
@@ -23,7 +25,7 @@ const SHUFFLE: u16 = 2;
 
 /// Type of the values, with the low byte first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum NumberType {
     F64,
     F32,
     I32,
@@ -31,7 +33,7 @@ enum Kind {
     U16,
 }
 
-impl Kind {
+impl NumberType {
     fn of(datatype: &Datatype) -> Option<Self> {
         let known = [
             (hdf5_pure::make_f64_type(), Self::F64),
@@ -63,7 +65,7 @@ struct Chunk {
 #[derive(Clone, Debug)]
 pub(crate) struct Stored {
     path: String,
-    kind: Kind,
+    kind: NumberType,
     count: u64,
     /// Values of each chunk; the last one has as many, of which some may lie beyond the end.
     chunk: u64,
@@ -73,7 +75,8 @@ pub(crate) struct Stored {
 }
 
 impl Stored {
-    /// The vector that a dataset is, with `count` values in all. None where it is short, or stored in a way that is left to the library.
+    /// The vector that a dataset is, with `count` values in all. None where it is short, or stored
+    /// in a way that is left to the library.
     pub(super) fn of(
         dataset: &Dataset,
         path: &str,
@@ -81,7 +84,8 @@ impl Stored {
         count: u64,
         size: u64,
     ) -> Result<Option<Self>, hdf5_pure::Error> {
-        let Some(kind) = Kind::of(&dataset.datatype()?).filter(|_| count >= SHORTEST && shape.contains(&count)) else {
+        let Some(kind) = NumberType::of(&dataset.datatype()?).filter(|_| count >= SHORTEST && shape.contains(&count))
+        else {
             return Ok(None);
         };
         let value = kind.size() as u64;
@@ -212,15 +216,17 @@ impl Unpacker {
             counts.clear();
         }
         match stored.kind {
-            Kind::F64 => values.extend(cells(bytes).map(|cell| (f64::from_le_bytes(cell) * scale) as f32)),
-            Kind::F32 => values.extend(cells(bytes).map(|cell| (f64::from(f32::from_le_bytes(cell)) * scale) as f32)),
-            Kind::I32 => counts.extend(cells(bytes).map(i32::from_le_bytes)),
-            Kind::I16 => counts.extend(cells(bytes).map(|cell| i32::from(i16::from_le_bytes(cell)))),
-            Kind::U16 => counts.extend(cells(bytes).map(|cell| i32::from(u16::from_le_bytes(cell)))),
+            NumberType::F64 => values.extend(cells(bytes).map(|cell| (f64::from_le_bytes(cell) * scale) as f32)),
+            NumberType::F32 => {
+                values.extend(cells(bytes).map(|cell| (f64::from(f32::from_le_bytes(cell)) * scale) as f32))
+            }
+            NumberType::I32 => counts.extend(cells(bytes).map(i32::from_le_bytes)),
+            NumberType::I16 => counts.extend(cells(bytes).map(|cell| i32::from(i16::from_le_bytes(cell)))),
+            NumberType::U16 => counts.extend(cells(bytes).map(|cell| i32::from(u16::from_le_bytes(cell)))),
         }
         *out = match stored.kind {
-            Kind::F64 | Kind::F32 => Samples::Physical(values),
-            Kind::I32 | Kind::I16 | Kind::U16 => Samples::Counts { counts, scale, offset: 0.0 },
+            NumberType::F64 | NumberType::F32 => Samples::Physical(values),
+            NumberType::I32 | NumberType::I16 | NumberType::U16 => Samples::Counts { counts, scale, offset: 0.0 },
         };
         Ok(())
     }

@@ -105,7 +105,8 @@ impl Walk<'_> {
         }
         let first = u32_of([tag[0], tag[1], tag[2], tag[3]], self.big_endian);
         let second = [tag[4], tag[5], tag[6], tag[7]];
-        // A short element has its size in the upper half of the type, and up to four bytes of data in the tag.
+        // A short element has its size in the upper half of the type, and up to four bytes of data
+        // in the tag.
         if first >> 16 == 0 {
             let size = u64::from(u32_of(second, self.big_endian));
             return Ok(Some(Element { kind: first, size, offset, short: None }));
@@ -199,7 +200,8 @@ impl Walk<'_> {
         ))
     }
 
-    /// One array with all that lies in it, in a container that ends at `outer`. `path` is its name where that is not its own.
+    /// One array with all that lies in it, in a container that ends at `outer`. `path` is its name
+    /// where that is not its own.
     fn array(
         &mut self,
         input: &mut Bytes<'_>,

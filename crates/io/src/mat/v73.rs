@@ -12,14 +12,15 @@ use super::{Collected, Numbers, Parsed, Variable};
 use crate::budget::{Budget, KEPT_BYTES, KEPT_PER_BYTE};
 use crate::problem::Problem;
 
-/// Bytes of the structure that are read, beyond [`STRUCTURE_PER_BYTE`] for each byte of the file: groups can be linked to
-/// each other so that a small file has more paths than can be walked.
+/// Bytes of the structure that are read, beyond [`STRUCTURE_PER_BYTE`] for each byte of the file:
+/// groups can be linked to each other so that a small file has more paths than can be walked.
 const STRUCTURE_BYTES: u64 = 16 << 20;
 /// See [`STRUCTURE_BYTES`].
 const STRUCTURE_PER_BYTE: u64 = 8;
 /// Chunks of a dataset.
 const MOST_CHUNKS: usize = 1 << 20;
-/// Largest HDF5 file that comes packed or through a pipe: it is held in memory, because its parts lie anywhere.
+/// Largest HDF5 file that comes packed or through a pipe: it is held in memory, because its parts
+/// lie anywhere.
 const LARGEST_UNSEEKABLE: u64 = 128 << 20;
 
 /// The bytes of an HDF5 file, which are read to and fro.
@@ -191,7 +192,8 @@ impl Walk<'_> {
         if Some(numbers.len() as u64) != count {
             return Err(Problem::damaged(place, format_args!("{count:?} values"), numbers.len()));
         }
-        // HDF5 counts the last dimension fastest and MATLAB the first, so MATLAB writes its dimensions in reverse order.
+        // HDF5 counts the last dimension fastest and MATLAB the first, so MATLAB writes its
+        // dimensions in reverse order.
         let rows = shape.last().map_or(1, |&rows| usize::try_from(rows).unwrap_or(usize::MAX));
         let columns = numbers.len() / rows.max(1);
         self.out.add(Variable { path, rows, columns, numbers });

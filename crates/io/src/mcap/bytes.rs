@@ -101,11 +101,13 @@ impl<R: Read> Input<R> {
         Ok(got)
     }
 
-    /// Replaces `out` by the next `size` bytes, growing it as bytes come; false where the input ends before.
+    /// Replaces `out` by the next `size` bytes, growing it as bytes come; false where the input
+    /// ends before.
     pub(super) fn read_into(&mut self, out: &mut Vec<u8>, size: usize) -> Result<bool, Problem> {
         let mut got = 0;
         while got < size {
-            // What `out` holds of the record before is written over, so that its memory need not be cleared.
+            // What `out` holds of the record before is written over, so that its memory need not be
+            // cleared.
             let end = size.min(out.len().max(got + PIECE));
             if out.len() < end {
                 out.resize(end, 0);

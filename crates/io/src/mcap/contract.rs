@@ -1,4 +1,5 @@
-//! The recording contract, protobuf package `gearwatch.v1`: messages, and the schema that travels with every file.
+//! The recording contract, protobuf package `gearwatch.v1`: messages, and the schema that travels
+//! with every file.
 //!
 //! Field numbers are fixed. A later version adds fields and never renumbers one.
 
@@ -91,7 +92,8 @@ pub struct OperatingPoint {
     pub temperature_c: f64,
 }
 
-/// The serialised `FileDescriptorSet` of the three messages with their import: the schema data of every channel.
+/// The serialised `FileDescriptorSet` of the three messages with their import: the schema data of
+/// every channel.
 pub fn descriptor_set() -> Vec<u8> {
     const STAMP: &str = ".google.protobuf.Timestamp";
     let timestamp = FileDescriptorProto {
@@ -149,7 +151,8 @@ pub fn descriptor_set() -> Vec<u8> {
     FileDescriptorSet { file: vec![timestamp, recording] }.encode_to_vec()
 }
 
-/// A message descriptor with fields numbered from 1 in order. In proto3 repeated numbers are packed by default.
+/// A message descriptor with fields numbered from 1 in order. In proto3 repeated numbers are packed
+/// by default.
 fn message(name: &str, fields: &[(&str, Type, Label, &str)]) -> DescriptorProto {
     DescriptorProto {
         name: Some(name.into()),

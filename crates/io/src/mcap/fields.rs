@@ -1,4 +1,5 @@
-//! What MCAP is made of: kinds of records, primitive fields, packed chunks. The walk over recordings and that over logs, which mends files that a crash left behind, stand on it.
+//! What MCAP is made of: kinds of records, primitive fields, packed chunks. The walk over
+//! recordings and that over logs, which mends files that a crash left behind, stand on it.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -97,7 +98,8 @@ pub enum UnpackError {
     Unknown(String),
 }
 
-/// Puts the records of a chunk into `out`, exactly `size` bytes; `size` has been held against a limit before.
+/// Puts the records of a chunk into `out`, exactly `size` bytes; `size` has been held against a
+/// limit before.
 ///
 /// # Errors
 /// [`UnpackError`]; `out` is empty then.

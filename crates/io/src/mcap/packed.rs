@@ -1,4 +1,5 @@
-//! Vibration messages decoded: their packed samples are copied as a whole, all else is left to `prost`, which takes such a list value by value.
+//! Vibration messages decoded: their packed samples are copied as a whole, all else is left to
+//! `prost`, which takes such a list value by value.
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint};
 use prost::{DecodeError, Message};
@@ -31,7 +32,8 @@ pub(super) fn vibration(data: &[u8]) -> Result<VibrationBlock, DecodeError> {
     Ok(block)
 }
 
-/// The bytes of a list with its length in front, and those behind it; absent where they do not hold whole values.
+/// The bytes of a list with its length in front, and those behind it; absent where they do not hold
+/// whole values.
 fn list(mut rest: &[u8]) -> Option<(&[u8], &[u8])> {
     let length = usize::try_from(decode_varint(&mut rest).ok()?).ok()?;
     rest.split_at_checked(length).filter(|(list, _)| list.len().is_multiple_of(SIZE))
@@ -53,7 +55,8 @@ mod tests {
         }
     }
 
-    /// The number of the field is that of the contract, and a list in two parts or value by value is one list.
+    /// The number of the field is that of the contract, and a list in two parts or value by value
+    /// is one list.
     #[test]
     fn oracle_messages_decode_as_prost_decodes_them() {
         let mut data = block().encode_to_vec();
@@ -68,7 +71,8 @@ mod tests {
         assert_eq!(vibration(&counts.encode_to_vec()), Ok(counts));
     }
 
-    /// Each beginning of a message, and each message with one byte changed, gives what `prost` gives, be it an error.
+    /// Each beginning of a message, and each message with one byte changed, gives what `prost`
+    /// gives, be it an error.
     #[test]
     fn oracle_damaged_messages_are_refused_as_prost_refuses_them() {
         let data = VibrationBlock { samples: vec![0.5; 5], ..block() }.encode_to_vec();

@@ -20,7 +20,7 @@ use crate::columns::readable;
 use crate::problem::Problem;
 
 /// How messages of a channel become packets.
-enum Kind {
+enum ChannelUse {
     Vibration(Arc<str>),
     Tacho(Arc<str>),
     OperatingPoint,
@@ -33,7 +33,7 @@ enum Kind {
 /// Reads the packets of a recording in the order of the file, one chunk in memory at a time.
 pub struct McapSource<R> {
     walk: Walk<R>,
-    kinds: BTreeMap<u16, Kind>,
+    kinds: BTreeMap<u16, ChannelUse>,
     units: BTreeMap<Box<str>, Arc<str>>,
     /// Packets of foreign schemas that are ready.
     ready: VecDeque<Packet>,
@@ -76,7 +76,8 @@ impl<R: Read> McapSource<R> {
         }
     }
 
-    /// Gives the sample rate of topics with one sample a message; otherwise it is estimated from their time stamps.
+    /// Gives the sample rate of topics with one sample a message; otherwise it is estimated from
+    /// their time stamps.
     pub fn with_sample_rate(mut self, sample_rate_hz: Option<f64>) -> Self {
         self.sample_rate_hz = sample_rate_hz;
         self
@@ -92,8 +93,8 @@ impl<R: Read> McapSource<R> {
     /// Sentences on what is unusual; complete after the last packet.
     pub fn warnings(&self) -> Vec<String> {
         let notes = self.kinds.values().filter_map(|kind| match kind {
-            Kind::Imu(imu) => imu.note(),
-            Kind::Audio(audio) => Some(audio.note()),
+            ChannelUse::Imu(imu) => imu.note(),
+            ChannelUse::Audio(audio) => Some(audio.note()),
             _ => None,
         });
         self.walk.warnings().iter().cloned().chain(notes).collect()
@@ -111,14 +112,15 @@ impl<R: Read> McapSource<R> {
             };
             let place = || format!("topic {}, message at byte {}", message.channel.topic, message.offset);
             let packet = match kind {
-                Kind::Other => continue,
-                Kind::Vibration(sensor) => {
+                ChannelUse::Other => continue,
+                ChannelUse::Vibration(sensor) => {
                     let block = packed::vibration(message.data).map_err(|e| not_its_schema(e, &place))?;
                     let unit = match self.units.get(block.unit.as_str()) {
                         Some(unit) => unit.clone(),
                         None => {
                             let unit = readable(&block.unit, format_args!("the message at byte {}", message.offset))?;
-                            // Real recordings have a handful; a file with a new unit in every message gets no table.
+                            // Real recordings have a handful; a file with a new unit in every
+                            // message gets no table.
                             if self.units.len() < 256 {
                                 self.units.insert(block.unit.as_str().into(), unit.clone());
                             }
@@ -127,11 +129,11 @@ impl<R: Read> McapSource<R> {
                     };
                     Packet::Vibration(vibration(block, sensor.clone(), unit, message.log_time, &place)?)
                 }
-                Kind::Tacho(shaft) => {
+                ChannelUse::Tacho(shaft) => {
                     let block = decode::<contract::TachoBlock>(message.data, &place)?;
                     Packet::Tacho(tacho(block, shaft.clone(), message.log_time, &place)?)
                 }
-                Kind::Imu(imu) => {
+                ChannelUse::Imu(imu) => {
                     imu.push(message.data, message.log_time, message.offset)?;
                     self.ready.extend(std::iter::from_fn(|| imu.pop()));
                     match self.ready.pop_front() {
@@ -139,7 +141,7 @@ impl<R: Read> McapSource<R> {
                         None => continue,
                     }
                 }
-                Kind::Audio(audio) => {
+                ChannelUse::Audio(audio) => {
                     let sound = decode::<raw_audio::Wire>(message.data, &place)?;
                     let t0 = nanos(sound.timestamp, message.log_time, &place)?;
                     audio.push(&sound, t0, &place)?;
@@ -149,7 +151,7 @@ impl<R: Read> McapSource<R> {
                         None => continue,
                     }
                 }
-                Kind::OperatingPoint => {
+                ChannelUse::OperatingPoint => {
                     let point = decode::<contract::OperatingPoint>(message.data, &place)?;
                     let known = |value: f64| if value == 0.0 { f64::NAN } else { value };
                     Packet::OperatingPoint(OperatingPoint {
@@ -164,7 +166,7 @@ impl<R: Read> McapSource<R> {
             return Ok(Some(packet));
         }
         for kind in self.kinds.values_mut() {
-            if let Kind::Imu(imu) = kind {
+            if let ChannelUse::Imu(imu) = kind {
                 imu.finish()?;
                 self.ready.extend(std::iter::from_fn(|| imu.pop()));
             }
@@ -221,9 +223,9 @@ impl<R: Read + Send> Source for McapSource<R> {
     }
 }
 
-fn kind_of(channel: &Channel, sample_rate_hz: Option<f64>) -> Result<Kind, Problem> {
+fn kind_of(channel: &Channel, sample_rate_hz: Option<f64>) -> Result<ChannelUse, Problem> {
     if let Some(imu) = Imu::for_channel(channel, sample_rate_hz)? {
-        return Ok(Kind::Imu(Box::new(imu)));
+        return Ok(ChannelUse::Imu(Box::new(imu)));
     }
     let schema = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
     let name = |prefix: &str| {
@@ -231,11 +233,11 @@ fn kind_of(channel: &Channel, sample_rate_hz: Option<f64>) -> Result<Kind, Probl
         readable(name, format_args!("channel {}", channel.id))
     };
     Ok(match (channel.encoding.as_str(), schema) {
-        (contract::PROTOBUF, contract::VIBRATION_SCHEMA) => Kind::Vibration(name(contract::VIBRATION_PREFIX)?),
-        (contract::PROTOBUF, contract::TACHO_SCHEMA) => Kind::Tacho(name(contract::TACHO_PREFIX)?),
-        (contract::PROTOBUF, contract::OPERATING_POINT_SCHEMA) => Kind::OperatingPoint,
-        (contract::PROTOBUF, raw_audio::SCHEMA) => Kind::Audio(RawAudio::new(&channel.topic)),
-        _ => Kind::Other,
+        (contract::PROTOBUF, contract::VIBRATION_SCHEMA) => ChannelUse::Vibration(name(contract::VIBRATION_PREFIX)?),
+        (contract::PROTOBUF, contract::TACHO_SCHEMA) => ChannelUse::Tacho(name(contract::TACHO_PREFIX)?),
+        (contract::PROTOBUF, contract::OPERATING_POINT_SCHEMA) => ChannelUse::OperatingPoint,
+        (contract::PROTOBUF, raw_audio::SCHEMA) => ChannelUse::Audio(RawAudio::new(&channel.topic)),
+        _ => ChannelUse::Other,
     })
 }
 

@@ -1,7 +1,7 @@
 //! A bounded walk over the records of an MCAP file: one message at a time, checksums before use.
 //!
-//! Nothing here trusts a length: each is compared with a limit and with what is there before it is used. Memory is
-//! one chunk as stored and one as decompressed.
+//! Nothing here trusts a length: each is compared with a limit and with what is there before it is
+//! used. Memory is one chunk as stored and one as decompressed.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -15,7 +15,8 @@ use super::fields::{MAGIC, UnpackError, op, unpack};
 use crate::budget::{UNPACKED_CHUNK_BYTES, check_unpacked};
 use crate::problem::Problem;
 
-/// Bytes of the largest chunk or record, stored or decompressed: what is written stays below it, and what is read is refused above it.
+/// Bytes of the largest chunk or record, stored or decompressed: what is written stays below it,
+/// and what is read is refused above it.
 pub const LARGEST_RECORD: usize = 64 << 20;
 
 /// Bounds on what a file may ask for.
@@ -25,7 +26,8 @@ pub struct Limits {
     pub record_bytes: usize,
     /// Bytes of all schemas and channels together.
     pub definition_bytes: usize,
-    /// Messages beyond one for each stored byte: a small file that holds more is a decompression bomb.
+    /// Messages beyond one for each stored byte: a small file that holds more is a decompression
+    /// bomb.
     pub messages: u64,
 }
 
@@ -158,8 +160,8 @@ impl<R: Read> Walk<R> {
         self.messages
     }
 
-    /// The next message in the order of the file, or `None` at its end. A file that stops in the middle of a record
-    /// ends there, with a warning.
+    /// The next message in the order of the file, or `None` at its end. A file that stops in the
+    /// middle of a record ends there, with a warning.
     ///
     /// # Errors
     /// When the bytes contradict the format or a checksum, or ask for more than the limits.
@@ -338,7 +340,8 @@ impl<R: Read> Walk<R> {
         Ok(())
     }
 
-    /// The order of records that the format and its writers keep. A record whose kind was damaged into another breaks it.
+    /// The order of records that the format and its writers keep. A record whose kind was damaged
+    /// into another breaks it.
     fn check_order(&self, opcode: u8, offset: u64) -> Result<(), Problem> {
         let found = match opcode {
             op::HEADER if self.header.is_some() => "a second header",
@@ -453,8 +456,8 @@ impl<R: Read> Walk<R> {
         }
     }
 
-    /// The bytes end before the footer. A writer that was stopped leaves such a file; a file that ends as it should is
-    /// damaged instead, because a length in it leads past its end.
+    /// The bytes end before the footer. A writer that was stopped leaves such a file; a file that
+    /// ends as it should is damaged instead, because a length in it leads past its end.
     fn unfinished(&mut self, offset: u64) -> Result<(), Problem> {
         if self.input.last == MAGIC && self.input.position > 8 {
             return Err(Problem::damaged(

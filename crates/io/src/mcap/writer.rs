@@ -49,7 +49,8 @@ pub enum PublishTime {
     LogTime,
 }
 
-/// Writes packets. Call [`McapWriter::finish`]: a file without it is unfinished, and what its last chunk held is lost.
+/// Writes packets. Call [`McapWriter::finish`]: a file without it is unfinished, and what its last
+/// chunk held is lost.
 pub struct McapWriter<W: Write + Seek> {
     inner: ::mcap::Writer<W>,
     channels: BTreeMap<String, (u16, u32)>,
@@ -59,8 +60,8 @@ pub struct McapWriter<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> McapWriter<W> {
-    /// Begins a recording. Chunks of 1 MiB with checksums are written whole, so that a file that is cut off by a
-    /// crash ends at the border of a chunk.
+    /// Begins a recording. Chunks of 1 MiB with checksums are written whole, so that a file that is
+    /// cut off by a crash ends at the border of a chunk.
     ///
     /// # Errors
     /// When the header cannot be written.
@@ -143,7 +144,8 @@ impl<W: Write + Seek> McapWriter<W> {
             PublishTime::Now => now(),
         };
         let header = MessageHeader { channel_id: *channel_id, sequence: *sequence, log_time, publish_time };
-        // The counter of the container is 32 bits wide and starts again; the 64-bit sample index is in the message.
+        // The counter of the container is 32 bits wide and starts again; the 64-bit sample index is
+        // in the message.
         *sequence = sequence.wrapping_add(1);
         Ok(self.inner.write_to_known_channel(&header, &self.buffer)?)
     }

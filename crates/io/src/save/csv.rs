@@ -1,4 +1,5 @@
-//! A table: a header, `time` (s from the first sample), and a column a channel. Numbers are the shortest that are read back as the same.
+//! A table: a header, `time` (s from the first sample), and a column a channel. Numbers are the
+//! shortest that are read back as the same.
 
 use std::io::Write;
 

@@ -1,4 +1,5 @@
-//! MATLAB version 5, after "MAT-File Format" (The MathWorks): column vectors, single where that is exact, not compressed; the rate as the scalar `fs`.
+//! MATLAB version 5, after "MAT-File Format" (The MathWorks): column vectors, single where that is
+//! exact, not compressed; the rate as the scalar `fs`.
 
 use std::io::Write;
 
@@ -20,7 +21,8 @@ const MATRIX: u32 = 14;
 const CLASS_DOUBLE: u32 = 6;
 const CLASS_SINGLE: u32 = 7;
 
-/// A name that MATLAB takes, unlike those that are `taken`: letters, digits and underscores, a letter first.
+/// A name that MATLAB takes, unlike those that are `taken`: letters, digits and underscores, a
+/// letter first.
 pub(super) fn variable(name: &str, taken: impl Fn(&str) -> bool) -> String {
     let mut out: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if !out.starts_with(|c: char| c.is_ascii_alphabetic()) {

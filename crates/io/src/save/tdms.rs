@@ -1,4 +1,5 @@
-//! TDMS, after "TDMS File Format Internal Structure" (NI): one closed segment, low byte first, a channel after the other.
+//! TDMS, after "TDMS File Format Internal Structure" (NI): one closed segment, low byte first, a
+//! channel after the other.
 
 use std::io::Write;
 
@@ -87,7 +88,8 @@ fn real(meta: &mut Vec<u8>, name: &str, value: f64) {
     meta.extend_from_slice(&value.to_le_bytes());
 }
 
-/// 2⁻⁶⁴ s, then seconds since 1904. A nanosecond is some 2³⁴ of them; rounded up, it is read back as the same.
+/// 2⁻⁶⁴ s, then seconds since 1904. A nanosecond is some 2³⁴ of them; rounded up, it is read back
+/// as the same.
 fn stamp(t: UnixNanos) -> [u8; 16] {
     let (seconds, nanos) = (t.div_euclid(NANOS) + TO_1970_S, t.rem_euclid(NANOS) as u128);
     let fraction = ((nanos << 64).div_ceil(NANOS as u128)) as u64;

@@ -31,7 +31,7 @@ fn recording() -> Recording {
     out
 }
 
-fn read_back(recording: &Recording, kind: Kind, folder: &Path) -> (Recording, Vec<String>) {
+fn read_back(recording: &Recording, kind: SaveFormat, folder: &Path) -> (Recording, Vec<String>) {
     let path = folder.join(format!("run.{}", kind.extension()));
     let mut bytes = Vec::new();
     let saved = save(recording, kind, &mut bytes).unwrap();
@@ -40,11 +40,12 @@ fn read_back(recording: &Recording, kind: Kind, folder: &Path) -> (Recording, Ve
     (read_recording(&path, &OpenOptions::default()).unwrap(), saved.left_out)
 }
 
-/// What was written is read back: names, units, rate, operating point, and every sample exactly; also names that stand for something else in a format.
+/// What was written is read back: names, units, rate, operating point, and every sample exactly;
+/// also names that stand for something else in a format.
 #[test]
 fn conform_each_format_gives_back_what_was_written() {
     let (folder, told) = (tempfile::tempdir().unwrap(), recording());
-    for kind in Kind::ALL {
+    for kind in SaveFormat::ALL {
         let (found, left_out) = read_back(&told, kind, folder.path());
         assert_eq!(found.channels.keys().collect::<Vec<_>>(), told.channels.keys().collect::<Vec<_>>(), "{kind:?}");
         for (name, channel) in &told.channels {
@@ -55,7 +56,7 @@ fn conform_each_format_gives_back_what_was_written() {
         }
         let point = found.operating_points[0];
         assert_eq!((point.motor_speed_hz, point.brake_torque_nm), (24.5, 40.25), "{kind:?}");
-        if kind == Kind::Tdms {
+        if kind == SaveFormat::Tdms {
             assert_eq!(found.channels["7"].segments[0].t0, T0);
             assert_eq!(left_out, Vec::<String>::new());
         } else {
@@ -81,7 +82,7 @@ fn conform_nothing_is_left_out_in_silence() {
         channel.segments[0].quality = Quality::OVERLOAD;
     }
     let folder = tempfile::tempdir().unwrap();
-    for kind in Kind::ALL {
+    for kind in SaveFormat::ALL {
         let (found, left_out) = read_back(&told, kind, folder.path());
         let all = left_out.join("\n");
         for word in ["motor speed (Hz), 2 values", "mean 25", "temperature", "shaft input, 2 pulses", "7: the quality"]
@@ -99,25 +100,25 @@ fn conform_what_a_format_cannot_hold_is_refused() {
         |recording: &Recording, kind| save(recording, kind, &mut Vec::new()).map(|_| ()).unwrap_err().to_string();
     let mut gap = recording();
     gap.push(block("7", "m/s^2", 800, vec![0.0; 10]));
-    for kind in Kind::ALL {
+    for kind in SaveFormat::ALL {
         assert!(said(&gap, kind).contains("7 has 2 pieces with gaps"), "{kind:?}");
         assert!(said(&Recording::default(), kind).contains("no sample"), "{kind:?}");
     }
     let mut unequal = recording();
     unequal.push(block("7", "m/s^2", 500, vec![0.0; 10]));
-    assert!(said(&unequal, Kind::Csv).contains("510"));
-    assert!(said(&unequal, Kind::Wav).contains("510"));
-    for kind in [Kind::Mat, Kind::Tdms] {
+    assert!(said(&unequal, SaveFormat::Csv).contains("510"));
+    assert!(said(&unequal, SaveFormat::Wav).contains("510"));
+    for kind in [SaveFormat::Mat, SaveFormat::Tdms] {
         assert!(save(&unequal, kind, &mut Vec::new()).is_ok(), "{kind:?}");
     }
     let mut rates = recording();
     if let Some(channel) = rates.channels.get_mut("7") {
         channel.sample_rate_hz = 2001.0;
     }
-    for kind in [Kind::Csv, Kind::Wav, Kind::Mat] {
+    for kind in [SaveFormat::Csv, SaveFormat::Wav, SaveFormat::Mat] {
         assert!(said(&rates, kind).contains("2001 Hz"), "{kind:?}");
     }
-    assert!(save(&rates, Kind::Tdms, &mut Vec::new()).is_ok());
+    assert!(save(&rates, SaveFormat::Tdms, &mut Vec::new()).is_ok());
 }
 
 /// Values that single precision does not hold are written in double where the format has it.
@@ -127,10 +128,10 @@ fn regress_doubles_stay_doubles() {
     if let Some(channel) = told.channels.get_mut("7") {
         channel.segments[0].samples[3] = 0.1;
     }
-    for kind in Kind::ALL {
+    for kind in SaveFormat::ALL {
         let mut bytes = Vec::new();
         save(&told, kind, &mut bytes).unwrap();
-        let whole = kind == Kind::Csv || bytes.windows(8).any(|eight| eight == 0.1_f64.to_le_bytes());
+        let whole = kind == SaveFormat::Csv || bytes.windows(8).any(|eight| eight == 0.1_f64.to_le_bytes());
         assert!(whole, "{kind:?}");
     }
 }

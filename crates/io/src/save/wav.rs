@@ -1,5 +1,5 @@
-//! RIFF WAVE with floats (format 3). Values stand as they are, not as a share of full scale. The rate is the nearest whole number; the sidecar file has it
-//! exactly.
+//! RIFF WAVE with floats (format 3). Values stand as they are, not as a share of full scale. The
+//! rate is the nearest whole number; the sidecar file has it exactly.
 
 use std::io::Write;
 

@@ -1,9 +1,10 @@
-//! Where the values of a file lie: runs of rows, so that any block of a channel can be read by itself. Raw data are passed over here, never read.
+//! Where the values of a file lie: runs of rows, so that any block of a channel can be read by
+//! itself. Raw data are passed over here, never read.
 
 use std::io::{BufReader, Read, Seek};
 
 use super::layout::{Layout, Segment};
-use super::meta::{Kind, Objects};
+use super::meta::{Objects, RawType};
 use super::walk::Raw;
 use crate::budget::Notes;
 use crate::forward::Forward;
@@ -29,18 +30,19 @@ pub(super) struct Run {
 
 /// Where a channel stands in the rows of its lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct Slot {
     pub object: usize,
-    pub kind: Kind,
+    pub kind: RawType,
     pub offset: usize,
 }
 
-/// Channels whose values stand side by side in rows of `row` bytes; alone, where a chunk holds one channel after the other.
+/// Channels whose values stand side by side in rows of `row` bytes; alone, where a chunk holds one
+/// channel after the other.
 #[derive(Debug)]
 pub(super) struct Lane {
     pub row: usize,
     pub big_endian: bool,
-    pub columns: Vec<Place>,
+    pub columns: Vec<Slot>,
     pub runs: Vec<Run>,
     /// Of all runs.
     pub rows: u64,
@@ -98,7 +100,7 @@ impl Lanes {
     }
 
     /// The lane of an object that has rows, and its place in them.
-    pub(super) fn of(&self, object: usize) -> Option<(usize, Place)> {
+    pub(super) fn of(&self, object: usize) -> Option<(usize, Slot)> {
         let (lane, column) = self.of.get(object).copied().flatten()?;
         Some((lane, self.lanes[lane].columns[column])).filter(|_| self.lanes[lane].rows > 0)
     }
@@ -112,7 +114,7 @@ impl Lanes {
     }
 
     /// Rows of `length` bytes that begin `from` bytes after the begin of each chunk.
-    fn add(&mut self, columns: &[Place], row: usize, big_endian: bool, from: u64, length: u64, chunks: &Chunks) {
+    fn add(&mut self, columns: &[Slot], row: usize, big_endian: bool, from: u64, length: u64, chunks: &Chunks) {
         let Some(first) = columns.first().filter(|_| self.regular && row > 0) else { return };
         if let Some(last) = columns.iter().map(|c| c.object).max()
             && last >= self.of.len()
@@ -148,7 +150,7 @@ impl Lanes {
                 let mut from = 0;
                 for &(object, kind, length) in parts {
                     if let Some(kind) = kind.filter(|kind| kind.is_number()) {
-                        self.add(&[Place { object, kind, offset: 0 }], kind.size(), big_endian, from, length, chunks);
+                        self.add(&[Slot { object, kind, offset: 0 }], kind.size(), big_endian, from, length, chunks);
                     }
                     from += length;
                 }
@@ -157,7 +159,7 @@ impl Lanes {
                 let mut columns = Vec::with_capacity(parts.len());
                 let mut offset = 0;
                 for &(object, kind) in parts {
-                    columns.extend(kind.is_number().then_some(Place { object, kind, offset }));
+                    columns.extend(kind.is_number().then_some(Slot { object, kind, offset }));
                     offset += kind.size();
                 }
                 self.add(&columns, *row, big_endian, 0, chunks.size, chunks);
@@ -168,7 +170,7 @@ impl Lanes {
                     let inside = buffer.cells.iter().filter(|cell| {
                         cell.offset.checked_add(cell.kind.size()).is_some_and(|end| end <= buffer.width)
                     });
-                    let place = |cell: &super::layout::Cell| Place {
+                    let place = |cell: &super::layout::RawCell| Slot {
                         object: cell.object,
                         kind: cell.kind,
                         offset: cell.offset,
@@ -176,7 +178,7 @@ impl Lanes {
                     // A channel may have fewer rows than its buffer.
                     self.regular &= buffer.cells.iter().all(|cell| cell.count == buffer.rows);
                     let length = buffer.width as u64 * buffer.rows as u64;
-                    let columns: Vec<Place> = inside.map(place).collect();
+                    let columns: Vec<Slot> = inside.map(place).collect();
                     self.add(&columns, buffer.width, big_endian, from, length, chunks);
                     from += length;
                 }
@@ -234,7 +236,8 @@ mod tests {
         lane
     }
 
-    /// Three segments of two chunks each, 100 bytes from begin to begin: one run of six. A chunk that follows without a gap is no run of its own.
+    /// Three segments of two chunks each, 100 bytes from begin to begin: one run of six. A chunk
+    /// that follows without a gap is no run of its own.
     #[test]
     fn analytic_runs_in_step_are_one() {
         let repeated = lane(&[(0, 5, 100, 2), (200, 5, 100, 2), (400, 5, 100, 1), (500, 5, 0, 1)]);
@@ -243,7 +246,8 @@ mod tests {
         assert_eq!((seamless.runs, seamless.rows), (vec![Run { at: 8, rows: 17, period: 20, repeats: 1 }], 17));
     }
 
-    /// Other lengths, another distance, another period and a run that lies before its forerunner stay by themselves.
+    /// Other lengths, another distance, another period and a run that lies before its forerunner
+    /// stay by themselves.
     #[test]
     fn analytic_runs_out_of_step_stay() {
         for second in [(100, 4, 0, 1), (250, 5, 100, 2), (200, 5, 90, 2), (0, 5, 0, 1)] {

@@ -1,6 +1,6 @@
 //! Where the values of each object lie in the chunks of a segment.
 
-use super::meta::{Index, Kind, Objects};
+use super::meta::{Index, Objects, RawType};
 use crate::budget::Notes;
 use crate::problem::Problem;
 
@@ -18,9 +18,9 @@ pub(super) struct Segment<'a> {
 }
 
 /// Where a value stands in the rows of a DAQmx buffer.
-pub(super) struct Cell {
+pub(super) struct RawCell {
     pub object: usize,
-    pub kind: Kind,
+    pub kind: RawType,
     pub offset: usize,
     /// Rows in a chunk.
     pub count: usize,
@@ -30,15 +30,15 @@ pub(super) struct Cell {
 pub(super) struct Buffer {
     pub width: usize,
     pub rows: usize,
-    pub cells: Vec<Cell>,
+    pub cells: Vec<RawCell>,
 }
 
 /// What one chunk holds, in this order: so many values of each object.
 pub(super) enum Layout {
     /// Object, kind of its values (absent for what is passed over), bytes.
-    Contiguous(Vec<(usize, Option<Kind>, u64)>),
+    Contiguous(Vec<(usize, Option<RawType>, u64)>),
     /// Objects and kinds of a row, and its bytes.
-    Interleaved(Vec<(usize, Kind)>, usize),
+    Interleaved(Vec<(usize, RawType)>, usize),
     Daqmx(Vec<Buffer>),
 }
 
@@ -128,7 +128,7 @@ impl Segment<'_> {
             if let Some(&scaler) = scaler
                 && let Some(buffer) = buffers.get_mut(scaler.buffer)
             {
-                buffer.cells.push(Cell { object, kind: scaler.kind, offset: scaler.offset, count: *count });
+                buffer.cells.push(RawCell { object, kind: scaler.kind, offset: scaler.offset, count: *count });
             }
         }
         Ok(buffers)

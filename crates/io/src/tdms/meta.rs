@@ -14,7 +14,7 @@ const MOST_NAME_BYTES: usize = 32 << 20;
 
 /// Type of raw data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum RawType {
     I8,
     I16,
     I32,
@@ -29,7 +29,7 @@ pub(super) enum Kind {
     Other(usize),
 }
 
-impl Kind {
+impl RawType {
     fn of(code: u32) -> Option<Self> {
         Some(match code {
             1 => Self::I8,
@@ -91,14 +91,14 @@ impl Kind {
 #[derive(Clone, Debug)]
 pub(super) enum Index {
     /// `count` values; `bytes` in all for text.
-    Plain { kind: Kind, count: u64, bytes: Option<u64> },
+    Plain { kind: RawType, count: u64, bytes: Option<u64> },
     /// Values within rows of raw buffers.
     Daqmx { count: usize, scalers: Vec<Scaler>, widths: Vec<usize> },
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scaler {
-    pub kind: Kind,
+    pub kind: RawType,
     pub buffer: usize,
     pub offset: usize,
     pub id: u32,
@@ -306,11 +306,13 @@ impl<'a> Reader<'a> {
     /// A property's value; `None` for types that are not used.
     fn value(&mut self) -> Result<Option<Value>, Problem> {
         let code = self.u32()?;
-        let known = Kind::of(code).ok_or_else(|| Problem::damaged(self.place(), "a known type of property", code))?;
+        let known =
+            RawType::of(code).ok_or_else(|| Problem::damaged(self.place(), "a known type of property", code))?;
         Ok(match (code, known) {
             (0x20, _) => Some(Value::Text(self.text()?)),
             (0x44, _) => {
-                // Seconds since 1904 and fractions of 2^-64 s, in this order where the high byte comes first.
+                // Seconds since 1904 and fractions of 2^-64 s, in this order where the high byte
+                // comes first.
                 let (fraction, seconds) = if self.big_endian {
                     let seconds = self.u64()?;
                     (self.u64()?, seconds)
@@ -326,7 +328,7 @@ impl<'a> Reader<'a> {
                     .flatten();
                 time.map(Value::Time)
             }
-            (_, Kind::Other(size)) => {
+            (_, RawType::Other(size)) => {
                 self.take(size)?;
                 None
             }
@@ -358,7 +360,7 @@ impl<'a> Reader<'a> {
                     let _bitmap = self.take(1)?;
                     self.u32()?
                 };
-                let kind = Kind::of_daqmx(code)
+                let kind = RawType::of_daqmx(code)
                     .ok_or_else(|| Problem::damaged(&place, "a type of DAQmx data of 0 to 5", code))?;
                 // Digital lines count in bits.
                 let offset = if length == DIGITAL_LINE { offset / 8 } else { offset };
@@ -374,7 +376,7 @@ impl<'a> Reader<'a> {
             let count = usize::try_from(count).map_err(|_| Problem::damaged(&place, "a size of memory", count))?;
             return Ok(Index::Daqmx { count, scalers, widths });
         }
-        let kind = Kind::of(code).ok_or_else(|| Problem::damaged(&place, "a known type of data", code))?;
+        let kind = RawType::of(code).ok_or_else(|| Problem::damaged(&place, "a known type of data", code))?;
         let bytes = if code == 0x20 { Some(self.u64()?) } else { None };
         Ok(Index::Plain { kind, count, bytes })
     }

@@ -2,11 +2,23 @@
 
 use super::meta::{Properties, Value};
 
+/// A scale that cannot be used: one that is not linear, such as that of a thermocouple, or that no
+/// number comes out of.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub(super) enum ScaleError {
+    #[error("a polynomial scale above first order")]
+    Curved,
+    #[error("a scale of kind {0:?}")]
+    Kind(String),
+    #[error("a scale of {scale} with offset {offset}")]
+    Number { scale: f64, offset: f64 },
+}
+
 /// Scale and offset of a channel.
 ///
 /// # Errors
-/// The name of a kind of scale that is not linear, such as that of a thermocouple.
-pub(super) fn linear(properties: &Properties) -> Result<(f64, f64), String> {
+/// [`ScaleError`].
+pub(super) fn linear(properties: &Properties) -> Result<(f64, f64), ScaleError> {
     let number = |name: &str| properties.get(name).and_then(Value::number);
     if properties.get("NI_Scaling_Status").and_then(Value::text).is_some_and(|status| status == "scaled") {
         return Ok((1.0, 0.0));
@@ -27,17 +39,17 @@ pub(super) fn linear(properties: &Properties) -> Result<(f64, f64), String> {
                     |k: u32| number(&format!("NI_Scale[{i}]_Polynomial_Coefficients[{k}]")).unwrap_or(0.0);
                 let curved = (2..size.clamp(0.0, 100.0) as u32).any(|k| coefficient(k) != 0.0);
                 if curved {
-                    return Err("a polynomial scale above first order".to_owned());
+                    return Err(ScaleError::Curved);
                 }
                 (coefficient(1), coefficient(0))
             }
-            Some(other) => return Err(format!("a scale of kind {other:?}")),
+            Some(other) => return Err(ScaleError::Kind(other.to_owned())),
         };
         offset = offset * slope + intercept;
         scale *= slope;
     }
     if scale == 0.0 || !f64::is_finite(scale) || !f64::is_finite(offset) {
-        return Err(format!("a scale of {scale} with offset {offset}"));
+        return Err(ScaleError::Number { scale, offset });
     }
     Ok((scale, offset))
 }

@@ -1,11 +1,12 @@
-//! Blocks of the channels of a file that is read at any place: memory for some blocks, whatever the size of the file.
+//! Blocks of the channels of a file that is read at any place: memory for some blocks, whatever the
+//! size of the file.
 
 use std::fs::File;
 use std::io::BufReader;
 
 use gearwatch_core::block::Samples;
 
-use super::lanes::{Lane, Lanes, Place};
+use super::lanes::{Lane, Lanes, Slot};
 use super::meta::Objects;
 use super::values::{Column, Values};
 use super::{Channel, describe, walk};
@@ -31,12 +32,13 @@ pub(crate) struct Indexed {
     /// Number of values of each.
     pub lengths: Vec<u64>,
     pub warnings: Vec<String>,
-    places: Vec<(usize, Place)>,
+    places: Vec<(usize, Slot)>,
     lanes: Vec<Lane>,
     file: Positioned,
 }
 
-/// Finds the channels of a file and the places of their values; none where the file is too irregular for it.
+/// Finds the channels of a file and the places of their values; none where the file is too
+/// irregular for it.
 pub(crate) fn index(file: File) -> Result<Option<Indexed>, Problem> {
     let metadata = BufReader::new(Positioned::new(file.try_clone()?)?);
     let file = Positioned::new(file)?;
@@ -65,7 +67,8 @@ pub(crate) fn index(file: File) -> Result<Option<Indexed>, Problem> {
 }
 
 impl Indexed {
-    /// The blocks of some channels; none where channels of one row do not go on side by side, or blocks are too large.
+    /// The blocks of some channels; none where channels of one row do not go on side by side, or
+    /// blocks are too large.
     pub(crate) fn blocks(self, sensors: &[Sensor], progress: Progress) -> Option<Blocks> {
         let mut open: Vec<Option<OpenLane>> = self.lanes.iter().map(|_| None).collect();
         let mut all = 0_u64;
@@ -99,7 +102,7 @@ impl Indexed {
 /// A channel that is asked for.
 struct Line {
     lane: usize,
-    place: Place,
+    place: Slot,
     scale: f64,
     offset: f64,
 }

@@ -1,8 +1,9 @@
-//! Values of channels, taken from the bytes of chunks a column at a time: plain copies where the bytes allow it.
+//! Values of channels, taken from the bytes of chunks a column at a time: plain copies where the
+//! bytes allow it.
 
 use gearwatch_core::block::Samples;
 
-use super::meta::{Kind, Objects};
+use super::meta::{Objects, RawType};
 use crate::budget::Budget;
 use crate::problem::Problem;
 
@@ -51,7 +52,8 @@ impl Values {
         }
     }
 
-    /// The list for values that are kept as `T`; a list that holds values of another type becomes one of reals.
+    /// The list for values that are kept as `T`; a list that holds values of another type becomes
+    /// one of reals.
     fn prepare(&mut self, fits: bool, empty: Self) {
         if fits {
             return;
@@ -90,7 +92,8 @@ impl Values {
     }
 }
 
-/// Where the values of one channel stand in a piece of a chunk: one in each whole row, at `offset` of its bytes.
+/// Where the values of one channel stand in a piece of a chunk: one in each whole row, at `offset`
+/// of its bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Column<'a> {
     pub piece: &'a [u8],
@@ -125,7 +128,7 @@ impl Column<'_> {
     }
 }
 
-impl Kind {
+impl RawType {
     /// Appends the values of a column.
     pub(super) fn append(self, column: Column<'_>, values: &mut Values) {
         match self {
@@ -160,7 +163,7 @@ pub(super) struct Sink<'a, 'b> {
 
 impl Sink<'_, '_> {
     /// Takes a column of an object.
-    pub(super) fn take(&mut self, object: usize, kind: Kind, column: Column<'_>) -> Result<(), Problem> {
+    pub(super) fn take(&mut self, object: usize, kind: RawType, column: Column<'_>) -> Result<(), Problem> {
         if kind.is_number() {
             self.budget.keep(kind.kept().saturating_mul(column.count(kind.size()) as u64), self.place)?;
             kind.append(column, &mut self.objects.all[object].values);
@@ -173,14 +176,14 @@ impl Sink<'_, '_> {
 mod tests {
     use super::*;
 
-    /// Rows of three bytes with a 16-bit number in the last two, 0x0102 × k: taken in both byte orders; the rest of a
-    /// row that was cut is left.
+    /// Rows of three bytes with a 16-bit number in the last two, 0x0102 × k: taken in both byte
+    /// orders; the rest of a row that was cut is left.
     #[test]
     fn analytic_a_column_of_rows_is_taken_in_both_byte_orders() {
         let piece = [9, 1, 2, 9, 3, 4, 9];
         for (big_endian, wanted) in [(false, vec![0x0201, 0x0403]), (true, vec![0x0102, 0x0304])] {
             let mut values = Values::default();
-            Kind::I16.append(Column { piece: &piece, row: 3, offset: 1, big_endian }, &mut values);
+            RawType::I16.append(Column { piece: &piece, row: 3, offset: 1, big_endian }, &mut values);
             assert_eq!(values, Values::Integer(wanted));
         }
     }
@@ -190,7 +193,7 @@ mod tests {
     fn analytic_a_column_beyond_its_row_is_empty() {
         let mut values = Values::default();
         for offset in [2, 3, usize::MAX] {
-            Kind::I16.append(Column { piece: &[0; 9], row: 3, offset, big_endian: false }, &mut values);
+            RawType::I16.append(Column { piece: &[0; 9], row: 3, offset, big_endian: false }, &mut values);
         }
         assert!(values.is_empty());
     }
@@ -198,18 +201,18 @@ mod tests {
     /// Integers, then floats of 32 bits, then of 64: all are kept as reals, in their order.
     #[test]
     fn analytic_a_channel_that_changes_its_type_becomes_real() {
-        let append = |values: &mut Values, kind: Kind, cell: &[u8]| {
+        let append = |values: &mut Values, kind: RawType, cell: &[u8]| {
             kind.append(Column { piece: cell, row: cell.len(), offset: 0, big_endian: false }, values);
         };
         let mut values = Values::default();
-        append(&mut values, Kind::I16, &[7, 0]);
-        append(&mut values, Kind::F32, &0.5_f32.to_le_bytes());
-        append(&mut values, Kind::F64, &(-2.25_f64).to_le_bytes());
+        append(&mut values, RawType::I16, &[7, 0]);
+        append(&mut values, RawType::F32, &0.5_f32.to_le_bytes());
+        append(&mut values, RawType::F64, &(-2.25_f64).to_le_bytes());
         assert_eq!(values, Values::Real(vec![7.0, 0.5, -2.25]));
         let mut single = Values::default();
-        append(&mut single, Kind::F32, &0.5_f32.to_le_bytes());
+        append(&mut single, RawType::F32, &0.5_f32.to_le_bytes());
         assert_eq!(single, Values::Single(vec![0.5]));
-        append(&mut single, Kind::U8, &[3]);
+        append(&mut single, RawType::U8, &[3]);
         assert_eq!(single, Values::Real(vec![0.5, 3.0]));
     }
 }

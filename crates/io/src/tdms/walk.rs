@@ -1,4 +1,5 @@
-//! The segments of a file, one after the other: their lead-in and metadata are read here, their raw data by whoever asks.
+//! The segments of a file, one after the other: their lead-in and metadata are read here, their raw
+//! data by whoever asks.
 
 use std::io::Read;
 

@@ -21,10 +21,12 @@ pub struct Parsed {
     pub warnings: Vec<String>,
 }
 
-/// Reads all functions of time. Other datasets and functions of frequency are passed over with a warning.
+/// Reads all functions of time. Other datasets and functions of frequency are passed over with a
+/// warning.
 ///
 /// # Errors
-/// When a dataset 58 contradicts its own header or ends too early, or the file asks for more than the budget.
+/// When a dataset 58 contradicts its own header or ends too early, or the file asks for more than
+/// the budget.
 pub fn parse(bytes: impl Read, budget: &mut Budget) -> Result<Parsed, Problem> {
     let mut cursor = Cursor { input: BufReader::with_capacity(1 << 16, bytes), at: 0, line: 0, again: None };
     let mut out = Collected { datasets: Vec::new(), notes: Notes::default(), budget };
@@ -277,7 +279,8 @@ fn name(header: &[String]) -> String {
     }
 }
 
-/// The step is printed to six digits. Where exactly one whole number of hertz lies within that rounding, it is meant.
+/// The step is printed to six digits. Where exactly one whole number of hertz lies within that
+/// rounding, it is meant.
 fn rate(step_s: f64) -> f64 {
     let half_a_digit = 0.5 * 10_f64.powf(step_s.log10().floor() - 5.0);
     let (low, high) = (1.0 / (step_s + half_a_digit), 1.0 / (step_s - half_a_digit));
@@ -374,7 +377,8 @@ impl<R: Read> Cursor<R> {
         Ok(())
     }
 
-    /// Passes over empty lines, which some programs write before the closing -1, and that line itself.
+    /// Passes over empty lines, which some programs write before the closing -1, and that line
+    /// itself.
     fn at_delimiter(&mut self) -> Result<bool, Problem> {
         loop {
             match self.line()? {

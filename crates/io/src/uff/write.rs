@@ -31,7 +31,8 @@ pub enum WriteError {
     },
 }
 
-/// Writes functions of time as dataset 58 or 58b each. The step of the abscissa has six digits in this format.
+/// Writes functions of time as dataset 58 or 58b each. The step of the abscissa has six digits in
+/// this format.
 ///
 /// # Errors
 /// When the bytes cannot be written, or a number is too large for its column.

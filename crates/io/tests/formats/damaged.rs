@@ -3,8 +3,8 @@ use gearwatch_io::{OpenOptions, open};
 
 use gearwatch_testkit::files::{gzip, put, read_bytes, samples};
 
-/// Cut after any byte (in strides) there is an error or a warning or fewer samples, never a panic; with every bit
-/// flipped (in strides) there is no panic and no run-away memory.
+/// Cut after any byte (in strides) there is an error or a warning or fewer samples, never a panic;
+/// with every bit flipped (in strides) there is no panic and no run-away memory.
 #[test]
 fn conform_damaged_files_never_panic() {
     for sample in samples() {
@@ -69,7 +69,8 @@ fn conform_nothing_to_read_is_said_clearly() {
     assert!(text.contains("MCAP") && text.contains("TDMS"), "{text}");
 }
 
-/// Some megabytes that unpack to 512 MiB of empty lines are refused by the limit, whose name and remedy are said, before two thirds of it were read.
+/// Some megabytes that unpack to 512 MiB of empty lines are refused by the limit, whose name and
+/// remedy are said, before two thirds of it were read.
 #[test]
 fn regress_a_gzipped_table_of_nothing_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Recordings of all formats: right values, round trips through MCAP, damaged and contradictory files, options.
+//! Recordings of all formats: right values, round trips through MCAP, damaged and contradictory
+//! files, options.
 
 mod csv;
 mod damaged;

@@ -44,7 +44,8 @@ fn conform_structs_and_rates_are_found() {
     assert!(text.contains("top.inner.y"), "{text}");
 }
 
-/// A few kilobytes must not become gigabytes: 64 MiB of zeros, kept as 32-bit integers, are four times what a small file may ask for.
+/// A few kilobytes must not become gigabytes: 64 MiB of zeros, kept as 32-bit integers, are four
+/// times what a small file may ask for.
 #[test]
 fn regress_a_compression_bomb_is_refused() {
     let zeros = |n: usize| mat_file(&[matrix("x", i32::try_from(n).unwrap(), 1, 2, &vec![0; n])], true);
@@ -55,7 +56,8 @@ fn regress_a_compression_bomb_is_refused() {
     assert_eq!(parse(&small[..], &mut Budget::of_bytes(&small)).unwrap().variables[0].numbers.len(), 8 << 20);
 }
 
-/// Every name once, in time that does not grow with the square of their number; the paths of a struct array are bounded together.
+/// Every name once, in time that does not grow with the square of their number; the paths of a
+/// struct array are bounded together.
 #[test]
 fn regress_many_names_are_bounded() {
     let many: Vec<Vec<u8>> = (0..50_000).map(|i| matrix(&format!("v{i}"), 1, 1, 2, &[1])).collect();
@@ -66,7 +68,8 @@ fn regress_many_names_are_bounded() {
     assert!(problem.to_string().contains("the length of names"), "{problem}");
 }
 
-/// HDF5 of a few kilobytes, made by h5py: ten groups with eight links each to the next one, which are a thousand million paths; and an array of which 2 GiB are declared and nothing is written.
+/// HDF5 of a few kilobytes, made by h5py: ten groups with eight links each to the next one, which
+/// are a thousand million paths; and an array of which 2 GiB are declared and nothing is written.
 /// Each limit says its name.
 #[test]
 fn regress_small_files_that_ask_for_much_are_refused() {
@@ -92,7 +95,8 @@ fn oracle_bearing_file_opens() {
     assert!(warnings.iter().any(|w| w.contains("bearing.sr")), "{warnings:?}");
 }
 
-/// Rates that stand in a head of their own, as a rate or as a step; two that contradict each other say nothing.
+/// Rates that stand in a head of their own, as a rate or as a step; two that contradict each other
+/// say nothing.
 #[test]
 fn regress_rates_in_heads_are_read() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Vectors of MATLAB 7.3 files that stay in the file give the packets of the same bytes that are read as a whole, as they are from a pipe.
+//! Vectors of MATLAB 7.3 files that stay in the file give the packets of the same bytes that are
+//! read as a whole, as they are from a pipe.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -50,7 +51,8 @@ fn waves() -> Vec<f64> {
     (0..COUNT).map(|i| [0.0, -0.0, f64::INFINITY, (i as f64 * 0.1).sin(), 1e300 / (1.0 + i as f64)][i % 5]).collect()
 }
 
-/// All types and ways to store them that stay in the file, rows and columns, a last chunk that is not full, and some that do not stay.
+/// All types and ways to store them that stay in the file, rows and columns, a last chunk that is
+/// not full, and some that do not stay.
 #[test]
 fn oracle_vectors_in_the_file_are_those_read_as_a_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -106,7 +108,8 @@ fn oracle_vectors_in_the_file_are_those_read_as_a_whole() {
     }
 }
 
-/// A flipped bit in a deflated chunk is an error that names the file, the dataset and the byte; what was handed over before is right.
+/// A flipped bit in a deflated chunk is an error that names the file, the dataset and the byte;
+/// what was handed over before is right.
 #[test]
 fn conform_a_damaged_chunk_in_the_file_is_an_error() {
     let folder = tempfile::tempdir().unwrap();

@@ -25,7 +25,8 @@ fn oracle_each_real_file_opens_or_says_why_not() {
                 let text = error.to_string();
                 let expected = match name.as_str() {
                     "open_area_0.mcap" => "no message at all",
-                    // Two columns of integers (seconds and nanoseconds) are their time, which no one column says.
+                    // Two columns of integers (seconds and nanoseconds) are their time, which no
+                    // one column says.
                     _ if name.ends_with(".csv") => "--sample-rate",
                     _ => panic!("{text}"),
                 };

@@ -47,8 +47,9 @@ fn segment(mask: u32, index: &[u32], raw: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Half a megabyte of DAQmx with 20 000 scalers in 20 000 buffers, and 100 000 segments that say nothing: both are read once through. Looked up for each other, or told one by one, they would
-/// be without end.
+/// Half a megabyte of DAQmx with 20 000 scalers in 20 000 buffers, and 100 000 segments that say
+/// nothing: both are read once through. Looked up for each other, or told one by one, they would be
+/// without end.
 #[test]
 fn regress_many_scalers_and_segments_are_read_once_through() {
     let count = 20_000;
@@ -70,7 +71,8 @@ fn regress_many_scalers_and_segments_are_read_once_through() {
     assert!(parsed.warnings.len() <= 64, "{} sentences about one file", parsed.warnings.len());
 }
 
-/// Raw DAQmx data with linear scales: seven channels at five to seven tenths of a volt from each other.
+/// Raw DAQmx data with linear scales: seven channels at five to seven tenths of a volt from each
+/// other.
 #[test]
 fn oracle_daqmx_data_are_scaled() {
     let Some(path) = shared("data/readers/raw1.tdms") else { return };

@@ -1,4 +1,5 @@
-//! TDMS files that are read at any place give the packets of the same bytes that come from the front, which are held in memory.
+//! TDMS files that are read at any place give the packets of the same bytes that come from the
+//! front, which are held in memory.
 
 use std::path::Path;
 
@@ -59,7 +60,8 @@ impl Dice {
     }
 }
 
-/// Codes and sizes of types: integers, floats, wide integers, and truth values, which are no numbers.
+/// Codes and sizes of types: integers, floats, wide integers, and truth values, which are no
+/// numbers.
 const KINDS: [(u32, usize); 9] = [(2, 2), (9, 4), (10, 8), (3, 4), (5, 1), (4, 8), (7, 4), (1, 1), (0x21, 1)];
 
 /// A file as it is written piece by piece.
@@ -112,7 +114,8 @@ const RAW: u32 = 8;
 const INTERLEAVED: u32 = 1 << 5;
 const DAQMX: u32 = 1 << 7;
 
-/// A file of some segments: types, lengths, order of bytes and of values mostly stay, and sometimes change.
+/// A file of some segments: types, lengths, order of bytes and of values mostly stay, and sometimes
+/// change.
 fn drawn(seed: u64) -> Vec<u8> {
     let mut dice = Dice(seed);
     let channels = 1 + dice.roll(4) as usize;
@@ -182,7 +185,8 @@ fn oracle_damaged_files_read_by_blocks_say_what_they_say_in_memory() {
     }
 }
 
-/// Rows of two DAQmx buffers in several chunks and segments, the last one cut: all three channels, also where one of them has fewer rows than its buffer.
+/// Rows of two DAQmx buffers in several chunks and segments, the last one cut: all three channels,
+/// also where one of them has fewer rows than its buffer.
 #[test]
 fn oracle_raw_daqmx_data_by_blocks_are_those_in_memory() {
     let folder = tempfile::tempdir().unwrap();
@@ -208,7 +212,8 @@ fn oracle_raw_daqmx_data_by_blocks_are_those_in_memory() {
     }
 }
 
-/// Two channels of a megabyte each in one chunk: when the file is open, the samples are not read yet; they are when they are asked for. One that is cut in between says where.
+/// Two channels of a megabyte each in one chunk: when the file is open, the samples are not read
+/// yet; they are when they are asked for. One that is cut in between says where.
 #[test]
 fn conform_blocks_are_read_when_they_are_asked_for() {
     let folder = tempfile::tempdir().unwrap();

@@ -37,7 +37,8 @@ fn oracle_integers_and_floats_of_hound_are_read() {
     assert_eq!(values(&packets, "ch1"), floats.map(f64::from));
 }
 
-/// RIFF, RF64 and BW64 with the size in `ds64`, and a header that a killed recorder left without a size.
+/// RIFF, RF64 and BW64 with the size in `ds64`, and a header that a killed recorder left without a
+/// size.
 #[test]
 fn conform_rf64_and_unfinished_files_are_read() {
     let folder = tempfile::tempdir().unwrap();

@@ -21,7 +21,8 @@ fn conform_packets_survive_a_recording() {
     }
 }
 
-/// The crate's own reader, which viewers share, finds profile, topics and schemas as the contract names them.
+/// The crate's own reader, which viewers share, finds profile, topics and schemas as the contract
+/// names them.
 #[test]
 fn oracle_other_readers_see_the_contract() {
     let bytes = recorded(&packets(), Compression::Zstd);
@@ -48,7 +49,8 @@ fn oracle_other_readers_see_the_contract() {
     assert_eq!(records[0].log_time, 1_700_000_000_123_456_789);
 }
 
-/// Recordings made by another program: every file opens, has its channels without gaps, pulses and operating points.
+/// Recordings made by another program: every file opens, has its channels without gaps, pulses and
+/// operating points.
 #[test]
 fn oracle_recordings_of_another_program_open() {
     let Some(folder) = shared("concealed") else { return };

@@ -5,7 +5,8 @@ use crate::fixture::{packets, read, recorded, same};
 
 const EACH: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
 
-/// A recording cut after any of its bytes gives a true beginning of what was recorded, and says that something is missing.
+/// A recording cut after any of its bytes gives a true beginning of what was recorded, and says
+/// that something is missing.
 #[test]
 fn conform_every_cut_is_noticed_and_gives_a_true_beginning() {
     let written = packets();
@@ -24,8 +25,8 @@ fn conform_every_cut_is_noticed_and_gives_a_true_beginning() {
     }
 }
 
-/// A recording with any single bit flipped gives an error, a warning, or exactly what was recorded; what it hands over
-/// before an error is true too.
+/// A recording with any single bit flipped gives an error, a warning, or exactly what was recorded;
+/// what it hands over before an error is true too.
 #[test]
 fn conform_no_flipped_bit_gives_wrong_data() {
     let written = packets();
@@ -35,7 +36,8 @@ fn conform_no_flipped_bit_gives_wrong_data() {
             bytes[bit / 8] ^= 1 << (bit % 8);
             let (got, warnings, problem) = read(&bytes);
             let mut rest = written.iter();
-            // A lost chunk leaves a hole, which the indexes show; what is there is as it was recorded, in order.
+            // A lost chunk leaves a hole, which the indexes show; what is there is as it was
+            // recorded, in order.
             assert!(got.iter().all(|a| rest.any(|b| same(a, b))), "bit {bit} gives wrong data");
             assert!(
                 got.len() == written.len() || problem.is_some() || !warnings.is_empty(),

@@ -10,7 +10,8 @@ use prost::Message;
 
 use crate::fixture::read;
 
-/// A nested Imu with jittered stamps: all 2983 messages, 40 Hz, one gap of 78 ms in which two samples are missing.
+/// A nested Imu with jittered stamps: all 2983 messages, 40 Hz, one gap of 78 ms in which two
+/// samples are missing.
 #[test]
 fn oracle_nested_imu_is_read_completely_and_its_gap_reported() {
     let Some(path) = shared("data/readers/going_in_circles1_0.mcap") else { return };
@@ -29,13 +30,15 @@ fn oracle_nested_imu_is_read_completely_and_its_gap_reported() {
     }
 }
 
-/// The export of the same topic by another program holds the same numbers; it begins a few seconds before the recording.
+/// The export of the same topic by another program holds the same numbers; it begins a few seconds
+/// before the recording.
 #[test]
 fn oracle_imu_agrees_with_its_csv_export() {
     let Some(folder) = shared("data/readers") else { return };
     let recording = read_recording(&folder.join("going_in_circles1_0.mcap"), &OpenOptions::default()).unwrap();
     let text = std::fs::read_to_string(folder.join("imugoing_in_circles1.csv")).unwrap();
-    // Header of the message, header of the Imu, orientation, its covariance, angular velocity, its covariance: then the acceleration.
+    // Header of the message, header of the Imu, orientation, its covariance, angular velocity, its
+    // covariance: then the acceleration.
     let t0 = recording.channels["imu_x"].segments[0].t0;
     let begins = format!(",{},{},imu1_frame,", t0 / 1_000_000_000, t0 % 1_000_000_000);
     let rows: Vec<[f32; 3]> = text

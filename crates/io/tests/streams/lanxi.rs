@@ -85,7 +85,8 @@ fn conform_every_descriptor_survives_a_round_trip() {
     assert_eq!(Time::period_of(16_384.0).rate_hz(), Some(16_384.0));
 }
 
-/// The relative of header length 16 has a time without family, in ticks of 2^-32 s. Its first message waits until the second has begun.
+/// The relative of header length 16 has a time without family, in ticks of 2^-32 s. Its first
+/// message waits until the second has begun.
 #[test]
 fn conform_the_short_header_is_read() {
     let mut short = bytes(SAMPLES);
@@ -100,8 +101,9 @@ fn conform_the_short_header_is_read() {
     assert_eq!(*lost, Lost { bytes: short.len() as u64, damage: Damage::HeaderLength(16) });
 }
 
-/// One flipped bit makes a short header of a long one; at a time near 1970, which an instrument has whose clock is not set, what it then
-/// reads as a length is zero, and an interpretation may be empty.
+/// One flipped bit makes a short header of a long one; at a time near 1970, which an instrument has
+/// whose clock is not set, what it then reads as a length is zero, and an interpretation may be
+/// empty.
 #[test]
 fn regress_a_flipped_header_length_is_no_message() {
     let value = Value::Scale(0.0);
@@ -129,8 +131,9 @@ fn analytic_times_of_any_family() {
     assert_eq!(Time { family: [0; 4], ticks: u64::MAX }.nanos(), None);
 }
 
-/// A length beyond the bound is refused at once, and the next message is found; a length within it that the payload contradicts is
-/// refused as soon as the contradiction is there, long before so many bytes have come.
+/// A length beyond the bound is refused at once, and the next message is found; a length within it
+/// that the payload contradicts is refused as soon as the contradiction is there, long before so
+/// many bytes have come.
 #[test]
 fn conform_a_wrong_length_holds_nothing_up() {
     for length in [(LONGEST_PAYLOAD + 1) as u32, u32::MAX, 100_000, 16, 18] {
@@ -173,7 +176,8 @@ fn conform_contradictions_are_named() {
     }
 }
 
-/// A few messages as an instrument sends them; the last ones are there so that damage before them is told.
+/// A few messages as an instrument sends them; the last ones are there so that damage before them
+/// is told.
 fn stream() -> impl Strategy<Value = Vec<Message>> {
     let counts = prop::collection::vec(-0x80_0000_i32..=0x7f_ffff, 0..20);
     let signals = prop::collection::btree_map(1_u16..20, counts, 0..4)
@@ -220,9 +224,10 @@ proptest! {
         prop_assert_eq!(decoded(&encoded(&messages), &cuts), all);
     }
 
-    /// One flipped bit costs at most the message that it lies in. Either this message comes with the same form (and other content, which
-    /// no checksum protects), or a loss is told before the next one. An interpretation, which does not say how many descriptors it has, may
-    /// come with the first of them before its loss is told. Nothing is invented.
+    /// One flipped bit costs at most the message that it lies in. Either this message comes with
+    /// the same form (and other content, which no checksum protects), or a loss is told before the
+    /// next one. An interpretation, which does not say how many descriptors it has, may come with
+    /// the first of them before its loss is told. Nothing is invented.
     #[test]
     fn analytic_a_flipped_bit_is_told_or_changes_one_message(
         messages in stream(), bit in any::<usize>(), cuts in prop::collection::vec(any::<usize>(), 0..10),

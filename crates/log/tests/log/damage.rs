@@ -81,10 +81,12 @@ fn conform_the_next_start_closes_a_file_cut_at_any_byte() {
     assert_eq!(best as u64, WINDOWS);
 }
 
-/// The sums are over whole chunks, so a flip may cost the windows of one group, never more, and none is ever wrong.
+/// The sums are over whole chunks, so a flip may cost the windows of one group, never more, and
+/// none is ever wrong.
 #[test]
 fn conform_any_flipped_bit_costs_at_most_one_group_and_is_noticed() {
-    // Every bit of the usual file; of the other one, which is three times as long, one bit of every byte.
+    // Every bit of the usual file; of the other one, which is three times as long, one bit of every
+    // byte.
     for (compression, closed, every) in [(Compression::Zstd, true, 1), (Compression::None, false, 9)] {
         let (name, mut bytes) = one_file(compression, closed);
         let whole = salvage(&bytes).unwrap();
@@ -106,13 +108,15 @@ fn conform_any_flipped_bit_costs_at_most_one_group_and_is_noticed() {
             }
             bytes[bit / 8] ^= 1 << (bit % 8);
         }
-        // A closed file has a sum over everything. An open one has none over header, metadata and the times of messages in the index.
+        // A closed file has a sum over everything. An open one has none over header, metadata and
+        // the times of messages in the index.
         let free = if closed { 0 } else { 8 * 260 / every };
         assert!(unnoticed <= free, "{unnoticed} flips were not noticed");
     }
 }
 
-/// Damage in the middle of an open file: the good part is written anew, the hole becomes a gap record, the damaged file stays beside it.
+/// Damage in the middle of an open file: the good part is written anew, the hole becomes a gap
+/// record, the damaged file stays beside it.
 #[test]
 fn conform_the_next_start_writes_a_file_anew_that_is_damaged_in_the_middle() {
     let (name, mut bytes) = one_file(Compression::None, false);

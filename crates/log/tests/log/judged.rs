@@ -18,7 +18,8 @@ fn write(log: &mut Stepper, ms: u64) {
     log.step(at(ms + 10));
 }
 
-/// A call to the disk that does not come back: the log's thread says nothing more, and its last word was good.
+/// A call to the disk that does not come back: the log's thread says nothing more, and its last
+/// word was good.
 #[test]
 fn regress_a_disk_that_hangs_is_told_after_two_seconds() {
     let disk = Simulated::new(1);
@@ -43,7 +44,8 @@ fn regress_a_disk_that_hangs_is_told_after_two_seconds() {
     assert!(back.ok && !back.stalled && back.waits.is_zero(), "{back:?}");
 }
 
-/// A disk that says what is wrong with it is not all right, but the log does not stand still: a new start would not help.
+/// A disk that says what is wrong with it is not all right, but the log does not stand still: a new
+/// start would not help.
 #[test]
 fn regress_a_disk_that_fails_is_told_and_counted() {
     for (fault, word) in [(Fault::Full, "full"), (Fault::Io, "fails")] {
@@ -63,7 +65,8 @@ fn regress_a_disk_that_fails_is_told_and_counted() {
     }
 }
 
-/// What finds no room in the queue is lost for the log: while that goes on, and four seconds longer, it is not all right.
+/// What finds no room in the queue is lost for the log: while that goes on, and four seconds
+/// longer, it is not all right.
 #[test]
 fn regress_results_that_are_not_logged_are_not_ok() {
     let disk = Simulated::new(3);
@@ -80,8 +83,8 @@ fn regress_results_that_are_not_logged_are_not_ok() {
     assert!(watch.look(secs(5)).ok);
 }
 
-/// The file is removed, or cut, while it is written. That is noticed at the next write or look, the log goes on in a new file, and a gap record
-/// says which acknowledged results are gone.
+/// The file is removed, or cut, while it is written. That is noticed at the next write or look, the
+/// log goes on in a new file, and a gap record says which acknowledged results are gone.
 #[test]
 fn regress_a_log_that_is_taken_away_is_noticed() {
     for (label, cut_to) in [("removed", None), ("cut to nothing", Some(0)), ("cut", Some(600))] {
@@ -156,8 +159,8 @@ fn regress_a_removed_folder_is_made_anew() {
     assert!(content.gaps.iter().any(|gap| gap.cause == Cause::Damage && (gap.first, gap.last) == (1, 1)));
 }
 
-/// Somebody sets the clock 401 days ahead for some seconds, and files begin meanwhile: nothing is removed. Nor by a clock that goes back. What the log
-/// has really lived through ages its files.
+/// Somebody sets the clock 401 days ahead for some seconds, and files begin meanwhile: nothing is
+/// removed. Nor by a clock that goes back. What the log has really lived through ages its files.
 #[test]
 fn regress_a_clock_that_jumps_removes_no_file() {
     const DAY_MS: u64 = 86_400_000;
@@ -186,7 +189,8 @@ fn regress_a_clock_that_jumps_removes_no_file() {
     assert!(log.stop(at(mono + 100)));
 }
 
-/// Retention by time still works, by the time in which the log was written; and never takes more than a quarter at once.
+/// Retention by time still works, by the time in which the log was written; and never takes more
+/// than a quarter at once.
 #[test]
 fn conform_old_files_go_some_at_a_time() {
     let disk = Simulated::new(6);
@@ -212,8 +216,9 @@ fn conform_old_files_go_some_at_a_time() {
     assert!(counts.windows(2).all(|pair| pair[0] <= pair[1] + pair[0].div_ceil(4)), "{counts:?}");
 }
 
-/// Somebody takes the file away, and the service is told to stop before it has looked: the end is written elsewhere, and says what is gone. It was
-/// called a good end, and the next start knew of nothing.
+/// Somebody takes the file away, and the service is told to stop before it has looked: the end is
+/// written elsewhere, and says what is gone. It was called a good end, and the next start knew of
+/// nothing.
 #[test]
 fn regress_what_was_taken_away_just_before_the_end_is_told() {
     for cut_to in [None, Some(600)] {
@@ -239,8 +244,8 @@ fn regress_what_was_taken_away_just_before_the_end_is_told() {
     }
 }
 
-/// The same, and then the service is killed: the next start finds by the numbers given out that there was more than it finds, says so, and gives none of
-/// those numbers out again.
+/// The same, and then the service is killed: the next start finds by the numbers given out that
+/// there was more than it finds, says so, and gives none of those numbers out again.
 #[test]
 fn regress_what_was_taken_away_before_a_kill_is_told_by_the_next_start() {
     for files_before in [0, 1] {
@@ -275,8 +280,8 @@ fn regress_what_was_taken_away_before_a_kill_is_told_by_the_next_start() {
     }
 }
 
-/// A sync fails, and the service is killed before it can cut the group off. What was not durable is readable then, until the power goes. The next start
-/// counts the group as durable, so it must be.
+/// A sync fails, and the service is killed before it can cut the group off. What was not durable is
+/// readable then, until the power goes. The next start counts the group as durable, so it must be.
 #[test]
 fn regress_a_group_whose_sync_failed_is_written_again_before_it_counts() {
     let mut counted = 0;
@@ -314,7 +319,8 @@ fn content_of_closed(files: &std::collections::BTreeMap<String, Vec<u8>>) -> u64
         .len() as u64
 }
 
-/// Whatever call fails while the log is closed: where the end is called a good one, every file has its footer.
+/// Whatever call fails while the log is closed: where the end is called a good one, every file has
+/// its footer.
 #[test]
 fn regress_an_end_without_a_footer_is_no_good_end() {
     let (mut good, mut bad) = (0, 0);

@@ -1,4 +1,5 @@
-//! The machine stops at every storage call there is, and the power goes at thousands of random ones.
+//! The machine stops at every storage call there is, and the power goes at thousands of random
+//! ones.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +19,8 @@ struct Outside {
     next_window: u64,
 }
 
-/// Starts the log, sends some windows, acknowledges what is acknowledged, stops; or gets as far as the disk lets it.
+/// Starts the log, sends some windows, acknowledges what is acknowledged, stops; or gets as far as
+/// the disk lets it.
 fn run(disk: &Simulated, config: &LogConfig, outside: &mut Outside, start_ms: u64, windows: u64) {
     let Ok(mut log) = Stepper::start(config.clone(), context(), Box::new(disk.clone()), at(start_ms)) else { return };
     let before = outside.accepted.len();
@@ -43,7 +45,8 @@ fn run(disk: &Simulated, config: &LogConfig, outside: &mut Outside, start_ms: u6
     }
 }
 
-/// Everything that was acknowledged is there, once, as it was sent; nothing is there that was not sent; and what is missing is covered by a gap record.
+/// Everything that was acknowledged is there, once, as it was sent; nothing is there that was not
+/// sent; and what is missing is covered by a gap record.
 fn judge(label: &str, content: &Content, outside: &Outside) {
     for &(seq, window) in &outside.accepted {
         match content.verdicts.get(&seq) {
@@ -66,7 +69,8 @@ fn judge(label: &str, content: &Content, outside: &Outside) {
 
 const WINDOWS: u64 = 60;
 
-/// Runs until the n-th call fails, then comes back and goes on; true when the run came to its end before the n-th call.
+/// Runs until the n-th call fails, then comes back and goes on; true when the run came to its end
+/// before the n-th call.
 fn one(label: &str, seed: u64, plan: Plan, power: bool) -> bool {
     let disk = Simulated::new(seed);
     let mut outside = Outside::default();
@@ -133,7 +137,8 @@ fn conform_a_disk_that_breaks_for_good_keeps_what_was_acknowledged() {
     }
 }
 
-/// Crash at a random call, crash again at a random call of the recovery or after it, and so on, five times; then all must be there.
+/// Crash at a random call, crash again at a random call of the recovery or after it, and so on,
+/// five times; then all must be there.
 #[test]
 fn conform_ten_thousand_random_crashes_lose_nothing_that_was_acknowledged() {
     let mut tail_losses = 0;
@@ -159,7 +164,8 @@ fn conform_ten_thousand_random_crashes_lose_nothing_that_was_acknowledged() {
     );
 }
 
-/// A sync that fails drops the group from the disk, as Linux does; later syncs succeed and bring nothing back.
+/// A sync that fails drops the group from the disk, as Linux does; later syncs succeed and bring
+/// nothing back.
 #[test]
 fn conform_a_file_whose_sync_failed_is_never_acknowledged_again() {
     let mut seen = 0;
@@ -206,8 +212,8 @@ fn conform_a_file_whose_sync_failed_is_never_acknowledged_again() {
     assert!(seen > 20, "only {seen} failures led to a new file");
 }
 
-/// Killed with five results that are not durable: the gap record speaks of those, and of what is marked ahead, not of all that a queue could hold. After a
-/// power cut nobody knows so much.
+/// Killed with five results that are not durable: the gap record speaks of those, and of what is
+/// marked ahead, not of all that a queue could hold. After a power cut nobody knows so much.
 #[test]
 fn regress_a_kill_does_not_claim_that_a_whole_queue_was_lost() {
     for (power, most) in [(false, 5 + 64), (true, 2 * (64 + 1))] {
@@ -234,8 +240,9 @@ fn regress_a_kill_does_not_claim_that_a_whole_queue_was_lost() {
     }
 }
 
-/// The machine stops, starts, and stops again before the second group of that start is written: what the first stop took must not be a hole
-/// that no gap record explains. The first group says it.
+/// The machine stops, starts, and stops again before the second group of that start is written:
+/// what the first stop took must not be a hole that no gap record explains. The first group says
+/// it.
 #[test]
 fn regress_a_start_that_is_killed_at_once_explains_what_was_lost_before_it() {
     let disk = Simulated::new(7);

@@ -1,4 +1,5 @@
-//! The largest groups that a configuration allows are read through every door: the recordings' reader, the `mcap` crate, the doctor and the recovery.
+//! The largest groups that a configuration allows are read through every door: the recordings'
+//! reader, the `mcap` crate, the doctor and the recovery.
 
 use std::path::Path;
 use std::sync::Arc;

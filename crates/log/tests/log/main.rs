@@ -1,5 +1,5 @@
-//! The log under kill, power cut, full disk and damage. What it wrote is judged by the reader of the `mcap` crate, which knows nothing of the
-//! log's own code.
+//! The log under kill, power cut, full disk and damage. What it wrote is judged by the reader of
+//! the `mcap` crate, which knows nothing of the log's own code.
 
 mod damage;
 mod judged;

@@ -1,4 +1,5 @@
-//! Deviations of the mesh harmonics in one frame: the same height for every stage and every report, coloured by what the verdict bears out.
+//! Deviations of the mesh harmonics in one frame: the same height for every stage and every report,
+//! coloured by what the verdict bears out.
 
 use std::fmt::Write;
 
@@ -108,7 +109,8 @@ impl Deviations {
             let (low, high) = (y(bar.percent - bar.sigma_percent), y(bar.percent + bar.sigma_percent));
             let _ = write!(out, "<path d=\"M{middle:.1} {low:.1}V{high:.1}\" stroke=\"#1a2027\" stroke-width=\"2\"/>");
         }
-        // Beside the bar, where neither it nor its error bar hides it; what lies beyond the frame is written at its edge.
+        // Beside the bar, where neither it nor its error bar hides it; what lies beyond the frame
+        // is written at its edge.
         let beyond = bar.percent.abs() > FRAME;
         let place = y(bar.percent + bar.percent.signum() * bar.sigma_percent.max(0.0));
         let at = if bar.percent < 0.0 { place + 15.0 } else { place - 5.0 };
@@ -135,7 +137,8 @@ mod tests {
         Deviations { caption: String::new(), bars: vec![bar], steps_percent }.svg().unwrap_or_default()
     }
 
-    /// The frame is ±15 % whatever is in it: 15 % reaches its upper edge, and what lies beyond says so.
+    /// The frame is ±15 % whatever is in it: 15 % reaches its upper edge, and what lies beyond says
+    /// so.
     #[test]
     fn analytic_the_frame_does_not_move() {
         let high = SIZE.1 - EDGES.1 - EDGES.3;

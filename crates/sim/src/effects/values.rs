@@ -158,23 +158,7 @@ impl Values {
 
 /// The nearest of some words by edit distance; empty where there are none.
 pub(super) fn nearest<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> &'a str {
-    known.min_by_key(|candidate| edit_distance(word, candidate)).unwrap_or_default()
-}
-
-/// Levenshtein distance.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &cb) in b.iter().enumerate() {
-            let substituted = diagonal + usize::from(ca != cb);
-            diagonal = row[j + 1];
-            row[j + 1] = substituted.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
+    known.min_by_key(|candidate| strsim::levenshtein(word, candidate)).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -183,9 +167,11 @@ mod tests {
 
     #[test]
     fn analytic_edit_distance() {
-        assert_eq!(edit_distance("eccentrity", "eccentricity"), 2);
-        assert_eq!(edit_distance("", "abc"), 3);
-        assert_eq!(edit_distance("kitten", "sitting"), 3);
+        let edit_distance = strsim::levenshtein;
+        for (a, b, far) in [("eccentrity", "eccentricity", 2), ("kitten", "sitting", 3), ("teeth", "tooth", 2)] {
+            assert_eq!(edit_distance(a, b), far);
+        }
+        assert_eq!((edit_distance("", "abc"), edit_distance("same", "same")), (3, 0));
         assert_eq!(nearest("pitting_", ["pitch_error", "pitting"].into_iter()), "pitting");
     }
 }

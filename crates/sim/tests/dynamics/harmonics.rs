@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use gearwatch_core::bench::{
-    Acquisition, Belt, Bench, Brake, FORMAT, Gear, GearMaterial, HousingMode, Motor, Sensor, Shaft, Stage,
-};
+use gearwatch_core::bench::{Belt, Bench, Brake, Gear, HousingMode, Motor, Sensor, Shaft, Stage};
 use gearwatch_core::train::Train;
 use gearwatch_sim::etd::Etd;
 use gearwatch_sim::lines::line;
@@ -70,14 +68,7 @@ fn drawn(seed: u64) -> Bench {
     let stages: Vec<Stage> = (0..stages)
         .map(|i| {
             let pinion = within(18.0, 40.0).round();
-            let gear = |teeth: f64| Gear {
-                teeth: teeth as u32,
-                bore_mm: None,
-                mass_kg: None,
-                inertia_kg_m2: None,
-                profile_shift: None,
-                tip_diameter_mm: None,
-            };
+            let gear = |teeth: f64| Gear::with_teeth(teeth as u32);
             Stage {
                 name: format!("stage{}", i + 1),
                 module_mm: within(2.0, 4.0),
@@ -112,24 +103,15 @@ fn drawn(seed: u64) -> Bench {
             shape: names.iter().copied().chain(["a", "b"]).map(|name| (name.to_owned(), within(0.2, 1.0))).collect(),
         })
         .collect();
+    let sensors = vec![sensor("a", names[0], 90.0), sensor("b", names[names.len() - 1], 20.0)];
+    let motor =
+        Motor { speed_hz: within(5.0, 35.0), inertia_kg_m2: within(5e-3, 1.5e-2), slip_slope_nm_s_per_rad: 2.0 };
     Bench {
-        format: FORMAT.into(),
-        name: format!("drawn {seed}"),
-        motor: Motor { speed_hz: within(5.0, 35.0), inertia_kg_m2: within(5e-3, 1.5e-2), slip_slope_nm_s_per_rad: 2.0 },
         belt,
         brake: Brake { torque_nm: within(15.0, 120.0), inertia_kg_m2: within(5e-3, 3e-2) },
-        sensors: vec![sensor("a", names[0], 90.0), sensor("b", names[names.len() - 1], 20.0)],
-        shafts,
-        stages,
-        gear_material: GearMaterial::default(),
+        sensors,
         housing_modes,
-        tacho: None,
-        acquisition: Acquisition::default(),
-        effects: vec![],
-        terms: vec![],
-        bearings: vec![],
-        indicators: Default::default(),
-        check: Default::default(),
+        ..Bench::new(format!("drawn {seed}"), motor, shafts, stages)
     }
 }
 

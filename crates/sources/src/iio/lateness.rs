@@ -1,4 +1,5 @@
-//! Samples that were lost without a word: a driver whose buffer overflows goes on with what comes next, and only the clock shows that some are missing.
+//! Samples that were lost without a word: a driver whose buffer overflows goes on with what comes
+//! next, and only the clock shows that some are missing.
 
 use std::collections::VecDeque;
 
@@ -18,8 +19,9 @@ pub(super) struct Lateness {
 }
 
 impl Lateness {
-    /// Takes in a reading of `secs` that ended at `now_secs` since the start. Returns the seconds that are missing: what even the most punctual reading of the
-    /// last three seconds is later than the most punctual one of the minute before.
+    /// Takes in a reading of `secs` that ended at `now_secs` since the start. Returns the seconds
+    /// that are missing: what even the most punctual reading of the last three seconds is later
+    /// than the most punctual one of the minute before.
     pub(super) fn missing(&mut self, now_secs: f64, secs: f64) -> Option<f64> {
         self.read_secs += secs;
         self.seen.push_back((now_secs, now_secs - self.read_secs));
@@ -43,8 +45,8 @@ impl Lateness {
 mod tests {
     use super::*;
 
-    /// A reading each 0.1 s on a clock that is 500 ppm off. A thread that waits a second and catches up has lost nothing; a second that never comes
-    /// is told once, three seconds later.
+    /// A reading each 0.1 s on a clock that is 500 ppm off. A thread that waits a second and
+    /// catches up has lost nothing; a second that never comes is told once, three seconds later.
     #[test]
     fn analytic_what_never_comes_is_missing_and_what_comes_late_is_not() {
         let mut lateness = Lateness::default();

@@ -76,7 +76,8 @@ impl Rest {
         self.exchange("PUT", path, Some(""), LAST_PATIENCE)
     }
 
-    /// The state, when it is another than that of `tag`; an error of kind `Away` when nothing changed within `patience`.
+    /// The state, when it is another than that of `tag`; an error of kind `Away` when nothing
+    /// changed within `patience`.
     pub(super) fn on_change(&self, tag: u64, patience: Duration) -> Result<Value, CallError> {
         self.call("GET", &format!("onchange?last={tag}"), None, patience)
     }

@@ -1,4 +1,5 @@
-//! From an idle instrument to a running measurement, call by call, and back to idle in the right order.
+//! From an idle instrument to a running measurement, call by call, and back to idle in the right
+//! order.
 
 use std::net::TcpStream;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -68,7 +69,7 @@ impl Measurement {
             return Err(rest.error(change));
         }
         let mut setup = call("channels/input/default", rest.get("channels/input/default"))?;
-        let expected = fill(&mut setup, wanted, &transducers).map_err(|message| rest.error(message))?;
+        let expected = fill(&mut setup, wanted, &transducers).map_err(|e| rest.error(e.to_string()))?;
         call("channels/input", rest.put("channels/input", &setup.to_string()))?;
         wait("RecorderStreaming")?;
         let socket = call("destination/socket", rest.get("destination/socket"))?;
@@ -113,7 +114,8 @@ struct Opened {
 }
 
 impl Drop for Opened {
-    /// Stop, then close the socket, then finish and close: in another order the instrument takes it for lost data.
+    /// Stop, then close the socket, then finish and close: in another order the instrument takes it
+    /// for lost data.
     fn drop(&mut self) {
         let mut away = None;
         let mut last = |path: &str| {
@@ -139,7 +141,8 @@ impl Drop for Opened {
     }
 }
 
-/// Type and serial number of the module, if it is the right one and can do what is wanted. Nothing is changed on it.
+/// Type and serial number of the module, if it is the right one and can do what is wanted. Nothing
+/// is changed on it.
 fn check_module(rest: &Rest, wanted: &Wanted<'_>) -> Result<(String, u64), SourceError> {
     let info = rest.get("module/info").map_err(|e| rest.error(format!("module/info: {e}")))?;
     let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
@@ -176,7 +179,8 @@ fn open(rest: &Rest, may_end: bool) -> Result<(), SourceError> {
     if may_end {
         tracing::info!(instrument = rest.address, "ending what runs on it");
         for path in ["measurements/stop", "finish", "close"] {
-            // Which of these are allowed depends on what runs; the next `open` shows whether they were enough.
+            // Which of these are allowed depends on what runs; the next `open` shows whether they
+            // were enough.
             let _ = rest.put(path, "");
         }
         return rest.put("open", &body).map(drop).map_err(|e| rest.error(format!("open: {e}")));
@@ -209,13 +213,22 @@ fn transducer_name(transducer: &Value) -> Option<String> {
     Some(format!("{number} no. {}", transducer["serialNumber"]))
 }
 
+/// Why the instrument cannot be set up as configured.
+#[derive(Debug, thiserror::Error)]
+enum SetupError {
+    #[error("channels/input/default: expected channels, found {0}")]
+    NoChannels(Value),
+    #[error("it has no input {wanted}; it has {inputs}")]
+    NoInput { wanted: u16, inputs: usize },
+}
+
 /// Turns the default setup into the wanted one; what is known of each wanted signal, in order.
-fn fill(setup: &mut Value, wanted: &Wanted<'_>, transducers: &[Value]) -> Result<Vec<Expected>, String> {
+fn fill(setup: &mut Value, wanted: &Wanted<'_>, transducers: &[Value]) -> Result<Vec<Expected>, SetupError> {
     let bandwidth_hz = wanted.rate_hz / RATE_PER_BANDWIDTH;
     let bandwidth =
         if bandwidth_hz >= 1000.0 { format!("{} kHz", bandwidth_hz / 1000.0) } else { format!("{bandwidth_hz} Hz") };
     let Some(channels) = setup["channels"].as_array_mut() else {
-        return Err(format!("channels/input/default: expected channels, found {setup}"));
+        return Err(SetupError::NoChannels(setup.clone()));
     };
     let mut expected = vec![None; wanted.inputs.len()];
     for channel in channels.iter_mut() {
@@ -230,7 +243,7 @@ fn fill(setup: &mut Value, wanted: &Wanted<'_>, transducers: &[Value]) -> Result
     }
     let missing = wanted.inputs.iter().zip(&expected).find(|(_, found)| found.is_none());
     if let Some((input, _)) = missing {
-        return Err(format!("it has no input {}; it has {}", input.input, channels.len()));
+        return Err(SetupError::NoInput { wanted: input.input, inputs: channels.len() });
     }
     Ok(expected.into_iter().flatten().collect())
 }
@@ -275,7 +288,8 @@ mod tests {
         Input { input: number, sensor, sensitivity_v_per_unit: None, unit: None, ccld: None, range: None, filter: None }
     }
 
-    /// The tutorial's example: 10 V range and 10 mV/Pa make a full scale of 1188.5 Pa. Here with an accelerometer of 10 mV per m/s².
+    /// The tutorial's example: 10 V range and 10 mV/Pa make a full scale of 1188.5 Pa. Here with an
+    /// accelerometer of 10 mV per m/s².
     #[test]
     fn literature_full_scale_from_range_headroom_and_sensitivity() {
         let mut channel = json!({ "channel": 1, "range": "10 Vpeak" });
@@ -299,6 +313,6 @@ mod tests {
         assert!(of("destinations").iter().all(|d| *d == json!(["socket"])));
         let inputs = [input(4)];
         let missing = fill(&mut setup, &Wanted { inputs: &inputs, ..wanted }, &[]).unwrap_err();
-        assert_eq!(missing, "it has no input 4; it has 3");
+        assert_eq!(missing.to_string(), "it has no input 4; it has 3");
     }
 }

@@ -59,6 +59,23 @@ struct Known {
     unit: Arc<str>,
 }
 
+/// What the instrument says of a signal that cannot be read.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub(super) enum MeaningError {
+    #[error("signal {signal} has data type {found}; only 24-bit integers ({INT24}) can be read")]
+    DataType { signal: u16, found: u16 },
+    #[error("signal {signal} has scale {scale}")]
+    Scale { signal: u16, scale: f64 },
+    #[error("signal {signal} has offset {offset}")]
+    Offset { signal: u16, offset: f64 },
+    #[error("signal {signal} has {found} samples per second; {wanted} were asked for")]
+    Rate { signal: u16, found: f64, wanted: f64 },
+    #[error("signal {signal} has vectors of {length} values")]
+    Vectors { signal: u16, length: u16 },
+    #[error("signal {signal} has unit {unit:?}; expected acceleration, velocity, V or 1")]
+    Unit { signal: u16, unit: String },
+}
+
 impl Reader {
     pub(super) fn new(
         address: &str,
@@ -96,7 +113,7 @@ impl Reader {
         decoded: Decoded,
         status: &[Quality],
         out: &mut VecDeque<Packet>,
-    ) -> Result<(), String> {
+    ) -> Result<(), MeaningError> {
         let message = match decoded {
             Decoded::Lost(lost) => {
                 tracing::warn!(
@@ -168,7 +185,7 @@ impl Reader {
         }));
     }
 
-    fn interpret(&mut self, descriptor: Descriptor) -> Result<(), String> {
+    fn interpret(&mut self, descriptor: Descriptor) -> Result<(), MeaningError> {
         let Descriptor { signal: number, value } = descriptor;
         let rate_hz = self.rate_hz;
         let Some(signal) = self.signals.get_mut(usize::from(number).wrapping_sub(1)) else {
@@ -179,25 +196,23 @@ impl Reader {
         match value {
             Value::DataType(INT24) => signal.meaning.data_type = Some(INT24),
             Value::DataType(other) => {
-                return Err(format!(
-                    "signal {number} has data type {other}; only 24-bit integers ({INT24}) can be read"
-                ));
+                return Err(MeaningError::DataType { signal: number, found: other });
             }
             Value::Scale(scale) if scale.is_finite() && scale != 0.0 => signal.meaning.scale = Some(scale),
-            Value::Scale(scale) => return Err(format!("signal {number} has scale {scale}")),
+            Value::Scale(scale) => return Err(MeaningError::Scale { signal: number, scale }),
             Value::Offset(offset) if offset.is_finite() => signal.meaning.offset = offset,
-            Value::Offset(offset) => return Err(format!("signal {number} has offset {offset}")),
+            Value::Offset(offset) => return Err(MeaningError::Offset { signal: number, offset }),
             Value::Period(period) => {
                 let found = period.rate_hz().unwrap_or(f64::NAN);
                 let off = (found / rate_hz - 1.0).abs();
                 if off.is_nan() || off > RATE_TOLERANCE {
-                    return Err(format!("signal {number} has {found} samples per second; {rate_hz} were asked for"));
+                    return Err(MeaningError::Rate { signal: number, found, wanted: rate_hz });
                 }
                 signal.meaning.period = Some(period);
             }
             Value::Unit(unit) => signal.meaning.unit = Some(unit),
             Value::VectorLength(0 | 1) | Value::ChannelType(_) | Value::Other(..) => {}
-            Value::VectorLength(length) => return Err(format!("signal {number} has vectors of {length} values")),
+            Value::VectorLength(length) => return Err(MeaningError::Vectors { signal: number, length }),
         }
         signal.settle(&before, number)
     }
@@ -223,15 +238,16 @@ impl Channel {
         }
     }
 
-    /// Makes use of what was said, when it is complete. Samples before and after a change do not belong together.
-    fn settle(&mut self, before: &Meaning, number: u16) -> Result<(), String> {
+    /// Makes use of what was said, when it is complete. Samples before and after a change do not
+    /// belong together.
+    fn settle(&mut self, before: &Meaning, number: u16) -> Result<(), MeaningError> {
         let Meaning { data_type: Some(_), scale: Some(scale), offset, period: Some(_), unit: Some(unit) } =
             &self.meaning
         else {
             return Ok(());
         };
         let Some((unit, factor)) = units::canonical(unit) else {
-            return Err(format!("signal {number} has unit {unit:?}; expected acceleration, velocity, V or 1"));
+            return Err(MeaningError::Unit { signal: number, unit: unit.clone() });
         };
         if self.known.is_some() && self.meaning != *before {
             tracing::warn!(sensor = &*self.sensor, "the meaning of its samples has changed");

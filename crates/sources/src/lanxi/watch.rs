@@ -1,4 +1,5 @@
-//! What the stream does not tell: overload, common-mode overload and cable faults, and that somebody ended the measurement.
+//! What the stream does not tell: overload, common-mode overload and cable faults, and that
+//! somebody ended the measurement.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

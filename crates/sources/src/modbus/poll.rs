@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use gearwatch_core::block::Packet;
 use tokio::time::timeout;
+use tokio_modbus::ExceptionCode;
 use tokio_modbus::client::{Context, Reader as _, tcp};
 use tokio_modbus::slave::Slave;
 
@@ -22,9 +23,24 @@ pub(super) fn open(config: &Modbus, context: &SourceContext) -> Feed {
             // Whatever ended it: what it said holds no longer.
             readings.forget(config.registers.iter().map(|register| register.quantity));
             let _ = sender.send(Packet::OperatingPoint(readings.point(now_unix_ns()))).await;
-            error.map_err(|message| SourceError::Peer { peer: config.address, message })
+            error.map_err(|e| SourceError::Peer { peer: config.address, message: e.to_string() })
         })
     }))
+}
+
+/// Why a controller is given up.
+#[derive(Debug, thiserror::Error)]
+enum PollError {
+    #[error("no answer within {:.1} s", .0.as_secs_f64())]
+    Late(Duration),
+    #[error(transparent)]
+    Connect(#[from] std::io::Error),
+    #[error("register {at}: {source}")]
+    Exception { at: u16, source: ExceptionCode },
+    #[error("register {at}: {source}")]
+    Call { at: u16, source: tokio_modbus::Error },
+    #[error("register {at}: expected {expected} words, found {found}")]
+    Words { at: u16, expected: u16, found: usize },
 }
 
 impl Number {
@@ -59,15 +75,16 @@ impl Register {
 }
 
 impl Modbus {
-    /// Reads until the service stops or an answer fails. A reading that comes too late may be half read, so that the connection is given up.
-    async fn poll(&self, readings: &Readings, sender: &Sender, deadline: Duration) -> Result<(), String> {
-        let late = |_| format!("no answer within {:.1} s", deadline.as_secs_f64());
+    /// Reads until the service stops or an answer fails. A reading that comes too late may be half
+    /// read, so that the connection is given up.
+    async fn poll(&self, readings: &Readings, sender: &Sender, deadline: Duration) -> Result<(), PollError> {
+        let late = |_| PollError::Late(deadline);
         let connect = async {
             let address = tokio::net::lookup_host(&self.address).await?.next();
             let address = address.ok_or_else(|| std::io::Error::other("the host has no address"))?;
             tcp::connect_slave(address, Slave(self.unit_id)).await
         };
-        let mut client = timeout(deadline, connect).await.map_err(late)?.map_err(|e| e.to_string())?;
+        let mut client = timeout(deadline, connect).await.map_err(late)??;
         let mut known = true;
         loop {
             for register in &self.registers {
@@ -86,7 +103,7 @@ impl Modbus {
     }
 }
 
-async fn read(client: &mut Context, register: &Register) -> Result<f64, String> {
+async fn read(client: &mut Context, register: &Register) -> Result<f64, PollError> {
     let (at, words) = (register.register, register.encoding.words());
     let answer = match register.table {
         RegisterTable::Input => client.read_input_registers(at, words).await,
@@ -94,11 +111,11 @@ async fn read(client: &mut Context, register: &Register) -> Result<f64, String> 
     };
     let words = match answer {
         Ok(Ok(words)) => words,
-        Ok(Err(exception)) => return Err(format!("register {at}: {exception}")),
-        Err(e) => return Err(format!("register {at}: {e}")),
+        Ok(Err(source)) => return Err(PollError::Exception { at, source }),
+        Err(source) => return Err(PollError::Call { at, source }),
     };
-    let wrong = || format!("register {at}: expected {} words, found {}", register.encoding.words(), words.len());
-    register.value(&words).ok_or_else(wrong)
+    let wrong = PollError::Words { at, expected: register.encoding.words(), found: words.len() };
+    register.value(&words).ok_or(wrong)
 }
 
 #[cfg(test)]

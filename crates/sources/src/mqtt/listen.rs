@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use gearwatch_core::block::Packet;
 use gearwatch_runtime::tls::Trust;
-use rumqttc::{AsyncClient, Event, Incoming, MqttOptions, QoS, SubscribeFilter, SubscribeReasonCode};
+use rumqttc::{
+    AsyncClient, ClientBuildError, ClientError, ConnectionError, Event, Incoming, MqttOptions, QoS, SubscribeFilter,
+    SubscribeReasonCode,
+};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
@@ -51,32 +54,58 @@ pub(super) fn open(config: &Mqtt, context: &SourceContext) -> Result<Feed, Sourc
             // Whatever ended it: what it said holds no longer.
             readings.forget(config.topics.iter().map(|topic| topic.quantity));
             let _ = sender.send(Packet::OperatingPoint(readings.point(now_unix_ns()))).await;
-            result.map_err(|message| SourceError::Peer { peer: config.broker, message })
+            result.map_err(|e| SourceError::Peer { peer: config.broker, message: e.to_string() })
         })
     })))
 }
 
+/// Why a message is not used.
+#[derive(Debug, thiserror::Error)]
+enum MessageError {
+    #[error("expected a number, found {0:?}")]
+    NoNumber(String),
+    #[error("no JSON: {0}")]
+    NoJson(#[from] serde_json::Error),
+    #[error("no number at {pointer} in {found:?}")]
+    NotThere { pointer: String, found: String },
+}
+
 impl Topic {
     /// The physical value of a message.
-    fn value(&self, payload: &[u8]) -> Result<f64, String> {
+    fn value(&self, payload: &[u8]) -> Result<f64, MessageError> {
         let text = String::from_utf8_lossy(payload);
         let shown = || text.chars().filter(|c| !c.is_control()).take(60).collect::<String>();
         let number = match &self.pointer {
-            None => text.trim().parse().map_err(|_| format!("expected a number, found {:?}", shown()))?,
+            None => text.trim().parse().map_err(|_| MessageError::NoNumber(shown()))?,
             Some(pointer) => {
-                let json: serde_json::Value = serde_json::from_str(&text).map_err(|e| format!("no JSON: {e}"))?;
+                let json: serde_json::Value = serde_json::from_str(&text)?;
                 let number = json.pointer(pointer).and_then(serde_json::Value::as_f64);
-                number.ok_or_else(|| format!("no number at {pointer} in {:?}", shown()))?
+                number.ok_or_else(|| MessageError::NotThere { pointer: pointer.clone(), found: shown() })?
             }
         };
         Ok(self.linear().of(number))
     }
 }
 
+/// Why a broker is given up.
+#[derive(Debug, thiserror::Error)]
+enum ListenError {
+    #[error(transparent)]
+    Options(#[from] ClientBuildError),
+    #[error(transparent)]
+    Subscribe(#[from] ClientError),
+    #[error("the broker refuses a topic")]
+    Refused,
+    #[error(transparent)]
+    Connection(Box<ConnectionError>),
+    #[error("the connection has ended")]
+    Ended,
+}
+
 /// What the connection tells.
 enum Heard {
     Message { topic: String, payload: Vec<u8>, retained: bool },
-    Lost(String),
+    Lost(ListenError),
 }
 
 impl Mqtt {
@@ -87,27 +116,28 @@ impl Mqtt {
         readings: &Readings,
         sender: &Sender,
         stale: Duration,
-    ) -> Result<(), String> {
+    ) -> Result<(), ListenError> {
         let builder = AsyncClient::builder(options).capacity(WAITING);
-        let (client, mut connection) = builder.try_build().map_err(|e| e.to_string())?;
+        let (client, mut connection) = builder.try_build()?;
         let (out, mut heard) = mpsc::channel(WAITING);
         let filters: Vec<_> =
             self.topics.iter().map(|topic| SubscribeFilter::new(topic.topic.clone(), QoS::AtLeastOnce)).collect();
-        // The connection is polled by a task of its own, and never given up in the middle of a packet. The set ends it with this future.
+        // The connection is polled by a task of its own, and never given up in the middle of a
+        // packet. The set ends it with this future.
         let mut tasks = tokio::task::JoinSet::new();
         tasks.spawn(async move {
             loop {
                 let next = match connection.poll().await {
                     Ok(Event::Incoming(Incoming::ConnAck(_))) => {
                         if let Err(e) = client.try_subscribe_many(filters.iter().cloned()) {
-                            Heard::Lost(e.to_string())
+                            Heard::Lost(e.into())
                         } else {
                             continue;
                         }
                     }
                     Ok(Event::Incoming(Incoming::SubAck(answer))) => {
                         if answer.return_codes.contains(&SubscribeReasonCode::Failure) {
-                            Heard::Lost("the broker refuses a topic".to_owned())
+                            Heard::Lost(ListenError::Refused)
                         } else {
                             continue;
                         }
@@ -118,7 +148,7 @@ impl Mqtt {
                         retained: message.retain,
                     },
                     Ok(_) => continue,
-                    Err(e) => Heard::Lost(e.to_string()),
+                    Err(e) => Heard::Lost(ListenError::Connection(Box::new(e))),
                 };
                 let last = matches!(next, Heard::Lost(_));
                 if out.send(next).await.is_err() || last {
@@ -138,7 +168,7 @@ impl Mqtt {
                         self.take(&topic, &payload, retained, readings, stale)
                     }
                     Some(Heard::Lost(why)) => return Err(why),
-                    None => return Err("the connection has ended".to_owned()),
+                    None => return Err(ListenError::Ended),
                 },
                 _ = look.tick() => false,
             };
@@ -190,11 +220,11 @@ mod tests {
             scale: 2.0,
             offset: 1.0,
         };
-        assert_eq!(topic(None).value(b" 20.5\n"), Ok(42.0));
+        assert_eq!(topic(None).value(b" 20.5\n").unwrap(), 42.0);
         assert!(topic(None).value(b"NaN").unwrap().is_nan());
-        assert!(topic(None).value(b"twenty").unwrap_err().contains("twenty"));
-        assert_eq!(topic(Some("/a/1")).value(br#"{"a": [0, 3]}"#), Ok(7.0));
-        assert!(topic(Some("/b")).value(br#"{"a": 1}"#).unwrap_err().contains("no number at /b"));
+        assert!(topic(None).value(b"twenty").unwrap_err().to_string().contains("twenty"));
+        assert_eq!(topic(Some("/a/1")).value(br#"{"a": [0, 3]}"#).unwrap(), 7.0);
+        assert!(topic(Some("/b")).value(br#"{"a": 1}"#).unwrap_err().to_string().contains("no number at /b"));
         assert!(topic(Some("/b")).value(b"\xff").is_err());
     }
 }

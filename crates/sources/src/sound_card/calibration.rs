@@ -25,7 +25,8 @@ pub(super) struct Calibration {
     pub(super) serial: String,
     /// Unit of the physical values.
     pub(super) unit: &'static str,
-    /// Physical value of full scale of channel A and B; `None` where the device says 0, as for an input that it does not have.
+    /// Physical value of full scale of channel A and B; `None` where the device says 0, as for an
+    /// input that it does not have.
     pub(super) full_scale: [Option<f64>; 2],
     /// When it was calibrated (yymmdd).
     pub(super) date: String,

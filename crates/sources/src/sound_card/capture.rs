@@ -1,6 +1,6 @@
 //! The device itself. Its callback only copies; everything else happens on the source's thread.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,7 +13,7 @@ use gearwatch_runtime::stop::Stop;
 
 use super::calibration::{self, Calibration};
 use super::{Feed, SoundCard, SourceContext, SourceError};
-use crate::numbering::Device as Known;
+use crate::numbering::{Device as Known, DeviceError};
 use gearwatch_runtime::clock::now_unix_ns;
 
 /// Buffers that may wait for the source's thread; a buffer is some milliseconds.
@@ -26,6 +26,21 @@ struct Buffer {
     values: Vec<f32>,
     /// Wall time of its end (ns since 1970).
     end_ns: i64,
+}
+
+/// Why a device cannot be used.
+#[derive(Debug, thiserror::Error)]
+enum CardError {
+    #[error(transparent)]
+    Device(#[from] cpal::Error),
+    #[error(transparent)]
+    Another(#[from] DeviceError),
+    #[error("there is no such device; there are {0:?}")]
+    NoDevice(Vec<String>),
+    #[error("input {0} has no calibration in the device's name; give full_scale and unit")]
+    Uncalibrated(u16),
+    #[error("it has no {inputs} inputs at {rate} Hz; it offers (inputs, lowest, highest Hz) {offers:?}")]
+    NoForm { inputs: usize, rate: u32, offers: BTreeSet<(u16, u32, u32)> },
 }
 
 /// What the callbacks tell.
@@ -44,10 +59,10 @@ struct Channel {
 }
 
 pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, SourceError> {
-    let error = |message: String| SourceError::Peer { peer: config.device.clone(), message };
+    let error = |e: CardError| SourceError::Peer { peer: config.device.clone(), message: e.to_string() };
     let (device, name) = find(&config.device).map_err(error)?;
     // Serial number and calibration are in the name.
-    Known::meet(&config.known, &name).map_err(|e| error(e.to_string()))?;
+    Known::meet(&config.known, &name).map_err(|e| error(e.into()))?;
     let calibration = calibration::read(&name);
     if let Some(Calibration { model, serial, date, .. }) = &calibration {
         tracing::info!("{model} no. {serial}, calibrated {date} (yymmdd)");
@@ -77,8 +92,8 @@ pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, 
             },
             Some(context.data_deadline),
         )
-        .map_err(|e| error(e.to_string()))?;
-    stream.play().map_err(|e| error(e.to_string()))?;
+        .map_err(|e| error(e.into()))?;
+    stream.play().map_err(|e| error(e.into()))?;
     let mut capture = Capture {
         _stream: stream,
         shared,
@@ -98,8 +113,8 @@ pub(super) fn open(config: &SoundCard, context: &SourceContext) -> Result<Feed, 
 }
 
 /// The device whose name has this part; never another one.
-fn find(part: &str) -> Result<(Device, String), String> {
-    let devices = cpal::default_host().input_devices().map_err(|e| e.to_string())?;
+fn find(part: &str) -> Result<(Device, String), CardError> {
+    let devices = cpal::default_host().input_devices()?;
     let mut names = Vec::new();
     for device in devices {
         let Ok(description) = device.description() else { continue };
@@ -110,24 +125,27 @@ fn find(part: &str) -> Result<(Device, String), String> {
         }
         names.push(description.name().to_owned());
     }
-    Err(format!("there is no such device; there are {names:?}"))
+    Err(CardError::NoDevice(names))
 }
 
-fn channels(config: &SoundCard, calibration: Option<&Calibration>) -> Result<Vec<Channel>, String> {
+fn channels(config: &SoundCard, calibration: Option<&Calibration>) -> Result<Vec<Channel>, CardError> {
     let of = |input: &super::Input| {
         let at = usize::from(input.input) - 1;
         let given = input.full_scale.zip(input.unit.as_deref());
         let own = || calibration.and_then(|c| Some(((*c.full_scale.get(at)?)?, c.unit)));
-        let (full_scale, unit) = given.or_else(own).ok_or_else(|| {
-            format!("input {} has no calibration in the device's name; give full_scale and unit", input.input)
-        })?;
+        let (full_scale, unit) = given.or_else(own).ok_or(CardError::Uncalibrated(input.input))?;
         Ok(Channel { at, sensor: input.sensor.as_str().into(), unit: unit.into(), full_scale })
     };
     config.channels.iter().map(of).collect()
 }
 
-/// A form of the stream that the device has, with all inputs that are wanted and as many bits as possible.
-fn supported(device: &Device, config: &SoundCard, channels: &[Channel]) -> Result<SupportedStreamConfigRange, String> {
+/// A form of the stream that the device has, with all inputs that are wanted and as many bits as
+/// possible.
+fn supported(
+    device: &Device,
+    config: &SoundCard,
+    channels: &[Channel],
+) -> Result<SupportedStreamConfigRange, CardError> {
     let rate = config.sample_rate_hz as u32;
     let inputs = channels.iter().map(|channel| channel.at + 1).max().unwrap_or(1);
     let bits = |format: SampleFormat| match format {
@@ -137,16 +155,15 @@ fn supported(device: &Device, config: &SoundCard, channels: &[Channel]) -> Resul
         SampleFormat::I16 => Some(1),
         _ => None,
     };
-    let all: Vec<_> = device.supported_input_configs().map_err(|e| e.to_string())?.collect();
+    let all: Vec<_> = device.supported_input_configs()?.collect();
     let fits = |range: &&SupportedStreamConfigRange| {
         usize::from(range.channels()) >= inputs
             && (range.min_sample_rate()..=range.max_sample_rate()).contains(&rate)
             && bits(range.sample_format()).is_some()
     };
     all.iter().filter(fits).max_by_key(|range| bits(range.sample_format())).copied().ok_or_else(|| {
-        let offers: std::collections::BTreeSet<_> =
-            all.iter().map(|r| (r.channels(), r.min_sample_rate(), r.max_sample_rate())).collect();
-        format!("it has no {inputs} inputs at {rate} Hz; it offers (inputs, lowest, highest Hz) {offers:?}")
+        let offers = all.iter().map(|r| (r.channels(), r.min_sample_rate(), r.max_sample_rate())).collect();
+        CardError::NoForm { inputs, rate, offers }
     })
 }
 

@@ -59,7 +59,8 @@ fn conform_a_sender_that_is_called_and_one_that_calls() {
     }
 }
 
-/// Flipped bits cost whole frames, lost connections whatever was under way: all of it is in the gaps, and no sample is wrong.
+/// Flipped bits cost whole frames, lost connections whatever was under way: all of it is in the
+/// gaps, and no sample is wrong.
 #[test]
 fn conform_damage_and_loss_are_gaps_of_the_right_length() {
     let trouble = TroubleConfig {
@@ -106,8 +107,8 @@ fn conform_a_silent_sender_is_an_error() {
     assert!(began.elapsed() < Duration::from_millis(800));
 }
 
-/// Somebody else sends the same stream to the same port: beside the true sender they are not heard, and no sample seems to be missing. Seen before:
-/// 3.4 million.
+/// Somebody else sends the same stream to the same port: beside the true sender they are not heard,
+/// and no sample seems to be missing. Seen before: 3.4 million.
 #[test]
 fn regress_a_forged_stream_beside_the_true_one_is_not_heard() {
     let here = free_port();
@@ -123,7 +124,8 @@ fn regress_a_forged_stream_beside_the_true_one_is_not_heard() {
         judge.take(&pull().unwrap().unwrap());
     }
     assert_eq!((judge.gaps, judge.missing, judge.desynchronised, judge.wrong_alone), (0, 0, 0, 0), "{judge:?}");
-    // When the true one has been silent for the deadline, another may take its place: the same sender from another port is one.
+    // When the true one has been silent for the deadline, another may take its place: the same
+    // sender from another port is one.
     drop(truth);
     std::thread::sleep(2 * DEADLINE);
     let heard = judge.samples;

@@ -1,4 +1,5 @@
-//! Industrial I/O through the real libiio, whose server is emulated. Skipped with a message where libiio is not installed.
+//! Industrial I/O through the real libiio, whose server is emulated. Skipped with a message where
+//! libiio is not installed.
 #![allow(clippy::print_stderr, reason = "a test that is skipped says so")]
 
 mod iiod;
@@ -35,7 +36,8 @@ fn installed() -> bool {
     !missing
 }
 
-/// Numbers of other byte order, shifted, signed or not, with scale and offset, become m/s² and V, sample by sample.
+/// Numbers of other byte order, shifted, signed or not, with scale and offset, become m/s² and V,
+/// sample by sample.
 #[test]
 fn conform_counts_become_physical_values() {
     if !installed() {
@@ -62,7 +64,8 @@ fn conform_counts_become_physical_values() {
     assert_eq!(values(&v)[0], (VOLTAGE_OFFSET * VOLTAGE_SCALE * 1e-3 / 0.1) as f32);
 }
 
-/// libiio before 0.25 takes the padding at the end of a scan for numbers: that is refused, and a later one must read it right.
+/// libiio before 0.25 takes the padding at the end of a scan for numbers: that is refused, and a
+/// later one must read it right.
 #[test]
 fn conform_inputs_of_different_widths_are_read_right_or_refused() {
     if !installed() {

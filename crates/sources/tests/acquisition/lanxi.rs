@@ -19,7 +19,8 @@ fn with_trouble(trouble: TroubleConfig) -> InstrumentConfig {
     InstrumentConfig { trouble, ..InstrumentConfig::default() }
 }
 
-/// Two seconds of signal in a tenth of a second: every sample, in order, with the transducer's unit; then idle again, in the right order.
+/// Two seconds of signal in a tenth of a second: every sample, in order, with the transducer's
+/// unit; then idle again, in the right order.
 #[test]
 fn conform_every_sample_arrives_and_the_end_is_in_order() {
     let runtime = runtime();
@@ -56,13 +57,15 @@ fn conform_inputs_and_sensitivity_are_as_configured() {
     for _ in 0..10 {
         let Some(Packet::Vibration(block)) = pull().unwrap() else { panic!("no block") };
         assert_eq!((&*block.sensor, &*block.unit), ("only", "g"));
-        // Whatever the sensitivity, the physical value is that of the material; half a step of 24 bit of a full scale of 24 g is 1.4e-6.
+        // Whatever the sensitivity, the physical value is that of the material; half a step of
+        // 24 bit of a full scale of 24 g is 1.4e-6.
         let first = block.samples.iter().next().unwrap();
         assert!((first - block.first_sample_index as f64 * 11.885022274370185 / 8_388_608.0).abs() < 2e-6, "{first}");
     }
 }
 
-/// Overruns are told by the instrument, and their length by its time: each index jump is as long as the ramp says.
+/// Overruns are told by the instrument, and their length by its time: each index jump is as long as
+/// the ramp says.
 #[test]
 fn conform_overruns_become_gaps_of_the_right_length() {
     let runtime = runtime();
@@ -75,7 +78,8 @@ fn conform_overruns_become_gaps_of_the_right_length() {
     assert_eq!((judge.desynchronised, judge.wrong_alone, judge.wrong_length), (0, 0, 0));
 }
 
-/// A clipped channel is flagged, by the stream's quality message and by the status beside it, and not for ever.
+/// A clipped channel is flagged, by the stream's quality message and by the status beside it, and
+/// not for ever.
 #[test]
 fn conform_overload_is_flagged_and_passes() {
     let runtime = runtime();
@@ -112,7 +116,8 @@ fn conform_a_silent_instrument_is_an_error_after_the_deadline() {
     assert!(silence >= DEADLINE.mul_f64(0.9) && silence < 2 * DEADLINE, "{silence:?}");
 }
 
-/// 403: told with its state and what to do; a measurement of somebody else is ended only where that is asked for.
+/// 403: told with its state and what to do; a measurement of somebody else is ended only where that
+/// is asked for.
 #[test]
 fn conform_a_busy_instrument_is_left_alone_unless_told_otherwise() {
     let runtime = runtime();

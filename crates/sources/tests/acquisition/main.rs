@@ -1,4 +1,5 @@
-//! Sources with a network or a C library: against emulated instruments that behave, and that do not.
+//! Sources with a network or a C library: against emulated instruments that behave, and that do
+//! not.
 
 mod frames;
 mod iio;

@@ -1,4 +1,5 @@
-//! NI-DAQmx against a library of the same interface, which the test compiles. Skipped with a message where there is no C compiler.
+//! NI-DAQmx against a library of the same interface, which the test compiles. Skipped with a
+//! message where there is no C compiler.
 #![allow(clippy::print_stderr, reason = "a test that is skipped says so")]
 
 use std::path::Path;
@@ -34,9 +35,11 @@ fn opened(folder: &Path, rate_hz: f64, channels: &str) -> Opened {
     source(&format!("kind = \"nidaqmx\"\nsample_rate_hz = {rate_hz:?}\nlibrary = {library:?}\nchannels = [{channels}]"))
 }
 
-/// Number of the first sample of a block by its value, whose following ones it checks. `per_unit` is V per unit.
+/// Number of the first sample of a block by its value, whose following ones it checks. `per_unit`
+/// is V per unit.
 fn number(block: &Block, per_unit: f64) -> i64 {
-    // A ramp that is more than 2^20 steps of 4 µV high has 4.2 V; single precision is exact to 0.06 of a step there.
+    // A ramp that is more than 2^20 steps of 4 µV high has 4.2 V; single precision is exact to
+    // 0.06 of a step there.
     let steps: Vec<i64> = values(block).iter().map(|&v| (f64::from(v) * per_unit / STEP_V).round() as i64).collect();
     for pair in steps.windows(2) {
         assert_eq!((pair[0] + 1) % PERIOD, pair[1], "{}", block.sensor);
@@ -50,7 +53,8 @@ fn error_of(result: Result<impl Sized, impl std::fmt::Display>) -> String {
     result.err().map(|e| e.to_string()).unwrap_or_default()
 }
 
-/// Accelerations in both units, with and without current, and voltages with and without a sensitivity: all of them show the same volts.
+/// Accelerations in both units, with and without current, and voltages with and without a
+/// sensitivity: all of them show the same volts.
 #[test]
 fn conform_values_are_in_the_unit_that_is_asked_for() {
     let Some(folder) = library() else { return };
@@ -72,7 +76,8 @@ fn conform_values_are_in_the_unit_that_is_asked_for() {
     }
 }
 
-/// Samples follow each other through all readings; what the library has lost is a gap, as long as the clock says; an overload marks its own input only.
+/// Samples follow each other through all readings; what the library has lost is a gap, as long as
+/// the clock says; an overload marks its own input only.
 #[test]
 fn conform_lost_samples_are_a_gap_and_overloads_are_marked() {
     let Some(folder) = library() else { return };
@@ -111,7 +116,8 @@ fn conform_lost_samples_are_a_gap_and_overloads_are_marked() {
     let lost = number(&after, 1.0) - distance - last;
     let jump = after.first_sample_index as i64 - last;
     assert!(lost > 6000, "{lost}");
-    // Of this clock and the device's, the length differs by what this thread waited for the processor.
+    // Of this clock and the device's, the length differs by what this thread waited for the
+    // processor.
     assert!((jump - lost).abs() < 12_800 / 2, "{jump} for {lost}");
 }
 

@@ -100,7 +100,8 @@ impl Opened {
         }
     }
 
-    /// Opens and reads for so long, again after each error, as the service would but without its pauses; what was wrong each time.
+    /// Opens and reads for so long, again after each error, as the service would but without its
+    /// pauses; what was wrong each time.
     pub fn read_for(&self, time: Duration, judge: &mut Judge) -> Vec<String> {
         let began = Instant::now();
         let mut errors = Vec::new();
@@ -127,7 +128,8 @@ pub struct Judge {
     pub gaps: u64,
     /// Samples that are missing according to the indices.
     pub missing: u64,
-    /// Samples alone among right ones that are wrong: a flipped bit in a sample, which no checksum protects.
+    /// Samples alone among right ones that are wrong: a flipped bit in a sample, which no checksum
+    /// protects.
     pub wrong_alone: u64,
     /// Samples that do not follow, without a gap before them.
     pub desynchronised: u64,

@@ -1,4 +1,5 @@
-//! Campaigns against an emulated instrument on a bad network. A few seeds here; `just campaign-network` runs them all.
+//! Campaigns against an emulated instrument on a bad network. A few seeds here;
+//! `just campaign-network` runs them all.
 //!
 //! The tests of this program run one after the other, since one of them counts descriptors.
 #![allow(clippy::print_stdout, reason = "campaigns tell their figures")]
@@ -39,7 +40,8 @@ struct Outcome {
     longest_silence_secs: f64,
 }
 
-/// One seed: forty seconds of signal at twenty times their speed, with everything that a network does.
+/// One seed: forty seconds of signal at twenty times their speed, with everything that a network
+/// does.
 fn run(seed: u64) -> Outcome {
     let runtime = runtime();
     // Overload is no trouble of the network, and would cut the ramp.
@@ -93,7 +95,8 @@ fn campaign(seeds: std::ops::Range<u64>) {
                     let outcome = run(seed);
                     let judge = &outcome.judge;
                     assert_eq!(judge.desynchronised, 0, "seed {seed}: {outcome:?}");
-                    // A flip in a sample changes that sample, which the protocol cannot tell; no flip may change more.
+                    // A flip in a sample changes that sample, which the protocol cannot tell; no
+                    // flip may change more.
                     assert!(judge.wrong_alone <= outcome.flips, "seed {seed}: {outcome:?}");
                     // Each new connection after the first that delivered shows as a gap.
                     assert!(judge.samples > 0, "seed {seed}: nothing came: {outcome:?}");
@@ -143,7 +146,8 @@ fn descriptors() -> usize {
     std::fs::read_dir("/proc/self/fd").map_or(0, Iterator::count)
 }
 
-/// Connections that end at once, one after the other: as many descriptors and threads afterwards as before.
+/// Connections that end at once, one after the other: as many descriptors and threads afterwards as
+/// before.
 fn reconnect(times: u64) {
     let runtime = runtime();
     let trouble = TroubleConfig { drop_every_secs: Some(1e-3), ..TroubleConfig::default() };

@@ -2,7 +2,9 @@
 
 use std::sync::mpsc::Receiver;
 
+use gearwatch_core::verdict::MachineState;
 use gearwatch_daemon::fleet::{Fleet, Notice};
+use gearwatch_daemon::states::BenchCondition::{Machine, NotOk, Silent, Stopped};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::Constraint;
@@ -74,10 +76,10 @@ impl Screen {
         let now = now_ns();
         let rows = self.view.benches.iter().map(|(name, bench)| {
             let colour = match bench.condition(now) {
-                "normal" => Color::Green,
-                "deviating" | "path_changed" => Color::Yellow,
-                "alarm" => Color::Red,
-                _ => Color::Magenta,
+                Machine(MachineState::Normal) => Color::Green,
+                Machine(MachineState::Deviating | MachineState::PathChanged) => Color::Yellow,
+                Machine(MachineState::Alarm) => Color::Red,
+                Machine(MachineState::Unknown) | Stopped | Silent | NotOk => Color::Magenta,
             };
             Row::new(row(name, bench, now)).style(Style::new().fg(colour))
         });

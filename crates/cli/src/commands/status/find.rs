@@ -7,12 +7,12 @@ use gearwatch_daemon::config::Config;
 
 /// Where a service may answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Endpoint {
     Socket(PathBuf),
     Page(String),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Endpoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Socket(path) => path.display().fmt(f),
@@ -22,8 +22,8 @@ impl fmt::Display for Place {
 }
 
 /// All places, the likeliest first.
-pub fn places() -> Vec<Place> {
-    let mut out = vec![Place::Socket(gearwatch_daemon::status::USUAL_PATH.into())];
+pub fn places() -> Vec<Endpoint> {
+    let mut out = vec![Endpoint::Socket(gearwatch_daemon::status::USUAL_PATH.into())];
     for (arguments, folder) in running() {
         for place in named(&arguments, &folder) {
             if !out.contains(&place) {
@@ -32,7 +32,7 @@ pub fn places() -> Vec<Place> {
         }
     }
     let usual = Config::built_in().ok().and_then(|config| config.service.page);
-    let page = usual.map(|address| Place::Page(format!("http://{address}")));
+    let page = usual.map(|address| Endpoint::Page(format!("http://{address}")));
     out.extend(page.filter(|page| !out.contains(page)));
     out
 }
@@ -55,7 +55,7 @@ fn running() -> Vec<(Vec<String>, PathBuf)> {
 }
 
 /// Where a service with these arguments answers; nothing where they are not those of a service.
-fn named(arguments: &[String], folder: &Path) -> Vec<Place> {
+fn named(arguments: &[String], folder: &Path) -> Vec<Endpoint> {
     let mut words = arguments.iter().skip(1);
     if !words.any(|word| word == "run") {
         return Vec::new();
@@ -70,9 +70,9 @@ fn named(arguments: &[String], folder: &Path) -> Vec<Place> {
         None => Config::built_in(),
     };
     let Ok(config) = config else { return Vec::new() };
-    let socket = config.service.status_socket.as_ref().map(|path| Place::Socket(config.folder.join(path)));
+    let socket = config.service.status_socket.as_ref().map(|path| Endpoint::Socket(config.folder.join(path)));
     let scheme = if config.service.page_tls.is_some() { "https" } else { "http" };
-    let page = config.service.page.map(|address| Place::Page(format!("{scheme}://{address}")));
+    let page = config.service.page.map(|address| Endpoint::Page(format!("{scheme}://{address}")));
     socket.into_iter().chain(page).collect()
 }
 
@@ -90,7 +90,8 @@ mod tests {
         let text = "format = \"gearwatch-service/1\"\n[service]\npage = \"127.0.0.1:9000\"\nstatus_socket = \"s.sock\"\n\
                     [[bench]]\n[[bench.source]]\nkind = \"simulator\"\n";
         std::fs::write(folder.path().join("bench.toml"), text).expect("written");
-        let expected = [Place::Socket(folder.path().join("s.sock")), Place::Page("http://127.0.0.1:9000".to_owned())];
+        let expected =
+            [Endpoint::Socket(folder.path().join("s.sock")), Endpoint::Page("http://127.0.0.1:9000".to_owned())];
         for command in [
             "gearwatch run --config bench.toml",
             "/usr/bin/gearwatch run -c bench.toml",
@@ -98,7 +99,7 @@ mod tests {
         ] {
             assert_eq!(named(&words(command), folder.path()), expected, "{command}");
         }
-        assert_eq!(named(&words("gearwatch run"), folder.path()), [Place::Page("http://127.0.0.1:8650".to_owned())]);
+        assert_eq!(named(&words("gearwatch run"), folder.path()), [Endpoint::Page("http://127.0.0.1:8650".to_owned())]);
         for other in ["gearwatch top", "gearwatch run --config missing.toml", "gearwatch status"] {
             assert_eq!(named(&words(other), folder.path()), [], "{other}");
         }

@@ -14,31 +14,54 @@ pub(crate) struct Address {
     pub port: u16,
 }
 
-impl FromStr for Address {
-    type Err = String;
+/// What is wrong with an address.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AddressError {
+    /// Before `://` stands something else.
+    #[error("{0:?} is neither nats nor tls")]
+    Scheme(String),
+    /// A path, a query or a user.
+    #[error("behind the host and the port there is something more")]
+    More,
+    /// An address of IPv6 has no end.
+    #[error("a bracket is open")]
+    Bracket,
+    /// Behind the bracket there is something else.
+    #[error("no port after it")]
+    NoPort,
+    /// Nothing stands before the port.
+    #[error("there is no host")]
+    NoHost,
+    /// No number, or one that is too large.
+    #[error("{0:?} is no port")]
+    Port(String),
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
+impl FromStr for Address {
+    type Err = AddressError;
+
+    fn from_str(text: &str) -> Result<Self, AddressError> {
         let (scheme, rest) = text.split_once("://").unwrap_or(("nats", text));
         let tls = match scheme {
             "nats" => false,
             "tls" => true,
-            other => return Err(format!("{other:?} is neither nats nor tls")),
+            other => return Err(AddressError::Scheme(other.to_owned())),
         };
         let rest = rest.strip_suffix('/').unwrap_or(rest);
         if rest.contains(['/', '?', '#', '@', ' ']) {
-            return Err("behind the host and the port there is something more".to_owned());
+            return Err(AddressError::More);
         }
         let (host, port) = match rest.strip_prefix('[') {
             Some(inner) => {
-                let (host, port) = inner.split_once(']').ok_or("a bracket is open")?;
-                (host, if port.is_empty() { None } else { Some(port.strip_prefix(':').ok_or("no port after it")?) })
+                let (host, port) = inner.split_once(']').ok_or(AddressError::Bracket)?;
+                (host, if port.is_empty() { None } else { Some(port.strip_prefix(':').ok_or(AddressError::NoPort)?) })
             }
             None => rest.split_once(':').map_or((rest, None), |(host, port)| (host, Some(port))),
         };
         if host.is_empty() {
-            return Err("there is no host".to_owned());
+            return Err(AddressError::NoHost);
         }
-        let port = port.map_or(Ok(PORT), |port| port.parse().map_err(|_| format!("{port:?} is no port")))?;
+        let port = port.map_or(Ok(PORT), |port| port.parse().map_err(|_| AddressError::Port(port.to_owned())))?;
         Ok(Self { tls, host: host.to_owned(), port })
     }
 }

@@ -1,4 +1,5 @@
-//! Streams: made, written to with confirmations, and read in order (<https://docs.nats.io/reference/reference-protocols/nats_api_reference>).
+//! Streams: made, written to with confirmations, and read in order
+//! (<https://docs.nats.io/reference/reference-protocols/nats_api_reference>).
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -8,7 +9,7 @@ use serde_json::{Value, json};
 use tokio::sync::{mpsc, oneshot};
 
 use super::wire::{Message, publish};
-use super::{Connection, PATIENCE};
+use super::{Connection, NatsError, PATIENCE};
 
 /// What the server says where there is no such stream.
 const NO_STREAM: u64 = 10059;
@@ -60,6 +61,12 @@ struct Refused {
     why: String,
 }
 
+impl Refused {
+    fn of(self, stream: &str) -> NatsError {
+        NatsError::Refused { stream: stream.to_owned(), why: self.why }
+    }
+}
+
 impl JetStream {
     /// For those who write.
     pub(crate) fn writing(connection: Connection) -> Self {
@@ -72,7 +79,7 @@ impl JetStream {
     }
 
     /// Waits for the end of the connection, and says why.
-    pub(crate) async fn gone(&self) -> String {
+    pub(crate) async fn gone(&self) -> NatsError {
         self.0.gone().await
     }
 
@@ -80,27 +87,28 @@ impl JetStream {
     ///
     /// # Errors
     /// Where there is none, or the server does not say.
-    pub(crate) async fn state(&self, name: &str) -> Result<State, String> {
-        self.find(name).await?.map_err(|refused| format!("stream {name:?}: {}", refused.why))
+    pub(crate) async fn state(&self, name: &str) -> Result<State, NatsError> {
+        self.find(name).await?.map_err(|refused| refused.of(name))
     }
 
-    async fn find(&self, name: &str) -> Result<Result<State, Refused>, String> {
+    async fn find(&self, name: &str) -> Result<Result<State, Refused>, NatsError> {
         let answer = self.0.request(&format!("$JS.API.STREAM.INFO.{name}"), b"").await?;
         let state = |value: Value| serde_json::from_value(value["state"].clone()).unwrap_or_default();
         Ok(read(&answer).map(state))
     }
 
-    /// Makes a stream where there is none. That it answers means that the server has read back what it had stored.
+    /// Makes a stream where there is none. That it answers means that the server has read back what
+    /// it had stored.
     ///
     /// # Errors
     /// Where the server refuses, or does not say.
-    pub(crate) async fn find_or_make(&self, wanted: &Wanted<'_>) -> Result<(), String> {
+    pub(crate) async fn find_or_make(&self, wanted: &Wanted<'_>) -> Result<(), NatsError> {
         let refused = match self.find(wanted.name).await? {
             Ok(_) => return Ok(()),
             Err(refused) => refused,
         };
         if refused.code != NO_STREAM {
-            return Err(format!("stream {:?}: {}", wanted.name, refused.why));
+            return Err(refused.of(wanted.name));
         }
         let config = json!({
             "name": wanted.name,
@@ -117,7 +125,7 @@ impl JetStream {
         });
         let subject = format!("$JS.API.STREAM.CREATE.{}", wanted.name);
         let made = self.0.request(&subject, config.to_string().as_bytes()).await?;
-        read(&made).map(drop).map_err(|refused| format!("stream {:?}: {}", wanted.name, refused.why))
+        read(&made).map(drop).map_err(|refused| refused.of(wanted.name))
     }
 
     /// Sends a message to a stream.
@@ -129,7 +137,7 @@ impl JetStream {
         subject: &str,
         headers: &[(&str, &str)],
         payload: &[u8],
-    ) -> Result<Confirmation, String> {
+    ) -> Result<Confirmation, NatsError> {
         self.0.ask(subject, headers, payload).await.map(Confirmation)
     }
 
@@ -137,7 +145,7 @@ impl JetStream {
     ///
     /// # Errors
     /// Where the server refuses, or does not say.
-    pub(crate) async fn read(mut self, stream: &str, start: Start) -> Result<Reader, String> {
+    pub(crate) async fn read(mut self, stream: &str, start: Start) -> Result<Reader, NatsError> {
         let mut config = json!({
             "ack_policy": "none",
             "replay_policy": "instant",
@@ -149,11 +157,10 @@ impl JetStream {
         start.put(&mut config);
         let body = json!({ "stream_name": stream, "config": config }).to_string();
         let made = self.0.request(&format!("$JS.API.CONSUMER.CREATE.{stream}"), body.as_bytes()).await?;
-        let made = read(&made).map_err(|refused| format!("stream {stream:?}: {}", refused.why))?;
-        let name =
-            made["name"].as_str().filter(|name| is_plain(name)).ok_or("the server made a reader without a name")?;
+        let made = read(&made).map_err(|refused| refused.of(stream))?;
+        let name = made["name"].as_str().filter(|name| is_plain(name)).ok_or(NatsError::Nameless)?;
         let pull = format!("$JS.API.CONSUMER.MSG.NEXT.{stream}.{name}");
-        let messages = self.0.messages.take().ok_or("messages are read already")?;
+        let messages = self.0.messages.take().ok_or(NatsError::Read)?;
         let waiting = made["num_pending"].as_u64().unwrap_or_default();
         Ok(Reader { jetstream: self, messages, pull, asked_for: 0, next: 1, waiting })
     }
@@ -176,11 +183,11 @@ impl Confirmation {
     ///
     /// # Errors
     /// Where the stream refuses the message, or nobody says anything.
-    pub(crate) async fn come(self) -> Result<(), String> {
-        let answer = tokio::time::timeout(PATIENCE, self.0).await.map_err(|_| "no confirmation".to_owned())?;
-        let answer = answer.map_err(|_| "the connection is gone".to_owned())?.or_nobody("the stream")?;
-        let stored = read(&answer).map_err(|refused| format!("not stored: {}", refused.why))?;
-        stored["seq"].is_u64().then_some(()).ok_or_else(|| "a confirmation without a number".to_owned())
+    pub(crate) async fn come(self) -> Result<(), NatsError> {
+        let answer = tokio::time::timeout(PATIENCE, self.0).await.map_err(|_| NatsError::Unconfirmed)?;
+        let answer = answer.map_err(|_| NatsError::Gone)?.or_nobody("the stream")?;
+        let stored = read(&answer).map_err(|refused| NatsError::NotStored(refused.why))?;
+        stored["seq"].is_u64().then_some(()).ok_or(NatsError::Unnumbered)
     }
 }
 
@@ -258,7 +265,7 @@ impl Reader {
     ///
     /// # Errors
     /// Where the connection is gone, a message is missing, or the server says nothing.
-    pub(crate) async fn next(&mut self) -> Result<Stored, String> {
+    pub(crate) async fn next(&mut self) -> Result<Stored, NatsError> {
         loop {
             if self.asked_for == 0 {
                 let body = json!({ "batch": BATCH, "expires": nanos(EXPIRES), "idle_heartbeat": nanos(HEARTBEAT) })
@@ -271,9 +278,9 @@ impl Reader {
                 biased;
                 heard = self.messages.recv() => heard,
                 reason = self.jetstream.gone() => return Err(reason),
-                () = tokio::time::sleep(2 * HEARTBEAT + PATIENCE) => return Err("the stream says nothing".to_owned()),
+                () = tokio::time::sleep(2 * HEARTBEAT + PATIENCE) => return Err(NatsError::StreamSilent),
             };
-            let message = heard.ok_or("the connection is gone")?;
+            let message = heard.ok_or(NatsError::Gone)?;
             match message.status {
                 None => return self.take(message),
                 // A sign of life.
@@ -281,35 +288,35 @@ impl Reader {
                 // Nothing came, or not all: it is asked for anew.
                 Some(404 | 408) => self.asked_for = 0,
                 Some(409) if message.description.contains("Batch") => self.asked_for = 0,
-                Some(code) => return Err(format!("the stream says {code} {}", message.description)),
+                Some(code) => return Err(NatsError::Status { code, description: message.description }),
             }
         }
     }
 
-    fn take(&mut self, message: Message) -> Result<Stored, String> {
-        let place = Place::read(&message.reply).ok_or("a message does not say where it stands in the stream")?;
+    fn take(&mut self, message: Message) -> Result<Stored, NatsError> {
+        let place = StreamPosition::read(&message.reply).ok_or(NatsError::NoPlace)?;
         if place.delivered != self.next {
-            return Err(format!("message {} came where {} was to come", place.delivered, self.next));
+            return Err(NatsError::Order { found: place.delivered, expected: self.next });
         }
         self.next += 1;
         self.asked_for = self.asked_for.saturating_sub(1);
-        let Place { number, stored_ns, pending, .. } = place;
+        let StreamPosition { number, stored_ns, pending, .. } = place;
         Ok(Stored { number, stored_ns, pending, payload: message.payload })
     }
 }
 
 /// What the subject for an acknowledgement says of a message.
 #[derive(Debug, PartialEq, Eq)]
-struct Place {
+struct StreamPosition {
     number: u64,
     delivered: u64,
     stored_ns: i64,
     pending: u64,
 }
 
-impl Place {
-    /// `$JS.ACK.<stream>.<reader>.<times>.<number>.<delivered>.<stored>.<pending>`, or the same with `<domain>.<account>` before the stream and
-    /// possibly something behind.
+impl StreamPosition {
+    /// `$JS.ACK.<stream>.<reader>.<times>.<number>.<delivered>.<stored>.<pending>`, or the same
+    /// with `<domain>.<account>` before the stream and possibly something behind.
     fn read(subject: &str) -> Option<Self> {
         let parts: Vec<&str> = subject.strip_prefix("$JS.ACK.")?.split('.').collect();
         let from = match parts.len() {
@@ -330,13 +337,13 @@ mod tests {
     /// Both forms, as the server's description of acknowledgements has them.
     #[test]
     fn literature_the_place_of_a_message_is_read() {
-        let place = Place { number: 42, delivered: 7, stored_ns: 1_700_000_000_123_456_789, pending: 3 };
+        let place = StreamPosition { number: 42, delivered: 7, stored_ns: 1_700_000_000_123_456_789, pending: 3 };
         let old = "$JS.ACK.gearwatch.reader.1.42.7.1700000000123456789.3";
         let new = "$JS.ACK.hub.AbCdEf.gearwatch.reader.1.42.7.1700000000123456789.3.x7";
-        assert_eq!(Place::read(old), Some(place));
-        assert_eq!(Place::read(new), Place::read(old));
+        assert_eq!(StreamPosition::read(old), Some(place));
+        assert_eq!(StreamPosition::read(new), StreamPosition::read(old));
         for bad in ["", "$JS.ACK.a.b.1.2.3.4", "$JS.ACK.a.b.1.x.3.4.5", "$JS.ACK.a.b.1.2.3.99999999999999999999.5"] {
-            assert_eq!(Place::read(bad), None, "{bad}");
+            assert_eq!(StreamPosition::read(bad), None, "{bad}");
         }
     }
 

@@ -1,12 +1,66 @@
 //! What a server says, read within bounds, and how a message is sent.
 
+use std::io;
+use std::sync::Arc;
+
 use serde::Deserialize;
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, BufReader};
 
-/// Longest line (bytes). The longest one of a server is what it says of itself, which names the servers of its cluster.
+use super::NatsError;
+
+/// Longest line (bytes). The longest one of a server is what it says of itself, which names the
+/// servers of its cluster.
 const LONGEST_LINE: usize = 64 << 10;
-/// Longest message with its headers (bytes): what a server takes unless it is told otherwise (`max_payload`, 1 MiB), and room for headers.
+/// Longest message with its headers (bytes): what a server takes unless it is told otherwise
+/// (`max_payload`, 1 MiB), and room for headers.
 const LONGEST_MESSAGE: usize = (1 << 20) + (64 << 10);
+
+/// What a server says that no server says.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum WireError {
+    /// The socket failed.
+    #[error(transparent)]
+    Io(Arc<io::Error>),
+    /// There is nothing more to read.
+    #[error("the server closed the connection")]
+    Closed,
+    /// Bytes came before the handshake.
+    #[error("the server talks before it was greeted")]
+    Early,
+    /// A line is not UTF-8.
+    #[error("a line is no text")]
+    NoText,
+    /// A line ends otherwise than with CR and LF.
+    #[error("a line has no end")]
+    NoEnd,
+    /// Longer than `LONGEST_LINE`.
+    #[error("a line is longer than {LONGEST_LINE} bytes")]
+    LongLine,
+    /// The greeting is no JSON.
+    #[error("what it says of itself: {0}")]
+    Info(String),
+    /// The line begins with something else.
+    #[error("{0:?} is no word of the protocol")]
+    Word(String),
+    /// Subject, subscription and lengths are not there.
+    #[error("{0:?} is no head of a message")]
+    Head(String),
+    /// Longer than `LONGEST_MESSAGE`.
+    #[error("a message of {0} bytes is longer than {LONGEST_MESSAGE}")]
+    LongMessage(usize),
+    /// Content was asked for without a head.
+    #[error("no message was begun")]
+    NotBegun,
+    /// Behind the content there is no line end.
+    #[error("a message does not end where it says")]
+    MessageEnd,
+}
+
+impl From<io::Error> for WireError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(Arc::new(error))
+    }
+}
 
 /// What a server says of itself.
 #[derive(Debug, Default, Deserialize)]
@@ -38,9 +92,9 @@ pub(super) struct Message {
 
 impl Message {
     /// An error where the server says that nobody answers there.
-    pub fn or_nobody(self, subject: &str) -> Result<Self, String> {
+    pub fn or_nobody(self, subject: &str) -> Result<Self, NatsError> {
         match self.status {
-            Some(503) => Err(format!("nobody answers at {subject}: is JetStream switched on?")),
+            Some(503) => Err(NatsError::Nobody(subject.to_owned())),
             _ => Ok(self),
         }
     }
@@ -71,12 +125,13 @@ impl<R: AsyncRead + Unpin> Wire<R> {
         Self { from: BufReader::with_capacity(LONGEST_LINE, from), line: Vec::new(), body: Vec::new(), begun: None }
     }
 
-    /// The stream itself, where nothing was read ahead: what somebody slipped in before a handshake must not count as said after it.
-    pub fn into_inner(self) -> Result<R, String> {
+    /// The stream itself, where nothing was read ahead: what somebody slipped in before a handshake
+    /// must not count as said after it.
+    pub fn into_inner(self) -> Result<R, WireError> {
         if self.from.buffer().is_empty() && self.line.is_empty() {
             Ok(self.from.into_inner())
         } else {
-            Err("the server talks before it was greeted".to_owned())
+            Err(WireError::Early)
         }
     }
 
@@ -84,15 +139,15 @@ impl<R: AsyncRead + Unpin> Wire<R> {
     ///
     /// # Errors
     /// Where the connection ends, or the server says what no server says.
-    pub async fn next(&mut self) -> Result<Said, String> {
+    pub async fn next(&mut self) -> Result<Said, WireError> {
         loop {
             if self.begun.is_some() {
                 return self.content().await.map(Said::Message);
             }
             self.read_line().await?;
             let line = std::mem::take(&mut self.line);
-            let line = std::str::from_utf8(&line).map_err(|_| "a line is no text".to_owned())?;
-            let line = line.strip_suffix("\r\n").ok_or_else(|| "a line has no end".to_owned())?;
+            let line = std::str::from_utf8(&line).map_err(|_| WireError::NoText)?;
+            let line = line.strip_suffix("\r\n").ok_or(WireError::NoEnd)?;
             let (word, rest) = line.split_once([' ', '\t']).unwrap_or((line, ""));
             match word.to_ascii_uppercase().as_str() {
                 "PING" => return Ok(Said::Ping),
@@ -100,27 +155,25 @@ impl<R: AsyncRead + Unpin> Wire<R> {
                 "+OK" => return Ok(Said::Ok),
                 "-ERR" => return Ok(Said::Error(format!("the server says: {}", short(rest.trim_matches('\''))))),
                 "INFO" => {
-                    return serde_json::from_str(rest)
-                        .map(Said::Info)
-                        .map_err(|e| format!("what it says of itself: {e}"));
+                    return serde_json::from_str(rest).map(Said::Info).map_err(|e| WireError::Info(e.to_string()));
                 }
                 "MSG" => self.begun = Some(head(rest, false)?),
                 "HMSG" => self.begun = Some(head(rest, true)?),
-                _ => return Err(format!("{:?} is no word of the protocol", short(word))),
+                _ => return Err(WireError::Word(short(word))),
             }
         }
     }
 
-    async fn read_line(&mut self) -> Result<(), String> {
+    async fn read_line(&mut self) -> Result<(), WireError> {
         loop {
-            let some = self.from.fill_buf().await.map_err(|e| e.to_string())?;
+            let some = self.from.fill_buf().await?;
             if some.is_empty() {
-                return Err("the server closed the connection".to_owned());
+                return Err(WireError::Closed);
             }
             let end = some.iter().position(|&byte| byte == b'\n').map(|at| at + 1);
             let taken = end.unwrap_or(some.len());
             if self.line.len() + taken > LONGEST_LINE {
-                return Err(format!("a line is longer than {LONGEST_LINE} bytes"));
+                return Err(WireError::LongLine);
             }
             self.line.extend_from_slice(&some[..taken]);
             self.from.consume(taken);
@@ -130,19 +183,19 @@ impl<R: AsyncRead + Unpin> Wire<R> {
         }
     }
 
-    async fn content(&mut self) -> Result<Message, String> {
-        let Some((_, headers, length)) = self.begun else { return Err("no message was begun".to_owned()) };
+    async fn content(&mut self) -> Result<Message, WireError> {
+        let Some((_, headers, length)) = self.begun else { return Err(WireError::NotBegun) };
         // With the line end behind it.
         while self.body.len() < length + 2 {
             let missing = (length + 2 - self.body.len()) as u64;
-            let read = (&mut self.from).take(missing).read_buf(&mut self.body).await.map_err(|e| e.to_string())?;
+            let read = (&mut self.from).take(missing).read_buf(&mut self.body).await?;
             if read == 0 {
-                return Err("the server closed the connection".to_owned());
+                return Err(WireError::Closed);
             }
         }
         let mut body = std::mem::take(&mut self.body);
         if !body.ends_with(b"\r\n") {
-            return Err("a message does not end where it says".to_owned());
+            return Err(WireError::MessageEnd);
         }
         body.truncate(length);
         let (mut message, _, _) = self.begun.take().unwrap_or_default();
@@ -161,14 +214,14 @@ fn short(text: &str) -> String {
 }
 
 /// `<subject> <subscription> [reply] [length of the headers] <length of all>`
-fn head(rest: &str, with_headers: bool) -> Result<(Message, usize, usize), String> {
-    let bad = || format!("{:?} is no head of a message", short(rest));
+fn head(rest: &str, with_headers: bool) -> Result<(Message, usize, usize), WireError> {
+    let bad = || WireError::Head(short(rest));
     let mut parts: Vec<&str> = rest.split_ascii_whitespace().collect();
     let number = |parts: &mut Vec<&str>| parts.pop().and_then(|part| part.parse::<usize>().ok()).ok_or_else(bad);
     let length = number(&mut parts)?;
     let headers = if with_headers { number(&mut parts)? } else { 0 };
     if length > LONGEST_MESSAGE {
-        return Err(format!("a message of {length} bytes is longer than {LONGEST_MESSAGE}"));
+        return Err(WireError::LongMessage(length));
     }
     let (subject, subscription, reply) = match parts[..] {
         [subject, subscription] => (subject, subscription, ""),
@@ -225,7 +278,7 @@ mod tests {
                 loop {
                     match wire.next().await {
                         Ok(thing) => said.push(thing),
-                        Err(error) => break (said, error),
+                        Err(error) => break (said, error.to_string()),
                     }
                 }
             };

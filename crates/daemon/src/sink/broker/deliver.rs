@@ -1,4 +1,5 @@
-//! From events to letters, from letters to the spool, and from there to the broker: in order, and each until it is confirmed.
+//! From events to letters, from letters to the spool, and from there to the broker: in order, and
+//! each until it is confirmed.
 
 use std::convert::Infallible;
 use std::future::Future;
@@ -20,12 +21,14 @@ use gearwatch_runtime::backoff::Backoff;
 pub(in crate::sink) const WINDOW: usize = 64;
 /// How often the spool is made durable and its cursor written down.
 const TICK: Duration = Duration::from_millis(500);
-/// At the end a connected broker gets so long to take what waits; the rest goes out after the next start.
+/// At the end a connected broker gets so long to take what waits; the rest goes out after the next
+/// start.
 const FAREWELL: Duration = Duration::from_secs(1);
 
 /// Connects and delivers what the outbox hands out, until something goes wrong.
 pub(in crate::sink) trait Carrier: Send + Sync {
-    /// Ends only with an error: the connection is then given up, and what was not confirmed is handed out again at the next call.
+    /// Ends only with an error: the connection is then given up, and what was not confirmed is
+    /// handed out again at the next call.
     fn deliver<'a>(&'a self, outbox: &'a Outbox) -> Delivery<'a>;
 }
 
@@ -41,7 +44,8 @@ pub(in crate::sink) struct SpoolPlace {
     pub heartbeat: Duration,
 }
 
-/// Spools events and delivers them until there are no more and all are delivered, or the service ends.
+/// Spools events and delivers them until there are no more and all are delivered, or the service
+/// ends.
 pub(in crate::sink) async fn run(
     events: Events,
     context: SinkContext,
@@ -61,7 +65,8 @@ pub(in crate::sink) async fn run(
         _ = &mut deliver => {}
         _ = keep_ticking(&outbox) => {}
     }
-    // No more comes in. What waits may still go out; what does not stays on disk for the next start.
+    // No more comes in. What waits may still go out; what does not stays on disk for the next
+    // start.
     if outbox.is_connected() {
         tokio::select! {
             () = outbox.emptied() => {}

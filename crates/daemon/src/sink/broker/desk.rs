@@ -1,5 +1,6 @@
-//! From events to letters in a spool, and out again in order: all that stands before a broker but the broker's own protocol. It does nothing by itself: whoever
-//! holds it says what time it is, so that tests can.
+//! From events to letters in a spool, and out again in order: all that stands before a broker but
+//! the broker's own protocol. It does nothing by itself: whoever holds it says what time it is, so
+//! that tests can.
 
 use std::io;
 use std::sync::Arc;
@@ -44,7 +45,8 @@ impl Desk {
         Ok(Self { secretary: Secretary::new(heartbeat, run.into()), outbox })
     }
 
-    /// Spools the letter of an event, where somebody has to know of it; how many letters were written.
+    /// Spools the letter of an event, where somebody has to know of it; how many letters were
+    /// written.
     pub fn take(&mut self, event: &Event, now: Instant, t_ns: UnixNanos) -> u64 {
         let Some(letter) = self.secretary.write(event, now) else { return 0 };
         let lost = self.outbox.put(&letter);

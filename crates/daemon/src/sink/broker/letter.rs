@@ -1,4 +1,5 @@
-//! Letters: what a broker's readers get. Subject, identity and one flat JSON object; `docs/fleet.md` is the contract.
+//! Letters: what a broker's readers get. Subject, identity and one flat JSON object;
+//! `docs/fleet.md` is the contract.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -14,14 +15,14 @@ use crate::event::{BenchState, Event};
 
 /// What a letter is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::sink) enum Kind {
+pub(in crate::sink) enum LetterKind {
     Verdict,
     Alarm,
     State,
     Gap,
 }
 
-impl Kind {
+impl LetterKind {
     /// As it stands in subjects and in the object.
     const fn name(self) -> &'static str {
         match self {
@@ -46,12 +47,14 @@ pub(in crate::sink) struct Letter {
     pub topic: String,
     /// The same for the same letter, however often it is sent; never given to another one.
     pub id: String,
-    /// A JSON object without its opening brace: whoever sends it puts the mark of a repetition in front.
+    /// A JSON object without its opening brace: whoever sends it puts the mark of a repetition in
+    /// front.
     pub body: String,
 }
 
 impl Letter {
-    /// As it lies in the spool. JSON on one line, escaped parts and hexadecimal numbers hold no line end.
+    /// As it lies in the spool. JSON on one line, escaped parts and hexadecimal numbers hold no
+    /// line end.
     pub fn to_bytes(&self) -> Vec<u8> {
         format!("{}\n{}\n{}", self.topic, self.id, self.body).into_bytes()
     }
@@ -62,7 +65,8 @@ impl Letter {
     }
 }
 
-/// A name as one part of a subject: what has a meaning in NATS or MQTT, and all that is not plain ASCII, becomes `%XX`.
+/// A name as one part of a subject: what has a meaning in NATS or MQTT, and all that is not plain
+/// ASCII, becomes `%XX`.
 pub(in crate::sink) fn escape(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
     for &byte in name.as_bytes() {
@@ -115,14 +119,14 @@ impl Secretary {
         match event {
             Event::Verdict { bench, verdict, .. } => {
                 let place = [verdict.stage.as_str(), verdict.channel.as_str()];
-                Some(self.letter(bench, Kind::Verdict, &place, &**verdict))
+                Some(self.letter(bench, LetterKind::Verdict, &place, &**verdict))
             }
             Event::Alarm { bench, alarm, seen } => {
                 let place = [alarm.stage.as_str(), alarm.channel.as_str()];
                 let seen = seen.as_deref().map(Seen::of);
-                Some(self.letter(bench, Kind::Alarm, &place, &AlarmLetter { alarm, seen }))
+                Some(self.letter(bench, LetterKind::Alarm, &place, &AlarmLetter { alarm, seen }))
             }
-            Event::Gap { bench, gap } => Some(self.letter(bench, Kind::Gap, &[], gap)),
+            Event::Gap { bench, gap } => Some(self.letter(bench, LetterKind::Gap, &[], gap)),
             Event::State { bench, state } => {
                 let told = self.states.get(bench);
                 let due = told.is_none_or(|(before, when)| {
@@ -132,13 +136,14 @@ impl Secretary {
                     return None;
                 }
                 self.states.insert(bench.clone(), (state.clone(), now));
-                Some(self.letter(bench, Kind::State, &[], &**state))
+                Some(self.letter(bench, LetterKind::State, &[], &**state))
             }
             Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => None,
         }
     }
 
-    /// Says that letters were lost because the spool was full; to the bench of the event that had to have room.
+    /// Says that letters were lost because the spool was full; to the bench of the event that had
+    /// to have room.
     pub fn write_lost(&mut self, event: &Event, count: u64, t_ns: UnixNanos) -> Letter {
         let bench: Arc<str> = match event {
             Event::Verdict { bench, .. }
@@ -148,10 +153,10 @@ impl Secretary {
             Event::Clock(_) | Event::Raw(_) | Event::Spectrum(_) => "".into(),
         };
         let gap = Gap { channel: "spool".to_owned(), first: 0, last: 0, count, cause: Cause::SpoolFull, t_ns };
-        self.letter(&bench, Kind::Gap, &[], &gap)
+        self.letter(&bench, LetterKind::Gap, &[], &gap)
     }
 
-    fn letter(&mut self, bench: &Arc<str>, kind: Kind, place: &[&str], content: &impl Serialize) -> Letter {
+    fn letter(&mut self, bench: &Arc<str>, kind: LetterKind, place: &[&str], content: &impl Serialize) -> Letter {
         let number = self.numbers.entry(bench.clone()).or_default();
         *number += 1;
         let name = escape(bench);
@@ -194,7 +199,7 @@ mod tests {
             let event = Event::Gap { bench: bench.into(), gap: gap.clone() };
             let letter = secretary.write(&event, Instant::now()).unwrap();
             assert_eq!(Letter::from_bytes(&letter.to_bytes()), Some(letter.clone()));
-            assert_eq!(Kind::of_topic(&letter.topic), Some(Kind::Gap));
+            assert_eq!(LetterKind::of_topic(&letter.topic), Some(LetterKind::Gap));
             let object: serde_json::Value = serde_json::from_str(&format!("{{{}", letter.body)).unwrap();
             assert_eq!(
                 (&object["kind"], &object["bench"], &object["count"]),

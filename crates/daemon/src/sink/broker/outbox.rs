@@ -1,4 +1,5 @@
-//! Between the collector, which puts letters in, and the carrier, which takes them out and confirms them.
+//! Between the collector, which puts letters in, and the carrier, which takes them out and confirms
+//! them.
 
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
@@ -128,7 +129,8 @@ impl Outbox {
         tracing::info!("connected to the broker; {} letters wait", inner.spool.waiting());
     }
 
-    /// The connection is gone: what was not confirmed is handed out again. Whether there had been one.
+    /// The connection is gone: what was not confirmed is handed out again. Whether there had been
+    /// one.
     pub fn disconnected(&self, error: &str) -> bool {
         let mut inner = self.lock();
         inner.spool.rewind();
@@ -218,7 +220,8 @@ mod tests {
     use super::*;
     use gearwatch_log::simulated::Simulated;
 
-    /// The supervisor asks all sinks: one whose disk hangs must not hold it up, or `ok` would stand as it was said last.
+    /// The supervisor asks all sinks: one whose disk hangs must not hold it up, or `ok` would stand
+    /// as it was said last.
     #[test]
     fn regress_who_asks_does_not_wait_for_a_disk_that_hangs() {
         let disk = Simulated::new(3);

@@ -1,10 +1,13 @@
-//! A bounded queue on disk: segments of framed, checksummed records, and a cursor that says what was confirmed.
+//! A bounded queue on disk: segments of framed, checksummed records, and a cursor that says what
+//! was confirmed.
 //!
-//! Frame: length (u32, little-endian), CRC-32 of the bytes, bytes. A new run begins a new segment, so that a torn end of an old one stays where it
-//! is: reading goes on in the next. The cursor file holds `<segment> <offset>` of the first record that is not confirmed, and after a close
-//! in order those of the first one that was never handed out and the number of the last segment; without them, or where a later segment is there, all that
-//! is left counts as handed out: a power cut may bring back the cursor of an earlier run. The last word is a checksum: half a cursor, as a power cut leaves it,
-//! would skip what nobody has got.
+//! Frame: length (u32, little-endian), CRC-32 of the bytes, bytes. A new run begins a new segment,
+//! so that a torn end of an old one stays where it is: reading goes on in the next. The cursor file
+//! holds `<segment> <offset>` of the first record that is not confirmed, and after a close in order
+//! those of the first one that was never handed out and the number of the last segment; without
+//! them, or where a later segment is there, all that is left counts as handed out: a power cut may
+//! bring back the cursor of an earlier run. The last word is a checksum: half a cursor, as a power
+//! cut leaves it, would skip what nobody has got.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
@@ -41,7 +44,8 @@ struct Tail {
     file: Box<dyn StorageFile>,
     /// What surely is on the disk (bytes).
     durable: u64,
-    /// A sync failed: what lies behind `durable` can be read and is on no disk before it is written again.
+    /// A sync failed: what lies behind `durable` can be read and is on no disk before it is written
+    /// again.
     unsure: bool,
     /// Half a record may be at its end.
     torn: bool,
@@ -129,7 +133,8 @@ impl Spool {
         bytes.extend(record);
         let Some(last) = self.segments.back_mut() else { return Err(ErrorKind::NotFound.into()) };
         if let Err(error) = self.tail.file.append(&bytes) {
-            // Nothing can be read behind half a record: what comes later goes into another segment where this one cannot be cut back.
+            // Nothing can be read behind half a record: what comes later goes into another segment
+            // where this one cannot be cut back.
             self.tail.torn = self.tail.file.truncate(last.bytes).is_err();
             return Err(error);
         }
@@ -154,7 +159,8 @@ impl Spool {
         Ok(())
     }
 
-    /// Removes the oldest segments until there is room, and counts the records in them that nobody confirmed.
+    /// Removes the oldest segments until there is room, and counts the records in them that nobody
+    /// confirmed.
     fn make_room(&mut self, length: u64) {
         while self.segments.len() > 1 && self.segments.iter().map(|s| s.bytes).sum::<u64>() + length > self.most_bytes {
             let Some(oldest) = self.segments.pop_front() else { break };
@@ -169,7 +175,8 @@ impl Spool {
         self.untold += records;
     }
 
-    /// The next record: the place behind it, whether it may have been handed out before, and its bytes.
+    /// The next record: the place behind it, whether it may have been handed out before, and its
+    /// bytes.
     ///
     /// # Errors
     /// When the disk does not give it now; the next call asks again.
@@ -346,7 +353,8 @@ fn read_cursor(storage: &mut dyn Storage) -> Cursor {
     }
 }
 
-/// The record at an offset and where it ends, if it is whole and right. None is empty: zeros, as a power cut leaves them, are no record.
+/// The record at an offset and where it ends, if it is whole and right. None is empty: zeros, as a
+/// power cut leaves them, are no record.
 fn frame(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     let head = bytes.get(at..)?.get(..HEAD)?;
     let (length, crc) = head.split_at(4);
@@ -401,7 +409,8 @@ mod tests {
         let expected: Vec<_> = (2..10).map(|i| (i, i < 4)).collect();
         assert_eq!(drain(&mut spool), expected);
         assert_eq!(spool.waiting(), 8);
-        // Closed in order after all were handed out: all that is left is marked, what comes new is not.
+        // Closed in order after all were handed out: all that is left is marked, what comes new is
+        // not.
         spool.close().unwrap();
         drop(spool);
         let mut spool = open(folder.path(), 1 << 20);
@@ -429,7 +438,8 @@ mod tests {
         assert_eq!(drain(&mut spool), [(1, true), (2, true), (3, true), (4, true)]);
     }
 
-    /// World 949: the cursor of the next run is not durable yet when the power goes, and that of the last close in order comes back.
+    /// World 949: the cursor of the next run is not durable yet when the power goes, and that of
+    /// the last close in order comes back.
     #[test]
     fn regress_the_cursor_of_an_earlier_run_takes_no_mark_away() {
         let disk = Simulated::new(11);
@@ -445,7 +455,8 @@ mod tests {
         assert_eq!(drain(&mut simulated(&disk)), [(0, true)]);
     }
 
-    /// A hundred times as much as there is room for: the newest stay, and taken + lost + waiting = put in.
+    /// A hundred times as much as there is room for: the newest stay, and
+    /// taken + lost + waiting = put in.
     #[test]
     fn analytic_a_full_spool_loses_the_oldest_and_counts_them() {
         let folder = tempfile::tempdir().unwrap();
@@ -474,7 +485,8 @@ mod tests {
         Spool::open(Box::new(disk.clone()), 1 << 20).unwrap()
     }
 
-    /// After a failed sync the records can be read and are on no disk; the next one that succeeds says nothing of them unless they are written again.
+    /// After a failed sync the records can be read and are on no disk; the next one that succeeds
+    /// says nothing of them unless they are written again.
     #[test]
     fn regress_what_a_failed_sync_left_is_written_again() {
         let disk = Simulated::new(5);
@@ -490,7 +502,8 @@ mod tests {
         assert_eq!(drain(&mut simulated(&disk)), [(0, true), (1, true)]);
     }
 
-    /// Half a cursor would name a place in the middle of a record, and all behind it in that segment would never be sent.
+    /// Half a cursor would name a place in the middle of a record, and all behind it in that
+    /// segment would never be sent.
     #[test]
     fn regress_half_a_cursor_skips_nothing() {
         let disk = Simulated::new(5);
@@ -510,7 +523,8 @@ mod tests {
         assert_eq!(drain(&mut simulated(&disk)).len(), 8);
     }
 
-    /// A disk that does not read for a moment, and half a record that could neither be written nor taken back, cost nothing that was spooled.
+    /// A disk that does not read for a moment, and half a record that could neither be written nor
+    /// taken back, cost nothing that was spooled.
     #[test]
     fn regress_a_disk_that_fails_hides_no_records() {
         let disk = Simulated::new(9);
@@ -534,7 +548,8 @@ mod tests {
         assert_eq!((spool.waiting(), spool.lost()), (1, 3));
     }
 
-    /// Cut at every byte, the last segment gives its whole records and nothing else, and a new run goes on behind it.
+    /// Cut at every byte, the last segment gives its whole records and nothing else, and a new run
+    /// goes on behind it.
     #[test]
     fn conform_a_torn_end_costs_what_was_torn() {
         let folder = tempfile::tempdir().unwrap();

@@ -10,7 +10,7 @@ use rumqttc::{AsyncClient, Event, EventLoop, Incoming, LastWill, MqttOptions, Ou
 use tokio::sync::Notify;
 
 use super::Mqtt;
-use crate::sink::broker::{Carrier, Delivery, Kind as LetterKind, Outbox, Position, WINDOW, broker_error};
+use crate::sink::broker::{Carrier, Delivery, LetterKind, Outbox, Position, WINDOW, broker_error};
 use crate::sink::{Drain, SinkContext, SinkError};
 
 /// Opens the sink.
@@ -37,7 +37,8 @@ impl Carrier for Courier {
     fn deliver<'a>(&'a self, outbox: &'a Outbox) -> Delivery<'a> {
         Box::pin(async move {
             let place = format!("{}:{}", self.config.host, self.config.port);
-            // One client a connection: what was under way when it broke is handed out again by the outbox, in order.
+            // One client a connection: what was under way when it broke is handed out again by the
+            // outbox, in order.
             let failed = |error: String| broker_error(&place, error);
             let builder = AsyncClient::builder(self.options().map_err(|e| failed(e.to_string()))?).capacity(2 * WINDOW);
             let (client, events) = builder.try_build().map_err(|e| failed(e.to_string()))?;

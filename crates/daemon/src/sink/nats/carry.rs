@@ -8,7 +8,7 @@ use futures_util::StreamExt;
 use futures_util::stream::FuturesOrdered;
 
 use super::Nats;
-use crate::fleet::nats::{Address, Confirmation, Connection, JetStream, Wanted};
+use crate::fleet::nats::{Address, Confirmation, Connection, JetStream, NatsError, Wanted};
 use crate::fleet::{self, Access, DUPLICATE_WINDOW};
 use crate::sink::broker::{Carrier, Delivery, Outbox, Outgoing, Position, WINDOW, broker_error};
 use crate::sink::{Drain, SinkContext, SinkError};
@@ -42,7 +42,7 @@ impl Carrier for Courier {
         let servers = &self.config.servers;
         let server = &servers[self.next.fetch_add(1, Ordering::Relaxed) % servers.len()];
         Box::pin(async move {
-            let failed = |error: String| broker_error(server, error);
+            let failed = |error: NatsError| broker_error(server, error);
             let connection = Connection::open(server, &self.access).await.map_err(failed)?;
             let jetstream = JetStream::writing(connection);
             jetstream.find_or_make(&self.wanted()).await.map_err(failed)?;
@@ -63,10 +63,10 @@ impl Courier {
     }
 }
 
-type Flight = std::pin::Pin<Box<dyn Future<Output = Result<Position, String>> + Send>>;
+type Flight = std::pin::Pin<Box<dyn Future<Output = Result<Position, NatsError>> + Send>>;
 
 /// Sends and confirms in order, some letters ahead of the confirmations.
-async fn forward(jetstream: &JetStream, prefix: &str, outbox: &Outbox) -> Result<Infallible, String> {
+async fn forward(jetstream: &JetStream, prefix: &str, outbox: &Outbox) -> Result<Infallible, NatsError> {
     let mut flying: FuturesOrdered<Flight> = FuturesOrdered::new();
     let gone = jetstream.gone();
     tokio::pin!(gone);
@@ -84,7 +84,7 @@ async fn forward(jetstream: &JetStream, prefix: &str, outbox: &Outbox) -> Result
     }
 }
 
-async fn send(jetstream: &JetStream, prefix: &str, outgoing: &Outgoing) -> Result<Confirmation, String> {
+async fn send(jetstream: &JetStream, prefix: &str, outgoing: &Outgoing) -> Result<Confirmation, NatsError> {
     // The server knows a letter again by the first of them.
     let headers = [("Nats-Msg-Id", outgoing.letter.id.as_str()), (fleet::RESENT_HEADER, "true")];
     let headers = if outgoing.resent { &headers[..] } else { &headers[..1] };

@@ -1,4 +1,5 @@
-//! Finds out how a table is written: delimiter, decimal sign, where the numbers begin, names and units.
+//! Finds out how a table is written: delimiter, decimal sign, where the numbers begin, names and
+//! units.
 
 use crate::open::OpenOptions;
 use crate::problem::Problem;
@@ -30,7 +31,8 @@ pub(super) fn number(field: &str, decimal_comma: bool) -> Option<f64> {
 }
 
 fn split(text: &str, delimiter: char) -> impl Iterator<Item = &str> {
-    // Columns that are set apart by blanks may have several between them, and some before the first.
+    // Columns that are set apart by blanks may have several between them, and some before the
+    // first.
     let blanks = delimiter == ' ';
     text.split(delimiter).filter(move |field| !(blanks && field.is_empty()))
 }

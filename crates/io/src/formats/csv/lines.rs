@@ -27,8 +27,8 @@ impl Lines {
         Self { input, buffer: vec![0; PIECE], from: 0, to: 0, number: 0, skip }
     }
 
-    /// Lets `read` take a line from the bytes that are there: it returns the bytes of the line with its end. False where it returns nothing, or the first
-    /// lines were not passed over yet.
+    /// Lets `read` take a line from the bytes that are there: it returns the bytes of the line with
+    /// its end. False where it returns nothing, or the first lines were not passed over yet.
     pub(super) fn take(&mut self, read: impl FnOnce(&[u8]) -> Option<usize>) -> bool {
         if self.number < self.skip {
             return false;
@@ -69,7 +69,8 @@ impl Lines {
         Ok(Some((self.number, String::from_utf8_lossy(bytes))))
     }
 
-    /// Where the next line stands in the buffer, with its end; of a line that is too long its first bytes, at the end of the input nothing.
+    /// Where the next line stands in the buffer, with its end; of a line that is too long its first
+    /// bytes, at the end of the input nothing.
     fn line(&mut self) -> Result<std::ops::Range<usize>, Problem> {
         let mut looked = 0;
         loop {

@@ -1,5 +1,6 @@
-//! Rows that are written plainly, such as `0.25,-3,1e-4`: read from the bytes where they lie. What is written otherwise is left to the careful reading,
-//! which says what is wrong with it; where both read a row, they read the same numbers.
+//! Rows that are written plainly, such as `0.25,-3,1e-4`: read from the bytes where they lie. What
+//! is written otherwise is left to the careful reading, which says what is wrong with it; where
+//! both read a row, they read the same numbers.
 
 use super::dialect::Dialect;
 
@@ -29,8 +30,9 @@ impl Plain {
         })
     }
 
-    /// Reads the row at the beginning of `bytes` into `row` (one value for each column; those of other columns stay) and returns its bytes with the end of
-    /// its line. Absent where the row is not plain or its end is not there.
+    /// Reads the row at the beginning of `bytes` into `row` (one value for each column; those of
+    /// other columns stay) and returns its bytes with the end of its line. Absent where the row is
+    /// not plain or its end is not there.
     pub(super) fn row(&self, bytes: &[u8], row: &mut [f64]) -> Option<usize> {
         let mut at = 0;
         let last = row.len().checked_sub(1)?;
@@ -109,7 +111,8 @@ impl Plain {
     }
 }
 
-/// Appends the digits from `at` on to a number, and returns where they end; more than 19 digits overflow, which [`scaled`] refuses.
+/// Appends the digits from `at` on to a number, and returns where they end; more than 19 digits
+/// overflow, which [`scaled`] refuses.
 fn take_digits(bytes: &[u8], mut at: usize, number: &mut u64) -> usize {
     while let Some(digit) = bytes.get(at).map(|b| b.wrapping_sub(b'0')).filter(|&digit| digit < 10) {
         *number = number.wrapping_mul(10).wrapping_add(u64::from(digit));
@@ -118,8 +121,9 @@ fn take_digits(bytes: &[u8], mut at: usize, number: &mut u64) -> usize {
     at
 }
 
-/// `digits × 10^exponent` where one operation on exact operands gives it, which rounds it correctly: Clinger, "How to read floating point numbers accurately"
-/// (PLDI 1990), section 4. Others are left to the standard library, which rounds correctly too.
+/// `digits × 10^exponent` where one operation on exact operands gives it, which rounds it
+/// correctly: Clinger, "How to read floating point numbers accurately" (PLDI 1990),
+/// section 4. Others are left to the standard library, which rounds correctly too.
 fn scaled(digits: u64, count: usize, exponent: i64) -> Option<f64> {
     /// All powers of ten that are exact.
     const TENS: [f64; 23] = [
@@ -144,7 +148,8 @@ mod tests {
         Plain { delimiter, blanks: delimiter == b' ', decimal_comma, numeric: vec![true; columns] }
     }
 
-    /// Numbers drawn digit by digit: where the plain reading reads one, the standard library reads the same, bit by bit.
+    /// Numbers drawn digit by digit: where the plain reading reads one, the standard library reads
+    /// the same, bit by bit.
     #[test]
     fn oracle_numbers_are_those_of_the_standard_library() {
         let mut state = 7_u64;

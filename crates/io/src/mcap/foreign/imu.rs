@@ -1,7 +1,8 @@
-//! `sensor_msgs/msg/Imu`, alone or inside another ROS 2 message: its linear acceleration as three sensors in m/s².
+//! `sensor_msgs/msg/Imu`, alone or inside another ROS 2 message: its linear acceleration as three
+//! sensors in m/s².
 //!
-//! There is one sample a message, with a time stamp that jitters. The sample rate is estimated from the stamps; stamps
-//! that are missing make a gap.
+//! There is one sample a message, with a time stamp that jitters. The sample rate is estimated from
+//! the stamps; stamps that are missing make a gap.
 
 use std::collections::VecDeque;
 
@@ -25,7 +26,8 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// A reader for a channel that holds an Imu; `None` for other channels. Without a given sample rate it is estimated.
+    /// A reader for a channel that holds an Imu; `None` for other channels. Without a given sample
+    /// rate it is estimated.
     ///
     /// # Errors
     /// When the definition of its message cannot be understood.

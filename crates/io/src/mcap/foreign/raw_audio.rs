@@ -1,4 +1,5 @@
-//! `foxglove.RawAudio` in protobuf: sound as 16-bit integers, one sensor for each channel, as a fraction of full scale.
+//! `foxglove.RawAudio` in protobuf: sound as 16-bit integers, one sensor for each channel, as a
+//! fraction of full scale.
 
 use std::collections::VecDeque;
 
@@ -68,7 +69,8 @@ impl RawAudio {
         let rate = f64::from(audio.sample_rate);
         let frames = audio.data.len() / frame;
         let length_ns = frames as f64 / rate * 1e9;
-        // Stamps of sound cards jitter by a part of a block; what is missing beyond half a block is a gap.
+        // Stamps of sound cards jitter by a part of a block; what is missing beyond half a block is
+        // a gap.
         let late_ns = self.expected.map_or(0.0, |expected| t0.saturating_sub(expected) as f64);
         let missing = if late_ns > 0.5 * length_ns { (late_ns / 1e9 * rate).round() as u64 } else { 0 };
         self.index = self.index.saturating_add(missing);

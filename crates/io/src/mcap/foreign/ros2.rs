@@ -1,8 +1,9 @@
-//! ROS 2 messages: a `ros2msg` definition is compiled to the few values that are wanted, which are then picked out of
-//! the CDR bytes of each message.
+//! ROS 2 messages: a `ros2msg` definition is compiled to the few values that are wanted, which are
+//! then picked out of the CDR bytes of each message.
 //!
-//! CDR frames nothing: a struct is its members one after the other, each aligned to its own size, counted from
-//! behind the four bytes that name the byte order. So a definition becomes a flat list of steps.
+//! CDR frames nothing: a struct is its members one after the other, each aligned to its own size,
+//! counted from behind the four bytes that name the byte order. So a definition becomes a flat list
+//! of steps.
 
 use std::collections::BTreeMap;
 
@@ -57,9 +58,9 @@ enum Count {
 type Types = BTreeMap<String, Vec<Member>>;
 
 impl Picker {
-    /// A picker of the members `wanted` (such as `header.stamp.sec`) of the first member of type `inner` (such as
-    /// `sensor_msgs/Imu`) in the message type `name`, or of the message itself if it has that type. `None` where
-    /// the message has no such member outside of lists.
+    /// A picker of the members `wanted` (such as `header.stamp.sec`) of the first member of type
+    /// `inner` (such as `sensor_msgs/Imu`) in the message type `name`, or of the message itself if
+    /// it has that type. `None` where the message has no such member outside of lists.
     ///
     /// # Errors
     /// When the definition cannot be understood, or lacks a wanted member.
@@ -87,13 +88,13 @@ impl Picker {
     /// The wanted values of one message, in the order in which they were asked for.
     ///
     /// # Errors
-    /// A sentence, when the message is shorter than its type, or is not plain CDR.
-    pub fn pick(&self, message: &[u8]) -> Result<Vec<f64>, String> {
+    /// When the message is shorter than its type, or is not plain CDR.
+    pub(super) fn pick(&self, message: &[u8]) -> Result<Vec<f64>, CdrError> {
         let big_endian = match message.get(..2) {
             Some([0, 0]) => true,
             Some([0, 1]) => false,
-            Some(other) => return Err(format!("plain CDR, found encapsulation {other:02x?}")),
-            None => return Err("the four bytes that name the byte order".to_owned()),
+            Some(other) => return Err(CdrError::Encapsulation([other[0], other[1]])),
+            None => return Err(CdrError::NoHead),
         };
         let body = message.get(4..).unwrap_or_default();
         let mut reader = Cdr { body, at: 0, big_endian };
@@ -108,7 +109,8 @@ fn short_name(name: &str) -> String {
     name.replacen("/msg/", "/", 1)
 }
 
-/// All types of a definition: the first has the name of the schema, the others follow behind lines of `=`.
+/// All types of a definition: the first has the name of the schema, the others follow behind lines
+/// of `=`.
 fn parse(name: &str, definition: &str) -> Result<Types, Problem> {
     let mut types = Types::new();
     let mut current = short_name(name);
@@ -265,6 +267,21 @@ impl Compiler<'_> {
     }
 }
 
+/// What a message lacks, as the thing that was expected.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum CdrError {
+    #[error("the four bytes that name the byte order")]
+    NoHead,
+    #[error("plain CDR, found encapsulation {0:02x?}")]
+    Encapsulation([u8; 2]),
+    #[error("a list of {length} items in {bytes} bytes")]
+    List { length: usize, bytes: usize },
+    #[error("{count} numbers of {size} bytes at byte {at}")]
+    Numbers { count: usize, size: usize, at: usize },
+    #[error("{count} more bytes at byte {at}")]
+    Bytes { count: usize, at: usize },
+}
+
 struct Cdr<'a> {
     body: &'a [u8],
     at: usize,
@@ -272,7 +289,7 @@ struct Cdr<'a> {
 }
 
 impl Cdr<'_> {
-    fn run(&mut self, steps: &[Step], values: &mut [f64]) -> Result<(), String> {
+    fn run(&mut self, steps: &[Step], values: &mut [f64]) -> Result<(), CdrError> {
         for step in steps {
             match step {
                 Step::Skip { size, count } => self.skip(*size, *count)?,
@@ -296,9 +313,10 @@ impl Cdr<'_> {
                     match inner[..] {
                         [Step::Skip { size, count: 1 }] if length > 0 => self.skip(size, length)?,
                         _ => {
-                            // Each item takes at least a byte, so a length beyond the rest cannot be true.
+                            // Each item takes at least a byte, so a length beyond the rest cannot
+                            // be true.
                             if length > self.body.len() - self.at {
-                                return Err(format!("a list of {length} items in {} bytes", self.body.len()));
+                                return Err(CdrError::List { length, bytes: self.body.len() });
                             }
                             for _ in 0..length {
                                 self.run(inner, values)?;
@@ -311,25 +329,25 @@ impl Cdr<'_> {
         Ok(())
     }
 
-    fn length(&mut self) -> Result<usize, String> {
+    fn length(&mut self) -> Result<usize, CdrError> {
         self.take().map(|bytes| u32::from_le_bytes(bytes) as usize)
     }
 
     /// Passes over `count` numbers of `size` bytes.
-    fn skip(&mut self, size: usize, count: usize) -> Result<(), String> {
+    fn skip(&mut self, size: usize, count: usize) -> Result<(), CdrError> {
         let end = count.checked_mul(size).and_then(|n| self.at.next_multiple_of(size).checked_add(n));
         match end.filter(|&end| end <= self.body.len()) {
             Some(end) => self.at = end,
-            None => return Err(format!("{count} numbers of {size} bytes at byte {}", self.at)),
+            None => return Err(CdrError::Numbers { count, size, at: self.at }),
         }
         Ok(())
     }
 
     /// The next `N` bytes, aligned, with the low byte first.
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], String> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], CdrError> {
         let start = self.at.next_multiple_of(N);
         let bytes = self.body.get(start..).and_then(|rest| rest.first_chunk::<N>());
-        let mut bytes = *bytes.ok_or_else(|| format!("{N} more bytes at byte {start}"))?;
+        let mut bytes = *bytes.ok_or(CdrError::Bytes { count: N, at: start })?;
         self.at = start + N;
         if self.big_endian {
             bytes.reverse();

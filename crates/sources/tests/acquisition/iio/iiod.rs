@@ -1,6 +1,7 @@
-//! The server side of libiio's network protocol (`iiod`, version 0.24), with one device of four inputs: an accelerometer of 20 bits in 32, shifted by four,
-//! signed and of the other byte order; a converter of 12 bits, unsigned, in 32; one of 16 bits; and a time that is not read. Samples are made as they are asked for, at the pace of the
-//! clock.
+//! The server side of libiio's network protocol (`iiod`, version 0.24), with one device of four
+//! inputs: an accelerometer of 20 bits in 32, shifted by four, signed and of the other byte order;
+//! a converter of 12 bits, unsigned, in 32; one of 16 bits; and a time that is not read. Samples
+//! are made as they are asked for, at the pace of the clock.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -151,7 +152,8 @@ fn serve(mut client: TcpStream, state: &Mutex<State>) -> Option<()> {
 }
 
 impl Stream {
-    /// As the kernel lays scans out: each number at a multiple of its own size, the whole at one of the largest.
+    /// As the kernel lays scans out: each number at a multiple of its own size, the whole at one of
+    /// the largest.
     fn take(&mut self, bytes: usize) -> Vec<u8> {
         let with = |index: u32| self.mask & (1 << index) != 0;
         let wide = 4 * (usize::from(with(0)) + usize::from(with(1)));

@@ -13,10 +13,12 @@
 //! 24     4     message_length: payload bytes; the payload starts at 28
 //! ```
 //!
-//! The stream carries no checksum. What [`Decoder`] can tell is whether lengths, numbers and marks agree; what does not agree is passed over
-//! up to the next message that does, and reported as [`Lost`] before it. A changed sample cannot be told from a true one.
+//! The stream carries no checksum. What [`Decoder`] can tell is whether lengths, numbers and marks
+//! agree; what does not agree is passed over up to the next message that does, and reported as
+//! [`Lost`] before it. A changed sample cannot be told from a true one.
 //!
-//! Source: Brüel & Kjær, LAN-XI Open API reference and the public tutorials `hbkworld/open-api-tutorials`.
+//! Source: Brüel & Kjær, LAN-XI Open API reference and the public tutorials
+//! `hbkworld/open-api-tutorials`.
 
 use gearwatch_core::block::UnixNanos;
 

@@ -1,6 +1,8 @@
-//! Universal file format, dataset 58 (functions at nodal degrees of freedom) as text and as binary 58b.
+//! Universal file format, dataset 58 (functions at nodal degrees of freedom) as text and as binary
+//! 58b.
 //!
-//! Layout after "Universal File Formats for Modal Analysis Testing", University of Cincinnati (UC-SDRL), dataset 58.
+//! Layout after "Universal File Formats for Modal Analysis Testing", University of Cincinnati
+//! (UC-SDRL), dataset 58.
 
 use gearwatch_core::block::UnixNanos;
 

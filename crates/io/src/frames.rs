@@ -1,7 +1,7 @@
 //! gearwatch's own frames for samples over TCP and UDP: bytes in, frames out, and back. No sockets.
 //!
-//! A frame is a header and a payload, little-endian and packed, each with a checksum of its own (CRC-32 as in Ethernet and zlib), so that a
-//! damaged length is known before it is waited for:
+//! A frame is a header and a payload, little-endian and packed, each with a checksum of its own
+//! (CRC-32 as in Ethernet and zlib), so that a damaged length is known before it is waited for:
 //!
 //! ```text
 //! offset size  field
@@ -40,8 +40,6 @@ pub const CHECKSUM: usize = 4;
 pub const MOST_CHANNELS: u16 = 1024;
 /// Longest payload (bytes).
 pub const LONGEST_PAYLOAD: usize = 4 << 20;
-/// Longest payload of a datagram: UDP over IPv4 carries 65 507 bytes.
-pub const LONGEST_DATAGRAM_PAYLOAD: usize = 65_507 - HEADER - CHECKSUM;
 
 /// How a number lies in the payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

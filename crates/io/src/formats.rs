@@ -21,13 +21,15 @@ pub trait Format: Sync {
     /// One sentence: what is read, and which options it takes.
     fn help(&self) -> &'static str;
 
-    /// The first bytes (up to 4096) belong to this format. A format that cannot be told from its bytes says no.
+    /// The first bytes (up to 4096) belong to this format. A format that cannot be told from its
+    /// bytes says no.
     fn sniff(&self, head: &[u8]) -> bool;
 
     /// A reader over the bytes from the first one.
     ///
     /// # Errors
-    /// When the file is damaged, holds nothing that can be read, or needs options that were not given.
+    /// When the file is damaged, holds nothing that can be read, or needs options that were not
+    /// given.
     fn open(&self, input: Input, options: &OpenOptions) -> Result<Box<dyn Reader>, Problem>;
 }
 

@@ -1,5 +1,6 @@
-//! TDMS of National Instruments, after "TDMS File Format Internal Structure" (NI): both byte orders, contiguous and
-//! interleaved data, raw DAQmx data with linear scales, and files whose last segment was never closed.
+//! TDMS of National Instruments, after "TDMS File Format Internal Structure" (NI): both byte
+//! orders, contiguous and interleaved data, raw DAQmx data with linear scales, and files whose last
+//! segment was never closed.
 
 mod lanes;
 mod layout;
@@ -18,7 +19,7 @@ use crate::budget::{Budget, Notes};
 use crate::forward::Forward;
 use crate::problem::Problem;
 use memory::Memory;
-use meta::{Index, Kind, Object, Objects, Value};
+use meta::{Index, Object, Objects, RawType, Value};
 
 pub use values::Values;
 
@@ -52,7 +53,8 @@ pub struct Parsed {
     pub warnings: Vec<String>,
 }
 
-/// Reads all numeric channels into memory. The file is read from the front and never held as a whole.
+/// Reads all numeric channels into memory. The file is read from the front and never held as a
+/// whole.
 ///
 /// # Errors
 /// When the bytes contradict the format, or ask for more than the budget.
@@ -66,7 +68,8 @@ pub fn parse(bytes: impl Read, budget: &mut Budget) -> Result<Parsed, Problem> {
     Ok(Parsed { channels: described.into_iter().map(take).collect(), warnings: notes.finish() })
 }
 
-/// Objects with values as channels, which lack only their values, each with its number among the objects.
+/// Objects with values as channels, which lack only their values, each with its number among the
+/// objects.
 fn describe(
     objects: &Objects,
     has_values: impl Fn(usize, &Object) -> bool,
@@ -75,7 +78,7 @@ fn describe(
     let mut channels = Vec::new();
     for (at, object) in objects.all.iter().enumerate() {
         let Some((group, name)) = names(&object.path) else { continue };
-        if matches!(&object.index, Some(Index::Plain { kind: Kind::Other(_), .. })) {
+        if matches!(&object.index, Some(Index::Plain { kind: RawType::Other(_), .. })) {
             notes.push(format_args!("{group}/{name} holds no numbers and was passed over"));
             continue;
         }
