@@ -3,8 +3,12 @@
 use std::collections::BTreeMap;
 
 use gearwatch_core::bench::EffectSpec;
-use gearwatch_sim::growth::{Duty, Growth, GrowthError, Kind, Plan, run};
+use gearwatch_core::one_shot::each_window;
+use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
+use gearwatch_sim::growth::{Duty, Growing, Growth, GrowthError, Kind, Plan, Step, run};
+use gearwatch_sim::scenario::Scenario;
 use gearwatch_sim::shipped;
+use gearwatch_sim::source::{SimConfig, SimError, Simulator};
 
 fn plan(effect: &str, place: &str, torque_nm: f64, hours: f64) -> Plan {
     let duty = Duty { motor_hz: 25.0, torque_nm, share: 1.0 };
@@ -38,8 +42,8 @@ fn analytic_growth_is_monotone() {
         assert!(sizes.windows(2).all(|pair| pair[1] >= pair[0]), "{effect}: {sizes:?}");
         assert!(sizes[sizes.len() - 1] > sizes[0], "{effect}: {sizes:?} {:?}", growth.remarks);
         assert!(growth.steps.windows(2).all(|pair| pair[1].hours > pair[0].hours));
-        let depths = |step: &gearwatch_sim::growth::Step| match &step.growing {
-            gearwatch_sim::growth::Growing::Wear(wear) => wear.worn_m().concat(),
+        let depths = |step: &Step| match &step.growing {
+            Growing::Wear(wear) => wear.worn_m().concat(),
             _ => Vec::new(),
         };
         for pair in growth.steps.windows(2) {
@@ -105,4 +109,31 @@ fn conform_what_cannot_grow_is_refused() {
     let mut counted = plan("pitting", "stage1.pinion", 60.0, 1.0);
     counted.effect.parameters.insert("teeth".into(), 3.0);
     assert!(refused(&counted).to_string().contains("counted from none"));
+}
+
+/// The lines of a step against windows of its recording: the worn bench stepped through time, sampled and judged by the pipeline, deviates from the healthy one as the steady states say. Noise of the sensor and of forty windows: 0.3 percent.
+#[test]
+fn oracle_a_step_as_the_pipeline_sees_it() {
+    let plan = Plan { steps: 2, ..plan("tooth_wear", "stage1", 60.0, 200.0) };
+    let growth = followed(&plan);
+    let means = |step: &Step| {
+        let scenario = Scenario { duration_s: Some(10.0), ..Scenario::default() };
+        let config = SimConfig { bench: plan.bench.clone(), effects: Vec::new(), scenario, seed: plan.seed, t0: 0 };
+        let mut simulator = Simulator::changed(config, |setup| step.growing.apply(setup)).unwrap();
+        let pipeline = Pipeline::new(&plan.bench, &PipelineConfig::default(), None).unwrap();
+        let (mut sums, mut count) = ([0.0; 5], 0.0);
+        each_window::<_, SimError>(&pipeline, &mut simulator, &mut |_, window| {
+            (0..5).for_each(|h| sums[h] += window.stages[0].harmonics[h].amplitude.value);
+            count += 1.0;
+            Ok(())
+        })
+        .unwrap();
+        sums.map(|sum| sum / count)
+    };
+    let (healthy, worn) = (means(&growth.steps[0]), means(&growth.steps[2]));
+    for (i, indicator) in growth.indicators.iter().enumerate().filter(|(_, i)| i.kind == Kind::Mesh) {
+        let h = indicator.harmonic as usize - 1;
+        let (seen, said) = (100.0 * (worn[h] / healthy[h] - 1.0), growth.deviations_percent(i)[2]);
+        assert!(said.abs() > 20.0 && (seen - said).abs() < 0.3, "{}x: {seen} {said}", h + 1);
+    }
 }
