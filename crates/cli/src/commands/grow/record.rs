@@ -85,17 +85,15 @@ fn one(
         t0: START_NS + (1e9 * begin_s) as i64,
     };
     let mut simulator = Simulator::changed(config, |setup| step.growing.apply(setup))?;
-    let mut first = true;
     while let Some(mut packet) = simulator.next_packet()? {
         if let Packet::Vibration(block) = &mut packet {
-            // The count goes on over the gap between two recordings.
-            block.first_sample_index += (begin_s * block.sample_rate_hz).round() as u64;
-            if first && place > 0 {
+            if block.first_sample_index == 0 && place > 0 {
                 block.quality |= Quality::GAP_BEFORE;
             }
+            // The count goes on over the gap between two recordings.
+            block.first_sample_index += (begin_s * block.sample_rate_hz).round() as u64;
         }
         take(&packet)?;
-        first &= !matches!(packet, Packet::Vibration(_));
     }
     Ok(())
 }
