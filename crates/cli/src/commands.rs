@@ -25,6 +25,7 @@ mod emulate;
 mod explain;
 #[cfg(feature = "brokers")]
 mod fleet;
+mod grow;
 mod history;
 mod indicators;
 mod info;
@@ -75,6 +76,7 @@ const COMMANDS: &[CommandEntry] = &[
     kind::<signatures::SignaturesCommand>(),
     kind::<check::CheckBench>(),
     kind::<modes::Modes>(),
+    kind::<grow::Grow>(),
     kind::<info::Info>(),
     kind::<convert::Convert>(),
     #[cfg(feature = "batch")]

@@ -36,11 +36,9 @@ pub fn plain(text: &str) -> Cow<'_, str> {
 }
 
 /// Characters of the widest column of a table. Formatting cannot pad beyond 65 535, and nobody reads such a column.
-#[cfg(any(test, feature = "batch", feature = "brokers"))]
 const WIDEST_COLUMN: usize = 60;
 
 /// A text for a column of a table: control characters written out, its end cut where it is too long.
-#[cfg(any(test, feature = "batch", feature = "brokers"))]
 pub fn cell(text: &str) -> String {
     let text = plain(text);
     if text.chars().count() <= WIDEST_COLUMN {

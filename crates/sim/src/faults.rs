@@ -118,6 +118,9 @@ pub struct GearModifications {
     pub stiffness_waves: Vec<Harmonic>,
     /// Material taken off at the tips.
     pub tip_relief: Option<TipRelief>,
+    /// Worn depth (m) of all driving flanks along the line of action, at equally spaced places of the pair's path from its entry to its exit; straight between
+    /// them, held beyond. Empty for none.
+    pub worn_m: Vec<f64>,
 }
 
 impl GearModifications {

@@ -28,6 +28,7 @@ pub mod etd;
 pub mod faults;
 pub mod foundation;
 pub mod geometry;
+pub mod growth;
 pub mod hertz;
 pub mod impact;
 pub mod linear;

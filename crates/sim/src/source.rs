@@ -91,13 +91,23 @@ impl Simulator {
     /// # Errors
     /// For a bench, effect or scenario that cannot be, in a sentence that says what would be right.
     pub fn new(config: SimConfig) -> Result<Self, SimError> {
+        Self::changed(config, |_| ())
+    }
+
+    /// As [`Self::new`], with a setup that is changed beyond what effects can say, such as a worn profile. For scenarios without events: an event sets up the bench again, and the change
+    /// is gone.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn changed(config: SimConfig, change: impl FnOnce(&mut SimSetup)) -> Result<Self, SimError> {
         let problems = config.scenario.problems(&config.bench);
         if !problems.is_empty() {
             return Err(SimError::Scenario(problems));
         }
         let bench = &config.bench;
         let applied: Vec<_> = config.scenario.events.iter().map(|event| event.spec_at(0.0)).collect();
-        let setup = make_setup(&config, &applied)?;
+        let mut setup = make_setup(&config, &applied)?;
+        change(&mut setup);
         // The true rate: a clock that runs fast takes its samples too early.
         let rate_hz = bench.acquisition.sample_rate_hz * (1.0 + 1e-6 * setup.clock_ppm);
         let model = Arc::new(make_model(&config, &setup, rate_hz)?);

@@ -142,6 +142,17 @@ impl ToothProfile {
         (r * psi.cos() - arm * sin_d, r * psi.sin() - arm * cos_d, y_rate * (to - from))
     }
 
+    /// Height above the gear's centre and half thickness (m) of sections of the generated fillet, root first; none of a straight root.
+    pub(crate) fn fillet_sections(&self, count: usize) -> Vec<(f64, f64)> {
+        if self.root == Root::Straight {
+            return Vec::new();
+        }
+        (0..=count)
+            .map(|i| self.fillet_point(i as f64 / count as f64))
+            .map(|(height, half, _)| (height, half))
+            .collect()
+    }
+
     /// Height, half thickness and d(height)/da of the involute at load angle `a`; of an internal tooth d(height)/d(−a).
     fn involute_point(&self, a: f64) -> (f64, f64, f64) {
         let (sin, cos) = a.sin_cos();

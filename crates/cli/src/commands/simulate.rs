@@ -23,6 +23,8 @@ use crate::terminal;
 
 mod plot;
 
+pub(super) use self::plot::{Form, form, stacked};
+
 /// 2026-01-01T00:00:00Z: the same seed gives the same bytes, so the recording cannot carry today's date.
 pub(super) const START_NS: i64 = 1_767_225_600_000_000_000;
 /// Without an end a scenario is cut here (s).

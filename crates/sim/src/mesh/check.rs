@@ -44,6 +44,9 @@ pub(super) fn check(
         for error in &gear.pitch_error_m {
             within("a pitch error", *error, -1e-3, 1e-3, " m")?;
         }
+        for depth in &gear.worn_m {
+            within("a worn depth", *depth, 0.0, 1e-3, " m")?;
+        }
         for wave in &gear.waves {
             within("a wave's order", wave.order, 1e-6, 1e5, "")?;
             within("a wave's amplitude", wave.amplitude_m, 0.0, 1e-3, " m")?;

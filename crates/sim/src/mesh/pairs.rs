@@ -82,6 +82,13 @@ impl Pairs {
         self.len += usize::from(touches);
     }
 
+    /// Opens each pair by a further gap (m).
+    pub(crate) fn open(&mut self, gap_m: impl Fn(&Pair) -> f64) {
+        for pair in &mut self.items[..self.len] {
+            pair.gap_m += gap_m(pair);
+        }
+    }
+
     /// Compliance c_ij (m/N): `c_ij = λ sqrt(f_i f_j)` off the diagonal.
     #[inline(always)]
     fn compliance(&self, i: usize, j: usize) -> f64 {

@@ -188,6 +188,7 @@ impl GearTables {
             profile: ToothProfile::new(side.name(), gear, options.root, warnings),
             foundation: options.foundation.then(|| Foundation::new(side.name(), gear, warnings)),
             relief: modifications.tip_relief,
+            worn_m: &modifications.worn_m,
             gap,
         };
         modifications.all_teeth.check(&format!("{}, all teeth", side.name()), gear)?;
@@ -263,6 +264,7 @@ struct Made {
     root: Root,
     foundation: bool,
     relief: Option<TipRelief>,
+    worn_m: Vec<f64>,
     gap: GapShape,
     damage: ToothDamage,
 }
@@ -291,6 +293,7 @@ struct Builder<'a> {
     profile: ToothProfile,
     foundation: Option<Foundation>,
     relief: Option<TipRelief>,
+    worn_m: &'a [f64],
     gap: GapShape,
 }
 
@@ -304,6 +307,7 @@ impl Builder<'_> {
             root: self.options.root,
             foundation: self.options.foundation,
             relief: self.relief,
+            worn_m: self.worn_m.to_vec(),
             gap: self.gap,
             damage: damage.clone(),
         }
@@ -404,7 +408,8 @@ impl Builder<'_> {
                 });
                 let (length, depth) = damage.lost_length_m(gear, gear.flank_point_of(a, (sin, cos)).0);
                 let mut lost = broken_width + (1.0 - broken_width) * length / gear.face_width_m;
-                let mut gap = self.relief_m(s) + self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest;
+                let worn = self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest + self.worn_m(s);
+                let mut gap = self.relief_m(s) + worn;
                 if lost > 0.999 {
                     // The contact line falls wholly into the recess: full length at its bottom.
                     lost = broken_width;
@@ -413,6 +418,15 @@ impl Builder<'_> {
                 Flank { compliance: flexure[ascending(i)].total() + foundation, foundation, lost, gap }
             })
             .collect()
+    }
+
+    /// Depth of the worn profile at position s (m).
+    fn worn_m(&self, s: f64) -> f64 {
+        let Some(last) = self.worn_m.len().checked_sub(1) else { return 0.0 };
+        let x = (s / self.pair.contact_ratio).clamp(0.0, 1.0) * last as f64;
+        let before = (x as usize).min(last.saturating_sub(1));
+        let after = (before + 1).min(last);
+        self.worn_m[before] + (x - before as f64) * (self.worn_m[after] - self.worn_m[before])
     }
 
     /// Tip relief at position s (m): on the pinion before its exit, on the wheel after its entry.

@@ -267,6 +267,7 @@ pub(super) fn only(setup: &SimSetup, turn: Option<Turn>) -> SimSetup {
             *gear = GearModifications {
                 all_teeth: gear.all_teeth.clone(),
                 tip_relief: gear.tip_relief,
+                worn_m: gear.worn_m.clone(),
                 ..GearModifications::default()
             };
         }

@@ -42,19 +42,7 @@ pub fn form(path: &Path) -> anyhow::Result<Form> {
 pub fn picture(form: Form, recording: &Recording, config: &SimConfig, model: &TrainModel) -> anyhow::Result<String> {
     let charts = [waveform(recording, model), spectrum(recording, config, model), stiffness(config, model)];
     match form {
-        Form::Svg => {
-            let mut text = String::from(r#"<svg xmlns="http://www.w3.org/2000/svg" width="900" height="1020">"#);
-            for (i, chart) in charts.iter().enumerate() {
-                let svg = chart.svg()?;
-                // The caption above its chart.
-                let top = 340 * i;
-                let style = "font-family=\"sans-serif\" font-size=\"13\"";
-                text.push_str(&format!("<text x=\"78\" y=\"{}\" {style}>{}</text>", top + 16, chart.caption()));
-                text.push_str(&svg.replacen("<svg ", &format!("<svg y=\"{}\" ", top + 20), 1));
-            }
-            text.push_str("</svg>\n");
-            Ok(text)
-        }
+        Form::Svg => stacked(&charts),
         Form::Html => Ok(gearwatch_report::render(&Report {
             title: format!("Simulated: {}", config.bench.name),
             verdict: describe(config, model),
@@ -67,6 +55,22 @@ pub fn picture(form: Form, recording: &Recording, config: &SimConfig, model: &Tr
             ..Report::default()
         })),
     }
+}
+
+/// Charts below each other, each under its caption.
+pub fn stacked(charts: &[Chart]) -> anyhow::Result<String> {
+    let height = 340 * charts.len();
+    let mut text = format!(r#"<svg xmlns="http://www.w3.org/2000/svg" width="900" height="{height}">"#);
+    for (i, chart) in charts.iter().enumerate() {
+        let svg = chart.svg()?;
+        let top = 340 * i;
+        let style = "font-family=\"sans-serif\" font-size=\"13\"";
+        let caption = gearwatch_report::escaped(chart.caption());
+        text.push_str(&format!("<text x=\"78\" y=\"{}\" {style}>{caption}</text>", top + 16));
+        text.push_str(&svg.replacen("<svg ", &format!("<svg y=\"{}\" ", top + 20), 1));
+    }
+    text.push_str("</svg>\n");
+    Ok(text)
 }
 
 fn describe(config: &SimConfig, model: &TrainModel) -> String {
