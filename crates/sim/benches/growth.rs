@@ -33,11 +33,11 @@ fn plan(bench: &str, effect: &str, place: &str, torque_nm: f64) -> Plan {
 #[divan::bench(args = ["single-pair", "paper-rig"], sample_count = 5)]
 fn wear(bencher: divan::Bencher, bench: &str) {
     let plan = plan(bench, "tooth_wear", "stage1", 60.0);
-    bencher.bench_local(|| run(&plan, &mut |_| ()));
+    bencher.bench_local(|| run(&plan, &mut |_| ()).expect("a run of weeks"));
 }
 
 #[divan::bench(sample_count = 5)]
 fn pits(bencher: divan::Bencher) {
     let plan = plan("single-pair", "pitting", "stage1.pinion", 400.0);
-    bencher.bench_local(|| run(&plan, &mut |_| ()));
+    bencher.bench_local(|| run(&plan, &mut |_| ()).expect("a run of weeks"));
 }

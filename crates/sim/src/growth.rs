@@ -137,11 +137,11 @@ impl End {
 #[derive(Clone, Debug)]
 pub enum Growing {
     /// Wear of all flanks of a stage.
-    Wear(Wear),
+    Wear(Box<Wear>),
     /// A crack at the root of a tooth.
-    Crack(RootCrackGrowth),
+    Crack(Box<RootCrackGrowth>),
     /// Pits on the flanks of a gear.
-    Pits(PitGrowth),
+    Pits(Box<PitGrowth>),
 }
 
 impl Growing {
@@ -177,7 +177,7 @@ impl Growing {
             )));
         }
         Ok(match spec.effect.as_str() {
-            "tooth_wear" => Self::Wear(Wear::new(setup, stage, &law)?),
+            "tooth_wear" => Self::Wear(Box::new(Wear::new(setup, stage, &law)?)),
             "root_crack" => {
                 let tooth = values.get("tooth");
                 let teeth = if wheel { gears.wheel.teeth } else { gears.pinion.teeth };
@@ -188,7 +188,7 @@ impl Growing {
                 }
                 let depth_m = values.given("depth_mm").map_or(FIRST_CRACK_M, |mm| 1e-3 * mm);
                 let crack = Crack { depth_m, angle_rad: CRACK_ANGLE_RAD };
-                Self::Crack(RootCrackGrowth::new(setup, (stage, wheel), (tooth as u32, crack), law)?)
+                Self::Crack(Box::new(RootCrackGrowth::new(setup, (stage, wheel), (tooth as u32, crack), law)?))
             }
             _ => {
                 if values.given("area_fraction").or(values.given("teeth")).is_some() {
@@ -196,7 +196,7 @@ impl Growing {
                         .unsuitable("pits are counted from none; leave area_fraction and teeth out")
                         .into());
                 }
-                Self::Pits(PitGrowth::new(setup, (stage, wheel), 1e-3 * values.get("depth_mm"), law, seed)?)
+                Self::Pits(Box::new(PitGrowth::new(setup, (stage, wheel), 1e-3 * values.get("depth_mm"), law, seed)?))
             }
         })
     }

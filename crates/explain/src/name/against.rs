@@ -63,11 +63,15 @@ pub fn wide(place: Place) -> bool {
 
 /// Names what changed between recordings and reference.
 pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
-    let (places, gaps) = (places(q), gaps(q));
-    if let Some(clearance) = parting::clearance(q, cells, found.steps) {
-        found.findings.push(clearance);
-        return;
+    match parting::clearance(q, cells, found.steps) {
+        Some(clearance) => found.findings.push(clearance),
+        None => under_load(q, cells, speeds, strange, found),
     }
+}
+
+/// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
+fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
+    let (places, gaps) = (places(q), gaps(q));
     let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     // One tooth that differs shows in phases before it shows in amplitudes.

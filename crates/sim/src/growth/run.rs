@@ -273,9 +273,9 @@ fn check(plan: &Plan) -> Result<(), GrowthError> {
         return wrong("the limit must be above 0".into());
     }
     for duty in plan.duties.iter().chain([&plan.measured]) {
-        if !(duty.motor_hz > 0.0 && duty.torque_nm >= 0.0 && duty.share > 0.0)
-            || ![duty.motor_hz, duty.torque_nm, duty.share].iter().all(|x| x.is_finite())
-        {
+        let finite = [duty.motor_hz, duty.torque_nm, duty.share].iter().all(|x| x.is_finite());
+        let usable = finite && duty.motor_hz > 0.0 && duty.torque_nm >= 0.0 && duty.share > 0.0;
+        if !usable {
             return wrong(format!(
                 "a duty of {} Hz, {} N m for {} of the hours; expected a speed above 0, a torque of 0 or more, a share above 0",
                 duty.motor_hz, duty.torque_nm, duty.share
