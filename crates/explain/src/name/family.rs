@@ -122,18 +122,20 @@ fn of_positions(
         let density = (-0.5 * z * z).exp() / (sigma(p) * TAU.sqrt() * family.count());
         (OTHERS + (1.0 - OTHERS) * density * band).ln()
     };
-    let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt()) * (1.0 + shafts.len() as f64);
+    let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt());
     let with = shafts.iter().copied().enumerate().map(Some);
     let best = std::iter::once(None).chain(with).filter_map(|turns_with| {
         // Every line as every multiple, and every sideband of one, proposes an order.
         let sides: &[f64] = if turns_with.is_some() { &[-1.0, 0.0, 1.0] } else { &[0.0] };
         let spacing = turns_with.map_or(0.0, |(_, order)| order);
+        // A race that stands still is as usual as one that turns, with one of the shafts.
+        let of_shafts = if turns_with.is_some() { shafts.len() as f64 } else { 1.0 };
         let carriers = positions.iter().flat_map(|p| sides.iter().map(move |s| p - s * spacing));
         let proposed = carriers.flat_map(|p| (1..=MULTIPLES).map(move |k| p / f64::from(k)));
         let all = proposed.filter(|o| (lowest..HIGHEST).contains(o) && !is_mixed(*o));
         let scored = all.map(|order| {
             let family = Passage { order, turns_with };
-            (family, positions.iter().map(|p| odds(*p, &family)).sum::<f64>())
+            (family, positions.iter().map(|p| odds(*p, &family)).sum::<f64>() - of_shafts.ln())
         });
         // Of an order and its parts, which have the same lines as higher multiples, it is the whole.
         scored.reduce(|best, x| {

@@ -134,7 +134,7 @@ fn at_modes(profile: &[(f64, f64, f64)], factors: &[f64]) -> AtModes {
     let mut out = AtModes { cost: cost(&left), price: 0.0, modes: 0 };
     while out.modes < MOST_MODES {
         let places = (0..120).map(|i| 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 119.0));
-        let forms = places.flat_map(|f0| [0.01, 0.02, 0.04, 0.08].map(|damping| (f0, damping)));
+        let forms = places.flat_map(|f0| [0.02, 0.03, 0.05, 0.08].map(|damping| (f0, damping)));
         let tried = forms.flat_map(|(f0, damping)| factors.iter().map(move |k| (f0, damping, *k)));
         let next = tried.map(|(f0, damping, k)| {
             let of = |(p, d): (&(f64, f64, f64), &f64)| d - damped(p.0 / f0, damping, k.exp());
