@@ -69,8 +69,7 @@ fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(
     if !comparison.pairs.is_empty() {
         limits.extend(limits::not_compared(&explanation));
     }
-    let explanation = Explanation { limits, ..explanation };
-    let mut explanation = explanation;
+    let mut explanation = Explanation { limits, ..explanation };
     let mut with_effects = refitted.unwrap_or_else(|| input.bench.clone());
     with_effects.belt.clone_from(&bench.belt);
     for effect in &explanation.effects {

@@ -165,10 +165,7 @@ pub fn answer(
         findings.extend(gear::local_faults(q, &cells, &mut steps).into_iter().map(|f| f.2));
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
-        let bands = cells.iter().filter(|c| c.family.is_none());
-        let (sum, count) =
-            bands.fold((0.0, 0usize), |(s, n), c| (s + (c.change * c.change / c.variance).min(30.0), n + 1));
-        let misfit = sum / count.max(1) as f64;
+        let misfit = locate::floor_misfit(&cells, None).unwrap_or(0.0);
         let one_speed = speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1);
         let channels = 0..q.comparison.channels.len();
         let in_hz = channels.map(|c| locate::floor_account(&cells, c, &speeds).0).fold(f64::NEG_INFINITY, f64::max);

@@ -199,9 +199,9 @@ pub fn floor_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64)
     (1.0 - after / before.max(1e-9), before / count.max(1) as f64)
 }
 
-/// Misfit per band of background in a pair, over all channels.
-pub fn misfit_of_background(all: &[Cell], pair: usize) -> Option<f64> {
-    let bands = all.iter().filter(|c| c.family.is_none() && c.pair == pair);
+/// Misfit per band of background, of a pair or of all, over all channels.
+pub fn floor_misfit(all: &[Cell], pair: Option<usize>) -> Option<f64> {
+    let bands = all.iter().filter(|c| c.family.is_none() && pair.is_none_or(|p| c.pair == p));
     let (sum, count) = bands.fold((0.0, 0usize), |(s, n), c| (s + c.misfit(0.0, 0.0), n + 1));
     (count > 0).then(|| sum / count as f64)
 }

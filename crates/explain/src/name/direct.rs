@@ -282,3 +282,17 @@ pub fn ratio_fit(q: &Question<'_>, findings: &[Finding]) -> Option<Fit> {
         sham: None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A clock that is fast by 5400 ppm takes as much off the speeds of all recordings of its session, also of the one whose lines do not show it; one that is right to 20 ppm takes nothing.
+    #[test]
+    fn analytic_a_session_has_one_clock() {
+        let fast = without_clock(&[5.9e-3, 5.9e-3, 6.0e-3], &[-5.4e-3, f64::NAN, -5.4e-3]);
+        assert!(fast.iter().zip([5e-4, 5e-4, 6e-4]).all(|(s, e)| (s - e).abs() < 1e-12), "{fast:?}");
+        assert_eq!(without_clock(&[5e-4, 6e-4], &[2e-5, f64::NAN]), [5e-4, 6e-4]);
+        assert_eq!(without_clock(&[5e-4], &[f64::NAN]), [5e-4]);
+    }
+}
