@@ -30,7 +30,7 @@ pub use self::crack::{RootCrackGrowth, bending_factor, grown, tension_factor};
 pub use self::law::{Constant, Constants};
 pub use self::merit::{Merit, crossing};
 pub use self::pits::PitGrowth;
-pub use self::run::{Growth, Indicator, Kind, Plan, Step, run};
+pub use self::run::{Growth, Indicator, LineGroup, Plan, Step, run};
 pub use self::scatter::baseline_scatter;
 pub use self::wear::Wear;
 use crate::effects::{self, EffectError, Place};

@@ -46,9 +46,9 @@ pub struct Plan {
     pub seed: u64,
 }
 
-/// What of the lines.
+/// Which lines of a harmonic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum LineGroup {
     /// The mesh harmonic itself.
     Mesh,
     /// Root of the sum of squares of ±1 to ±3 of the pinion's shaft about it.
@@ -65,7 +65,7 @@ pub struct Indicator {
     /// Position of the stage.
     pub stage: usize,
     /// What it is.
-    pub kind: Kind,
+    pub kind: LineGroup,
     /// Mesh harmonic, from 1.
     pub harmonic: u32,
 }
@@ -74,9 +74,9 @@ impl Indicator {
     /// Name as in the columns of `gearwatch sweep`.
     pub fn name(&self) -> String {
         match self.kind {
-            Kind::Mesh => format!("{}x", self.harmonic),
-            Kind::PinionSidebands => format!("pinion_sidebands_{}x", self.harmonic),
-            Kind::WheelSidebands => format!("wheel_sidebands_{}x", self.harmonic),
+            LineGroup::Mesh => format!("{}x", self.harmonic),
+            LineGroup::PinionSidebands => format!("pinion_sidebands_{}x", self.harmonic),
+            LineGroup::WheelSidebands => format!("wheel_sidebands_{}x", self.harmonic),
         }
     }
 }
@@ -159,7 +159,7 @@ pub fn run(plan: &Plan, done: &mut dyn FnMut(usize)) -> Result<Growth, GrowthErr
         };
         let amplitudes: Vec<Vec<f64>> =
             lines.sensors.iter().map(|lines| lines.iter().map(|line| line.norm()).collect()).collect();
-        let values = indicators.iter().map(|indicator| orders.value(&amplitudes, indicator)).collect();
+        let values = indicators.iter().map(|indicator| Orders::value(&amplitudes, indicator)).collect();
         let pits = match &growing {
             Growing::Pits(pits) => Some((pits.size().1, pits.size().2)),
             Growing::Wear(_) | Growing::Crack(_) => None,
@@ -215,7 +215,7 @@ impl Growth {
             (Some((at, words)), _) => at.map(|at| (at, words)),
             (None, Some((_, at))) => Some((at, "the tooth breaks off".into())),
             (None, None) => {
-                let mesh = self.indicators.iter().zip(&self.merits).filter(|(i, _)| i.kind == Kind::Mesh);
+                let mesh = self.indicators.iter().zip(&self.merits).filter(|(i, _)| i.kind == LineGroup::Mesh);
                 let first = mesh.filter_map(|(i, merit)| merit.rank_v_hours.map(|at| (at, *i)));
                 first.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(at, i)| {
                     let (sensor, stage) = (&plan.bench.sensors[i.sensor].name, &plan.bench.stages[i.stage].name);
@@ -294,7 +294,7 @@ fn indicators(bench: &Bench) -> Vec<Indicator> {
     let mut out = Vec::new();
     for sensor in 0..bench.sensors.len() {
         for stage in 0..bench.stages.len() {
-            for kind in [Kind::Mesh, Kind::PinionSidebands, Kind::WheelSidebands] {
+            for kind in [LineGroup::Mesh, LineGroup::PinionSidebands, LineGroup::WheelSidebands] {
                 out.extend((1..=HARMONICS as u32).map(|harmonic| Indicator { sensor, stage, kind, harmonic }));
             }
         }
@@ -305,7 +305,6 @@ fn indicators(bench: &Bench) -> Vec<Indicator> {
 /// The orders that the steady state is asked for.
 struct Orders {
     all: Vec<f64>,
-    stages: usize,
 }
 
 impl Orders {
@@ -327,19 +326,18 @@ impl Orders {
                 }
             }
         }
-        Self { all, stages: train.stages.len() }
+        Self { all }
     }
 
-    fn value(&self, amplitudes: &[Vec<f64>], indicator: &Indicator) -> f64 {
-        debug_assert!(indicator.stage < self.stages);
+    fn value(amplitudes: &[Vec<f64>], indicator: &Indicator) -> f64 {
         let harmonics = indicator.stage * HARMONICS + indicator.harmonic as usize - 1;
         let lines = &amplitudes[indicator.sensor][harmonics * Self::A_HARMONIC..][..Self::A_HARMONIC];
         let together = |lines: &[f64]| lines.iter().map(|x| x * x).sum::<f64>().sqrt();
         let (pinion, wheel) = lines[1..].split_at(2 * SIDEBANDS as usize);
         match indicator.kind {
-            Kind::Mesh => lines[0],
-            Kind::PinionSidebands => together(pinion),
-            Kind::WheelSidebands => together(wheel),
+            LineGroup::Mesh => lines[0],
+            LineGroup::PinionSidebands => together(pinion),
+            LineGroup::WheelSidebands => together(wheel),
         }
     }
 }

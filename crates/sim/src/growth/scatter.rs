@@ -5,7 +5,7 @@ use gearwatch_core::one_shot::each_window;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
 use gearwatch_core::verdict::InstrumentState;
 
-use super::run::{Indicator, Kind};
+use super::run::{Indicator, LineGroup};
 use super::{Duty, GrowthError, Plan};
 use crate::scenario::{Course, Scenario};
 use crate::setup::metres_per_second2_to;
@@ -51,9 +51,9 @@ pub fn baseline_scatter(plan: &Plan, indicators: &[Indicator], seconds: f64) -> 
 fn of(stage: &StageAnalysis, indicator: &Indicator) -> f64 {
     let h = indicator.harmonic as usize - 1;
     match indicator.kind {
-        Kind::Mesh => stage.harmonics[h].amplitude.value,
-        Kind::PinionSidebands => together(&stage.pinion_sidebands[h]),
-        Kind::WheelSidebands => together(&stage.wheel_sidebands[h]),
+        LineGroup::Mesh => stage.harmonics[h].amplitude.value,
+        LineGroup::PinionSidebands => together(&stage.pinion_sidebands[h]),
+        LineGroup::WheelSidebands => together(&stage.wheel_sidebands[h]),
     }
 }
 

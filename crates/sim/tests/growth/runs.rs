@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_core::one_shot::each_window;
 use gearwatch_core::pipeline::{Pipeline, PipelineConfig};
-use gearwatch_sim::growth::{Duty, Growing, Growth, GrowthError, Kind, Plan, Step, run};
+use gearwatch_sim::growth::{Duty, Growing, Growth, GrowthError, LineGroup, Plan, Step, run};
 use gearwatch_sim::scenario::Scenario;
 use gearwatch_sim::shipped;
 use gearwatch_sim::source::{SimConfig, SimError, Simulator};
@@ -74,16 +74,16 @@ fn analytic_a_seed_gives_the_same_run() {
 #[test]
 fn analytic_indicators_show_what_they_are_for() {
     let wear = followed(&plan("tooth_wear", "stage1", 60.0, 1500.0));
-    let first = |growth: &Growth, kind: Kind| {
+    let first = |growth: &Growth, kind: LineGroup| {
         let of = growth.indicators.iter().zip(&growth.merits).filter(|(indicator, _)| indicator.kind == kind);
         of.filter_map(|(_, merit)| merit.first_hours).fold(f64::INFINITY, f64::min)
     };
-    assert!(first(&wear, Kind::Mesh) < 1500.0);
+    assert!(first(&wear, LineGroup::Mesh) < 1500.0);
     assert!(wear.limit.is_some() && wear.ended.is_none());
     let crack = followed(&plan("root_crack", "stage1.pinion", 600.0, 20_000.0));
     let (_, end) = crack.ended.expect("a broken tooth");
     assert_eq!(crack.limit.as_ref().map(|(at, _)| *at), Some(end));
-    assert!(first(&crack, Kind::PinionSidebands) < first(&crack, Kind::Mesh), "{:?}", crack.merits);
+    assert!(first(&crack, LineGroup::PinionSidebands) < first(&crack, LineGroup::Mesh), "{:?}", crack.merits);
 }
 
 /// A crack below the threshold stands still, and the run says by how much.
@@ -131,7 +131,7 @@ fn oracle_a_step_as_the_pipeline_sees_it() {
         sums.map(|sum| sum / count)
     };
     let (healthy, worn) = (means(&growth.steps[0]), means(&growth.steps[2]));
-    for (i, indicator) in growth.indicators.iter().enumerate().filter(|(_, i)| i.kind == Kind::Mesh) {
+    for (i, indicator) in growth.indicators.iter().enumerate().filter(|(_, i)| i.kind == LineGroup::Mesh) {
         let h = indicator.harmonic as usize - 1;
         let (seen, said) = (100.0 * (worn[h] / healthy[h] - 1.0), growth.deviations_percent(i)[2]);
         assert!(said.abs() > 20.0 && (seen - said).abs() < 0.3, "{}x: {seen} {said}", h + 1);

@@ -1,7 +1,7 @@
 //! Growth as pictures.
 
 use gearwatch_report::{Bars, Cell, Chart, Lines, Mark, Part, Report, Section, Series, Table, Tone, render};
-use gearwatch_sim::growth::{Growing, Kind};
+use gearwatch_sim::growth::{Growing, LineGroup};
 
 use super::super::simulate::{Form, stacked};
 use super::table::{Of, hours};
@@ -28,9 +28,9 @@ fn charts(of: &Of<'_>) -> Vec<Chart> {
     let size = Series { name: name.into(), points: steps.iter().map(|step| (step.hours, step.size)).collect() };
     let mut out = vec![lines(of, format!("Size: {name}"), format!("{name} ({unit})"), vec![size])];
     for (kind, words) in [
-        (Kind::Mesh, "Mesh harmonics"),
-        (Kind::PinionSidebands, "Sidebands of the pinion's shaft about them"),
-        (Kind::WheelSidebands, "Sidebands of the wheel's shaft about them"),
+        (LineGroup::Mesh, "Mesh harmonics"),
+        (LineGroup::PinionSidebands, "Sidebands of the pinion's shaft about them"),
+        (LineGroup::WheelSidebands, "Sidebands of the wheel's shaft about them"),
     ] {
         let series: Vec<Series> = of
             .of(told.sensor, told.stage, kind)

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::HARMONICS;
-use gearwatch_sim::growth::{Growth, Indicator, Kind, Plan};
+use gearwatch_sim::growth::{Growth, Indicator, LineGroup, Plan};
 use serde_json::{Value, json};
 
 use super::constants;
@@ -56,11 +56,11 @@ impl Of<'_> {
     /// Positions of 1x to 5x of the sensor and stage where something shows first.
     pub fn harmonics(&self) -> Vec<usize> {
         let told = self.by_time().first().map_or(self.growth.indicators[0], |&i| self.growth.indicators[i]);
-        self.of(told.sensor, told.stage, Kind::Mesh)
+        self.of(told.sensor, told.stage, LineGroup::Mesh)
     }
 
     /// Positions of 1x to 5x of a kind.
-    pub fn of(&self, sensor: usize, stage: usize, kind: Kind) -> Vec<usize> {
+    pub fn of(&self, sensor: usize, stage: usize, kind: LineGroup) -> Vec<usize> {
         let all = self.growth.indicators.iter().enumerate();
         all.filter(|(_, i)| (i.sensor, i.stage, i.kind) == (sensor, stage, kind)).map(|(at, _)| at).collect()
     }
@@ -166,7 +166,7 @@ impl Of<'_> {
     /// A row a step, sensor and stage.
     pub fn write_csv(&self, out: impl Write) -> anyhow::Result<()> {
         let mut out = csv::Writer::from_writer(out);
-        let kinds = [Kind::Mesh, Kind::PinionSidebands, Kind::WheelSidebands];
+        let kinds = [LineGroup::Mesh, LineGroup::PinionSidebands, LineGroup::WheelSidebands];
         let mut head: Vec<String> =
             ["hours", "days", "size", "size_unit", "pits", "pitted_teeth", "parting", "channel", "stage"]
                 .map(str::to_owned)
