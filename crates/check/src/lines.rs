@@ -63,44 +63,31 @@ pub const SAME_LINE: f64 = 1e-7;
 /// All lines of a train, ascending; of lines closer than `resolution` (orders) only the most likely
 /// owner stays.
 pub fn of_train(train: &Train, has_belt: bool, resolution: f64) -> Vec<Line> {
-    let mut all = Vec::new();
-    let mut add = |family, order: f64| {
-        if order > 0.0 {
-            all.push(Line { family, order });
-        }
-    };
-    for (i, stage) in train.stages.iter().enumerate() {
-        for harmonic in 1..=MESH_HARMONICS {
-            add(Family::Mesh { stage: i, harmonic }, stage.mesh_order * f64::from(harmonic));
-        }
+    let mut families = Vec::new();
+    for stage in 0..train.stages.len() {
+        families.extend((1..=MESH_HARMONICS).map(|harmonic| Family::Mesh { stage, harmonic }));
     }
-    for (j, (_, order)) in train.shafts.iter().enumerate() {
-        for multiple in 1..=SHAFT_MULTIPLES {
-            add(Family::Shaft { shaft: j, multiple }, order * f64::from(multiple));
-        }
+    for shaft in 0..train.shafts.len() {
+        families.extend((1..=SHAFT_MULTIPLES).map(|multiple| Family::Shaft { shaft, multiple }));
     }
     if has_belt {
-        for multiple in 1..=MOTOR_MULTIPLES {
-            add(Family::Motor { multiple }, train.motor_order * f64::from(multiple));
-        }
+        families.extend((1..=MOTOR_MULTIPLES).map(|multiple| Family::Motor { multiple }));
     }
     for distance in 1..=SIDE_OFFSETS {
-        for (i, stage) in train.stages.iter().enumerate() {
-            for (shaft, shaft_order) in [(i, stage.pinion_order), (i + 1, stage.wheel_order)] {
+        for stage in 0..train.stages.len() {
+            for shaft in [stage, stage + 1] {
                 for harmonic in 1..=SIDE_HARMONICS {
-                    for offset in [-distance, distance] {
-                        add(
-                            Family::Side { stage: i, harmonic, shaft, offset },
-                            stage.mesh_order * f64::from(harmonic) + shaft_order * f64::from(offset),
-                        );
-                    }
+                    let side = |offset| Family::Side { stage, harmonic, shaft, offset };
+                    families.extend([-distance, distance].map(side));
                 }
             }
         }
     }
+    let line = |family: Family| Line { family, order: family.order(train) };
+    let all = families.into_iter().map(line).filter(|l| l.order > 0.0);
     // Families were added in the order of their rank; a stable sort by order and a sweep keep the
     // first of each heap.
-    let mut kept: Vec<(usize, Line)> = all.into_iter().enumerate().collect();
+    let mut kept: Vec<(usize, Line)> = all.enumerate().collect();
     kept.sort_by(|a, b| a.1.order.total_cmp(&b.1.order).then(a.0.cmp(&b.0)));
     let mut out: Vec<(usize, Line)> = Vec::with_capacity(kept.len());
     for entry in kept {
@@ -116,7 +103,31 @@ pub fn of_train(train: &Train, has_belt: bool, resolution: f64) -> Vec<Line> {
     out.into_iter().map(|(_, line)| line).collect()
 }
 
+/// Multiples of a shaft's order that differ from whole ones by less lie on its comb: rounding only, since all orders are fractions of tooth numbers.
+const ON_COMB: f64 = 1e-6;
+
 impl Family {
+    /// Frequency / input-shaft speed; negative of a sideband beyond zero. Stage and shaft must be of this train.
+    pub fn order(&self, train: &Train) -> f64 {
+        match *self {
+            Self::Mesh { stage, harmonic } => train.stages[stage].mesh_order * f64::from(harmonic),
+            Self::Shaft { shaft, multiple } => train.shafts[shaft].1 * f64::from(multiple),
+            Self::Motor { multiple } => train.motor_order * f64::from(multiple),
+            Self::Side { stage, harmonic, shaft, offset } => {
+                let of = &train.stages[stage];
+                let spacing = if shaft == stage { of.pinion_order } else { of.wheel_order };
+                of.mesh_order * f64::from(harmonic) + spacing * f64::from(offset)
+            }
+        }
+    }
+
+    /// Whether the line is a whole multiple of a shaft's speed, whatever else makes it too: where tooth numbers have a common factor, sidebands of one gear of a pair
+    /// lie on the comb of the other.
+    pub fn is_on_comb(&self, train: &Train, shaft: usize) -> bool {
+        let multiple = self.order(train) / train.shafts[shaft].1;
+        (multiple - multiple.round()).abs() < ON_COMB
+    }
+
     /// The line in words, with the names of the bench.
     pub fn describe(&self, train: &Train) -> String {
         let shaft_name = |j: usize| train.shafts.get(j).map_or("?", |s| s.0.as_str());

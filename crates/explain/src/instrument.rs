@@ -619,6 +619,7 @@ impl Examined {
             format: FORMAT,
             status: Status::Explained,
             effects: Vec::new(),
+            nearest: Vec::new(),
             free_term: None,
             mismatch: Vec::new(),
             fit: None,

@@ -127,6 +127,7 @@ pub fn answer(
     let mut findings = direct::findings(q, &mut steps);
     findings.extend(strange.fluctuation.iter().map(|l| strange::fluctuating(q, l)));
     let mut unexplained = false;
+    let mut nearest = Vec::new();
     let mut fit = None;
     let mut p = None;
     let mut free = None;
@@ -143,8 +144,13 @@ pub fn answer(
         progress("what changed against the reference");
         let direct = findings.len();
         findings.extend(ghost::ghost(q, &mut steps));
-        let mut found =
-            Found { findings: &mut findings, unexplained: &mut unexplained, steps: &mut steps, cells: &mut own };
+        let mut found = Found {
+            findings: &mut findings,
+            unexplained: &mut unexplained,
+            nearest: &mut nearest,
+            steps: &mut steps,
+            cells: &mut own,
+        };
         against::search(q, &cells, &speeds, &strange, &mut found);
         p = against::twins_of(q, &cells, &mut steps).map(|t| t.p_null);
         if findings.len() > direct || unexplained {
@@ -156,6 +162,7 @@ pub fn answer(
         if let Some(shown) = &free {
             // A law that predicts what a name does not has taken its place.
             findings.truncate(direct);
+            nearest.clear();
             unexplained = true;
             fit = Some(shown.fit.clone());
         }
@@ -208,7 +215,7 @@ pub fn answer(
         None
     };
     let (term, bench) = free.map_or((None, refitted.map(|r| r.bench)), |shown| (Some(shown.term), Some(shown.bench)));
-    let mut published = publish(q, findings, unexplained, &cells, fit, steps);
+    let mut published = publish(q, (findings, nearest), unexplained, &cells, fit, steps);
     if let Some(term) = &term {
         let places = "look at what stands there: the law says how it gives way, not why";
         let points = "record further loads and speeds: they tell laws of one place apart";

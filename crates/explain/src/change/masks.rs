@@ -1,5 +1,7 @@
 //! Masks of machine lines, judged by the scale of the changes inside and outside.
 
+use gearwatch_core::train::Train;
+
 use crate::change::locate::{Cell, Place, covers};
 use crate::read::dsp::median;
 use crate::read::lines::Family;
@@ -210,14 +212,36 @@ pub fn spreads_further(cells: &[Cell], of: &dyn Fn(Family) -> bool, than: &dyn F
     (further.fold(f64::NEG_INFINITY, f64::max) - alike).max(0.0)
 }
 
-/// How much likelier (nats) it is that the teeth of one gear of a stage (by the shaft that it is on) differ from what they were than that the mesh as a whole does: what its sidebands spread
-/// further than those of its mate, less what its mesh harmonics spread further than they. What concerns all teeth alters the sidebands of both gears through the mesh harmonics that they
-/// stand beside.
-pub fn of_one_gear(cells: &[Cell], stage: usize, shaft: usize) -> f64 {
-    let side = |j: usize| move |f: Family| matches!(f, Family::Side { stage: i, shaft: s, .. } if i == stage && s == j);
-    let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
-    let mate = if shaft == stage { stage + 1 } else { stage };
-    spreads_further(cells, &side(shaft), &side(mate)) - spreads_further(cells, &mesh, &side(shaft))
+/// How far the lines of one gear's comb spread beside those of its stage (nats).
+#[derive(Clone, Copy, Debug)]
+pub struct OneGear {
+    /// How much likelier it is that its sidebands spread further than those of its mate than alike.
+    pub over_mate: f64,
+    /// The same of its sidebands over the mesh harmonics.
+    pub over_mesh: f64,
+    /// The same of the mesh harmonics over its sidebands.
+    pub below_mesh: f64,
+}
+
+impl OneGear {
+    /// Of the gear of a stage that is on a shaft. Sidebands of the mate that lie on the comb of this gear are its own too.
+    pub fn of(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> Self {
+        let side = |f: Family| matches!(f, Family::Side { stage: i, .. } if i == stage);
+        let own = |f: Family| side(f) && f.is_on_comb(train, shaft);
+        let mate = |f: Family| side(f) && !f.is_on_comb(train, shaft);
+        let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
+        Self {
+            over_mate: spreads_further(cells, &own, &mate),
+            over_mesh: spreads_further(cells, &own, &mesh),
+            below_mesh: spreads_further(cells, &mesh, &own),
+        }
+    }
+
+    /// How much likelier it is that the teeth of this gear differ from what they were than that the mesh as a whole does. What concerns all teeth alters the sidebands of both gears through the
+    /// mesh harmonics that they stand beside.
+    pub fn gain(&self) -> f64 {
+        self.over_mate - self.below_mesh
+    }
 }
 
 /// Lines of a mask when what they have in common in each pair is taken off: log likelihood by scale, and the price of it.

@@ -22,6 +22,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use self::library::fitted;
+use self::lines::Line;
 pub use self::problem::{Base, FreeTerm, Number, Problem, SPACING_UM};
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
@@ -108,12 +109,33 @@ pub fn fits(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, 
     seen.into_par_iter().map(settle).collect()
 }
 
-/// How well no effect accounts for the lines: what a name has to be better than.
-pub fn none(q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Fit> {
+/// How well a change of unknown form accounts for the lines: those of each stage move by a spread of its own, and nothing says which way; a spread of zero is no change at all. An effect of the
+/// library has to be better than that.
+pub fn unknown(q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Fit> {
     let mut problem = Problem::new(q, cells, &[])?;
     let start = problem.start(base);
     let cost = problem.cost(&start)?;
-    settled(&mut problem, vec![(cost, start)])
+    let none = settled(&mut problem, vec![(cost, start)])?;
+    let lines = &problem.lines;
+    let of_stage = |stage: usize| {
+        let own: Vec<&Line> = lines.iter().filter(|l| l.stage == stage).collect();
+        SPREADS.iter().map(|spread| spread_cost(&own, *spread)).fold(f64::INFINITY, f64::min)
+    };
+    let cost: f64 = (0..q.train.stages.len()).map(of_stage).sum();
+    let count = lines.len() as f64;
+    // Without an effect the changes have no part in what else is fitted.
+    Some(Fit { evidence: none.evidence + 0.5 * (none.left * count - cost), left: cost / count, lines: lines.len() })
+}
+
+/// Spreads (ln) of lines that change in an unknown way.
+const SPREADS: [f64; 11] = [0.0, 0.03, 0.05, 0.08, 0.13, 0.2, 0.3, 0.45, 0.7, 1.0, 1.6];
+
+/// Twice the negative log likelihood of lines that move by a spread (ln) beside their own error, and half the logarithm of their number for the spread itself (Schwarz 1978).
+fn spread_cost(lines: &[&Line], spread: f64) -> f64 {
+    let wider = |l: &Line| (1.0 + (spread / l.sigma()).powi(2)).sqrt();
+    let residuals: Vec<f64> = lines.iter().map(|l| l.change / (l.sigma() * wider(l))).collect();
+    let price = if spread > 0.0 && !lines.is_empty() { (lines.len() as f64).ln() } else { 0.0 };
+    losses(&residuals) + lines.iter().map(|l| 2.0 * wider(l).ln()).sum::<f64>() + price
 }
 
 /// The best fit from some starts, with Laplace's evidence.

@@ -6,10 +6,10 @@ use crate::judge::report::{Candidate, Entry, Explanation, FORMAT, Fit, Mismatch,
 use crate::name::subname;
 use crate::name::{Finding, Question};
 
-/// The answer, most probable effect first.
+/// The answer, most probable effect first, from what is named and what comes nearest to the rest.
 pub fn publish(
     q: &Question<'_>,
-    mut findings: Vec<Finding>,
+    (mut findings, nearest): (Vec<Finding>, Vec<Finding>),
     unexplained: bool,
     cells: &[Cell],
     fit: Option<Fit>,
@@ -44,29 +44,13 @@ pub fn publish(
     if status == Status::Unexplained {
         advice.push("record with the motor at standstill and neighbouring machines running, then with them switched off: lines that stay are not of this bench".into());
     }
-    let effects = findings
-        .into_iter()
-        .map(|f| {
-            let others: Vec<Candidate> = f
-                .alternatives
-                .into_iter()
-                .map(|(effect, place)| Candidate { effect: effect.to_owned(), place })
-                .collect();
-            NamedEffect {
-                effect: f.effect.to_owned(),
-                entry_point: Entry::of(f.effect, &f.place, f.probability, &others),
-                place: f.place,
-                probability: f.probability,
-                parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
-                indistinguishable_from: others,
-                evidence: f.evidence,
-            }
-        })
-        .collect();
+    let nearest = if status == Status::Unexplained { nearest } else { Vec::new() };
+    let published = |all: Vec<Finding>| all.into_iter().map(effect).collect();
     Explanation {
         format: FORMAT,
         status,
-        effects,
+        effects: published(findings),
+        nearest: published(nearest),
         free_term: None,
         mismatch: if status == Status::Consistent { Vec::new() } else { mismatch(q, cells) },
         fit,
@@ -75,6 +59,20 @@ pub fn publish(
         advice,
         limits: Vec::new(),
         steps,
+    }
+}
+
+fn effect(f: Finding) -> NamedEffect {
+    let others: Vec<Candidate> =
+        f.alternatives.into_iter().map(|(effect, place)| Candidate { effect: effect.to_owned(), place }).collect();
+    NamedEffect {
+        effect: f.effect.to_owned(),
+        entry_point: Entry::of(f.effect, &f.place, f.probability, &others),
+        place: f.place,
+        probability: f.probability,
+        parameters: f.parameters.into_iter().map(|(k, v)| (k, v.into())).collect(),
+        indistinguishable_from: others,
+        evidence: f.evidence,
     }
 }
 

@@ -22,6 +22,8 @@ pub struct Explanation {
     pub status: Status,
     /// Most probable first.
     pub effects: Vec<NamedEffect>,
+    /// Where nothing in the library accounts for the mismatch: what comes nearest, with what probability, most probable first. In JSON it stands among the effects.
+    pub nearest: Vec<NamedEffect>,
     /// A law that accounts for what has no name; in JSON it stands among the effects, whose `effect` is then null.
     pub free_term: Option<FreeTerm>,
     /// Largest first.
@@ -72,7 +74,7 @@ enum Member<'a> {
 
 impl Serialize for Explanation {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let named = self.effects.iter().map(Member::Named);
+        let named = self.effects.iter().chain(&self.nearest).map(Member::Named);
         let free = self.free_term.iter().map(|term| Member::Free { effect: None, term });
         let object = Object {
             format: self.format,

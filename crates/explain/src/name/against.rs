@@ -1,7 +1,9 @@
 //! What changed against the reference: sensor paths first, then one tooth, then masks of lines, one effect after the other.
 
+use gearwatch_core::train::Train;
+
 use crate::change::locate::{self, Cell, Place};
-use crate::change::masks::{self, Mask};
+use crate::change::masks::{self, Mask, OneGear};
 use crate::judge::controls;
 use crate::judge::held_out;
 use crate::judge::twins::{self, Twins};
@@ -38,6 +40,10 @@ const RIVAL: f64 = 0.85;
 const RIVALS: usize = 2;
 const LONGEST: usize = 5;
 const RIVALLED: f64 = 0.91;
+/// Nats by which the comb of one gear must lead its mate's and the mesh harmonics for the gear to be the cause, however much else moves: of 19 drawn gears with pitch errors 16 lead by 30 and more
+/// over their mates and 3 over the mesh; what moves all teeth, the dynamics or a path comes to 15 and 10.
+const ONE_GEAR: f64 = 20.0;
+const OVER_MESH: f64 = 3.0;
 /// Effects that masks may name, one after the other.
 const MOST: usize = 2;
 
@@ -47,6 +53,8 @@ pub struct Found<'a> {
     pub findings: &'a mut Vec<Finding>,
     /// Set where something changed that has no name.
     pub unexplained: &'a mut bool,
+    /// What comes nearest to that.
+    pub nearest: &'a mut Vec<Finding>,
     /// What was seen, in words.
     pub steps: &'a mut Vec<String>,
     /// The cells, without what a changed sensor path did to them.
@@ -102,9 +110,13 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         let mut ranked = masks::masks(&remaining, &places, &gaps);
         // What was named alters other lines of its shaft a little too.
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
+        ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
         let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
         let best = alone.or_else(|| choose(&ranked));
-        let Some(mut chosen) = best.map(|m| of_single_teeth(&m, &ranked, &remaining).unwrap_or(m)) else { break };
+        let Some(best) = best else { break };
+        let leading = of_single_teeth(q.train, &best, &ranked, &remaining);
+        let led = leading.is_some();
+        let mut chosen = leading.unwrap_or(best);
         for m in ranked.iter().take(3) {
             found.steps.push(format!(
                 "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
@@ -147,15 +159,21 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         });
         let within = by_row.and_then(|p| ranked.iter().find(|m| m.place == p).copied()).or(within);
         let named_one = match &within {
-            Some(cause) if Some(cause.place) == ripple_place => ripple.clone(),
+            Some(cause) if Some(cause.place) == ripple_place => ripple.clone().ok_or_else(Vec::new),
             Some(cause) => subname::name(q, cause, &remaining, found.steps),
+            // A comb that leads the train has no rival among the lines that follow it.
+            None if led => subname::name(q, &chosen, &remaining, found.steps),
             None => subname::name(q, &chosen, &remaining, found.steps)
                 .map(|f| with_rivals(q, f, &chosen, &ranked, &remaining)),
         };
         let chosen = within.unwrap_or(chosen);
-        let Some(finding) = named_one else {
-            *found.unexplained = true;
-            break;
+        let finding = match named_one {
+            Ok(finding) => finding,
+            Err(nearest) => {
+                *found.unexplained = true;
+                *found.nearest = nearest;
+                break;
+            }
         };
         if found.findings.iter().any(|f| f.effect == finding.effect && f.place == finding.place) {
             break;
@@ -292,13 +310,18 @@ fn choose(ranked: &[Mask]) -> Option<Mask> {
         .copied()
 }
 
-/// The gear to which a wide mask comes down: large errors of single teeth move every line of the train a little, and those of their own gear most. What the gear's mask gains and what says
-/// that it is one gear must together exceed what the wide mask gains.
-fn of_single_teeth(wide_one: &Mask, ranked: &[Mask], cells: &[Cell]) -> Option<Mask> {
+/// The gear to which a wide mask comes down: large errors of single teeth move every line of the train a little, and those of their own gear most. Either what the gear's mask gains and what
+/// says that it is one gear together exceed what the wide mask gains, or the gear's comb plainly leads the train.
+fn of_single_teeth(train: &Train, wide_one: &Mask, ranked: &[Mask], cells: &[Cell]) -> Option<Mask> {
+    let meshes = (0..train.stages.len()).map(Place::Mesh);
+    let gears = (0..train.stages.len()).flat_map(|i| [Place::Gear(i, i), Place::Gear(i, i + 1)]);
+    let most = meshes.chain(gears).map(|p| masks::median_change(cells, p)).fold(0.0, f64::max);
     let single = |m: &&Mask| match m.place {
         Place::Gear(stage, shaft) => {
-            let one = masks::of_one_gear(cells, stage, shaft);
-            one > 0.0 && m.gain + one > wide_one.gain
+            let one = OneGear::of(train, cells, stage, shaft);
+            let leads = masks::median_change(cells, m.place) >= most;
+            let plain = leads && one.gain() > ONE_GEAR && one.over_mesh > OVER_MESH;
+            one.gain() > 0.0 && (plain || m.gain + one.gain() > wide_one.gain)
         }
         _ => false,
     };
@@ -365,7 +388,7 @@ fn swap(
                 m.gain,
                 subname::describe(q, first.place)
             ));
-            if let Some(f) = subname::name(q, &m, &rest, found.steps) {
+            if let Ok(f) = subname::name(q, &m, &rest, found.steps) {
                 found.findings[at] = f;
             }
         }
@@ -400,6 +423,16 @@ fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
     }
 }
 
+/// Whether the sidebands of a gear may only follow the mesh harmonics, which the teeth of its mate changed: they do not move further than these.
+fn follows(train: &Train, cells: &[Cell], named: Place, place: Place) -> bool {
+    match (named, place) {
+        (Place::Gear(i, j), Place::Gear(k, mate) | Place::LowSide(k, mate)) if i == k && j != mate => {
+            OneGear::of(train, cells, i, mate).over_mesh <= OVER_MESH
+        }
+        _ => false,
+    }
+}
+
 /// The shaft whose revolution a mask stands for.
 fn shaft_of(place: Place) -> Option<usize> {
     match place {
@@ -417,6 +450,8 @@ fn shaft_of(place: Place) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
+    use gearwatch_core::train::StageKinematics;
+
     use super::*;
     use crate::read::lines::Family;
 
@@ -442,6 +477,34 @@ mod tests {
             .collect()
     }
 
+    fn train(pinion: u32, wheel: u32) -> Train {
+        let stage = StageKinematics::pair("stage1", pinion, wheel, 1.0);
+        let shafts = vec![("input".to_owned(), 1.0), ("output".to_owned(), stage.wheel_order)];
+        Train { motor_order: 1.0, shafts, stages: vec![stage], nominal_input_hz: 20.0 }
+    }
+
+    /// A comb that moves four times as much as all else leads, also where its mask gains far less than the wide one, since the rest moves too; its mate's sidebands then follow the mesh harmonics, which move as
+    /// much. Of 28 on 98 teeth every second sideband of the pinion is a multiple of the wheel's revolution, and counts as the wheel's.
+    #[test]
+    fn analytic_a_comb_that_leads_the_train_is_the_cause() {
+        let stage = Mask { place: Place::Stage(0), gain: 1500.0, inside: 6.0, outside: 0.5, cells: 72 };
+        let gear = Mask { place: Place::Gear(0, 1), gain: 900.0, inside: 8.0, outside: 0.8, cells: 40 };
+        let down = |cells: &[Cell]| of_single_teeth(&train(33, 61), &stage, &[stage, gear], cells).map(|m| m.place);
+        // Four operating points: a t distribution gives each line less than a nat.
+        let points = |mesh, input, output| -> Vec<Cell> {
+            (0..4).flat_map(|pair| cells(mesh, input, output).into_iter().map(move |c| Cell { pair, ..c })).collect()
+        };
+        let led = points(4.0, 4.0, 24.0);
+        assert_eq!(down(&led), Some(Place::Gear(0, 1)));
+        assert_eq!(down(&points(4.0, 24.0, 4.0)), None);
+        assert!(follows(&train(33, 61), &led, Place::Gear(0, 1), Place::Gear(0, 0)));
+        assert!(!follows(&train(33, 61), &led, Place::Gear(0, 0), Place::Gear(0, 1)));
+        let shared = OneGear::of(&train(28, 98), &led, 0, 1);
+        assert!(shared.over_mate < OneGear::of(&train(33, 61), &led, 0, 1).over_mate);
+        let second = Family::Side { stage: 0, harmonic: 1, shaft: 0, offset: 2 };
+        assert!(second.is_on_comb(&train(28, 98), 1) && !second.is_on_comb(&train(33, 61), 1));
+    }
+
     /// Where the sidebands of one gear change and those of its mate do not, a stage's mask comes down to that gear, also where the mesh harmonics come along; not where both gears' sidebands follow mesh
     /// harmonics that change more, nor from a mask that is narrow.
     #[test]
@@ -449,7 +512,7 @@ mod tests {
         let mask = |place| Mask { place, gain: 100.0, inside: 2.0, outside: 0.5, cells: 25 };
         let down = |wide_one: Mask, cells: &[Cell]| {
             let ranked = [wide_one, mask(Place::Gear(0, 1)), mask(Place::Gear(0, 0))];
-            of_single_teeth(&wide_one, &ranked, cells).map(|m| m.place)
+            of_single_teeth(&train(33, 61), &wide_one, &ranked, cells).map(|m| m.place)
         };
         let stage = mask(Place::Stage(0));
         assert_eq!(down(stage, &cells(1.0, 12.0, 1.0)), Some(Place::Gear(0, 0)));

@@ -85,36 +85,75 @@ fn exponent_line(place: Place, family: Family) -> bool {
     kind && locate::covers(place, Some(family))
 }
 
-/// A name for a mask; `None` where nothing in the library fits it.
-pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<String>) -> Option<Finding> {
+/// A name for a mask.
+///
+/// # Errors
+/// What comes nearest where nothing in the library fits it.
+pub fn name(q: &Question<'_>, mask: &Mask, cells: &[Cell], steps: &mut Vec<String>) -> Result<Finding, Vec<Finding>> {
     named(q, mask, cells, Depth::Refit, steps)
 }
 
 /// A name for a mask that only stands in another's set, without refits.
 pub fn rival(q: &Question<'_>, mask: &Mask, cells: &[Cell]) -> Option<Finding> {
-    named(q, mask, cells, Depth::Shape, &mut Vec::new())
+    named(q, mask, cells, Depth::Shape, &mut Vec::new()).ok()
 }
 
-fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mut Vec<String>) -> Option<Finding> {
+fn named(
+    q: &Question<'_>,
+    mask: &Mask,
+    cells: &[Cell],
+    depth: Depth,
+    steps: &mut Vec<String>,
+) -> Result<Finding, Vec<Finding>> {
     let place = mask.place;
     let exponent = load_exponent(q, place, true).or_else(|| load_exponent(q, place, false));
     if let Some(p) = exponent {
         steps.push(format!("load law of {}: amplitude ∝ torque^{p:.2}", describe(q, place)));
     }
-    let gear_name = |i: usize, j: usize| gear::gear_name(q, i, j);
     let friction = match place {
         Place::ShaftOrders(_) | Place::Dynamics | Place::Stage(_) | Place::Mesh(_) => friction::friction(q, cells),
         _ => None,
     };
-    let mut finding = match place {
-        _ if friction.is_some() => friction?,
+    let mut finding = match friction {
+        Some(f) => f,
+        None => of_place(q, place, cells, (depth, exponent), steps)?,
+    };
+    finding.evidence.place = format!(
+        "{}: {:.0} nats; {} lines change {:.1} times as much as repetition, the others {:.1} times",
+        describe(q, place),
+        mask.gain,
+        mask.cells,
+        mask.inside / masks::USUAL_SCALE,
+        mask.outside / masks::USUAL_SCALE
+    );
+    if let Some(p) = exponent {
+        finding.evidence.law = format!("amplitude of the change ∝ torque^{p:.2}");
+    }
+    if let Some((parameter, size)) = sizes::estimate(q, finding.effect, &finding.place, &finding.parameters, place) {
+        finding.parameters.insert(parameter.to_owned(), size);
+    }
+    Ok(finding)
+}
+
+/// What a change of these lines is called, by their law over load.
+fn of_place(
+    q: &Question<'_>,
+    place: Place,
+    cells: &[Cell],
+    (depth, exponent): (Depth, Option<f64>),
+    steps: &mut Vec<String>,
+) -> Result<Finding, Vec<Finding>> {
+    let gear_name = |i: usize, j: usize| gear::gear_name(q, i, j);
+    Ok(match place {
         Place::FirstSide(i, j) => Finding::new("eccentricity", gear_name(i, j), 0.92),
         Place::ShaftOrder(j, 1) => {
             // Which of the gears on the shaft: the stage whose sidebands moved more.
             let masks: Vec<Place> =
                 (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).map(|i| Place::FirstSide(i, j)).collect();
             let ranked = masks::masks(cells, &masks, &vec![0.0; q.comparison.pairs.len()]);
-            let Some(Place::FirstSide(i, _)) = ranked.first().map(|a| a.place) else { return None };
+            let Some(Place::FirstSide(i, _)) = ranked.first().map(|a| a.place) else {
+                return Err(Vec::new());
+            };
             let mut f = Finding::new("eccentricity", gear_name(i, j), if masks.len() == 1 { 0.92 } else { 0.75 });
             for m in masks {
                 if let Place::FirstSide(k, _) = m
@@ -144,28 +183,13 @@ fn named(q: &Question<'_>, mask: &Mask, cells: &[Cell], depth: Depth, steps: &mu
         // all teeth changes the mesh harmonics, and the sidebands follow, those of the gear with clearer lines first.
         Place::Gear(i, j)
             if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place)
-                && masks::of_one_gear(cells, i, j) <= 0.0 =>
+                && masks::OneGear::of(q.train, cells, i, j).gain() <= 0.0 =>
         {
             shared::finding(q, Place::Stage(i), cells, depth, steps)?
         }
         Place::Gear(i, j) => gear::gear(q, (i, j), cells, exponent, steps),
         Place::Mesh(_) | Place::Dynamics | Place::Stage(_) => shared::finding(q, place, cells, depth, steps)?,
-    };
-    finding.evidence.place = format!(
-        "{}: {:.0} nats; {} lines change {:.1} times as much as repetition, the others {:.1} times",
-        describe(q, place),
-        mask.gain,
-        mask.cells,
-        mask.inside / masks::USUAL_SCALE,
-        mask.outside / masks::USUAL_SCALE
-    );
-    if let Some(p) = exponent {
-        finding.evidence.law = format!("amplitude of the change ∝ torque^{p:.2}");
-    }
-    if let Some((parameter, size)) = sizes::estimate(q, finding.effect, &finding.place, &finding.parameters, place) {
-        finding.parameters.insert(parameter.to_owned(), size);
-    }
-    Some(finding)
+    })
 }
 
 /// First sidebands that change this many times as much as the mesh harmonics are the cause, not the echo.

@@ -28,7 +28,7 @@ impl Effect for LoadDependentStiffness {
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        &[Parameter { name: "exponent", unit: "1", min: 0.0, typical: 0.1, max: 0.4 }]
+        &[Parameter { name: "exponent", unit: "1", min: 0.0, typical: 0.1, max: 0.8 }]
     }
 
     fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {

@@ -57,13 +57,13 @@ fn appendix(e: &Explanation) -> Vec<Section> {
 }
 
 fn sentence(e: &Explanation) -> String {
-    let named: Vec<String> = e
-        .effects
-        .iter()
-        .map(|effect| {
+    let words = |all: &[NamedEffect]| -> String {
+        let one = |effect: &NamedEffect| {
             format!("{} at {} ({:.0} %)", effect.effect.replace('_', " "), effect.place, 100.0 * effect.probability)
-        })
-        .collect();
+        };
+        all.iter().map(one).collect::<Vec<_>>().join("; ")
+    };
+    let named = words(&e.effects);
     let better = e.fit.as_ref().map_or_else(String::new, |fit| {
         let (before, after, floor) = (fit.held_out_before, fit.held_out_after, fit.noise_floor);
         match after < before {
@@ -80,17 +80,21 @@ fn sentence(e: &Explanation) -> String {
         Status::Consistent => {
             "Nothing is missing: recordings and model agree within noise, repetition and the usual tolerances.".into()
         }
-        Status::Explained if confirmed => format!("Left out: {}.{better}", named.join("; ")),
-        Status::Explained => format!("Named, but not confirmed: {}.{better}", named.join("; ")),
+        Status::Explained if confirmed => format!("Left out: {}.{better}", named),
+        Status::Explained => format!("Named, but not confirmed: {}.{better}", named),
         Status::Ambiguous => {
-            format!("One of several, which these recordings cannot tell apart: {}.{better}", named.join("; "))
+            format!("One of several, which these recordings cannot tell apart: {}.{better}", named)
         }
         Status::Unexplained => match &e.free_term {
             Some(free) => format!(
                 "No effect of the library accounts for it; a law {} at {} does.{better}",
                 free.term.expression, free.place
             ),
-            None => "There is a mismatch, and nothing in the library accounts for it.".into(),
+            None if e.nearest.is_empty() => "There is a mismatch, and nothing in the library accounts for it.".into(),
+            None => format!(
+                "There is a mismatch, and nothing in the library accounts for it. What comes nearest: {}.",
+                words(&e.nearest)
+            ),
         },
     }
 }

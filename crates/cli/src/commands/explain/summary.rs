@@ -37,6 +37,12 @@ pub fn print(out: &mut dyn Write, bench: &str, e: &Explanation, steps: bool) -> 
         writeln!(out)?;
         effect(out, named)?;
     }
+    if !e.nearest.is_empty() {
+        writeln!(out)?;
+        let near: Vec<String> =
+            e.nearest.iter().map(|n| format!("{} at {} ({:.0} %)", n.effect, n.place, 100.0 * n.probability)).collect();
+        entry(out, "nearest", &near.join(", "))?;
+    }
     if let Some(term) = &e.free_term {
         writeln!(out)?;
         law(out, term)?;

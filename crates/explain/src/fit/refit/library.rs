@@ -22,7 +22,7 @@ const RELIEF: &[Free] = &[
 ];
 const WEAR: &[Free] = &[free("depth_um", 20.0, 1.0, &[5.0, 10.0, 20.0, 40.0, 80.0])];
 const ANGLE: &[Free] = &[free("angle_mrad", 0.6, 0.9, &[0.15, 0.3, 0.6, 1.2, 2.5])];
-const EXPONENT: &[Free] = &[free("exponent", 0.13, 0.8, &[0.05, 0.1, 0.2, 0.33])];
+const EXPONENT: &[Free] = &[free("exponent", 0.13, 0.8, &[0.05, 0.1, 0.2, 0.35, 0.6])];
 const FRICTION: &[Free] = &[free("coefficient", 0.1, 0.8, &[0.02, 0.05, 0.1, 0.2])];
 const STIFFNESS: &[Free] = &[free("factor", 1.0, 0.7, &[0.3, 0.45, 0.6, 0.8, 1.2, 1.4, 1.7])];
 const DAMPING: &[Free] = &[free("factor", 1.0, 1.0, &[0.25, 0.4, 0.6, 1.7, 2.5, 4.0])];

@@ -10,6 +10,10 @@ const CLEAR: f64 = 4.0;
 /// Mesh harmonics that take part.
 pub const HARMONICS: u8 = 8;
 
+/// Model error of a change: a constant part and one in proportion (natural logarithms).
+const CHANGE_SIGMA: f64 = 0.08;
+const CHANGE_SHARE: f64 = 0.25;
+
 /// A mesh line of a pair.
 pub struct Line {
     /// Position of the stage.
@@ -30,6 +34,13 @@ pub struct Line {
     pub reference: f64,
     /// Lines with the same gain.
     pub group: usize,
+}
+
+impl Line {
+    /// Standard deviation of the change: of the line, and of the model.
+    pub fn sigma(&self) -> f64 {
+        (self.variance + CHANGE_SIGMA.powi(2) + (CHANGE_SHARE * self.change).powi(2)).sqrt()
+    }
 }
 
 /// Orders by pair, the lines that take part, and the number of gains.

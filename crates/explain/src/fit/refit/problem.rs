@@ -40,9 +40,7 @@ const LARGE: usize = 3;
 const CHANGED_ERROR_UM: f64 = 3.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
 const PHASES: usize = 8;
-/// Model error: of a change, a constant part and one in proportion; of a trend over load. All natural logarithms.
-const CHANGE_SIGMA: f64 = 0.08;
-const CHANGE_SHARE: f64 = 0.25;
+/// Model error of a trend over load (natural logarithm).
 const TREND_SIGMA: f64 = 0.35;
 /// Lines of one harmonic share the model's error over channels and loads: their number counts by this much in the covariance.
 pub const INDEPENDENT: f64 = 0.4;
@@ -510,8 +508,7 @@ impl<'a> Problem<'a> {
         for l in &self.lines {
             let before = level(l, 0);
             if sides == 2 {
-                let sigma = (l.variance + CHANGE_SIGMA.powi(2) + (CHANGE_SHARE * l.change).powi(2)).sqrt();
-                out.push((level(l, 1) - before - l.change) / sigma);
+                out.push((level(l, 1) - before - l.change) / l.sigma());
             }
             sums[l.group].0 += before - l.reference;
             sums[l.group].1 += 1;

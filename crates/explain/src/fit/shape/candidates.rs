@@ -62,7 +62,7 @@ pub fn grid(q: &Question<'_>) -> Vec<Candidate> {
         for angle in [0.15, 0.3, 0.6, 1.2, 2.5] {
             simulated("misalignment", name, at, &[("angle_mrad", angle)]);
         }
-        for exponent in [0.05, 0.1, 0.2, 0.33] {
+        for exponent in [0.05, 0.1, 0.2, 0.35, 0.6] {
             simulated("load_dependent_stiffness", name, at, &[("exponent", exponent)]);
         }
         for factor in [0.45, 0.6, 0.75, 0.85, 0.93, 1.08, 1.18, 1.35, 1.6] {
