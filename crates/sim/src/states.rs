@@ -1,8 +1,9 @@
 //! The fourteen states of the rank paper, and how one is put on a gear.
 //!
-//! The states sit on tooth 0 of one gear: breakage of a fraction of the width (1/5 … total), the pits of 4, 5, 6, 7 mm one after the other, and both on the same tooth; or the pits
-//! on all teeth, which the paper may mean. "Compound k" is read as k/5 broken off and pitting k; the paper does not say. Where the paper's pits do not fit on the flank they are all
-//! scaled down by one factor.
+//! The states sit on tooth 0 of one gear: breakage of a fraction of the width (1/5 … total), the
+//! pits of 4, 5, 6, 7 mm one after the other, and both on the same tooth; or the pits on all teeth,
+//! which the paper may mean. "Compound k" is read as k/5 broken off and pitting k; the paper does
+//! not say. Where the paper's pits do not fit on the flank they are all scaled down by one factor.
 
 use gearwatch_core::bench::{Bench, Gear};
 
@@ -13,7 +14,8 @@ use crate::setup::SimSetup;
 
 /// Diameters of the paper's pits (m), in the order in which they come.
 const PITS_M: [f64; 4] = [4e-3, 5e-3, 6e-3, 7e-3];
-/// Their depth (m) where the module is 4 mm; it scales with the diameters. The paper does not give it.
+/// Their depth (m) where the module is 4 mm; it scales with the diameters. The paper does not give
+/// it.
 const PIT_DEPTH_M: f64 = 1.5e-3;
 
 /// A state of the paper.
@@ -101,7 +103,8 @@ fn pit_scale(gear: &GearGeometry) -> f64 {
     (gear.flank_height_m() / widest).min(gear.face_width_m / row).min(0.5 * gear.module_m / PIT_DEPTH_M).min(1.0)
 }
 
-/// Puts a state on tooth 0 of a gear, or its pits on all teeth, with the paper's pits times `pit_scale`.
+/// Puts a state on tooth 0 of a gear, or its pits on all teeth, with the paper's pits times
+/// `pit_scale`.
 pub(crate) fn put(
     setup: &mut SimSetup,
     (stage, wheel): (usize, bool),
