@@ -31,7 +31,8 @@ pub struct Paper {
     /// Text for people, or one JSON object
     #[arg(long, value_enum, default_value_t)]
     format: Format,
-    /// Also simulate its composite faults on the bench paper-rig at its speeds and loads, and write figures 3 to 8 as .svg or .html
+    /// Also simulate its composite faults on the bench paper-rig at its speeds and loads, and write
+    /// figures 3 to 8 as .svg or .html
     #[arg(long, value_name = "FILE")]
     plot: Option<std::path::PathBuf>,
     #[command(flatten)]
@@ -149,7 +150,8 @@ fn side_by_side(out: &mut String, relation: &Relation) -> std::fmt::Result {
     Ok(())
 }
 
-/// Ratios of the normal state that lie within this factor of each other are of one spectral shape: the first step of the ranks.
+/// Ratios of the normal state that lie within this factor of each other are of one spectral shape:
+/// the first step of the ranks.
 const SAME_SHAPE: f64 = 1.01;
 
 fn statistics(out: &mut String, r: &Relation) -> std::fmt::Result {

@@ -1,6 +1,9 @@
-//! The rank paper's figures 3 to 8, on the bench `paper-rig`: peak to peak and RMS of its composite faults over speed and load, and bars of ranks.
+//! The rank paper's figures 3 to 8, on the bench `paper-rig`: peak to peak and RMS of its composite
+//! faults over speed and load, and bars of ranks.
 //!
-//! The paper gives its figures without numbers, so that trends are what can be compared. Its loads of 0, 975 and 1790 are taken as pounds-inch, 0, 110 and 202 N m: as N m the largest would need 8 to 24 kW.
+//! The paper gives its figures without numbers, so that trends are what can be compared. Its loads
+//! of 0, 975 and 1790 are taken as pounds-inch, 0, 110 and 202 N m: as N m the largest would need 8
+//! to 24 kW.
 
 use anyhow::{Context, bail};
 use gearwatch_core::bench::EffectSpec;
@@ -27,8 +30,9 @@ const GEAR: &str = "stage1.pinion";
 const STATES: [&str; 5] = ["normal", "compound_1", "compound_2", "compound_3", "compound_4"];
 const SPEEDS_HZ: [f64; 3] = [10.0, 20.0, 30.0];
 const TORQUES_NM: [f64; 3] = [0.0, 110.0, 202.0];
-/// Length of each simulation (s), nine windows: peak to peak of a window scatters by a percent or two.
-const LENGTH_S: f64 = 5.0;
+/// Length of each simulation (s), five windows: peak to peak of a window scatters by a percent or
+/// two.
+const LENGTH_S: f64 = 3.0;
 
 /// One state at one speed and load, at the sensor beside the faulty gear.
 struct Point {
@@ -158,7 +162,7 @@ impl Figures {
                 "severity_idle",
                 severity_idle,
                 format!(
-                    "Without load it does so in {} of {} steps: the teeth rattle, and what is wrong with one of them hardly counts.",
+                    "Without load it does so in {} of {} steps: nothing presses the teeth together, and what is wrong with one of them hardly shows.",
                     severity_idle.0, severity_idle.1
                 ),
             ),
@@ -166,7 +170,7 @@ impl Figures {
                 "load",
                 load,
                 format!(
-                    "It grows with the load in {} of {} steps; the paper has it grow with the load.",
+                    "It grows from one load to the next in {} of {} steps; the paper says that it grows with the load.",
                     load.0, load.1
                 ),
             ),
@@ -190,7 +194,7 @@ impl Figures {
                 "ranks",
                 ranks,
                 format!(
-                    "Figure 8: {} of {} ranks of the paper's simulation are those of this bench at 30 Hz and full load.",
+                    "{} of {} ranks of figure 8 are those of this bench at 30 Hz and full load: they belong to one bench, and the paper gives neither its teeth nor its masses.",
                     ranks.0, ranks.1
                 ),
             ),
@@ -230,10 +234,8 @@ impl Figures {
         let speed = self.over("Figure 7: RMS over the speed of the motor, 202 N m", "motor (Hz)", "RMS (m/s²)", |p| {
             (p.torque == 2).then_some((SPEEDS_HZ[p.speed], p.rms))
         });
-        let paper = bars("Figure 8: ranks of the paper's simulation", &self.paper_ranks);
-        let bench = bars("Figure 8 on this bench, 30 Hz, 202 N m", &self.bench_ranks);
         let statistics = peaks.into_iter().chain([load, speed]);
-        let ranks = paper.into_iter().chain(bench);
+        let ranks = bars(&self.paper_ranks, &self.bench_ranks).into_iter();
         match form {
             Form::Svg => stacked(&statistics.chain(ranks).collect::<Vec<_>>()),
             Form::Html => Ok(render(&Report {
@@ -290,24 +292,29 @@ fn levels(states: &[Simulated]) -> Vec<(String, Vec<i8>)> {
     states.iter().map(|state| (state.state.name.to_owned(), of(state))).collect()
 }
 
-/// Broken, pitted and composite states, a picture each.
-fn bars(caption: &str, rows: &[(String, Vec<i8>)]) -> Vec<Chart> {
-    let harmonics = rows.first().map_or(0, |(_, levels)| levels.len());
-    [("broken teeth", 1..6), ("pits", 6..10), ("composite faults", 10..14)]
-        .into_iter()
-        .filter_map(|(what, range)| Some((what, rows.get(range)?)))
-        .map(|(what, rows)| {
-            let series = (0..harmonics).map(|h| {
-                let values = rows.iter().map(|(_, levels)| (f64::from(levels[h]), f64::NAN)).collect();
-                (format!("{}x", h + 1), values)
-            });
-            Chart::Bars(Bars {
-                caption: format!("{caption}: {what}"),
-                y_label: "rank (0 to V)".into(),
-                groups: rows.iter().map(|(state, _)| state.clone()).collect(),
-                series: series.collect(),
-                limits: Vec::new(),
-            })
-        })
-        .collect()
+/// Ranks of the paper and of the bench side by side: broken, pitted and composite states, a picture
+/// each.
+fn bars(paper: &[(String, Vec<i8>)], bench: &[(String, Vec<i8>)]) -> Vec<Chart> {
+    let kinds = [("broken teeth", "b", 1..6), ("pits", "p", 6..10), ("composite faults", "c", 10..14)];
+    let picture = |(what, letter, range): (&str, &str, std::ops::Range<usize>)| {
+        let (paper, bench) = (paper.get(range.clone())?, bench.get(range)?);
+        let groups = paper
+            .iter()
+            .enumerate()
+            .flat_map(|(i, (_, levels))| (1..=levels.len()).map(move |h| format!("{letter}{} {h}x", i + 1)));
+        let series = |name: &str, rows: &[(String, Vec<i8>)]| {
+            let values = rows.iter().flat_map(|(_, levels)| levels).map(|&level| (f64::from(level), f64::NAN));
+            (name.to_owned(), values.collect())
+        };
+        Some(Chart::Bars(Bars {
+            caption: format!(
+                "Figure 8: {what} by degree and mesh harmonic, the paper's simulation and this bench at 30 Hz, 202 N m"
+            ),
+            y_label: "rank (0 to V)".into(),
+            groups: groups.collect(),
+            series: vec![series("paper", paper), series("this bench", bench)],
+            limits: Vec::new(),
+        }))
+    };
+    kinds.into_iter().filter_map(picture).collect()
 }
