@@ -12,9 +12,9 @@
 //! ```
 //! use std::process::ExitCode;
 //!
-//! let said = gearwatch::dispatch(["gearwatch", "list", "benches"].map(Into::into));
+//! let said = gearwatch::dispatch(["gearwatch", "list", "sources"].map(Into::into));
 //! assert_eq!(format!("{said:?}"), format!("{:?}", ExitCode::SUCCESS));
-//! let wrong = gearwatch::dispatch(["gearwatch", "diagnose", "no-such-file.mcap"].map(Into::into));
+//! let wrong = gearwatch::dispatch(["gearwatch", "list", "nothing"].map(Into::into));
 //! assert_eq!(format!("{wrong:?}"), format!("{:?}", ExitCode::from(3)));
 //! ```
 

@@ -199,12 +199,17 @@ fn literature_pressure_of_iso_6336() {
 /// worst tooth never heals. The other stage, helical too, is left alone.
 #[test]
 fn analytic_a_helical_run_is_monotone() {
-    for (effect, place, torque_nm) in [("tooth_wear", "fast", 120.0), ("pitting", "slow.wheel", 1200.0)] {
+    let runs = [
+        ("tooth_wear", "fast", 120.0, ("k_m2_per_n", 1e-17)),
+        // Some 900 MPa at the pitch line.
+        ("pitting", "slow.wheel", 1200.0, ("endurance_mpa", 600.0)),
+    ];
+    for (effect, place, torque_nm, (constant, value)) in runs {
         let duty = Duty { motor_hz: 25.0, torque_nm, share: 1.0 };
         let plan = Plan {
             bench: shipped::bench("helical-two-stage").unwrap(),
             effect: EffectSpec { effect: effect.into(), place: place.into(), parameters: [].into() },
-            law: [].into(),
+            law: [(constant.to_owned(), value)].into(),
             duties: vec![duty],
             measured: duty,
             hours: 600.0,
