@@ -9,6 +9,20 @@
 //! Slurm, `xargs`, a queue or a shell loop starts the processes; DuckDB, DataFusion, Spark or
 //! pandas read the parts. Nothing here talks to another process but through files that appear
 //! whole, by a rename.
+//!
+//! Each process takes every Nth item of the sorted list, so that the parts are disjoint and
+//! together whole:
+//!
+//! ```
+//! use gearwatch_batch::shard::Shard;
+//!
+//! let shards: Vec<Shard> = (1..=3).map(|index| Shard::new(index, 3)).collect::<Result<_, _>>()?;
+//! for position in 0..10 {
+//!     assert_eq!(shards.iter().filter(|shard| shard.holds(position)).count(), 1);
+//! }
+//! assert_eq!(Shard::count_of_part(&shards[0].part_name()), Some(3));
+//! # Ok::<(), gearwatch_batch::shard::ShardError>(())
+//! ```
 
 pub mod explaining;
 pub mod judging;

@@ -70,6 +70,6 @@ fn conform_wrong_input_is_refused() {
     assert!(with(&["--duty", "25:60:0.4"]).contains("shares"));
     assert!(with(&["--hours-a-day", "30"]).contains("24"));
     assert!(with(&["--plot", "a.png"]).contains(".svg"));
-    assert!(refused(&["planetary-parallel", "--effect", "tooth_wear@planetary"]).contains("external spur"));
+    assert!(refused(&["planetary-parallel", "--effect", "tooth_wear@planetary"]).contains("planets"));
     assert!(refused(&["single-pair", "--effect", "unbalance@input"]).contains("law of growth"));
 }

@@ -8,6 +8,20 @@
 //! Each stage is *config → plan → state*: `XConfig` is what a user may write, `X` is the immutable plan that is
 //! made once from it, `XState` is what processing changes. The caller owns the buffers, and the hot call does not
 //! allocate, lock, log or read a clock.
+//!
+//! Ranks come from the size of a deviation; its sign stays beside it:
+//!
+//! ```
+//! use gearwatch_core::estimate::Estimate;
+//! use gearwatch_core::rank::RankConfig;
+//! use gearwatch_core::verdict::Rank;
+//!
+//! let ranks = RankConfig::default();
+//! let fallen = Estimate { value: -5.0, sigma: 0.5 };
+//! assert_eq!(ranks.rank_of(fallen.value), Rank::II);
+//! // Rank II is 4 to 7 %; the nearer step is two sigma away.
+//! assert!((ranks.probability_of(Rank::II, fallen) - 0.977).abs() < 1e-3);
+//! ```
 
 pub mod aggregate;
 pub mod analysis;

@@ -8,6 +8,18 @@
 //!
 //! All unsafe code of gearwatch is here. A type owns its handles, passes no pointer on, and frees
 //! them when it is dropped; a name with a zero byte never reaches C.
+//!
+//! A library that is missing is an error that names it and says what to do:
+//!
+//! ```
+//! use gearwatch_drivers::DriverError;
+//! use gearwatch_drivers::nidaqmx::Acquisition;
+//!
+//! let nowhere = std::path::Path::new("/nowhere/libnidaqmx.so.1");
+//! let Err(missing) = Acquisition::start(Some(nowhere), &[], 25_600.0) else { unreachable!() };
+//! assert!(matches!(missing, DriverError::Load(_)));
+//! assert!(missing.to_string().starts_with("NI-DAQmx cannot be used"), "{missing}");
+//! ```
 #![allow(unsafe_code, reason = "calls into C libraries")]
 
 pub mod iio;

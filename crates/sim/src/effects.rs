@@ -7,17 +7,19 @@
 use gearwatch_core::bench::{Bench, EffectSpec};
 
 use crate::setup::SimSetup;
-use crate::signatures;
+use crate::states::{self, State};
 
 mod entry;
 mod place;
+pub(crate) mod problem;
 pub mod signature;
 mod values;
 
 pub use entry::EntryPoint;
 pub use place::{Place, PlaceKind};
+pub use problem::EffectError;
 pub use signature::{Change, Law, Line, Signature, SpeedLaw};
-pub use values::{EffectError, Parameter, Values};
+pub use values::{Parameter, Values};
 
 mod aliasing;
 mod backlash;
@@ -143,12 +145,12 @@ pub fn resolve(spec: &EffectSpec, bench: &Bench) -> Result<(&'static dyn Effect,
     Ok((effect, Values::new(effect, place, &spec.parameters)?))
 }
 
-/// Switches an effect on, or one of the rank paper's states by its name ([`signatures::STATES`]).
+/// Switches an effect on, or one of the rank paper's states by its name ([`states::STATES`]).
 ///
 /// # Errors
 /// As [`resolve`], and where the effect does not suit the bench.
 pub fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError> {
-    if let Some(state) = signatures::state(&spec.effect) {
+    if let Some(state) = states::state(&spec.effect) {
         return apply_state(state, spec, setup);
     }
     let (effect, values) = resolve(spec, &setup.bench)?;
@@ -156,7 +158,7 @@ pub fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError>
 }
 
 /// Puts one of the rank paper's states on a gear: breakage and pits of one tooth together.
-fn apply_state(state: signatures::State, spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError> {
+fn apply_state(state: State, spec: &EffectSpec, setup: &mut SimSetup) -> Result<(), EffectError> {
     let gears = Place::all(PlaceKind::Gear, &setup.bench);
     let problem = |problem: String| EffectError::Unsuitable { effect: state.name, problem };
     let Some(&(_, Place::Gear { stage, wheel })) = gears.iter().find(|(name, _)| *name == spec.place) else {
@@ -166,7 +168,7 @@ fn apply_state(state: signatures::State, spec: &EffectSpec, setup: &mut SimSetup
     if let Some(name) = spec.parameters.keys().next() {
         return Err(problem(format!("a state of the rank paper has no parameter {name:?}; its sizes are the paper's")));
     }
-    signatures::damage(setup, stage, wheel, state).map_err(|error| problem(error.to_string()))
+    states::damage(setup, stage, wheel, state).map_err(|error| problem(error.to_string()))
 }
 
 /// Whether the simulator knows the gears of a bench.

@@ -32,10 +32,10 @@ mod plan;
 mod smooth;
 mod step;
 
-use bank::{Bank, Block, GROUP, Reading, product};
+use bank::{Bank, Block, Reading, product};
 use nodes::{MOST_HOUSING, MOST_INPUTS, MOST_MESHES, Node, Solver, evaluate};
 use passage::Passing;
-use plan::{LONGEST, NODES, Plan, Split, Weights};
+use plan::{GROUP, LONGEST, NODES, Plan, Split, Weights};
 use smooth::Nodes;
 
 /// Part of the sampling rate up to which a record's path lets anything through.

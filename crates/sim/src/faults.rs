@@ -121,6 +121,9 @@ pub struct GearModifications {
     /// Worn depth (m) of all driving flanks along the line of action, at equally spaced places of the pair's path from its entry to its exit; straight between
     /// them, held beyond. Empty for none.
     pub worn_m: Vec<f64>,
+    /// In place of [`Self::worn_m`] for helical teeth: by bands of equal width along the face, the end that enters first in
+    /// front. Empty where all of the face is worn alike.
+    pub worn_bands_m: Vec<Vec<f64>>,
 }
 
 impl GearModifications {
@@ -152,6 +155,11 @@ impl GearModifications {
             (wave.cos, wave.sin) = (wave.cos * cos - wave.sin * sin, wave.cos * sin + wave.sin * cos);
         }
         out
+    }
+
+    /// Worn depth by place of the path in slice `j` of `count` along the face (m).
+    pub(crate) fn worn_in_slice_m(&self, j: usize, count: usize) -> &[f64] {
+        self.worn_bands_m.get(j * self.worn_bands_m.len() / count.max(1)).unwrap_or(&self.worn_m)
     }
 
     /// Changes the damage of every tooth.

@@ -1,4 +1,5 @@
-//! Growth in time: wear, a crack or pits from the first passage to the limit, and what sensors see of it on the way.
+//! Growth in time: wear, a crack or pits from the first passage to the limit, and what sensors see
+//! of it on the way.
 //!
 //! ```text
 //! duties (speed, load, share of the hours) ─► law of growth ─► size after so many hours ─► steady state ─► lines, deviations, ranks
@@ -6,10 +7,13 @@
 //!        └── load of the pairs, pressure, stress ◄┘            time from first significance to the limit ◄───┘
 //! ```
 //!
-//! What is wrong with the teeth is followed through its own slow equation, with the load that the damaged teeth take. Vibration follows its slow size at once, so that each step is one steady
-//! state ([`crate::steady`]): weeks take as long as there are steps. The load is the static one; dynamic loads are left out of the growth, as they are small below the resonance of the mesh.
+//! What is wrong with the teeth is followed through its own slow equation, with the load that the
+//! damaged teeth take. Vibration follows its slow size at once, so that each step is one steady
+//! state ([`crate::steady`]): weeks take as long as there are steps. The load is the static one;
+//! dynamic loads are left out of the growth, as they are small below the resonance of the mesh.
 //!
-//! Known for pairs of external spur gears. Helical teeth, planets, idlers and internal gears are refused.
+//! Known for pairs of external gears: wear and pits of spur and helical teeth, cracks of spur
+//! teeth. Planets, idlers and internal gears are refused.
 
 mod contact;
 mod crack;
@@ -25,7 +29,7 @@ use std::collections::BTreeMap;
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::train::Train;
 
-pub use self::contact::{FlankPoint, PLACES, RootSection, contact_modulus_pa};
+pub use self::contact::{FaceLoads, FlankPoint, PLACES, RootSection, contact_modulus_pa};
 pub use self::crack::{RootCrackGrowth, bending_factor, grown, tension_factor};
 pub use self::law::{Constant, Constants};
 pub use self::merit::{Merit, crossing};
@@ -45,7 +49,8 @@ use crate::steady::SteadyError;
 pub const GROWING: &[(&str, &[Constant])] =
     &[("tooth_wear", law::WEAR), ("root_crack", law::CRACK), ("pitting", law::PITS)];
 
-/// Depth of a first crack where none is said (m): the radius of a fillet of 3 mm module, below which the notch rules.
+/// Depth of a first crack where none is said (m): the radius of a fillet of 3 mm module, below
+/// which the notch rules.
 const FIRST_CRACK_M: f64 = 1e-3;
 /// Inclination of the crack, that of the effect `root_crack` (rad).
 const CRACK_ANGLE_RAD: f64 = std::f64::consts::FRAC_PI_3;
@@ -145,10 +150,12 @@ pub enum Growing {
 }
 
 impl Growing {
-    /// The effect of a specification at its beginning: wear begins at what the setup has, a crack at the given `depth_mm` or a millimetre, pits at none.
+    /// The effect of a specification at its beginning: wear begins at what the setup has, a crack
+    /// at the given `depth_mm` or a millimetre, pits at none.
     ///
     /// # Errors
-    /// For an effect without a law, a place or constant that does not exist, or gears other than a pair of external spur gears.
+    /// For an effect without a law, a place or constant that does not exist, or gears other than a
+    /// pair of external ones.
     pub fn new(
         setup: &SimSetup,
         spec: &EffectSpec,
@@ -168,11 +175,16 @@ impl Growing {
         };
         let gears = &setup.bench.stages[stage];
         let gearing = &gears.gearing;
-        let other =
-            gearing.helix.is_some() || gearing.planetary.is_some() || gearing.internal || !gearing.idlers.is_empty();
-        if other {
+        if gearing.planetary.is_some() || gearing.internal || !gearing.idlers.is_empty() {
             return Err(GrowthError::Unsuitable(format!(
-                "{}: growth is known for pairs of external spur gears, and not for helical teeth, planets, idlers or internal gears",
+                "{}: growth is known for pairs of external gears, and not for planets, idlers or internal gears",
+                gears.name
+            )));
+        }
+        if gearing.helix.is_some() && spec.effect == "root_crack" {
+            return Err(GrowthError::Unsuitable(format!(
+                "{}: growth of a crack is known for spur teeth alone: at the root of a helical tooth it begins at one end and its front runs \
+                 obliquely, and the model has one depth for all of the width; the effect root_crack simulates a given depth",
                 gears.name
             )));
         }

@@ -48,6 +48,7 @@ pub mod shipped;
 pub mod signatures;
 pub mod source;
 mod springs;
+pub mod states;
 pub mod steady;
 mod stepper;
 pub mod terms;

@@ -23,7 +23,6 @@ use gearwatch_core::train::planetary::{position, speeds};
 use crate::faults::{GearModifications, ToothModifications};
 use crate::geometry::{ADDENDUM, CLEARANCE, Cutting, GearError, GearGeometry, PairGeometry, RIM, Tip};
 use crate::mesh::MeshProblem;
-use crate::setup::SimSetup;
 
 /// Which mesh of its stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -186,10 +185,14 @@ impl MeshPlace {
         Ok((geometry(first)?, geometry(second)?))
     }
 
-    /// What is wrong with the teeth of both gears, `teeth` being what is wrong with pinion (sun), wheel (ring) and all meshes of the stage, `phase` that of the mesh.
-    pub(crate) fn teeth(&self, setup: &SimSetup, mut teeth: ToothModifications, phase: &Phase) -> ToothModifications {
-        let between = &setup.between[self.stage];
-        let spec = &setup.bench.stages[self.stage];
+    /// What is wrong with the teeth of both gears, `between` being what is wrong with the stage's gears in the middle,
+    /// `teeth` with pinion (sun), wheel (ring) and all meshes of the stage, `phase` that of the mesh.
+    pub(crate) fn teeth(
+        &self,
+        (spec, between): (&Stage, &Between),
+        mut teeth: ToothModifications,
+        phase: &Phase,
+    ) -> ToothModifications {
         match self.kind {
             MeshKind::Chain { from } => {
                 if from > 0 {

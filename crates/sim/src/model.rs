@@ -5,6 +5,7 @@
 mod operating_point;
 mod outside;
 mod passage;
+pub(crate) mod problem;
 mod rows;
 mod springs;
 
@@ -16,6 +17,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 pub(crate) use self::passage::PassedForce;
+pub use self::problem::ModelError;
 
 use self::operating_point::check_operating_point;
 use self::outside::External;
@@ -31,20 +33,6 @@ use crate::rotation::{Profile, Rotation};
 use crate::setup::{SimSetup, TorqueRipple};
 use crate::springs::Spring;
 use crate::terms::teeth_with_terms;
-
-/// A bench that cannot be simulated.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ModelError {
-    /// A gear pair that cannot be.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// The linear train has no separate modes.
-    #[error(transparent)]
-    Modal(#[from] crate::modal::ModalError),
-    /// Something else, in a sentence that says what would be right.
-    #[error("{0}")]
-    Bench(String),
-}
 
 /// The train as the time steppers see it.
 #[derive(Clone, Debug)]
@@ -132,7 +120,8 @@ impl TrainModel {
                     .map_err(|problem| MeshError { stage: spec.name.clone(), problem })?;
                 phases.extend(more);
             }
-            let teeth = place.teeth(setup, of_stage.clone(), &phases[i]);
+            let teeth =
+                place.teeth((&bench.stages[place.stage], &setup.between[place.stage]), of_stage.clone(), &phases[i]);
             let mesh = StageMesh::of_mesh(bench, place, &setup.mesh, &teeth, flanks)?;
             let force = torque * force_per_torque[i];
             let shift = static_displacement(&linear, i, torque, &force_per_torque);

@@ -6,25 +6,20 @@
 
 use std::f64::consts::TAU;
 
-use gearwatch_core::bench::{Bench, Gear};
+use gearwatch_core::bench::Bench;
 use nalgebra::Complex;
 
 use crate::effects::EffectError;
-use crate::faults::{Breakage, BreakageKind, Pit};
-use crate::geometry::GearGeometry;
-use crate::meshes::{MeshGear, gear_geometry};
 use crate::model::{ModelError, TrainModel};
 use crate::rk4::{Diverged, Rk4, StepperError};
 use crate::rotation::Profile;
 use crate::setup::SimSetup;
+pub use crate::states::{STATES, State, StateError, damage, state};
+use crate::states::{fitting_pits, put};
 use crate::steady::{SteadyError, SteadyOptions, SteadySolver};
 
 /// Mesh harmonics of a signature.
 pub const HARMONICS: usize = 5;
-/// Diameters of the paper's pits (m), in the order in which they come.
-const PITS_M: [f64; 4] = [4e-3, 5e-3, 6e-3, 7e-3];
-/// Their depth (m) where the module is 4 mm; it scales with the diameters. The paper does not give it.
-const PIT_DEPTH_M: f64 = 1.5e-3;
 /// Stepping, where teeth part: settling time (s), revolutions that are looked at, steps per cycle of the fastest mesh.
 const SETTLE_S: f64 = 1.0;
 const REVOLUTIONS: usize = 16;
@@ -34,56 +29,6 @@ const MOST_STEPS: f64 = 4e6;
 /// Steps of all states at one operating point, times the coordinates that move. Fourteen states of a pair of ten coordinates whose teeth all part take
 /// it at a mesh of 2 kHz; it is half a minute of one core in a dev build.
 const MOST_WORK: f64 = 1e8;
-
-/// A state of the paper.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State {
-    /// As in the paper's tables.
-    pub name: &'static str,
-    /// Fraction of the tooth's width that is broken off.
-    pub broken: f64,
-    /// Number of pits.
-    pub pits: usize,
-}
-
-/// The fourteen states, in the order of the paper's tables.
-pub const STATES: [State; 14] = {
-    const fn state(name: &'static str, broken: f64, pits: usize) -> State {
-        State { name, broken, pits }
-    }
-    [
-        state("normal", 0.0, 0),
-        state("broken_1_5", 0.2, 0),
-        state("broken_2_5", 0.4, 0),
-        state("broken_3_5", 0.6, 0),
-        state("broken_4_5", 0.8, 0),
-        state("broken_total", 1.0, 0),
-        state("pitting_1", 0.0, 1),
-        state("pitting_2", 0.0, 2),
-        state("pitting_3", 0.0, 3),
-        state("pitting_4", 0.0, 4),
-        state("compound_1", 0.2, 1),
-        state("compound_2", 0.4, 2),
-        state("compound_3", 0.6, 3),
-        state("compound_4", 0.8, 4),
-    ]
-};
-
-/// The state with a name.
-pub fn state(name: &str) -> Option<State> {
-    STATES.into_iter().find(|state| state.name == name)
-}
-
-/// Puts a state on a gear of a setup.
-///
-/// # Errors
-/// Where there is no such stage, or the gear cannot be.
-pub fn damage(setup: &mut SimSetup, stage: usize, wheel: bool, state: State) -> Result<(), SignatureError> {
-    let conditions = Conditions { stage, wheel, pits_on_all: false, motor_hz: 0.0, torque_nm: 0.0 };
-    let scale = fitting_pits(&setup.bench, conditions)?;
-    *setup = damaged(setup, conditions, state, scale);
-    Ok(())
-}
 
 /// Which gear bears the faults, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -175,17 +120,12 @@ pub enum SignatureError {
         /// Why.
         source: SteadyError,
     },
+    /// There is no such gear.
+    #[error(transparent)]
+    State(#[from] StateError),
     /// An effect of the bench file cannot be.
     #[error(transparent)]
     Effect(#[from] EffectError),
-    /// The bench has no such stage.
-    #[error("there is no stage number {found}; the bench has {stages}, counted from 0")]
-    NoStage {
-        /// As asked.
-        found: usize,
-        /// Number of stages.
-        stages: usize,
-    },
 }
 
 /// Relative sigma of a simulated deviation: what mesh stiffness harmonics are worth without a model of the real blank, ± 40 %.
@@ -198,18 +138,10 @@ pub fn sigma_percent(deviation_percent: f64) -> f64 {
     (RELATIVE_SIGMA * deviation_percent).hypot(LEAST_SIGMA_PERCENT)
 }
 
-/// Factor on the paper's pits so that they fit on the gear.
-fn fitting_pits(bench: &Bench, conditions: Conditions) -> Result<f64, SignatureError> {
-    let Some(stage) = bench.stages.get(conditions.stage) else {
-        return Err(SignatureError::NoStage { found: conditions.stage, stages: bench.stages.len() });
-    };
-    let gear = if conditions.wheel { &stage.wheel } else { &stage.pinion };
-    // Pits ask for the teeth alone, whatever the bore.
-    let gear = Gear { bore_mm: None, ..gear.clone() };
-    let of =
-        MeshGear { name: "gear".to_owned(), gear: &gear, internal: false, side: Some(usize::from(conditions.wheel)) };
-    let geometry = gear_geometry(stage, &of).map_err(|error| ModelError::Bench(error.to_string()))?;
-    Ok(pit_scale(&geometry))
+fn damaged(base: &SimSetup, conditions: Conditions, state: State, pit_scale: f64) -> SimSetup {
+    let mut setup = base.clone();
+    put(&mut setup, (conditions.stage, conditions.wheel), conditions.pits_on_all, state, pit_scale);
+    setup
 }
 
 /// The bench in one of the states.
@@ -217,7 +149,7 @@ fn fitting_pits(bench: &Bench, conditions: Conditions) -> Result<f64, SignatureE
 /// # Errors
 /// Where the bench cannot be simulated.
 pub fn in_state(bench: &Bench, conditions: Conditions, state: State) -> Result<SimSetup, SignatureError> {
-    let pit_scale = fitting_pits(bench, conditions)?;
+    let pit_scale = fitting_pits(bench, conditions.stage, conditions.wheel)?;
     Ok(damaged(&crate::effects::setup(bench, &[])?, conditions, state, pit_scale))
 }
 
@@ -227,7 +159,7 @@ pub fn in_state(bench: &Bench, conditions: Conditions, state: State) -> Result<S
 /// Where the bench cannot be simulated.
 pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, SignatureError> {
     crate::effects::pairs_alone(bench)?;
-    let pit_scale = fitting_pits(bench, conditions)?;
+    let pit_scale = fitting_pits(bench, conditions.stage, conditions.wheel)?;
     let base = crate::effects::setup(bench, &[])?;
     let train = gearwatch_core::train::Train::new(bench);
     let mesh = train.stages[conditions.stage].mesh_order;
@@ -267,37 +199,6 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
             .collect();
     }
     Ok(Signatures { conditions, pit_scale, states })
-}
-
-/// Largest factor up to 1 by which the paper's pits fit on the flank and side by side.
-fn pit_scale(gear: &GearGeometry) -> f64 {
-    let widest = PITS_M[PITS_M.len() - 1];
-    let row: f64 = PITS_M.iter().sum();
-    (gear.flank_height_m() / widest).min(gear.face_width_m / row).min(0.5 * gear.module_m / PIT_DEPTH_M).min(1.0)
-}
-
-fn damaged(base: &SimSetup, conditions: Conditions, state: State, pit_scale: f64) -> SimSetup {
-    let mut setup = base.clone();
-    let teeth = &mut setup.teeth[conditions.stage];
-    let gear = if conditions.wheel { &mut teeth.wheel } else { &mut teeth.pinion };
-    let pits = PITS_M[..state.pits].iter().map(|diameter| Pit {
-        diameter_m: diameter * pit_scale,
-        depth_m: PIT_DEPTH_M * pit_scale,
-        height_m: 0.0,
-    });
-    let breakage = (state.broken > 0.0).then_some(Breakage { fraction: state.broken, kind: BreakageKind::Width });
-    let pits: Vec<Pit> = pits.collect();
-    if conditions.pits_on_all {
-        gear.damage_all(|damage| damage.pits.extend(&pits));
-    }
-    let on_one: &[Pit] = if conditions.pits_on_all { &[] } else { &pits };
-    if breakage.is_some() || !on_one.is_empty() {
-        gear.damage_tooth(0, |damage| {
-            damage.breakage = breakage.or(damage.breakage);
-            damage.pits.extend(on_one);
-        });
-    }
-    setup
 }
 
 /// What stepping has taken so far at one operating point.
@@ -467,14 +368,5 @@ mod tests {
         let conditions = Conditions { stage: 0, wheel: false, pits_on_all: false, motor_hz: 25.0, torque_nm: 0.01 };
         let refused = simulate(&bench, conditions);
         assert!(matches!(refused, Err(SignatureError::TooMuchWork { before: 0, .. })), "{refused:?}");
-    }
-
-    #[test]
-    fn conform_pits_are_scaled_to_the_flank() {
-        let gear = |module_m, width| GearGeometry::new("gear", 34, module_m, 20_f64.to_radians(), width, 5e-3).unwrap();
-        assert_eq!(pit_scale(&gear(5e-3, 30e-3)), 1.0);
-        let small = pit_scale(&gear(2e-3, 30e-3));
-        assert!(small < 1.0 && small * 7e-3 <= gear(2e-3, 30e-3).flank_height_m() + 1e-15);
-        assert!((pit_scale(&gear(5e-3, 11e-3)) - 0.5).abs() < 1e-12, "22 mm of pits on 11 mm of width");
     }
 }

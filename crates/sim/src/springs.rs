@@ -17,7 +17,7 @@ use gearwatch_core::bench::term::{self, Entry, SpringLaw};
 use nalgebra::DVector;
 
 use crate::linear::{DIRECT_PATH_MASS_KG, LinearTrain, MeshGeometry};
-use crate::model::ModelError;
+use crate::model::problem::ModelError;
 use crate::terms::Scale;
 
 /// A number along each of the lines of a spring; the second is 0 where there is one line.

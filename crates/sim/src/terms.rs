@@ -3,9 +3,9 @@
 use gearwatch_core::bench::Term;
 use gearwatch_core::bench::term::{Entry, Flanks, Growth, Harmonic, ResolvedTerm};
 
-use crate::effects::EffectError;
+use crate::effects::problem::EffectError;
 use crate::faults::{ToothModifications, Wave};
-use crate::model::ModelError;
+use crate::model::problem::ModelError;
 use crate::rotation::Profile;
 use crate::setup::{ModalFilter, SimSetup};
 

@@ -9,16 +9,21 @@ use gearwatch_explain::paper::{self, Recomputed};
 use gearwatch_explain::tables::{Finding, Model, Relation};
 use serde_json::json;
 
+use self::figures::Figures;
 use super::Run;
 use crate::exit::Exit;
 use crate::format::{Format, wrapped};
+use crate::output::OutputOptions;
 use crate::terminal;
+
+mod figures;
 
 /// Recompute the tables of the rank paper, mark its misprints, and say what its experiment proves
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch paper
   gearwatch paper --format json | jq .relation.models
+  gearwatch paper --plot figures.html
 
 Tables 2 (simulation) and 5 (experiment) of \"The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite \
 Fault\" are part of the program; docs/paper.md explains the figures.")]
@@ -26,34 +31,54 @@ pub struct Paper {
     /// Text for people, or one JSON object
     #[arg(long, value_enum, default_value_t)]
     format: Format,
+    /// Also simulate its composite faults on the bench paper-rig at its speeds and loads, and write
+    /// figures 3 to 8 as .svg or .html
+    #[arg(long, value_name = "FILE")]
+    plot: Option<std::path::PathBuf>,
+    #[command(flatten)]
+    overwrite: OutputOptions,
 }
 
 impl Run for Paper {
     const NAME: &'static str = "paper";
 
     fn run(self) -> anyhow::Result<Exit> {
+        let form = self.plot.as_deref().map(super::simulate::form).transpose()?;
+        let mut outputs = self.overwrite.reading::<&std::path::Path>([]);
+        let plot = self.plot.as_deref().map(|path| outputs.target(path)).transpose()?;
         let paper = paper::recompute()?;
+        let figures = plot.is_some().then(|| Figures::simulate(&paper)).transpose()?;
         let text = match self.format {
-            Format::Text => text(&paper)?,
+            Format::Text => text(&paper, figures.as_ref())?,
             Format::Json => {
                 let finding = json!({ "code": paper.relation.finding.code(),
                     "sentence": paper.relation.finding.sentence() });
-                let tables = json!({ "recomputed": paper.recomputed, "relation": paper.relation, "finding": finding });
+                let tables = json!({ "recomputed": paper.recomputed, "relation": paper.relation, "finding": finding,
+                    "figures": figures.as_ref().map(Figures::object) });
                 format!("{}\n", serde_json::to_string_pretty(&tables)?)
             }
         };
         terminal::out().write_all(text.as_bytes()).context("standard output")?;
+        if let Some(((target, form), figures)) = plot.zip(form).zip(figures) {
+            target.write(figures.picture(form)?)?;
+        }
         Ok(Exit::Ok)
     }
 }
 
-fn text(paper: &paper::Paper) -> Result<String, std::fmt::Error> {
+fn text(paper: &paper::Paper, figures: Option<&Figures>) -> Result<String, std::fmt::Error> {
     let mut out = String::new();
     writeln!(out, "\"The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite Fault\", recomputed\n")?;
     for table in &paper.recomputed {
         recomputed(&mut out, table)?;
     }
     out.push_str(&relation_text(&paper.relation)?);
+    if let Some(figures) = figures {
+        writeln!(out, "\nFigures 3 to 8 on the bench paper-rig")?;
+        for sentence in figures.sentences() {
+            writeln!(out, "  {}", wrapped(sentence, 110).join("\n  "))?;
+        }
+    }
     Ok(out)
 }
 
@@ -125,7 +150,8 @@ fn side_by_side(out: &mut String, relation: &Relation) -> std::fmt::Result {
     Ok(())
 }
 
-/// Ratios of the normal state that lie within this factor of each other are of one spectral shape: the first step of the ranks.
+/// Ratios of the normal state that lie within this factor of each other are of one spectral shape:
+/// the first step of the ranks.
 const SAME_SHAPE: f64 = 1.01;
 
 fn statistics(out: &mut String, r: &Relation) -> std::fmt::Result {

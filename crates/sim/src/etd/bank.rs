@@ -3,10 +3,7 @@
 //! Every sum runs in an order that does not depend on `L`: outputs are summed over even and odd modes apart, states over the inputs one
 //! by one. A single run vectorises over outputs and over modes, lanes vectorise over runs; their results are equal bit for bit, whatever the width.
 
-use super::plan::{NODES, Plan, Split};
-
-/// Modes, and outputs, that are worked on together.
-pub(super) const GROUP: usize = 8;
+use super::plan::{GROUP, NODES, Plan, Split};
 
 /// A value per place in a group and run.
 pub(super) type Block<const L: usize> = [[f64; L]; GROUP];

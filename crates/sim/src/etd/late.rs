@@ -11,8 +11,7 @@
 
 use nalgebra::Complex;
 
-use super::bank::GROUP;
-use super::plan::{DEGREE, Plan, Split};
+use super::plan::{DEGREE, GROUP, Plan, Split};
 
 /// Terms of a quadratic.
 const TERMS: usize = 3;

@@ -1,8 +1,8 @@
 //! What planetary stages pass on to housing and sensors within a step: known once the meshes are solved for, since the housing does not act back.
 
-use super::bank::GROUP;
 use super::kink::Kinks;
 use super::nodes::Node;
+use super::plan::GROUP;
 use super::plan::{NODES, Plan};
 use super::{Etd, Lane};
 use crate::linear::Passed;

@@ -14,6 +14,8 @@ use crate::model::{Lever, ModelError, TrainModel};
 
 /// Nodes of a step at which the remainder is taken: its beginning, middle and end.
 pub(super) const NODES: usize = 3;
+/// Modes, and outputs, that are worked on together.
+pub(super) const GROUP: usize = 8;
 /// Degree of the Taylor polynomials of `e^{λh}`.
 pub(super) const DEGREE: usize = 32;
 /// Largest `|λ| h` at which they are used: the first term left out is 5.2³³/33! = 5e-14.

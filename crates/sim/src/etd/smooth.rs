@@ -8,8 +8,9 @@
 
 use crate::mesh::{SLOTS, Touch};
 
-use super::bank::{Block, GROUP};
+use super::bank::Block;
 use super::nodes::{MOST_MESHES, MOST_UNKNOWNS, Node, Solver, solve_linear};
+use super::plan::GROUP;
 use super::plan::Plan;
 
 /// A number per run.

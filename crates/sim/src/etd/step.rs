@@ -2,9 +2,9 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::bank::GROUP;
 use super::cut::Open;
 use super::nodes::{MOST_MESHES, Node};
+use super::plan::GROUP;
 use super::plan::{NODES, Plan};
 use super::{Etd, Lane, node_of_state, readings};
 use crate::model::Lever;

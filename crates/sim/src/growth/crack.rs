@@ -1,11 +1,15 @@
 //! A crack at the root of one tooth by Paris' law.
 //!
-//! `da/dN = C (ΔK)^m` once per revolution of the gear, from nothing at a range below the threshold until the tooth breaks. The load returns to 0 between two passages, so that ΔK is the largest K.
+//! `da/dN = C (ΔK)^m` once per revolution of the gear, from nothing at a range below the threshold
+//! until the tooth breaks. The load returns to 0 between two passages, so that ΔK is the largest K.
 //!
 //! # Stress intensity
-//! `K = √(π a) [σ_b F_b(α) − σ_c F_t(α)]`, `α = a sin v/t`: an edge crack of depth a along its direction v through a bar as thick as the tooth's root, bent and pressed by the nominal stresses of
-//! [`RootSection`]. F_b and F_t are those of Tada, Paris & Irwin 1985 (pages 2.14 and 2.11), within 2.5 % of the polynomials beside them. Left out: the notch effect of the fillet, which raises K of cracks
-//! shorter than its radius, and mode II of the inclined crack; K of deeper cracks is worth ± 20 %, and hours its power m.
+//! `K = √(π a) [σ_b F_b(α) − σ_c F_t(α)]`, `α = a sin v/t`: an edge crack of depth a along its
+//! direction v through a bar as thick as the tooth's root, bent and pressed by the nominal stresses
+//! of [`RootSection`]. F_b and F_t are those of Tada, Paris & Irwin 1985 (pages 2.14 and 2.11),
+//! within 2.5 % of the polynomials beside them. Left out: the notch effect of the fillet, which
+//! raises K of cracks shorter than its radius, and mode II of the inclined crack; K of deeper
+//! cracks is worth ± 20 %, and hours its power m.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -20,11 +24,13 @@ use crate::setup::SimSetup;
 
 /// Places of the path that the largest stress is looked for at.
 const PLACES: usize = 61;
-/// Growth after which the load is shared anew: the stiffness of the tooth has changed by less than 2 %.
+/// Growth after which the load is shared anew: the stiffness of the tooth has changed by less than
+/// 2 %.
 const SHARED_ANEW: f64 = 1.03;
 /// Growth within one step of the integration.
 const STEP: f64 = 0.005;
-/// Largest share of the root that a crack may take: beyond it the cantilever of the mesh stiffness means nothing.
+/// Largest share of the root that a crack may take: beyond it the cantilever of the mesh stiffness
+/// means nothing.
 const DEEPEST: f64 = 0.78;
 
 /// Geometry factor of an edge crack in pure bending (Tada, Paris & Irwin 1985, 2.14).
@@ -45,7 +51,8 @@ pub fn tension_factor(alpha: f64) -> f64 {
     (angle.tan() / angle).sqrt() * (0.752 + 2.02 * alpha + 0.37 * (1.0 - angle.sin()).powi(3)) / angle.cos()
 }
 
-/// Goes on for `duration` with a crack that grows at `rate(depth)` per unit of it, up to `deepest_m`: its depth then, and what is left of the duration.
+/// Goes on for `duration` with a crack that grows at `rate(depth)` per unit of it, up to
+/// `deepest_m`: its depth then, and what is left of the duration.
 ///
 /// Runge–Kutta of order 4 in steps of half a percent of the depth.
 pub fn grown(from_m: f64, duration: f64, deepest_m: f64, rate: impl Fn(f64) -> f64) -> (f64, f64) {
@@ -118,7 +125,8 @@ impl RootCrackGrowth {
         Ok(MeshModel::with_flanks(&setup.bench, self.stage, &setup.mesh, &teeth, flanks)?)
     }
 
-    /// Bending and compression at the root (Pa) at the place of the path where the crack of the present depth opens most, under a mesh force.
+    /// Bending and compression at the root (Pa) at the place of the path where the crack of the
+    /// present depth opens most, under a mesh force.
     fn stresses_pa(&self, mesh: &MeshModel, force_n: f64) -> [f64; 2] {
         let index = i64::from(self.tooth);
         let loads = pair_loads(mesh, force_n, index, PLACES, |_| 0.0);

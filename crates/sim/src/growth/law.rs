@@ -1,6 +1,8 @@
-//! The constants of the laws of growth: name, unit, range, and the value that is taken where nobody says one.
+//! The constants of the laws of growth: name, unit, range, and the value that is taken where nobody
+//! says one.
 //!
-//! All of them belong to material and lubricant, which no bench file states, and scatter far more than the mechanics does. A run says how long growth takes *for these values*.
+//! All of them belong to material and lubricant, which no bench file states, and scatter far more
+//! than the mechanics does. A run says how long growth takes *for these values*.
 
 use std::collections::BTreeMap;
 

@@ -4,13 +4,15 @@ use gearwatch_core::rank::RankConfig;
 
 /// Standard deviations of a window by which a change must exceed the baseline.
 const BEYOND: f64 = 3.0;
-/// `Φ⁻¹(0.6)`: by so many standard deviations of a window the change lies beyond a limit that three of five windows exceed, as an alarm asks for.
+/// `Φ⁻¹(0.6)`: by so many standard deviations of a window the change lies beyond a limit that three
+/// of five windows exceed, as an alarm asks for.
 const ENOUGH_SIGMA: f64 = 0.253_347_103_135_799_8;
 
 /// What an indicator is worth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merit {
-    /// Hours after which three of five windows are beyond its own scatter and at rank I or above; `None` where that never was.
+    /// Hours after which three of five windows are beyond its own scatter and at rank I or above;
+    /// `None` where that never was.
     pub first_hours: Option<f64>,
     /// Hours after which three of five windows have rank V.
     pub rank_v_hours: Option<f64>,
@@ -20,7 +22,8 @@ pub struct Merit {
     pub warning_hours: Option<f64>,
 }
 
-/// First place, between steps by straight line, where `values` reach `limit`; `None` where they never do.
+/// First place, between steps by straight line, where `values` reach `limit`; `None` where they
+/// never do.
 pub fn crossing(at: &[f64], values: &[f64], limit: f64) -> Option<f64> {
     let reached = values.iter().position(|&value| value >= limit)?;
     let Some(before) = reached.checked_sub(1) else { return at.first().copied() };
@@ -69,7 +72,8 @@ mod tests {
 
     use super::*;
 
-    /// Share of windows whose change exceeds a limit, where the mean change is `change` and windows scatter by `sigma` (all of one unit, limit > 0).
+    /// Share of windows whose change exceeds a limit, where the mean change is `change` and windows
+    /// scatter by `sigma` (all of one unit, limit > 0).
     fn share_beyond(change: f64, sigma: f64, limit: f64) -> f64 {
         if sigma <= 0.0 {
             return f64::from(u8::from(change.abs() >= limit));
@@ -86,7 +90,8 @@ mod tests {
         assert_eq!([share_beyond(2.0, 0.0, 1.0), share_beyond(-0.5, 0.0, 1.0)], [1.0, 0.0]);
     }
 
-    /// A change that grows by 1 a hour on a baseline of 100 with a scatter of 0.5: beyond three standard deviations, 1.5, in three of five windows at 1.627 h, rank V at 13.127 h.
+    /// A change that grows by 1 a hour on a baseline of 100 with a scatter of 0.5: beyond three
+    /// standard deviations, 1.5, in three of five windows at 1.627 h, rank V at 13.127 h.
     #[test]
     fn analytic_merit_of_a_straight_line() {
         let hours: Vec<f64> = (0..=20).map(f64::from).collect();

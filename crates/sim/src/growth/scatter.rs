@@ -11,7 +11,8 @@ use crate::scenario::{Course, Scenario};
 use crate::setup::metres_per_second2_to;
 use crate::source::{SimConfig, Simulator};
 
-/// Standard deviation over the windows of a simulated recording of the bench before anything grows, by indicator (m/s²); 0 where a recording has no two windows.
+/// Standard deviation over the windows of a simulated recording of the bench before anything grows,
+/// by indicator (m/s²); 0 where a recording has no two windows.
 ///
 /// # Errors
 /// Where the bench cannot be simulated.

@@ -44,7 +44,7 @@ pub(super) fn check(
         for error in &gear.pitch_error_m {
             within("a pitch error", *error, -1e-3, 1e-3, " m")?;
         }
-        for depth in &gear.worn_m {
+        for depth in gear.worn_m.iter().chain(gear.worn_bands_m.iter().flatten()) {
             within("a worn depth", *depth, 0.0, 1e-3, " m")?;
         }
         for wave in &gear.waves {

@@ -1,4 +1,5 @@
-//! The face of a pair cut into thin slices: each a section with its own lag, missing material and damage.
+//! The face of a pair cut into thin slices: each a section with its own lag, missing material and
+//! damage.
 
 use super::{LoadPoint, MeshModel, MeshProblem, MeshState, Pairs};
 use crate::faults::{Breakage, BreakageKind, GearModifications, ToothModifications};
@@ -21,7 +22,7 @@ struct Slice {
 #[derive(Clone, Debug)]
 pub struct Face {
     slices: Vec<Slice>,
-    /// Where a part of a tooth is broken off.
+    /// Where a part of a tooth is broken off, or wear is another one.
     sections: Vec<MeshModel>,
     /// Base helix angle β_b (rad).
     base_helix_rad: f64,
@@ -62,7 +63,8 @@ impl Face {
         broken(teeth, 0, self.slices.len())
     }
 
-    /// Gives the slices that lie in a broken part of a tooth a section of their own, which `make` builds.
+    /// Gives the slices that lie in a broken part of a tooth, or in a band of other wear, a section
+    /// of their own, which `make` builds.
     pub(super) fn break_off(
         &mut self,
         teeth: &ToothModifications,
@@ -134,7 +136,8 @@ impl Face {
         (force / self.count(), stiffness / self.count())
     }
 
-    /// Static approach (m) under a force and the tangent stiffness (N/m) there. `None` without load or where nothing can touch.
+    /// Static approach (m) under a force and the tangent stiffness (N/m) there. `None` without load
+    /// or where nothing can touch.
     pub(crate) fn static_point(
         &self,
         whole: &MeshModel,
@@ -145,15 +148,26 @@ impl Face {
         if force_n <= 0.0 {
             return None;
         }
-        // The pairs are found once; the force rises and steepens with the approach but for pairs that unload others: Newton from the stiff side.
-        let found: Vec<(Pairs, f64)> = self
-            .cuts(whole)
+        Self::approach_of(&self.pairs(whole, state, load), force_n)
+    }
+
+    /// The pairs near contact in each slice, with its missing material (m).
+    pub(crate) fn pairs(&self, whole: &MeshModel, state: &MeshState, load: &LoadPoint) -> Vec<(Pairs, f64)> {
+        self.cuts(whole)
             .map(|cut| {
                 let mut pairs = Pairs::default();
                 cut.mesh.pairs_behind(state, cut.lag, load, &mut pairs);
                 (pairs, cut.gap_m)
             })
-            .collect();
+            .collect()
+    }
+
+    /// Static approach (m) of the pairs of all slices under a force, and the tangent stiffness
+    /// (N/m) there. `None` where nothing can touch.
+    pub(crate) fn approach_of(found: &[(Pairs, f64)], force_n: f64) -> Option<(f64, f64)> {
+        let count = found.len() as f64;
+        // The force rises and steepens with the approach but for pairs that unload others: Newton
+        // from the stiff side.
         let alone = found.iter().filter_map(|(pairs, gap)| {
             let (approach, stiffness) = pairs.approach_at(force_n)?;
             (stiffness > 0.0).then_some(approach + gap)
@@ -162,13 +176,13 @@ impl Face {
         let mut tangent = 0.0;
         for _ in 0..ROUNDS {
             let (mut force, mut stiffness) = (0.0, 0.0);
-            for (pairs, gap) in &found {
+            for (pairs, gap) in found {
                 let of_slice = pairs.force(approach - gap);
                 force += of_slice.force_n;
                 stiffness += of_slice.stiffness_n_per_m;
             }
-            tangent = stiffness / self.count();
-            let step = (force_n - force / self.count()) / tangent;
+            tangent = stiffness / count;
+            let step = (force_n - force / count) / tangent;
             approach += step;
             if step.abs() <= 1e-13 * approach.abs() {
                 break;
@@ -178,8 +192,9 @@ impl Face {
     }
 }
 
-/// The damage in slice `j` of `count`: a tooth of which a part of the width is broken off is whole before the break and gone behind it, the break being at the end that
-/// enters last.
+/// The damage in slice `j` of `count`: the worn depth is that of its band, and a tooth of which a
+/// part of the width is broken off is whole before the break and gone behind it, the break being at
+/// the end that enters last.
 fn broken(teeth: &ToothModifications, j: usize, count: usize) -> ToothModifications {
     let mut out = teeth.clone();
     let local = |gear: &mut GearModifications| {
@@ -190,6 +205,8 @@ fn broken(teeth: &ToothModifications, j: usize, count: usize) -> ToothModificati
                 damage.breakage = (lost > 1e-9).then_some(breakage);
             }
         }
+        gear.worn_m = gear.worn_in_slice_m(j, count).to_vec();
+        gear.worn_bands_m.clear();
     };
     local(&mut out.pinion);
     local(&mut out.wheel);

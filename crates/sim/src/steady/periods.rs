@@ -268,6 +268,7 @@ pub(super) fn only(setup: &SimSetup, turn: Option<Turn>) -> SimSetup {
                 all_teeth: gear.all_teeth.clone(),
                 tip_relief: gear.tip_relief,
                 worn_m: gear.worn_m.clone(),
+                worn_bands_m: gear.worn_bands_m.clone(),
                 ..GearModifications::default()
             };
         }

@@ -17,7 +17,7 @@ pub(crate) fn bare() -> SimSetup {
     effects::setup(&bench, &[]).unwrap()
 }
 
-fn constants(effect: &str, given: &[(&str, f64)]) -> Constants {
+pub(crate) fn constants(effect: &str, given: &[(&str, f64)]) -> Constants {
     let table = GROWING.iter().find(|(id, _)| *id == effect).unwrap().1;
     Constants::new(table, &given.iter().map(|&(name, value)| (name.to_owned(), value)).collect()).unwrap()
 }

@@ -1,4 +1,5 @@
 //! Growth of wear, cracks and pits: against closed forms, published figures, and themselves.
 
+mod helical;
 mod laws;
 mod runs;

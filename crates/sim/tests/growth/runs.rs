@@ -99,8 +99,11 @@ fn conform_a_crack_below_the_threshold_stands_still() {
 #[test]
 fn conform_what_cannot_grow_is_refused() {
     let refused = |plan: &Plan| run(plan, &mut |_| ()).unwrap_err();
-    let helical = Plan { bench: shipped::bench("helical-two-stage").unwrap(), ..plan("tooth_wear", "fast", 60.0, 1.0) };
-    assert!(refused(&helical).to_string().contains("external spur"), "{}", refused(&helical));
+    let of = |name: &str, plan: Plan| Plan { bench: shipped::bench(name).unwrap(), ..plan };
+    let planets = of("planetary-parallel", plan("tooth_wear", "planetary", 60.0, 1.0));
+    assert!(refused(&planets).to_string().contains("not for planets"), "{}", refused(&planets));
+    let crack = of("helical-two-stage", plan("root_crack", "fast.pinion", 60.0, 1.0));
+    assert!(refused(&crack).to_string().contains("spur teeth alone"), "{}", refused(&crack));
     assert!(matches!(refused(&plan("eccentricity", "stage1.pinion", 60.0, 1.0)), GrowthError::NoLaw(_)));
     assert!(refused(&plan("tooth_wear", "stage1", 60.0, 0.0)).to_string().contains("hours"));
     let mut shares = plan("tooth_wear", "stage1", 60.0, 1.0);
