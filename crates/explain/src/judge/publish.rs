@@ -44,7 +44,9 @@ pub fn publish(
     if status == Status::Unexplained {
         advice.push("record with the motor at standstill and neighbouring machines running, then with them switched off: lines that stay are not of this bench".into());
     }
-    let nearest = if status == Status::Unexplained { nearest } else { Vec::new() };
+    let mut nearest = if status == Status::Unexplained { nearest } else { Vec::new() };
+    nearest.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    nearest.retain(|f| f.probability > LEAST_NEAR);
     let published = |all: Vec<Finding>| all.into_iter().map(effect).collect();
     Explanation {
         format: FORMAT,
@@ -75,6 +77,9 @@ fn effect(f: Finding) -> NamedEffect {
         evidence: f.evidence,
     }
 }
+
+/// Least probability of what is said to come nearest.
+const LEAST_NEAR: f64 = 0.1;
 
 /// Lines listed at most.
 const LISTED: usize = 20;

@@ -53,7 +53,7 @@ pub struct Found<'a> {
     pub findings: &'a mut Vec<Finding>,
     /// Set where something changed that has no name.
     pub unexplained: &'a mut bool,
-    /// What comes nearest to that.
+    /// What comes nearest to that: a path that was given up, effects that no name is justified for.
     pub nearest: &'a mut Vec<Finding>,
     /// What was seen, in words.
     pub steps: &'a mut Vec<String>,
@@ -171,7 +171,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             Ok(finding) => finding,
             Err(nearest) => {
                 *found.unexplained = true;
-                *found.nearest = nearest;
+                let left: f64 = 1.0 - found.nearest.iter().map(|f| f.probability).sum::<f64>();
+                found.nearest.extend(nearest.into_iter().map(|f| Finding { probability: left * f.probability, ..f }));
                 break;
             }
         };
@@ -234,6 +235,7 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
         if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
             if probability < held_out::UNPROVED {
+                found.nearest.push(Finding { probability, ..finding });
                 return (cells.to_vec(), false);
             }
             finding.probability = finding.probability.min(probability);

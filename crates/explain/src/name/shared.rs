@@ -28,8 +28,6 @@ const LEAST_SHARE: f64 = 1e-6;
 const UNKNOWN: f64 = 2.0;
 /// What remains to doubt: effects that no library has, and models that fit for another reason.
 const SUREST: f64 = 0.95;
-/// Least probability of what is said to come nearest.
-const LEAST_NEAR: f64 = 0.1;
 /// Least probability of a name: below it several effects fit alike, and an unchanged bench that moved by chance does too.
 const LEAST_NAMED: f64 = 0.4;
 /// Effects that stand in a set, and the least share that they have, of the best.
@@ -65,8 +63,7 @@ pub fn finding(
     let (probabilities, of_unknown) = probabilities(&scored, unknown);
     let Some(&probability) = probabilities.first() else { return Err(Vec::new()) };
     if probability < LEAST_NAMED.max(of_unknown) {
-        let near = scored.iter().zip(&probabilities).take(IN_SET).filter(|(_, p)| **p > LEAST_NEAR);
-        let near: Vec<Finding> = near.map(|(s, p)| named(s, *p)).collect();
+        let near: Vec<Finding> = scored.iter().zip(&probabilities).take(IN_SET).map(|(s, p)| named(s, *p)).collect();
         let words: Vec<String> =
             near.iter().map(|f| format!("{} at {} ({:.2})", f.effect, f.place, f.probability)).collect();
         steps.push(format!(
