@@ -56,6 +56,7 @@ pub mod powers;
 pub mod steady;
 pub mod turning;
 
+mod blocks;
 mod channels;
 mod look;
 mod normal;

@@ -58,7 +58,7 @@ impl Turned {
         let half_width = (0.4 * slowest).min(1.5);
         let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
         let tacho_input_hz = tacho.as_ref().map(|t| t.1);
-        let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0, &mut 0));
+        let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0));
         // The tacho follows the wander of the speed, the comb knows its mean against the sample
         // clock: start from both.
         let start = match tacho {
