@@ -60,6 +60,7 @@ mod blocks;
 mod channels;
 mod look;
 mod normal;
+mod over_angle;
 mod sheet;
 mod slip;
 mod speed;
