@@ -9,6 +9,7 @@
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
+use crate::blocks::{Comb, demodulate};
 use crate::dsp::{Transforms, median};
 use crate::turning::{Turning, between};
 
@@ -41,25 +42,27 @@ impl Carrier {
 }
 
 /// The mesh harmonics that tell the angle best: those of all stages (`mesh_orders`, the first of
-/// each) up to an order, in all channels, `keep` bins on each side of each.
-fn clearest<T: Copy + Into<f64>, A: Iterator<Item = f64>>(
+/// each) up to an order, in all channels, `keep` bins on each side of each. `angle` fills in those
+/// of the next samples.
+fn clearest<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
     channels: &[&[T]],
-    (angle, len): (impl Fn() -> A, usize),
+    (angle, len): (impl FnMut(&mut [f64]), usize),
     mesh_orders: &[f64],
     highest_order: f64,
     keep: usize,
     blocks: usize,
 ) -> Vec<Carrier> {
-    let mut out: Vec<Carrier> = Vec::new();
-    for order in mesh_orders {
-        let count = (1..=HARMONICS).take_while(|h| order * *h as f64 <= highest_order).count();
-        let demodulated = demodulate(channels, (angle(), len), *order, count, blocks);
-        out.extend(demodulated.into_iter().enumerate().filter_map(|(k, values)| {
-            let h = 1 + k / channels.len();
-            Some(carrier(transforms, values, order * h as f64, keep)).filter(|c| c.ratio > CARRIER_RATIO)
-        }));
-    }
+    let within = |order: f64| (1..=HARMONICS).take_while(|h| order * *h as f64 <= highest_order).count();
+    let combs: Vec<Comb> = mesh_orders.iter().map(|&order| Comb { order, count: within(order) }).collect();
+    let harmonics = combs.iter().flat_map(|comb| (1..=comb.count).map(|h| comb.order * h as f64));
+    let lanes = harmonics.flat_map(|order| std::iter::repeat_n(order, channels.len()));
+    let mut out: Vec<Carrier> = demodulate(channels, (angle, len), &combs, blocks)
+        .into_iter()
+        .zip(lanes)
+        .map(|(values, order)| carrier(transforms, values, order, keep))
+        .filter(|c| c.ratio > CARRIER_RATIO)
+        .collect();
     out.sort_by(|a, b| (b.ratio * b.order * b.order).total_cmp(&(a.ratio * a.order * a.order)));
     out.truncate(CARRIERS);
     out
@@ -105,13 +108,14 @@ pub fn refine<T: Copy + Into<f64>>(
     }
     for highest_hz in PASSES_HZ {
         let highest_hz = highest_hz.min(0.4 * sample_rate_hz);
-        let angle = (|| turning.angles(), len);
+        let mut walk = turning.walk();
+        let angle = (|out: &mut [f64]| walk.fill(out), len);
         let carriers = clearest(transforms, channels, angle, mesh_orders, highest_hz / mean_hz, keep, blocks);
         if carriers.is_empty() {
             continue;
         }
         carried = carriers.len();
-        turning.corrections.push(mean_angle(&carriers));
+        turning.correct(&mean_angle(&carriers));
     }
     carried
 }
@@ -182,8 +186,13 @@ pub fn swing<T: Copy + Into<f64>>(
     }
     let mean_hz = (angle[len - 1] - angle[0]) * sample_rate_hz / (len - 1) as f64;
     let highest_order = PASSES_HZ[PASSES_HZ.len() - 1].min(0.4 * sample_rate_hz) / mean_hz;
-    let angles = (|| angle.iter().copied(), len);
-    let carriers = clearest(transforms, channels, angles, mesh_orders, highest_order, keep, blocks);
+    let mut left = angle;
+    let angles = |out: &mut [f64]| {
+        let (next, rest) = left.split_at(out.len());
+        out.copy_from_slice(next);
+        left = rest;
+    };
+    let carriers = clearest(transforms, channels, (angles, len), mesh_orders, highest_order, keep, blocks);
     if carriers.is_empty() {
         return None;
     }
@@ -198,52 +207,6 @@ pub fn swing<T: Copy + Into<f64>>(
         })
         .collect();
     Some(Swing { rate_hz: blocks as f64 / seconds, rev, left })
-}
-
-/// The first `count` harmonics of an order in every channel, turned back by the angle and gathered
-/// in blocks; by harmonic, then channel.
-fn demodulate<T: Copy + Into<f64>>(
-    channels: &[&[T]],
-    (angle, len): (impl Iterator<Item = f64>, usize),
-    order: f64,
-    count: usize,
-    blocks: usize,
-) -> Vec<Vec<Complex64>> {
-    let lanes = count * channels.len();
-    let mut out = vec![vec![Complex64::ZERO; blocks]; lanes];
-    // What the three blocks about the current one have gathered so far: a lane's sums lie together
-    // while its samples go by.
-    let mut sums = vec![[Complex64::ZERO; 3]; lanes];
-    // The record counts as going round, as it does to the transform.
-    let about = |block: usize| [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
-    let mut current = 0;
-    for (n, a) in angle.enumerate() {
-        let position = (n as f64 + 0.5) * blocks as f64 / len as f64;
-        let block = (position as usize).min(blocks - 1);
-        if block != current {
-            let (before, now) = (about(current), about(block));
-            for (lane, sums) in out.iter_mut().zip(&mut sums) {
-                before.iter().zip(&*sums).for_each(|(&k, sum)| lane[k] = *sum);
-                *sums = now.map(|k| lane[k]);
-            }
-            current = block;
-        }
-        let t = position - block as f64;
-        let weights = [0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t];
-        let phasor = Complex64::from_polar(1.0, -TAU * (order * a).fract());
-        let mut power = Complex64::ONE;
-        for sums in sums.chunks_exact_mut(channels.len()) {
-            power *= phasor;
-            for (sums, x) in sums.iter_mut().zip(channels) {
-                let p = power * x[n].into();
-                sums.iter_mut().zip(weights).for_each(|(sum, w)| *sum += p * w);
-            }
-        }
-    }
-    for (lane, sums) in out.iter_mut().zip(&sums) {
-        about(current).iter().zip(sums).for_each(|(&k, sum)| lane[k] = *sum);
-    }
-    out
 }
 
 /// Phase and clearness of a demodulated harmonic, `keep` bins on each side kept.
@@ -301,43 +264,6 @@ fn low_pass(transforms: &mut Transforms, bins: &mut [Complex64], keep: usize) {
 mod tests {
     use super::*;
     use crate::turning::Start;
-
-    /// Each sample put straight into the three blocks about it.
-    fn straight(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, blocks: usize) -> Vec<Vec<Complex64>> {
-        let len = angle.len();
-        let mut out = vec![vec![Complex64::ZERO; blocks]; count * channels.len()];
-        for (n, a) in angle.iter().enumerate() {
-            let position = (n as f64 + 0.5) * blocks as f64 / len as f64;
-            let block = (position as usize).min(blocks - 1);
-            let t = position - block as f64;
-            let weights = [0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t];
-            let at = [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
-            let phasor = Complex64::from_polar(1.0, -TAU * (order * a).fract());
-            let mut power = Complex64::ONE;
-            for h in 0..count {
-                power *= phasor;
-                for (c, x) in channels.iter().enumerate() {
-                    for (k, w) in at.iter().zip(weights) {
-                        out[h * channels.len() + c][*k] += power * x[n] * w;
-                    }
-                }
-            }
-        }
-        out
-    }
-
-    /// Bit for bit, also at the ends, where the record goes round.
-    #[test]
-    fn oracle_blocks_gather_what_each_sample_puts_into_them() {
-        let mut noise = noise();
-        let channels: Vec<Vec<f64>> = (0..2).map(|_| (0..5000).map(|_| noise()).collect()).collect();
-        let channels: Vec<&[f64]> = channels.iter().map(Vec::as_slice).collect();
-        let angle: Vec<f64> = (0..5000).map(|n| 0.003 * n as f64 + 1e-4 * noise()).collect();
-        for (count, blocks) in [(3, 64), (1, 77), (8, 1250)] {
-            let gathered = demodulate(&channels, (angle.iter().copied(), angle.len()), 23.0, count, blocks);
-            assert!(gathered == straight(&channels, &angle, 23.0, count, blocks), "{count} {blocks}");
-        }
-    }
 
     /// Even noise from −1 to 1.
     fn noise() -> impl FnMut() -> f64 {

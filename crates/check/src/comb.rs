@@ -1,9 +1,13 @@
 //! Speed of a recording from its own mesh lines by a comb search.
 
-use std::f64::consts::PI;
+use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::Arc;
 
-use crate::dsp::{Knots, Transforms, median};
+use gearwatch_core::spectral::kernels::turned_back;
+use pulp::{Arch, Simd, WithSimd};
+
+use crate::dsp::{Knots, Transforms};
 use crate::powers::{Paired, Powers, Precision};
 
 /// Most that a line counts (nats): 43 dB over the floor.
@@ -19,6 +23,8 @@ const PEAKS: usize = 32;
 #[derive(Clone, Default)]
 pub struct CombField {
     log_excess: Arc<Vec<f32>>,
+    /// The highest of each [`GROUP`] bins of it.
+    highest: Arc<Vec<f32>>,
     bin_hz: f64,
 }
 
@@ -27,20 +33,35 @@ impl CombField {
     pub fn new<T: Precision>(transforms: &mut Transforms, channels: &[&[T]], sample_rate_hz: f64) -> Self {
         let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
         let mut log_excess = vec![0.0_f32; len / 2 + 1];
+        let mut weights = [0.0; TOGETHER];
         for channel in channels {
-            let weight = |n: usize| 0.5 - 0.5 * (2.0 * PI * n as f64 / len as f64).cos();
             let mut signal = Paired::<T>::with_capacity(len);
-            signal.extend(channel[..len].iter().enumerate().map(|(n, x)| (*x).into() * weight(n)));
+            for first in (0..len).step_by(TOGETHER) {
+                let samples = &channel[first..len.min(first + TOGETHER)];
+                hann(first, len, &mut weights[..samples.len()]);
+                signal.extend(samples.iter().zip(&weights).map(|(x, weight)| (*x).into() * weight));
+            }
             let power = transforms.powers(signal);
             let floor = local_floor(&power, 60);
-            for (k, sum) in log_excess.iter_mut().enumerate() {
-                // Capped: one huge line must not outvote a whole comb. Where little noise hides
-                // them, orders of pitch errors reach 30 dB too.
-                let excess = (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
-                *sum += (excess / channels.len() as f64) as f32;
+            let mut power = power.from(0);
+            for (of_step, ends) in log_excess.chunks_mut(floor.step).zip(floor.values.windows(2)) {
+                for (t, (sum, power)) in of_step.iter_mut().zip(&mut power).enumerate() {
+                    let t = t as f64 / floor.step as f64;
+                    let floor = ends[0] * (1.0 - t) + ends[1] * t;
+                    // Capped: one huge line must not outvote a whole comb. Where little noise hides
+                    // them, orders of pitch errors reach 30 dB too.
+                    let ratio = power / floor.max(f64::MIN_POSITIVE);
+                    let excess = if ratio > 1.0 { ratio.ln().min(MOST_EXCESS) } else { 0.0 };
+                    *sum += (excess / channels.len() as f64) as f32;
+                }
             }
         }
-        Self { log_excess: Arc::new(log_excess), bin_hz: if len > 0 { sample_rate_hz / len as f64 } else { 1.0 } }
+        Self::of(log_excess, if len > 0 { sample_rate_hz / len as f64 } else { 1.0 })
+    }
+
+    fn of(log_excess: Vec<f32>, bin_hz: f64) -> Self {
+        let highest = log_excess.chunks(GROUP).map(|group| group.iter().copied().fold(0.0, f32::max)).collect();
+        Self { log_excess: Arc::new(log_excess), highest: Arc::new(highest), bin_hz }
     }
 
     /// Width of a bin (Hz).
@@ -73,13 +94,22 @@ impl CombField {
 
     /// Best speed in a range and its score.
     pub fn search(&self, orders: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
-        let mut best = (0.5 * (low_hz + high_hz), f64::NEG_INFINITY);
-        for (hz, score) in self.scores(orders, low_hz, high_hz) {
-            if score > best.1 {
-                best = (hz, score);
+        let steps = self.steps(orders, low_hz, high_hz);
+        let mut best = (usize::MAX, f64::NEG_INFINITY);
+        for (most, run) in self.runs(orders, &steps) {
+            // What cannot reach the best is not worked out, nor is what comes behind it.
+            if most < best.1 {
+                break;
+            }
+            for i in run {
+                let score = self.score(orders, steps.hz(i));
+                if score > best.1 || (score == best.1 && i < best.0) {
+                    best = (i, score);
+                }
             }
         }
-        best
+        let found = best.0 <= steps.last;
+        (if found { steps.hz(best.0) } else { 0.5 * (low_hz + high_hz) }, best.1)
     }
 
     /// The speed in a range at which, of the best peaks of a comb, the most of `all` orders of the
@@ -88,25 +118,111 @@ impl CombField {
     /// Errors of a gear's teeth light every order of its shaft, so that mesh harmonics alone fit at
     /// another speed too, where they fall on such orders. The shafts' own orders then do not.
     pub fn speed(&self, comb: &[f64], all: &[f64], low_hz: f64, high_hz: f64) -> (f64, f64) {
-        let scores: Vec<(f64, f64)> = self.scores(comb, low_hz, high_hz).collect();
-        let at = |i: usize| scores.get(i).map_or(f64::NEG_INFINITY, |one| one.1);
-        let is_peak = |i: &usize| at(*i) >= at(i.wrapping_sub(1)) && at(*i) > at(i + 1);
-        let mut peaks: Vec<(f64, f64)> = (0..scores.len()).filter(is_peak).map(|i| scores[i]).collect();
-        peaks.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let fits = peaks.into_iter().take(PEAKS).map(|peak| (self.score(all, peak.0), peak));
+        let steps = self.steps(comb, low_hz, high_hz);
+        let mut scores = Vec::new();
+        let mut peaks: Vec<(usize, f64)> = Vec::new();
+        for (most, run) in self.runs(comb, &steps) {
+            // Nothing that comes is as high as the last of those that count.
+            if peaks.get(PEAKS - 1).is_some_and(|last| most < last.1) {
+                break;
+            }
+            // With the steps beside the run, where there are any.
+            let beside = run.start.saturating_sub(1)..(run.end + 1).min(steps.last + 1);
+            scores.clear();
+            scores.extend(beside.clone().map(|i| self.score(comb, steps.hz(i))));
+            let at = |i: usize| scores.get(i.wrapping_sub(beside.start)).copied().unwrap_or(f64::NEG_INFINITY);
+            let is_peak = |i: &usize| at(*i) >= at(i.wrapping_sub(1)) && at(*i) > at(i + 1);
+            peaks.extend(run.filter(is_peak).map(|i| (i, at(i))));
+            // The highest first; of equal ones the slowest.
+            peaks.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+            peaks.truncate(PEAKS);
+        }
+        let fits = peaks.into_iter().map(|(i, score)| (self.score(all, steps.hz(i)), (steps.hz(i), score)));
         fits.max_by(|a, b| a.0.total_cmp(&b.0)).map_or((0.5 * (low_hz + high_hz), f64::NEG_INFINITY), |best| best.1)
     }
 
-    /// Speeds of a range and the scores of a comb there.
-    fn scores<'a>(&'a self, orders: &'a [f64], low_hz: f64, high_hz: f64) -> impl Iterator<Item = (f64, f64)> + 'a {
+    /// Speeds of a range at which a comb is scored.
+    fn steps(&self, orders: &[f64], low_hz: f64, high_hz: f64) -> Steps {
         let highest = orders.iter().copied().fold(1.0, f64::max);
         // A fifth of a bin at the highest order: finer than the main lobe of the window.
-        let step = (0.2 * self.bin_hz / highest).max(1e-9);
-        let count = (((high_hz - low_hz) / step).ceil() as usize).min(400_000);
-        (0..=count).map(move |i| {
-            let hz = low_hz + step * i as f64;
-            (hz, self.score(orders, hz))
-        })
+        let step_hz = (0.2 * self.bin_hz / highest).max(1e-9);
+        let last = (((high_hz - low_hz) / step_hz).ceil() as usize).min(400_000);
+        Steps { low_hz, step_hz, last }
+    }
+
+    /// Runs of neighbouring steps with the most that a comb can score in each, the highest first.
+    fn runs(&self, orders: &[f64], steps: &Steps) -> Vec<(f64, Range<usize>)> {
+        let runs = (0..=steps.last).step_by(RUN).map(|first| first..(first + RUN).min(steps.last + 1));
+        let mut runs: Vec<(f64, Range<usize>)> =
+            runs.map(|run| (self.most(orders, steps.hz(run.start), steps.hz(run.end - 1)), run)).collect();
+        runs.sort_by(|a, b| b.0.total_cmp(&a.0));
+        runs
+    }
+
+    /// At least the score of a comb at any speed between two: between bins it is a straight line.
+    fn most(&self, orders: &[f64], from_hz: f64, to_hz: f64) -> f64 {
+        let mut sum = 0.0;
+        let mut count = 0usize;
+        for order in orders {
+            let bin = |hz: f64| (order * hz / self.bin_hz) as usize;
+            let (first, last) = (bin(from_hz), bin(to_hz) + 1);
+            if first + 1 >= self.log_excess.len() {
+                continue;
+            }
+            if last >= self.log_excess.len() {
+                // A line that leaves the band between them.
+                return f64::INFINITY;
+            }
+            let groups = self.highest[first / GROUP..=last / GROUP].iter();
+            sum += f64::from(groups.copied().fold(0.0, f32::max));
+            count += 1;
+        }
+        // Rounding of sums is smaller by far.
+        if count == 0 { 0.0 } else { sum / count as f64 * (1.0 + 1e-9) }
+    }
+}
+
+/// Bins whose highest is kept, and speeds that are tried or left out together: a line of the
+/// highest order passes some 13 bins meanwhile.
+const GROUP: usize = 16;
+const RUN: usize = 64;
+
+/// Evenly spaced speeds.
+struct Steps {
+    low_hz: f64,
+    step_hz: f64,
+    last: usize,
+}
+
+impl Steps {
+    fn hz(&self, i: usize) -> f64 {
+        self.low_hz + self.step_hz * i as f64
+    }
+}
+
+/// Samples that are weighted at a time.
+const TOGETHER: usize = 512;
+
+/// Samples of a Hann window from one on.
+fn hann(first: usize, len: usize, out: &mut [f64]) {
+    Arch::new().dispatch(Hann { first, len, out });
+}
+
+struct Hann<'a> {
+    first: usize,
+    len: usize,
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Hann<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (first, each) = (self.first as f64, 1.0 / self.len as f64);
+        for (i, weight) in self.out.iter_mut().enumerate() {
+            *weight = 0.5 - 0.5 * turned_back((first + i as u32 as f64) * each).0;
+        }
     }
 }
 
@@ -114,14 +230,123 @@ impl CombField {
 fn local_floor(power: &Powers<impl Precision>, half: usize) -> Knots {
     let step = (half / 2).max(1);
     let mut values = Vec::new();
-    let mut centre = 0;
+    // Powers are not negative: as whole numbers, their bits are in the order of the powers.
+    let mut bits = power.from(0).map(f64::to_bits);
+    let mut near: VecDeque<u64> = VecDeque::with_capacity(2 * half + 1 + step);
     let mut window = Vec::with_capacity(2 * half + 1);
+    near.extend(bits.by_ref().take(half + 1));
+    let mut centre = 0;
     while centre < power.len() + step {
         window.clear();
-        window.extend((centre.saturating_sub(half)..(centre + half + 1).min(power.len())).map(|k| power.at(k)));
-        let value = median(&mut window) / std::f64::consts::LN_2;
+        window.extend(near.iter());
+        let value = median_bits(&mut window) / std::f64::consts::LN_2;
         values.push(if value.is_finite() { value } else { values.last().copied().unwrap_or(1.0) });
+        let gone = (centre + step).saturating_sub(half) - centre.saturating_sub(half);
+        near.drain(..gone.min(near.len()));
+        near.extend(bits.by_ref().take(step));
         centre += step;
     }
     Knots { values, step }
+}
+
+/// As [`crate::dsp::median`], of bits of numbers that are not negative.
+fn median_bits(values: &mut [u64]) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let middle = values.len() / 2;
+    f64::from_bits(*values.select_nth_unstable(middle).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::dsp::median;
+
+    /// Noise with lines, and a stretch that is silent.
+    fn signal(len: usize) -> Vec<f32> {
+        let mut state = 1u64;
+        let mut white = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
+        };
+        let line = |n: usize| 3.0 * (0.37 * n as f64).cos() + 40.0 * (1.1 * n as f64).cos();
+        (0..len).map(|n| if n < len / 9 { 0.0 } else { (line(n) + white()) as f32 }).collect()
+    }
+
+    /// The floor is the median of each neighbourhood, and the excess the logarithm of power over
+    /// it, worked out bin by bin.
+    #[test]
+    fn oracle_the_field_is_the_log_excess_over_medians() {
+        for len in [1 << 15, 40_000, 40_001, 96, 50] {
+            let signal = signal(len);
+            let mut paired = Paired::<f32>::with_capacity(len);
+            let weight = |n: usize| 0.5 - 0.5 * (TAU * n as f64 / len as f64).cos();
+            paired.extend(signal.iter().enumerate().map(|(n, x)| f64::from(*x) * weight(n)));
+            let mut transforms = Transforms::default();
+            let power = transforms.powers(paired);
+            let floor = local_floor(&power, 60);
+            let expected: Vec<f64> = (0..floor.values.len())
+                .map(|k| {
+                    let (low, high) = ((k * floor.step).saturating_sub(60), (k * floor.step + 61).min(power.len()));
+                    median(&mut (low..high).map(|k| power.at(k)).collect::<Vec<_>>()) / std::f64::consts::LN_2
+                })
+                .collect();
+            assert_eq!(floor.values, expected, "{len}");
+            let field = CombField::new(&mut transforms, &[&signal], 1.0);
+            for (k, excess) in field.log_excess.iter().enumerate() {
+                let expected = (power.at(k) / floor.at(k).max(f64::MIN_POSITIVE)).max(1.0).ln().min(MOST_EXCESS);
+                // The windows differ by rounding; so do, in single precision, the spectra: far from
+                // the lines by 1e-7 of the highest amplitude at most.
+                assert!((f64::from(*excess) - expected).abs() < 1e-3, "{len}: bin {k}, {excess} {expected}");
+            }
+        }
+    }
+
+    /// Every speed of the range scored, as [`CombField::search`] and [`CombField::speed`] were once
+    /// written.
+    fn all_scores(field: &CombField, orders: &[f64], low_hz: f64, high_hz: f64) -> Vec<(f64, f64)> {
+        let steps = field.steps(orders, low_hz, high_hz);
+        (0..=steps.last).map(|i| (steps.hz(i), field.score(orders, steps.hz(i)))).collect()
+    }
+
+    /// What is left out changes nothing, bit for bit: in noise alone, with lines, with plateaus of
+    /// equal excess, and where lines leave the band.
+    #[test]
+    fn oracle_a_bounded_search_finds_what_the_whole_one_does() {
+        let comb: Vec<f64> = [23.0, 7.9].iter().flat_map(|mesh| (1..=5).map(move |h| mesh * f64::from(h))).collect();
+        let all: Vec<f64> = comb.iter().copied().chain((1..=4).map(f64::from)).collect();
+        let noise = CombField::new(&mut Transforms::default(), &[&signal(20_000)], 1000.0);
+        let of_comb = |cap: f32| {
+            let mut log_excess = noise.log_excess.to_vec();
+            for order in &all {
+                let bin = (order * 2.5 / noise.bin_hz) as usize;
+                log_excess[bin - 1..bin + 3].fill(6.0);
+            }
+            CombField::of(log_excess.iter().map(|x| x.min(cap)).collect(), noise.bin_hz)
+        };
+        let silent = CombField::of(vec![0.0; 10_001], noise.bin_hz);
+        for (k, field) in [noise.clone(), of_comb(6.0), of_comb(0.5), silent].into_iter().enumerate() {
+            for (low, high) in [(1.0, 2.0), (2.3, 2.7), (2.5, 2.5), (3.0, 9.0), (40.0, 80.0), (2.0, 1.0)] {
+                let scores = all_scores(&field, &comb, low, high);
+                let mut best = (0.5 * (low + high), f64::NEG_INFINITY);
+                for (hz, score) in &scores {
+                    if *score > best.1 {
+                        best = (*hz, *score);
+                    }
+                }
+                assert_eq!(field.search(&comb, low, high), best, "field {k}, {low} to {high} Hz");
+                let at = |i: usize| scores.get(i).map_or(f64::NEG_INFINITY, |one| one.1);
+                let is_peak = |i: &usize| at(*i) >= at(i.wrapping_sub(1)) && at(*i) > at(i + 1);
+                let mut peaks: Vec<(f64, f64)> = (0..scores.len()).filter(is_peak).map(|i| scores[i]).collect();
+                peaks.sort_by(|a, b| b.1.total_cmp(&a.1));
+                let fits = peaks.into_iter().take(PEAKS).map(|peak| (field.score(&all, peak.0), peak));
+                let most = fits.max_by(|a, b| a.0.total_cmp(&b.0));
+                let expected = most.map_or((0.5 * (low + high), f64::NEG_INFINITY), |best| best.1);
+                assert_eq!(field.speed(&comb, &all, low, high), expected, "field {k}, {low} to {high} Hz");
+            }
+        }
+    }
 }

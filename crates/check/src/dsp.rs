@@ -82,9 +82,15 @@ pub fn mean(values: &[f64]) -> f64 {
 
 /// Sample `n` of `len` of the periodic Blackman–Harris window.
 pub fn window(n: usize, len: usize) -> f64 {
-    let u = 2.0 * PI * n as f64 / len as f64;
+    window_at(n as f64 / len as f64)
+}
+
+/// The same at a share of its length.
+pub(crate) fn window_at(share: f64) -> f64 {
     let [a0, a1, a2, a3] = BLACKMAN_HARRIS;
-    a0 - a1 * u.cos() + a2 * (2.0 * u).cos() - a3 * (3.0 * u).cos()
+    let c = (2.0 * PI * share).cos();
+    // Cosines of twice and of three times the angle.
+    a0 - a1 * c + a2 * (2.0 * c * c - 1.0) - a3 * c * (4.0 * c * c - 3.0)
 }
 
 /// What a line of unit amplitude at a distance of `bins` shows in a bin of [`windowed_spectrum`].
@@ -130,8 +136,6 @@ pub fn windowed_spectrum(transforms: &mut Transforms, signal: &[f64]) -> Vec<Com
 /// reaches the middle by the side lobes of that taper only, below −100 dB up to 0.45 of the sample
 /// rate.
 const STRETCH: usize = 1 << 14;
-/// The same where memory counts: a third more of work.
-pub(crate) const SHORT_STRETCH: usize = 1 << 12;
 const BESIDE: usize = 1 << 10;
 
 /// Values of a signal at ascending positions (samples).
@@ -142,7 +146,6 @@ const BESIDE: usize = 1 << 10;
 /// transform, where it is no longer than a stretch.
 fn at_positions<T: Copy + Into<f64>>(
     transforms: &mut Transforms,
-    stretch: usize,
     signal: &[T],
     positions: impl Iterator<Item = f64>,
     mut take: impl FnMut(f64),
@@ -150,12 +153,12 @@ fn at_positions<T: Copy + Into<f64>>(
     const UP: usize = 4;
     let mut positions = positions.peekable();
     // All stretches are of one length, so that one plan serves them.
-    let length = (stretch + 2 * BESIDE).min(signal.len());
+    let length = (STRETCH + 2 * BESIDE).min(signal.len());
     let mut begin: usize = 0;
     while positions.peek().is_some() {
         let low = begin.saturating_sub(BESIDE).min(signal.len() - length);
         let high = low + length;
-        let end = if high == signal.len() { high } else { begin + stretch };
+        let end = if high == signal.len() { high } else { begin + STRETCH };
         let mut stretch: Vec<f64> = signal[low..high].iter().map(|x| (*x).into()).collect();
         let fade = |n: usize| 0.5 - 0.5 * (PI * (n as f64 + 0.5) / (BESIDE / 2) as f64).cos();
         if low > 0 {
@@ -188,29 +191,28 @@ pub fn resample_to_angle<T: Copy + Into<f64>>(
     let len = signal.len().min(phase_rev.len());
     let mut out = Vec::with_capacity(len);
     if len >= 8 {
-        let ends = (phase_rev[0], phase_rev[len - 1]);
-        resample(transforms, STRETCH, &signal[..len], ends, phase_rev[..len].iter().copied(), |x| out.push(x));
+        let positions = even_steps(phase_rev[..len].iter().copied(), (phase_rev[0], phase_rev[len - 1]), len, len);
+        at_positions(transforms, &signal[..len], positions, |x| out.push(x));
     }
     out
 }
 
-/// The same with an angle that comes in order (`phases`, one a sample) between its `ends`, samples
-/// that go in order to where they are wanted, and so many of them at a time.
-pub(crate) fn resample<T: Copy + Into<f64>>(
-    transforms: &mut Transforms,
-    stretch: usize,
-    signal: &[T],
-    ends: (f64, f64),
+/// Positions (samples) of so many even steps of an angle that comes in order, one a sample, between
+/// its `ends`: the revolutions of all `len` samples, the last one's own step too, are parted.
+pub(crate) fn even_steps(
     mut phases: impl Iterator<Item = f64>,
-    take: impl FnMut(f64),
-) {
-    let len = signal.len();
-    let (first, last) = ends;
-    let step = (last - first) / (len - 1) as f64;
+    (first, last): (f64, f64),
+    len: usize,
+    steps: usize,
+) -> impl Iterator<Item = f64> {
+    let mut step = (last - first) / (len - 1) as f64;
+    if steps != len {
+        step *= len as f64 / steps as f64;
+    }
     let mut at = 0usize;
     let mut now = phases.next().unwrap_or(first);
     let mut next = phases.next().unwrap_or(last);
-    let positions = (0..len).map(move |n| {
+    (0..steps).map(move |n| {
         let target = first + step * n as f64;
         while at + 2 < len && next < target {
             at += 1;
@@ -219,8 +221,7 @@ pub(crate) fn resample<T: Copy + Into<f64>>(
         let span = next - now;
         let fraction = if span > 0.0 { ((target - now) / span).clamp(0.0, 1.0) } else { 0.0 };
         at as f64 + fraction
-    });
-    at_positions(transforms, stretch, signal, positions, take);
+    })
 }
 
 /// One over the product of each of eight neighbours' distances from the others: the constants of
@@ -267,7 +268,7 @@ pub fn remainder_over_time(
     let step = (phase_rev[len - 1] - first) / (len - 1) as f64;
     let positions = phase_rev.iter().map(|p| ((p - first) / step).max(0.0));
     let mut back = Vec::with_capacity(len);
-    at_positions(transforms, STRETCH, &over_angle, positions, |x| back.push(x));
+    at_positions(transforms, &over_angle, positions, |x| back.push(x));
     let mut bins = transforms.forward_real(&mut back);
     let scale = 2.0 / len as f64;
     bins.iter_mut().for_each(|b| *b *= scale);
@@ -344,7 +345,7 @@ mod tests {
         let signal: Vec<f64> = (0..len).map(|n| value(n as f64)).collect();
         let swing = |n: usize| (n as f64 + 3.7 * (2.0 * PI * n as f64 / 9000.0).sin()).clamp(0.0, (len - 1) as f64);
         let mut read = Vec::new();
-        at_positions(&mut Transforms::default(), STRETCH, &signal, (0..len).map(swing), |x| read.push(x));
+        at_positions(&mut Transforms::default(), &signal, (0..len).map(swing), |x| read.push(x));
         assert_eq!(read.len(), len);
         let worst = (0..len).map(|n| (read[n] - value(swing(n))).abs()).fold(0.0, f64::max);
         // Six lines of amplitude 1; the bound is that of one.
@@ -369,7 +370,7 @@ mod tests {
         let signal = transforms.inverse_real(&mut bins, len);
         let positions = || (0..len - 1).map(|n| n as f64 + 0.37);
         let mut read = Vec::new();
-        at_positions(&mut transforms, STRETCH, &signal, positions(), |x| read.push(x));
+        at_positions(&mut transforms, &signal, positions(), |x| read.push(x));
         // The whole at once: the spectrum turned by 0.37 samples.
         let mut work = signal.clone();
         let mut bins = transforms.forward_real(&mut work);

@@ -229,10 +229,14 @@ pub fn other_wheel<B: Bins>(bench: &Bench, train: &Train, all: &[OrderSpectra<B>
     let mut tried = beside(1..=REACH);
     let best = tried.iter().map(|t| t.0).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?.0;
     let (gain, sure, teeth) = tried.swap_remove(best);
+    // Only what is believed by itself is held against numbers that nobody has: they are many.
+    if gain <= GAIN || sure <= SURE {
+        return None;
+    }
     tried.extend(beside(REACH + 1..=NOBODYS_REACH));
     let others: Vec<f64> = tried.iter().map(|t| t.0).collect();
     let other = kinematics::with_teeth(bench, stage, false, teeth)?;
-    (gain > GAIN && sure > SURE && !sheet_stands(&others) && stands_out(gain, &others, OF_NOBODY))
+    (!sheet_stands(&others) && stands_out(gain, &others, OF_NOBODY))
         .then_some((OtherTeeth { stage, pinion: false, teeth, sheet, gain }, other))
 }
 

@@ -56,9 +56,11 @@ pub mod powers;
 pub mod steady;
 pub mod turning;
 
+mod blocks;
 mod channels;
 mod look;
 mod normal;
+mod over_angle;
 mod sheet;
 mod slip;
 mod speed;

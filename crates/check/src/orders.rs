@@ -8,7 +8,8 @@ use crate::carriers;
 use crate::dsp::{self, Knots, MAIN_LOBE_BINS, Transforms, median};
 use crate::last_wheel::Bins;
 use crate::lines::{self, Line};
-use crate::powers::{Paired, Precision};
+use crate::over_angle;
+use crate::powers::Paired;
 use crate::steady::{Run, Steady};
 use crate::turning::{Start, Turning};
 
@@ -58,7 +59,7 @@ impl Turned {
         let half_width = (0.4 * slowest).min(1.5);
         let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
         let tacho_input_hz = tacho.as_ref().map(|t| t.1);
-        let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0, &mut 0));
+        let start_rev = tacho.as_ref().map_or(0.0, |t| t.0.at(0));
         // The tacho follows the wander of the speed, the comb knows its mean against the sample
         // clock: start from both.
         let start = match tacho {
@@ -91,21 +92,27 @@ pub(crate) struct OrderPowers {
     floor: Vec<f64>,
 }
 
+/// Bins beyond the last one that is asked for, of which its noise is read.
+const BEYOND: usize = 4 * NOISE_BINS + NOISE_BINS / 2;
+
 impl OrderPowers {
-    /// Of a channel, the first so many bins.
-    pub(crate) fn of<T: Precision>(transforms: &mut Transforms, turned: &Turned, samples: &[T], bins: usize) -> Self {
-        let len = turned.turning.len();
-        let mut over_angle = Paired::<T>::with_capacity(len);
-        let ends = turned.turning.ends();
-        dsp::resample(transforms, dsp::SHORT_STRETCH, &samples[..len], ends, turned.turning.angles(), |x| {
-            over_angle.push(x * dsp::window(over_angle.len(), len));
+    /// Of all channels, the first so many bins.
+    pub(crate) fn of(transforms: &mut Transforms, turned: &Turned, channels: &[&[f32]], bins: usize) -> Vec<Self> {
+        let steps = over_angle::steps(bins + BEYOND, turned.turning.len());
+        let mut resampled: Vec<_> = channels.iter().map(|_| Paired::<f32>::with_capacity(steps)).collect();
+        over_angle::resample(channels, &turned.turning, (bins + BEYOND, steps), |step, values| {
+            let weight = dsp::window(step, steps);
+            resampled.iter_mut().zip(values).for_each(|(channel, x)| channel.push(f64::from(*x) * weight));
         });
-        let all = transforms.powers(over_angle);
-        let scale = dsp::window_scale(len).powi(2);
-        let power = |k: usize| all.at(k) * scale;
-        let bins = bins.min(all.len());
-        let floor = noise(power, &turned.taken, bins);
-        Self { powers: (0..bins).map(power).collect(), floor: (0..bins).map(|k| floor.at(k)).collect() }
+        let scale = dsp::window_scale(steps).powi(2);
+        let powers = |channel: Paired<f32>| {
+            let all = transforms.powers(channel);
+            let power = |k: usize| all.at(k) * scale;
+            let bins = bins.min(all.len());
+            let floor = noise(power, &turned.taken[..turned.taken.len().min(all.len())], bins);
+            Self { powers: (0..bins).map(power).collect(), floor: (0..bins).map(|k| floor.at(k)).collect() }
+        };
+        resampled.into_iter().map(powers).collect()
     }
 }
 

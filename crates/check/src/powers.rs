@@ -1,9 +1,10 @@
 //! Powers of long spectra in the memory of the signal itself, in single precision where that is
 //! enough.
 
+use gearwatch_core::spectral::kernels::turned_back;
 use num_complex::{Complex, Complex64};
+use pulp::{Arch, Simd, WithSimd};
 use rustfft::{FftNum, FftPlanner};
-use std::f64::consts::PI;
 
 use crate::dsp::Transforms;
 
@@ -65,6 +66,7 @@ impl Transforms {
         let mut scratch = vec![Complex::new(T::zero(), T::zero()); wanted];
         // Some columns at a time, so that a line of the cache is read once.
         let mut some = vec![Complex::new(T::zero(), T::zero()); rows * BESIDE_COLUMNS];
+        let mut turns = Turns::new(rows);
         for first in (0..columns).step_by(BESIDE_COLUMNS) {
             let count = BESIDE_COLUMNS.min(columns - first);
             for row in 0..rows {
@@ -74,9 +76,9 @@ impl Transforms {
             }
             for (c, column) in some.chunks_exact_mut(rows).take(count).enumerate() {
                 of_column.process_with_scratch(column, &mut scratch);
-                for (row, value) in column.iter_mut().enumerate() {
-                    let turn = turned(row * (first + c), half);
-                    *value = *value * Complex::new(T::of(turn.re), T::of(turn.im));
+                turns.fill(0, (first + c) as f64 / half as f64);
+                for (value, (re, im)) in column.iter_mut().zip(turns.re.iter().zip(&turns.im)) {
+                    *value = *value * Complex::new(T::of(*re), T::of(*im));
                 }
             }
             for row in 0..rows {
@@ -147,9 +149,41 @@ fn columns(values: usize) -> Option<usize> {
     (values >= LEAST_TABLE && values / columns <= LONGEST_SIDE).then_some(columns)
 }
 
-/// `exp(-2πi k / of)`.
-fn turned(k: usize, of: usize) -> Complex64 {
-    Complex64::from_polar(1.0, -2.0 * PI * (k % of) as f64 / of as f64)
+/// `exp(-2πi k / of)` for `k` that follow each other: real and imaginary parts.
+struct Turns {
+    re: Vec<f64>,
+    im: Vec<f64>,
+}
+
+impl Turns {
+    fn new(count: usize) -> Self {
+        Self { re: vec![0.0; count], im: vec![0.0; count] }
+    }
+
+    /// From `k` = `first` on, given one part of a turn for each.
+    fn fill(&mut self, first: usize, each: f64) {
+        Arch::new().dispatch(Fill { to: self, first: first as f64, each });
+    }
+}
+
+struct Fill<'a> {
+    to: &'a mut Turns,
+    first: f64,
+    each: f64,
+}
+
+impl WithSimd for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { to: Turns { re, im }, first, each } = self;
+        let n = re.len();
+        let im = &mut im[..n];
+        for i in 0..n {
+            (re[i], im[i]) = turned_back((first + i as u32 as f64) * each);
+        }
+    }
 }
 
 /// Powers of the bins of a spectrum.
@@ -186,22 +220,70 @@ impl<T: Precision> Powers<T> {
         amplitude.into() * amplitude.into()
     }
 
+    /// Powers of the bins from one on, up to the last: down the columns of the table.
+    pub fn from(&self, first: usize) -> impl Iterator<Item = f64> + '_ {
+        let mut place = Place { row: first % self.rows, column: first / self.rows };
+        (first..self.len()).map(move |k| {
+            let amplitude = match self.last {
+                Some(last) if k == self.bins.len() => last,
+                _ => self.bins[place.next(self)].re,
+            };
+            amplitude.into() * amplitude.into()
+        })
+    }
+
     /// From the spectrum of even samples as real and odd samples as imaginary parts to the
     /// amplitudes of the spectrum of all.
     fn part(&mut self, half: usize) {
         let wide = |bin: Complex<T>| Complex64::new(bin.re.into(), bin.im.into());
-        let of = |amplitude: f64| Complex::new(T::of(amplitude), T::zero());
+        // Squares of single precision do not overflow in double, nor do those of any signal.
+        let of = |bin: Complex64| Complex::new(T::of(bin.norm_sqr().sqrt()), T::zero());
         let zero = wide(self.bins[0]);
         self.last = Some(T::of((zero.re - zero.im).abs()));
-        self.bins[0] = of((zero.re + zero.im).abs());
+        self.bins[0] = Complex::new(T::of((zero.re + zero.im).abs()), T::zero());
+        let mut turns = Turns::new(self.rows);
+        let (mut up, mut down) = (Place { row: 0, column: 0 }, Place { row: 0, column: self.columns });
+        up.next(self);
         for k in 1..=half / 2 {
-            let (low, high) = (self.place(k), self.place(half - k));
+            let at = (k - 1) % turns.re.len();
+            if at == 0 {
+                turns.fill(k, 0.5 / half as f64);
+            }
+            let (low, high) = (up.next(self), down.previous(self));
             let (a, b) = (wide(self.bins[low]), wide(self.bins[high]).conj());
-            let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turned(k, 2 * half));
+            let turn = Complex64::new(turns.re[at], turns.im[at]);
+            let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turn);
             // The bin at half − k is the conjugate of the difference.
-            self.bins[low] = of((even + odd).norm());
-            self.bins[high] = of((even - odd).norm());
+            self.bins[low] = of(even + odd);
+            self.bins[high] = of(even - odd);
         }
+    }
+}
+
+/// A bin's place in the table.
+struct Place {
+    row: usize,
+    column: usize,
+}
+
+impl Place {
+    /// Index of this one; steps on to the next bin.
+    fn next<T>(&mut self, of: &Powers<T>) -> usize {
+        let index = self.row * of.columns + self.column;
+        self.row += 1;
+        if self.row == of.rows {
+            (self.row, self.column) = (0, self.column + 1);
+        }
+        index
+    }
+
+    /// Steps back to the bin before; its index.
+    fn previous<T>(&mut self, of: &Powers<T>) -> usize {
+        if self.row == 0 {
+            (self.row, self.column) = (of.rows, self.column - 1);
+        }
+        self.row -= 1;
+        self.row * of.columns + self.column
     }
 }
 
@@ -233,6 +315,10 @@ mod tests {
             let bins = transforms.forward_real(&mut signal);
             assert_eq!(powers.len(), bins.len());
             let highest = bins.iter().map(Complex64::norm_sqr).fold(0.0, f64::max);
+            for first in [0, 1, powers.len() / 3, powers.len() - 1] {
+                let run: Vec<f64> = powers.from(first).collect();
+                assert_eq!(run, (first..powers.len()).map(|k| powers.at(k)).collect::<Vec<_>>(), "{len} from {first}");
+            }
             for (k, bin) in bins.iter().enumerate() {
                 // Rounding of the two transforms: some units in the last place of the highest
                 // amplitude.

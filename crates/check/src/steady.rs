@@ -163,7 +163,7 @@ impl<R: Run> Steady<'_, R> {
         let angle = PulseAngle::new(pulses, tacho.pulses_per_rev, self.sample_rate_hz, order)?;
         let last = run.samples().len() - 1;
         let seconds = last as f64 / self.sample_rate_hz;
-        let speed = (angle.at(last, &mut 0) - angle.at(0, &mut 0)) / seconds;
+        let speed = (angle.at(last) - angle.at(0)) / seconds;
         (speed.is_finite() && speed > 0.0).then_some((angle, speed))
     }
 

@@ -53,8 +53,7 @@ fn of_the_last_wheel(bench: &Bench, asked: &[&Heard<'_>]) -> Option<Finding> {
         .map(|one| {
             let turned = Turned::of(&mut transforms, &train, bench.belt.is_some(), &one.steady, one.input_hz);
             let bins = (highest_order * turned.revolutions) as usize + last_wheel::BESIDE + 2;
-            let spectrum = |samples: &[f32]| OrderPowers::of(&mut transforms, &turned, samples, bins);
-            let channels = one.steady.signals().into_iter().map(spectrum).collect();
+            let channels = OrderPowers::of(&mut transforms, &turned, &one.steady.signals(), bins);
             OrderSpectra {
                 sample_rate_hz: one.steady.sample_rate_hz,
                 input_hz: turned.input_hz,

@@ -1,13 +1,16 @@
 //! The angle of a shaft through a recording: from tacho pulses or an even speed, with what the mesh
 //! lines correct.
 
+use std::ops::Range;
+
 /// The angle of a shaft through a recording, worked out where it is asked for: written down it
 /// would take as much memory as a channel of the recording, or two.
 #[derive(Clone, Debug)]
 pub struct Turning {
     start: Start,
-    /// At the middles of blocks, one set after the other.
-    pub(crate) corrections: Vec<Vec<f64>>,
+    /// What the mesh lines add, at the middles of blocks (revolutions); empty where they add
+    /// nothing.
+    correction: Vec<f64>,
     len: usize,
 }
 
@@ -37,7 +40,14 @@ pub enum Start {
 impl Turning {
     /// Of so many samples.
     pub fn new(start: Start, len: usize) -> Self {
-        Self { start, corrections: Vec::new(), len }
+        Self { start, correction: Vec::new(), len }
+    }
+
+    /// Adds to the angle what is given at the middles of so many blocks (revolutions), the same
+    /// number each time.
+    pub(crate) fn correct(&mut self, by: &[f64]) {
+        self.correction.resize(by.len(), 0.0);
+        self.correction.iter_mut().zip(by).for_each(|(sum, by)| *sum += by);
     }
 
     /// Samples.
@@ -52,33 +62,112 @@ impl Turning {
 
     /// Angle at the first sample and at the last (revolutions).
     pub fn ends(&self) -> (f64, f64) {
-        (self.from(0).next().unwrap_or(0.0), self.from(self.len.saturating_sub(1)).next().unwrap_or(0.0))
+        let at = |sample: usize| {
+            let mut out = [0.0];
+            Walk { turning: self, sample, pulse: 0, samples: Vec::new() }.fill(&mut out[..self.len.min(1)]);
+            out[0]
+        };
+        (at(0), at(self.len.saturating_sub(1)))
+    }
+
+    /// From the first sample on.
+    pub fn walk(&self) -> Walk<'_> {
+        Walk { turning: self, sample: 0, pulse: 0, samples: Vec::new() }
     }
 
     /// Angle at each sample in turn (revolutions).
     pub fn angles(&self) -> impl Iterator<Item = f64> + '_ {
-        self.from(0)
-    }
-
-    fn from(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
-        let mut pulses = [0, 0];
-        (sample..self.len).map(move |n| {
-            let mut angle = match &self.start {
-                Start::Even { input_hz, sample_rate_hz } => input_hz * n as f64 / sample_rate_hz,
-                Start::Pulses { angle, input_hz, tacho_input_hz, len } => {
-                    // Where the sample clock is off, sample `n` was not taken at `n` steps of the
-                    // tacho's time.
-                    let position = n as f64 * input_hz / tacho_input_hz;
-                    let k = (position as usize).min(len - 2);
-                    let (a, b) = (angle.at(k, &mut pulses[0]), angle.at(k + 1, &mut pulses[1]));
-                    a + (b - a) * (position - k as f64)
-                }
-            };
-            for correction in &self.corrections {
-                angle += between(correction, (n as f64 + 0.5) * correction.len() as f64 / self.len as f64 - 0.5);
+        const AT_A_TIME: usize = 256;
+        let mut walk = self.walk();
+        let mut some = [0.0; AT_A_TIME];
+        (0..self.len).map(move |n| {
+            if n.is_multiple_of(AT_A_TIME) {
+                walk.fill(&mut some[..AT_A_TIME.min(self.len - n)]);
             }
-            angle
+            some[n % AT_A_TIME]
         })
+    }
+}
+
+/// The angle sample after sample, many at a time.
+pub struct Walk<'a> {
+    turning: &'a Turning,
+    sample: usize,
+    /// The last pulse that was come to, and angles by the pulses.
+    pulse: usize,
+    samples: Vec<f64>,
+}
+
+impl Walk<'_> {
+    /// Angle at the next samples (revolutions), no more than there are.
+    pub fn fill(&mut self, out: &mut [f64]) {
+        let first = self.sample;
+        self.sample += out.len();
+        match &self.turning.start {
+            Start::Even { input_hz, sample_rate_hz } => {
+                for (n, angle) in (first..).zip(&mut *out) {
+                    *angle = input_hz * n as f64 / sample_rate_hz;
+                }
+            }
+            Start::Pulses { angle: by_pulses, input_hz, tacho_input_hz, len } => {
+                // Where the sample clock is off, sample `n` was not taken at `n` steps of the
+                // tacho's time.
+                let position = |n: usize| n as f64 * input_hz / tacho_input_hz;
+                let whole = |position: f64| (position as usize).min(len - 2);
+                let (begin, end) = (whole(position(first)), whole(position(self.sample.saturating_sub(1))) + 2);
+                self.samples.resize(end - begin, 0.0);
+                self.pulse = by_pulses.fill(begin, self.pulse, &mut self.samples);
+                for (n, angle) in (first..).zip(&mut *out) {
+                    let position = position(n);
+                    let k = whole(position);
+                    let (a, b) = (self.samples[k - begin], self.samples[k - begin + 1]);
+                    *angle = a + (b - a) * (position - k as f64);
+                }
+            }
+        }
+        let knots = &self.turning.correction;
+        if !knots.is_empty() {
+            add_between(knots, self.turning.len, first, out);
+        }
+    }
+}
+
+/// Adds to the values at samples from `first` on what [`between`] gives at each of `len` samples:
+/// samples between the same two middles of blocks together.
+fn add_between(values: &[f64], len: usize, first: usize, out: &mut [f64]) {
+    let (blocks, last) = (values.len() as f64, values.len() - 2);
+    let position = |n: usize| (n as f64 + 0.5) * blocks / len as f64 - 0.5;
+    let knot = |n: usize| (position(n).max(0.0) as usize).min(last);
+    let mut done = 0;
+    while done < out.len() {
+        let begin = first + done;
+        let k = knot(begin);
+        // The last sample before the next middle, to within one.
+        let guess = ((k as f64 + 1.5) * len as f64 / blocks - 0.5) as usize;
+        let mut end = if k == last { first + out.len() } else { guess.clamp(begin + 1, first + out.len()) };
+        while end < first + out.len() && knot(end) == k {
+            end += 1;
+        }
+        while end > begin + 1 && knot(end - 1) != k {
+            end -= 1;
+        }
+        add_span(values, k, begin..end, position, &mut out[done..end - first]);
+        done = end - first;
+    }
+}
+
+/// The same between the middles of blocks `k` and `k + 1`.
+fn add_span(values: &[f64], k: usize, samples: Range<usize>, position: impl Fn(usize) -> f64, out: &mut [f64]) {
+    let (b, c) = (values[k], values[k + 1]);
+    if k == 0 || k == values.len() - 2 {
+        for (n, out) in samples.zip(out) {
+            *out += straight(b, c, position(n) - k as f64);
+        }
+    } else {
+        let (a, d) = (values[k - 1], values[k + 2]);
+        for (n, out) in samples.zip(out) {
+            *out += cubic([a, b, c, d], position(n) - k as f64);
+        }
     }
 }
 
@@ -87,49 +176,113 @@ impl Turning {
 pub struct PulseAngle {
     /// Seconds after the first sample.
     pulse_s: Vec<f64>,
-    pulses_per_rev: f64,
     sample_rate_hz: f64,
-    /// Revolutions of that shaft in one of the shaft that is asked for.
-    order: f64,
+    /// Revolutions of the shaft that is asked for from pulse to pulse.
+    rev_per_pulse: f64,
 }
 
 impl PulseAngle {
     /// Of a shaft that turns `order` times as fast as the one whose angle is wanted. `None` with
     /// fewer than four pulses.
     pub fn new(pulse_s: Vec<f64>, pulses_per_rev: f64, sample_rate_hz: f64, order: f64) -> Option<Self> {
-        (pulse_s.len() >= 4).then_some(Self { pulse_s, pulses_per_rev, sample_rate_hz, order })
+        (pulse_s.len() >= 4).then_some(Self { pulse_s, sample_rate_hz, rev_per_pulse: 1.0 / pulses_per_rev / order })
     }
 
-    /// Angle at a sample (revolutions); `pulse` is one before it, from which the next is sought,
-    /// 0 to begin with.
-    pub fn at(&self, sample: usize, pulse: &mut usize) -> f64 {
+    /// Angle at a sample (revolutions).
+    pub fn at(&self, sample: usize) -> f64 {
+        let mut out = [0.0];
+        self.fill(sample, 0, &mut out);
+        out[0]
+    }
+
+    /// Angles at samples from `first` on (revolutions); `pulse` is one near them, 0 to begin with,
+    /// and the one before the last of them is returned.
+    fn fill(&self, first: usize, mut pulse: usize, out: &mut [f64]) -> usize {
+        let time = |sample: usize| sample as f64 / self.sample_rate_hz;
+        let mut done = 0;
+        while done < out.len() {
+            pulse = self.pulse_at(time(first + done), pulse);
+            let span = self.span(pulse);
+            // The samples before the next pulse, to within one; behind the last one all.
+            let until = if pulse + 2 < self.pulse_s.len() { span.end_s } else { f64::INFINITY };
+            let guess = (until * self.sample_rate_hz) as usize;
+            let mut end = guess.saturating_sub(first).saturating_sub(1).clamp(done + 1, out.len());
+            while end < out.len() && time(first + end) < until {
+                end += 1;
+            }
+            let (begin_s, end_s) = (time(first + done), time(first + end - 1));
+            let of_it = (first + done..).zip(&mut out[done..end]);
+            if begin_s > self.pulse_s[0] && end_s < self.pulse_s[self.pulse_s.len() - 1] {
+                of_it.for_each(|(n, angle)| *angle = span.at(time(n)) * self.rev_per_pulse);
+            } else {
+                of_it.for_each(|(n, angle)| *angle = self.within(&span, time(n)));
+            }
+            done = end;
+        }
+        pulse
+    }
+
+    /// The last pulse before a time, or the last but one, sought from one near it.
+    fn pulse_at(&self, t: f64, mut pulse: usize) -> usize {
+        while pulse > 0 && t < self.pulse_s[pulse] {
+            pulse -= 1;
+        }
+        while pulse + 2 < self.pulse_s.len() && self.pulse_s[pulse + 1] <= t {
+            pulse += 1;
+        }
+        pulse
+    }
+
+    /// From a pulse to the next.
+    fn span(&self, pulse: usize) -> Span {
         let (pulse_s, n) = (&self.pulse_s, self.pulse_s.len());
         let slope = |i: usize| {
             // Three-point slope in pulses per second (Catmull–Rom on uneven steps).
             let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
             (b - a) as f64 / (pulse_s[b] - pulse_s[a])
         };
-        let t = sample as f64 / self.sample_rate_hz;
-        while *pulse + 2 < n && pulse_s[*pulse + 1] <= t {
-            *pulse += 1;
-        }
-        let at = *pulse;
-        let (t0, t1) = (pulse_s[at], pulse_s[at + 1]);
-        let pulses = if t <= pulse_s[0] {
-            slope(0) * (t - pulse_s[0])
-        } else if t >= pulse_s[n - 1] {
-            (n - 1) as f64 + slope(n - 1) * (t - pulse_s[n - 1])
+        let (begin_s, end_s) = (pulse_s[pulse], pulse_s[pulse + 1]);
+        let slopes = [slope(pulse), slope(pulse + 1)];
+        let rises = slopes.map(|slope| slope * (end_s - begin_s));
+        Span { pulse: pulse as f64, slopes, rises, begin_s, end_s, per_s: 1.0 / (end_s - begin_s) }
+    }
+
+    /// Angle at a time within a span, or beyond the ends of all (revolutions).
+    fn within(&self, span: &Span, t: f64) -> f64 {
+        let n = self.pulse_s.len();
+        let pulses = if t <= self.pulse_s[0] {
+            span.slopes[0] * (t - self.pulse_s[0])
+        } else if t >= self.pulse_s[n - 1] {
+            (n - 1) as f64 + span.slopes[1] * (t - self.pulse_s[n - 1])
         } else {
-            let h = t1 - t0;
-            let u = (t - t0) / h;
-            let (m0, m1) = (slope(at) * h, slope(at + 1) * h);
-            let (u2, u3) = (u * u, u * u * u);
-            at as f64 * (2.0 * u3 - 3.0 * u2 + 1.0)
-                + m0 * (u3 - 2.0 * u2 + u)
-                + (at + 1) as f64 * (-2.0 * u3 + 3.0 * u2)
-                + m1 * (u3 - u2)
+            span.at(t)
         };
-        pulses / self.pulses_per_rev / self.order
+        pulses * self.rev_per_pulse
+    }
+}
+
+/// Two neighbouring pulses, and the slopes there (pulses a second, and pulses over the span).
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    pulse: f64,
+    slopes: [f64; 2],
+    rises: [f64; 2],
+    begin_s: f64,
+    end_s: f64,
+    per_s: f64,
+}
+
+impl Span {
+    /// Pulses at a time within it.
+    #[inline(always)]
+    fn at(&self, t: f64) -> f64 {
+        let u = (t - self.begin_s) * self.per_s;
+        let [m0, m1] = self.rises;
+        let (u2, u3) = (u * u, u * u * u);
+        self.pulse * (2.0 * u3 - 3.0 * u2 + 1.0)
+            + m0 * (u3 - 2.0 * u2 + u)
+            + (self.pulse + 1.0) * (-2.0 * u3 + 3.0 * u2)
+            + m1 * (u3 - u2)
     }
 }
 
@@ -140,9 +293,85 @@ pub(crate) fn between(values: &[f64], position: f64) -> f64 {
     let k = (position.max(0.0) as usize).min(last);
     let t = position - k as f64;
     let (b, c) = (values[k], values[k + 1]);
-    if k == 0 || k == last {
-        return b + (c - b) * t;
-    }
-    let (a, d) = (values[k - 1], values[k + 2]);
+    if k == 0 || k == last { straight(b, c, t) } else { cubic([values[k - 1], b, c, values[k + 2]], t) }
+}
+
+fn straight(b: f64, c: f64, t: f64) -> f64 {
+    b + (c - b) * t
+}
+
+fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pulses at a time, by the formula alone.
+    fn pulses_at(pulse_s: &[f64], t: f64) -> f64 {
+        let n = pulse_s.len();
+        let slope = |i: usize| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+            (b - a) as f64 / (pulse_s[b] - pulse_s[a])
+        };
+        if t <= pulse_s[0] {
+            return slope(0) * (t - pulse_s[0]);
+        } else if t >= pulse_s[n - 1] {
+            return (n - 1) as f64 + slope(n - 1) * (t - pulse_s[n - 1]);
+        }
+        let at = pulse_s.partition_point(|pulse| *pulse <= t) - 1;
+        let h = pulse_s[at + 1] - pulse_s[at];
+        let u = (t - pulse_s[at]) / h;
+        let (m0, m1) = (slope(at) * h, slope(at + 1) * h);
+        let (u2, u3) = (u * u, u * u * u);
+        at as f64 * (2.0 * u3 - 3.0 * u2 + 1.0)
+            + m0 * (u3 - 2.0 * u2 + u)
+            + (at + 1) as f64 * (-2.0 * u3 + 3.0 * u2)
+            + m1 * (u3 - u2)
+    }
+
+    /// Many samples at a time are what each alone is: by an even speed and by pulses whose clock is
+    /// not that of the samples, which begin before the samples and end behind them, or do not; with
+    /// a correction that has many blocks, and two.
+    #[test]
+    fn oracle_a_walk_gives_what_each_sample_has() {
+        const LEN: usize = 10_007;
+        const RATE_HZ: f64 = 10_000.0;
+        let even = (Start::Even { input_hz: 25.0, sample_rate_hz: RATE_HZ }, Vec::new());
+        let pulses = |hz: f64, count: u32, from_s: f64| {
+            let at = |p: u32| from_s + 0.0041 * f64::from(p) + 1e-4 * (0.3 * f64::from(p)).sin();
+            let pulse_s: Vec<f64> = (0..count).map(at).collect();
+            let angle = PulseAngle::new(pulse_s.clone(), 2.0, RATE_HZ, 1.7).unwrap();
+            (Start::Pulses { angle, input_hz: hz, tacho_input_hz: 25.0, len: LEN }, pulse_s)
+        };
+        let by_pulses =
+            [pulses(25.0, 260, -0.01), pulses(25.03, 200, 0.05), pulses(24.9, 260, 0.0), pulses(25.0, 4, 0.3)];
+        for (start, pulse_s) in [even].into_iter().chain(by_pulses) {
+            for blocks in [2, 77, 1250] {
+                let values: Vec<f64> = (0..blocks).map(|b| 1e-3 * (0.7 * f64::from(b)).sin()).collect();
+                let mut turning = Turning::new(start.clone(), LEN);
+                turning.correct(&values);
+                let walked: Vec<f64> = turning.angles().collect();
+                assert_eq!(walked.len(), LEN);
+                for (n, walked) in walked.iter().enumerate() {
+                    let uncorrected = match &start {
+                        Start::Even { input_hz, sample_rate_hz } => input_hz * n as f64 / sample_rate_hz,
+                        Start::Pulses { input_hz, tacho_input_hz, len, .. } => {
+                            let position = n as f64 * input_hz / tacho_input_hz;
+                            let k = (position as usize).min(len - 2);
+                            let at = |k: usize| pulses_at(&pulse_s, k as f64 / RATE_HZ) / 2.0 / 1.7;
+                            let (a, b) = (at(k), at(k + 1));
+                            a + (b - a) * (position - k as f64)
+                        }
+                    };
+                    let position = (n as f64 + 0.5) * values.len() as f64 / LEN as f64 - 0.5;
+                    // Some roundings of some hundred revolutions.
+                    let off = (walked - uncorrected - between(&values, position)).abs();
+                    assert!(off < 1e-12, "{blocks} blocks, sample {n}: {off:.1e}");
+                }
+                assert_eq!(turning.ends(), (walked[0], walked[LEN - 1]));
+            }
+        }
+    }
 }

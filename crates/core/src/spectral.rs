@@ -42,7 +42,7 @@ pub(crate) mod floor;
 pub mod harmonics;
 mod hum;
 pub mod kaiser;
-pub(crate) mod kernels;
+pub mod kernels;
 pub mod lines;
 pub mod mesh_refine;
 pub mod mesh_speed;

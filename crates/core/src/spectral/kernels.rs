@@ -70,7 +70,7 @@ const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
 /// `(cos, -sin)` of `2π turns`, by the series of half the angle: in |πr| ≤ π/2 the first term left out is below 3e-16.
 #[inline(always)]
-pub(crate) fn turned_back(turns: f64) -> (f64, f64) {
+pub fn turned_back(turns: f64) -> (f64, f64) {
     let r = turns - ((turns + ROUNDER) - ROUNDER);
     let y = r * r;
     let (mut cos, mut sin) = (COSINE[10], SINE[10]);

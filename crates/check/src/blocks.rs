@@ -1,0 +1,267 @@
+//! Harmonics of a shaft's angle in a recording, gathered in blocks: some fifty values a second in
+//! place of samples.
+//!
+//! A stretch of a block is worked at a time. The phasor of an order is made of the angle, its
+//! powers are the harmonics, and each of them is summed over the stretch with the weights of the
+//! three blocks about it: loops over numbers that lie side by side, for the processor's vectors.
+
+use std::ops::Range;
+
+use gearwatch_core::spectral::kernels::turned_back;
+use num_complex::Complex64;
+use pulp::{Arch, Simd, WithSimd};
+
+/// An order and how many of its harmonics are asked for.
+pub(crate) struct Comb {
+    pub(crate) order: f64,
+    pub(crate) count: usize,
+}
+
+/// The harmonics of some orders in every channel, turned back by the angle and gathered in blocks
+/// by the weights of a quadratic spline; by order, then harmonic, then channel. `angle` fills in
+/// those of the next samples (revolutions).
+pub(crate) fn demodulate<T: Copy + Into<f64>>(
+    channels: &[&[T]],
+    (mut angle, len): (impl FnMut(&mut [f64]), usize),
+    combs: &[Comb],
+    blocks: usize,
+) -> Vec<Vec<Complex64>> {
+    let lanes = combs.iter().map(|comb| comb.count).sum::<usize>() * channels.len();
+    let mut out = vec![vec![Complex64::ZERO; blocks]; lanes];
+    let arch = Arch::new();
+    let mut stretch = Stretch::new(channels.len());
+    let mut sums = vec![[Complex64::ZERO; 3]; lanes];
+    let mut first = 0;
+    while first < len {
+        let block = block_of(first, len, blocks);
+        let samples = first..end_of(block, first, len, blocks).min(first + MOST);
+        stretch.take(channels, samples.clone(), block, (len, blocks));
+        angle(&mut stretch.angle[..samples.len()]);
+        arch.dispatch(Gather { stretch: &mut stretch, combs, sums: &mut sums });
+        // The record counts as going round, as it does to the transform.
+        let about = [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
+        for (lane, sums) in out.iter_mut().zip(&sums) {
+            about.iter().zip(sums).for_each(|(&k, sum)| lane[k] += sum);
+        }
+        first = samples.end;
+    }
+    out
+}
+
+/// Middle of a sample in blocks.
+fn position(sample: usize, len: usize, blocks: usize) -> f64 {
+    (sample as f64 + 0.5) * blocks as f64 / len as f64
+}
+
+fn block_of(sample: usize, len: usize, blocks: usize) -> usize {
+    (position(sample, len, blocks) as usize).min(blocks - 1)
+}
+
+/// The first sample from `first` on that is not in its block any more.
+fn end_of(block: usize, first: usize, len: usize, blocks: usize) -> usize {
+    let guess = ((block + 1) as f64 * len as f64 / blocks as f64) as usize;
+    let mut end = guess.saturating_sub(1).clamp(first + 1, len);
+    while end < len && block_of(end, len, blocks) == block {
+        end += 1;
+    }
+    while end > first + 1 && block_of(end - 1, len, blocks) != block {
+        end -= 1;
+    }
+    end
+}
+
+/// Samples that are worked at a time, whole vectors of any processor.
+const MOST: usize = 512;
+const VECTOR: usize = 8;
+
+/// Some samples of one block.
+struct Stretch {
+    /// Up to whole vectors.
+    len: usize,
+    angle: Vec<f64>,
+    /// Phasor of an order and of its harmonic: real and imaginary parts.
+    first: [Vec<f64>; 2],
+    power: [Vec<f64>; 2],
+    /// Samples times the weights of the three blocks, channel after channel; zero beyond the end.
+    weighted: Vec<[Vec<f64>; 3]>,
+}
+
+impl Stretch {
+    fn new(channels: usize) -> Self {
+        let zeros = || vec![0.0; MOST];
+        Self {
+            len: 0,
+            angle: zeros(),
+            first: [zeros(), zeros()],
+            power: [zeros(), zeros()],
+            weighted: (0..channels).map(|_| [zeros(), zeros(), zeros()]).collect(),
+        }
+    }
+
+    /// Weighs samples of a block.
+    fn take<T: Copy + Into<f64>>(
+        &mut self,
+        channels: &[&[T]],
+        samples: Range<usize>,
+        block: usize,
+        (len, blocks): (usize, usize),
+    ) {
+        let count = samples.len();
+        self.len = count.next_multiple_of(VECTOR);
+        self.angle[count..self.len].fill(0.0);
+        for (channel, [before, own, after]) in channels.iter().zip(&mut self.weighted) {
+            let weighted = before.iter_mut().zip(own.iter_mut()).zip(after.iter_mut());
+            for (((before, own), after), (n, x)) in weighted.zip(samples.clone().zip(&channel[samples.clone()])) {
+                let t = position(n, len, blocks) - block as f64;
+                let x: f64 = (*x).into();
+                (*before, *own, *after) =
+                    (x * (0.5 * (1.0 - t) * (1.0 - t)), x * (0.5 + t * (1.0 - t)), x * (0.5 * t * t));
+            }
+            for weighted in [before, own, after] {
+                weighted[count..self.len].fill(0.0);
+            }
+        }
+    }
+}
+
+/// Sums of all harmonics over a stretch.
+struct Gather<'a> {
+    stretch: &'a mut Stretch,
+    combs: &'a [Comb],
+    /// By order, harmonic and channel.
+    sums: &'a mut [[Complex64; 3]],
+}
+
+impl WithSimd for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { stretch, combs, sums } = self;
+        let n = stretch.len;
+        let (angle, weighted) = (&stretch.angle[..n], &stretch.weighted);
+        let [first_re, first_im] = &mut stretch.first;
+        let [re, im] = &mut stretch.power;
+        let (first_re, first_im, re, im) = (&mut first_re[..n], &mut first_im[..n], &mut re[..n], &mut im[..n]);
+        let mut sums = sums.chunks_exact_mut(weighted.len());
+        for comb in combs {
+            turn_back(comb.order, angle, first_re, first_im);
+            for harmonic in 0..comb.count {
+                if harmonic == 0 {
+                    re.copy_from_slice(first_re);
+                    im.copy_from_slice(first_im);
+                } else {
+                    turn_on(re, im, first_re, first_im);
+                }
+                let Some(of_channels) = sums.next() else { return };
+                for (sums, weighted) in of_channels.iter_mut().zip(weighted) {
+                    let [before, own, after] = weighted;
+                    *sums = products(simd, [re, im], [&before[..n], &own[..n], &after[..n]]);
+                }
+            }
+        }
+    }
+}
+
+/// Phasors of an order. The arguments are slices so that the compiler knows them for apart.
+#[inline(always)]
+fn turn_back(order: f64, angle: &[f64], re: &mut [f64], im: &mut [f64]) {
+    for ((re, im), angle) in re.iter_mut().zip(im).zip(angle) {
+        (*re, *im) = turned_back(order * angle);
+    }
+}
+
+/// From a harmonic's phasors to the next one's.
+#[inline(always)]
+fn turn_on(re: &mut [f64], im: &mut [f64], first_re: &[f64], first_im: &[f64]) {
+    for (((re, im), first_re), first_im) in re.iter_mut().zip(im).zip(first_re).zip(first_im) {
+        (*re, *im) = (*re * first_re - *im * first_im, *re * first_im + *im * first_re);
+    }
+}
+
+/// Sum of each of three real signals times a complex one.
+#[inline(always)]
+fn products<S: Simd>(simd: S, [re, im]: [&[f64]; 2], signals: [&[f64]; 3]) -> [Complex64; 3] {
+    let (re, im) = (S::as_simd_f64s(re).0, S::as_simd_f64s(im).0);
+    let [a, b, c] = signals;
+    let (a, b, c) = (S::as_simd_f64s(a).0, S::as_simd_f64s(b).0, S::as_simd_f64s(c).0);
+    let n = re.len();
+    let (im, a, b, c) = (&im[..n], &a[..n], &b[..n], &c[..n]);
+    let mut sums = [simd.splat_f64s(0.0); 6];
+    for i in 0..n {
+        sums[0] = simd.mul_add_e_f64s(re[i], a[i], sums[0]);
+        sums[1] = simd.mul_add_e_f64s(im[i], a[i], sums[1]);
+        sums[2] = simd.mul_add_e_f64s(re[i], b[i], sums[2]);
+        sums[3] = simd.mul_add_e_f64s(im[i], b[i], sums[3]);
+        sums[4] = simd.mul_add_e_f64s(re[i], c[i], sums[4]);
+        sums[5] = simd.mul_add_e_f64s(im[i], c[i], sums[5]);
+    }
+    let sum = |i: usize| simd.reduce_sum_f64s(sums[i]);
+    [Complex64::new(sum(0), sum(1)), Complex64::new(sum(2), sum(3)), Complex64::new(sum(4), sum(5))]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    /// Each sample put straight into the three blocks about it.
+    fn straight(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, blocks: usize) -> Vec<Vec<Complex64>> {
+        let len = angle.len();
+        let mut out = vec![vec![Complex64::ZERO; blocks]; count * channels.len()];
+        for (n, a) in angle.iter().enumerate() {
+            let position = (n as f64 + 0.5) * blocks as f64 / len as f64;
+            let block = (position as usize).min(blocks - 1);
+            let t = position - block as f64;
+            let weights = [0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t];
+            let at = [(block + blocks - 1) % blocks, block, (block + 1) % blocks];
+            let phasor = Complex64::from_polar(1.0, -TAU * (order * a).fract());
+            let mut power = Complex64::ONE;
+            for h in 0..count {
+                power *= phasor;
+                for (c, x) in channels.iter().enumerate() {
+                    for (k, w) in at.iter().zip(weights) {
+                        out[h * channels.len() + c][*k] += power * x[n] * w;
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Up to the rounding of sums in another order, also at the ends, where the record goes round.
+    #[test]
+    fn oracle_blocks_gather_what_each_sample_puts_into_them() {
+        let mut noise = noise();
+        let channels: Vec<Vec<f64>> = (0..2).map(|_| (0..5000).map(|_| noise()).collect()).collect();
+        let channels: Vec<&[f64]> = channels.iter().map(Vec::as_slice).collect();
+        let angle: Vec<f64> = (0..5000).map(|n| 0.003 * n as f64 + 1e-4 * noise()).collect();
+        for (count, blocks) in [(3, 64), (1, 77), (8, 1250)] {
+            let mut left = &angle[..];
+            let fill = |out: &mut [f64]| {
+                out.copy_from_slice(&left[..out.len()]);
+                left = &left[out.len()..];
+            };
+            let combs = [Comb { order: 23.0, count }, Comb { order: 7.3, count: 0 }, Comb { order: 16.7, count: 2 }];
+            let gathered = demodulate(&channels, (fill, angle.len()), &combs, blocks);
+            let mut expected = straight(&channels, &angle, 23.0, count, blocks);
+            expected.extend(straight(&channels, &angle, 16.7, 2, blocks));
+            assert_eq!(gathered.len(), expected.len());
+            // A block gathers some hundred products of at most 1, each off by the rounding of the
+            // phasor's powers, some 1e-15.
+            let pairs = gathered.iter().flatten().zip(expected.iter().flatten());
+            let worst = pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            assert!(worst < 1e-12, "{count} {blocks}: {worst:.1e}");
+        }
+    }
+
+    /// Even noise from −1 to 1.
+    fn noise() -> impl FnMut() -> f64 {
+        let mut state = 1u64;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
+        }
+    }
+}
