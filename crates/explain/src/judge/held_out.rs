@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
-use crate::change::masks::{self, INDEPENDENT, SCALES};
+use crate::change::masks::INDEPENDENT;
 use crate::fit::refit;
 use crate::judge::predict::{self, Named};
 use crate::judge::report::{Beside, Fit};
@@ -147,8 +147,8 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
         .collect();
     let none = residuals(&vec![0.0; q.comparison.lines.len()]);
     let mean = residuals(&line_means(q.comparison, &rest));
-    let likelihoods: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.likelihood)).collect();
-    let best = decide(&mut findings[first], &likelihoods, steps);
+    let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
+    let best = decide(&mut findings[first], &misfits, none.lines, steps);
     let own = answers[best].as_ref()?;
     // A sham of what is no longer first says nothing of it.
     let sham = answers[count..].iter().flatten().map(|r| r.held).next().filter(|_| best == 0);
@@ -203,16 +203,23 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     Some(fit)
 }
 
-/// Weighs a finding against its rivals by how likely each makes the recordings that were held out (ln, its own first, `None` without a model), and puts the most probable one first.
-/// Returns its index. Without a model of the finding nothing is weighed, and a rival without one stays as probable as it was.
-fn decide(finding: &mut Finding, likelihoods: &[Option<f64>], steps: &mut Vec<String>) -> usize {
-    let Some(own) = likelihoods[0] else { return 0 };
+/// Weighs a finding against its rivals by what each leaves of the recordings that were held out (`misfits`, its own first, `None` without a model), and puts the most probable one first.
+/// Returns its index. Without a model of the finding nothing is weighed, and a rival without one stays as probable as it was. Effects that the joint refit has ranked stay so: its evidence of all
+/// recordings holds what those left out add to the others, by the chain rule of probability, and would count twice.
+fn decide(finding: &mut Finding, misfits: &[Option<f64>], lines: usize, steps: &mut Vec<String>) -> usize {
+    let Some(own) = misfits[0] else { return 0 };
     let count = finding.alternatives.len();
     if count == 0 {
         return 0;
     }
+    let effects: Vec<&str> =
+        std::iter::once(finding.effect).chain(finding.alternatives.iter().map(|(effect, _)| *effect)).collect();
+    let ranked = |k: usize| refit::has_form(effects[0]) && refit::has_form(effects[k]);
     let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
-    let gain = |k: usize| likelihoods.get(k).copied().flatten().map_or(0.0, |l| (l - own).clamp(-MOST, MOST));
+    let gain = |k: usize| {
+        let misfit = misfits.get(k).copied().flatten().filter(|_| !ranked(k));
+        misfit.map_or(0.0, |m| nats(lines, m, own).clamp(-MOST, MOST))
+    };
     let weights: Vec<f64> = (0..=count).map(|k| prior(k) * gain(k).exp()).collect();
     let sum: f64 = weights.iter().sum();
     let best = (0..=count).max_by(|a, b| weights[*a].total_cmp(&weights[*b])).unwrap_or(0);
@@ -228,7 +235,7 @@ fn decide(finding: &mut Finding, likelihoods: &[Option<f64>], steps: &mut Vec<St
         ));
         finding.evidence.shape = format!(
             "of {} models, each fitted without the recordings that are held out, this one predicts them best",
-            likelihoods.iter().flatten().count()
+            misfits.iter().flatten().count()
         );
         finding.parameters = shared_parameters(finding, effect);
         (finding.effect, finding.place) = (effect, place);
@@ -319,9 +326,6 @@ pub struct Residuals {
     pub fitted: f64,
     /// Of those left out.
     pub held: f64,
-    /// Log likelihood of those left out (nats, up to a constant): of a t distribution, since a few lines at resonances leave far more than the rest, whose scale is unknown and not below repetition. Lines
-    /// share their errors, so that a part of them counts.
-    likelihood: f64,
     /// Of those left out in dB, by channel.
     channels_db: Vec<f64>,
 }
@@ -356,21 +360,9 @@ impl Residuals {
             lines: cells.iter().filter(|c| wanted(c) && left(c)).count(),
             fitted: rms(&|c| !left(c), &scaled),
             held: rms(&left, &scaled),
-            likelihood: likelihood(cells.iter().zip(predicted).filter(|(c, _)| wanted(c) && left(c))),
             channels_db: (0..comparison.channels.len()).map(|k| rms(&|c| left(c) && c.channel == k, &in_db)).collect(),
         }
     }
-}
-
-/// Log likelihood of cells beside their predictions at the best scale of what remains.
-fn likelihood<'a>(predicted: impl Iterator<Item = (&'a Cell, &'a f64)>) -> f64 {
-    let mut sums = [0.0; SCALES];
-    for (cell, p) in predicted {
-        let table = masks::densities((cell.change - p).powi(2) / cell.variance);
-        sums.iter_mut().zip(table).for_each(|(sum, density)| *sum += INDEPENDENT * density);
-    }
-    let beyond_repetition = (0..SCALES).filter(|k| masks::scale(*k) >= 1.0);
-    beyond_repetition.map(|k| sums[k]).fold(f64::NEG_INFINITY, f64::max)
 }
 
 #[cfg(test)]
@@ -390,24 +382,6 @@ mod tests {
         assert_eq!(path_probability(SUREST, 0.9, 1.0), None);
         // What was doubtful before needs less to be given up.
         assert!(path_probability(0.8, 3.3, none).unwrap() < at(3.3));
-    }
-
-    /// Forty lines left at twice repetition are likelier than at four times by 0.4 ln 2 each; the same where one of them leaves a hundred times as much, which a mean square would not bear. Below repetition
-    /// nothing is likelier.
-    #[test]
-    fn analytic_one_line_far_off_decides_nothing() {
-        let at = |z: f64, first: f64| {
-            let of = |k: usize| {
-                let change = 0.1 * if k == 0 { first } else { z };
-                Cell { pair: 0, channel: 0, family: None, frequency_hz: 100.0, change, variance: 0.01 }
-            };
-            let cells: Vec<Cell> = (0..40).map(of).collect();
-            likelihood(cells.iter().zip(std::iter::repeat(&0.0)))
-        };
-        let per_line = INDEPENDENT * 2f64.ln();
-        assert!((at(2.0, 2.0) - at(4.0, 4.0) - 40.0 * per_line).abs() < 0.5);
-        assert!((at(2.0, 200.0) - at(4.0, 200.0) - 39.0 * per_line).abs() < 2.0);
-        assert!(at(0.3, 0.3) - at(0.6, 0.6) < 40.0 * per_line / 2.0);
     }
 
     /// The error of a path's model in drawn benches, within twice its standard error.
