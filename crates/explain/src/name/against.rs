@@ -61,6 +61,27 @@ pub struct Found<'a> {
     pub cells: &'a mut Vec<Cell>,
 }
 
+impl Found<'_> {
+    /// Something changed that has no name. What comes nearest shares what earlier leads leave of the probability.
+    fn leave_unexplained(&mut self, nearest: Vec<Finding>) {
+        *self.unexplained = true;
+        let left = 1.0 - self.nearest.iter().map(|f| f.probability).sum::<f64>();
+        self.nearest.extend(nearest.into_iter().map(|f| Finding { probability: left * f.probability, ..f }));
+    }
+}
+
+/// A mask for the steps.
+fn in_words(q: &Question<'_>, m: &Mask) -> String {
+    format!(
+        "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
+        subname::describe(q, m.place),
+        m.gain,
+        m.cells,
+        m.inside,
+        m.outside
+    )
+}
+
 /// Cost of a free number (nats): half the logarithm of the lines that it is read from, some twenty.
 const NUMBER: f64 = 1.5;
 
@@ -112,21 +133,11 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
         ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
         let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
-        let best = alone.or_else(|| choose(&ranked));
-        let Some(best) = best else { break };
+        let Some(best) = alone.or_else(|| choose(&ranked)) else { break };
         let leading = of_single_teeth(q.train, &best, &ranked, &remaining);
         let led = leading.is_some();
         let mut chosen = leading.unwrap_or(best);
-        for m in ranked.iter().take(3) {
-            found.steps.push(format!(
-                "mask: {} gains {:.1} nats; {} lines, scale {:.2} inside, {:.2} outside (repetition: below 0.85)",
-                subname::describe(q, m.place),
-                m.gain,
-                m.cells,
-                m.inside,
-                m.outside
-            ));
-        }
+        found.steps.extend(ranked.iter().take(3).map(|m| in_words(q, m)));
         let later = round > 0 || under_path || tooth_found || ghost_found;
         let believed = if later { believed_beside(&chosen, tooth_found) } else { beyond_chance(&chosen) };
         if alone.is_none() && !believed {
@@ -170,9 +181,7 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         let finding = match named_one {
             Ok(finding) => finding,
             Err(nearest) => {
-                *found.unexplained = true;
-                let left: f64 = 1.0 - found.nearest.iter().map(|f| f.probability).sum::<f64>();
-                found.nearest.extend(nearest.into_iter().map(|f| Finding { probability: left * f.probability, ..f }));
+                found.leave_unexplained(nearest);
                 break;
             }
         };

@@ -284,6 +284,7 @@ mod tests {
             format: FORMAT,
             status,
             effects: vec![effect],
+            nearest: Vec::new(),
             free_term: None,
             mismatch: Vec::new(),
             fit: Some(fit),
