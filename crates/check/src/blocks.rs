@@ -205,6 +205,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+    use crate::dsp::tests::noise;
 
     /// Each sample put straight into the three blocks about it.
     fn straight(channels: &[&[f64]], angle: &[f64], order: f64, count: usize, blocks: usize) -> Vec<Vec<Complex64>> {
@@ -253,15 +254,6 @@ mod tests {
             let pairs = gathered.iter().flatten().zip(expected.iter().flatten());
             let worst = pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
             assert!(worst < 1e-12, "{count} {blocks}: {worst:.1e}");
-        }
-    }
-
-    /// Even noise from −1 to 1.
-    fn noise() -> impl FnMut() -> f64 {
-        let mut state = 1u64;
-        move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
         }
     }
 }

@@ -263,16 +263,8 @@ fn low_pass(transforms: &mut Transforms, bins: &mut [Complex64], keep: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dsp::tests::noise;
     use crate::turning::Start;
-
-    /// Even noise from −1 to 1.
-    fn noise() -> impl FnMut() -> f64 {
-        let mut state = 1u64;
-        move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        }
-    }
 
     /// Harmonics of a speed that wanders by half a per mille at 0.5 Hz, in noise: started at
     /// constant speed, the angle comes out to what the noise leaves.

@@ -4,11 +4,8 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 
-use gearwatch_core::spectral::kernels::turned_back;
-use pulp::{Arch, Simd, WithSimd};
-
 use crate::dsp::{Knots, Transforms};
-use crate::powers::{Paired, Powers, Precision};
+use crate::powers::{Paired, Powers, Precision, Turns};
 
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
@@ -33,13 +30,15 @@ impl CombField {
     pub fn new<T: Precision>(transforms: &mut Transforms, channels: &[&[T]], sample_rate_hz: f64) -> Self {
         let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
         let mut log_excess = vec![0.0_f32; len / 2 + 1];
-        let mut weights = [0.0; TOGETHER];
+        let mut turns = Turns::new(TOGETHER);
         for channel in channels {
             let mut signal = Paired::<T>::with_capacity(len);
             for first in (0..len).step_by(TOGETHER) {
                 let samples = &channel[first..len.min(first + TOGETHER)];
-                hann(first, len, &mut weights[..samples.len()]);
-                signal.extend(samples.iter().zip(&weights).map(|(x, weight)| (*x).into() * weight));
+                turns.fill(first, 1.0 / len as f64);
+                // Hann's window.
+                let weights = turns.re.iter().map(|re| 0.5 - 0.5 * re);
+                signal.extend(samples.iter().zip(weights).map(|(x, weight)| (*x).into() * weight));
             }
             let power = transforms.powers(signal);
             let floor = local_floor(&power, 60);
@@ -203,29 +202,6 @@ impl Steps {
 /// Samples that are weighted at a time.
 const TOGETHER: usize = 512;
 
-/// Samples of a Hann window from one on.
-fn hann(first: usize, len: usize, out: &mut [f64]) {
-    Arch::new().dispatch(Hann { first, len, out });
-}
-
-struct Hann<'a> {
-    first: usize,
-    len: usize,
-    out: &'a mut [f64],
-}
-
-impl WithSimd for Hann<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let (first, each) = (self.first as f64, 1.0 / self.len as f64);
-        for (i, weight) in self.out.iter_mut().enumerate() {
-            *weight = 0.5 - 0.5 * turned_back((first + i as u32 as f64) * each).0;
-        }
-    }
-}
-
 /// Median of the neighbouring `half` bins on each side.
 fn local_floor(power: &Powers<impl Precision>, half: usize) -> Knots {
     let step = (half / 2).max(1);
@@ -264,14 +240,11 @@ mod tests {
 
     use super::*;
     use crate::dsp::median;
+    use crate::dsp::tests::noise;
 
     /// Noise with lines, and a stretch that is silent.
     fn signal(len: usize) -> Vec<f32> {
-        let mut state = 1u64;
-        let mut white = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        };
+        let mut white = noise();
         let line = |n: usize| 3.0 * (0.37 * n as f64).cos() + 40.0 * (1.1 * n as f64).cos();
         (0..len).map(|n| if n < len / 9 { 0.0 } else { (line(n) + white()) as f32 }).collect()
     }

@@ -301,8 +301,17 @@ pub fn median(values: &mut [f64]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// Even noise from −1 to 1.
+    pub(crate) fn noise() -> impl FnMut() -> f64 {
+        let mut state = 1u64;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
+        }
+    }
 
     /// The response used in line fits is the transform of the window itself.
     #[test]
@@ -356,11 +365,7 @@ mod tests {
     #[test]
     fn oracle_stretches_are_as_the_whole_record() {
         let len = 2 * STRETCH + 777;
-        let mut state = 1u64;
-        let mut white = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        };
+        let mut white = noise();
         // Noise up to 0.45 of the sample rate.
         let mut transforms = Transforms::default();
         let mut noise: Vec<f64> = (0..len).map(|_| white()).collect();

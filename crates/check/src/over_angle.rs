@@ -141,6 +141,7 @@ impl WithSimd for At<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dsp::tests::noise;
     use crate::dsp::{Transforms, resample_to_angle, window, window_scale};
     use crate::turning::Start;
 
@@ -154,11 +155,7 @@ mod tests {
         let wander: Vec<f64> = (0..200).map(|b| 0.02 * (0.1 * f64::from(b)).sin()).collect();
         turning.correct(&wander);
         let angle: Vec<f64> = turning.angles().collect();
-        let mut state = 1u64;
-        let mut white = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        };
+        let mut white = noise();
         let orders = [1.0, 7.3, 19.0, 46.0, 93.0, 141.0];
         let lines = |a: f64| orders.map(|o| (2.0 * PI * o * a + o).cos()).iter().sum::<f64>();
         let signal: Vec<f32> = angle.iter().map(|a| (lines(*a) + 0.01 * white()) as f32).collect();

@@ -150,18 +150,18 @@ fn columns(values: usize) -> Option<usize> {
 }
 
 /// `exp(-2πi k / of)` for `k` that follow each other: real and imaginary parts.
-struct Turns {
-    re: Vec<f64>,
-    im: Vec<f64>,
+pub(crate) struct Turns {
+    pub(crate) re: Vec<f64>,
+    pub(crate) im: Vec<f64>,
 }
 
 impl Turns {
-    fn new(count: usize) -> Self {
+    pub(crate) fn new(count: usize) -> Self {
         Self { re: vec![0.0; count], im: vec![0.0; count] }
     }
 
     /// From `k` = `first` on, given one part of a turn for each.
-    fn fill(&mut self, first: usize, each: f64) {
+    pub(crate) fn fill(&mut self, first: usize, each: f64) {
         Arch::new().dispatch(Fill { to: self, first: first as f64, each });
     }
 }
@@ -290,16 +290,13 @@ impl Place {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dsp::tests::noise;
 
     /// The powers that are worked out in the memory of the signal are those of the plain transform:
     /// lengths that make a table, square or not, short ones, odd ones, and one whose half is prime.
     #[test]
     fn oracle_powers_in_place_are_those_of_the_transform() {
-        let mut state = 1u64;
-        let mut white = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(u32::MAX >> 1) - 1.0
-        };
+        let mut white = noise();
         for (len, is_table) in
             [(1 << 15, true), (491_520, true), (2 * 17_017, true), (4096, false), (40_001, false), (2 * 20_011, false)]
         {
