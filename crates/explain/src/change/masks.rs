@@ -186,7 +186,12 @@ pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place]) -> Option<M
 /// Spreads of a set of changes (ln) that are tried: first, ratio, number.
 const FIRST_SPREAD: f64 = 0.02;
 const SPREAD_RATIO: f64 = 1.25;
-const SPREADS: usize = 26;
+pub(crate) const SPREADS: usize = 26;
+
+/// Spread number `k` of these.
+pub(crate) fn spread(k: usize) -> f64 {
+    FIRST_SPREAD * SPREAD_RATIO.powi(k as i32)
+}
 
 /// How much likelier (nats) it is that the changes of some lines spread further than those of others than that both spread alike; 0 where they do not, or where either is empty.
 ///
@@ -198,8 +203,7 @@ pub fn spreads_further(cells: &[Cell], of: &dyn Fn(Family) -> bool, than: &dyn F
         for c in cells.iter().filter(|c| c.family.is_some_and(set)) {
             any = true;
             for (k, sum) in sums.iter_mut().enumerate() {
-                let spread = FIRST_SPREAD * SPREAD_RATIO.powi(k as i32);
-                let variance = spread * spread + c.variance;
+                let variance = spread(k).powi(2) + c.variance;
                 *sum += INDEPENDENT
                     * (-0.5 * variance.ln() - 0.5 * (TAIL + 1.0) * (c.change * c.change / (TAIL * variance)).ln_1p());
             }

@@ -26,6 +26,7 @@ use self::lines::Line;
 pub use self::problem::{Base, FreeTerm, Number, Problem, SPACING_UM};
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
+use crate::change::masks;
 use crate::fit::least_squares::losses;
 use crate::name::{Finding, Question};
 
@@ -119,7 +120,7 @@ pub fn unknown(q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Fit> {
     let lines = &problem.lines;
     let of_stage = |stage: usize| {
         let own: Vec<&Line> = lines.iter().filter(|l| l.stage == stage).collect();
-        SPREADS.iter().map(|spread| spread_cost(&own, *spread)).fold(f64::INFINITY, f64::min)
+        least_spread_cost(&own)
     };
     let cost: f64 = (0..q.train.stages.len()).map(of_stage).sum();
     let count = lines.len() as f64;
@@ -127,8 +128,11 @@ pub fn unknown(q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Fit> {
     Some(Fit { evidence: none.evidence + 0.5 * (none.left * count - cost), left: cost / count, lines: lines.len() })
 }
 
-/// Spreads (ln) of lines that change in an unknown way.
-const SPREADS: [f64; 11] = [0.0, 0.03, 0.05, 0.08, 0.13, 0.2, 0.3, 0.45, 0.7, 1.0, 1.6];
+/// The cost of lines at the spread that suits them best, which may be none.
+fn least_spread_cost(lines: &[&Line]) -> f64 {
+    let spreads = std::iter::once(0.0).chain((0..masks::SPREADS).map(masks::spread));
+    spreads.map(|spread| spread_cost(lines, spread)).fold(f64::INFINITY, f64::min)
+}
 
 /// Twice the negative log likelihood of lines that move by a spread (ln) beside their own error, and half the logarithm of their number for the spread itself (Schwarz 1978).
 fn spread_cost(lines: &[&Line], spread: f64) -> f64 {
@@ -151,4 +155,40 @@ fn fit(problem: &mut Problem<'_>, x: &DVector<f64>, evidence: f64) -> Option<Fit
     let lines = problem.lines.len();
     let left = losses(&problem.residuals(x)?[..lines]);
     Some(Fit { evidence, left: left / lines as f64, lines })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(changes: &[f64]) -> Vec<Line> {
+        let line = |&change: &f64| Line {
+            stage: 0,
+            harmonic: 1,
+            pair: 0,
+            sensor: 0,
+            at: 0,
+            change,
+            variance: 0.0,
+            reference: 0.0,
+            group: 0,
+        };
+        changes.iter().map(line).collect()
+    }
+
+    /// Lines that stay cost nothing, and no spread suits them better. Forty that move by 0.3 cost at that spread each twice the logarithm of how much wider they are than their own error and what a change of
+    /// `0.3/wider` does, and all together the logarithm of their number; the best of the grid costs no more than a nat beyond that, and none costs more.
+    #[test]
+    fn analytic_lines_that_move_each_for_itself_have_a_spread() {
+        let cost = |changes: &[f64], spread: f64| spread_cost(&lines(changes).iter().collect::<Vec<_>>(), spread);
+        let least = |changes: &[f64]| least_spread_cost(&lines(changes).iter().collect::<Vec<_>>());
+        assert_eq!((cost(&[0.0; 40], 0.0), least(&[0.0; 40])), (0.0, 0.0));
+        let sigma = lines(&[0.3])[0].sigma();
+        let wider = (sigma * sigma + 0.09).sqrt();
+        let moved: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 0.3 } else { -0.3 }).collect();
+        let expected = 40.0 * (losses(&[0.3 / wider]) + 2.0 * (wider / sigma).ln()) + 40f64.ln();
+        assert!((cost(&moved, 0.3) - expected).abs() < 1e-9);
+        // The grid of spreads is a quarter apart: near its best a cost is flat.
+        assert!(least(&moved) < expected + 1.0 && expected < cost(&moved, 0.0));
+    }
 }

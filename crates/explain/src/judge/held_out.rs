@@ -384,6 +384,21 @@ mod tests {
         assert!(path_probability(0.8, 3.3, none).unwrap() < at(3.3));
     }
 
+    /// A rival that leaves a third of the misfit takes the place of a gear fault, which nothing else has weighed; what the joint refit has ranked stays as it was.
+    #[test]
+    fn analytic_what_the_refit_ranked_is_not_weighed_again() {
+        let decided = |effect: &'static str, rival: &'static str| {
+            let mut f = Finding::new(effect, "stage1.pinion", 0.6);
+            f.alternatives.push((rival, "stage1.pinion".to_owned()));
+            let best = decide(&mut f, &[Some(6.0), Some(2.0)], 40, &mut Vec::new());
+            (best, f.effect, f.probability)
+        };
+        let (best, effect, probability) = decided("eccentricity", "pitch_error");
+        assert_eq!((best, effect), (1, "pitch_error"));
+        assert!(probability > 0.9);
+        assert_eq!(decided("tip_relief", "profile_error"), (0, "tip_relief", 0.6));
+    }
+
     /// The error of a path's model in drawn benches, within twice its standard error.
     #[test]
     #[ignore = "minutes: just campaign-paths"]

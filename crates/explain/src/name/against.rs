@@ -42,8 +42,8 @@ const LONGEST: usize = 5;
 const RIVALLED: f64 = 0.91;
 /// Nats by which the comb of one gear must lead its mate's and the mesh harmonics for the gear to be the cause, however much else moves: of 22 drawn gears with pitch errors 16 lead by more, and of 557
 /// drawn benches nothing else but ripples, which have masks of their own, comes beyond 13; another machine's chip came to 15.
-const ONE_GEAR: f64 = 20.0;
-const OVER_MESH: f64 = 3.0;
+const LEADS_MATE: f64 = 20.0;
+const LEADS_MESH: f64 = 3.0;
 /// Effects that masks may name, one after the other.
 const MOST: usize = 2;
 
@@ -331,7 +331,7 @@ fn of_single_teeth(train: &Train, wide_one: &Mask, ranked: &[Mask], cells: &[Cel
         Place::Gear(stage, shaft) => {
             let one = OneGear::of(train, cells, stage, shaft);
             let leads = masks::median_change(cells, m.place) >= most;
-            let plain = leads && one.gain() > ONE_GEAR && one.over_mesh > OVER_MESH;
+            let plain = leads && one.gain() > LEADS_MATE && one.over_mesh > LEADS_MESH;
             one.gain() > 0.0 && (plain || m.gain + one.gain() > wide_one.gain)
         }
         _ => false,
@@ -438,7 +438,7 @@ fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
 fn follows(train: &Train, cells: &[Cell], named: Place, place: Place) -> bool {
     match (named, place) {
         (Place::Gear(i, j), Place::Gear(k, mate) | Place::LowSide(k, mate)) if i == k && j != mate => {
-            OneGear::of(train, cells, i, mate).over_mesh <= OVER_MESH
+            OneGear::of(train, cells, i, mate).over_mesh <= LEADS_MESH
         }
         _ => false,
     }
@@ -494,7 +494,7 @@ mod tests {
         Train { motor_order: 1.0, shafts, stages: vec![stage], nominal_input_hz: 20.0 }
     }
 
-    /// A comb that moves four times as much as all else leads, also where its mask gains far less than the wide one, since the rest moves too; its mate's sidebands then follow the mesh harmonics, which move as
+    /// A comb that moves six times as much as all else leads, also where its mask gains far less than the wide one, since the rest moves too; its mate's sidebands then follow the mesh harmonics, which move as
     /// much. Of 28 on 98 teeth every second sideband of the pinion is a multiple of the wheel's revolution, and counts as the wheel's.
     #[test]
     fn analytic_a_comb_that_leads_the_train_is_the_cause() {

@@ -24,9 +24,9 @@ const REFITTED: usize = 8;
 const EVIDENCE_WEIGHT: f64 = 0.25;
 /// Least share of SHAPE that is believed: it knows neither the coupling of tooth pairs nor how their errors share the load, and is wrong at times however sure.
 const LEAST_SHARE: f64 = 1e-6;
-/// How usual a change is that the library does not have, beside its effects (1 each).
+/// How usual a change is that the library does not have, beside its effects (1 each): a belief, read from no data.
 const UNKNOWN: f64 = 2.0;
-/// What remains to doubt: effects that no library has, and models that fit for another reason.
+/// What remains to doubt: models that fit for another reason.
 const SUREST: f64 = 0.95;
 /// Least probability of a name: below it several effects fit alike, and an unchanged bench that moved by chance does too.
 const LEAST_NAMED: f64 = 0.4;
