@@ -143,3 +143,19 @@ def test_conform_an_explanation_has_the_same_bytes(files, bench, command):
             answer.plot_fit()
     else:
         assert answer.plot_fit().axes
+
+
+def test_conform_leads_and_laws_are_no_named_effects(bench, monkeypatch):
+    """An instrument fault beside a change without a name: what comes nearest, and a law without a name, stand apart."""
+    entry = {"parameters": {}, "indistinguishable_from": [], "evidence": {}}
+    effects = [
+        {"effect": "channel_dead", "where": "acc_2", "probability": 0.99, **entry},
+        {"effect": "tooth_wear", "where": "stage1", "probability": 0.34, "nearest": True, **entry},
+        {"effect": None, "where": "stage1", "probability": 0.8, "parameters": {}, "term": {"expression": "dead_zone(u)"}},
+    ]
+    text = json.dumps({"status": "unexplained", "effects": effects, "mismatch": [], "advice": []})
+    monkeypatch.setattr(gw._native, "explain", lambda *_, **__: (text, bench))
+    answer = gw.explain(bench, [])
+    assert [one.effect for one in answer.effects] == ["channel_dead"]
+    assert [(one.place, one.probability) for one in answer.nearest] == [("stage1", 0.34)]
+    assert answer.law["term"]["expression"] == "dead_zone(u)"

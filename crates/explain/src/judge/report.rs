@@ -22,7 +22,7 @@ pub struct Explanation {
     pub status: Status,
     /// Most probable first.
     pub effects: Vec<NamedEffect>,
-    /// Where nothing in the library accounts for the mismatch: what comes nearest, with what probability, most probable first. In JSON it stands among the effects.
+    /// Where nothing in the library accounts for the mismatch: what comes nearest, with what probability, most probable first. In JSON it stands among the effects, marked `nearest`.
     pub nearest: Vec<NamedEffect>,
     /// A law that accounts for what has no name; in JSON it stands among the effects, whose `effect` is then null.
     pub free_term: Option<FreeTerm>,
@@ -65,6 +65,11 @@ struct Object<'a> {
 #[serde(untagged)]
 enum Member<'a> {
     Named(&'a NamedEffect),
+    Near {
+        nearest: bool,
+        #[serde(flatten)]
+        effect: &'a NamedEffect,
+    },
     Free {
         effect: Option<()>,
         #[serde(flatten)]
@@ -74,12 +79,13 @@ enum Member<'a> {
 
 impl Serialize for Explanation {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let named = self.effects.iter().chain(&self.nearest).map(Member::Named);
+        let named = self.effects.iter().map(Member::Named);
+        let near = self.nearest.iter().map(|effect| Member::Near { nearest: true, effect });
         let free = self.free_term.iter().map(|term| Member::Free { effect: None, term });
         let object = Object {
             format: self.format,
             status: self.status,
-            effects: named.chain(free).collect(),
+            effects: named.chain(near).chain(free).collect(),
             mismatch: &self.mismatch,
             fit: self.fit.as_ref(),
             p_null: self.p_null,

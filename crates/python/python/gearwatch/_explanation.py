@@ -42,6 +42,10 @@ class Explanation:
     status: Literal["consistent", "explained", "ambiguous", "unexplained"]
     effects: list[NamedEffect]
     """Most probable first."""
+    nearest: list[NamedEffect]
+    """What comes nearest where nothing in the library accounts for the difference: leads, no findings."""
+    law: dict[str, Any] | None
+    """A law of a spring or damper without a name that accounts for it: where, probability, parameters, term."""
     mismatch: list[dict[str, Any]]
     """Lines that differ most, largest first: recording, channel, what, order, frequency_hz, measured, modelled, sigma, z, share."""
     fit: dict[str, Any] | None
@@ -96,6 +100,17 @@ def _several(recordings: Union[Recording, Iterable[Recording]]) -> list[Recordin
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
+def _named(one: dict[str, Any]) -> NamedEffect:
+    return NamedEffect(
+        effect=one["effect"],
+        place=one["where"],
+        probability=one["probability"],
+        parameters={name: (value["value"], value["sigma"]) for name, value in one["parameters"].items()},
+        indistinguishable_from=[(other["effect"], other["where"]) for other in one["indistinguishable_from"]],
+        evidence=one["evidence"],
+    )
+
+
 def explain(
     bench: Bench,
     recordings: Union[Recording, Iterable[Recording]],
@@ -111,20 +126,12 @@ def explain(
     with reported(progress, "explain") as report:
         text, fitted = _native.explain(bench, _several(recordings), None if reference is None else _several(reference), progress=report)
     answer = json.loads(text)
-    named = [
-        NamedEffect(
-            effect=one["effect"],
-            place=one["where"],
-            probability=one["probability"],
-            parameters={name: (value["value"], value["sigma"]) for name, value in one["parameters"].items()},
-            indistinguishable_from=[(other["effect"], other["where"]) for other in one["indistinguishable_from"]],
-            evidence=one["evidence"],
-        )
-        for one in answer["effects"]
-    ]
+    library = [one for one in answer["effects"] if one["effect"] is not None]
     return Explanation(
         status=answer["status"],
-        effects=named,
+        effects=[_named(one) for one in library if not one.get("nearest")],
+        nearest=[_named(one) for one in library if one.get("nearest")],
+        law=next((one for one in answer["effects"] if one["effect"] is None), None),
         mismatch=answer["mismatch"],
         fit=answer.get("fit"),
         latent_force=answer.get("latent_force"),

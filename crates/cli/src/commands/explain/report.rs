@@ -80,10 +80,10 @@ fn sentence(e: &Explanation) -> String {
         Status::Consistent => {
             "Nothing is missing: recordings and model agree within noise, repetition and the usual tolerances.".into()
         }
-        Status::Explained if confirmed => format!("Left out: {}.{better}", named),
-        Status::Explained => format!("Named, but not confirmed: {}.{better}", named),
+        Status::Explained if confirmed => format!("Left out: {named}.{better}"),
+        Status::Explained => format!("Named, but not confirmed: {named}.{better}"),
         Status::Ambiguous => {
-            format!("One of several, which these recordings cannot tell apart: {}.{better}", named)
+            format!("One of several, which these recordings cannot tell apart: {named}.{better}")
         }
         Status::Unexplained => match &e.free_term {
             Some(free) => format!(
@@ -296,14 +296,30 @@ mod tests {
         }
     }
 
+    fn text(e: &Explanation) -> String {
+        let mut out = Vec::new();
+        super::super::summary::print(&mut out, "bench", e, false).unwrap();
+        String::from_utf8(out).unwrap().split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+
+    /// What comes nearest is a lead: the terminal, the report and JSON show it as such, and not as a finding.
+    #[test]
+    fn conform_what_comes_nearest_is_no_finding() {
+        let mut e = named(Status::Unexplained, 1.2);
+        e.nearest = std::mem::take(&mut e.effects);
+        assert!(sentence(&e).ends_with("What comes nearest: bearing compliance at input (95 %)."), "{}", sentence(&e));
+        let shown = text(&e);
+        assert!(shown.contains("nearest bearing_compliance at input (95 %)") && !shown.contains("how sure"), "{shown}");
+        let json = serde_json::to_value(&e).unwrap();
+        assert_eq!(json["effects"][0]["nearest"], true);
+        assert_eq!(json["effects"][0]["where"], "input");
+        let finding = serde_json::to_value(named(Status::Explained, 1.2)).unwrap();
+        assert!(finding["effects"][0].get("nearest").is_none());
+    }
+
     /// A change that describes held-out recordings worse is no success, neither at the head of the report nor on the terminal; one that describes them better is.
     #[test]
     fn regress_a_worse_misfit_is_no_success() {
-        let text = |e: &Explanation| {
-            let mut out = Vec::new();
-            super::super::summary::print(&mut out, "bench", e, false).unwrap();
-            String::from_utf8(out).unwrap().split_whitespace().collect::<Vec<_>>().join(" ")
-        };
         for after in [3.67, 3.12, f64::NAN] {
             for status in [Status::Explained, Status::Ambiguous] {
                 let e = named(status, after);
