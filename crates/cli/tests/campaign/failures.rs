@@ -15,14 +15,17 @@ use crate::service::{configure, ended_within, figure, log_of, signal, status, wa
 /// A task that died works again within this: half a second of backoff, a fifth until the next look, and the machine's own time.
 const BACK: Duration = Duration::from_millis(1500);
 
+/// It is given up after this; a disk or a machine that stands still for some seconds is not the service's.
+const GIVEN_UP: Duration = Duration::from_secs(20);
+
 /// What the outside sees after a task was killed.
 enum Seen {
     /// Ended with this code, after so long.
     Ended(Option<i32>, Duration),
     /// Works again, after so long; said that it was not all right meanwhile.
     Back(Duration, bool),
-    /// Neither.
-    Neither,
+    /// Neither; what it did before and last.
+    Neither(String),
 }
 
 /// What must go on: windows judged, durable records, letters that a broker confirmed, lines on stdout and spectra at the page.
@@ -84,12 +87,14 @@ fn kill_task(point: &str) -> Option<Seen> {
     assert!(killed - begin < Duration::from_secs(5));
     let before = progress(&bench, &counted);
     let mut said_so = before.is_none();
-    let seen = wait_for(Duration::from_secs(5), || {
+    let mut last = None;
+    let seen = wait_for(GIVEN_UP, || {
         if let Some(status) = child.try_wait().unwrap() {
             return Some(Seen::Ended(status.code(), killed.elapsed()));
         }
         let now = progress(&bench, &counted);
         said_so |= now.is_none();
+        last.clone_from(&now);
         let before = before.clone().unwrap_or_default();
         let later = now?.iter().zip(before.iter().chain(std::iter::repeat(&0))).all(|(now, before)| now > before);
         // The page and the socket are asked for by the status itself; the rest must have gone on.
@@ -99,7 +104,7 @@ fn kill_task(point: &str) -> Option<Seen> {
         signal(&child, "TERM");
         ended_within(&mut child, Duration::from_secs(5));
     }
-    Some(seen.unwrap_or(Seen::Neither))
+    Some(seen.unwrap_or_else(|| Seen::Neither(format!("{before:?} when killed, {last:?} at the end"))))
 }
 
 #[test]
@@ -142,7 +147,7 @@ fn conform_every_task_that_dies_is_back_or_noticed() {
                 println!("{point}: back after {after:.2?}, not ok meanwhile: {said_so}");
                 assert!(after < BACK, "{point}: back after {after:?}");
             }
-            Seen::Neither => panic!("{point}: neither back nor ended"),
+            Seen::Neither(counts) => panic!("{point}: neither back nor ended: {counts}"),
         }
     }
 }
