@@ -76,6 +76,8 @@ pub struct Job<'a> {
     pub settings: &'a str,
     /// Threads.
     pub threads: usize,
+    /// What each thread does first: how the program sets up its threads.
+    pub thread_begins: fn(),
     /// A file of the part's name that was not made with these settings may be replaced.
     pub replace: bool,
 }
@@ -133,6 +135,7 @@ pub fn run<W: Work>(job: &Job<'_>, work: &W, told: &(dyn Fn(&Path, &Outcome) + S
     std::thread::scope(|scope| {
         for _ in 0..job.threads.clamp(1, mine.len().max(1)) {
             scope.spawn(|| {
+                (job.thread_begins)();
                 let mut bench = work.bench();
                 loop {
                     let position = next.fetch_add(1, Ordering::Relaxed);

@@ -9,7 +9,7 @@ use clap::{Arg, Args, Command};
 use gearwatch_runtime::kinds::with_feature;
 
 use crate::exit::Exit;
-use crate::terminal;
+use crate::{memory, terminal};
 
 mod baseline;
 #[cfg(feature = "batch")]
@@ -113,6 +113,8 @@ const COMMANDS: &[CommandEntry] = &[
 pub trait Run: Args + Send {
     /// As typed.
     const NAME: &'static str;
+    /// It works for seconds and ends: the allocator may keep what is free until then.
+    const COMPUTES: bool = false;
 
     /// Does it. Results go to stdout, talk to stderr.
     ///
@@ -134,7 +136,13 @@ const fn kind<T: Run>() -> CommandEntry {
         name: T::NAME,
         lacks: None,
         build: || T::augment_args(Command::new(T::NAME)),
-        run: |matches| T::from_arg_matches(matches)?.run(),
+        run: |matches| {
+            let command = T::from_arg_matches(matches)?;
+            if T::COMPUTES {
+                memory::keep_what_is_free();
+            }
+            command.run()
+        },
     }
 }
 

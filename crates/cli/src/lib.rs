@@ -22,6 +22,7 @@ mod commands;
 mod exit;
 mod format;
 mod input;
+mod memory;
 mod output;
 mod page;
 mod progress;

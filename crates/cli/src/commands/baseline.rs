@@ -129,6 +129,7 @@ struct Rebind {
 
 impl Run for BaselineCommand {
     const NAME: &'static str = "baseline";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         match self.action {

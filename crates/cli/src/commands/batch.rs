@@ -18,6 +18,7 @@ use gearwatch_io::{baseline_file, bench_file};
 use super::Run;
 use crate::exit::Exit;
 use crate::input::{self, InputOptions};
+use crate::memory;
 use crate::output::OutputOptions;
 use crate::progress::Progress;
 use crate::terminal;
@@ -78,6 +79,7 @@ pub struct Batch {
 
 impl Run for Batch {
     const NAME: &'static str = "batch";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         let shard = match self.shard {
@@ -149,7 +151,9 @@ impl Batch {
         }
         let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
         let threads = self.jobs.map_or(cores, NonZeroUsize::get);
-        let job = Job { items, shard, folder: &self.out, settings, threads, replace: self.output.force() };
+        let thread_begins = memory::keep_in_this_thread;
+        let folder = &self.out;
+        let job = Job { items, shard, folder, settings, threads, thread_begins, replace: self.output.force() };
         let mine = (0..items.len()).filter(|&position| shard.holds(position)).count();
         let progress = Progress::new(format!("shard {shard}"), mine as u64);
         let summary = run(&job, work, &|path, _| {

@@ -45,6 +45,7 @@ pub struct CheckBench {
 
 impl Run for CheckBench {
     const NAME: &'static str = "check";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         let bench = gearwatch_io::bench_file::read(&self.bench)?;

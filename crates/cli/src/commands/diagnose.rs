@@ -114,6 +114,7 @@ struct Collected {
 
 impl Run for Diagnose {
     const NAME: &'static str = "diagnose";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         let inputs = [Some(&self.bench), self.baseline.as_ref(), self.signatures.as_ref()].into_iter().flatten();

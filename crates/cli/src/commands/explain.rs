@@ -82,6 +82,7 @@ pub struct Explain {
 
 impl Run for Explain {
     const NAME: &'static str = "explain";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         if let [simulation, experiment] = &self.tables[..] {

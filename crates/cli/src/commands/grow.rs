@@ -91,6 +91,7 @@ pub struct Grow {
 
 impl Run for Grow {
     const NAME: &'static str = "grow";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         let form = self.plot.as_deref().map(super::simulate::form).transpose()?;

@@ -57,6 +57,7 @@ pub struct Indicators {
 
 impl Run for Indicators {
     const NAME: &'static str = "indicators";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         let mut bench = gearwatch_io::bench_file::read(&self.bench)?;

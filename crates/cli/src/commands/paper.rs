@@ -41,6 +41,7 @@ pub struct Paper {
 
 impl Run for Paper {
     const NAME: &'static str = "paper";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         let form = self.plot.as_deref().map(super::simulate::form).transpose()?;

@@ -51,6 +51,7 @@ type Judged = (u64, Result<Scored, ExplainError>);
 
 impl Run for Prove {
     const NAME: &'static str = "prove";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         if let Some(id) = &self.effect {

@@ -78,6 +78,7 @@ enum WhichGear {
 
 impl Run for SignaturesCommand {
     const NAME: &'static str = "signatures";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         if let Some(path) = self.report.as_ref().filter(|path| path.extension().is_none_or(|end| end != "html")) {

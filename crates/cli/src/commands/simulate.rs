@@ -118,6 +118,7 @@ impl Contact {
 
 impl Run for Simulate {
     const NAME: &'static str = "simulate";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         if self.output.is_none() && self.plot.is_none() {

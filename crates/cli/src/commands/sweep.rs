@@ -94,6 +94,7 @@ enum Task<'a> {
 
 impl Run for Sweep {
     const NAME: &'static str = "sweep";
+    const COMPUTES: bool = true;
 
     fn run(self) -> anyhow::Result<Exit> {
         self.check_names()?;
@@ -192,7 +193,10 @@ impl Sweep {
             result
         };
         // 0 threads are as many as there are cores.
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.jobs.map_or(0, usize::from)).build()?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(self.jobs.map_or(0, usize::from))
+            .start_handler(|_| crate::memory::keep_in_this_thread())
+            .build()?;
         let results: Vec<Measured> = pool.install(|| tasks.par_iter().map(one).collect());
         drop(progress);
         let order = |case: &str| tasks.iter().position(|task| task.case() == case);
