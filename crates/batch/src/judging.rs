@@ -21,6 +21,9 @@ const ROWS_AT_A_TIME: usize = 1024;
 /// Sample rates that differ by less are the same (relative): clocks of instruments are off by some
 /// 10 ppm, and text files round.
 const SAME_RATE: f64 = 0.01;
+/// Bytes that a thread holds of what the check has read: half a minute of eight channels at
+/// 16 384 Hz. A recording of which the check needs more is read a second time.
+const HELD_BYTES: usize = 16 << 20;
 
 /// How recordings are judged.
 pub struct Judging<'a> {
@@ -70,8 +73,8 @@ impl Work for Judging<'_> {
     ) -> Result<usize, Trouble> {
         // Rows of a recording that turned out damaged must not go to the next.
         *rows = Rows::default();
-        let pipeline = &self.pipeline.clone().with_doubts(&self.check(path)?);
-        let mut source = self.open(path)?;
+        let (doubts, mut source) = self.check(path)?;
+        let pipeline = &self.pipeline.clone().with_doubts(&doubts);
         let key = |at: usize| keys.get(at).cloned().unwrap_or_default();
         let origin = Origin {
             file: key(0),
@@ -99,21 +102,73 @@ impl Judging<'_> {
         Ok(Checked { opened, path, sample_rate_hz: self.sample_rate_hz })
     }
 
-    /// The words of what is doubtful about a recording, as its verdicts carry them.
-    fn check(&self, path: &Path) -> Result<String, Trouble> {
+    /// The words of what is doubtful about a recording, as its verdicts carry them, and the
+    /// recording from its beginning.
+    fn check<'p>(&self, path: &'p Path) -> Result<(String, Again<Checked<'p>>), Trouble> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut look = Look::new(&name);
         let mut source = self.open(path)?;
+        let mut seen = Seen::new(HELD_BYTES);
         while let Some(packet) = source.next_packet()? {
             look.push(&packet);
+            seen.push(packet);
             if look.is_full() {
                 break;
             }
         }
         let checked = check::check(self.pipeline.bench(), &[look], self.baseline);
-        match checked.refusal() {
-            Some(refusal) => Err(Trouble::Item(format!("{}: {refusal}", path.display()))),
-            None => Ok(checked.doubts(&name)),
+        if let Some(refusal) = checked.refusal() {
+            return Err(Trouble::Item(format!("{}: {refusal}", path.display())));
+        }
+        let again = match seen.packets {
+            Some(packets) => Again { seen: packets.into_iter(), rest: source },
+            None => Again { seen: Vec::new().into_iter(), rest: self.open(path)? },
+        };
+        Ok((checked.doubts(&name), again))
+    }
+}
+
+/// What a check has read, as long as that is not more than some bytes.
+struct Seen {
+    /// `None` where it was more.
+    packets: Option<Vec<Packet>>,
+    left: usize,
+}
+
+impl Seen {
+    fn new(most_bytes: usize) -> Self {
+        Self { packets: Some(Vec::new()), left: most_bytes }
+    }
+
+    fn push(&mut self, packet: Packet) {
+        let inside = match &packet {
+            Packet::Vibration(block) => size_of::<f32>() * block.samples.len(),
+            Packet::Tacho(block) => size_of_val(&block.pulse_times[..]),
+            Packet::OperatingPoint(_) => 0,
+        };
+        match self.left.checked_sub(size_of::<Packet>() + inside) {
+            Some(left) => self.left = left,
+            None => self.packets = None,
+        }
+        if let Some(packets) = &mut self.packets {
+            packets.push(packet);
+        }
+    }
+}
+
+/// A recording of which a part was read before.
+struct Again<S> {
+    seen: std::vec::IntoIter<Packet>,
+    rest: S,
+}
+
+impl<S: Source> Source for Again<S> {
+    type Error = S::Error;
+
+    fn next_packet(&mut self) -> Result<Option<Packet>, S::Error> {
+        match self.seen.next() {
+            Some(packet) => Ok(Some(packet)),
+            None => self.rest.next_packet(),
         }
     }
 }
@@ -147,5 +202,26 @@ impl Source for Checked<'_> {
             )));
         }
         Ok(packet)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gearwatch_core::block::OperatingPoint;
+
+    use super::*;
+
+    /// Three packets without samples, the third of which is one too many.
+    #[test]
+    fn analytic_what_is_held_is_bounded() {
+        let mut seen = Seen::new(2 * size_of::<Packet>());
+        for count in 1..=2 {
+            seen.push(Packet::OperatingPoint(OperatingPoint::UNKNOWN));
+            assert_eq!(seen.packets.as_ref().map(Vec::len), Some(count));
+        }
+        seen.push(Packet::OperatingPoint(OperatingPoint::UNKNOWN));
+        assert!(seen.packets.is_none());
+        seen.push(Packet::OperatingPoint(OperatingPoint::UNKNOWN));
+        assert!(seen.packets.is_none(), "what came later must not be taken for the beginning");
     }
 }
