@@ -1,6 +1,6 @@
 //! Force of a whole face by mesh phase and approach, for faces that repeat with the mesh cycle but where single teeth are damaged.
 
-use super::{Face, LoadPoint, MeshModel, MeshState, Pairs};
+use super::{Face, LoadPoint, MeshForce, MeshModel, MeshState, Pairs};
 
 /// Nodes a mesh cycle and along the approach.
 const PHASES: usize = 192;
@@ -75,11 +75,7 @@ impl FaceTable {
                 let mut row = [[0.0; 2]; DEPTHS];
                 for cut in face.cuts(whole) {
                     cut.mesh.pairs_behind(&state(base + p as f64 / PHASES as f64), cut.lag, load, &mut pairs);
-                    for (i, [force, slope]) in row.iter_mut().enumerate() {
-                        let now = pairs.force(first_m + i as f64 * step_m - cut.gap_m);
-                        *force += now.force_n / face.count();
-                        *slope += now.stiffness_n_per_m * step_m / face.count();
-                    }
+                    add_slice(&mut row, (&pairs, first_m - cut.gap_m), step_m, 1.0 / face.count());
                 }
                 row
             })
@@ -155,6 +151,41 @@ impl FaceTable {
     }
 }
 
+/// Adds a share of one slice's force and slope at every depth, the first of which is an approach of
+/// `first_m`.
+///
+/// While one set of pairs carries, the force is a straight line. The conditions of the set are
+/// linear in the approach as well, so that a set that carries at two depths carries at all between
+/// them: only where the sets at both ends differ does the middle have to be looked at.
+fn add_slice(row: &mut [[f64; 2]; DEPTHS], (pairs, first_m): (&Pairs, f64), step_m: f64, share: f64) {
+    let at = |i: usize| pairs.force(first_m + i as f64 * step_m);
+    let mut put = |i: usize, force_n: f64, stiffness_n_per_m: f64| {
+        row[i][0] += share * force_n;
+        row[i][1] += share * stiffness_n_per_m * step_m;
+    };
+    // Ends of the stretches that are left, the furthest one first.
+    let mut ends = [(0, MeshForce::default()); DEPTHS];
+    let (mut begin, mut low) = (0, at(0));
+    put(0, low.force_n, low.stiffness_n_per_m);
+    ends[0] = (DEPTHS - 1, at(DEPTHS - 1));
+    let mut left = 1;
+    while left > 0 {
+        let (end, high) = ends[left - 1];
+        if high.set == low.set || end == begin + 1 {
+            for i in begin + 1..end {
+                put(i, low.force_n + low.stiffness_n_per_m * ((i - begin) as f64 * step_m), low.stiffness_n_per_m);
+            }
+            put(end, high.force_n, high.stiffness_n_per_m);
+            (begin, low) = (end, high);
+            left -= 1;
+        } else {
+            let middle = (begin + end) / 2;
+            ends[left] = (middle, at(middle));
+            left += 1;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::f64::consts::TAU;
@@ -202,6 +233,39 @@ mod tests {
             let miss: Complex64 =
                 forces.iter().enumerate().map(|(i, (table, exact))| part(i, table.unwrap() - exact)).sum();
             assert!(miss.norm() < 1e-5 * load, "{harmonic}: {:.1e}", miss.norm() / load);
+        }
+    }
+
+    /// Force and slope of slices at each depth are those of their pairs, asked one by one: the
+    /// straight lines between are exact.
+    #[test]
+    fn oracle_depths_of_a_slice_are_those_of_its_pairs() {
+        let mut bench = crate::shipped::bench("helical-two-stage").unwrap();
+        bench.effects.clear();
+        let setup = crate::effects::setup(&bench, &[]).unwrap();
+        for body_coupling in [None, Some(0.3)] {
+            let options = MeshOptions { body_coupling, ..MeshOptions::default() };
+            let mesh = StageMesh::new(&setup.bench, 0, &options, &setup.teeth[0], &mut Default::default()).unwrap();
+            let (face, whole) = (mesh.face().unwrap(), mesh.section());
+            let load = mesh.at_load(1000.0);
+            let approach = mesh.static_point(10.0, &load).0;
+            let (first, step) = (LEAST * approach, (MOST - LEAST) * approach / (DEPTHS - 1) as f64);
+            let mut pairs = Pairs::default();
+            for place in 0..96 {
+                let state = MeshState { phase: f64::from(place) / 96.0, displacement_m: [0.0; 2] };
+                for cut in face.cuts(whole) {
+                    cut.mesh.pairs_behind(&state, cut.lag, &load, &mut pairs);
+                    let mut row = [[0.0; 2]; DEPTHS];
+                    add_slice(&mut row, (&pairs, first - cut.gap_m), step, 1.0);
+                    for (i, found) in row.into_iter().enumerate() {
+                        let exact = pairs.force(first - cut.gap_m + i as f64 * step);
+                        let expected = [exact.force_n, exact.stiffness_n_per_m * step];
+                        // Rounding of a load of 1 kN.
+                        let near = found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9);
+                        assert!(near, "{place}, {i}: {found:?} {expected:?}");
+                    }
+                }
+            }
         }
     }
 
