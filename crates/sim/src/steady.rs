@@ -19,6 +19,7 @@
 //! a line, or to 5 % of the largest): 8e-4 with each mesh by itself, 1.5e-5 together; sidebands of an eccentric gear 3e-4.
 
 mod gmres;
+mod made;
 mod passage;
 mod periods;
 mod response;
@@ -27,8 +28,11 @@ mod springs;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
+
 use nalgebra::Complex;
 
+use self::made::Made;
 use self::passage::PassageLines;
 use self::periods::{Turn, modulated_turns, only};
 use self::response::{Output, Response};
@@ -36,7 +40,6 @@ use self::solver::{Grid, Linear, Problem, Solution};
 use crate::linear::LinearTrain;
 use crate::mesh::FlankStore;
 use crate::model::{ModelError, TrainModel};
-use crate::rotation::Profile;
 use crate::setup::SimSetup;
 use crate::springs::SpringSlope;
 
@@ -89,9 +92,19 @@ pub enum SteadyError {
 pub struct SteadySolver {
     options: SteadyOptions,
     cache: Option<Cache>,
-    parts: Vec<(Grid, Solution)>,
+    parts: Vec<Part>,
     flanks: FlankStore,
 }
+
+/// A part of the motion that was solved for.
+struct Part {
+    made: Arc<Made>,
+    grid: Grid,
+    solution: Solution,
+}
+
+/// A part that is to be solved for: its sign in the sum, the place of its train, and the problem.
+type Wanted = (f64, usize, Problem);
 
 impl std::fmt::Debug for SteadySolver {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -138,7 +151,8 @@ impl SteadySolver {
     /// The lines at some orders of the first shaft, at a motor speed (Hz) and a brake torque (N m); `seed` draws the tooth positions as in [`TrainModel::new`].
     ///
     /// A call after another for a similar setup starts from its solution; where masses, shafts and bearings are the same, the frequency
-    /// responses are kept as well.
+    /// responses are kept as well. A part of the motion in which no mesh has changed is not solved
+    /// again.
     ///
     /// # Errors
     /// Where there is none: see [`SteadyError`].
@@ -151,22 +165,20 @@ impl SteadySolver {
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
         let turns = modulated_turns(setup)?;
-        let mut models = Vec::with_capacity(1 + turns.len());
-        for part in std::iter::once(None).chain(turns.iter().map(|(turn, _)| Some(*turn))) {
-            let (motor_hz, torque_nm) = (Profile::constant(motor_hz), Profile::constant(torque_nm));
-            models.push(TrainModel::with_flanks(&only(setup, part), motor_hz, torque_nm, seed, &mut self.flanks)?);
-        }
-        let base = &models[0];
+        let parts = std::iter::once(None).chain(turns.iter().map(|(turn, _)| Some(*turn)));
+        let made: Vec<Arc<Made>> =
+            parts.map(|part| Arc::new(Made { setup: only(setup, part), motor_hz, torque_nm, seed })).collect();
+        let base = &made[0].model(&mut self.flanks)?;
         let first_shaft_hz = base.rotation.at(0.0).1 / std::f64::consts::TAU;
         self.prepare(base)?;
         let all: Vec<usize> = (0..base.contacts.len()).collect();
-        let mut wanted: Vec<(f64, usize, Problem)> = Vec::new();
+        let mut wanted: Vec<Wanted> = Vec::new();
         let problem = |active: &[usize], turn: Option<Turn>| self.problem(setup, active, turn, first_shaft_hz);
         // Several meshes of one stage share bodies.
         let stage_of = |mesh: usize| base.linear.meshes[mesh].place.stage;
         let mut by_stage: Vec<Vec<usize>> = vec![Vec::new(); setup.bench.stages.len()];
         all.iter().for_each(|&mesh| by_stage[stage_of(mesh)].push(mesh));
-        match problem(&all, None).filter(|_| self.options.together || models[0].has_springs()) {
+        match problem(&all, None).filter(|_| self.options.together || base.has_springs()) {
             Some(together) => wanted.push((1.0, 0, together)),
             None => {
                 for group in &by_stage {
@@ -189,37 +201,56 @@ impl SteadySolver {
                 wanted.push((1.0, 1 + i, problem));
             }
         }
-        self.solve_parts(&models, wanted, first_shaft_hz, orders)
+        self.solve_parts((base, &made), wanted, first_shaft_hz, orders)
     }
 
     fn solve_parts(
         &mut self,
-        models: &[TrainModel],
-        wanted: Vec<(f64, usize, Problem)>,
+        (base, made): (&TrainModel, &[Arc<Made>]),
+        wanted: Vec<Wanted>,
         first_shaft_hz: f64,
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
         let mut lines = SteadyLines { sensors: Vec::new(), iterations: 0, first_shaft_hz };
         let Some(cache) = &self.cache else { return Ok(lines) };
         lines.sensors = vec![vec![Complex::ZERO; orders.len()]; cache.sensors.len()];
+        let linear = Linear { response: &cache.response, meshes: &cache.meshes, slopes: &cache.slopes };
+        // Trains with what repeats with a turn are made when a part needs them.
+        let mut turned: Vec<Option<TrainModel>> = made.iter().map(|_| None).collect();
         let mut past = std::mem::take(&mut self.parts).into_iter();
-        let mut parts: Vec<(Grid, Solution)> = Vec::with_capacity(wanted.len());
+        let mut parts = Vec::with_capacity(wanted.len());
         for (sign, which, problem) in wanted {
-            let model = &models[which];
-            let (grid, start) = match past.next() {
-                Some((grid, solution)) if grid.problem == problem => (grid, Some(solution)),
-                _ => (Grid::new(problem, model, &cache.response), None),
+            let now = &made[which];
+            // The state at rest, which springs deflect from, depends on all teeth.
+            let has_springs = base.has_springs() || !now.setup.terms.is_empty();
+            let active = |stage: usize| {
+                let of_stage = |mesh: &usize| base.linear.meshes[*mesh].place.stage == stage;
+                has_springs || problem.active.iter().any(of_stage)
             };
-            let linear = Linear { response: &cache.response, meshes: &cache.meshes, slopes: &cache.slopes };
-            let solve = |start| grid.solve(model, linear, &self.options, start);
-            let solution = match solve(start.as_ref()) {
-                // A neighbour that is too far off, as a broken tooth is from a pitted one.
-                Err(SteadyError::NoConvergence) if start.is_some() => solve(None),
-                other => other,
-            }?;
-            lines.iterations += solution.iterations;
-            cache.add_lines(sign, &grid.problem, &solution, orders, &mut lines.sensors);
-            parts.push((grid, solution));
+            let past = past.next().filter(|part| part.grid.problem == problem);
+            let part = match past {
+                Some(part) if part.made.moves_as(now, active) => Part { made: now.clone(), ..part },
+                past => {
+                    if which > 0 && turned[which].is_none() {
+                        turned[which] = Some(now.model(&mut self.flanks)?);
+                    }
+                    let model = turned[which].as_ref().unwrap_or(base);
+                    let (grid, start) = match past {
+                        Some(Part { grid, solution, .. }) => (grid, Some(solution)),
+                        None => (Grid::new(problem, model, &cache.response), None),
+                    };
+                    let solve = |start| grid.solve(model, linear, &self.options, start);
+                    let solution = match solve(start.as_ref()) {
+                        // A neighbour that is too far off, as a broken tooth is from a pitted one.
+                        Err(SteadyError::NoConvergence) if start.is_some() => solve(None),
+                        other => other,
+                    }?;
+                    lines.iterations += solution.iterations;
+                    Part { made: now.clone(), grid, solution }
+                }
+            };
+            cache.add_lines(sign, &part.grid.problem, &part.solution, orders, &mut lines.sensors);
+            parts.push(part);
         }
         self.parts = parts;
         Ok(lines)

@@ -3,6 +3,7 @@
 use super::periods::smooth;
 use super::*;
 use crate::rk4::Rk4;
+use crate::rotation::Profile;
 use crate::setup::{RippleAt, ShaftForce};
 use crate::test_bench;
 
@@ -147,6 +148,49 @@ fn analytic_warm_start_changes_nothing() {
     // Ten times the tolerance: both are solved to 1e-5 of the approach, and a line may amplify that.
     assert!(error(&warm, &expected) < 1e-4, "{:.1e}", error(&warm, &expected));
     assert_ne!(first.sensors, warm.sensors);
+}
+
+/// A solver that keeps the parts in which nothing changed gives what one without a past gives, while
+/// errors of either stage, a gear that runs out, speed and load each change by themselves and back.
+/// Where nothing changed it does no work.
+#[test]
+fn oracle_parts_that_are_kept_are_those_of_a_new_solver() {
+    let sound = SimSetup::nominal(&test_bench::two_stages());
+    let changed = |change: fn(&mut SimSetup)| {
+        let mut setup = sound.clone();
+        change(&mut setup);
+        setup
+    };
+    let first = changed(|s| s.teeth[0].pair.profile_error = vec![(1e-6, 0.3)]);
+    let second = changed(|s| s.teeth[1].pair.profile_error = vec![(1e-6, 0.3)]);
+    let runs_out = changed(|s| s.teeth[0].pinion.eccentricity_m = 5e-6);
+    let both = changed(|s| {
+        s.teeth[0].pinion.eccentricity_m = 5e-6;
+        s.teeth[1].pair.profile_error = vec![(1e-6, 0.3)];
+    });
+    let cases = [
+        (&sound, 30.0, 60.0),
+        (&second, 30.0, 60.0),
+        (&first, 30.0, 60.0),
+        (&sound, 30.0, 60.0),
+        (&runs_out, 30.0, 60.0),
+        (&both, 30.0, 60.0),
+        (&both, 30.5, 60.0),
+        (&both, 30.5, 61.0),
+    ];
+    let orders: Vec<f64> = mesh_orders(34.0).chain(mesh_orders(34.0 / 73.0 * 36.0)).chain([33.0, 35.0, 69.0]).collect();
+    let mut kept = SteadySolver::new(SteadyOptions::default());
+    for (i, (setup, hz, torque)) in cases.into_iter().enumerate() {
+        let found = kept.solve(setup, hz, torque, 5, &orders).unwrap();
+        // At another speed all begins anew.
+        let new = SteadySolver::new(SteadyOptions::default()).solve(setup, hz, torque, 5, &orders).unwrap();
+        assert!(found.iterations <= new.iterations, "case {i}: {} {}", found.iterations, new.iterations);
+        let expected: Vec<Vec<f64>> = new.sensors.iter().map(|s| s.iter().map(|z| z.norm()).collect()).collect();
+        // As of a warm start: both are solved to 1e-5 of the approach, and a line may amplify that.
+        assert!(error(&found, &expected) < 1e-4, "case {i}: {:.1e}", error(&found, &expected));
+        let again = kept.solve(setup, hz, torque, 5, &orders).unwrap();
+        assert_eq!((again.iterations, again.sensors), (0, found.sensors), "case {i}");
+    }
 }
 
 /// ln of the amplitudes of the first harmonics at the first sensor.
