@@ -28,7 +28,8 @@ impl Random {
 /// Samples in a window of the tests.
 pub(crate) const LENGTH: u32 = 1000;
 
-/// A window of one stage of the channel `acc` with these amplitudes and floors; windows do not overlap.
+/// A window of one stage of the channel `acc` with these amplitudes and floors; windows do not
+/// overlap.
 pub(crate) fn window(
     number: u64,
     speed_hz: f64,
