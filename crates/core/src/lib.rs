@@ -34,6 +34,7 @@ pub mod calendar;
 pub mod deviation;
 pub mod doubts;
 pub mod estimate;
+pub mod fourier;
 pub mod health;
 pub mod indicators;
 pub mod judge;

@@ -5,8 +5,9 @@
 //! `δ_i = e_i − Σ_j H_ij ∗ R_j`, exact in the frequency domain. Newton's method on δ(t) at equally
 //! spaced times; each of its linear systems by GMRES.
 
+use gearwatch_core::fourier::RealPlans;
 use nalgebra::{Complex, DVector};
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealToComplex};
 use std::sync::Arc;
 
 use super::response::{Input, Output, Response};
@@ -101,7 +102,7 @@ pub(super) struct Linear<'a> {
 impl Grid {
     pub(super) fn new(problem: Problem, model: &TrainModel, response: &Response) -> Self {
         let n = problem.samples;
-        let mut planner = RealFftPlanner::new();
+        let mut plans = RealPlans::default();
         let zero = DVector::zeros(model.coordinates());
         let rows = |row: &DVector<f64>| response.output(row, &zero, None);
         let springs = Springs::new(model, &problem.active);
@@ -122,8 +123,8 @@ impl Grid {
         let stages = problem.active.len();
         let count = inputs.len();
         let mut out = Self {
-            forward: planner.plan_fft_forward(n),
-            backward: planner.plan_fft_inverse(n),
+            forward: plans.forward(n),
+            backward: plans.inverse(n),
             approach: vec![Vec::with_capacity(bins); count * count],
             angle: vec![Vec::with_capacity(bins); stages * count],
             approach_rows,
