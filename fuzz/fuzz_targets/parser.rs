@@ -1,4 +1,5 @@
-//! One parser, chosen by `GEARWATCH_PARSER`, under libFuzzer: all parsers are in one binary, so that it is built once.
+//! One parser, chosen by `GEARWATCH_PARSER`, under libFuzzer: all parsers are in one binary, so
+//! that it is built once.
 
 #![no_main]
 

@@ -1,7 +1,9 @@
-//! The stage row allocates nothing per window after warm-up, which has seen the speeds: packets to windows, speed, lines, indicators, verdicts.
-//! Nor does the way of a packet from a source that pushes into its queue.
+//! The stage row allocates nothing per window after warm-up, which has seen the speeds: packets to
+//! windows, speed, lines, indicators, verdicts. Nor does the way of a packet from a source that
+//! pushes into its queue.
 
-// A counting allocator is an implementation of an unsafe trait; it forwards to the system's and counts.
+// A counting allocator is an implementation of an unsafe trait; it forwards to the system's and
+// counts.
 #![allow(unsafe_code, reason = "GlobalAlloc is an unsafe trait")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -27,7 +29,8 @@ thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
 }
 
-// SAFETY: every call is forwarded unchanged to the system allocator; counting touches a thread-local Cell without destructor only.
+// SAFETY: every call is forwarded unchanged to the system allocator; counting touches a
+// thread-local Cell without destructor only.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.with(|n| n.set(n.get() + 1));
@@ -71,7 +74,8 @@ fn blocks(run: Run, first: usize) -> Vec<Packet> {
     signal.chunks(1000).enumerate().map(packet).collect()
 }
 
-/// Pulses of both rounds, once a revolution: a round turns whole revolutions, so that the second follows on the first, at the same speeds.
+/// Pulses of both rounds, once a revolution: a round turns whole revolutions, so that the second
+/// follows on the first, at the same speeds.
 fn pulses_of_rounds(run: Run) -> Packet {
     let Packet::Tacho(mut first) = pulses(run, "shaft0", 1.0, 1.0, 4.5) else { unreachable!("pulses are a tacho's") };
     let second: Vec<i64> = first.pulse_times.iter().filter(|t| **t > 0).map(|t| t + 4_000_000_000).collect();

@@ -131,8 +131,9 @@ fn analytic_clock_that_jumps_is_trouble_and_one_that_drifts_is_not() {
     }
 }
 
-/// Stamps of blocks of 100 ms that say another rate than the blocks: 2 % too fast from the second second to the sixth. Windows of a second, one each
-/// half second: those that lie in it are in trouble from the third on, and three after it no more are.
+/// Stamps of blocks of 100 ms that say another rate than the blocks: 2 % too fast from the second
+/// second to the sixth. Windows of a second, one each half second: those that lie in it are in
+/// trouble from the third on, and three after it no more are.
 #[test]
 fn analytic_stamps_of_another_rate_are_trouble_while_they_last() {
     let mut assembler = assembler(1.0, 0.5);
@@ -178,8 +179,8 @@ fn analytic_a_window_waits_for_the_tacho_but_not_forever() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
 
-    /// Blocks of any length with gaps, going back and quality bits: every sample is accounted for after every packet, and windows hold
-    /// what their indices say.
+    /// Blocks of any length with gaps, going back and quality bits: every sample is accounted for
+    /// after every packet, and windows hold what their indices say.
     #[test]
     fn conform_samples_are_conserved(
         steps in prop::collection::vec((0u64..900, -200i64..300, 0u32..32), 1..40),
@@ -204,7 +205,8 @@ proptest! {
         outline(&windows);
     }
 
-    /// Two channels and a tacho, cut into blocks anywhere: the analyses are the same to the last bit.
+    /// Two channels and a tacho, cut into blocks anywhere: the analyses are the same to the last
+    /// bit.
     #[test]
     fn conform_any_split_gives_the_same_analyses(cuts in prop::collection::vec(1usize..3000, 1..30)) {
         let run = Run::ramp(25.0, 0.3, 3.0);

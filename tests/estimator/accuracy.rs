@@ -103,8 +103,9 @@ fn analytic_ramps_with_tacho() {
     }
 }
 
-/// Mesh frequencies are the published speed of the input shaft times their orders, in noise and where the speed changes over the window. They were up to sixteen of the stated sigmas
-/// apart; one multiplication leaves no more than rounding, 1e-12.
+/// Mesh frequencies are the published speed of the input shaft times their orders, in noise and
+/// where the speed changes over the window. They were up to sixteen of the stated sigmas apart; one
+/// multiplication leaves no more than rounding, 1e-12.
 #[test]
 fn regress_mesh_frequencies_are_those_of_the_published_speed() {
     let bench = bench(25.0, &[(29, 100), (36, 90)]);
@@ -123,9 +124,9 @@ fn regress_mesh_frequencies_are_those_of_the_published_speed() {
     }
 }
 
-/// Sidebands as large as the carrier at ±0.4 and ±1 orders of the input shaft, of every harmonic. With 29 teeth on 100 the ±0.4
-/// orders are lines that nobody announced; with 32 on 80 they are the wheel's sidebands, which a slow shaft puts into the main lobe
-/// (3.4 Hz in a window of 1 s).
+/// Sidebands as large as the carrier at ±0.4 and ±1 orders of the input shaft, of every harmonic.
+/// With 29 teeth on 100 the ±0.4 orders are lines that nobody announced; with 32 on 80 they are the
+/// wheel's sidebands, which a slow shaft puts into the main lobe (3.4 Hz in a window of 1 s).
 #[test]
 fn analytic_sidebands_do_not_bias() {
     for (nominal_hz, teeth) in [(25.0, (29, 100)), (29.7, (29, 100)), (29.7, (32, 80)), (8.43, (32, 80))] {

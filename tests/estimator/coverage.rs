@@ -10,8 +10,9 @@ const RATE_HZ: f64 = 8192.0;
 const WINDOW: usize = 8192;
 const WINDOWS: usize = 2000;
 
-/// Of 2000 windows the sigma covers the truth in 68 ± 3 % and twice the sigma (1.96 σ) in 95 ± 2 %, for every harmonic of two stages, the five of
-/// a stage being taken together, with and without tacho. The lines stand 15 to 26 dB above what noise shows beside them: below about 10 dB the
+/// Of 2000 windows the sigma covers the truth in 68 ± 3 % and twice the sigma (1.96 σ) in 95 ± 2 %,
+/// for every harmonic of two stages, the five of a stage being taken together, with and without
+/// tacho. The lines stand 15 to 26 dB above what noise shows beside them: below about 10 dB the
 /// amplitude of a phasor in noise is not normal any more (Rice's law).
 #[test]
 fn analytic_sigma_covers_the_truth() {

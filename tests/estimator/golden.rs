@@ -6,8 +6,8 @@ use gearwatch_tests::benches::bench;
 use gearwatch_tests::tones::{Run, Tone, block, samples};
 use serde_json::Value;
 
-/// Mesh harmonics of two stages with sidebands of their shafts and unannounced lines, at constant speed and in ramps, without tacho: the amplitudes agree
-/// within 0.05 %.
+/// Mesh harmonics of two stages with sidebands of their shafts and unannounced lines, at constant
+/// speed and in ramps, without tacho: the amplitudes agree within 0.05 %.
 #[test]
 fn oracle_scipy_order_amplitudes() {
     let golden: Value = serde_json::from_str(include_str!("../golden/order_amplitudes.json")).expect("JSON");

@@ -1,4 +1,5 @@
-//! The estimator against a slow one: least squares of all lines on the samples themselves, at the exact angle.
+//! The estimator against a slow one: least squares of all lines on the samples themselves, at the
+//! exact angle.
 
 use gearwatch_core::pipeline::PipelineConfig;
 use gearwatch_core::train::Train;
@@ -9,7 +10,8 @@ use gearwatch_tests::tones::{Run, Tone, add_noise, block, pulses, samples};
 const RATE_HZ: f64 = 4096.0;
 const WINDOW: usize = 4096;
 
-/// Solves the normal equations of `x = Σ a cos + b sin` by conjugate gradients; amplitudes by order.
+/// Solves the normal equations of `x = Σ a cos + b sin` by conjugate gradients; amplitudes by
+/// order.
 fn least_squares(x: &[f64], run: Run, orders: &[f64]) -> Vec<f64> {
     let columns: Vec<Vec<f64>> = orders
         .iter()
@@ -44,9 +46,11 @@ fn least_squares(x: &[f64], run: Run, orders: &[f64]) -> Vec<f64> {
     solution.chunks(2).map(|ab| ab[0].hypot(ab[1])).collect()
 }
 
-/// Mesh lines, sidebands of both shafts and noise, in a ramp, with a tacho. Both estimators see the same noise; least squares without weighting is the best
-/// linear one, so that they differ by a fraction of the stated sigma: the efficient window lets 14 % more noise power in, which makes the difference 0.37 σ rms. A
-/// line for which the guard is taken (0.7 % of the time) may differ by σ more. Without noise they agree to 1e-4.
+/// Mesh lines, sidebands of both shafts and noise, in a ramp, with a tacho. Both estimators see the
+/// same noise; least squares without weighting is the best linear one, so that they differ by a
+/// fraction of the stated sigma: the efficient window lets 14 % more noise power in, which makes
+/// the difference 0.37 σ rms. A line for which the guard is taken (0.7 % of the time) may differ by
+/// σ more. Without noise they agree to 1e-4.
 #[test]
 fn oracle_least_squares_on_the_samples() {
     let bench = with_tacho(bench(25.0, &[(13, 29)]), "shaft0", 1.0);
@@ -86,7 +90,8 @@ fn oracle_least_squares_on_the_samples() {
     }
 }
 
-/// The phase is that at the window's first sample, in ramps that the refinement follows from a steady start and in those it does not.
+/// The phase is that at the window's first sample, in ramps that the refinement follows from a
+/// steady start and in those it does not.
 #[test]
 fn analytic_phase_at_the_first_sample() {
     let bench = benches::bench(25.0, &[(29, 100)]);
@@ -96,8 +101,9 @@ fn analytic_phase_at_the_first_sample() {
         let x = samples(Run::ramp(24.9, percent, 1.0), &tones, 16_384.0, 16_384);
         let analysis = &super::analyse(&bench, &PipelineConfig::default(), &[block(&x, 16_384.0)])[0];
         for (line, tone) in analysis.stages[0].harmonics.iter().zip(&tones) {
-            // The search among ramps works on interpolated copies and leaves up to 2e-5 rev at the ends of the window, 0.02 rad at
-            // order 145; a speed that is off by the 5e-5 that ranks can bear would leave 6e-4 rev.
+            // The search among ramps works on interpolated copies and leaves up to 2e-5 rev at the
+            // ends of the window, 0.02 rad at order 145; a speed that is off by the 5e-5 that ranks
+            // can bear would leave 6e-4 rev.
             assert!(
                 (line.phase_rad - tone.phase_rad).abs() < 0.03,
                 "{percent} %: {} {}",

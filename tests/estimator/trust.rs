@@ -41,7 +41,8 @@ fn analytic_speed_out_of_range_is_no_speed() {
     }
 }
 
-/// Mesh lines of one stage, the even harmonics at 5 %, and wheel sidebands `times` as large as the mesh lines; the other stage is silent.
+/// Mesh lines of one stage, the even harmonics at 5 %, and wheel sidebands `times` as large as the
+/// mesh lines; the other stage is silent.
 fn odd_comb(times: f64) -> Vec<Tone> {
     let tone = |order: f64, amplitude: f64, phase_rad: f64| Tone { order, amplitude, phase_rad };
     let lines = (1..=5).map(f64::from).flat_map(|h| {
@@ -66,8 +67,9 @@ fn believed(tones: &[Tone], noises: &[f64], count: u64) -> (usize, usize) {
     (believed, wrong)
 }
 
-/// A comb shifted so that it fits sidebands must not pass. Sidebands as large as the lines leave most windows their speed in little noise. Where they are three
-/// times as large, nearly no window has one; 1 of 1000 then had a wrong one when this was written.
+/// A comb shifted so that it fits sidebands must not pass. Sidebands as large as the lines leave
+/// most windows their speed in little noise. Where they are three times as large, nearly no window
+/// has one; 1 of 1000 then had a wrong one when this was written.
 #[test]
 fn regress_comb_of_sidebands_is_no_speed() {
     let (seen, wrong) = believed(&odd_comb(1.0), &[1.0], 30);

@@ -1,4 +1,5 @@
-//! The crates may only look downward: core ← sim ← explain, core ← io, then runtime, sources, log, history, daemon, cli.
+//! The crates may only look downward: core ← sim ← explain, core ← io, then runtime, sources, log,
+//! history, daemon, cli.
 
 mod knots;
 

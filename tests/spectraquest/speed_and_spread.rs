@@ -18,8 +18,9 @@ fn of_channel(all: &[WindowAnalysis], channel: usize) -> impl Iterator<Item = &W
     all.iter().filter(move |a| a.channel == channel && a.instrument == InstrumentState::Ok)
 }
 
-/// Input-shaft speed that the README of the recordings gives: 29.757 Hz without load, 29.600 Hz at 90 %. Each channel finds it by
-/// itself, in 99 of 100 windows at least; what the channels say of one window lies within 1 mHz, 5e-5 of the speed, of one another.
+/// Input-shaft speed that the README of the recordings gives: 29.757 Hz without load, 29.600 Hz at
+/// 90 %. Each channel finds it by itself, in 99 of 100 windows at least; what the channels say of
+/// one window lies within 1 mHz, 5e-5 of the speed, of one another.
 #[test]
 fn literature_speed_of_each_file() {
     let Some(folder) = folder() else { return };
@@ -53,8 +54,9 @@ fn literature_speed_of_each_file() {
     }
 }
 
-/// Scatter of 1x–5x of the first stage over the windows of a healthy file, standard deviation by mean, median over channels and loads: no worse than
-/// the README's figures. Windows of the default length and hop.
+/// Scatter of 1x–5x of the first stage over the windows of a healthy file, standard deviation by
+/// mean, median over channels and loads: no worse than the README's figures. Windows of the default
+/// length and hop.
 #[test]
 fn literature_spread_of_healthy_windows() {
     let Some(folder) = folder() else { return };

@@ -1,7 +1,9 @@
-//! Real recordings: a baseline of the healthy files' first halves judges their second halves and the broken-tooth files.
+//! Real recordings: a baseline of the healthy files' first halves judges their second halves and
+//! the broken-tooth files.
 //!
-//! The recordings are not part of the project: without them (`../shared` beside the checkout) the tests say so and skip. The
-//! whole set is analysed once. No constant of the method was chosen on the second halves or on the broken-tooth files.
+//! The recordings are not part of the project: without them (`../shared` beside the checkout) the
+//! tests say so and skip. The whole set is analysed once. No constant of the method was chosen on
+//! the second halves or on the broken-tooth files.
 
 #![allow(clippy::print_stderr, reason = "the figures of the whole set are for people")]
 
@@ -149,8 +151,8 @@ fn literature_healthy_and_broken_gearbox() {
         |v: &Verdict| matches!(v.machine, MachineState::Deviating | MachineState::Alarm | MachineState::PathChanged);
     assert!(share(&healthy, deviating) < 0.05, "{}", share(&healthy, deviating));
     assert_eq!(share(&healthy_files, deviating), 0.0);
-    // A healthy machine that scatters by 5 to 10 % from second to second cannot be ranked in steps of 3 %: the naked rank is
-    // above 0 nearly always, and the verdict says that it means nothing.
+    // A healthy machine that scatters by 5 to 10 % from second to second cannot be ranked in steps
+    // of 3 %: the naked rank is above 0 nearly always, and the verdict says that it means nothing.
     assert!(share(&healthy, |v| v.harmonics.iter().any(|h| h.rank > Rank::I)) > 0.5);
     assert!(share(&healthy, |v| v.resolvable) < 0.1);
 
@@ -178,13 +180,14 @@ fn literature_healthy_and_broken_gearbox() {
         let changed = |v: &Verdict| v.machine == MachineState::PathChanged;
         let gear = |v: &Verdict| matches!(v.machine, MachineState::Deviating | MachineState::Alarm);
         match channel {
-            // The path changed, and no file is called a gear fault. Single windows know less: they name the path far more often
-            // than the gear, how often is printed above.
+            // The path changed, and no file is called a gear fault. Single windows know less: they
+            // name the path far more often than the gear, how often is printed above.
             "a1" | "a2" => {
                 assert_eq!(share(&files, changed), 1.0, "{channel}");
                 assert!(share(&windows, changed) > 2.0 * share(&windows, gear), "{channel}");
             }
-            // Where the average says that the path changed, hardly a window says that the gear did: fewer than one in ten.
+            // Where the average says that the path changed, hardly a window says that the gear did:
+            // fewer than one in ten.
             "a3" => {
                 let of_path = |v: &&Verdict| {
                     files.iter().any(|f| changed(f) && f.stage == v.stage && f.brake_torque_nm == v.brake_torque_nm)
@@ -198,7 +201,8 @@ fn literature_healthy_and_broken_gearbox() {
             _ => {}
         }
     }
-    // Broken against healthy, floors and lines of the first stage move together: 0.98 according to the README there.
+    // Broken against healthy, floors and lines of the first stage move together: 0.98 according to
+    // the README there.
     let mut pairs = Vec::new();
     for (b, h) in broken_files.iter().zip(&healthy_whole).filter(|(b, _)| b.stage == "stage1") {
         assert_eq!((&b.channel, &b.cell), (&h.channel, &h.cell));
@@ -211,7 +215,8 @@ fn literature_healthy_and_broken_gearbox() {
     assert!(together > 0.95, "{together}");
 }
 
-/// Loads that nobody stated: three of them teach, further ones are judged. They deviate by what runs of the cell deviate from each other, and none is an alarm.
+/// Loads that nobody stated: three of them teach, further ones are judged. They deviate by what
+/// runs of the cell deviate from each other, and none is an alarm.
 #[test]
 fn regress_unstated_loads_raise_no_alarm() {
     let Some(folder) = folder() else { return };
@@ -232,8 +237,10 @@ fn regress_unstated_loads_raise_no_alarm() {
     }
 }
 
-/// Each inner load is left out of the baseline and interpolated. Its sigmas cover what they say: by Student's t with the three misfits that are left to learn the error from,
-/// 61 and 86 % within one and two, by the normal law 68 and 95 %. The 40 lines of a load are not independent: 4 standard errors of some 40 independent ones of 160 are 30 %.
+/// Each inner load is left out of the baseline and interpolated. Its sigmas cover what they say: by
+/// Student's t with the three misfits that are left to learn the error from, 61 and 86 % within one
+/// and two, by the normal law 68 and 95 %. The 40 lines of a load are not independent: 4 standard
+/// errors of some 40 independent ones of 160 are 30 %.
 #[test]
 fn regress_interpolated_loads_are_covered() {
     let Some(folder) = folder() else { return };
@@ -273,8 +280,9 @@ fn regress_interpolated_loads_are_covered() {
     assert_eq!(wrong, 0);
 }
 
-/// What the page's own script makes of healthy second halves: no harmonic above rank 0 in more than the palest colour on a stage that is called normal, none above rank 0 in the colour
-/// of a rank there, and grey where nothing is known. Needs node.
+/// What the page's own script makes of healthy second halves: no harmonic above rank 0 in more than
+/// the palest colour on a stage that is called normal, none above rank 0 in the colour of a rank
+/// there, and grey where nothing is known. Needs node.
 #[test]
 fn regress_the_pages_colours_agree_with_its_words() {
     let Some(folder) = folder() else { return };

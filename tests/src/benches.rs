@@ -1,10 +1,12 @@
-//! Benches that several tests use, written as a bench file is: what it leaves out has the file's own defaults.
+//! Benches that several tests use, written as a bench file is: what it leaves out has the file's
+//! own defaults.
 
 use std::fmt::Write;
 
 use gearwatch_core::bench::{Bench, Tacho};
 
-/// A bench whose motor drives the input shaft directly, with the teeth of each stage; shafts are named `shaft0`, `shaft1` …, stages `stage1` ….
+/// A bench whose motor drives the input shaft directly, with the teeth of each stage; shafts are
+/// named `shaft0`, `shaft1` …, stages `stage1` ….
 pub fn bench(motor_hz: f64, teeth: &[(u32, u32)]) -> Bench {
     let mut text = String::from("format = \"gearwatch-bench/1\"\nname = \"test bench\"\n");
     // Writing into a string does not fail.

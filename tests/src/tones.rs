@@ -1,4 +1,5 @@
-//! Signals whose truth is known: lines at exact orders of a shaft whose angle is a known function of time, and noise.
+//! Signals whose truth is known: lines at exact orders of a shaft whose angle is a known function
+//! of time, and noise.
 
 use gearwatch_core::block::{Block, Packet, Quality, Samples, TachoBlock};
 use rand::{RngExt, SeedableRng};
@@ -66,8 +67,8 @@ pub fn add_noise(samples: &mut [f64], sigma: f64, seed: u64) {
     }
 }
 
-/// One block of the sensor `acc_1` from time zero. In microvolts of a converter with 2^31 counts so that rounding is 100 dB
-/// below what single precision would do.
+/// One block of the sensor `acc_1` from time zero. In microvolts of a converter with 2^31 counts so
+/// that rounding is 100 dB below what single precision would do.
 pub fn block(samples: &[f64], rate_hz: f64) -> Packet {
     let largest = samples.iter().fold(1e-300f64, |m, x| m.max(x.abs()));
     let scale = largest / 2e9;

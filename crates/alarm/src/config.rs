@@ -15,12 +15,14 @@ pub struct AlarmConfig {
     pub clear: usize,
     /// The windows must have asked for it so long, in the data's own time (s, 0–86400).
     pub delay_secs: f64,
-    /// Normal windows must have gone on so long before it ends, in the data's own time (s, 0–86400).
+    /// Normal windows must have gone on so long before it ends, in the data's own time (s,
+    /// 0–86400).
     pub clear_secs: f64,
     /// It stays until it is acknowledged.
     pub latch: bool,
-    /// Windows ask for nothing so long after speed or torque has changed by more than `settle_percent`, and after a standstill: a run-up (s of the data's
-    /// own time, 0–3600; 0: they always count).
+    /// Windows ask for nothing so long after speed or torque has changed by more than
+    /// `settle_percent`, and after a standstill: a run-up (s of the data's own time, 0–3600; 0:
+    /// they always count).
     pub settle_secs: f64,
     /// What is a change of speed or torque from one window to the next (percent, 0.1–100).
     pub settle_percent: f64,

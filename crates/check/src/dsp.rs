@@ -1,9 +1,10 @@
 //! Transforms that the features share: window, spectra, resampling to shaft angle.
 
-use num_complex::Complex64;
-use realfft::RealFftPlanner;
-use rustfft::FftPlanner;
 use std::f64::consts::PI;
+
+use gearwatch_core::fourier::{ComplexPlans, RealPlans};
+use num_complex::Complex64;
+use rustfft::FftPlanner;
 
 /// Coefficients of the four-term Blackman–Harris window (Harris 1978, −92 dB side lobes).
 const BLACKMAN_HARRIS: [f64; 4] = [0.35875, 0.48829, 0.14128, 0.01168];
@@ -20,21 +21,21 @@ pub const WINDOW_NOISE_BINS: f64 = 2.0044;
 
 /// Plans of Fourier transforms, kept between calls.
 pub struct Transforms {
-    real: RealFftPlanner<f64>,
-    pub(crate) complex: FftPlanner<f64>,
+    real: RealPlans,
+    pub(crate) complex: ComplexPlans,
     pub(crate) single: FftPlanner<f32>,
 }
 
 impl Default for Transforms {
     fn default() -> Self {
-        Self { real: RealFftPlanner::new(), complex: FftPlanner::new(), single: FftPlanner::new() }
+        Self { real: RealPlans::default(), complex: ComplexPlans::default(), single: FftPlanner::new() }
     }
 }
 
 impl Transforms {
     /// Spectrum of a real signal, `len / 2 + 1` bins, not scaled.
     pub fn forward_real(&mut self, signal: &mut [f64]) -> Vec<Complex64> {
-        let plan = self.real.plan_fft_forward(signal.len());
+        let plan = self.real.forward(signal.len());
         let mut bins = plan.make_output_vec();
         // The lengths agree by construction, so the transform cannot fail; an empty spectrum would
         // show at once.
@@ -46,7 +47,7 @@ impl Transforms {
 
     /// Real signal of `len` samples from `len / 2 + 1` bins, scaled by `1 / len`.
     pub fn inverse_real(&mut self, bins: &mut [Complex64], len: usize) -> Vec<f64> {
-        let plan = self.real.plan_fft_inverse(len);
+        let plan = self.real.inverse(len);
         let mut signal = plan.make_output_vec();
         if let Some(first) = bins.first_mut() {
             first.im = 0.0;
@@ -66,12 +67,12 @@ impl Transforms {
 
     /// In place, not scaled.
     pub fn forward(&mut self, bins: &mut [Complex64]) {
-        self.complex.plan_fft_forward(bins.len()).process(bins);
+        self.complex.forward(bins.len()).process(bins);
     }
 
     /// In place, not scaled.
     pub fn inverse(&mut self, bins: &mut [Complex64]) {
-        self.complex.plan_fft_inverse(bins.len()).process(bins);
+        self.complex.inverse(bins.len()).process(bins);
     }
 }
 

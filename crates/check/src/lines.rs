@@ -103,11 +103,13 @@ pub fn of_train(train: &Train, has_belt: bool, resolution: f64) -> Vec<Line> {
     out.into_iter().map(|(_, line)| line).collect()
 }
 
-/// Multiples of a shaft's order that differ from whole ones by less lie on its comb: rounding only, since all orders are fractions of tooth numbers.
+/// Multiples of a shaft's order that differ from whole ones by less lie on its comb: rounding only,
+/// since all orders are fractions of tooth numbers.
 const ON_COMB: f64 = 1e-6;
 
 impl Family {
-    /// Frequency / input-shaft speed; negative of a sideband beyond zero. Stage and shaft must be of this train.
+    /// Frequency / input-shaft speed; negative of a sideband beyond zero. Stage and shaft must be
+    /// of this train.
     pub fn order(&self, train: &Train) -> f64 {
         match *self {
             Self::Mesh { stage, harmonic } => train.stages[stage].mesh_order * f64::from(harmonic),
@@ -121,8 +123,9 @@ impl Family {
         }
     }
 
-    /// Whether the line is a whole multiple of a shaft's speed, whatever else makes it too: where tooth numbers have a common factor, sidebands of one gear of a pair
-    /// lie on the comb of the other.
+    /// Whether the line is a whole multiple of a shaft's speed, whatever else makes it too: where
+    /// tooth numbers have a common factor, sidebands of one gear of a pair lie on the comb of the
+    /// other.
     pub fn is_on_comb(&self, train: &Train, shaft: usize) -> bool {
         let multiple = self.order(train) / train.shafts[shaft].1;
         (multiple - multiple.round()).abs() < ON_COMB

@@ -1,10 +1,12 @@
 //! Powers of long spectra in the memory of the signal itself, in single precision where that is
 //! enough.
 
+use std::sync::Arc;
+
 use gearwatch_core::spectral::kernels::turned_back;
 use num_complex::{Complex, Complex64};
 use pulp::{Arch, Simd, WithSimd};
-use rustfft::{FftNum, FftPlanner};
+use rustfft::{Fft, FftNum};
 
 use crate::dsp::Transforms;
 
@@ -13,8 +15,8 @@ use crate::dsp::Transforms;
 pub trait Precision: FftNum + Into<f64> {
     /// Rounded.
     fn of(x: f64) -> Self;
-    /// Its transforms.
-    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self>;
+    /// Plan of its forward transform of this length.
+    fn forward(transforms: &mut Transforms, len: usize) -> Arc<dyn Fft<Self>>;
 }
 
 impl Precision for f64 {
@@ -22,8 +24,8 @@ impl Precision for f64 {
         x
     }
 
-    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self> {
-        &mut transforms.complex
+    fn forward(transforms: &mut Transforms, len: usize) -> Arc<dyn Fft<Self>> {
+        transforms.complex.forward(len)
     }
 }
 
@@ -32,8 +34,8 @@ impl Precision for f32 {
         x as f32
     }
 
-    fn planner(transforms: &mut Transforms) -> &mut FftPlanner<Self> {
-        &mut transforms.single
+    fn forward(transforms: &mut Transforms, len: usize) -> Arc<dyn Fft<Self>> {
+        transforms.single.plan_fft_forward(len)
     }
 }
 
@@ -60,8 +62,7 @@ impl Transforms {
     fn powers_in_place<T: Precision>(&mut self, mut bins: Vec<Complex<T>>, columns: usize) -> Powers<T> {
         let half = bins.len();
         let rows = half / columns;
-        let planner = T::planner(self);
-        let (of_column, of_row) = (planner.plan_fft_forward(rows), planner.plan_fft_forward(columns));
+        let (of_column, of_row) = (T::forward(self, rows), T::forward(self, columns));
         let wanted = of_column.get_inplace_scratch_len().max(of_row.get_inplace_scratch_len());
         let mut scratch = vec![Complex::new(T::zero(), T::zero()); wanted];
         // Some columns at a time, so that a line of the cache is read once.

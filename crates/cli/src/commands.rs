@@ -119,7 +119,8 @@ pub trait Run: Args + Send {
     /// Does it. Results go to stdout, talk to stderr.
     ///
     /// # Errors
-    /// With a message that names file and place, what was expected and what was found, and what to do next.
+    /// With a message that names file and place, what was expected and what was found, and what to
+    /// do next.
     fn run(self) -> anyhow::Result<Exit>;
 }
 
@@ -146,7 +147,8 @@ const fn kind<T: Run>() -> CommandEntry {
     }
 }
 
-/// A command that this build has left out: it stands in the help and takes any arguments, so that whoever tries it learns what it needs.
+/// A command that this build has left out: it stands in the help and takes any arguments, so that
+/// whoever tries it learns what it needs.
 #[allow(dead_code, reason = "not used where nothing was left out")]
 const fn left_out(name: &'static str, feature: &'static str) -> CommandEntry {
     CommandEntry { name, lacks: Some(feature), build: || Command::new(""), run: |_| Ok(Exit::Unknown) }
@@ -204,7 +206,8 @@ pub fn dispatch(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// The error and its causes, but none that the sentence so far ends with: many errors tell their cause themselves.
+/// The error and its causes, but none that the sentence so far ends with: many errors tell their
+/// cause themselves.
 fn sentence(error: &anyhow::Error) -> String {
     error.chain().map(ToString::to_string).fold(String::new(), |so_far, cause| match so_far.as_str() {
         "" => cause,
@@ -241,7 +244,8 @@ mod tests {
         words
     }
 
-    /// Every example of every help is a command line that is understood, up to a pipe, a redirection or the two spaces before its comment.
+    /// Every example of every help is a command line that is understood, up to a pipe, a
+    /// redirection or the two spaces before its comment.
     #[test]
     fn conform_examples_are_understood() {
         let mut seen = 0;
@@ -258,7 +262,8 @@ mod tests {
         assert!(seen > 50, "{seen}");
     }
 
-    /// What the system said stands once in the sentence, whether an error tells its cause or leaves that to the chain.
+    /// What the system said stands once in the sentence, whether an error tells its cause or leaves
+    /// that to the chain.
     #[test]
     fn regress_no_cause_is_told_twice() {
         let cause = || std::io::Error::other("no room");

@@ -1,4 +1,5 @@
-//! Recordings on the command line: files and what they leave unsaid, with a progress bar for long ones.
+//! Recordings on the command line: files and what they leave unsaid, with a progress bar for long
+//! ones.
 
 use std::path::{Path, PathBuf};
 
@@ -37,7 +38,8 @@ pub struct InputOptions {
     /// Physical value = value in the file × SCALE
     #[arg(long, allow_negative_numbers = true, help_heading = "Recordings")]
     scale: Option<f64>,
-    /// Read this channel only; repeat for several. COLUMN is its name in the file or its number from 1, NAME is the sensor's name from here on
+    /// Read this channel only; repeat for several. COLUMN is its name in the file or its number
+    /// from 1, NAME is the sensor's name from here on
     #[arg(long = "channel", value_name = "[NAME=]COLUMN[:UNIT]", help_heading = "Recordings")]
     channels: Vec<ChannelOption>,
     /// Column or variable with the time in seconds
@@ -91,10 +93,12 @@ impl InputOptions {
     }
 }
 
-/// The pipeline that judges recordings of a bench: with a baseline, and with fault states of its own in place of the paper's.
+/// The pipeline that judges recordings of a bench: with a baseline, and with fault states of its
+/// own in place of the paper's.
 ///
 /// # Errors
-/// When the file of the fault states cannot be read or is not of this bench, or the bench makes no pipeline.
+/// When the file of the fault states cannot be read or is not of this bench, or the bench makes no
+/// pipeline.
 pub fn pipeline(bench: &Bench, baseline: Option<Baseline>, signatures: Option<&Path>) -> anyhow::Result<Pipeline> {
     let pipeline = Pipeline::new(bench, &PipelineConfig::default(), baseline)?;
     Ok(match signatures {

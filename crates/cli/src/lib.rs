@@ -1,4 +1,5 @@
-//! The command line of gearwatch. The program is [`dispatch`] and an allocator; everything else is in the crates below.
+//! The command line of gearwatch. The program is [`dispatch`] and an allocator; everything else is
+//! in the crates below.
 //!
 //! ```text
 //! arguments ─► dispatch ─► a command (commands/NAME.rs): open files ─► crates below ─► text or JSON ─► standard output
@@ -6,8 +7,8 @@
 //!                              └ exit code: 0 done, 1 warning, 2 critical, 3 unknown or wrong input, 70 start anew
 //! ```
 //!
-//! Parts that watching one bench does not need are cargo features. A command that a build has left out stays in the help and says which feature
-//! it needs.
+//! Parts that watching one bench does not need are cargo features. A command that a build has left
+//! out stays in the help and says which feature it needs.
 //!
 //! ```
 //! use std::process::ExitCode;

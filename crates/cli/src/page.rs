@@ -1,4 +1,5 @@
-//! The page of a running service, asked from the command line: over TLS and with its token where it has them.
+//! The page of a running service, asked from the command line: over TLS and with its token where it
+//! has them.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,4 +1,5 @@
-//! How far work of many parts has come: a bar where stderr is a terminal, elsewhere a line every tenth, as a log wants it.
+//! How far work of many parts has come: a bar where stderr is a terminal, elsewhere a line every
+//! tenth, as a log wants it.
 
 use std::io::Write;
 use std::sync::atomic::{AtomicU64, Ordering};

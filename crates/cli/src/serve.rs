@@ -9,8 +9,9 @@ use gearwatch_runtime::stop::Stop;
 use crate::exit::Exit;
 use crate::{signals, talk};
 
-/// Builds and runs a configuration until its sources end or a signal comes, and says how it ended. With `ends_with_sinks` a closed
-/// pipe ends it too. At SIGHUP the configuration in `reread` takes over, if it is good.
+/// Builds and runs a configuration until its sources end or a signal comes, and says how it ended.
+/// With `ends_with_sinks` a closed pipe ends it too. At SIGHUP the configuration in `reread` takes
+/// over, if it is good.
 ///
 /// # Errors
 /// When it cannot be built or started.

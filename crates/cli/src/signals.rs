@@ -1,10 +1,12 @@
-//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once. SIGHUP asks for the configuration to be read again. On Windows
-//! Ctrl-C, Ctrl-Break, a closed console and a shutdown ask for an orderly end; a new configuration needs a new start there.
+//! SIGINT and SIGTERM: the first asks for an orderly end, the second ends at once. SIGHUP asks for
+//! the configuration to be read again. On Windows Ctrl-C, Ctrl-Break, a closed console and a
+//! shutdown ask for an orderly end; a new configuration needs a new start there.
 
 use gearwatch_daemon::service::Reload;
 use gearwatch_runtime::stop::Stop;
 
-/// Gives `stop` at the first SIGINT or SIGTERM, and exits at the second with 128 + the signal's number. Asks for `reload` at SIGHUP.
+/// Gives `stop` at the first SIGINT or SIGTERM, and exits at the second with 128 + the signal's
+/// number. Asks for `reload` at SIGHUP.
 ///
 /// # Errors
 /// When the system gives no thread or no signal handler.

@@ -1,7 +1,9 @@
-//! Talk on stderr: log lines for people and for the journal, colours only where somebody can see them.
+//! Talk on stderr: log lines for people and for the journal, colours only where somebody can see
+//! them.
 //!
-//! A thread of its own writes it. Whoever speaks never waits for whoever reads: lines that find no room are left out, and counted. So are lines of one
-//! kind that come in masses, and what of a line is longer than anybody reads: no peer can fill a disk by what it makes the service say.
+//! A thread of its own writes it. Whoever speaks never waits for whoever reads: lines that find no
+//! room are left out, and counted. So are lines of one kind that come in masses, and what of a line
+//! is longer than anybody reads: no peer can fill a disk by what it makes the service say.
 
 use std::collections::HashMap;
 use std::io::{IsTerminal, Write};
@@ -40,7 +42,8 @@ impl Drop for Talk {
     }
 }
 
-/// Sends log lines to stderr. `GEARWATCH_LOG` sets what is told (such as `debug` or `gearwatch_daemon=trace`); `info` where it is not set.
+/// Sends log lines to stderr. `GEARWATCH_LOG` sets what is told (such as `debug` or
+/// `gearwatch_daemon=trace`); `info` where it is not set.
 pub fn start() -> Talk {
     let asked = std::env::var("GEARWATCH_LOG").unwrap_or_default();
     let usual = || Targets::new().with_default(LevelFilter::INFO);
@@ -62,7 +65,8 @@ pub fn start() -> Talk {
     talk
 }
 
-/// Stderr leads to the journal, which says so by device and inode of its end (systemd.exec(5), `JOURNAL_STREAM`).
+/// Stderr leads to the journal, which says so by device and inode of its end (systemd.exec(5),
+/// `JOURNAL_STREAM`).
 #[cfg(target_os = "linux")]
 fn is_read_by_journal() -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -75,8 +79,8 @@ fn is_read_by_journal() -> bool {
     false
 }
 
-/// Lines as the journal takes them from stderr: the priority in front, in place of time and level (sd-daemon(3)). Its own socket would make
-/// whoever speaks wait for it.
+/// Lines as the journal takes them from stderr: the priority in front, in place of time and level
+/// (sd-daemon(3)). Its own socket would make whoever speaks wait for it.
 struct ForJournal(Format<Full, ()>);
 
 impl<S, N> FormatEvent<S, N> for ForJournal
@@ -251,7 +255,8 @@ mod tests {
 
     static PLACE: Place = Place;
 
-    /// 7500 lines a second for twenty seconds, as an overloaded bench or a foreign sender made them: forty are written, and the others are counted.
+    /// 7500 lines a second for twenty seconds, as an overloaded bench or a foreign sender made
+    /// them: forty are written, and the others are counted.
     #[test]
     fn regress_lines_that_come_in_masses_are_limited_and_counted() {
         let (mut limits, begin) = (Limits::default(), Instant::now());

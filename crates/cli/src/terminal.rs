@@ -1,7 +1,8 @@
 //! Standard output and standard error without control characters from names and contents.
 //!
-//! A file name, a sensor's name or a line of a file may hold an escape sequence that a terminal obeys. All that this
-//! program prints goes through here: such characters come out as `\u001b`, which is also how JSON writes them.
+//! A file name, a sensor's name or a line of a file may hold an escape sequence that a terminal
+//! obeys. All that this program prints goes through here: such characters come out as `\u001b`,
+//! which is also how JSON writes them.
 
 use std::borrow::Cow;
 use std::io::{Result, Stderr, StderrLock, StdoutLock, Write};
@@ -35,10 +36,12 @@ pub fn plain(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// Characters of the widest column of a table. Formatting cannot pad beyond 65 535, and nobody reads such a column.
+/// Characters of the widest column of a table. Formatting cannot pad beyond 65 535, and nobody
+/// reads such a column.
 const WIDEST_COLUMN: usize = 60;
 
-/// A text for a column of a table: control characters written out, its end cut where it is too long.
+/// A text for a column of a table: control characters written out, its end cut where it is too
+/// long.
 pub fn cell(text: &str) -> String {
     let text = plain(text);
     if text.chars().count() <= WIDEST_COLUMN {
@@ -47,7 +50,8 @@ pub fn cell(text: &str) -> String {
     text.chars().take(WIDEST_COLUMN - 1).chain(['…']).collect()
 }
 
-/// Characters that change what a terminal does or the order in which it shows others. Line ends and tabs are of our own.
+/// Characters that change what a terminal does or the order in which it shows others. Line ends and
+/// tabs are of our own.
 fn is_hostile(c: char) -> bool {
     let direction =
         matches!(c, '\u{061C}' | '\u{200E}' | '\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}');
@@ -193,7 +197,8 @@ mod tests {
         String::from_utf8(bytes).unwrap()
     }
 
-    /// Window titles, cursor moves, 8-bit sequences and reversed text are shown, not obeyed; text is left alone.
+    /// Window titles, cursor moves, 8-bit sequences and reversed text are shown, not obeyed; text
+    /// is left alone.
     #[test]
     fn regress_escape_sequences_are_written_out() {
         assert_eq!(written(&[b"a\x1b]0;owned\x07b\n"], false), "a\\u001b]0;owned\\u0007b\n");
@@ -202,7 +207,8 @@ mod tests {
         assert_eq!(written(&[b"\x1b[31mred\x1b[0m"], false), "\\u001b[31mred\\u001b[0m");
     }
 
-    /// Colours of our own pass where they are wanted, also in pieces; every other sequence does not.
+    /// Colours of our own pass where they are wanted, also in pieces; every other sequence does
+    /// not.
     #[test]
     fn regress_only_colours_pass_where_colours_are_wanted() {
         assert_eq!(written(&[b"\x1b[1;31mred\x1b[0m\x1b[2J"], true), "\x1b[1;31mred\x1b[0m\\u001b[2J");

@@ -50,7 +50,8 @@ fn conform_a_table_becomes_a_recording() {
     assert!(table.starts_with(b"PAR1") && table.ends_with(b"PAR1"));
 }
 
-/// Usage errors and bad input: exit 3, a message with the file, nothing on stdout, no half-written file.
+/// Usage errors and bad input: exit 3, a message with the file, nothing on stdout, no half-written
+/// file.
 #[test]
 fn conform_bad_input_exits_with_3_and_says_why() {
     let folder = tempfile::tempdir().unwrap();
@@ -101,7 +102,8 @@ fn regress_doctor_does_not_call_an_empty_folder_whole() {
     assert!(done.stdout.is_empty() && text(&done.stderr).contains("holds no log file"), "{}", text(&done.stderr));
 }
 
-/// Three files with a channel each are one recording, in which each channel is called as its file; files that cannot be one are refused with what differs.
+/// Three files with a channel each are one recording, in which each channel is called as its file;
+/// files that cannot be one are refused with what differs.
 #[test]
 fn regress_one_channel_files_are_joined() {
     let folder = tempfile::tempdir().unwrap();

@@ -28,7 +28,8 @@ fn conform_the_same_seed_gives_the_same_bytes() {
     }
 }
 
-/// The table has a row a step, sensor and stage, and its sizes do not fall; the recordings of the steps are found by their names.
+/// The table has a row a step, sensor and stage, and its sizes do not fall; the recordings of the
+/// steps are found by their names.
 #[test]
 fn conform_tables_and_recordings_of_all_steps() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Files and names that were made to do harm: pipes and devices in place of files, escape sequences, values beyond all bounds.
+//! Files and names that were made to do harm: pipes and devices in place of files, escape
+//! sequences, values beyond all bounds.
 
 mod small;
 
@@ -16,7 +17,8 @@ fn refused(folder: &Path, args: &[&str], wanted: &str) {
     assert!(said.contains(wanted) && !said.contains("panicked"), "{args:?}: {wanted:?} is not in: {said}");
 }
 
-/// A pipe in place of a file would wait for its writer for ever, and a device such as `/dev/zero` has no end.
+/// A pipe in place of a file would wait for its writer for ever, and a device such as `/dev/zero`
+/// has no end.
 #[test]
 fn regress_only_regular_files_are_read() {
     let folder = tempfile::tempdir().unwrap();

@@ -24,8 +24,9 @@ fn simulate(folder: &Path, name: &str, seed: &str, more: &[&str]) {
     done(&gearwatch(folder, &[&args[..], more].concat()));
 }
 
-/// A cracked root that 1x to 5x say little of raises FM4 of its gear far above three healthy recordings; RMS stays within a percent. JSON
-/// and CSV say the same numbers, and a bearing has its four depths.
+/// A cracked root that 1x to 5x say little of raises FM4 of its gear far above three healthy
+/// recordings; RMS stays within a percent. JSON and CSV say the same numbers, and a bearing has its
+/// four depths.
 #[test]
 fn conform_a_cracked_tooth_shows_in_its_gear() {
     let folder = tempfile::tempdir().unwrap();

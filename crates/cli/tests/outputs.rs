@@ -1,4 +1,5 @@
-//! What commands write: never over what they read, never over what is there without leave, and never half.
+//! What commands write: never over what they read, never over what is there without leave, and
+//! never half.
 
 mod small;
 
@@ -42,8 +43,8 @@ fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
     all
 }
 
-/// Every command that writes, with each of its inputs named as output: by its own name, through a symbolic and through a hard link,
-/// and the sidecar file. `--force` does not help.
+/// Every command that writes, with each of its inputs named as output: by its own name, through a
+/// symbolic and through a hard link, and the sidecar file. `--force` does not help.
 #[test]
 fn regress_no_output_overwrites_what_is_read() {
     let folder = folder();
@@ -77,7 +78,8 @@ fn regress_no_output_overwrites_what_is_read() {
     }
 }
 
-/// Every command that writes keeps a file that is there, and replaces it with `--force`; a link stays a link.
+/// Every command that writes keeps a file that is there, and replaces it with `--force`; a link
+/// stays a link.
 #[test]
 fn regress_what_exists_is_replaced_only_by_force() {
     let folder = folder();
@@ -138,7 +140,8 @@ fn regress_pages_and_parts_are_replaced_only_by_force() {
     assert!(!path("pages/gearwatch.1").exists());
 }
 
-/// A pipe or a device is no place for a file that is written beside and renamed: as root that would replace `/dev/null`.
+/// A pipe or a device is no place for a file that is written beside and renamed: as root that would
+/// replace `/dev/null`.
 #[test]
 fn regress_devices_and_folders_are_not_replaced() {
     let folder = folder();

@@ -33,6 +33,7 @@ fn conform_a_diagnosis_can_be_handed_on() {
     assert_eq!(page.matches("<svg").count(), 1 + 4 + 4 + 2);
     assert!(page.contains("SHA-256") && page.len() < 3_000_000, "{} bytes", page.len());
     assert_eq!(gearwatch_testkit::report::loads(&page), Vec::<String>::new());
-    // The curves can be zoomed into: their numbers are in the page, beside the drawings that are printed.
+    // The curves can be zoomed into: their numbers are in the page, beside the drawings that are
+    // printed.
     assert_eq!(page.matches("data-curves=").count(), 4 + 2);
 }

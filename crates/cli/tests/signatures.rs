@@ -22,7 +22,8 @@ fn succeed(folder: &Path, args: &[&str]) -> String {
     text(&done.stdout)
 }
 
-/// The table of a bench is written, checked when it is read, and names the fault that a recording of the same bench was simulated with.
+/// The table of a bench is written, checked when it is read, and names the fault that a recording
+/// of the same bench was simulated with.
 #[test]
 fn conform_verdicts_are_matched_with_the_table_of_the_bench() {
     let folder = tempfile::tempdir().unwrap();

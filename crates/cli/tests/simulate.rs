@@ -11,7 +11,8 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// The recording says its speed and length, the same seed gives the same bytes, and both forms of the picture are written.
+/// The recording says its speed and length, the same seed gives the same bytes, and both forms of
+/// the picture are written.
 #[test]
 fn conform_a_simulated_recording_is_read_back() {
     let folder = tempfile::tempdir().unwrap();
@@ -35,7 +36,8 @@ fn conform_a_simulated_recording_is_read_back() {
 
     let said = gearwatch(path, &["info", "a.mcap", "--format", "json"]);
     let json: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
-    // The least speed read: the mean over a packet, which the vibration of the motor moves by some 1e-5 of it.
+    // The least speed read: the mean over a packet, which the vibration of the motor moves by some
+    // 1e-5 of it.
     let least_hz = json["operating_points"]["motor_speed_hz"][0].as_f64().unwrap();
     assert!((least_hz / 25.0 - 1.0).abs() < 1e-4, "{json}");
     for (name, channel) in json["channels"].as_object().unwrap() {
@@ -80,7 +82,8 @@ fn conform_what_cannot_be_simulated_is_refused() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a file was left");
 }
 
-/// A bench file that cannot be: exit code 3, and a sentence with the file, the place, what was found and what would be right.
+/// A bench file that cannot be: exit code 3, and a sentence with the file, the place, what was
+/// found and what would be right.
 #[test]
 fn conform_bad_bench_files_say_what_would_be_right() {
     let folder = tempfile::tempdir().unwrap();

@@ -12,8 +12,9 @@ fn column(line: &str, head: &str, name: &str) -> String {
     line.split(',').nth(at).expect("a field").to_owned()
 }
 
-/// Two speeds, healthy and worn: a row a case, speed, channel and stage; wear shows at its own stage alone; the same with one thread
-/// and two, and with the same simulation read from a recording.
+/// Two speeds, healthy and worn: a row a case, speed, channel and stage; wear shows at its own
+/// stage alone; the same with one thread and two, and with the same simulation read from a
+/// recording.
 #[test]
 fn conform_a_sweep_sets_cases_side_by_side() {
     let folder = tempfile::tempdir().expect("a folder");

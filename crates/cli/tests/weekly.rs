@@ -16,8 +16,9 @@ fn output(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gearwatch")).args(args).current_dir(folder).env("NO_COLOR", "1").output().unwrap()
 }
 
-/// Ten windows a day of one row, half a second apart. 1x rises by 0.3 % a day through −2 % at the end of the time, so that it meets 10 % after 40 days;
-/// all else only scatters. One alarm that nobody has seen, one that ended, one reload.
+/// Ten windows a day of one row, half a second apart. 1x rises by 0.3 % a day through −2 % at the
+/// end of the time, so that it meets 10 % after 40 days; all else only scatters. One alarm that
+/// nobody has seen, one that ended, one reload.
 fn write_log(path: &Path, days: i64) {
     let mut writer = mcap::Writer::new(BufWriter::new(std::fs::File::create(path).unwrap())).unwrap();
     let channel =
@@ -116,7 +117,8 @@ fn analytic_a_week_with_a_known_trend_is_told() {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert!(!text.contains("stage2@acc warning"), "an alarm that is over is not open: {text}");
-    // The line is 2.1 % a week within its interval; it met −10 % before the time, and rises towards +10 %, in 40 days.
+    // The line is 2.1 % a week within its interval; it met −10 % before the time, and rises towards
+    // +10 %, in 40 days.
     let trend = text.split("percentage points a week time to the limit").nth(1).unwrap();
     let cells: Vec<&str> = trend.split_whitespace().collect();
     let at = cells.windows(2).position(|pair| pair[1] == "days").unwrap();

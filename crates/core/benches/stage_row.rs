@@ -1,8 +1,10 @@
-//! The whole stage row beside the bare real transforms of the same windows: `cargo bench -p gearwatch-core`.
+//! The whole stage row beside the bare real transforms of the same windows:
+//! `cargo bench -p gearwatch-core`.
 //!
-//! Two stages, 16 384-sample windows, one channel, one core. Items are new samples: at 90 % overlap each is looked at ten times.
-//! `row_*` is packets to verdicts; `transform_*` is `realfft` in f64 on the same windows and nothing else. Before them the share of each stage is
-//! printed, in bare transforms of a window: the fastest of many rounds for each.
+//! Two stages, 16 384-sample windows, one channel, one core. Items are new samples: at 90 % overlap
+//! each is looked at ten times. `row_*` is packets to verdicts; `transform_*` is `realfft` in f64
+//! on the same windows and nothing else. Before them the share of each stage is printed, in bare
+//! transforms of a window: the fastest of many rounds for each.
 
 #![allow(clippy::print_stdout, reason = "the shares are what the benchmark is run for")]
 
@@ -167,7 +169,8 @@ fn bench(tacho: bool) -> Bench {
     serde_json::from_value(text).expect("a bench")
 }
 
-/// Mesh lines of both stages in noise; the noise is the fractional part of a large multiple, which is as good as white here.
+/// Mesh lines of both stages in noise; the noise is the fractional part of a large multiple, which
+/// is as good as white here.
 fn signal() -> Vec<f32> {
     let value = |i: usize| {
         let t = i as f64 / RATE_HZ;

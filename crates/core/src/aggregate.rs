@@ -1,10 +1,11 @@
 //! Averages over windows: what a whole recording says at each of its operating points.
 //!
-//! A rank that one window cannot resolve, because a healthy machine scatters by 5 to 10 % from second to second, a
-//! whole recording may.
+//! A rank that one window cannot resolve, because a healthy machine scatters by 5 to 10 % from
+//! second to second, a whole recording may.
 //!
-//! Of each window a few numbers are kept, and of each channel at most [`MOST_WINDOWS`] windows: beyond that every second one goes, then
-//! every second one of those that are left, and so on, evenly over the recording. So memory is bounded, whatever the length of a recording.
+//! Of each window a few numbers are kept, and of each channel at most [`MOST_WINDOWS`] windows:
+//! beyond that every second one goes, then every second one of those that are left, and so on,
+//! evenly over the recording. So memory is bounded, whatever the length of a recording.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,8 +24,9 @@ pub const MOST_WINDOWS: usize = 16_384;
 /// Mean of the windows of one channel at one operating point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Average {
-    /// The mean as if it were one window: amplitudes and floors are geometric means with the sigma of the mean, speed and
-    /// torque are means, time and sample index are those of the first window. Sidebands are not averaged.
+    /// The mean as if it were one window: amplitudes and floors are geometric means with the sigma
+    /// of the mean, speed and torque are means, time and sample index are those of the first
+    /// window. Sidebands are not averaged.
     pub analysis: WindowAnalysis,
     /// Windows averaged.
     pub windows: u32,
@@ -176,7 +178,8 @@ impl Aggregate {
         &self.refused
     }
 
-    /// Sensors of whose windows only every so many-th is averaged, since there are too many, and how many of how many those are.
+    /// Sensors of whose windows only every so many-th is averaged, since there are too many, and
+    /// how many of how many those are.
     pub fn thinned(&self) -> impl Iterator<Item = (&str, u64, usize, u64)> {
         let thinned = self.channels.iter().filter(|channel| channel.stride > 1);
         thinned.map(|channel| (&*channel.template.sensor, channel.stride, channel.windows.len(), channel.offered))
@@ -295,8 +298,9 @@ mod tests {
         }
     }
 
-    /// Twenty times as many windows as are kept: what is kept lies evenly over the recording, so that a drift from 1 to 2 has the
-    /// geometric mean that all windows have, `exp(∫ ln(1+x) dx) = 4/e`.
+    /// Twenty times as many windows as are kept: what is kept lies evenly over the recording, so
+    /// that a drift from 1 to 2 has the geometric mean that all windows have,
+    /// `exp(∫ ln(1+x) dx) = 4/e`.
     #[test]
     fn analytic_long_recordings_are_thinned_evenly() {
         let count = 20 * MOST_WINDOWS as u64;

@@ -1,4 +1,5 @@
-//! What the spectral stages say of one window of one channel, before it is compared with a baseline.
+//! What the spectral stages say of one window of one channel, before it is compared with a
+//! baseline.
 
 use std::sync::Arc;
 
@@ -26,7 +27,8 @@ impl Line {
     pub const UNKNOWN: Self = Self { amplitude: Estimate::UNKNOWN, phase_rad: f64::NAN, floor: f64::NAN };
 }
 
-/// Sidebands of one mesh harmonic from one shaft: `below[k]` lies k + 1 shaft orders below the line, `above[k]` above.
+/// Sidebands of one mesh harmonic from one shaft: `below[k]` lies k + 1 shaft orders below the
+/// line, `above[k]` above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sidebands {
     /// −1, −2, −3 times the shaft's order.
@@ -51,8 +53,8 @@ pub struct StageAnalysis {
     pub pinion_sidebands: [Sidebands; HARMONICS],
     /// By harmonic, of the wheel's shaft.
     pub wheel_sidebands: [Sidebands; HARMONICS],
-    /// By harmonic: a line of another stage falls on this one and no window of this length tells them apart. Amplitude and
-    /// deviation are those of both together.
+    /// By harmonic: a line of another stage falls on this one and no window of this length tells
+    /// them apart. Amplitude and deviation are those of both together.
     pub shared: [bool; HARMONICS],
 }
 
@@ -114,7 +116,8 @@ pub struct WindowAnalysis {
 }
 
 impl WindowAnalysis {
-    /// Nothing is known; to be filled by [`Pipeline::analyse`](crate::pipeline::Pipeline::analyse) again and again.
+    /// Nothing is known; to be filled by [`Pipeline::analyse`](crate::pipeline::Pipeline::analyse)
+    /// again and again.
     pub fn empty() -> Self {
         Self {
             channel: 0,

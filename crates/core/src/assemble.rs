@@ -1,18 +1,20 @@
 //! From packets to windows: one ordered state for all channels of a source.
 //!
-//! A window starts at the first sample of a gap-free run and then every hop. A gap, a change of sample rate or unit, and
-//! an index that runs backwards end the run: samples that are in no window by then are discarded and counted, so that
+//! A window starts at the first sample of a gap-free run and then every hop. A gap, a change of
+//! sample rate or unit, and an index that runs backwards end the run: samples that are in no window
+//! by then are discarded and counted, so that
 //!
 //! ```text
 //! samples in = samples in at least one window + discarded + pending
 //! ```
 //!
-//! holds after every packet. What a window holds depends on the samples, their indices and their times alone, never on
-//! where one block ends and the next begins. The order of the windows *of one channel* is that of time; between channels it
-//! is the order in which the packets complete them.
+//! holds after every packet. What a window holds depends on the samples, their indices and their
+//! times alone, never on where one block ends and the next begins. The order of the windows *of one
+//! channel* is that of time; between channels it is the order in which the packets complete them.
 //!
-//! Where there is a tacho, a complete window waits until two pulses beyond its end are known, or until its own channel has
-//! delivered `tacho_wait_s` more: the wait is counted in samples, so that it does not depend on a clock.
+//! Where there is a tacho, a complete window waits until two pulses beyond its end are known, or
+//! until its own channel has delivered `tacho_wait_s` more: the wait is counted in samples, so that
+//! it does not depend on a clock.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -50,7 +52,8 @@ pub enum GapReason {
     RateChange,
     /// Another unit.
     UnitChange,
-    /// The sample rate is no number of samples per second that windows can be cut from; the block was not used.
+    /// The sample rate is no number of samples per second that windows can be cut from; the block
+    /// was not used.
     UnusableRate,
 }
 
@@ -92,7 +95,8 @@ pub struct Counters {
     pub windows_without_tacho_cover: u64,
     /// Tacho pulses that came in.
     pub pulses_in: u64,
-    /// Tacho pulses not used: out of order, of an unknown shaft, or with an unusable number of pulses per revolution.
+    /// Tacho pulses not used: out of order, of an unknown shaft, or with an unusable number of
+    /// pulses per revolution.
     pub pulses_dropped: u64,
 }
 
@@ -121,8 +125,8 @@ pub struct Assembler {
 
 /// Takes windows.
 pub trait Taker {
-    /// Asked before a window is made, unless an earlier one of its channel still waits for the tacho. One that is not wanted costs no copy of its
-    /// samples, and keeps its number.
+    /// Asked before a window is made, unless an earlier one of its channel still waits for the
+    /// tacho. One that is not wanted costs no copy of its samples, and keeps its number.
     fn wants(&mut self, sensor: &Arc<str>, number: u64) -> bool;
 
     /// Takes a window.
@@ -143,8 +147,8 @@ impl Taker for Everything<'_> {
 }
 
 impl Assembler {
-    /// Empty state. `shaft_orders` are the shafts that a tacho may sit on with their speed / input-shaft speed;
-    /// `tacho_shaft` is the one that the bench file names.
+    /// Empty state. `shaft_orders` are the shafts that a tacho may sit on with their speed /
+    /// input-shaft speed; `tacho_shaft` is the one that the bench file names.
     pub fn new(config: &WindowConfig, shaft_orders: &[(String, f64)], tacho_shaft: Option<&str>) -> Self {
         Self {
             config: config.clone(),
@@ -162,12 +166,14 @@ impl Assembler {
         &self.counters
     }
 
-    /// The channels in the order of their first block; [`Window::channel`] is a position in this list.
+    /// The channels in the order of their first block; [`Window::channel`] is a position in this
+    /// list.
     pub fn channels(&self) -> impl ExactSizeIterator<Item = &ChannelInfo> {
         self.channels.iter().map(|c| &c.info)
     }
 
-    /// The gaps since the last call, oldest first (at most 1024 wait; [`Counters::gaps`] counts all).
+    /// The gaps since the last call, oldest first (at most 1024 wait; [`Counters::gaps`] counts
+    /// all).
     pub fn take_gaps(&mut self) -> impl Iterator<Item = Gap> + '_ {
         self.gaps.drain(..)
     }
@@ -206,8 +212,8 @@ impl Assembler {
         }
     }
 
-    /// The source has ended: hands on the windows that wait for the tacho. Samples that are in no window are counted as
-    /// discarded.
+    /// The source has ended: hands on the windows that wait for the tacho. Samples that are in no
+    /// window are counted as discarded.
     pub fn finish(&mut self, emit: &mut dyn FnMut(Window)) {
         self.finish_to(&mut Everything(emit));
     }
@@ -324,7 +330,8 @@ impl Assembler {
         }
     }
 
-    /// Hands on the windows of a channel whose tacho pulses are known, or have been waited for long enough.
+    /// Hands on the windows of a channel whose tacho pulses are known, or have been waited for long
+    /// enough.
     fn hand_on(&mut self, at: usize, last: bool, taker: &mut dyn Taker) {
         let Self { channels, tacho, counters, operating_points, config, .. } = self;
         let channel = &mut channels[at];
@@ -351,7 +358,8 @@ impl Assembler {
     }
 }
 
-/// Samples of a window and of a hop at a rate; `None` where the rate or the window's length is unusable.
+/// Samples of a window and of a hop at a rate; `None` where the rate or the window's length is
+/// unusable.
 fn window_samples(config: &WindowConfig, sample_rate_hz: f64) -> Option<(usize, usize)> {
     if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
         return None;

@@ -1,8 +1,9 @@
 //! What is normal: the baseline of a bench, and how it is put together from runs.
 //!
-//! A [`Run`] is what one recording of the normal state says at one operating point. A [`Baseline`] is a set of runs; the
-//! cells and the surface over speed and torque are computed from the set ([`Surface`]), so that joining two baselines
-//! is joining two sets: it does not matter in which order or in how many steps.
+//! A [`Run`] is what one recording of the normal state says at one operating point. A [`Baseline`]
+//! is a set of runs; the cells and the surface over speed and torque are computed from the set
+//! ([`Surface`]), so that joining two baselines is joining two sets: it does not matter in which
+//! order or in how many steps.
 
 use std::collections::BTreeMap;
 
@@ -30,18 +31,20 @@ pub use surface::{Place, Surface};
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-baseline/1";
 
-/// How near an operating point must be to a cell to be judged by it, and how many windows a cell needs.
+/// How near an operating point must be to a cell to be judged by it, and how many windows a cell
+/// needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BaselineConfig {
     /// Input-shaft speeds this near are one operating point (percent of the speed, above 0).
     pub speed_tolerance_percent: f64,
-    /// Torques this near are one operating point (percent of the torque, ≥ 0); the larger of the two counts.
+    /// Torques this near are one operating point (percent of the torque, ≥ 0); the larger of the
+    /// two counts.
     pub torque_tolerance_percent: f64,
     /// Torques this near are one operating point (N m, above 0); the larger of the two counts.
     pub torque_tolerance_nm: f64,
-    /// Independent windows that a line's scatter must be known from before anything is judged by it: its own, and what the
-    /// other lines of its stage at the sensor are worth for it (above 1).
+    /// Independent windows that a line's scatter must be known from before anything is judged by
+    /// it: its own, and what the other lines of its stage at the sensor are worth for it (above 1).
     pub least_windows: f64,
 }
 
@@ -106,7 +109,8 @@ pub struct Baseline {
     pub bench: String,
     /// SHA-256 of the bench's content when it was learned, lower-case hexadecimal.
     pub bench_sha256: String,
-    /// What of the bench it rests on; files of before 2026-11-22 do not say, and belong to the whole bench file.
+    /// What of the bench it rests on; files of before 2026-11-22 do not say, and belong to the
+    /// whole bench file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<Machine>,
     /// When it was tied to a changed bench by hand, and why; in order of time.
@@ -128,7 +132,8 @@ pub struct Baseline {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Run {
-    /// The session: what was recorded without switching off for long. Sessions differ in temperature, oil, supply.
+    /// The session: what was recorded without switching off for long. Sessions differ in
+    /// temperature, oil, supply.
     pub session: String,
     /// The mounting: since when neither sensors nor gears were taken off.
     pub mounting: String,
@@ -139,7 +144,8 @@ pub struct Run {
     /// Mean torque at the brake (N m); unknown where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake_torque_nm: Option<f64>,
-    /// Mean motor speed as stated (Hz), behind which the motor may slip; left out where unstated, and in files of before 2026-11-22.
+    /// Mean motor speed as stated (Hz), behind which the motor may slip; left out where unstated,
+    /// and in files of before 2026-11-22.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motor_speed_hz: Option<f64>,
     /// By sensor name.
@@ -156,8 +162,8 @@ pub struct RunChannel {
     pub windows: u32,
     /// By stage, then 1x to 5x; none where the line was not known in at least two windows.
     pub stages: Vec<[Option<LineStatistics>; HARMONICS]>,
-    /// Condition indicators by name, `rms` or `1.pinion.fm4` with the position of the stage from 1; those that were known in at least two windows. Files of
-    /// before 2026-11-22 have none.
+    /// Condition indicators by name, `rms` or `1.pinion.fm4` with the position of the stage from 1;
+    /// those that were known in at least two windows. Files of before 2026-11-22 have none.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub indicators: BTreeMap<String, IndicatorStatistics>,
 }
@@ -176,8 +182,9 @@ pub struct IndicatorStatistics {
     pub noise: f64,
 }
 
-/// One mesh harmonic over the windows of a run. Amplitudes are averaged as logarithms: the mean of `ln |A + noise|` is
-/// `ln A` up to E1(A²/2σ²)/2, below 0.001 % from 13 dB above the noise on, whereas the mean of `|A + noise|` is too large.
+/// One mesh harmonic over the windows of a run. Amplitudes are averaged as logarithms: the mean of
+/// `ln |A + noise|` is `ln A` up to E1(A²/2σ²)/2, below 0.001 % from 13 dB above the noise on,
+/// whereas the mean of `|A + noise|` is too large.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LineStatistics {
@@ -191,7 +198,8 @@ pub struct LineStatistics {
     pub amplitude: f64,
     /// Window-to-window standard deviation of ln amplitude: a relative scatter, 0.05 is 5 %.
     pub scatter: f64,
-    /// What of the scatter is the noise beside the line (relative, root mean square of sigma / amplitude).
+    /// What of the scatter is the noise beside the line (relative, root mean square of sigma /
+    /// amplitude).
     pub noise: f64,
     /// Geometric mean of the local floor (the channel's unit); left out where it was not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -290,7 +298,8 @@ impl Baseline {
     /// Adds the runs of one recording.
     ///
     /// # Errors
-    /// When the recording is there already with other content, or a unit differs. Nothing is changed then.
+    /// When the recording is there already with other content, or a unit differs. Nothing is
+    /// changed then.
     pub fn add(&mut self, runs: Vec<Run>) -> Result<(), MergeError> {
         let mut other = Self { runs, ..self.clone_empty() };
         other.runs.sort_by(Run::order);
@@ -314,7 +323,8 @@ impl Baseline {
     /// Both together. Associative and commutative; joining a baseline with itself changes nothing.
     ///
     /// # Errors
-    /// When they are of different benches or configurations, hold different content of one recording, or units differ.
+    /// When they are of different benches or configurations, hold different content of one
+    /// recording, or units differ.
     pub fn merged(&self, other: &Self) -> Result<Self, MergeError> {
         let different = |what, left: &dyn std::fmt::Debug, right: &dyn std::fmt::Debug| {
             Err(MergeError::Different { what, left: format!("{left:?}"), right: format!("{right:?}") })

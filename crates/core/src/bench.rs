@@ -1,7 +1,7 @@
 //! What an engineer knows of a bench: the bench file, `format = "gearwatch-bench/1"`.
 //!
-//! The structs mirror the file. Reading the TOML text is the business of the `io` crate; [`Bench::problems`] says what
-//! is wrong with the values, in sentences.
+//! The structs mirror the file. Reading the TOML text is the business of the `io` crate;
+//! [`Bench::problems`] says what is wrong with the values, in sentences.
 
 use std::collections::BTreeMap;
 
@@ -165,7 +165,8 @@ pub struct Shaft {
     /// Lateral, isotropic, at each gear (N s/m, ≥ 0).
     #[serde(default = "defaults::bearing_damping_n_s_per_m")]
     pub bearing_damping_n_s_per_m: f64,
-    /// Along the axis, of the whole shaft, which helical gears push (N/m, > 0); a third of `bearing_n_per_m` where left out.
+    /// Along the axis, of the whole shaft, which helical gears push (N/m, > 0); a third of
+    /// `bearing_n_per_m` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axial_n_per_m: Option<f64>,
 }
@@ -184,7 +185,8 @@ impl Shaft {
         }
     }
 
-    /// Stiffness (N/m) and damping (N s/m) of its bearings along the axis; the damping is to the stiffness as across the axis.
+    /// Stiffness (N/m) and damping (N s/m) of its bearings along the axis; the damping is to the
+    /// stiffness as across the axis.
     pub fn axial(&self) -> (f64, f64) {
         let stiffness = self.axial_n_per_m.unwrap_or(self.bearing_n_per_m / 3.0);
         (stiffness, self.bearing_damping_n_s_per_m * stiffness / self.bearing_n_per_m)
@@ -333,7 +335,8 @@ mod defaults {
 }
 
 impl Bench {
-    /// As a bench file has it that gives no more than these, so that a new key has its default in one place.
+    /// As a bench file has it that gives no more than these, so that a new key has its default in
+    /// one place.
     pub fn new(name: impl Into<String>, motor: Motor, shafts: Vec<Shaft>, stages: Vec<Stage>) -> Self {
         Self {
             format: FORMAT.into(),
@@ -356,7 +359,8 @@ impl Bench {
         }
     }
 
-    /// The text of a bench file, as it stands: [`Self::problems`] says whether its values can be right.
+    /// The text of a bench file, as it stands: [`Self::problems`] says whether its values can be
+    /// right.
     ///
     /// # Errors
     /// When it is no TOML, or a key is missing, unknown or of another type.
@@ -364,7 +368,8 @@ impl Bench {
         toml::from_str(text)
     }
 
-    /// What is wrong with the values, one sentence each with place, what was found and what would be right. Empty for a usable bench.
+    /// What is wrong with the values, one sentence each with place, what was found and what would
+    /// be right. Empty for a usable bench.
     pub fn problems(&self) -> Vec<String> {
         let mut out = self.numbers_out_of_range();
         if self.format != FORMAT {

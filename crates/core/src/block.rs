@@ -48,8 +48,8 @@ impl BitOrAssign for Quality {
     }
 }
 
-/// Samples as they were recorded. Raw stays raw until the window is assembled; both forms survive a round trip
-/// through a recording bit for bit, which is what makes live, replay and one-shot agree.
+/// Samples as they were recorded. Raw stays raw until the window is assembled; both forms survive a
+/// round trip through a recording bit for bit, which is what makes live, replay and one-shot agree.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Samples {
     /// ADC counts: physical = counts × scale + offset.
@@ -123,8 +123,8 @@ pub struct TachoBlock {
     pub quality: Quality,
 }
 
-/// What is known of the bench's operating point. Unknown values are `NaN` here; a recording writes 0 for an unknown speed or
-/// torque and `NaN` for an unknown temperature.
+/// What is known of the bench's operating point. Unknown values are `NaN` here; a recording writes
+/// 0 for an unknown speed or torque and `NaN` for an unknown temperature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OperatingPoint {
     /// When it was read.

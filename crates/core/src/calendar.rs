@@ -1,6 +1,7 @@
 //! Dates of the proleptic Gregorian calendar and days since 1970-01-01, in UTC.
 
-/// Year, month and day of days since 1970-01-01 (H. Hinnant, "chrono-compatible low-level date algorithms", `civil_from_days`).
+/// Year, month and day of days since 1970-01-01 (H. Hinnant, "chrono-compatible low-level date
+/// algorithms", `civil_from_days`).
 pub fn civil(days: i64) -> (i64, i64, i64) {
     let shifted = days + 719_468;
     let era = shifted.div_euclid(146_097);

@@ -59,9 +59,10 @@ impl Budget {
 impl Deviation {
     /// Compares what was measured with what is normal.
     ///
-    /// The variance adds up: the scatter of what was measured (for one window that of a healthy machine, and what more
-    /// noise it has now than then; for an average its own, steadied by the sensor's other lines), the uncertainty of
-    /// the normal mean, the spread between sessions and between runs where it is known, and the error of interpolating between cells.
+    /// The variance adds up: the scatter of what was measured (for one window that of a healthy
+    /// machine, and what more noise it has now than then; for an average its own, steadied by the
+    /// sensor's other lines), the uncertainty of the normal mean, the spread between sessions and
+    /// between runs where it is known, and the error of interpolating between cells.
     pub fn new(observed: Observed, normal: &Reference, prior: ScatterPrior) -> Self {
         let mut budget = Budget::default();
         let ln = match observed {
@@ -131,7 +132,8 @@ mod tests {
         let (v, w): (f64, f64) = (0.01 / 8.0, 0.0004);
         assert!((average.variance - (v + w)).abs() < 1e-15);
         assert!((average.freedom - (v + w).powi(2) / (v * v / 7.0 + w * w / 15.0)).abs() < 1e-9, "{average:?}");
-        // Three sessions that spread by 5 %: the new one by as much again, and a third of it in the mean.
+        // Three sessions that spread by 5 %: the new one by as much again, and a third of it in the
+        // mean.
         let several = Reference { between_variance: Some(0.0025), sessions: 3, ..normal() };
         let more = Deviation::new(Observed::Window { ln: 2.1, noise: 0.02 }, &several, ScatterPrior::NONE);
         assert!((more.variance - (0.0068 + 0.0025 * 4.0 / 3.0)).abs() < 1e-15, "{more:?}");

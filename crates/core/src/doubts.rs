@@ -1,4 +1,5 @@
-//! What is doubtful about sheet, recording or baseline, as verdicts carry it: found out once, before the first verdict or soon after.
+//! What is doubtful about sheet, recording or baseline, as verdicts carry it: found out once,
+//! before the first verdict or soon after.
 
 use std::sync::{Arc, OnceLock};
 

@@ -1,7 +1,8 @@
 //! What the samples of a window say of the instrument.
 //!
-//! Each fault is told by what it is: [`clipping`] by the samples that pile up at the ends, [`held`] by how seldom and in what rhythm the value
-//! changes and how few values there are, [`repeats`] by blocks that come twice. None of these asks what the machine does.
+//! Each fault is told by what it is: [`clipping`] by the samples that pile up at the ends, [`held`]
+//! by how seldom and in what rhythm the value changes and how few values there are, [`repeats`] by
+//! blocks that come twice. None of these asks what the machine does.
 
 use crate::block::Quality;
 use crate::verdict::InstrumentState;
@@ -14,8 +15,9 @@ pub mod repeats;
 use clipping::Range;
 use held::Hold;
 
-/// What is wrong with a window. The worst comes first: values that are not numbers, what the source says, what the values show.
-/// An offset of more than `largest_offset` standard deviations is a wrong bias.
+/// What is wrong with a window. The worst comes first: values that are not numbers, what the source
+/// says, what the values show. An offset of more than `largest_offset` standard deviations is a
+/// wrong bias.
 pub fn instrument_state(window: &Window, largest_offset: f64) -> InstrumentState {
     use InstrumentState as State;
     let has = |bits| window.quality.contains(bits);
@@ -76,7 +78,8 @@ mod tests {
         }
     }
 
-    /// One sample in a thousand lies at the limits of noise that is clipped at 3.29 sigma: about eight at each of them in 16 384 samples.
+    /// One sample in a thousand lies at the limits of noise that is clipped at 3.29 sigma: about
+    /// eight at each of them in 16 384 samples.
     #[test]
     fn analytic_one_sample_in_a_thousand_that_is_clipped_is_overload() {
         let all = noise(20 * 16_384);
@@ -84,7 +87,8 @@ mod tests {
             let clipped = window.iter().map(|x| x.clamp(-3.2, 3.2)).collect();
             state_of(clipped) == InstrumentState::Overload
         });
-        // Sums of twelve uniform numbers have thinner tails than a normal variable: 3.2 of theirs are its 3.29.
+        // Sums of twelve uniform numbers have thinner tails than a normal variable: 3.2 of theirs
+        // are its 3.29.
         assert!(flagged.count() >= 19);
         assert!(all.chunks(16_384).all(|window| state_of(window.to_vec()) == InstrumentState::Ok));
     }

@@ -44,7 +44,8 @@ pub enum JudgeError {
     },
 }
 
-/// Judges windows by a baseline. Immutable; [`Judge::judge`] is a pure function of window and judge.
+/// Judges windows by a baseline. Immutable; [`Judge::judge`] is a pure function of window and
+/// judge.
 #[derive(Clone, Debug)]
 pub struct Judge {
     config: JudgeConfig,
@@ -92,7 +93,8 @@ impl Judge {
         self.signatures = signatures;
     }
 
-    /// Leaves the stages that are marked uncompared with states: those of the paper, and of the simulator, are of spur pairs.
+    /// Leaves the stages that are marked uncompared with states: those of the paper, and of the
+    /// simulator, are of spur pairs.
     pub fn leave_states(&mut self, marked: Vec<bool>) {
         self.without_states = marked;
     }
@@ -112,8 +114,9 @@ impl Judge {
         &self.signatures
     }
 
-    /// Judges one window: one verdict for each stage, in order. Verdicts already in `out` are overwritten and their
-    /// buffers used again, so that after the first windows nothing is allocated.
+    /// Judges one window: one verdict for each stage, in order. Verdicts already in `out` are
+    /// overwritten and their buffers used again, so that after the first windows nothing is
+    /// allocated.
     pub fn judge(&self, window: &WindowAnalysis, out: &mut Vec<Verdict>) {
         let observed = |_: usize, stage: &StageAnalysis, harmonic: usize| -> Pair {
             let line = stage.harmonics[harmonic];
@@ -162,7 +165,8 @@ impl Judge {
             let pairs = std::array::from_fn(|harmonic| observed(index, &window.stages[index], harmonic));
             StageDeviations::new(&pairs, normal, place, &window.sensor, index)
         };
-        // The path belongs to the sensor: lines of all stages speak of it, a line that two of them share only once.
+        // The path belongs to the sensor: lines of all stages speak of it, a line that two of them
+        // share only once.
         let mut path = Path::default();
         if let (Ok(place), Some(normal)) = (&place, &self.normal) {
             for (index, stage) in window.stages.iter().enumerate().take(out.len()) {
@@ -256,7 +260,8 @@ impl Judge {
     }
 }
 
-/// How far the lines and floors of one stage at one sensor lie from normal; none where that is not known.
+/// How far the lines and floors of one stage at one sensor lie from normal; none where that is not
+/// known.
 struct StageDeviations {
     lines: [Option<Deviation>; HARMONICS],
     floors: [Option<Deviation>; HARMONICS],
@@ -360,8 +365,9 @@ mod tests {
         out.remove(0)
     }
 
-    /// A baseline of twelve windows with a kurtosis of 3 that scatters by 3 %: one of 4 deviates by 33 %, within four of the stated sigmas and more than four of
-    /// them from nothing; an FM4 that the baseline never saw has no deviation.
+    /// A baseline of twelve windows with a kurtosis of 3 that scatters by 3 %: one of 4 deviates by
+    /// 33 %, within four of the stated sigmas and more than four of them from nothing; an FM4 that
+    /// the baseline never saw has no deviation.
     #[test]
     fn analytic_indicators_have_baseline_and_deviation() {
         let mut random = Random(11);
@@ -385,8 +391,9 @@ mod tests {
         assert!(!found.gears_normal[0][1].deviation_percent.is_known());
     }
 
-    /// 400 baselines of 12 windows each judge 10 further windows of the same machine: called deviating or worse in at most the
-    /// stated 1 % (binomial, 4 standard errors above: 1.6 %), and nearly all the rest is not resolved or normal.
+    /// 400 baselines of 12 windows each judge 10 further windows of the same machine: called
+    /// deviating or worse in at most the stated 1 % (binomial, 4 standard errors above: 1.6 %), and
+    /// nearly all the rest is not resolved or normal.
     #[test]
     fn oracle_false_alarms_are_as_rare_as_stated() {
         let mut random = Random(31);
@@ -403,12 +410,14 @@ mod tests {
             }
         }
         assert!(f64::from(alarms) < 0.016 * f64::from(total), "{alarms} of {total}");
-        // The naked rank of the same windows is above 0 nearly always, which is why it is not the machine's state.
+        // The naked rank of the same windows is above 0 nearly always, which is why it is not the
+        // machine's state.
         assert!(f64::from(ranked) > 0.8 * f64::from(total), "{ranked} of {total}");
     }
 
-    /// A machine that scatters by 6 % and moved by 8.5 % (rank III is 7 to 10 %): one window cannot resolve the rank, the
-    /// average over 400 can, sigma 6 %/√400 = 0.3 % and 0.3 % of the baseline.
+    /// A machine that scatters by 6 % and moved by 8.5 % (rank III is 7 to 10 %): one window cannot
+    /// resolve the rank, the average over 400 can, sigma 6 %/√400 = 0.3 % and 0.3 % of the
+    /// baseline.
     #[test]
     fn analytic_an_average_resolves_what_a_window_cannot() {
         let mut random = Random(32);

@@ -1,13 +1,14 @@
-//! The signal path of gearwatch: from samples to rank codes, without files, sockets, threads or clocks.
+//! The signal path of gearwatch: from samples to rank codes, without files, sockets, threads or
+//! clocks.
 //!
 //! ```text
 //! Packet ─► assemble ─► Window ─► speed ─► order spectrum ─► harmonics ─► deviation ─► rank ─► Verdict
 //!           (gaps, hop)           (tacho or refined)         (amplitude, sigma, floor)
 //! ```
 //!
-//! Each stage is *config → plan → state*: `XConfig` is what a user may write, `X` is the immutable plan that is
-//! made once from it, `XState` is what processing changes. The caller owns the buffers, and the hot call does not
-//! allocate, lock, log or read a clock.
+//! Each stage is *config → plan → state*: `XConfig` is what a user may write, `X` is the immutable
+//! plan that is made once from it, `XState` is what processing changes. The caller owns the
+//! buffers, and the hot call does not allocate, lock, log or read a clock.
 //!
 //! Ranks come from the size of a deviation; its sign stays beside it:
 //!
@@ -33,6 +34,7 @@ pub mod calendar;
 pub mod deviation;
 pub mod doubts;
 pub mod estimate;
+pub mod fourier;
 pub mod health;
 pub mod indicators;
 pub mod judge;

@@ -1,4 +1,5 @@
-//! All windows of a source that ends, on the caller's thread: for learning and for diagnosis of files.
+//! All windows of a source that ends, on the caller's thread: for learning and for diagnosis of
+//! files.
 
 use crate::analysis::WindowAnalysis;
 use crate::assemble::{Counters, Gap};
@@ -15,10 +16,12 @@ pub struct Passage {
     pub gaps: Vec<Gap>,
 }
 
-/// Runs a source to its end and hands each window and its analysis to `take`. Order and content are those of the service.
+/// Runs a source to its end and hands each window and its analysis to `take`. Order and content are
+/// those of the service.
 ///
 /// # Errors
-/// As the source, or as `take`, whose first error ends the run; windows handed over before stay valid.
+/// As the source, or as `take`, whose first error ends the run; windows handed over before stay
+/// valid.
 pub fn each_window<S: Source, E: From<S::Error>>(
     pipeline: &Pipeline,
     source: &mut S,

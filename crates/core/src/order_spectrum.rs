@@ -1,9 +1,11 @@
-//! A whole spectrum over orders of the input shaft, to be looked at. Ranks never come from it: their amplitudes are estimated line by line
-//! ([`spectral`](crate::spectral)), without interpolation and with a sigma.
+//! A whole spectrum over orders of the input shaft, to be looked at. Ranks never come from it:
+//! their amplitudes are estimated line by line ([`spectral`](crate::spectral)), without
+//! interpolation and with a sigma.
 //!
-//! The samples are resampled to equal steps of shaft angle and transformed under Hann's window. The speed of a window is taken as a
-//! straight line, `f(τ) = f̄ (1 + r (τ − ½))` with `τ = t / T` and the ramp `r`, so that the angle is `θ = f̄ T (τ + r (τ² − τ) / 2)`; for a share
-//! `u` of the whole angle this gives `τ = 2u / (b + √(b² + 2 r u))`, `b = 1 − r / 2`.
+//! The samples are resampled to equal steps of shaft angle and transformed under Hann's window. The
+//! speed of a window is taken as a straight line, `f(τ) = f̄ (1 + r (τ − ½))` with `τ = t / T` and
+//! the ramp `r`, so that the angle is `θ = f̄ T (τ + r (τ² − τ) / 2)`; for a share `u` of the whole
+//! angle this gives `τ = 2u / (b + √(b² + 2 r u))`, `b = 1 − r / 2`.
 
 use std::sync::Arc;
 
@@ -12,8 +14,8 @@ use realfft::{RealFftPlanner, RealToComplex};
 
 use crate::analysis::WindowAnalysis;
 
-/// Points of the interpolating polynomial. Of degree 7: its amplitude is right within 0.1 % up to a tenth of the sample rate and
-/// within 3 % up to a quarter (measured by this file's test).
+/// Points of the interpolating polynomial. Of degree 7: its amplitude is right within 0.1 % up to a
+/// tenth of the sample rate and within 3 % up to a quarter (measured by this file's test).
 const TAPS: usize = 8;
 
 /// Shaft-angle steps (in samples) below which resampling would change nothing that can be seen.
@@ -22,9 +24,11 @@ const STRAIGHT: f64 = 1e-3;
 /// Amplitudes at equal steps of order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Orders {
-    /// Distance between lines, in multiples of the input shaft's speed; line `k` lies at order `k · step`.
+    /// Distance between lines, in multiples of the input shaft's speed; line `k` lies at order
+    /// `k · step`.
     pub step: f64,
-    /// Peak amplitudes in the unit of the samples. Between two lines Hann's window shows up to 15 % less.
+    /// Peak amplitudes in the unit of the samples. Between two lines Hann's window shows up to 15 %
+    /// less.
     pub amplitude: Vec<f64>,
 }
 
@@ -39,15 +43,17 @@ pub struct OrderSpectrum {
 }
 
 impl OrderSpectrum {
-    /// The spectrum of a window's samples at the speed that was found in it; false, and `out` is left empty, where no speed is known.
+    /// The spectrum of a window's samples at the speed that was found in it; false, and `out` is
+    /// left empty, where no speed is known.
     pub fn window(&mut self, samples: &[f64], analysis: &WindowAnalysis, out: &mut Orders) -> bool {
         let speed = analysis.input_speed_hz.value;
         let ramp = if analysis.ramp_percent.is_finite() { 0.01 * analysis.ramp_percent } else { 0.0 };
         self.samples(samples, analysis.sample_rate_hz, speed, ramp, out)
     }
 
-    /// The spectrum of samples taken at `rate_hz` while the input shaft turned at `speed_hz` on average; `ramp` is its speed at the end
-    /// minus that at the start, as a share of the mean. False where a value is unusable.
+    /// The spectrum of samples taken at `rate_hz` while the input shaft turned at `speed_hz` on
+    /// average; `ramp` is its speed at the end minus that at the start, as a share of the mean.
+    /// False where a value is unusable.
     pub fn samples(&mut self, samples: &[f64], rate_hz: f64, speed_hz: f64, ramp: f64, out: &mut Orders) -> bool {
         out.amplitude.clear();
         out.step = f64::NAN;
@@ -114,14 +120,16 @@ mod tests {
     const RATE_HZ: f64 = 16_384.0;
     const N: usize = 16_384;
 
-    /// A line of order `order` while the speed ramps about 32 Hz, which makes every integer order lie on a line.
+    /// A line of order `order` while the speed ramps about 32 Hz, which makes every integer order
+    /// lie on a line.
     fn line(order: f64, ramp: f64) -> Vec<f64> {
         let angle = |tau: f64| 32.0 * (tau + 0.5 * ramp * (tau * tau - tau));
         (0..N).map(|k| 3.0 * (std::f64::consts::TAU * order * angle(k as f64 / N as f64) + 0.4).cos() + 7.0).collect()
     }
 
-    /// 3.0 at its order, nothing three lines away, whatever the ramp. The tolerances are the polynomial's: at order 51 (0.1 of the
-    /// sample rate) `|1 − H| < 1e-3`, at order 128 (0.25) `< 3e-2`; without a ramp nothing is interpolated.
+    /// 3.0 at its order, nothing three lines away, whatever the ramp. The tolerances are the
+    /// polynomial's: at order 51 (0.1 of the sample rate) `|1 − H| < 1e-3`, at order 128 (0.25)
+    /// `< 3e-2`; without a ramp nothing is interpolated.
     #[test]
     fn analytic_a_ramping_line_stays_one_line() {
         let mut spectrum = OrderSpectrum::default();

@@ -1,11 +1,13 @@
-//! The one pipeline: daemon, command line and tests push the same packets into it and get the same results.
+//! The one pipeline: daemon, command line and tests push the same packets into it and get the same
+//! results.
 //!
 //! ```text
 //! Assembler (ordered, one thread) ─► Window ─► analyse (any thread, one WorkerState each) ─► WindowAnalysis ─► judge ─► Verdict
 //! ```
 //!
-//! [`Pipeline`] is immutable and shared. [`Pipeline::analyse`] depends on the window alone, so that results are the same for any
-//! number of workers; after the first window of each sample rate it does not allocate.
+//! [`Pipeline`] is immutable and shared. [`Pipeline::analyse`] depends on the window alone, so that
+//! results are the same for any number of workers; after the first window of each sample rate it
+//! does not allocate.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -42,16 +44,17 @@ pub struct PipelineConfig {
     pub rank: RankConfig,
     /// How sure the machine's state must be.
     pub state: StateConfig,
-    /// Share of the sample rate up to which lines are believed (0–0.5). Anti-aliasing filters begin at 0.39 of the sample rate in
-    /// most instruments; what lies above 0.45 is filtered in all of them.
+    /// Share of the sample rate up to which lines are believed (0–0.5). Anti-aliasing filters begin
+    /// at 0.39 of the sample rate in most instruments; what lies above 0.45 is filtered in all of
+    /// them.
     pub usable_band: f64,
-    /// A window whose mean lies more standard deviations from zero than this has a wrong bias (> 0). To be raised for sensors that measure
-    /// gravity too.
+    /// A window whose mean lies more standard deviations from zero than this has a wrong bias (>
+    /// 0). To be raised for sensors that measure gravity too.
     pub largest_offset: f64,
     /// Condition indicators beside the lines.
     pub indicators: bool,
-    /// Those of gears and bearings come in windows whose number is a multiple of it (≥ 1): they cost three times what the lines do, those of the
-    /// channel an eighth.
+    /// Those of gears and bearings come in windows whose number is a multiple of it (≥ 1): they
+    /// cost three times what the lines do, those of the channel an eighth.
     pub gear_indicators_every: u64,
 }
 
@@ -70,7 +73,8 @@ impl Default for PipelineConfig {
     }
 }
 
-/// The angle of a window: where it is from, how many revolutions at the mean speed, and how well that is known (rev²).
+/// The angle of a window: where it is from, how many revolutions at the mean speed, and how well
+/// that is known (rev²).
 struct Found {
     origin: SpeedOrigin,
     revolutions: f64,
@@ -120,7 +124,8 @@ impl Pipeline {
     /// The plan for a bench. Without a baseline every rank is unknown.
     ///
     /// # Errors
-    /// Values of bench or configuration that are out of range, all of them, each in a sentence; a baseline of another bench.
+    /// Values of bench or configuration that are out of range, all of them, each in a sentence; a
+    /// baseline of another bench.
     pub fn new(bench: &Bench, config: &PipelineConfig, baseline: Option<Baseline>) -> Result<Self, PipelineError> {
         let problems = bench.problems();
         if !problems.is_empty() {
@@ -162,7 +167,8 @@ impl Pipeline {
         self
     }
 
-    /// The same with doubts of its own, which all verdicts carry: words of findings with a space between.
+    /// The same with doubts of its own, which all verdicts carry: words of findings with a space
+    /// between.
     #[must_use]
     pub fn with_doubts(mut self, words: &str) -> Self {
         self.judge.doubt_anew();
@@ -197,8 +203,9 @@ impl Pipeline {
         WorkerState::default()
     }
 
-    /// Analyses a window. Pure: the result depends on the window alone. Does not allocate once `state` and `out` have seen a window
-    /// of this sample rate, length and (for indicators, in steps of 2 %) speed.
+    /// Analyses a window. Pure: the result depends on the window alone. Does not allocate once
+    /// `state` and `out` have seen a window of this sample rate, length and (for indicators, in
+    /// steps of 2 %) speed.
     pub fn analyse(&self, state: &mut WorkerState, window: &Window, out: &mut WindowAnalysis) {
         out.channel = window.channel;
         out.sensor.clone_from(&window.sensor);
@@ -223,7 +230,8 @@ impl Pipeline {
         }
     }
 
-    /// Compares an analysis with the baseline: one verdict a stage, in order. Pure. Verdicts already in `out` are overwritten.
+    /// Compares an analysis with the baseline: one verdict a stage, in order. Pure. Verdicts
+    /// already in `out` are overwritten.
     pub fn judge(&self, analysis: &WindowAnalysis, out: &mut Vec<Verdict>) {
         self.judge.judge(analysis, out);
     }
@@ -314,7 +322,8 @@ impl Pipeline {
         }
         let angle = KnownAngle { track, variance: found.angle_variance };
         plan.lines(buffers, &self.train, angle, highest_bin, &mut out.stages);
-        // One speed for all that is published: the mean from end to end differs from the efficient estimate by the bend, which is noise.
+        // One speed for all that is published: the mean from end to end differs from the efficient
+        // estimate by the bend, which is noise.
         for (stage, kinematics) in out.stages.iter_mut().zip(&self.train.stages) {
             stage.mesh_hz = kinematics.mesh_order * out.input_speed_hz.value;
         }

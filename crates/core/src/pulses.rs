@@ -11,8 +11,8 @@ const MAX_PULSES: usize = 1 << 20;
 /// Pulses beyond each end of a window that go with it.
 const BEYOND: usize = 2;
 
-/// Pulses of the one tacho that windows get: that of the bench file's shaft where there is one, else the first that
-/// delivers pulses for a shaft of the train.
+/// Pulses of the one tacho that windows get: that of the bench file's shaft where there is one,
+/// else the first that delivers pulses for a shaft of the train.
 #[derive(Clone, Debug)]
 pub(crate) struct PulseTrain {
     shaft_orders: Vec<(String, f64)>,
@@ -41,7 +41,8 @@ impl PulseTrain {
         self.expected
     }
 
-    /// A window waited in vain. A tacho that never gave a pulse is not waited for again until it gives one.
+    /// A window waited in vain. A tacho that never gave a pulse is not waited for again until it
+    /// gives one.
     pub(crate) fn missed(&mut self) {
         self.expected = !self.times.is_empty();
     }

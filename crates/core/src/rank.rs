@@ -1,7 +1,9 @@
-//! Rank codes 0, I … V from the absolute deviation, and how probable it is that the code is the right one.
+//! Rank codes 0, I … V from the absolute deviation, and how probable it is that the code is the
+//! right one.
 //!
-//! Source of the steps: "The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite Fault", section 3:
-//! 0 < 1 ≤ I < 4 ≤ II < 7 ≤ III < 10 ≤ IV < 13 ≤ V, in percent of the normal amplitude.
+//! Source of the steps: "The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite
+//! Fault", section 3: 0 < 1 ≤ I < 4 ≤ II < 7 ≤ III < 10 ≤ IV < 13 ≤ V, in percent of the normal
+//! amplitude.
 
 use serde::{Deserialize, Serialize};
 use statrs::function::erf::erfc;
@@ -43,16 +45,17 @@ impl RankConfig {
         Rank::KNOWN[self.steps_percent.iter().filter(|&&step| size >= step).count()]
     }
 
-    /// Lower and upper end of |deviation| in a rank (percent; the upper end is excluded, infinite for V);
-    /// `None` for [`Rank::Unknown`].
+    /// Lower and upper end of |deviation| in a rank (percent; the upper end is excluded, infinite
+    /// for V); `None` for [`Rank::Unknown`].
     pub fn interval_percent(&self, rank: Rank) -> Option<(f64, f64)> {
         let level = usize::try_from(rank.level()).ok()?;
         let low = level.checked_sub(1).map_or(0.0, |below| self.steps_percent[below]);
         Some((low, self.steps_percent.get(level).copied().unwrap_or(f64::INFINITY)))
     }
 
-    /// Probability that the true deviation lies in `rank`, for a normally distributed estimate: the integral of the
-    /// normal density over the rank's two signed intervals (0–1). `NaN` where the estimate or the rank is unknown.
+    /// Probability that the true deviation lies in `rank`, for a normally distributed estimate: the
+    /// integral of the normal density over the rank's two signed intervals (0–1). `NaN` where the
+    /// estimate or the rank is unknown.
     ///
     /// # Formula
     /// `P = Φ((b−d)/σ) − Φ((a−d)/σ) + Φ((−a−d)/σ) − Φ((−b−d)/σ)` for `a ≤ |D| < b`.
@@ -68,13 +71,15 @@ impl RankConfig {
         (normal_between(z(low), z(high)) + normal_between(z(-high), z(-low))).min(1.0)
     }
 
-    /// Probability that the rank of the estimate's value is the right one (0–1), `NaN` where it is unknown.
+    /// Probability that the rank of the estimate's value is the right one (0–1), `NaN` where it is
+    /// unknown.
     pub fn rank_probability(&self, deviation_percent: Estimate) -> f64 {
         self.probability_of(self.rank_of(deviation_percent.value), deviation_percent)
     }
 }
 
-/// Probability of a standard normal variable between `a` and `b`, a ≤ b, without cancellation in the tails.
+/// Probability of a standard normal variable between `a` and `b`, a ≤ b, without cancellation in
+/// the tails.
 fn normal_between(a: f64, b: f64) -> f64 {
     let upper_tail = |z: f64| 0.5 * erfc(z / std::f64::consts::SQRT_2);
     if a > 0.0 { upper_tail(a) - upper_tail(b) } else { upper_tail(-b) - upper_tail(-a) }
@@ -128,7 +133,8 @@ mod tests {
         assert_eq!(steps.rank_probability(Estimate::new(2.5, 0.0)), 1.0);
     }
 
-    /// Monte Carlo: the share of true deviations in the rank, over 200 000 draws, agrees within four standard errors.
+    /// Monte Carlo: the share of true deviations in the rank, over 200 000 draws, agrees within
+    /// four standard errors.
     #[test]
     fn oracle_probability_against_monte_carlo() {
         let steps = RankConfig::default();

@@ -1,9 +1,11 @@
-//! Location and scatter of a few numbers among which some may be wild, and how many of them are independent.
+//! Location and scatter of a few numbers among which some may be wild, and how many of them are
+//! independent.
 
 /// Distance from the median, in robust standard deviations, at which a value is left out.
 ///
-/// Of normal values 1 in 1.7 million lies further out. In a series of a dozen the median absolute deviation itself
-/// errs by a quarter, so that 1 value in 500 is left out and the mean loses some 2 % of its efficiency.
+/// Of normal values 1 in 1.7 million lies further out. In a series of a dozen the median absolute
+/// deviation itself errs by a quarter, so that 1 value in 500 is left out and the mean loses some 2
+/// % of its efficiency.
 pub const REJECTION_SIGMAS: f64 = 5.0;
 
 /// Standard deviation of normal values / their median absolute deviation: 1 / Φ⁻¹(3/4).
@@ -24,15 +26,18 @@ pub struct Location {
     pub kept: usize,
 }
 
-/// Mean of the values that lie within [`REJECTION_SIGMAS`] robust standard deviations of the median.
+/// Mean of the values that lie within [`REJECTION_SIGMAS`] robust standard deviations of the
+/// median.
 ///
-/// Breakdown point 50 %: as long as more than half of the values are sound, wild ones of any size cannot carry the mean
-/// out of the sound ones' neighbourhood (median and median absolute deviation break down at 50 %, and everything kept
-/// lies near them). Fewer than three values are all kept: nothing tells which is wild. `scratch` is overwritten.
+/// Breakdown point 50 %: as long as more than half of the values are sound, wild ones of any size
+/// cannot carry the mean out of the sound ones' neighbourhood (median and median absolute deviation
+/// break down at 50 %, and everything kept lies near them). Fewer than three values are all kept:
+/// nothing tells which is wild. `scratch` is overwritten.
 ///
 /// # Source
-/// F. R. Hampel, "The breakdown points of the mean combined with some rejection rules", Technometrics 27 (1985):
-/// the rule X84, with 5.2 times the MAD; here 5 × 1.4826 = 7.4 times, which leaves out fewer sound values of short series.
+/// F. R. Hampel, "The breakdown points of the mean combined with some rejection rules",
+/// Technometrics 27 (1985): the rule X84, with 5.2 times the MAD; here 5 × 1.4826 = 7.4 times,
+/// which leaves out fewer sound values of short series.
 pub fn location(values: &[f64], scratch: &mut Vec<f64>) -> Option<Location> {
     if values.is_empty() || values.iter().any(|v| !v.is_finite()) {
         return None;
@@ -61,11 +66,11 @@ fn median(values: &mut [f64]) -> f64 {
     if values.len() % 2 == 1 { values[middle] } else { f64::midpoint(values[middle - 1], values[middle]) }
 }
 
-/// Correlation of what two windows measure in white noise when one starts `lag` window lengths after the other (0 to 1;
-/// nothing from 1 on): the share of the samples that they have in common.
+/// Correlation of what two windows measure in white noise when one starts `lag` window lengths
+/// after the other (0 to 1; nothing from 1 on): the share of the samples that they have in common.
 ///
-/// That is exact for windows without weighting, which the estimator's efficient one nearly is; windows that taper off
-/// share less (Hann at half a window: 1/6).
+/// That is exact for windows without weighting, which the estimator's efficient one nearly is;
+/// windows that taper off share less (Hann at half a window: 1/6).
 pub fn overlap_correlation(lag: f64) -> f64 {
     if (0.0..1.0).contains(&lag) { 1.0 - lag } else { 0.0 }
 }
@@ -73,16 +78,19 @@ pub fn overlap_correlation(lag: f64) -> f64 {
 /// Lags beyond this many hops are not searched for correlation.
 const MOST_LAGS: usize = 500;
 
-/// How many independent values a series of windows is worth, for the variance of its mean: `s²/n_eff`.
+/// How many independent values a series of windows is worth, for the variance of its mean:
+/// `s²/n_eff`.
 ///
-/// `starts` are the windows' first samples, ascending, `length` the samples in a window, `values` what was measured.
-/// Two things correlate neighbours: shared samples (known: [`overlap_correlation`]) and slow changes of the machine
-/// (estimated from the series itself, summed until the autocorrelation first drops to zero). At each lag the larger counts.
+/// `starts` are the windows' first samples, ascending, `length` the samples in a window, `values`
+/// what was measured. Two things correlate neighbours: shared samples (known:
+/// [`overlap_correlation`]) and slow changes of the machine (estimated from the series itself,
+/// summed until the autocorrelation first drops to zero). At each lag the larger counts.
 ///
 /// # Formula
-/// `n_eff = n / (1 + 2 Σ (1 − k/n) ρ_k)`, initial positive sequence (C. J. Geyer, Statistical Science 7, 1992).
-/// Autocovariances about the mean of the series itself are too small by the variance of that mean; this is put right
-/// in a second pass. Of a drift that is slower than the series nothing can be known from it.
+/// `n_eff = n / (1 + 2 Σ (1 − k/n) ρ_k)`, initial positive sequence (C. J. Geyer, Statistical
+/// Science 7, 1992). Autocovariances about the mean of the series itself are too small by the
+/// variance of that mean; this is put right in a second pass. Of a drift that is slower than the
+/// series nothing can be known from it.
 pub fn effective_number(starts: &[u64], length: u64, values: &[f64]) -> f64 {
     let n = values.len().min(starts.len());
     if n < 2 {
@@ -125,8 +133,8 @@ pub fn effective_number(starts: &[u64], length: u64, values: &[f64]) -> f64 {
     }
 }
 
-/// Autocovariance at one distance, over the pairs that have exactly it; 0 where there is none. Divided by the number of
-/// values, not of pairs: long lags, known from few pairs, weigh little.
+/// Autocovariance at one distance, over the pairs that have exactly it; 0 where there is none.
+/// Divided by the number of values, not of pairs: long lags, known from few pairs, weigh little.
 fn autocovariance(starts: &[u64], centred: &[f64], distance: u64) -> f64 {
     let (mut sum, mut later) = (0.0, 0);
     for (i, &start) in starts.iter().enumerate() {
@@ -146,7 +154,8 @@ mod tests {
     use super::*;
     use crate::testing::Random;
 
-    /// Of 21 normal values, 10 replaced by wild ones leave the mean among the sound ones; 11 carry it away.
+    /// Of 21 normal values, 10 replaced by wild ones leave the mean among the sound ones; 11 carry
+    /// it away.
     #[test]
     fn analytic_breakdown_at_half() {
         let mut random = Random(3);
@@ -167,9 +176,9 @@ mod tests {
         }
     }
 
-    /// On sound values the price of robustness is small: over 5000 series of 12 the variance of the mean is 1/12 and the mean
-    /// scatter² is 1, both within 5 % (standard error of a variance from 5000: 2 %; 1 value in 300 of such short series
-    /// is left out).
+    /// On sound values the price of robustness is small: over 5000 series of 12 the variance of the
+    /// mean is 1/12 and the mean scatter² is 1, both within 5 % (standard error of a variance from
+    /// 5000: 2 %; 1 value in 300 of such short series is left out).
     #[test]
     fn oracle_efficiency_on_normal_values() {
         let mut random = Random(4);
@@ -186,8 +195,9 @@ mod tests {
         assert!(left_out < 600, "{left_out} of 60000");
     }
 
-    /// `E ln |A + n| = ln A + E1(A²/2σ²)/2` (ln |z| is harmonic), where `E |A + n|` is too large by σ²/2A. At 13 dB, σ/A =
-    /// 0.158: 1.25 % for the arithmetic mean, E1(20)/2 = 5e-11 for the logarithmic one.
+    /// `E ln |A + n| = ln A + E1(A²/2σ²)/2` (ln |z| is harmonic), where `E |A + n|` is too large by
+    /// σ²/2A. At 13 dB, σ/A = 0.158: 1.25 % for the arithmetic mean, E1(20)/2 = 5e-11 for the
+    /// logarithmic one.
     #[test]
     fn analytic_logarithmic_mean_is_unbiased_in_noise() {
         let mut random = Random(5);
@@ -201,16 +211,18 @@ mod tests {
             logarithmic += location(&logs, &mut Vec::new()).expect("finite values").mean / f64::from(series);
             arithmetic += amplitudes.iter().sum::<f64>() / f64::from(length) / f64::from(series);
         }
-        // 200 000 draws: standard error 0.035 %; what is left out as wild at 13 dB below the line moves it by less than that.
+        // 200 000 draws: standard error 0.035 %; what is left out as wild at 13 dB below the line
+        // moves it by less than that.
         let standard_error = sigma / f64::from(series * length).sqrt();
         assert!(logarithmic.abs() < 4.0 * standard_error, "{logarithmic} against {standard_error}");
         assert!((arithmetic - 1.0 - sigma * sigma / 2.0).abs() < 4.0 * standard_error, "{arithmetic}");
     }
 
-    /// The stated variance of a mean, s²/n_eff, against the true one over many series, with windows that overlap by 75 % over
-    /// white noise (correlation from shared samples), and an autoregressive machine (correlation of its own).
-    /// Long series are right within 35 %, on the safe side; so are short ones that only overlap. Of a drift with a time
-    /// constant of 4.5 windows, a series of 30 sees no more than six times the constant: it may understate by half.
+    /// The stated variance of a mean, s²/n_eff, against the true one over many series, with windows
+    /// that overlap by 75 % over white noise (correlation from shared samples), and an
+    /// autoregressive machine (correlation of its own). Long series are right within 35 %, on the
+    /// safe side; so are short ones that only overlap. Of a drift with a time constant of 4.5
+    /// windows, a series of 30 sees no more than six times the constant: it may understate by half.
     #[test]
     fn oracle_effective_number_against_simulated_means() {
         let mut random = Random(6);

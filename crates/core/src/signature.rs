@@ -50,7 +50,8 @@ pub struct SignaturesAt {
     pub table: SignatureTable,
 }
 
-/// The states that a pipeline compares with: one table for everything, or tables of this bench by stage, channel and operating point.
+/// The states that a pipeline compares with: one table for everything, or tables of this bench by
+/// stage, channel and operating point.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Signatures {
     /// The same states whatever the stage, channel and operating point.
@@ -59,7 +60,8 @@ pub enum Signatures {
     OfBench(Vec<SignaturesAt>),
 }
 
-/// Largest relative distance in speed at which a bench's states hold: a mode with 2 % of damping is 4 % wide.
+/// Largest relative distance in speed at which a bench's states hold: a mode with 2 % of damping is
+/// 4 % wide.
 const SPEED_REACH: f64 = 0.02;
 /// Largest relative distance in torque.
 const TORQUE_REACH: f64 = 0.1;
@@ -93,7 +95,8 @@ const CREDIBLE: f64 = 0.95;
 /// Chi-square probability below which a state does not agree with the deviations.
 const LEAST_GOODNESS: f64 = 0.01;
 
-/// Table 4 of the paper. One tooth count, one load, one speed: on another bench it names what the pattern resembles.
+/// Table 4 of the paper. One tooth count, one load, one speed: on another bench it names what the
+/// pattern resembles.
 const PAPER_TABLE_4: [(&str, [Rank; HARMONICS]); 14] = {
     use Rank::{I, II, III, IV, V, Zero};
     [
@@ -127,12 +130,14 @@ impl SignatureTable {
         Self { signatures: PAPER_TABLE_4.iter().map(signature).collect() }
     }
 
-    /// Compares the deviations (percent; unknown ones are left out) with all states, and hands the nearest to `nearest`.
+    /// Compares the deviations (percent; unknown ones are left out) with all states, and hands the
+    /// nearest to `nearest`.
     ///
-    /// Each state's likelihood is a product over the harmonics: the normal density of the signed deviation about a signed
-    /// expectation, or, for a rank, the probability of the rank's two signed intervals divided by their width. Rank V has
-    /// no upper end and takes the width of rank IV. Goodness of fit is Pearson's chi-square of the distances to the
-    /// expectations, 0 inside a rank's interval, so that for ranks the probability given is an upper limit.
+    /// Each state's likelihood is a product over the harmonics: the normal density of the signed
+    /// deviation about a signed expectation, or, for a rank, the probability of the rank's two
+    /// signed intervals divided by their width. Rank V has no upper end and takes the width of rank
+    /// IV. Goodness of fit is Pearson's chi-square of the distances to the expectations, 0 inside a
+    /// rank's interval, so that for ranks the probability given is an upper limit.
     pub fn compare(
         &self,
         ranks: &RankConfig,
@@ -193,7 +198,8 @@ impl Expected {
                 let width = if high.is_finite() { high - low } else { v - iv };
                 let size = deviation_percent.value.abs();
                 let z = (low - size).max(size - high).max(0.0) / deviation_percent.sigma;
-                // Far outside the integral underflows; the density at the nearest end stands in for it there.
+                // Far outside the integral underflows; the density at the nearest end stands in for
+                // it there.
                 let far = -0.5 * z * z - (deviation_percent.sigma * std::f64::consts::TAU.sqrt()).ln();
                 let inside = (ranks.probability_of(rank, deviation_percent) / (2.0 * width)).ln();
                 (if z > 30.0 { far } else { inside }, z)
@@ -216,8 +222,8 @@ mod tests {
         (fit, nearest)
     }
 
-    /// Signed deviations of the paper's table 2 from its normal state, known to 0.1 %: each state is found again, whatever
-    /// sign its harmonics have.
+    /// Signed deviations of the paper's table 2 from its normal state, known to 0.1 %: each state
+    /// is found again, whatever sign its harmonics have.
     #[test]
     fn literature_each_state_of_table_2_is_its_own_nearest() {
         let table_2 = [
@@ -247,7 +253,8 @@ mod tests {
         assert_eq!(compare(&[Estimate::UNKNOWN; HARMONICS]), (StateFit::NotCompared, vec![]));
     }
 
-    /// The nearest operating point serves, within 2 % of speed and 10 % of torque; other stages and channels have none.
+    /// The nearest operating point serves, within 2 % of speed and 10 % of torque; other stages and
+    /// channels have none.
     #[test]
     fn conform_signatures_of_a_bench_hold_where_they_were_made() {
         let at = |speed, torque| SignaturesAt {
@@ -270,8 +277,8 @@ mod tests {
         assert!(Signatures::Everywhere(SignatureTable::paper()).at("t", "b", f64::NAN, f64::NAN).is_some());
     }
 
-    /// Two signed signatures d' sigmas apart, measured midway: equally likely. Measured on the first: the ratio is
-    /// exp(d'²/2).
+    /// Two signed signatures d' sigmas apart, measured midway: equally likely. Measured on the
+    /// first: the ratio is exp(d'²/2).
     #[test]
     fn analytic_likelihood_of_signed_signatures() {
         let signature = |name: &str, first: f64| Signature {

@@ -4,8 +4,8 @@ use crate::block::Packet;
 
 /// A source of packets that is pulled: a file, the simulator, a test signal.
 ///
-/// Sources that need sockets or devices live in `gearwatch-sources` and push into a bounded channel instead; what they push is
-/// the same [`Packet`].
+/// Sources that need sockets or devices live in `gearwatch-sources` and push into a bounded channel
+/// instead; what they push is the same [`Packet`].
 pub trait Source: Send {
     /// Error with file, place, what was expected and what was found in its message.
     type Error: std::error::Error + Send + Sync + 'static;

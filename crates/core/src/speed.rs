@@ -23,15 +23,18 @@ pub enum SpeedMethod {
 pub struct SpeedConfig {
     /// Which way.
     pub method: SpeedMethod,
-    /// The mesh lines are looked for within this much of the starting speed on either side (percent, 0–20). The start is the
-    /// operating point's motor speed where it is known, else the nominal speed.
+    /// The mesh lines are looked for within this much of the starting speed on either side
+    /// (percent, 0–20). The start is the operating point's motor speed where it is known, else the
+    /// nominal speed.
     pub search_percent: f64,
     /// Change of speed inside a window up to which mesh lines are followed (percent, 0–10).
     pub max_ramp_percent: f64,
-    /// A speed from the mesh lines is not believed when its sigma is larger than this (percent of the speed).
+    /// A speed from the mesh lines is not believed when its sigma is larger than this (percent of
+    /// the speed).
     pub max_sigma_percent: f64,
-    /// Standard uncertainty of a given speed (percent of the speed). The default is that of a speed that was measured for the whole recording;
-    /// one that was read off a name plate is a hundred times worse.
+    /// Standard uncertainty of a given speed (percent of the speed). The default is that of a speed
+    /// that was measured for the whole recording; one that was read off a name plate is a hundred
+    /// times worse.
     pub given_sigma_percent: f64,
 }
 

@@ -5,7 +5,8 @@ use crate::block::OperatingPoint;
 use crate::estimate::Estimate;
 use crate::verdict::HARMONICS;
 
-/// Normal numbers: splitmix64 (Steele et al. 2014) and Box–Muller.
+/// Normal numbers: splitmix64 (Steele et al. 2014) and Box–Muller. By hand, so that the figures of
+/// the tests do not change with a version of a crate.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -28,7 +29,8 @@ impl Random {
 /// Samples in a window of the tests.
 pub(crate) const LENGTH: u32 = 1000;
 
-/// A window of one stage of the channel `acc` with these amplitudes and floors; windows do not overlap.
+/// A window of one stage of the channel `acc` with these amplitudes and floors; windows do not
+/// overlap.
 pub(crate) fn window(
     number: u64,
     speed_hz: f64,

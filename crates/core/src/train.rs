@@ -1,6 +1,7 @@
 //! Kinematics of the gear train: speeds of all shafts and mesh orders, relative to the input shaft.
 //!
-//! Everything that looks for lines asks here, so that one description of the stages decides for all: the signal path, the check, the indicators, pictures.
+//! Everything that looks for lines asks here, so that one description of the stages decides for
+//! all: the signal path, the check, the indicators, pictures.
 
 use crate::bench::{Bench, Stage};
 use crate::verdict::HARMONICS;
@@ -51,8 +52,8 @@ impl StageKinematics {
         }
     }
 
-    /// A stage whose first shaft turns at `order`. Helix and internal teeth change neither speeds nor mesh frequency; an idler of `z` teeth turns at
-    /// `n z_pinion / z`.
+    /// A stage whose first shaft turns at `order`. Helix and internal teeth change neither speeds
+    /// nor mesh frequency; an idler of `z` teeth turns at `n z_pinion / z`.
     fn new(stage: &Stage, order: f64) -> Self {
         let (first, second) = (stage.pinion.teeth, stage.wheel.teeth);
         let mut out = Self::pair(&stage.name, first, second, order);
@@ -75,7 +76,8 @@ impl StageKinematics {
         out
     }
 
-    /// Order of the line that is read as harmonic `k` (from 1): `k` times the mesh order; in a planetary stage the line nearest to it that the planets leave.
+    /// Order of the line that is read as harmonic `k` (from 1): `k` times the mesh order; in a
+    /// planetary stage the line nearest to it that the planets leave.
     pub fn harmonic_order(&self, k: usize) -> f64 {
         let shift = self.planetary.as_ref().and_then(|set| set.shifts.get(k.wrapping_sub(1)));
         k as f64 * self.mesh_order + shift.unwrap_or(&0.0)
@@ -91,8 +93,9 @@ impl StageKinematics {
         self.planetary.as_ref().is_none_or(|set| set.shifts == [0.0; HARMONICS])
     }
 
-    /// Lines beside harmonic `k` (from 1) that a healthy stage shows, besides the sidebands of both shafts, from the harmonic's line: those that planets
-    /// make as they pass, the first sidebands of idlers.
+    /// Lines beside harmonic `k` (from 1) that a healthy stage shows, besides the sidebands of both
+    /// shafts, from the harmonic's line: those that planets make as they pass, the first sidebands
+    /// of idlers.
     pub fn beside(&self, k: usize) -> Vec<f64> {
         let mut out: Vec<f64> = self.idlers.iter().flat_map(|&(_, order)| [-order, order]).collect();
         let passes = self.planetary.as_ref().and_then(|set| set.beside.get(k.wrapping_sub(1)));
@@ -100,8 +103,8 @@ impl StageKinematics {
         out
     }
 
-    /// Tooth meshes after which the same teeth meet again, by the two gears of the pair (for a planetary stage sun and planet); the hunting-tooth order is
-    /// the mesh order divided by it.
+    /// Tooth meshes after which the same teeth meet again, by the two gears of the pair (for a
+    /// planetary stage sun and planet); the hunting-tooth order is the mesh order divided by it.
     pub fn hunting_meshes(&self) -> u64 {
         let gcd = |mut a: u64, mut b: u64| {
             while b > 0 {
@@ -130,7 +133,8 @@ pub struct Train {
 }
 
 impl Train {
-    /// Kinematics of a bench: for a pair `n_(i+1) = n_i z_pinion / z_wheel`, mesh order `n_i z_pinion`; for a planetary stage see [`planetary`].
+    /// Kinematics of a bench: for a pair `n_(i+1) = n_i z_pinion / z_wheel`, mesh order
+    /// `n_i z_pinion`; for a planetary stage see [`planetary`].
     pub fn new(bench: &Bench) -> Self {
         let motor_order = bench.belt.as_ref().map_or(1.0, |belt| belt.ratio);
         let mut order = 1.0;
@@ -155,9 +159,10 @@ impl Train {
         self.shafts.iter().find(|(n, _)| n == name).map(|&(_, order)| order)
     }
 
-    /// Gears whose teeth an average over turns of a shaft shows: position of the stage, 0 for pinion or sun and 1 for wheel or ring, teeth. The carrier's
-    /// shaft shows the teeth of the central gear that stands still, for they meet planets at fixed angles of the carrier; a gear that meets planets which move shows in
-    /// no average of its own shaft.
+    /// Gears whose teeth an average over turns of a shaft shows: position of the stage, 0 for
+    /// pinion or sun and 1 for wheel or ring, teeth. The carrier's shaft shows the teeth of the
+    /// central gear that stands still, for they meet planets at fixed angles of the carrier; a gear
+    /// that meets planets which move shows in no average of its own shaft.
     pub fn gears_on(&self, shaft: usize) -> Vec<(usize, usize, u32)> {
         let mut out = Vec::new();
         for (i, stage) in self.stages.iter().enumerate() {
@@ -200,7 +205,8 @@ mod tests {
         bench
     }
 
-    /// 34 teeth behind a 1:3.56 belt at 30 Hz mesh at 286.5 Hz (the paper's simulated mesh line is 286 Hz).
+    /// 34 teeth behind a 1:3.56 belt at 30 Hz mesh at 286.5 Hz (the paper's simulated mesh line is
+    /// 286 Hz).
     #[test]
     fn literature_mesh_frequency_of_the_papers_bench() {
         let stages = serde_json::json!([
@@ -216,9 +222,11 @@ mod tests {
         assert_eq!(train.gears_on(1), [(1, 0, 36), (0, 1, 73)]);
     }
 
-    /// Bell 206 helicopter: 71/19 (bevel there) at 100 Hz, then sun 27, planets 35, ring 99 standing still. Published are 3.73 and 4.67, 17.45 in all, and 5.73 Hz
-    /// of the carrier ("Vibration sideband modulations and harmonics separation of a planetary helicopter gearbox with two different configurations", Advances in
-    /// Acoustics and Vibration 2016, 9820768, table 1).
+    /// Bell 206 helicopter: 71/19 (bevel there) at 100 Hz, then sun 27, planets 35, ring 99
+    /// standing still. Published are 3.73 and 4.67, 17.45 in all, and 5.73 Hz of the carrier
+    /// ("Vibration sideband modulations and harmonics separation of a planetary helicopter gearbox
+    /// with two different configurations", Advances in Acoustics and Vibration 2016, 9820768, table
+    /// 1).
     #[test]
     fn literature_helicopter_gearbox() {
         let stages = serde_json::json!([
@@ -231,8 +239,9 @@ mod tests {
         assert!((100.0 / carrier - 17.45).abs() < 0.02 && (carrier - 5.73).abs() < 0.005, "{carrier}");
     }
 
-    /// The layout of a wind turbine: planetary with fixed ring 99, three planets 39, sun 21, driven at the carrier; then 82/23 and 88/22. By hand
-    /// (1 + 99/21) 82/23 88/22 = 81.4907, so 22.09 rpm of the rotor at 1800 rpm; the last pinion of 22 teeth meshes at 660 Hz.
+    /// The layout of a wind turbine: planetary with fixed ring 99, three planets 39, sun 21, driven
+    /// at the carrier; then 82/23 and 88/22. By hand (1 + 99/21) 82/23 88/22 = 81.4907, so 22.09
+    /// rpm of the rotor at 1800 rpm; the last pinion of 22 teeth meshes at 660 Hz.
     #[test]
     fn analytic_speed_increaser_of_a_wind_turbine() {
         let stages = serde_json::json!([
@@ -254,7 +263,8 @@ mod tests {
         assert_eq!(train.gears_on(1), [(1, 0, 82)]);
     }
 
-    /// Internal teeth and one idler keep the sense, two idlers turn it; the mesh frequency is that of the pinion, an idler turns by its own teeth.
+    /// Internal teeth and one idler keep the sense, two idlers turn it; the mesh frequency is that
+    /// of the pinion, an idler turns by its own teeth.
     #[test]
     fn analytic_senses_and_idlers() {
         let stages = serde_json::json!([
@@ -271,7 +281,8 @@ mod tests {
         assert_eq!(train.stages[1].hunting_meshes(), 100);
     }
 
-    /// 62 teeth of the ring and four planets: lines at 64, 124, 188 (187 is no line), 248 and 312 carrier orders (310 lies half way between 308 and 312).
+    /// 62 teeth of the ring and four planets: lines at 64, 124, 188 (187 is no line), 248 and 312
+    /// carrier orders (310 lies half way between 308 and 312).
     #[test]
     fn analytic_harmonics_of_planets_out_of_phase() {
         let stages = serde_json::json!([{ "name": "p", "kind": "planetary",

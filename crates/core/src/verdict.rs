@@ -1,7 +1,8 @@
 //! What comes out of the pipeline: one verdict per window, channel and stage.
 //!
-//! The names, types, units and meanings of its fields stand once, in the rows below the types, of which [`FIELDS`] is made. JSON lines, the JSON schema
-//! of the log, the columns of Parquet files and the reference page are made from that table.
+//! The names, types, units and meanings of its fields stand once, in the rows below the types, of
+//! which [`FIELDS`] is made. JSON lines, the JSON schema of the log, the columns of Parquet files
+//! and the reference page are made from that table.
 
 use std::sync::Arc;
 
@@ -43,13 +44,16 @@ pub struct HarmonicVerdict {
     pub floor: f64,
     /// Normal amplitude at this operating point, `NaN` where there is no baseline.
     pub baseline: f64,
-    /// Signed deviation from the baseline in percent, with the window's and the baseline's uncertainty.
+    /// Signed deviation from the baseline in percent, with the window's and the baseline's
+    /// uncertainty.
     pub deviation_percent: Estimate,
     /// Rank of the absolute deviation.
     pub rank: Rank,
-    /// A line of another stage falls on this one: amplitude and deviation are those of both together.
+    /// A line of another stage falls on this one: amplitude and deviation are those of both
+    /// together.
     pub shared: bool,
-    /// Probability that this rank is right, given the sigma of the deviation (0–1), `NaN` where unknown.
+    /// Probability that this rank is right, given the sigma of the deviation (0–1), `NaN` where
+    /// unknown.
     pub rank_probability: f64,
 }
 
@@ -101,26 +105,27 @@ pub struct Verdict {
     pub resolvable: bool,
     /// Why the machine's state is unknown.
     pub reason: Reason,
-    /// Words of what is doubtful about sheet, recording or baseline, with a space between; empty where nothing is. `unchecked` as long as
-    /// nobody has looked.
+    /// Words of what is doubtful about sheet, recording or baseline, with a space between; empty
+    /// where nothing is. `unchecked` as long as nobody has looked.
     pub doubts: Arc<str>,
     /// Windows that were averaged: 1 for a live verdict.
     pub windows: u32,
-    /// Sessions that the baseline knows here. With 1 the spread between sessions is unknown, and the sigmas of the
-    /// deviations leave it out.
+    /// Sessions that the baseline knows here. With 1 the spread between sessions is unknown, and
+    /// the sigmas of the deviations leave it out.
     pub baseline_sessions: u32,
     /// What the signature table says.
     pub state_fit: StateFit,
     /// The nearest states, the most probable first; empty where not compared.
     pub states: Vec<NearState>,
-    /// Condition indicators of the channel and of the stage's two gears. They bear on no rank. None in averages, and where
-    /// they are switched off; those of gears come every tenth window.
+    /// Condition indicators of the channel and of the stage's two gears. They bear on no rank. None
+    /// in averages, and where they are switched off; those of gears come every tenth window.
     pub indicators: Option<StageIndicators>,
 }
 
 impl Verdict {
-    /// Nothing is known; whoever makes a verdict begins here, so that a new field has one place more at most. The instrument is in no state that could
-    /// pass for good: readers replace it, or refuse.
+    /// Nothing is known; whoever makes a verdict begins here, so that a new field has one place
+    /// more at most. The instrument is in no state that could pass for good: readers replace it, or
+    /// refuse.
     pub fn blank() -> Self {
         Self {
             stage: String::new(),
@@ -238,7 +243,8 @@ const STATE_ROWS: &[Row<NearState>] = &[
         |s| Datum::Number(s.goodness), |s, d| set(&mut s.goodness, d)),
 ];
 
-/// Rounds to nine significant digits, so that the last bits of a transform do not reach a published line.
+/// Rounds to nine significant digits, so that the last bits of a transform do not reach a published
+/// line.
 pub fn published(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;

@@ -14,7 +14,8 @@ pub struct WindowConfig {
     pub length_s: f64,
     /// From the start of one window to the start of the next (s, > 0).
     pub hop_s: f64,
-    /// How long a complete window waits for the tacho to cover it, counted in samples of its own channel (s, ≥ 0).
+    /// How long a complete window waits for the tacho to cover it, counted in samples of its own
+    /// channel (s, ≥ 0).
     pub tacho_wait_s: f64,
 }
 
@@ -48,7 +49,8 @@ impl WindowConfig {
 /// Tacho pulses around a window.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WindowPulses {
-    /// Times of the rising edges relative to the window's first sample (s), ascending; two beyond each end where known.
+    /// Times of the rising edges relative to the window's first sample (s), ascending; two beyond
+    /// each end where known.
     pub times_s: Vec<f64>,
     /// Pulses per revolution of the tacho's shaft.
     pub pulses_per_rev: f64,
@@ -56,8 +58,9 @@ pub struct WindowPulses {
     pub shaft_order: f64,
 }
 
-/// Consecutive samples of one channel with all that belongs to them. Owned, so that it can go to another thread, and
-/// reusable: give it back with [`Assembler::recycle`](crate::assemble::Assembler::recycle).
+/// Consecutive samples of one channel with all that belongs to them. Owned, so that it can go to
+/// another thread, and reusable: give it back with
+/// [`Assembler::recycle`](crate::assemble::Assembler::recycle).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Position of the channel in the assembler's list of channels.
@@ -82,7 +85,8 @@ pub struct Window {
     pub clock_trouble: bool,
     /// Tacho pulses; empty where there is no tacho.
     pub pulses: WindowPulses,
-    /// Operating point at the middle of the window, as far as it was known when the window was handed on.
+    /// Operating point at the middle of the window, as far as it was known when the window was
+    /// handed on.
     pub operating_point: OperatingPoint,
 }
 

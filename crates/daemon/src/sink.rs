@@ -59,7 +59,8 @@ where
 pub struct SinkContext {
     /// Relative paths start here: the folder of the configuration file.
     pub folder: PathBuf,
-    /// Given when the service ends at once; before that the queue is closed, and what is in it may still be written.
+    /// Given when the service ends at once; before that the queue is closed, and what is in it may
+    /// still be written.
     pub stop: Stop,
     /// Configuration, benches and baselines, for a log that must be understood without them.
     pub log_context: Arc<Context>,
@@ -69,7 +70,8 @@ pub struct SinkContext {
     pub missed: Missed,
     /// Where a sink that knows them puts the alarms of before the start.
     pub remembered: Remembered,
-    /// What the sink was offered and what it missed; it counts there what it took and could not pass on.
+    /// What the sink was offered and what it missed; it counts there what it took and could not
+    /// pass on.
     pub counters: Arc<QueueCounters>,
 }
 
@@ -135,7 +137,8 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
         None
     }
 
-    /// Where it keeps a log that can be read back, relative to the folder of the configuration file.
+    /// Where it keeps a log that can be read back, relative to the folder of the configuration
+    /// file.
     fn log_folder(&self) -> Option<&Path> {
         None
     }
@@ -145,7 +148,8 @@ pub trait SinkConfig: std::fmt::Debug + Send + Sync {
         false
     }
 
-    /// Tries what it needs to be opened, and leaves it as it is; relative paths start at `folder`. What only the other end can tell is not tried.
+    /// Tries what it needs to be opened, and leaves it as it is; relative paths start at `folder`.
+    /// What only the other end can tell is not tried.
     ///
     /// # Errors
     /// When it could not be opened.

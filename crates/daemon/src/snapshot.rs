@@ -367,7 +367,7 @@ impl Snapshot {
 /// A counter of a bench: name, help, value.
 type Counter = (&'static str, &'static str, fn(&BenchSnapshot) -> u64);
 
-/// Lines of the text format.
+/// Lines of the text format; `docs/contributing.md` says why no crate writes them.
 #[derive(Default)]
 struct Exposition {
     text: String,

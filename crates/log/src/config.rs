@@ -22,8 +22,9 @@ pub struct LogConfig {
     pub rotate_secs: u64,
     /// Oldest files are removed when all together take more than this (bytes).
     pub keep_bytes: u64,
-    /// Files since whose beginning the log has been written for longer than this are removed (s). What counts is the time in which the service
-    /// ran, not the date: a clock that is set wrong for a moment removes nothing.
+    /// Files since whose beginning the log has been written for longer than this are removed (s).
+    /// What counts is the time in which the service ran, not the date: a clock that is set wrong
+    /// for a moment removes nothing.
     pub keep_secs: u64,
     /// Results that may wait for the disk; beyond it they are shed and counted.
     pub queue_records: usize,
@@ -33,7 +34,8 @@ pub struct LogConfig {
     pub compression: Compression,
     /// Which raw data are kept.
     pub raw: RawPolicy,
-    /// An order spectrum of each channel is kept so often (s of the data's time, 1–86400); 0: never.
+    /// An order spectrum of each channel is kept so often (s of the data's time, 1–86400); 0:
+    /// never.
     pub spectra_secs: f64,
 }
 

@@ -51,7 +51,8 @@ impl Baseline {
         Ok(written.map_err(Failure::from)?)
     }
 
-    /// With the runs of another baseline of the same bench: further sessions, mountings or operating points.
+    /// With the runs of another baseline of the same bench: further sessions, mountings or
+    /// operating points.
     fn merged(&self, other: &Self) -> PyResult<Self> {
         let inner = self.inner.merged(&other.inner).map_err(Failure::from)?;
         Ok(Self { inner: Arc::new(inner), path: self.path.clone() })
@@ -144,7 +145,8 @@ fn examine(
     Ok(gearwatch_check::check(bench, &looks, baseline))
 }
 
-/// The same ahead of other work: refuses what is wrong, and hands back what is doubtful, in sentences.
+/// The same ahead of other work: refuses what is wrong, and hands back what is doubtful, in
+/// sentences.
 fn before(
     bench: &gearwatch_core::bench::Bench,
     recordings: &[Named],
@@ -230,7 +232,8 @@ pub fn learn_baseline(
     })
 }
 
-/// Verdicts on recordings, a JSON object a line: on the average of each recording and operating point, or on each window. Also what is doubtful.
+/// Verdicts on recordings, a JSON object a line: on the average of each recording and operating
+/// point, or on each window. Also what is doubtful.
 #[pyfunction]
 #[pyo3(signature = (recordings, bench, baseline=None, *, windows=false, labelled=None, signatures=None, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
@@ -276,7 +279,8 @@ pub fn diagnose_json(
     })
 }
 
-/// The verdict's own object, with the recording in front where there is a label: the lines of `gearwatch diagnose --format json` and `--windows`.
+/// The verdict's own object, with the recording in front where there is a label: the lines of
+/// `gearwatch diagnose --format json` and `--windows`.
 fn write(out: &mut String, recording: Option<&str>, verdicts: &[Verdict]) -> Result<(), Failure> {
     for verdict in verdicts {
         match recording {
@@ -295,7 +299,8 @@ fn write(out: &mut String, recording: Option<&str>, verdicts: &[Verdict]) -> Res
     Ok(())
 }
 
-/// Amplitudes of the mesh harmonics 1x to 5x and their sidebands, a JSON object a window, channel and stage.
+/// Amplitudes of the mesh harmonics 1x to 5x and their sidebands, a JSON object a window, channel
+/// and stage.
 #[pyfunction]
 #[pyo3(signature = (recording, bench, *, sidebands=false, progress=None))]
 pub fn amplitudes(
@@ -351,8 +356,8 @@ fn row(window: &WindowAnalysis, stage: &str, at: usize, sidebands: bool) -> Valu
     row
 }
 
-/// Condition indicators, a JSON object a number: the lines of `gearwatch indicators --json`. Also what is doubtful, what was left out, and the band
-/// of the envelope where it was proposed.
+/// Condition indicators, a JSON object a number: the lines of `gearwatch indicators --json`. Also
+/// what is doubtful, what was left out, and the band of the envelope where it was proposed.
 #[pyfunction]
 #[pyo3(signature = (recordings, bench, healthy=None, *, window_s=1.0, envelope_hz=None, progress=None))]
 pub fn indicators(

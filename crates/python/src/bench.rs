@@ -10,7 +10,8 @@ use pyo3::types::PyDict;
 
 use crate::failure::{Failure, What};
 
-/// A gear bench: shafts, stages, sensors, masses. Made from a bench file, or from one that comes with the program.
+/// A gear bench: shafts, stages, sensors, masses. Made from a bench file, or from one that comes
+/// with the program.
 #[pyclass(frozen, module = "gearwatch")]
 pub struct Bench {
     pub inner: Arc<gearwatch_core::bench::Bench>,
@@ -20,7 +21,8 @@ pub struct Bench {
 
 #[pymethods]
 impl Bench {
-    /// Reads a bench file, or takes the bench of that name that comes with the program where there is no such file.
+    /// Reads a bench file, or takes the bench of that name that comes with the program where there
+    /// is no such file.
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let shipped = if path.exists() { None } else { path.to_str().and_then(gearwatch_sim::shipped::bench) };
@@ -84,7 +86,9 @@ impl Bench {
         self.inner.sensors.iter().map(|sensor| sensor.name.clone()).collect()
     }
 
-    /// Its stages from motor to brake: name, kind, teeth (of a planetary stage sun and ring in place of pinion and wheel), and orders of shafts and mesh in multiples of the input shaft's speed.
+    /// Its stages from motor to brake: name, kind, teeth (of a planetary stage sun and ring in
+    /// place of pinion and wheel), and orders of shafts and mesh in multiples of the input shaft's
+    /// speed.
     #[getter]
     fn stages<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let one = |(stage, sheet): (&gearwatch_core::train::StageKinematics, &gearwatch_core::bench::Stage)| {

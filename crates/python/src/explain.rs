@@ -11,8 +11,8 @@ use crate::failure::Failure;
 use crate::recording::Recording;
 use crate::work::interruptible;
 
-/// Where the simulation of a bench and its recordings differ, and which physics was left out: explanation.json as text, and the bench with the
-/// named effects in it.
+/// Where the simulation of a bench and its recordings differ, and which physics was left out:
+/// explanation.json as text, and the bench with the named effects in it.
 #[pyfunction]
 #[pyo3(signature = (bench, recordings, reference=None, *, progress=None))]
 pub fn explain(

@@ -1,5 +1,6 @@
-//! gearwatch for Python. Each function takes Python's values apart, hands them to the library crates, and puts the answer together; nothing is
-//! computed here. Long work runs on a thread of its own without the interpreter's lock, so that other threads of Python go on and Ctrl-C works.
+//! gearwatch for Python. Each function takes Python's values apart, hands them to the library
+//! crates, and puts the answer together; nothing is computed here. Long work runs on a thread of
+//! its own without the interpreter's lock, so that other threads of Python go on and Ctrl-C works.
 
 mod analyse;
 mod bench;

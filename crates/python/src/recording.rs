@@ -18,7 +18,8 @@ use crate::work::{Heeding, Measured, interruptible};
 /// Samples a block, for recordings made of arrays.
 const BLOCK: usize = 4096;
 
-/// A recording in memory, packet by packet as it was read, so that what is computed from it is what the command line computes from the file.
+/// A recording in memory, packet by packet as it was read, so that what is computed from it is what
+/// the command line computes from the file.
 #[pyclass(frozen, module = "gearwatch")]
 pub struct Recording {
     /// As a user named it.
@@ -183,7 +184,8 @@ impl Recording {
         Ok(out)
     }
 
-    /// Operating points: arrays `t_ns`, `motor_speed_hz`, `brake_torque_nm` and `temperature_c`, each of shape (points,); NaN where unknown.
+    /// Operating points: arrays `t_ns`, `motor_speed_hz`, `brake_torque_nm` and `temperature_c`,
+    /// each of shape (points,); NaN where unknown.
     #[getter]
     fn operating_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let points = &self.whole().operating_points;
@@ -253,7 +255,8 @@ impl Channel {
         Ok((0..count).map(|at| Segment { whole: self.whole.clone(), sensor: self.sensor.clone(), at }).collect())
     }
 
-    /// All samples in the channel's unit, shape (samples,), float64; a channel with gaps has `segments` instead.
+    /// All samples in the channel's unit, shape (samples,), float64; a channel with gaps has
+    /// `segments` instead.
     #[getter]
     fn samples<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         match &self.inner()?.segments[..] {
@@ -329,8 +332,8 @@ impl Segment {
     }
 }
 
-/// Reads a recording: MCAP, CSV, WAV, UFF, MATLAB or TDMS, gzipped or not. What the file leaves unsaid is said by keywords, or by a file
-/// `<path>.toml` beside it.
+/// Reads a recording: MCAP, CSV, WAV, UFF, MATLAB or TDMS, gzipped or not. What the file leaves
+/// unsaid is said by keywords, or by a file `<path>.toml` beside it.
 #[pyfunction]
 #[pyo3(signature = (path, *, sample_rate_hz=None, unit=None, scale=None, channels=None, time_column=None, delimiter=None, decimal_comma=None,
                     motor_speed_hz=None, motor_speed_rpm=None, brake_torque_nm=None, progress=None))]

@@ -143,7 +143,8 @@ impl SteadyState {
         PyArray1::from_vec(py, self.orders.iter().map(|order| order * self.first_shaft_hz).collect())
     }
 
-    /// By sensor: complex peak amplitudes (m/s²) of a cosine at t = 0, ahead of the sensor's own chain, shape (lines,).
+    /// By sensor: complex peak amplitudes (m/s²) of a cosine at t = 0, ahead of the sensor's own
+    /// chain, shape (lines,).
     #[getter]
     fn lines<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);

@@ -1,4 +1,5 @@
-//! Long work beside Python: on a thread of its own, without the interpreter's lock, heard while it goes, and ended by Ctrl-C.
+//! Long work beside Python: on a thread of its own, without the interpreter's lock, heard while it
+//! goes, and ended by Ctrl-C.
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -120,7 +121,8 @@ fn run<T: Send>(
 ) {
     let tell = |what| drop(sender.send(Message::Step(what)));
     let control = Control { cancelled, tell: &tell };
-    // A panic has been printed by its hook; without a result the other side says that the thread has ended.
+    // A panic has been printed by its hook; without a result the other side says that the thread
+    // has ended.
     if let Ok(result) = catch_unwind(AssertUnwindSafe(|| work(&control))) {
         // Nobody listens after Ctrl-C.
         let _ = sender.send(Message::Done(result));

@@ -19,7 +19,8 @@ pub enum WhenFull {
     DropOldest,
 }
 
-/// What went through a queue. `entered = taken + dropped + waiting` holds at any time, to within the items in hand.
+/// What went through a queue. `entered = taken + dropped + waiting` holds at any time, to within
+/// the items in hand.
 #[derive(Debug, Default)]
 pub struct QueueCounters {
     entered: AtomicU64,
@@ -177,7 +178,8 @@ mod tests {
         std::iter::from_fn(|| inlet.try_recv().ok()).collect()
     }
 
-    /// Ten items into a queue of three: by policy, which three stay and how many are counted as dropped.
+    /// Ten items into a queue of three: by policy, which three stay and how many are counted as
+    /// dropped.
     #[test]
     fn analytic_each_policy_keeps_what_it_says_and_counts_the_rest() {
         for (when_full, kept) in [(WhenFull::DropNewest, vec![0, 1, 2]), (WhenFull::DropOldest, vec![7, 8, 9])] {

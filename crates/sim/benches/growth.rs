@@ -1,6 +1,8 @@
 //! Weeks of growth in one run: `cargo bench -p gearwatch-sim --bench growth`.
 //!
-//! Each is a whole run of 40 steps over 1000 h without the healthy recording that scatter is taken from: `wear` of the single pair and of the first stage of the paper's rig, and `pits` on the pinion of the single pair.
+//! Each is a whole run of 40 steps over 1000 h without the healthy recording that scatter is taken
+//! from: `wear` of the single pair and of the first stage of the paper's rig, and `pits` on the
+//! pinion of the single pair.
 
 use std::collections::BTreeMap;
 

@@ -1,7 +1,9 @@
-//! What a simulated second of a helical train costs beside one of spur gears: `cargo bench -p gearwatch-sim --bench helical`.
+//! What a simulated second of a helical train costs beside one of spur gears:
+//! `cargo bench -p gearwatch-sim --bench helical`.
 //!
-//! Each figure is the time of 16 384 samples (1 s) on one core at the step that the record takes. Sound teeth and single damaged ones are read from a table of the face, errors of all teeth
-//! go through its slices.
+//! Each figure is the time of 16 384 samples (1 s) on one core at the step that the record takes.
+//! Sound teeth and single damaged ones are read from a table of the face, errors of all teeth go
+//! through its slices.
 
 use std::sync::Arc;
 

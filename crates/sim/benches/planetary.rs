@@ -1,6 +1,8 @@
-//! What planetary and helical trains cost beside one of spur gears, interleaved in one run: `cargo bench -p gearwatch-sim --bench planetary`.
+//! What planetary and helical trains cost beside one of spur gears, interleaved in one run:
+//! `cargo bench -p gearwatch-sim --bench planetary`.
 //!
-//! Stepping: the time of a step, and of a simulated second at the step that a record of 16 384 Hz takes. Steady state: 1x to 5x of all stages by a solver without any past. Each figure is the
+//! Stepping: the time of a step, and of a simulated second at the step that a record of 16 384 Hz
+//! takes. Steady state: 1x to 5x of all stages by a solver without any past. Each figure is the
 //! best of many short rounds, and beside it the ratio to the two spur stages of the paper rig.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints")]

@@ -1,7 +1,9 @@
-//! The gear pair and the steady state against stepping, in one run: `cargo bench -p gearwatch-sim --bench steady`.
+//! The gear pair and the steady state against stepping, in one run:
+//! `cargo bench -p gearwatch-sim --bench steady`.
 //!
-//! `cold` and `warm` give the ten amplitudes 1x to 5x of both stages of a two-stage rig at two sensors; `stepping` is the shortest run that
-//! gives them too: 1.5 s to settle and one common period, by Runge–Kutta.
+//! `cold` and `warm` give the ten amplitudes 1x to 5x of both stages of a two-stage rig at two
+//! sensors; `stepping` is the shortest run that gives them too: 1.5 s to settle and one common
+//! period, by Runge–Kutta.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_sim::mesh::{MeshModel, MeshState, Pairs};

@@ -1,9 +1,12 @@
-//! What a simulated second costs at equal accuracy: exponential stepping, alone and in eight lanes, against plain Runge–Kutta of the same model,
-//! interleaved in one run.
+//! What a simulated second costs at equal accuracy: exponential stepping, alone and in eight lanes,
+//! against plain Runge–Kutta of the same model, interleaved in one run.
 //!
-//! `cargo bench -p gearwatch-sim --bench stepping`. First the error of 1x–5x of both stages against Runge–Kutta with located events at 24
-//! steps a sample, for every stepper; then the time of each, the best of many short rounds; then the ratios at the loosest setting of each that keeps
-//! all ten lines within 0.1 %. All figures count simulated time of all runs together on one core: eight lanes at 400 simulate 400 s a second, 50 s each. An argument leaves out the steppers whose names do not begin with it, as for a profile.
+//! `cargo bench -p gearwatch-sim --bench stepping`. First the error of 1x–5x of both stages against
+//! Runge–Kutta with located events at 24 steps a sample, for every stepper; then the time of each,
+//! the best of many short rounds; then the ratios at the loosest setting of each that keeps all ten
+//! lines within 0.1 %. All figures count simulated time of all runs together on one core: eight
+//! lanes at 400 simulate 400 s a second, 50 s each. An argument leaves out the steppers whose names
+//! do not begin with it, as for a profile.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints")]
 
@@ -32,7 +35,8 @@ fn model(seed: u64) -> Arc<TrainModel> {
     Arc::new(TrainModel::new(&setup, Profile::constant(30.0), torque, seed).expect("model"))
 }
 
-/// Readings of the first sensor by sample, with `parts` steps a sample, or one step for two samples (½).
+/// Readings of the first sensor by sample, with `parts` steps a sample, or one step for two samples
+/// (½).
 fn exponential(model: &Arc<TrainModel>, parts: f64) -> Vec<f64> {
     let step_s = 1.0 / (RATE_HZ * parts);
     let mut etd = Etd::<1>::new([model.clone()], step_s).expect("stepper");

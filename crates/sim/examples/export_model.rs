@@ -1,4 +1,5 @@
-//! Writes a bench's train as JSON for other solvers, with what the exponential stepper makes of it: see `tests/peers`.
+//! Writes a bench's train as JSON for other solvers, with what the exponential stepper makes of it:
+//! see `tests/peers`.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -91,7 +92,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Seconds of computing per simulated second with a step for one sample or for two, and 1x to 5x of the first stage.
+/// Seconds of computing per simulated second with a step for one sample or for two, and 1x to 5x of
+/// the first stage.
 fn exponential(
     model: &Arc<TrainModel>,
     rate: f64,

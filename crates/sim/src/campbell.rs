@@ -1,9 +1,11 @@
-//! Undamped eigenfrequencies and mode shapes of the train, and the speeds at which mesh and shaft orders meet them.
+//! Undamped eigenfrequencies and mode shapes of the train, and the speeds at which mesh and shaft
+//! orders meet them.
 //!
 //! # Formula
-//! `K φ = ω² M φ` with every mesh at its mean tangent stiffness under the static load, housing modes left out: they do not act back. A line of order o (per
-//! revolution of the first shaft) meets a mode of f at a first-shaft speed of `f / o`. Gyroscopic moments are not in the model, so the frequencies are the same at any
-//! speed; the load changes them through the mesh stiffness.
+//! `K φ = ω² M φ` with every mesh at its mean tangent stiffness under the static load, housing
+//! modes left out: they do not act back. A line of order o (per revolution of the first shaft)
+//! meets a mode of f at a first-shaft speed of `f / o`. Gyroscopic moments are not in the model, so
+//! the frequencies are the same at any speed; the load changes them through the mesh stiffness.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
@@ -23,7 +25,8 @@ pub struct Mode {
     pub frequency_hz: f64,
     /// Fraction of critical, from the modal damping `φᵀ C φ / (2 ω φᵀ M φ)`.
     pub damping_ratio: f64,
-    /// Motion of each coordinate (m or rad), in the order of [`Train::coordinates`], the largest share of kinetic energy positive; `φᵀ M φ = 1`.
+    /// Motion of each coordinate (m or rad), in the order of [`Train::coordinates`], the largest
+    /// share of kinetic energy positive; `φᵀ M φ = 1`.
     pub shape: Vec<f64>,
     /// Share of the kinetic energy in each coordinate; they sum up to 1.
     pub kinetic_share: Vec<f64>,
@@ -53,11 +56,13 @@ pub struct Train {
     pub meshes: Vec<String>,
     /// Mean stiffness of each mesh (N/m).
     pub mesh_stiffness_n_per_m: Vec<f64>,
-    /// What ISO 6336-1, method B, gives for it (N/m); see [`crate::mesh::StageMesh::iso_stiffness_n_per_m`].
+    /// What ISO 6336-1, method B, gives for it (N/m); see
+    /// [`crate::mesh::StageMesh::iso_stiffness_n_per_m`].
     pub iso_stiffness_n_per_m: Vec<f64>,
     /// In ascending order, the free rotation left out.
     pub modes: Vec<Mode>,
-    /// Lines by name and order per revolution of the first shaft: 1x to 5x of each mesh, each shaft's turn.
+    /// Lines by name and order per revolution of the first shaft: 1x to 5x of each mesh, each
+    /// shaft's turn.
     pub lines: Vec<(String, f64)>,
     /// Motor speed / first-shaft speed.
     pub motor_order: f64,
@@ -145,7 +150,8 @@ impl Train {
         out
     }
 
-    /// The coordinates that move most in a mode, with their share of the kinetic energy, until `share` of it is told.
+    /// The coordinates that move most in a mode, with their share of the kinetic energy, until
+    /// `share` of it is told.
     pub fn movers(&self, mode: &Mode, share: f64) -> Vec<(&str, f64)> {
         let mut all: Vec<(&str, f64)> =
             self.coordinates.iter().map(String::as_str).zip(mode.kinetic_share.iter().copied()).collect();
@@ -167,8 +173,9 @@ mod tests {
     use super::*;
     use crate::test_bench;
 
-    /// Frequencies from energies alone: masses and the second derivatives of the potential energy, written down from the documentation in other coordinates and
-    /// other words than the matrices, on two stages behind a belt. 1e-6: differences of the energy lose that much.
+    /// Frequencies from energies alone: masses and the second derivatives of the potential energy,
+    /// written down from the documentation in other coordinates and other words than the matrices,
+    /// on two stages behind a belt. 1e-6: differences of the energy lose that much.
     #[test]
     fn oracle_eigenfrequencies_from_energies() {
         let bench = test_bench::two_stages();
@@ -195,7 +202,8 @@ mod tests {
             let volume =
                 std::f64::consts::PI * (radius.powi(2) - bore.powi(2)) * 1e-3 * bench.stages[*stage].face_width_mm;
             let m = 7850.0 * volume;
-            // Pinion 1 on the driving end of shaft 0, wheel 1 and pinion 2 at the ends of shaft 1, wheel 2 on the driven end of shaft 2.
+            // Pinion 1 on the driving end of shaft 0, wheel 1 and pinion 2 at the ends of shaft 1,
+            // wheel 2 on the driven end of shaft 2.
             mass[[2, 3, 4, 5][g]] += 0.5 * m * (radius.powi(2) + bore.powi(2));
             mass[7 + 2 * g] += m;
             mass[8 + 2 * g] += m;
@@ -225,7 +233,8 @@ mod tests {
             }
             out
         };
-        // The energy is a quadratic form: its second difference by any step is exact but for rounding.
+        // The energy is a quadratic form: its second difference by any step is exact but for
+        // rounding.
         let at = |moves: &[(usize, f64)]| {
             let mut q = vec![0.0; n];
             moves.iter().for_each(|&(i, by)| q[i] += by);
@@ -248,7 +257,8 @@ mod tests {
         }
     }
 
-    /// Figures of a review that wrote the equations of the shipped benches down by itself (no code in common), to the digits that it gives.
+    /// Figures of a review that wrote the equations of the shipped benches down by itself (no code
+    /// in common), to the digits that it gives.
     #[test]
     fn oracle_eigenfrequencies_of_the_shipped_single_pair() {
         let mut bench = crate::shipped::bench("single-pair").unwrap();
@@ -258,7 +268,8 @@ mod tests {
         // Modes of bearings across the line of action may be there twice.
         for expected in expected {
             let nearest = found.modes.iter().map(|mode| (mode.frequency_hz / expected - 1.0).abs()).fold(1.0, f64::min);
-            // The mesh mode (5189) goes with the root of the mean mesh stiffness, which the review gives to 0.4 %.
+            // The mesh mode (5189) goes with the root of the mean mesh stiffness, which the review
+            // gives to 0.4 %.
             assert!(nearest < 2e-3, "{expected}: {:?}", found.modes.iter().map(|m| m.frequency_hz).collect::<Vec<_>>());
         }
     }

@@ -1,4 +1,5 @@
-//! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on either flank.
+//! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on
+//! either flank.
 
 use crate::impact::Impact;
 use crate::mesh::{Face, FaceTable, Joint, LoadPoint, MeshModel, MeshState, Pairs, StageMesh};
@@ -45,10 +46,11 @@ pub struct Contact {
     pub force_n: f64,
     /// Its derivative by the approach (N/m).
     pub stiffness_n_per_m: f64,
-    /// One bit per touching pair, by the pair's number modulo 16, back flanks in the upper half; 0 out of contact.
+    /// One bit per touching pair, by the pair's number modulo 16, back flanks in the upper half; 0
+    /// out of contact.
     pub touching: u32,
-    /// Friction per unit of its coefficient: force on the pinion along the tangent (N), and its moments about pinion and
-    /// wheel (N m), each in the sense of the gear's rotation.
+    /// Friction per unit of its coefficient: force on the pinion along the tangent (N), and its
+    /// moments about pinion and wheel (N m), each in the sense of the gear's rotation.
     pub friction: [f64; 3],
 }
 
@@ -65,7 +67,8 @@ impl Contact {
 }
 
 impl StageContact {
-    /// The law of a mesh under a static mesh force (N), its gears displaced by the static load (m, local frame).
+    /// The law of a mesh under a static mesh force (N), its gears displaced by the static load (m,
+    /// local frame).
     pub fn new(
         mesh: impl Into<StageMesh>,
         impact: Option<Impact>,
@@ -124,7 +127,8 @@ impl StageContact {
         self.mesh().pairs_at(&MeshState { phase, displacement_m: self.displacement_m }, &self.load, out);
     }
 
-    /// Tables of whole tooth pairs for this law; `None` where too many pairs may be near contact at once, and for helical teeth.
+    /// Tables of whole tooth pairs for this law; `None` where too many pairs may be near contact at
+    /// once, and for helical teeth.
     pub(crate) fn joint(&self) -> Option<Joint> {
         if self.face().is_some() {
             return None;
@@ -132,7 +136,8 @@ impl StageContact {
         Joint::new(self.mesh(), &self.load, self.displacement_m)
     }
 
-    /// Force at a mesh phase, an approach and its rate, `pairs` being scratch. The rate matters to the impact law alone.
+    /// Force at a mesh phase, an approach and its rate, `pairs` being scratch. The rate matters to
+    /// the impact law alone.
     #[inline]
     pub fn at(&self, phase: f64, approach_m: f64, rate_m_per_s: f64, pairs: &mut Pairs) -> Contact {
         if let Some(face) = self.face() {
@@ -145,8 +150,9 @@ impl StageContact {
         }
     }
 
-    /// The mean of [`Self::at`] over a stretch of `width` mesh cycles about a phase, as far as pairs that come and go make it differ from the value in its
-    /// middle: without corner contact they do so at once.
+    /// The mean of [`Self::at`] over a stretch of `width` mesh cycles about a phase, as far as
+    /// pairs that come and go make it differ from the value in its middle: without corner contact
+    /// they do so at once.
     pub fn mean_about(&self, phase: f64, width: f64, approach_m: f64, pairs: &mut Pairs) -> Contact {
         if self.mesh().options().corner_contact || self.face().is_some() {
             return self.at(phase, approach_m, 0.0, pairs);
@@ -169,7 +175,8 @@ impl StageContact {
         }
     }
 
-    /// Force of all slices of the face. Pairs come and go in slices, so that `touching` says driving or back flanks alone.
+    /// Force of all slices of the face. Pairs come and go in slices, so that `touching` says
+    /// driving or back flanks alone.
     fn along(&self, face: &Face, phase: f64, approach_m: f64, scratch: &mut Pairs) -> Contact {
         if let Some(contact) = self.tabulated(phase, approach_m) {
             return contact;
@@ -183,7 +190,8 @@ impl StageContact {
         self.with_back_flanks(face, phase, approach_m, out, scratch)
     }
 
-    /// As [`Self::at`] of helical teeth, for several approaches at one phase: the pairs of the slices are found once.
+    /// As [`Self::at`] of helical teeth, for several approaches at one phase: the pairs of the
+    /// slices are found once.
     pub(crate) fn at_slices(&self, face: &Face, phase: f64, approach_m: f64, slices: &mut Slices) -> Contact {
         if let Some(contact) = self.tabulated(phase, approach_m) {
             return contact;
@@ -269,8 +277,9 @@ impl StageContact {
         for (pair, &share) in pairs.as_slice().iter().zip(&force.pair_forces_n) {
             if share > 0.0 {
                 out.touching |= 1 << (pair.index & 15);
-                // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the pinion: before the pitch
-                // point the wheel's flank is the faster one and drags the pinion along +tangent.
+                // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the
+                // pinion: before the pitch point the wheel's flank is the faster one and drags the
+                // pinion along +tangent.
                 let ratio = self.mesh().base_radii_m()[0] / self.mesh().base_radii_m()[1];
                 let climb = self.mesh().geometry().climb();
                 let sliding = climb * (pair.pinion_roll_m - ratio * pair.wheel_roll_m);
@@ -331,7 +340,8 @@ impl StageContact {
         self.static_point(phase, force_n).map_or(0.0, |(approach, _)| approach)
     }
 
-    /// Static approach (m) and tangent stiffness (N/m) of elastic teeth under a static force at a phase.
+    /// Static approach (m) and tangent stiffness (N/m) of elastic teeth under a static force at a
+    /// phase.
     fn static_point(&self, phase: f64, force_n: f64) -> Option<(f64, f64)> {
         if let Some(face) = self.face() {
             if let Some(point) = self.table.as_ref().and_then(|table| table.static_point(phase, force_n)) {

@@ -1,8 +1,10 @@
 //! The library of physics that a nominal model leaves out: one table, one file an effect.
 //!
-//! An effect says how it changes the simulator, its parameters with range and unit, which lines of the spectrum it moves and how
-//! they follow load and speed, and what it is confused with. The simulator switches it on, the mismatch finder takes it as a hypothesis, and a
-//! conformance test measures it against its own declaration. To add one: write a file, add a line to [`ALL`] or [`PLANETARY`].
+//! An effect says how it changes the simulator, its parameters with range and unit, which lines of
+//! the spectrum it moves and how they follow load and speed, and what it is confused with. The
+//! simulator switches it on, the mismatch finder takes it as a hypothesis, and a conformance test
+//! measures it against its own declaration. To add one: write a file, add a line to [`ALL`] or
+//! [`PLANETARY`].
 
 use gearwatch_core::bench::{Bench, EffectSpec};
 
@@ -67,7 +69,8 @@ pub trait Effect: Sync {
     fn places(&self) -> &'static [PlaceKind];
     /// Where it enters the equations.
     fn entry_point(&self) -> EntryPoint;
-    /// Its parameters; one that is left out takes its typical value, except where alternatives exist.
+    /// Its parameters; one that is left out takes its typical value, except where alternatives
+    /// exist.
     fn parameters(&self) -> &'static [Parameter];
     /// Changes the setup.
     ///
@@ -135,7 +138,8 @@ pub fn find(id: &str) -> Result<&'static dyn Effect, EffectError> {
     })
 }
 
-/// Checks a specification against the table and a bench: effect, place, parameters and their ranges.
+/// Checks a specification against the table and a bench: effect, place, parameters and their
+/// ranges.
 ///
 /// # Errors
 /// A sentence that says what is wrong and what would be right.
@@ -187,7 +191,8 @@ pub fn pairs_alone(bench: &Bench) -> Result<(), EffectError> {
     bench.beyond_pairs().map_or(Ok(()), |why| Err(EffectError::Beyond(why)))
 }
 
-/// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in order, then its `[[term]]` tables.
+/// The nominal setup of a bench with its own `[[effect]]` tables and further ones applied, in
+/// order, then its `[[term]]` tables.
 ///
 /// # Errors
 /// As [`apply`].

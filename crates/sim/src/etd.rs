@@ -1,17 +1,23 @@
-//! Exponential stepping of the train: the stiff linear part exactly, the tooth forces as what remains.
+//! Exponential stepping of the train: the stiff linear part exactly, the tooth forces as what
+//! remains.
 //!
 //! # Formula
-//! With the mean mesh stiffness and the mesh damping in the linear part, `ẋ = A x + B r(t)` has the remainder `r_j = F_j − k̄_j δ_j` per mesh.
-//! In modal coordinates a step is `z(t+h) = e^{Λh} z + ∫ e^{Λ(h−τ)} b r(t+τ) dτ` with `r` the quadratic through its values at the
-//! beginning, middle and end of the step (collocation at the Lobatto points: order 4). `r` at middle and end depends on the approaches there, which
-//! the same formula gives: a small system in the approaches, linear while the same pairs touch (`etd/smooth.rs`).
+//! With the mean mesh stiffness and the mesh damping in the linear part, `ẋ = A x + B r(t)` has the
+//! remainder `r_j = F_j − k̄_j δ_j` per mesh. In modal coordinates a step is
+//! `z(t+h) = e^{Λh} z + ∫ e^{Λ(h−τ)} b r(t+τ) dτ` with `r` the quadratic through its values at the
+//! beginning, middle and end of the step (collocation at the Lobatto points: order 4). `r` at
+//! middle and end depends on the approaches there, which the same formula gives: a small system in
+//! the approaches, linear while the same pairs touch (`etd/smooth.rs`).
 //!
-//! **Events.** Where the set of touching tooth pairs changes within a step, the change of force sets in at the event and is integrated exactly
-//! from there (`etd/kink.rs`). Rarer steps, as with several changes in half a step or with friction, are cut at the events (`etd/cut.rs`, located to
-//! 1e-11 s); a step needs no history. Where a stage loses contact altogether, the train is stepped by Runge–Kutta with located events until
-//! it closes again: in free flight the mesh's own stiffness and damping, part of the exact linear step, are absent.
+//! **Events.** Where the set of touching tooth pairs changes within a step, the change of force
+//! sets in at the event and is integrated exactly from there (`etd/kink.rs`). Rarer steps, as with
+//! several changes in half a step or with friction, are cut at the events (`etd/cut.rs`, located to
+//! 1e-11 s); a step needs no history. Where a stage loses contact altogether, the train is stepped
+//! by Runge–Kutta with located events until it closes again: in free flight the mesh's own
+//! stiffness and damping, part of the exact linear step, are absent.
 //!
-//! **Lanes.** `Etd<8>` steps eight parameter sets side by side; see `etd/bank.rs` for why the results equal those of `Etd<1>` bit for bit.
+//! **Lanes.** `Etd<8>` steps eight parameter sets side by side; see `etd/bank.rs` for why the
+//! results equal those of `Etd<1>` bit for bit.
 
 use std::sync::Arc;
 
@@ -59,7 +65,8 @@ pub struct Etd<const L: usize> {
     plans: [Plan; L],
     lanes: [Lane; L],
     bank: Bank<L>,
-    /// Steps without pair changes, all runs together; `None` for trains that need the general solver throughout.
+    /// Steps without pair changes, all runs together; `None` for trains that need the general
+    /// solver throughout.
     nodes: Option<Nodes<L>>,
     arch: Arch,
     step_s: f64,
@@ -67,10 +74,12 @@ pub struct Etd<const L: usize> {
     outputs: Vec<Block<L>>,
     /// `[input × node][lane]`
     remainder: Vec<[f64; L]>,
-    /// Response of the sensors at middle and end to the remainder: `[half][sensor][input × node][lane]`.
+    /// Response of the sensors at middle and end to the remainder:
+    /// `[half][sensor][input × node][lane]`.
     sensor_coupling: [Vec<Vec<[f64; L]>>; 2],
     readings: [Vec<[f64; L]>; 2],
-    /// What planetary stages pass on, by run, and what of it the sensors hear directly in the middle and at the end of the step: `[half][sensor][lane]`.
+    /// What planetary stages pass on, by run, and what of it the sensors hear directly in the
+    /// middle and at the end of the step: `[half][sensor][lane]`.
     passing: [Passing; L],
     direct: [Vec<[f64; L]>; 2],
     /// Runs whose last step went smoothly together with the others.
@@ -87,7 +96,8 @@ struct Lane {
     ahead: [Split; 2],
     weights: Weights,
     external_values: Vec<f64>,
-    /// Mesh force at the start of the last step, and carried on to the middle of this one, by stage; for eccentric gears.
+    /// Mesh force at the start of the last step, and carried on to the middle of this one, by
+    /// stage; for eccentric gears.
     mesh_forces: [Option<f64>; MOST_MESHES],
     carried: [f64; MOST_MESHES],
     held_values: Vec<f64>,
@@ -100,7 +110,8 @@ struct Lane {
     effort: Effort,
 }
 
-/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles likewise, sensors likewise, rows of what is passed on likewise.
+/// The outputs of a step in the order of the bank: approaches at middle and end, pinion angles
+/// likewise, sensors likewise, rows of what is passed on likewise.
 fn readings(plan: &Plan) -> Vec<Reading<'_>> {
     let (approaches, others) = plan.outputs.split_at(plan.stiffness.len());
     let (angles, passed) = others.split_at(plan.stiffness.len());
@@ -114,10 +125,12 @@ fn readings(plan: &Plan) -> Vec<Reading<'_>> {
 }
 
 impl<const L: usize> Etd<L> {
-    /// Starts at rest in the rotating frame, with steps of `longest_step_s`, or of a whole part of it where the fastest mode asks for that.
+    /// Starts at rest in the rotating frame, with steps of `longest_step_s`, or of a whole part of
+    /// it where the fastest mode asks for that.
     ///
     /// # Errors
-    /// Where the models differ in stages, sensors or coordinates, or a linear train has no separate modes.
+    /// Where the models differ in stages, sensors or coordinates, or a linear train has no separate
+    /// modes.
     pub fn new(models: [Arc<TrainModel>; L], longest_step_s: f64) -> Result<Self, ModelError> {
         let stages = models[0].contacts.len();
         let shape = |m: &TrainModel| (m.contacts.len(), m.linear.sensors.len(), m.coordinates());
@@ -229,7 +242,8 @@ impl<const L: usize> Etd<L> {
         self.steps as f64 * self.step_s
     }
 
-    /// Sensor readings (m/s², static part included) of the last step: in its middle (0) and at its end (1), `[sensor][lane]`.
+    /// Sensor readings (m/s², static part included) of the last step: in its middle (0) and at its
+    /// end (1), `[sensor][lane]`.
     pub fn readings(&self) -> &[Vec<[f64; L]>; 2] {
         &self.readings
     }
@@ -256,7 +270,8 @@ impl<const L: usize> Etd<L> {
         plan.modes.reconstruct((0..plan.len).map(|m| z.at(m)), out);
     }
 
-    /// Continues from a state `(q, q̇)` at the present time, as after a change of the bench under way.
+    /// Continues from a state `(q, q̇)` at the present time, as after a change of the bench under
+    /// way.
     pub fn set_state(&mut self, lane: usize, state: &[f64]) {
         let t = self.time();
         let plan = &self.plans[lane];
@@ -279,8 +294,9 @@ impl<const L: usize> Etd<L> {
 }
 
 impl Etd<1> {
-    /// A run for mesh harmonics: steps as long as leave 1x to 5x of all stages within 0.05 % of what half of them would give (lines below 5 % of a
-    /// sensor's largest: of that). A short run of the model finds them; teeth that part again and again have no such step.
+    /// A run for mesh harmonics: steps as long as leave 1x to 5x of all stages within 0.05 % of
+    /// what half of them would give (lines below 5 % of a sensor's largest: of that). A short run
+    /// of the model finds them; teeth that part again and again have no such step.
     ///
     /// # Errors
     /// As [`Etd::new`].
@@ -289,7 +305,8 @@ impl Etd<1> {
         Self::new([model], step_s)
     }
 
-    /// A run for a record of `rate_hz`: a step a sample, or as many more as 1x to 5x ask for, as far as they pass its filter.
+    /// A run for a record of `rate_hz`: a step a sample, or as many more as 1x to 5x ask for, as
+    /// far as they pass its filter.
     ///
     /// # Errors
     /// As [`Etd::new`].
@@ -299,7 +316,8 @@ impl Etd<1> {
         Self::new([model], 1.0 / (rate_hz * parts))
     }
 
-    /// Steps one sample of a record of `rate_hz` and pushes its two readings, at half and full time, into the sensors' channels.
+    /// Steps one sample of a record of `rate_hz` and pushes its two readings, at half and full
+    /// time, into the sensors' channels.
     ///
     /// # Errors
     /// As [`Etd::step`].
@@ -330,9 +348,11 @@ fn node_of_state(plan: &Plan, state: &[f64], t: f64) -> Node {
     evaluate(plan, plan.model.rotation.at(t).0, &approach, &angle)
 }
 
-/// Response of the sensors in the middle (0) or at the end (1) of a full step to each input at each node.
+/// Response of the sensors in the middle (0) or at the end (1) of a full step to each input at each
+/// node.
 fn sensor_coupling_of(plan: &Plan, half: usize) -> Vec<Vec<f64>> {
-    // The state at the middle comes from the quadratic over the whole step: its own weights, read through the sensors.
+    // The state at the middle comes from the quadratic over the whole step: its own weights, read
+    // through the sensors.
     let mut weights = plan.full.clone();
     // Lagrange polynomials of the long step at the nodes of the part up to the reading.
     let at = |x: f64| [(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)];

@@ -1,7 +1,8 @@
-//! What can be wrong with the teeth of a stage: damage that changes stiffness, and deviations of the flanks.
+//! What can be wrong with the teeth of a stage: damage that changes stiffness, and deviations of
+//! the flanks.
 //!
-//! Everything that sits on one tooth goes through one evaluation of that tooth's sections, so that a composite fault is
-//! not the sum of its parts.
+//! Everything that sits on one tooth goes through one evaluation of that tooth's sections, so that
+//! a composite fault is not the sum of its parts.
 
 use std::collections::BTreeMap;
 
@@ -77,7 +78,8 @@ pub struct ToothDamage {
     pub crack: Option<Crack>,
 }
 
-/// A wave on a gear that repeats each revolution, such as a ghost of the index wheel of the machine that cut it.
+/// A wave on a gear that repeats each revolution, such as a ghost of the index wheel of the machine
+/// that cut it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
     /// Periods per revolution (> 0); a whole number for a ghost.
@@ -102,15 +104,18 @@ pub struct TipRelief {
 /// What is wrong with one gear.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GearModifications {
-    /// Damage by tooth number (0 is the tooth that meshes at phase 0). Overrides `all_teeth` on that tooth.
+    /// Damage by tooth number (0 is the tooth that meshes at phase 0). Overrides `all_teeth` on
+    /// that tooth.
     pub teeth: BTreeMap<u32, ToothDamage>,
     /// The same damage on every tooth.
     pub all_teeth: ToothDamage,
-    /// Cumulative pitch error by tooth (m); positive is missing material, so the tooth touches late. Empty for none.
+    /// Cumulative pitch error by tooth (m); positive is missing material, so the tooth touches
+    /// late. Empty for none.
     pub pitch_error_m: Vec<f64>,
     /// Eccentricity ε of the gear's axis (m): half of the peak to peak runout.
     pub eccentricity_m: f64,
-    /// Direction of the eccentricity at phase 0, from the line of centres, in the sense of rotation (rad).
+    /// Direction of the eccentricity at phase 0, from the line of centres, in the sense of rotation
+    /// (rad).
     pub eccentricity_phase_rad: f64,
     /// Waves that repeat each revolution.
     pub waves: Vec<Wave>,
@@ -118,11 +123,12 @@ pub struct GearModifications {
     pub stiffness_waves: Vec<Harmonic>,
     /// Material taken off at the tips.
     pub tip_relief: Option<TipRelief>,
-    /// Worn depth (m) of all driving flanks along the line of action, at equally spaced places of the pair's path from its entry to its exit; straight between
-    /// them, held beyond. Empty for none.
+    /// Worn depth (m) of all driving flanks along the line of action, at equally spaced places of
+    /// the pair's path from its entry to its exit; straight between them, held beyond. Empty for
+    /// none.
     pub worn_m: Vec<f64>,
-    /// In place of [`Self::worn_m`] for helical teeth: by bands of equal width along the face, the end that enters first in
-    /// front. Empty where all of the face is worn alike.
+    /// In place of [`Self::worn_m`] for helical teeth: by bands of equal width along the face, the
+    /// end that enters first in front. Empty where all of the face is worn alike.
     pub worn_bands_m: Vec<Vec<f64>>,
 }
 
@@ -132,7 +138,8 @@ impl GearModifications {
         change(self.teeth.entry(tooth).or_insert_with(|| self.all_teeth.clone()));
     }
 
-    /// The same gear as another mesh sees it: its tooth `n` is tooth `n + shift` of `teeth` there, that mesh is `ahead` cycles ahead, and angles are counted from a line turned by `angle_rad`.
+    /// The same gear as another mesh sees it: its tooth `n` is tooth `n + shift` of `teeth` there,
+    /// that mesh is `ahead` cycles ahead, and angles are counted from a line turned by `angle_rad`.
     pub(crate) fn turned(&self, shift: i64, ahead: f64, angle_rad: f64, teeth: u32) -> Self {
         let z = i64::from(teeth);
         let back = std::f64::consts::TAU * ahead / f64::from(teeth) + angle_rad;
@@ -172,16 +179,20 @@ impl GearModifications {
 /// What is wrong with the pair as a whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PairModifications {
-    /// Profile error by mesh harmonic: amplitude (m) and phase (rad) of `Σ e_h cos(2π h (u − u_pitch) + φ_h)`,
-    /// common to all pairs; h = 1 first. Positive is missing material.
+    /// Profile error by mesh harmonic: amplitude (m) and phase (rad) of
+    /// `Σ e_h cos(2π h (u − u_pitch) + φ_h)`, common to all pairs; h = 1 first. Positive is missing
+    /// material.
     pub profile_error: Vec<(f64, f64)>,
-    /// By how much every other pair of teeth stands back (m): the simplest teeth whose spacing scatters by this standard deviation between neighbours.
+    /// By how much every other pair of teeth stands back (m): the simplest teeth whose spacing
+    /// scatters by this standard deviation between neighbours.
     ///
-    /// Spacing errors of teeth that nobody measured leave the mean of the mesh force as it is where pairs surely carry, but decide when a pair meets and
-    /// leaves. Over alternating pairs the mesh harmonics are the mean of two teeth, a quadrature of the scatter that is exact in its variance; the half
-    /// harmonics mean nothing.
+    /// Spacing errors of teeth that nobody measured leave the mean of the mesh force as it is where
+    /// pairs surely carry, but decide when a pair meets and leaves. Over alternating pairs the mesh
+    /// harmonics are the mean of two teeth, a quadrature of the scatter that is exact in its
+    /// variance; the half harmonics mean nothing.
     pub alternating_m: f64,
-    /// Wear depth (m) at the place of fastest sliding; in proportion to sliding along the path, 0 at the pitch point.
+    /// Wear depth (m) at the place of fastest sliding; in proportion to sliding along the path, 0
+    /// at the pitch point.
     pub wear_m: f64,
     /// Factor on the stiffness of every tooth pair.
     pub stiffness_factor: f64,
@@ -189,17 +200,20 @@ pub struct PairModifications {
     pub misalignment_rad: f64,
     /// Factor on the coupling of tooth pairs through the bodies.
     pub coupling_factor: f64,
-    /// Power of the load in the stiffness, relative to the reference load: `k ~ (F/F_ref)^n`, beside the Hertz law.
+    /// Power of the load in the stiffness, relative to the reference load: `k ~ (F/F_ref)^n`,
+    /// beside the Hertz law.
     pub load_exponent: f64,
     /// Load (N) at which `load_exponent` changes nothing; the nominal load.
     pub reference_load_n: f64,
     /// Coefficient of friction between the flanks.
     pub friction: f64,
-    /// By how much both flanks stand back everywhere (m): a planet out of its place. Where two gears mesh alone it only turns one against the other.
+    /// By how much both flanks stand back everywhere (m): a planet out of its place. Where two
+    /// gears mesh alone it only turns one against the other.
     pub offset_m: f64,
     /// Change of the operating centre distance (m).
     pub centre_shift_m: f64,
-    /// The stiffness of pairs goes with 1 + Σ over the mesh cycle, 0 where a pair is at the pitch point.
+    /// The stiffness of pairs goes with 1 + Σ over the mesh cycle, 0 where a pair is at the pitch
+    /// point.
     pub stiffness_waves: Vec<Harmonic>,
 }
 
@@ -234,7 +248,8 @@ pub struct ToothModifications {
 }
 
 impl ToothModifications {
-    /// All teeth but damaged ones are alike, and nothing turns with a gear: beside the damage the law of the teeth repeats with the mesh cycle.
+    /// All teeth but damaged ones are alike, and nothing turns with a gear: beside the damage the
+    /// law of the teeth repeats with the mesh cycle.
     pub(crate) fn repeat_with_the_mesh(&self) -> bool {
         let even = |gear: &GearModifications| {
             gear.pitch_error_m.iter().all(|&error| error == 0.0)
@@ -304,7 +319,8 @@ impl ToothDamage {
         gear.flank_point_m(gear.load_angle_rad(roll)).0 + height_m
     }
 
-    /// Length of the contact line (m) that pits and spall take away at height `y_m`, and the greatest depth there (m).
+    /// Length of the contact line (m) that pits and spall take away at height `y_m`, and the
+    /// greatest depth there (m).
     pub(crate) fn lost_length_m(&self, gear: &GearGeometry, y_m: f64) -> (f64, f64) {
         let (mut length, mut depth) = (0.0, 0.0_f64);
         for (chord, d) in self.recesses(gear, y_m) {
@@ -328,10 +344,12 @@ impl ToothDamage {
         pits.chain(spall)
     }
 
-    /// Area (m²) and second moment of area (m⁴) that carry at height `y_m`, where the healthy half thickness is `h_m`.
+    /// Area (m²) and second moment of area (m⁴) that carry at height `y_m`, where the healthy half
+    /// thickness is `h_m`.
     ///
-    /// Crack: `A = (h + h_c) L`, `I = (h + h_c)³ L / 12` where `h ≥ h_c = r_b sin α₂ − q sin v` (Wu, Zuo & Parey 2008 with the
-    /// misprints put right). Pits: `ΔI = ΔL d³/12 + A ΔA (h − d/2)²/(A − ΔA)` (parallel axes about the shifted centroid).
+    /// Crack: `A = (h + h_c) L`, `I = (h + h_c)³ L / 12` where `h ≥ h_c = r_b sin α₂ − q sin v`
+    /// (Wu, Zuo & Parey 2008 with the misprints put right). Pits:
+    /// `ΔI = ΔL d³/12 + A ΔA (h − d/2)²/(A − ΔA)` (parallel axes about the shifted centroid).
     pub(crate) fn section(&self, gear: &GearGeometry, y_m: f64, h_m: f64) -> (f64, f64) {
         let mut width = gear.face_width_m;
         if let Some(Breakage { fraction, kind: BreakageKind::Width }) = self.breakage {
@@ -346,7 +364,8 @@ impl ToothDamage {
         };
         let mut area = thickness * width;
         let mut inertia = thickness.powi(3) * width / 12.0;
-        // A broken tooth that is also pitted loses the pits in proportion to the width that is left.
+        // A broken tooth that is also pitted loses the pits in proportion to the width that is
+        // left.
         let kept = width / gear.face_width_m;
         for (chord, depth) in self.recesses(gear, y_m) {
             // A pit cannot take more than nine tenths of a section: near the tip a tooth is thin.

@@ -1,13 +1,13 @@
-//! Compliance of the gear body under a tooth: fillet-foundation after Sainsot, Velex & Duverger 2004
-//! (J. Mech. Des. 126:748–752).
+//! Compliance of the gear body under a tooth: fillet-foundation after Sainsot, Velex & Duverger
+//! 2004 (J. Mech. Des. 126:748–752).
 //!
 //! `1/k_f = cos²α₁/(E L) { L* (u_f/S_f)² + M* (u_f/S_f) + P* (1 + Q* tan²α₁) }`
 
 use crate::geometry::GearGeometry;
 use crate::hertz::Material;
 
-/// Coefficients A…F of `X*(h, θ) = A/θ² + B h² + C h/θ + D/θ + E h + F` for L*, M*, P*, Q*, with the range of values
-/// that the polynomials were fitted to.
+/// Coefficients A…F of `X*(h, θ) = A/θ² + B h² + C h/θ + D/θ + E h + F` for L*, M*, P*, Q*, with
+/// the range of values that the polynomials were fitted to.
 const POLYNOMIALS: [(&str, [f64; 6], [f64; 2]); 4] = [
     ("L*", [-5.574e-5, -1.9986e-3, -2.3015e-4, 4.7702e-3, 0.0271, 6.8045], [6.82, 6.94]),
     ("M*", [60.111e-5, 28.100e-3, -83.431e-4, -9.9256e-3, 0.1624, 0.9086], [1.08, 3.29]),
@@ -38,11 +38,13 @@ pub struct Foundation {
 }
 
 impl Foundation {
-    /// The foundation of a gear; `which` names it in the warnings that are added where a parameter lies outside the fitted range.
+    /// The foundation of a gear; `which` names it in the warnings that are added where a parameter
+    /// lies outside the fitted range.
     ///
-    /// `θ_f = (1/z)[π/2 + 2 tan α₀ (h_a* − ρ*) + 2 ρ*/cos α₀]`, `ρ* = c*/(1 − sin α₀)`, `h = r_f / r_bore`. Profile shift moves the rack across its rolling line,
-    /// not along it: θ_f stays, r_f and with it the thickness `2 r_f θ_f` grow. A radius
-    /// ratio outside 1.4–7 and a coefficient outside the range that it was fitted to are held at the limit.
+    /// `θ_f = (1/z)[π/2 + 2 tan α₀ (h_a* − ρ*) + 2 ρ*/cos α₀]`, `ρ* = c*/(1 − sin α₀)`,
+    /// `h = r_f / r_bore`. Profile shift moves the rack across its rolling line, not along it: θ_f
+    /// stays, r_f and with it the thickness `2 r_f θ_f` grow. A radius ratio outside 1.4–7 and a
+    /// coefficient outside the range that it was fitted to are held at the limit.
     pub fn new(which: &str, gear: &GearGeometry, warnings: &mut Vec<String>) -> Self {
         if gear.internal {
             return Self::half_plane(gear);
@@ -83,8 +85,10 @@ impl Foundation {
     /// The rim of an internal gear, thick by the tooth, as a half plane.
     ///
     /// # Formula
-    /// R. W. Cornell, "Compliance and stress sensitivity of spur gear teeth", J. Mech. Des. 103 (1981) 447, plane stress: `L* = 16.67/π`, `M* = 2 (1 − ν)`, `P* = 1.534`,
-    /// `Q* = 1/(2.4 (1 + ν))` with ν = 0.3, in the form of Sainsot's, of which it is the limit of an infinite body.
+    /// R. W. Cornell, "Compliance and stress sensitivity of spur gear teeth", J. Mech. Des. 103
+    /// (1981) 447, plane stress: `L* = 16.67/π`, `M* = 2 (1 − ν)`, `P* = 1.534`,
+    /// `Q* = 1/(2.4 (1 + ν))` with ν = 0.3, in the form of Sainsot's, of which it is the limit of
+    /// an infinite body.
     fn half_plane(gear: &GearGeometry) -> Self {
         const POISSON: f64 = 0.3;
         let half = gear.half_root_m();
@@ -95,8 +99,8 @@ impl Foundation {
         }
     }
 
-    /// Compliance 1/k_f (m/N) under a force at load angle α₁ whose line crosses the tooth's centre line `lever_m` above
-    /// the root circle (u_f).
+    /// Compliance 1/k_f (m/N) under a force at load angle α₁ whose line crosses the tooth's centre
+    /// line `lever_m` above the root circle (u_f).
     pub fn compliance_m_per_n(&self, material: &Material, face_width_m: f64, load_angle_rad: f64, lever_m: f64) -> f64 {
         self.compliance_of(material, face_width_m, load_angle_rad.sin_cos(), lever_m)
     }
@@ -117,7 +121,8 @@ impl Foundation {
     }
 }
 
-/// Lever u_f (m) from the root circle to where the force line crosses the tooth's centre line: `r_b / cos α₁ − r_f`.
+/// Lever u_f (m) from the root circle to where the force line crosses the tooth's centre line:
+/// `r_b / cos α₁ − r_f`.
 pub fn lever_m(gear: &GearGeometry, load_angle_rad: f64) -> f64 {
     lever_of(gear, load_angle_rad.cos())
 }

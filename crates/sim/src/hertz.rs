@@ -7,8 +7,8 @@ use crate::geometry::PairGeometry;
 /// Which law gives the contact compliance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hertz {
-    /// `k_h = π E L / (4 (1 − ν²))`, Yang & Sun 1985: the paper's form. Independent of load, and 3 to 4 times too stiff
-    /// at the loads of a test bench.
+    /// `k_h = π E L / (4 (1 − ν²))`, Yang & Sun 1985: the paper's form. Independent of load, and 3
+    /// to 4 times too stiff at the loads of a test bench.
     Linear,
     /// `k_h = E^0.9 L^0.8 F^0.1 / 1.275` (SI units; secant stiffness F/δ), equal materials.
     LoadDependent,
@@ -53,10 +53,11 @@ impl Hertz {
 }
 
 /// Contact compliance δ/F (m/N) after Weber & Banaschek 1953, an independent check of [`Hertz`]:
-/// `δ = Σᵢ 2 F (1 − ν²)/(π E L) [ln(2 dᵢ / a) − ν / (2 (1 − ν))]`, `a = sqrt(8 F ρ (1 − ν²)/(π E L))`.
+/// `δ = Σᵢ 2 F (1 − ν²)/(π E L) [ln(2 dᵢ / a) − ν / (2 (1 − ν))]`,
+/// `a = sqrt(8 F ρ (1 − ν²)/(π E L))`.
 ///
-/// `pinion_roll_m` is the pinion's roll coordinate ξ; `ρ = ξ (T − ξ) / T`; dᵢ is the depth from the contact to the
-/// tooth's centre line along the force, `hᵢ / cos α₁ᵢ`.
+/// `pinion_roll_m` is the pinion's roll coordinate ξ; `ρ = ξ (T − ξ) / T`; dᵢ is the depth from the
+/// contact to the tooth's centre line along the force, `hᵢ / cos α₁ᵢ`.
 pub fn weber_compliance_m_per_n(pair: &PairGeometry, material: &Material, pinion_roll_m: f64, load_n: f64) -> f64 {
     let Material { youngs_modulus_pa: e, poisson_ratio: nu } = *material;
     let length = pair.pinion.face_width_m.min(pair.wheel.face_width_m);

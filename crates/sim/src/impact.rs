@@ -3,10 +3,12 @@
 //! `F = max(0, K pᵉ + c(p) ṗ)` for p > 0 and 0 otherwise, with p the penetration and
 //! `c(p) = STEP(p, 0, 0, d, c_max)`: a cubic that rises from 0 at p = 0 to c_max at p = d.
 //!
-//! What it lacks, beside the potential-energy model of [`crate::mesh`]: it is the law of a *sphere* where teeth make a line
-//! contact; it knows no bending of teeth and no gear body, so that nothing but the number of touching pairs varies
-//! over a mesh cycle; at the loads of a test bench it is 3 to 6 times too soft (the mesh resonance comes out 2 times too low) and stiffens with
-//! F^(1/3); and with the usual d of 0.1 mm only a few per cent of c_max act, so that it is practically undamped.
+//! What it lacks, beside the potential-energy model of [`crate::mesh`]: it is the law of a *sphere*
+//! where teeth make a line contact; it knows no bending of teeth and no gear body, so that nothing
+//! but the number of touching pairs varies over a mesh cycle; at the loads of a test bench it is 3
+//! to 6 times too soft (the mesh resonance comes out 2 times too low) and stiffens with F^(1/3);
+//! and with the usual d of 0.1 mm only a few per cent of c_max act, so that it is practically
+//! undamped.
 
 use crate::geometry::PairGeometry;
 use crate::hertz::Material;
@@ -26,8 +28,9 @@ pub struct Impact {
 }
 
 impl Impact {
-    /// As gear papers set it: `K = (4/3) sqrt(R) E*` with the radii of curvature at the pitch point,
-    /// `1/R = 1/ξ_P + 1/(T − ξ_P)`, `E* = E/(2 (1 − ν²))`, e = 1.5; c_max = 50 N s/mm at d = 0.1 mm.
+    /// As gear papers set it: `K = (4/3) sqrt(R) E*` with the radii of curvature at the pitch
+    /// point, `1/R = 1/ξ_P + 1/(T − ξ_P)`, `E* = E/(2 (1 − ν²))`, e = 1.5; c_max = 50 N s/mm at d =
+    /// 0.1 mm.
     pub fn usual(pair: &PairGeometry, material: &Material) -> Self {
         let (one, two) = (pair.pitch_roll_m, pair.tangent_length_m - pair.pitch_roll_m);
         let radius = one * two / (one + two);
@@ -65,8 +68,8 @@ impl Impact {
         if p_m <= 0.0 { 0.0 } else { self.exponent * self.stiffness * p_m.powf(self.exponent - 1.0) }
     }
 
-    /// Force (N) and tangent stiffness (N/m) of all touching pairs at an approach and its rate: the teeth are rigid, and each
-    /// pair has a contact of its own.
+    /// Force (N) and tangent stiffness (N/m) of all touching pairs at an approach and its rate: the
+    /// teeth are rigid, and each pair has a contact of its own.
     pub fn mesh_force(&self, pairs: &Pairs, approach_m: f64, rate_m_per_s: f64) -> (f64, f64) {
         pairs.as_slice().iter().fold((0.0, 0.0), |(force, stiffness), pair| {
             let p = approach_m - pair.gap_m;
@@ -80,8 +83,8 @@ mod tests {
     use super::*;
     use crate::geometry::GearGeometry;
 
-    /// 34 / 73 teeth, module 3: K = 1.65e10 N/m^1.5; at 730 N penetration 12.5 µm and tangent stiffness 0.87e8 N/m (0.45e8 at 100 N,
-    /// 1.66e8 at 5 kN), and 4 % of c_max act at d = 0.1 mm.
+    /// 34 / 73 teeth, module 3: K = 1.65e10 N/m^1.5; at 730 N penetration 12.5 µm and tangent
+    /// stiffness 0.87e8 N/m (0.45e8 at 100 N, 1.66e8 at 5 kN), and 4 % of c_max act at d = 0.1 mm.
     #[test]
     fn literature_tangent_stiffness_of_the_impact_law() {
         let gear = |teeth| GearGeometry::new("gear", teeth, 3e-3, 20_f64.to_radians(), 0.02, 0.01).unwrap();

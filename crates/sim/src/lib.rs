@@ -7,8 +7,9 @@
 //!   mesh (stiffness over the mesh cycle) ─► model (M q̈ + C q̇ + K q = f) ─► stepper or steady state ─► paths ─► sensors
 //! ```
 //!
-//! Each formula names its source, and `docs/simulator.md` says what each part was validated against. The exponential stepper ([`etd`]) makes records, the
-//! periodic steady state ([`steady`]) gives mesh harmonics without stepping, Runge–Kutta ([`rk4`]) is the oracle of both.
+//! Each formula names its source, and `docs/simulator.md` says what each part was validated
+//! against. The exponential stepper ([`etd`]) makes records, the periodic steady state ([`steady`])
+//! gives mesh harmonics without stepping, Runge–Kutta ([`rk4`]) is the oracle of both.
 //!
 //! ```
 //! use gearwatch_sim::{effects, shipped};

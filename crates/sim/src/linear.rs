@@ -1,4 +1,5 @@
-//! The linear part of a gear train: mass, damping and stiffness matrices of everything but the tooth contacts.
+//! The linear part of a gear train: mass, damping and stiffness matrices of everything but the
+//! tooth contacts.
 //!
 //! Degrees of freedom (PHYSICS of the 15-DOF two-stage bench with a belt, generalised to n stages):
 //!
@@ -7,12 +8,16 @@
 //!                              pinion₁         from the reference rotation Ω_i(t) that the kinematics prescribe
 //!                              wheel₁ in₁ ═══ out₁ pinion₂
 //!                                                wheel₂ in₂ ═══ out₂ ── brake
-//! every gear: x, y against its bearing; an idler its angle, too; planets and what they mesh with in the frame of their carrier (linear/planetary.rs); every shaft of helical gears: z along its axis; every housing mode and sensor direction: one modal coordinate
+//! every gear: x, y against its bearing; an idler its angle, too
+//! planets and what they mesh with: in the frame of their carrier (linear/planetary.rs)
+//! every shaft of helical gears: z along its axis
+//! every housing mode and sensor direction: one modal coordinate
 //! ```
 //!
-//! A shaft's own inertia sits half at each end. Without a belt the motor is rigidly one with the first shaft's driven end.
-//! Housing modes are driven by the bearing forces and do not act back (housing mass ≫ gear mass), so their rows make
-//! `K` and `C` unsymmetric; the structural part alone is symmetric.
+//! A shaft's own inertia sits half at each end. Without a belt the motor is rigidly one with the
+//! first shaft's driven end. Housing modes are driven by the bearing forces and do not act back
+//! (housing mass ≫ gear mass), so their rows make `K` and `C` unsymmetric; the structural part
+//! alone is symmetric.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
@@ -28,10 +33,12 @@ pub use parts::gear_mass_and_inertia;
 pub(crate) use parts::ring_mass_and_inertia;
 pub use passage::{Heard, Passage, Passed};
 
-/// Mass that a bearing force moves at its sensor where the bench file knows no housing mode (kg): a laboratory gearbox.
+/// Mass that a bearing force moves at its sensor where the bench file knows no housing mode (kg): a
+/// laboratory gearbox.
 pub const DIRECT_PATH_MASS_KG: f64 = 25.0;
 
-/// How a sensor's acceleration follows from the coordinates: `a = position·q + velocity·q̇ + acceleration·q̈`.
+/// How a sensor's acceleration follows from the coordinates:
+/// `a = position·q + velocity·q̇ + acceleration·q̈`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputRow {
     /// Factors of `q` (1/s²).
@@ -47,9 +54,11 @@ pub struct OutputRow {
 pub struct GearPlace {
     /// Its angle; `None` where it cannot turn.
     pub angle: Option<usize>,
-    /// Its lateral x; y is the next one. Of a planet the distance from the carrier's axis, then the way along its circle.
+    /// Its lateral x; y is the next one. Of a planet the distance from the carrier's axis, then the
+    /// way along its circle.
     pub x: usize,
-    /// Its shaft; of a planet that of its carrier, of an idler that of the pinion, of a fixed member the stage's first.
+    /// Its shaft; of a planet that of its carrier, of an idler that of the pinion, of a fixed
+    /// member the stage's first.
     pub shaft: usize,
     /// x and y turn with the carrier of this stage.
     pub carried: Option<usize>,
@@ -64,17 +73,21 @@ pub struct MeshGeometry {
     pub pinion_base_m: f64,
     /// Base radius of the driven gear (m).
     pub wheel_base_m: f64,
-    /// Direction of the line of action: that of the tooth force on the wheel (x, y; unit vector), in the pinion's coordinates.
+    /// Direction of the line of action: that of the tooth force on the wheel (x, y; unit vector),
+    /// in the pinion's coordinates.
     pub normal: [f64; 2],
-    /// 1 where the pinion turns counter-clockwise seen from the motor, else −1; against its carrier where it has one.
+    /// 1 where the pinion turns counter-clockwise seen from the motor, else −1; against its carrier
+    /// where it has one.
     pub sense: f64,
-    /// Factors on the angles of pinion and wheel that make each positive in its gear's sense of rotation.
+    /// Factors on the angles of pinion and wheel that make each positive in its gear's sense of
+    /// rotation.
     pub turning: [f64; 2],
     /// Operating pressure angle of the transverse section (rad).
     pub pressure_angle_rad: f64,
     /// Coordinates along the axes of pinion and wheel of a helical pair.
     pub axial: Option<[usize; 2]>,
-    /// Force on the pinion along its axis per mesh force: `tan β_b`, positive towards the motor; 0 for straight teeth.
+    /// Force on the pinion along its axis per mesh force: `tan β_b`, positive towards the motor; 0
+    /// for straight teeth.
     pub thrust: f64,
     /// Where the pinion sits.
     pub pinion: GearPlace,
@@ -82,7 +95,8 @@ pub struct MeshGeometry {
     pub wheel: GearPlace,
     /// `1 / (r_b1² / J_1 + r_b2² / J_2)` of the two gears (kg).
     pub effective_mass_kg: f64,
-    /// Angle of the pinion against what carries it, in its sense of rotation: coordinates and factors.
+    /// Angle of the pinion against what carries it, in its sense of rotation: coordinates and
+    /// factors.
     pub angle: Vec<(usize, f64)>,
     /// Mesh cycles per turn of that angle.
     pub cycles_per_turn: f64,
@@ -92,7 +106,8 @@ pub struct MeshGeometry {
     pub force_per_torque: f64,
 }
 
-/// Generalised forces of unit forces at the bearings of a shaft's gears, which share them equally; of those gears that move in one frame.
+/// Generalised forces of unit forces at the bearings of a shaft's gears, which share them equally;
+/// of those gears that move in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BearingFrame {
     /// Force along x of the frame.
@@ -105,14 +120,17 @@ pub struct BearingFrame {
     pub sense: f64,
 }
 
-/// Mass, damping and stiffness matrices, input vectors and output rows of a bench without its tooth contacts.
+/// Mass, damping and stiffness matrices, input vectors and output rows of a bench without its tooth
+/// contacts.
 ///
 /// # Formula
-/// `M q̈ + C q̇ + K q = motor T_m − brake T_b − Σ_j mesh_j F_j + …`, with the approach of stage j along its line of action
-/// `δ_j = mesh_j · q` (m, compression positive) and its tooth force `F_j` (N). `K` has one zero eigenvalue: the train turns freely.
+/// `M q̈ + C q̇ + K q = motor T_m − brake T_b − Σ_j mesh_j F_j + …`, with the approach of stage j
+/// along its line of action `δ_j = mesh_j · q` (m, compression positive) and its tooth force `F_j`
+/// (N). `K` has one zero eigenvalue: the train turns freely.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearTrain {
-    /// What each coordinate is, such as `input.out` (rad), `stage1.pinion.x` (m), `housing_1@90` (m).
+    /// What each coordinate is, such as `input.out` (rad), `stage1.pinion.x` (m), `housing_1@90`
+    /// (m).
     pub names: Vec<String>,
     /// Mass matrix (kg, kg m²), diagonal.
     pub mass: DMatrix<f64>,
@@ -128,9 +146,11 @@ pub struct LinearTrain {
     pub coupling: DVector<f64>,
     /// Generalised force of a unit braking torque (its sign is that of a load).
     pub brake: DVector<f64>,
-    /// Per shaft: what a force at its gears' bearings acts on, by the frames in which its gears move.
+    /// Per shaft: what a force at its gears' bearings acts on, by the frames in which its gears
+    /// move.
     pub bearings: Vec<Vec<BearingFrame>>,
-    /// `-J_i n_i` of all inertias but the motor's, per rad/s² of the first shaft's reference acceleration.
+    /// `-J_i n_i` of all inertias but the motor's, per rad/s² of the first shaft's reference
+    /// acceleration.
     pub reference_acceleration: DVector<f64>,
     /// Per sensor of the bench, in its order.
     pub sensors: Vec<OutputRow>,
@@ -148,7 +168,8 @@ pub struct LinearTrain {
     pub on_shaft: Vec<Vec<GearPlace>>,
     /// Idlers.
     pub idlers: Vec<GearPlace>,
-    /// Coordinates that follow the reference rotation though they are no shaft's, with their speed (or way per angle) / the first shaft's.
+    /// Coordinates that follow the reference rotation though they are no shaft's, with their speed
+    /// (or way per angle) / the first shaft's.
     pub turning: Vec<(usize, f64)>,
     /// What planetary stages pass on to housing and sensors.
     pub passage: Passage,
@@ -159,8 +180,9 @@ pub struct LinearTrain {
 impl LinearTrain {
     /// The linear part of a bench.
     ///
-    /// The pinion of the first stage turns counter-clockwise seen from the motor, the next shaft clockwise, and so on. The
-    /// tooth force on a wheel points along the tangential driving direction turned by the pressure angle away from the pinion.
+    /// The pinion of the first stage turns counter-clockwise seen from the motor, the next shaft
+    /// clockwise, and so on. The tooth force on a wheel points along the tangential driving
+    /// direction turned by the pressure angle away from the pinion.
     pub fn new(bench: &Bench) -> Self {
         let mut names = Vec::new();
         let mut dof = |name: String| {
@@ -255,13 +277,15 @@ impl LinearTrain {
         self.on_shaft[shaft].clone()
     }
 
-    /// The gears whose bearings a sensor at a shaft hears, as far as their coordinates stand in space: idlers run on pins beside the pinion.
+    /// The gears whose bearings a sensor at a shaft hears, as far as their coordinates stand in
+    /// space: idlers run on pins beside the pinion.
     fn heard_at(&self, shaft: usize) -> Vec<GearPlace> {
         let all = self.on_shaft[shaft].iter().chain(&self.idlers).copied();
         all.filter(|gear| gear.shaft == shaft && gear.carried.is_none()).collect()
     }
 
-    /// The reference rotation: speed of every coordinate / that of the first shaft, `motor_order` being the motor's.
+    /// The reference rotation: speed of every coordinate / that of the first shaft, `motor_order`
+    /// being the motor's.
     pub fn rotation(&self, motor_order: f64) -> DVector<f64> {
         let mut out = DVector::zeros(self.names.len());
         out[self.motor_angle] = motor_order;
@@ -274,7 +298,8 @@ impl LinearTrain {
         out
     }
 
-    /// Housing coordinates with the generalised force on each per unit force (x, y) that a shaft's bearing passes on.
+    /// Housing coordinates with the generalised force on each per unit force (x, y) that a shaft's
+    /// bearing passes on.
     pub(crate) fn bearing_to_housing(&self, bench: &Bench, shaft: usize) -> Vec<(usize, [f64; 2])> {
         let directions = distinct_directions(bench);
         let name = &bench.shafts[shaft].name;
@@ -290,7 +315,8 @@ impl LinearTrain {
         bench.housing_modes.iter().enumerate().flat_map(of_mode).collect()
     }
 
-    /// The train with a linear spring and damper in each mesh, for eigenfrequencies and for the exactly stepped part.
+    /// The train with a linear spring and damper in each mesh, for eigenfrequencies and for the
+    /// exactly stepped part.
     pub fn with_meshes(&self, stiffness_n_per_m: &[f64], damping_n_s_per_m: &[f64]) -> Self {
         let mut out = self.clone();
         for ((row, &k), &c) in self.mesh.iter().zip(stiffness_n_per_m).zip(damping_n_s_per_m) {
@@ -355,7 +381,8 @@ mod tests {
     use super::*;
     use crate::test_bench;
 
-    /// The train turns freely: exactly one natural frequency is zero (1e-3 Hz against the lowest torsional mode of tens of Hz).
+    /// The train turns freely: exactly one natural frequency is zero (1e-3 Hz against the lowest
+    /// torsional mode of tens of Hz).
     #[test]
     fn analytic_the_train_turns_freely() {
         let bench = test_bench::two_stages();
@@ -369,7 +396,8 @@ mod tests {
         assert!((&meshed.stiffness * rigid).amax() < 1e-6 * meshed.stiffness.amax() * f64::EPSILON.sqrt());
     }
 
-    /// Two gears on stiff, undamped bearings, shafts soft in torsion: the mesh mode is `√(k / m_e) / 2π`.
+    /// Two gears on stiff, undamped bearings, shafts soft in torsion: the mesh mode is
+    /// `√(k / m_e) / 2π`.
     #[test]
     fn analytic_mesh_mode_of_two_gears() {
         let mut bench = test_bench::single_stage();

@@ -1,4 +1,5 @@
-//! Order lines of simulated signals: the simulator knows the angle at every sample, so nothing has to be estimated.
+//! Order lines of simulated signals: the simulator knows the angle at every sample, so nothing has
+//! to be estimated.
 
 use std::f64::consts::TAU;
 
@@ -10,8 +11,8 @@ fn hann(count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |n| scale * (1.0 - (TAU * (n as f64 + 0.5) / count as f64).cos()))
 }
 
-/// Complex amplitude of the line at an order: `2/N Σ w x e^{−i o ψ}`, with the angle ψ (rad) of the reference shaft at each sample. The
-/// mean of the signal is taken out first.
+/// Complex amplitude of the line at an order: `2/N Σ w x e^{−i o ψ}`, with the angle ψ (rad) of the
+/// reference shaft at each sample. The mean of the signal is taken out first.
 pub fn line(samples: &[f64], angles_rad: &[f64], order: f64) -> Complex<f64> {
     let mean = mean(samples);
     (samples.iter().zip(angles_rad).zip(hann(samples.len())))
@@ -19,7 +20,8 @@ pub fn line(samples: &[f64], angles_rad: &[f64], order: f64) -> Complex<f64> {
         .sum()
 }
 
-/// Amplitudes at orders `0, step, 2 step, …` up to `count` of them, with a Hann window over the angle-stamped samples.
+/// Amplitudes at orders `0, step, 2 step, …` up to `count` of them, with a Hann window over the
+/// angle-stamped samples.
 pub fn order_spectrum(samples: &[f64], angles_rad: &[f64], step: f64, count: usize) -> Vec<f64> {
     let mean = mean(samples);
     let mut sums = vec![Complex::new(0.0, 0.0); count];
@@ -42,7 +44,8 @@ fn mean(samples: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Two tones on a ramp: amplitudes and phases come back, with Hann side lobes below 1e-6 at 30 bins' distance.
+    /// Two tones on a ramp: amplitudes and phases come back, with Hann side lobes below 1e-6 at 30
+    /// bins' distance.
     #[test]
     fn analytic_lines_on_a_ramp() {
         let angles: Vec<f64> = (0..20_000).map(|n| 0.02 * f64::from(n) + 2e-7 * f64::from(n).powi(2)).collect();

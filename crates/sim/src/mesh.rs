@@ -1,15 +1,17 @@
-//! One stage's gear pair: which tooth pairs touch at a mesh phase, how stiff they are, and by how much their flanks deviate.
+//! One stage's gear pair: which tooth pairs touch at a mesh phase, how stiff they are, and by how
+//! much their flanks deviate.
 //!
-//! **Phase.** The mesh phase u counts mesh cycles: `u = θ₁ z₁ / 2π` with the pinion's actual angle θ₁. Pair n, pinion
-//! tooth `n mod z₁` on wheel tooth `n mod z₂`, nominally enters at u = n and leaves at u = n + ε.
+//! **Phase.** The mesh phase u counts mesh cycles: `u = θ₁ z₁ / 2π` with the pinion's actual angle
+//! θ₁. Pair n, pinion tooth `n mod z₁` on wheel tooth `n mod z₂`, nominally enters at u = n and
+//! leaves at u = n + ε.
 //!
-//! **Approach.** δ > 0 presses the driving flanks together along the line of action. Pair p carries `F_p` with
-//! `C F = δ − gap` over the pairs in contact, where C is the compliance matrix: on its diagonal the pair alone
-//! (Hertz contact, bending, shear, axial compression, foundation), off it the part that both pairs share through the
-//! gear bodies, `c_ij = 0.6 sqrt(f_i f_j)`.
+//! **Approach.** δ > 0 presses the driving flanks together along the line of action. Pair p carries
+//! `F_p` with `C F = δ − gap` over the pairs in contact, where C is the compliance matrix: on its
+//! diagonal the pair alone (Hertz contact, bending, shear, axial compression, foundation), off it
+//! the part that both pairs share through the gear bodies, `c_ij = 0.6 sqrt(f_i f_j)`.
 //!
-//! **Frame.** Local to the stage: x from the pinion's centre to the wheel's, the pinion turns from x towards y. The
-//! line of action has the direction (sin α_w, cos α_w).
+//! **Frame.** Local to the stage: x from the pinion's centre to the wheel's, the pinion turns from
+//! x towards y. The line of action has the direction (sin α_w, cos α_w).
 
 mod axes;
 mod check;
@@ -75,8 +77,9 @@ pub struct LoadPoint {
 pub struct MeshState {
     /// Mesh phase u (mesh cycles).
     pub phase: f64,
-    /// Displacement of the pinion's axis relative to the wheel's beyond the nominal centres (m), in the local frame (x, y).
-    /// It moves the contact along the flanks; its part in the approach δ is the caller's.
+    /// Displacement of the pinion's axis relative to the wheel's beyond the nominal centres (m), in
+    /// the local frame (x, y). It moves the contact along the flanks; its part in the approach δ is
+    /// the caller's.
     pub displacement_m: [f64; 2],
 }
 
@@ -156,7 +159,8 @@ impl MeshModel {
         made.map_err(|problem| MeshError { stage: place.name(bench), problem })
     }
 
-    /// The pair of a pinion and a wheel; `backlash_m` is the total backlash along the line of action at nominal centres.
+    /// The pair of a pinion and a wheel; `backlash_m` is the total backlash along the line of
+    /// action at nominal centres.
     pub fn from_gears(
         (pinion, wheel): (GearGeometry, GearGeometry),
         material: Material,
@@ -230,7 +234,8 @@ impl MeshModel {
             geometry,
             warnings,
         };
-        // The stiffness of a lone pair at the pitch point is scale enough for the load point's own lengths.
+        // The stiffness of a lone pair at the pitch point is scale enough for the load point's own
+        // lengths.
         model.reference_stiffness_n_per_m = 1.0 / model.healthy_pitch_compliance();
         Ok(model)
     }
@@ -289,14 +294,17 @@ impl MeshModel {
         self.geometry.operating_angle_rad
     }
 
-    /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m): what to hold the model's mean stiffness against.
+    /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m): what to hold the model's mean
+    /// stiffness against.
     ///
     /// # Formula
-    /// For spur gears `q' = 0.04723 + 0.15551/z₁ + 0.25791/z₂ − 0.00635 x₁ − 0.11654 x₁/z₁ − 0.00193 x₂ − 0.24188 x₂/z₂ + 0.00529 x₁² + 0.00182 x₂²` (mm µm/N), made for
-    /// x₁ ≥ x₂ and −0.5 ≤ x₁ + x₂ ≤ 2; `c' = 0.8 C_B / q'` with
-    /// `C_B = (1 + 0.5 (1.2 − 1.25)) (1 − 0.02 (20° − α))`, `c_γ = c' (0.75 ε_α + 0.25)` for solid steel gears at 100 N/mm and more; other
-    /// materials in proportion to E, lighter loads by the fourth root of the load per width / 100 N/mm. The norm claims no better than ± 30 %; it takes the bodies for
-    /// solid discs, so that torsion of a blank over its bore is not in it.
+    /// For spur gears `q' = 0.04723 + 0.15551/z₁ + 0.25791/z₂ − 0.00635 x₁ − 0.11654 x₁/z₁ −
+    /// 0.00193 x₂ − 0.24188 x₂/z₂ + 0.00529 x₁² + 0.00182 x₂²` (mm µm/N), made for x₁ ≥ x₂ and −0.5
+    /// ≤ x₁ + x₂ ≤ 2; `c' = 0.8 C_B / q'` with `C_B = (1 + 0.5 (1.2 − 1.25)) (1 − 0.02 (20° − α))`,
+    /// `c_γ = c' (0.75 ε_α + 0.25)` for solid steel gears at 100 N/mm and more; other materials in
+    /// proportion to E, lighter loads by the fourth root of the load per width / 100 N/mm. The norm
+    /// claims no better than ± 30 %; it takes the bodies for solid discs, so that torsion of a
+    /// blank over its bore is not in it.
     pub fn iso_stiffness_n_per_m(&self, load_n: f64) -> f64 {
         iso_stiffness_n_per_m(self, 0.0, self.geometry.pinion.pressure_angle_rad, load_n)
     }
@@ -310,7 +318,8 @@ impl MeshModel {
         self.geometry.pinion.face_width_m.min(self.geometry.wheel.face_width_m)
     }
 
-    /// What the compliances take from a mesh force of `load_n` (N; the static or slowly changing part).
+    /// What the compliances take from a mesh force of `load_n` (N; the static or slowly changing
+    /// part).
     pub fn at_load(&self, load_n: f64) -> LoadPoint {
         let load = load_n.abs();
         let pair = &self.modifications.pair;
@@ -353,7 +362,8 @@ mod tests {
     use super::*;
     use crate::effects;
 
-    /// Amplitudes of 1x to 5x of the static transmission error (m) of the shipped single pair with an effect at a brake torque (N m).
+    /// Amplitudes of 1x to 5x of the static transmission error (m) of the shipped single pair with
+    /// an effect at a brake torque (N m).
     fn static_error(effect: &str, torque_nm: f64) -> [f64; 5] {
         let mut bench = crate::shipped::bench("single-pair").unwrap();
         bench.effects.clear();
@@ -369,7 +379,8 @@ mod tests {
         std::array::from_fn(|h| crate::lines::line(&error, &angles, (h + 1) as f64).norm())
     }
 
-    /// The shipped single pair (23 / 57 teeth, 20 mm) by hand: q' = 0.05852, c' = 13.33, c_γ = 20.2 N/(mm µm), 4.03e8 N/m.
+    /// The shipped single pair (23 / 57 teeth, 20 mm) by hand: q' = 0.05852, c' = 13.33, c_γ = 20.2
+    /// N/(mm µm), 4.03e8 N/m.
     #[test]
     fn literature_mesh_stiffness_of_iso_6336() {
         let bench = crate::shipped::bench("single-pair").unwrap();
@@ -380,8 +391,9 @@ mod tests {
         assert!((mesh.iso_stiffness_n_per_m(125.0) / found - 0.5).abs() < 1e-9);
     }
 
-    /// What the help of `tooth_wear` and `tip_relief` says: worn flanks raise 1x by 17 dB and lower 2x and 5x on this pair at 60 N m; under relief 1x only rises
-    /// with the load from 10 to 240 N m, while 3x has a minimum.
+    /// What the help of `tooth_wear` and `tip_relief` says: worn flanks raise 1x by 17 dB and lower
+    /// 2x and 5x on this pair at 60 N m; under relief 1x only rises with the load from 10 to 240 N
+    /// m, while 3x has a minimum.
     #[test]
     fn analytic_wear_and_relief_do_what_their_help_says() {
         let (even, worn) = (static_error("", 60.0), static_error("tooth_wear", 60.0));

@@ -1,20 +1,26 @@
 //! The meshes of a bench: one of a pair, one more for each idler, two for each planet.
 //!
 //! # Planets
-//! In the frame of the carrier the axes stand still, and every mesh is one of two gears: sun and planet, planet and ring. Which of the two drives follows from torque and speed: the torque
-//! that acts on the sun from outside has the sense `τ` of the driving member (the other one where the carrier drives), the sun turns against the carrier with the sense `ρ` of `n_s − n_c`. Where both are
-//! equal the sun drives its planets and they the ring, else the ring them and they the sun.
+//! In the frame of the carrier the axes stand still, and every mesh is one of two gears: sun and
+//! planet, planet and ring. Which of the two drives follows from torque and speed: the torque that
+//! acts on the sun from outside has the sense `τ` of the driving member (the other one where the
+//! carrier drives), the sun turns against the carrier with the sense `ρ` of `n_s − n_c`. Where both
+//! are equal the sun drives its planets and they the ring, else the ring them and they the sun.
 //!
 //! # Phases
-//! J. Lin, R. G. Parker, "Mesh phasing relationships in planetary and epicyclic gears", J. Mech. Des. 126 (2004) 365, in mesh cycles `u` that grow with time, planet `i` at the angle `ψ_i` (turns):
+//! J. Lin, R. G. Parker, "Mesh phasing relationships in planetary and epicyclic gears", J. Mech.
+//! Des. 126 (2004) 365, in mesh cycles `u` that grow with time, planet `i` at the angle `ψ_i`
+//! (turns):
 //!
 //! ```text
 //! sun     u_si = u_s − ρ z_s ψ_i
 //! ring    u_ri = u_s + ρ z_r ψ_i + (s_r − s_s) − (z_p ∓ 1)/2        s: from entry to the pitch point
 //! ```
 //!
-//! A planet's tooth meets the ring half a turn after the sun, with its other flank, half a tooth earlier (−) where the sun drives, later (+) where the ring does. An idler is the same with a wheel in
-//! place of the ring. With the assembled planets' `(z_s + z_r) ψ_i` whole, tooth `n` of a planet at the sun is tooth `n + k_i` of the ring mesh.
+//! A planet's tooth meets the ring half a turn after the sun, with its other flank, half a tooth
+//! earlier (−) where the sun drives, later (+) where the ring does. An idler is the same with a
+//! wheel in place of the ring. With the assembled planets' `(z_s + z_r) ψ_i` whole, tooth `n` of a
+//! planet at the sun is tooth `n + k_i` of the ring mesh.
 
 use gearwatch_core::bench::{Bench, Gear, Member, Planetary, Stage};
 use gearwatch_core::train::Train;
@@ -79,7 +85,8 @@ pub fn of_bench(bench: &Bench) -> Vec<MeshPlace> {
     bench.stages.iter().enumerate().flat_map(of_stage).collect()
 }
 
-/// Senses of a planetary stage whose driving member turns counter-clockwise: `τ` of the torque on the sun and `ρ` of the sun's turning against the carrier.
+/// Senses of a planetary stage whose driving member turns counter-clockwise: `τ` of the torque on
+/// the sun and `ρ` of the sun's turning against the carrier.
 pub(crate) fn senses(stage: &Stage, set: &Planetary) -> [f64; 2] {
     let whole = speeds(stage.pinion.teeth, stage.wheel.teeth, set.fixed);
     let driving = whole[position(set.input)].signum();
@@ -117,7 +124,8 @@ pub(crate) fn tip(gear: &Gear, shortening: f64) -> Tip {
     gear.tip_diameter_mm.map_or(Tip::Shortened(shortening), |mm| Tip::At(0.5e-3 * mm))
 }
 
-/// Geometry of a gear with straight teeth, whether or not its teeth can be used. A bore diameter of an internal gear is that around its rim.
+/// Geometry of a gear with straight teeth, whether or not its teeth can be used. A bore diameter of
+/// an internal gear is that around its rim.
 pub(crate) fn gear_geometry(spec: &Stage, of: &MeshGear<'_>) -> Result<GearGeometry, GearError> {
     let &MeshGear { ref name, gear, internal, side } = of;
     let module_m = spec.module_mm * 1e-3;
@@ -185,8 +193,9 @@ impl MeshPlace {
         Ok((geometry(first)?, geometry(second)?))
     }
 
-    /// What is wrong with the teeth of both gears, `between` being what is wrong with the stage's gears in the middle,
-    /// `teeth` with pinion (sun), wheel (ring) and all meshes of the stage, `phase` that of the mesh.
+    /// What is wrong with the teeth of both gears, `between` being what is wrong with the stage's
+    /// gears in the middle, `teeth` with pinion (sun), wheel (ring) and all meshes of the stage,
+    /// `phase` that of the mesh.
     pub(crate) fn teeth(
         &self,
         (spec, between): (&Stage, &Between),
@@ -264,21 +273,24 @@ pub(crate) fn phases(bench: &Bench, stage: usize, cycles: f64) -> Result<Vec<Pha
     let at_sun = positions.iter().map(|turns| Phase { cycles: cycles - turning * sun * turns, ..first });
     let at_ring = positions.iter().map(|turns| {
         let shift = (turning * (sun + ring) * turns).round();
-        // The planet's own position within the reach that the bench file allows moves the ring's phase, as it does the sun's.
+        // The planet's own position within the reach that the bench file allows moves the ring's
+        // phase, as it does the sun's.
         let cycles = cycles + turning * ring * turns + ahead;
         Phase { cycles, shift: shift as i64, turned_cycles: ahead + shift }
     });
     Ok(at_sun.chain(at_ring).collect())
 }
 
-/// What is wrong with one gear between pinion and wheel, or sun and ring: each of its two flanks meets another gear.
+/// What is wrong with one gear between pinion and wheel, or sun and ring: each of its two flanks
+/// meets another gear.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MiddleGear {
     /// Teeth towards pinion or sun.
     pub first: GearModifications,
     /// Teeth towards wheel or ring.
     pub second: GearModifications,
-    /// By which a planet's pin is out of its place along the circle of the pins, in the sense in which the sun is driven (m).
+    /// By which a planet's pin is out of its place along the circle of the pins, in the sense in
+    /// which the sun is driven (m).
     pub position_m: f64,
 }
 
@@ -299,9 +311,11 @@ impl Between {
         Self { gears: vec![MiddleGear::default(); count], ..Self::default() }
     }
 
-    /// By how much the flanks of a planet stand back at the sun or the ring because its pin is not where it belongs (m).
+    /// By how much the flanks of a planet stand back at the sun or the ring because its pin is not
+    /// where it belongs (m).
     ///
-    /// A pin that is ahead by e withdraws its planet from both meshes by `e cos α`; one that is further out withdraws it from the sun by `sin α` of that and presses it into the ring.
+    /// A pin that is ahead by e withdraws its planet from both meshes by `e cos α`; one that is
+    /// further out withdraws it from the sun by `sin α` of that and presses it into the ring.
     fn offset_m(&self, stage: &Stage, set: &Planetary, planet: usize, at_sun: bool) -> f64 {
         let [torque, _] = senses(stage, set);
         let psi = std::f64::consts::TAU * set.positions_turns()[planet];

@@ -1,7 +1,8 @@
 //! The linear train in its complex modes, where it can be stepped exactly.
 //!
-//! With `x = (q, q̇)` and `ẋ = A x + B u`, the modes are the eigenvectors of `A = V Λ V⁻¹`. Of every conjugate pair one mode is
-//! kept and counted twice, so that `y = C x = Σ w_m Re(c_m z_m)`, `ż_m = λ_m z_m + b_m u`.
+//! With `x = (q, q̇)` and `ẋ = A x + B u`, the modes are the eigenvectors of `A = V Λ V⁻¹`. Of
+//! every conjugate pair one mode is kept and counted twice, so that `y = C x = Σ w_m Re(c_m z_m)`,
+//! `ż_m = λ_m z_m + b_m u`.
 
 use nalgebra::{Complex, DMatrix, DVector};
 
@@ -45,13 +46,15 @@ impl Modes {
     pub fn new(train: &LinearTrain) -> Result<Self, ModalError> {
         let n = train.names.len();
         let mass = train.mass.diagonal();
-        // Mass-normalised coordinates, displacements times a frequency: all entries of the matrix are then frequencies.
+        // Mass-normalised coordinates, displacements times a frequency: all entries of the matrix
+        // are then frequencies.
         let scale = (train.stiffness.diagonal().component_div(&mass)).max().max(1.0).sqrt();
         let mut a = DMatrix::<f64>::zeros(2 * n, 2 * n);
         for i in 0..n {
             a[(i, n + i)] = scale;
             for j in 0..n {
-                // K and C are unsymmetric in the housing rows, hence row and column are scaled apart.
+                // K and C are unsymmetric in the housing rows, hence row and column are scaled
+                // apart.
                 let root = mass[i].sqrt() * mass[j].sqrt();
                 a[(n + i, j)] = -train.stiffness[(i, j)] / root / scale;
                 a[(n + i, n + j)] = -train.damping[(i, j)] / root;
@@ -143,7 +146,8 @@ impl Modes {
 /// Eigenvalues, and right eigenvectors in columns.
 type Eigen = (Vec<Complex<f64>>, DMatrix<Complex<f64>>);
 
-/// Eigenvalues and right eigenvectors (columns) of a real matrix, by its complex Schur form `A = Q T Qᴴ` and back substitution.
+/// Eigenvalues and right eigenvectors (columns) of a real matrix, by its complex Schur form
+/// `A = Q T Qᴴ` and back substitution.
 fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModalError> {
     let n = a.nrows();
     let norm = a.norm();
@@ -206,8 +210,8 @@ mod tests {
         }
     }
 
-    /// The response to forces, solved for without any modes, peaks at the eigenfrequencies: three times higher than 0.1 % beside them, at dampings of 1e-4
-    /// of the critical and less.
+    /// The response to forces, solved for without any modes, peaks at the eigenfrequencies: three
+    /// times higher than 0.1 % beside them, at dampings of 1e-4 of the critical and less.
     #[test]
     fn oracle_peaks_of_the_response_are_the_eigenfrequencies() {
         let train = LinearTrain::new(&test_bench::two_stages()).with_meshes(&[3.1e8, 3.4e8], &[0.0, 0.0]);

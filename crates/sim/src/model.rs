@@ -1,6 +1,8 @@
-//! The whole train at an operating point: linear part, meshes, prescribed rotation, torques and shaft forces.
+//! The whole train at an operating point: linear part, meshes, prescribed rotation, torques and
+//! shaft forces.
 //!
-//! Both time steppers and the tests take their right-hand side from here, so that they differ in nothing but the stepping.
+//! Both time steppers and the tests take their right-hand side from here, so that they differ in
+//! nothing but the stepping.
 
 mod operating_point;
 mod outside;
@@ -41,7 +43,8 @@ pub struct TrainModel {
     pub linear: LinearTrain,
     /// Per mesh.
     pub contacts: Vec<StageContact>,
-    /// Generalised forces of friction per mesh: along the tangent, about the pinion, about the wheel.
+    /// Generalised forces of friction per mesh: along the tangent, about the pinion, about the
+    /// wheel.
     pub friction_vectors: Vec<[DVector<f64>; 3]>,
     /// Prescribed rotation.
     pub rotation: Rotation,
@@ -69,10 +72,12 @@ pub struct TrainModel {
 }
 
 impl TrainModel {
-    /// The train of a setup that turns and is loaded as the profiles say (motor speed in Hz, brake torque in N m over s).
+    /// The train of a setup that turns and is loaded as the profiles say (motor speed in Hz, brake
+    /// torque in N m over s).
     ///
-    /// The drive is set so that the mean speed is the profile's under the torque at t = 0; a torque that changes later makes the motor
-    /// slip by its slope. `seed` draws the tooth positions at the start and the slip of bearing cages.
+    /// The drive is set so that the mean speed is the profile's under the torque at t = 0; a torque
+    /// that changes later makes the motor slip by its slope. `seed` draws the tooth positions at
+    /// the start and the slip of bearing cages.
     ///
     /// # Errors
     /// For a bench that cannot be simulated, in a sentence that says what would be right.
@@ -149,7 +154,8 @@ impl TrainModel {
             contacts.push(contact);
             friction_vectors.push(friction(&linear, i));
         }
-        // After the gear pairs: a bore that is too large makes a gear's mass negative, and they say so.
+        // After the gear pairs: a bore that is too large makes a gear's mass negative, and they say
+        // so.
         if let Some(at) = (0..linear.names.len()).find(|&i| linear.mass[(i, i)].is_nan() || linear.mass[(i, i)] < 1e-9)
         {
             return Err(ModelError::Bench(format!(
@@ -213,7 +219,8 @@ impl TrainModel {
         self.torque_nm.at(t)
     }
 
-    /// Mesh phase of a mesh (cycles) at a first-shaft angle (rad) and a deviation of its pinion, against its carrier where it has one (rad).
+    /// Mesh phase of a mesh (cycles) at a first-shaft angle (rad) and a deviation of its pinion,
+    /// against its carrier where it has one (rad).
     #[inline(always)]
     pub fn phase(&self, stage: usize, reference_rad: f64, pinion_rad: f64) -> f64 {
         self.initial_phases[stage]
@@ -261,7 +268,8 @@ impl TrainModel {
         if contact.is_closed() { contact.force_n + self.contacts[stage].damping_n_s_per_m * rate } else { 0.0 }
     }
 
-    /// Right-hand side `ẋ = f(t, x)` in physical coordinates, `externals` as of [`Self::external_values`].
+    /// Right-hand side `ẋ = f(t, x)` in physical coordinates, `externals` as of
+    /// [`Self::external_values`].
     pub fn derivative(&self, reference_rad: f64, state: &[f64], externals: &[f64], pairs: &mut Pairs, out: &mut [f64]) {
         let n = self.coordinates();
         let (positions, velocities) = state.split_at(n);
@@ -342,14 +350,16 @@ impl TrainModel {
         sum
     }
 
-    /// The state at rest in the rotating frame under the loads at t = 0: every mesh at the approach that carries its static force.
+    /// The state at rest in the rotating frame under the loads at t = 0: every mesh at the approach
+    /// that carries its static force.
     pub fn static_state(&self) -> Result<Vec<f64>, ModelError> {
         let n = self.coordinates();
         let torque = self.torque_nm.at(0.0);
         let stiffness: Vec<f64> = self.contacts.iter().map(|c| c.mean_stiffness_n_per_m).collect();
         let meshed = self.linear.with_meshes(&stiffness, &vec![0.0; stiffness.len()]);
         let mut k: DMatrix<f64> = meshed.stiffness;
-        k[(self.linear.motor_angle, self.linear.motor_angle)] += 1e4; // pins the free rotation at zero
+        // Pins the free rotation at zero.
+        k[(self.linear.motor_angle, self.linear.motor_angle)] += 1e4;
         let mut load = &self.linear.brake * torque + &self.linear.motor * (torque * self.motor_per_brake);
         let (reference, _, _) = self.rotation.at(0.0);
         for (stage, contact) in self.contacts.iter().enumerate() {
@@ -405,8 +415,9 @@ fn entries(row: &DVector<f64>) -> Vec<(usize, f64)> {
     row.iter().copied().enumerate().filter(|(_, value)| *value != 0.0).collect()
 }
 
-/// Generalised forces of friction of a mesh: along the tangent, `normal` turned by 90° in the pinion's sense of rotation, in which its flank moves past the wheel's beyond the pitch
-/// point; about the pinion and about the wheel in their senses.
+/// Generalised forces of friction of a mesh: along the tangent, `normal` turned by 90° in the
+/// pinion's sense of rotation, in which its flank moves past the wheel's beyond the pitch point;
+/// about the pinion and about the wheel in their senses.
 fn friction(linear: &LinearTrain, mesh: usize) -> [DVector<f64>; 3] {
     let (geometry, row) = (&linear.meshes[mesh], &linear.mesh[mesh]);
     let mut out = std::array::from_fn(|_| DVector::zeros(linear.names.len()));
@@ -426,7 +437,8 @@ fn friction(linear: &LinearTrain, mesh: usize) -> [DVector<f64>; 3] {
     out
 }
 
-/// Static displacement of the pinion's axis relative to the wheel's under the mesh force, in the mesh's local frame (m). None where other meshes hold the gears, as planets and idlers.
+/// Static displacement of the pinion's axis relative to the wheel's under the mesh force, in the
+/// mesh's local frame (m). None where other meshes hold the gears, as planets and idlers.
 fn static_displacement(linear: &LinearTrain, mesh: usize, torque: f64, force_per_torque: &[f64]) -> [f64; 2] {
     let geometry = &linear.meshes[mesh];
     let of_stage = linear.meshes.iter().filter(|other| other.place.stage == geometry.place.stage);
@@ -447,8 +459,9 @@ mod tests {
     use super::*;
     use crate::test_bench;
 
-    /// At a crawl the mesh force times the lever of an eccentric wheel is the brake's torque: once per turn of the wheel it changes by less than 3e-4 of it, where the base radius
-    /// alone would leave 0.49 %.
+    /// At a crawl the mesh force times the lever of an eccentric wheel is the brake's torque: once
+    /// per turn of the wheel it changes by less than 3e-4 of it, where the base radius alone would
+    /// leave 0.49 %.
     #[test]
     fn analytic_eccentric_gears_have_their_levers() {
         let bench = test_bench::single_stage();
@@ -483,7 +496,8 @@ mod tests {
         assert!(with < 3e-4 && without > 4e-3, "{with:.1e} {without:.1e}");
     }
 
-    /// A bore beyond the root circle is told as that, not as the negative mass that follows from it; a shaft without inertia as what it is.
+    /// A bore beyond the root circle is told as that, not as the negative mass that follows from
+    /// it; a shaft without inertia as what it is.
     #[test]
     fn regress_the_cause_is_told_not_what_follows_from_it() {
         let complaint = |change: fn(&mut gearwatch_core::bench::Bench)| {

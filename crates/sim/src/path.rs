@@ -1,4 +1,5 @@
-//! From acceleration at the bearing to counts: path resonances, anti-alias filter, coupling, clipping, noise, converter.
+//! From acceleration at the bearing to counts: path resonances, anti-alias filter, coupling,
+//! clipping, noise, converter.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +19,8 @@ const DECIMATION: usize = 2;
 /// Half length of the anti-alias filter, in samples of the doubled rate.
 const HALF_LENGTH: usize = 32;
 
-/// Response of the path from the bearing to a sensor at a frequency (Hz): its gain, resonances and modal filters; coupling and converter left out.
+/// Response of the path from the bearing to a sensor at a frequency (Hz): its gain, resonances and
+/// modal filters; coupling and converter left out.
 pub fn response(setup: &SensorSetup, hz: f64) -> Complex<f64> {
     let resonances: Complex<f64> = setup.resonances.iter().map(|r| resonance_at(r, hz)).product();
     let modal: Complex<f64> = setup.modal_filters.iter().map(|f| modal_at(f, hz)).product();
@@ -34,7 +36,8 @@ pub struct Channel {
     rate_hz: f64,
     sections: Vec<Section>,
     taps: Vec<f64>,
-    /// Delay line of the anti-alias filter, twice as long as needed so that a window is always contiguous.
+    /// Delay line of the anti-alias filter, twice as long as needed so that a window is always
+    /// contiguous.
     line: Vec<f64>,
     at: usize,
     previous: Option<f64>,
@@ -45,7 +48,8 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Samples by which the output is late: the group delay of the anti-alias filter. The source starts so much earlier.
+    /// Samples by which the output is late: the group delay of the anti-alias filter. The source
+    /// starts so much earlier.
     pub const DELAY_SAMPLES: u32 = (HALF_LENGTH / DECIMATION) as u32;
 
     /// A channel at a sample rate (Hz) for a sensor with a unit.
@@ -89,7 +93,8 @@ impl Channel {
     /// Takes a reading at the doubled rate (m/s²).
     #[inline]
     pub fn push(&mut self, acceleration: f64) {
-        // Machine noise goes through the path; standard deviation √2 of the wanted one at twice the rate.
+        // Machine noise goes through the path; standard deviation √2 of the wanted one at twice the
+        // rate.
         let noise: f64 = StandardNormal.sample(&mut self.random);
         let mut x = acceleration + std::f64::consts::SQRT_2 * self.setup.background_m_per_s2 * noise;
         for section in &mut self.sections {
@@ -101,8 +106,8 @@ impl Channel {
         self.at = (self.at + 1) % n;
     }
 
-    /// The sample after two readings, in counts; `tones` is what tones and pick-up add (sensor unit). The flag says that the
-    /// converter or the amplifier was driven past its range.
+    /// The sample after two readings, in counts; `tones` is what tones and pick-up add (sensor
+    /// unit). The flag says that the converter or the amplifier was driven past its range.
     pub fn sample(&mut self, tones: f64) -> (i32, bool) {
         let window = &self.line[self.at..self.at + self.taps.len()];
         let mut x = 0.0;
@@ -135,7 +140,8 @@ impl Channel {
     }
 }
 
-/// Half-band low-pass at the doubled rate, Kaiser window with β = 8 (ripple 1e-4): flat to 0.39 and silent from 0.61 of the output rate on.
+/// Half-band low-pass at the doubled rate, Kaiser window with β = 8 (ripple 1e-4): flat to 0.39 and
+/// silent from 0.61 of the output rate on.
 fn anti_alias() -> Vec<f64> {
     let beta = 8.0;
     let half = HALF_LENGTH as f64;
@@ -182,7 +188,8 @@ mod tests {
         2.0 / f64::from(count) * c.hypot(s) / 10.0
     }
 
-    /// Flat to 0.39 of the sampling rate, silent beyond 0.61: the converter's filter folds nothing below 0.39.
+    /// Flat to 0.39 of the sampling rate, silent beyond 0.61: the converter's filter folds nothing
+    /// below 0.39.
     #[test]
     fn analytic_anti_alias_filter() {
         for hz in [100.0, 1000.0, 4000.0, 6300.0] {
@@ -193,8 +200,9 @@ mod tests {
         }
     }
 
-    /// Resonances and modal filters follow their declared `H(f)` within 0.1 % (of the largest of 1 and |H|) over the whole band that the converter
-    /// passes, at 16,384 Hz up to 6.3 kHz: also a mounting at 4 kHz and a mode at 5.2 kHz, which a bilinear transform would warp by 19 %.
+    /// Resonances and modal filters follow their declared `H(f)` within 0.1 % (of the largest of 1
+    /// and |H|) over the whole band that the converter passes, at 16,384 Hz up to 6.3 kHz: also a
+    /// mounting at 4 kHz and a mode at 5.2 kHz, which a bilinear transform would warp by 19 %.
     #[test]
     fn analytic_resonances() {
         let mode = |frequency_hz, damping_ratio, gain| PathMode { frequency_hz, damping_ratio, gain };

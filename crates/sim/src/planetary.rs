@@ -1,8 +1,11 @@
-//! A planetary stage by itself: translation and rotation of sun, carrier, ring and planets, its modes by kind, and which of them a mesh harmonic can excite.
+//! A planetary stage by itself: translation and rotation of sun, carrier, ring and planets, its
+//! modes by kind, and which of them a mesh harmonic can excite.
 //!
 //! # Formula
-//! J. Lin, R. G. Parker, "Analytical characterization of the unique properties of planetary gear free vibration", J. Vib. Acoust. 121 (1999) 316: coordinates in the frame of the
-//! carrier, rotations as `u = r θ` on the base circles (of the carrier on the circle of the planets' centres), planets radial ζ and tangential η, planet n at the angle `ψ_n`:
+//! J. Lin, R. G. Parker, "Analytical characterization of the unique properties of planetary gear
+//! free vibration", J. Vib. Acoust. 121 (1999) 316: coordinates in the frame of the carrier,
+//! rotations as `u = r θ` on the base circles (of the carrier on the circle of the planets'
+//! centres), planets radial ζ and tangential η, planet n at the angle `ψ_n`:
 //!
 //! ```text
 //! sun mesh    δ_sn = y_s cos ψ_sn − x_s sin ψ_sn − ζ_n sin α_s − η_n cos α_s + u_s + u_n       ψ_sn = ψ_n − α_s
@@ -10,12 +13,16 @@
 //! pin         radial x_c cos ψ_n + y_c sin ψ_n − ζ_n,   tangential y_c cos ψ_n − x_c sin ψ_n + u_c − η_n
 //! ```
 //!
-//! `K` is the second derivative of `½ Σ k δ²` and of the bearings' energy. Gyroscopic terms of the turning carrier are left out: the frequencies are those at rest.
-//! Equal planets at equal spacing have three kinds of modes: *rotational* (central members only turn, all planets alike), *translational* (they only move sideways, always
-//! two of one frequency), and from four planets on *planet* modes (central members at rest, N − 3 of one frequency).
+//! `K` is the second derivative of `½ Σ k δ²` and of the bearings' energy. Gyroscopic terms of the
+//! turning carrier are left out: the frequencies are those at rest. Equal planets at equal spacing
+//! have three kinds of modes: *rotational* (central members only turn, all planets alike),
+//! *translational* (they only move sideways, always two of one frequency), and from four planets on
+//! *planet* modes (central members at rest, N − 3 of one frequency).
 //!
-//! Which of them harmonic `l` of the mesh excites follows from the planets' phases, `k = l z_s mod N` (R. G. Parker, "A physical explanation for the effectiveness of planet phasing to
-//! suppress planetary gear vibration", J. Sound Vib. 236 (2000) 561): `k = 0` rotational, `k = 1` or `N − 1` translational, any other planet modes.
+//! Which of them harmonic `l` of the mesh excites follows from the planets' phases,
+//! `k = l z_s mod N` (R. G. Parker, "A physical explanation for the effectiveness of planet phasing
+//! to suppress planetary gear vibration", J. Sound Vib. 236 (2000) 561): `k = 0` rotational,
+//! `k = 1` or `N − 1` translational, any other planet modes.
 
 use std::f64::consts::TAU;
 
@@ -28,7 +35,8 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 pub struct Body {
     /// (kg).
     pub mass_kg: f64,
-    /// Moment of inertia by the square of its radius: of the base circle, for the carrier that of the planets' centres (kg).
+    /// Moment of inertia by the square of its radius: of the base circle, for the carrier that of
+    /// the planets' centres (kg).
     pub rotary_mass_kg: f64,
     /// Sideways, of its bearing; of a planet that of its pin (N/m).
     pub bearing_n_per_m: f64,
@@ -229,9 +237,12 @@ impl PlanetaryModel {
 
     /// Parameters of a planetary stage of a bench.
     ///
-    /// Discs where the sheet has no masses: sun and planets as [`crate::linear::gear_mass_and_inertia`], the ring a rim of three modules under its teeth, the carrier a steel disc on
-    /// the planets' circle as wide as the teeth. Meshes have c_γ b of ISO 6336-1, method B, with `1/z = 0` of the ring, as the norm says for internal gears. Each member has the
-    /// bearing of its shaft, the ring the stiffer of both, planets those of the carrier; the fixed member cannot turn, the others do so freely.
+    /// Discs where the sheet has no masses: sun and planets as
+    /// [`crate::linear::gear_mass_and_inertia`], the ring a rim of three modules under its teeth,
+    /// the carrier a steel disc on the planets' circle as wide as the teeth. Meshes have c_γ b of
+    /// ISO 6336-1, method B, with `1/z = 0` of the ring, as the norm says for internal gears. Each
+    /// member has the bearing of its shaft, the ring the stiffer of both, planets those of the
+    /// carrier; the fixed member cannot turn, the others do so freely.
     ///
     /// # Errors
     /// For a stage that is not planetary, helical planets, or profile shift, in a sentence.
@@ -307,7 +318,8 @@ pub(crate) struct Bodies {
     pub(crate) carrier: (f64, f64),
 }
 
-/// As the sheet says; where it does not, discs with their bores, a ring with its rim, and for the carrier a disc on the planets' circle as wide as the teeth.
+/// As the sheet says; where it does not, discs with their bores, a ring with its rim, and for the
+/// carrier a disc on the planets' circle as wide as the teeth.
 pub(crate) fn bodies(bench: &Bench, spec: &Stage, set: &Planetary) -> Bodies {
     let density = bench.gear_material.density_kg_per_m3;
     let of = |gear| crate::linear::gear_mass_and_inertia(gear, 0.0, spec, density);
@@ -321,7 +333,8 @@ pub(crate) fn bodies(bench: &Bench, spec: &Stage, set: &Planetary) -> Bodies {
     }
 }
 
-/// The kind of modes that harmonic `harmonic` of the mesh excites where `planets` equal planets stand at equal spacing about a sun of `sun_teeth`.
+/// The kind of modes that harmonic `harmonic` of the mesh excites where `planets` equal planets
+/// stand at equal spacing about a sun of `sun_teeth`.
 pub fn excited(sun_teeth: u32, planets: u32, harmonic: u32) -> ModeKind {
     let k = u64::from(sun_teeth) * u64::from(harmonic) % u64::from(planets.max(1));
     if k == 0 {
@@ -413,12 +426,14 @@ impl StageModes {
         })
     }
 
-    /// The kind of modes that a mesh harmonic excites; `None` where the planets' spacing lets it excite any.
+    /// The kind of modes that a mesh harmonic excites; `None` where the planets' spacing lets it
+    /// excite any.
     pub fn excited(&self, harmonic: u32) -> Option<ModeKind> {
         self.equally_spaced.then(|| excited(self.sun_teeth, self.planets, harmonic))
     }
 
-    /// Motor speeds up to `highest_motor_hz` at which harmonics 1 to `harmonics` meet a mode that they can excite, in ascending order.
+    /// Motor speeds up to `highest_motor_hz` at which harmonics 1 to `harmonics` meet a mode that
+    /// they can excite, in ascending order.
     pub fn critical_speeds(&self, harmonics: u32, highest_motor_hz: f64) -> Vec<PlanetaryCritical> {
         let mut out = Vec::new();
         for (at, mode) in self.modes.iter().enumerate() {
@@ -464,7 +479,8 @@ mod tests {
         modes.iter().filter(|mode| mode.kind == kind).map(|mode| mode.frequency_hz).collect()
     }
 
-    /// Natural frequencies and kinds of modes of the example with three, four and five planets (table 2): 0.1 %.
+    /// Natural frequencies and kinds of modes of the example with three, four and five planets
+    /// (table 2): 0.1 %.
     #[test]
     fn literature_lin_parker_1999() {
         let near = |found: &[f64], expected: &[f64], what: &str| {
@@ -495,7 +511,8 @@ mod tests {
         }
     }
 
-    /// Planets that do not stand equally mix the kinds (Lin & Parker 2000); opposite pairs keep the turning apart from the sideways motion.
+    /// Planets that do not stand equally mix the kinds (Lin & Parker 2000); opposite pairs keep the
+    /// turning apart from the sideways motion.
     #[test]
     fn literature_unequal_planets_mix_the_kinds() {
         let mut unequal = example(4);
@@ -508,8 +525,9 @@ mod tests {
         assert!(modes.iter().all(|mode| mode.kind != ModeKind::Mixed));
     }
 
-    /// Mesh forces of harmonic l with the planets' phases `l z_s ψ_n`, at sun and ring, push modes of the kind that Parker's rule says and leave the others at rest (1e-9 of
-    /// the largest), for every number of planets from 3 to 6 and every remainder.
+    /// Mesh forces of harmonic l with the planets' phases `l z_s ψ_n`, at sun and ring, push modes
+    /// of the kind that Parker's rule says and leave the others at rest (1e-9 of the largest), for
+    /// every number of planets from 3 to 6 and every remainder.
     #[test]
     fn literature_parker_2000_phasing_rules() {
         for planets in 3..=6_u32 {
@@ -538,8 +556,9 @@ mod tests {
         }
     }
 
-    /// The shipped planetary bench: sun of 28, four planets, all in phase: every harmonic excites rotational modes alone. A ring that cannot turn leaves no free member beside
-    /// sun, planets and carrier: one free rotation.
+    /// The shipped planetary bench: sun of 28, four planets, all in phase: every harmonic excites
+    /// rotational modes alone. A ring that cannot turn leaves no free member beside sun, planets
+    /// and carrier: one free rotation.
     #[test]
     fn analytic_modes_of_the_shipped_planetary_stage() {
         let bench = crate::shipped::bench("planetary-parallel").unwrap();
@@ -554,8 +573,9 @@ mod tests {
         assert!((per_mm - 19.3).abs() < 0.4, "{per_mm}");
         assert!(PlanetaryModel::parameters(&bench, 1).unwrap_err().to_string().contains("not planetary"));
     }
-    /// Frequencies of the shipped stage with their counts make up all modes but the free rotation; with all planets in phase only rotational modes are met, at the speed at which
-    /// harmonic × mesh frequency is the mode's frequency; unequal planets forbid nothing.
+    /// Frequencies of the shipped stage with their counts make up all modes but the free rotation;
+    /// with all planets in phase only rotational modes are met, at the speed at which harmonic ×
+    /// mesh frequency is the mode's frequency; unequal planets forbid nothing.
     #[test]
     fn analytic_critical_speeds_of_the_shipped_planetary_stage() {
         let mut bench = crate::shipped::bench("planetary-parallel").unwrap();
@@ -563,7 +583,8 @@ mod tests {
         assert_eq!(found.modes.iter().map(|mode| mode.count).sum::<usize>(), 20);
         let critical = found.critical_speeds(5, 300.0);
         assert!(!critical.is_empty());
-        // Mesh frequency of a sun of 28 within a ring of 100 that stands still: 28 × 100 / 128 of the sun's speed.
+        // Mesh frequency of a sun of 28 within a ring of 100 that stands still: 28 × 100 / 128 of
+        // the sun's speed.
         let mesh_order = 28.0 * 100.0 / 128.0;
         for c in &critical {
             let mode = found.modes[c.mode];

@@ -1,4 +1,5 @@
-//! A steady, noise-free run of a setup, for tests, signatures and comparisons: samples with the first shaft's angle at each.
+//! A steady, noise-free run of a setup, for tests, signatures and comparisons: samples with the
+//! first shaft's angle at each.
 
 use std::sync::Arc;
 
@@ -20,8 +21,9 @@ pub struct Rendered {
     pub samples: Vec<Vec<f64>>,
 }
 
-/// Runs a setup at a motor speed (Hz) and brake torque (N m): `settle_s` to settle, then `duration_s` that are kept. Neither noise nor
-/// rounding is added; all else that lies between bearing and record is.
+/// Runs a setup at a motor speed (Hz) and brake torque (N m): `settle_s` to settle, then
+/// `duration_s` that are kept. Neither noise nor rounding is added; all else that lies between
+/// bearing and record is.
 ///
 /// # Errors
 /// As [`crate::source::Simulator::new`].

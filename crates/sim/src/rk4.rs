@@ -1,4 +1,5 @@
-//! Runge–Kutta stepping of the train in physical coordinates: the plain oracle, and the fallback where teeth lose contact.
+//! Runge–Kutta stepping of the train in physical coordinates: the plain oracle, and the fallback
+//! where teeth lose contact.
 
 use crate::mesh::Pairs;
 use crate::modal::Modes;
@@ -6,7 +7,8 @@ use crate::model::{ModelError, TrainModel};
 
 /// Border of stability of RK4 on the imaginary axis, `|λ| h < 2√2`.
 const STABLE: f64 = 2.828;
-/// Closest that an event is located (s): far below any time constant, far above rounding of a time of hours.
+/// Closest that an event is located (s): far below any time constant, far above rounding of a time
+/// of hours.
 const EVENT_TOLERANCE_S: f64 = 1e-11;
 /// Most events that are located in one step; grazing contact beyond that is stepped over.
 const MOST_EVENTS: usize = 12;
@@ -72,8 +74,8 @@ impl RungeKutta {
         state.copy_from_slice(&self.trial);
     }
 
-    /// A step of `h` whose parts end on the changes of regime, located to 1e-11 of the time unit by bisection on the cubic
-    /// Hermite interpolant of the step.
+    /// A step of `h` whose parts end on the changes of regime, located to 1e-11 of the time unit by
+    /// bisection on the cubic Hermite interpolant of the step.
     pub fn located<S: Switched>(&mut self, system: &mut S, mut t: f64, h: f64, state: &mut [f64]) {
         let end = t + h;
         for _ in 0..MOST_EVENTS {
@@ -97,7 +99,8 @@ impl RungeKutta {
             if length - high <= EVENT_TOLERANCE_S {
                 break;
             }
-            // Up to the event and over it apart: no stage of the long part looks behind the event, where the right-hand side may jump.
+            // Up to the event and over it apart: no stage of the long part looks behind the event,
+            // where the right-hand side may jump.
             for (from, to) in [(0.0, low), (low, high)] {
                 if to > from {
                     self.classical(system, t + from, to - from, state);
@@ -132,7 +135,8 @@ impl RungeKutta {
         }
     }
 
-    /// The state inside a step of `h` into `self.stage`, by cubic Hermite interpolation of both ends and their slopes.
+    /// The state inside a step of `h` into `self.stage`, by cubic Hermite interpolation of both
+    /// ends and their slopes.
     fn interpolate(&mut self, state: &[f64], h: f64, s: f64) {
         let x = s / h;
         let (h00, h10) = ((1.0 + 2.0 * x) * (1.0 - x) * (1.0 - x), x * (1.0 - x) * (1.0 - x) * h);
@@ -235,7 +239,8 @@ impl<'a> Rk4<'a> {
     /// Starts at rest in the rotating frame.
     ///
     /// # Errors
-    /// Where the step would be unstable for the fastest mode with all meshes at 1.5 times their mean stiffness.
+    /// Where the step would be unstable for the fastest mode with all meshes at 1.5 times their
+    /// mean stiffness.
     pub fn new(model: &'a TrainModel, step_s: f64) -> Result<Self, StepperError> {
         let fastest = fastest_mode(model)?;
         let longest_s = STABLE / fastest;
@@ -275,7 +280,8 @@ impl<'a> Rk4<'a> {
         self.model.reading(sensor, self.t, &self.state)
     }
 
-    /// Longest step (s) that is stable for the fastest mode with all meshes at 1.5 times their mean stiffness.
+    /// Longest step (s) that is stable for the fastest mode with all meshes at 1.5 times their mean
+    /// stiffness.
     ///
     /// # Errors
     /// Where the train has no separate modes.

@@ -21,7 +21,8 @@ impl Profile {
         Self { points: vec![(0.0, value)], integrals: vec![0.0] }
     }
 
-    /// Through points (time in s, value). `None` where there is none, a time is not above the one before, or a number is not finite.
+    /// Through points (time in s, value). `None` where there is none, a time is not above the one
+    /// before, or a number is not finite.
     pub fn through(points: &[(f64, f64)]) -> Option<Self> {
         let ascending = points.windows(2).all(|w| w[1].0 > w[0].0);
         let finite = points.iter().all(|&(t, v)| t.is_finite() && v.is_finite());
@@ -99,8 +100,9 @@ impl Profile {
 /// Angle, speed and acceleration of the first shaft as the drive prescribes them.
 ///
 /// # Formula
-/// `ψ = ψ̄ + Σ d sin(o ψ̄)/o` for a fluctuation per revolution (`Ω = Ω̄ (1 + Σ d cos o ψ̄)` exactly), and
-/// `ψ = ψ̄ + Σ d Ω̄/(2πf) sin 2πft` for one at a fixed frequency, with `ψ̄` from the speed profile.
+/// `ψ = ψ̄ + Σ d sin(o ψ̄)/o` for a fluctuation per revolution (`Ω = Ω̄ (1 + Σ d cos o ψ̄)`
+/// exactly), and `ψ = ψ̄ + Σ d Ω̄/(2πf) sin 2πft` for one at a fixed frequency, with `ψ̄` from the
+/// speed profile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rotation {
     motor_hz: Profile,
@@ -181,7 +183,8 @@ mod tests {
     use super::*;
     use crate::test_bench;
 
-    /// Speed and acceleration are the derivatives of the angle, in a run-up with both kinds of fluctuation.
+    /// Speed and acceleration are the derivatives of the angle, in a run-up with both kinds of
+    /// fluctuation.
     #[test]
     fn analytic_speed_is_the_derivative_of_the_angle() {
         let profile = Profile::through(&[(0.0, 10.0), (4.0, 30.0)]).unwrap();

@@ -1,4 +1,5 @@
-//! What happens on the bench over time: profiles of speed and torque, faults that set in and grow, sensors that fail.
+//! What happens on the bench over time: profiles of speed and torque, faults that set in and grow,
+//! sensors that fail.
 
 use std::collections::BTreeMap;
 
@@ -19,17 +20,20 @@ pub struct Scenario {
     /// Length (s, > 0); without end where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
-    /// Motor speed (Hz): a number, or points `[time in s, speed]`; the bench's nominal one where left out.
+    /// Motor speed (Hz): a number, or points `[time in s, speed]`; the bench's nominal one where
+    /// left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motor_speed_hz: Option<Course>,
-    /// Brake torque (N m): a number, or points `[time in s, torque]`; the bench's nominal one where left out.
+    /// Brake torque (N m): a number, or points `[time in s, torque]`; the bench's nominal one where
+    /// left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake_torque_nm: Option<Course>,
-    /// Temperature (°C): a number, or points `[time in s, temperature]`; terms of the bench may follow it, and recordings carry it. 20 °C, which no
-    /// recording says, where left out.
+    /// Temperature (°C): a number, or points `[time in s, temperature]`; terms of the bench may
+    /// follow it, and recordings carry it. 20 °C, which no recording says, where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<Course>,
-    /// White noise of the machine at all sensors, ahead of their paths: standard deviation a sample (m/s²); the 4 mm/s² of a quiet one where left out.
+    /// White noise of the machine at all sensors, ahead of their paths: standard deviation a sample
+    /// (m/s²); the 4 mm/s² of a quiet one where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background_m_per_s2: Option<f64>,
     /// Law of the tooth contacts.
@@ -50,7 +54,8 @@ pub enum ContactLaw {
     /// Elastic tooth pairs.
     #[default]
     Elastic,
-    /// IMPACT of multibody programs, with the usual parameters for each pair ([`crate::impact`]): what the rank paper simulated with.
+    /// IMPACT of multibody programs, with the usual parameters for each pair ([`crate::impact`]):
+    /// what the rank paper simulated with.
     Impact,
 }
 
@@ -145,7 +150,8 @@ impl Course {
 }
 
 impl Event {
-    /// The effect at a time; `None` before it sets in. Growth goes in steps of a fiftieth, so that the model is rebuilt fifty times.
+    /// The effect at a time; `None` before it sets in. Growth goes in steps of a fiftieth, so that
+    /// the model is rebuilt fifty times.
     pub fn spec_at(&self, t: f64) -> Option<EffectSpec> {
         if t < self.start_s {
             return None;
@@ -167,7 +173,8 @@ impl Event {
 }
 
 impl Scenario {
-    /// Motor speed (Hz) and brake torque (N m) over time on a bench; `None` where [`Self::problems`] has something to say.
+    /// Motor speed (Hz) and brake torque (N m) over time on a bench; `None` where
+    /// [`Self::problems`] has something to say.
     pub fn profiles(&self, bench: &Bench) -> Option<(Profile, Profile)> {
         let speed = self.motor_speed_hz.as_ref().unwrap_or(&Course::Constant(bench.motor.speed_hz)).profile()?;
         let torque = self.brake_torque_nm.as_ref().unwrap_or(&Course::Constant(bench.brake.torque_nm)).profile()?;

@@ -1,7 +1,8 @@
 //! What is simulated: the bench plus everything that effects and scenarios add to it.
 //!
-//! Effects change a [`SimSetup`]; the simulator is then built from it once. So an effect needs to know nothing of the
-//! integrator, and composite effects go through one model instead of being added up.
+//! Effects change a [`SimSetup`]; the simulator is then built from it once. So an effect needs to
+//! know nothing of the integrator, and composite effects go through one model instead of being
+//! added up.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::bench::term::{PathMode, ResolvedTerm};
@@ -46,7 +47,8 @@ pub enum RippleAt {
     Brake,
 }
 
-/// A torque `T (1 + depth cos(order θ))` about its mean, with the angle of the part where it enters.
+/// A torque `T (1 + depth cos(order θ))` about its mean, with the angle of the part where it
+/// enters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueRipple {
     /// Where.
@@ -67,7 +69,8 @@ pub enum ShaftForce {
         /// Mass × eccentricity (kg m).
         amount_kg_m: f64,
     },
-    /// One short push per passage of a rolling element over a defect, along the radius of the defect and with the load there, with cage slip.
+    /// One short push per passage of a rolling element over a defect, along the radius of the
+    /// defect and with the load there, with cage slip.
     Impacts {
         /// Index of the shaft.
         shaft: usize,
@@ -75,7 +78,8 @@ pub enum ShaftForce {
         order: f64,
         /// Peak force (N) in the middle of the load zone at the bench's own brake torque.
         force_n: f64,
-        /// The defect turns with the shaft through the load zone; otherwise it stands in the middle of it.
+        /// The defect turns with the shaft through the load zone; otherwise it stands in the middle
+        /// of it.
         inner_race: bool,
     },
     /// Radial play of the bearing in its seat: its spring and damper act beyond the gap only.
@@ -101,7 +105,8 @@ pub struct Resonance {
 /// How a resonance joins the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ResonanceKind {
-    /// A further structural mode beside the path: `H = 1 + gain · (f/f₀)² / (1 − (f/f₀)² + 2iζ f/f₀)`.
+    /// A further structural mode beside the path:
+    /// `H = 1 + gain · (f/f₀)² / (1 − (f/f₀)² + 2iζ f/f₀)`.
     Parallel {
         /// Share of the mode in the motion at the sensor.
         gain: f64,
@@ -110,7 +115,8 @@ pub enum ResonanceKind {
     Mounting,
 }
 
-/// The path to a sensor as modes side by side: `H = direct + Σ gain (f/f₀)² / (1 − (f/f₀)² + 2iζ f/f₀)`.
+/// The path to a sensor as modes side by side:
+/// `H = direct + Σ gain (f/f₀)² / (1 − (f/f₀)² + 2iζ f/f₀)`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModalFilter {
     /// What goes past the modes.
@@ -154,8 +160,9 @@ pub struct SensorSetup {
 }
 
 impl SensorSetup {
-    /// A common 100 mV/g transducer at a 24-bit converter: full scale 500 m/s², noise 2 mm/s² a sample, background of the machine 4 mm/s², 0.5 Hz coupling; the same
-    /// figures through the unit for `g`, and as plain numbers for any other unit.
+    /// A common 100 mV/g transducer at a 24-bit converter: full scale 500 m/s², noise 2 mm/s² a
+    /// sample, background of the machine 4 mm/s², 0.5 Hz coupling; the same figures through the
+    /// unit for `g`, and as plain numbers for any other unit.
     pub fn typical(unit: &str) -> Self {
         let unit_per_metre = metres_per_second2_to(unit);
         Self {
@@ -173,7 +180,8 @@ impl SensorSetup {
     }
 }
 
-/// Factor from m/s² to a sensor's unit: `g` = 9.80665 m/s²; `V` stands for a 100 mV/g transducer; 1 otherwise.
+/// Factor from m/s² to a sensor's unit: `g` = 9.80665 m/s²; `V` stands for a 100 mV/g transducer; 1
+/// otherwise.
 pub fn metres_per_second2_to(unit: &str) -> f64 {
     match unit {
         "g" => 1.0 / 9.806_65,
@@ -216,7 +224,8 @@ pub struct SimSetup {
     pub clock_ppm: f64,
     /// Standard deviation of a tacho edge (s).
     pub tacho_jitter_s: f64,
-    /// Terms of the equations of motion that no effect has a name for, those of the paths left out: they are in `sensors`.
+    /// Terms of the equations of motion that no effect has a name for, those of the paths left out:
+    /// they are in `sensors`.
     pub terms: Vec<ResolvedTerm>,
     /// Temperature over time (°C), which terms may follow.
     pub temperature_c: Profile,

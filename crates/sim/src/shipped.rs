@@ -70,8 +70,9 @@ mod tests {
         }
     }
 
-    /// 34 teeth behind 1:3.56 at 30 Hz: the paper's 286 Hz, which no neighbour meets within 1 %; its measured 290 Hz fit no number of teeth at that
-    /// speed, and without a tacho may be 34 at 30.37 Hz or 35 at 29.5 Hz. 1790 lb in are 202 N m.
+    /// 34 teeth behind 1:3.56 at 30 Hz: the paper's 286 Hz, which no neighbour meets within 1 %;
+    /// its measured 290 Hz fit no number of teeth at that speed, and without a tacho may be 34 at
+    /// 30.37 Hz or 35 at 29.5 Hz. 1790 lb in are 202 N m.
     #[test]
     fn literature_paper_rig_meshes_at_286_hz() {
         let bench = bench("paper-rig").unwrap();

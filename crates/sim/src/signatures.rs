@@ -1,8 +1,10 @@
 //! Fault signatures of a bench: the fourteen states of the rank paper, simulated on *this* bench.
 //!
-//! The states sit on tooth 0 of one gear: breakage of a fraction of the width (1/5 … total), the pits of 4, 5, 6, 7 mm one after the other,
-//! and both on the same tooth; or the pits on all teeth, which the paper may mean. "Compound k" is read as k/5 broken off and pitting k; the paper does not say. Where the paper's
-//! pits do not fit on the flank they are all scaled down by one factor, which is reported.
+//! The states sit on tooth 0 of one gear: breakage of a fraction of the width (1/5 … total), the
+//! pits of 4, 5, 6, 7 mm one after the other, and both on the same tooth; or the pits on all teeth,
+//! which the paper may mean. "Compound k" is read as k/5 broken off and pitting k; the paper does
+//! not say. Where the paper's pits do not fit on the flank they are all scaled down by one factor,
+//! which is reported.
 
 use std::f64::consts::TAU;
 
@@ -20,14 +22,17 @@ use crate::steady::{SteadyError, SteadyOptions, SteadySolver};
 
 /// Mesh harmonics of a signature.
 pub const HARMONICS: usize = 5;
-/// Stepping, where teeth part: settling time (s), revolutions that are looked at, steps per cycle of the fastest mesh.
+/// Stepping, where teeth part: settling time (s), revolutions that are looked at, steps per cycle
+/// of the fastest mesh.
 const SETTLE_S: f64 = 1.0;
 const REVOLUTIONS: usize = 16;
 const STEPS_PER_CYCLE: f64 = 256.0;
-/// Steps of one state. A mesh of 2 kHz takes a million; stiffnesses out of proportion to masses would take hours.
+/// Steps of one state. A mesh of 2 kHz takes a million; stiffnesses out of proportion to masses
+/// would take hours.
 const MOST_STEPS: f64 = 4e6;
-/// Steps of all states at one operating point, times the coordinates that move. Fourteen states of a pair of ten coordinates whose teeth all part take
-/// it at a mesh of 2 kHz; it is half a minute of one core in a dev build.
+/// Steps of all states at one operating point, times the coordinates that move. Fourteen states of
+/// a pair of ten coordinates whose teeth all part take it at a mesh of 2 kHz; it is half a minute
+/// of one core in a dev build.
 const MOST_WORK: f64 = 1e8;
 
 /// Which gear bears the faults, and when.
@@ -128,9 +133,11 @@ pub enum SignatureError {
     Effect(#[from] EffectError),
 }
 
-/// Relative sigma of a simulated deviation: what mesh stiffness harmonics are worth without a model of the real blank, ± 40 %.
+/// Relative sigma of a simulated deviation: what mesh stiffness harmonics are worth without a model
+/// of the real blank, ± 40 %.
 pub const RELATIVE_SIGMA: f64 = 0.4;
-/// Least sigma of a simulated deviation (percent): solution and stepping agree to a tenth of a percent.
+/// Least sigma of a simulated deviation (percent): solution and stepping agree to a tenth of a
+/// percent.
 pub const LEAST_SIGMA_PERCENT: f64 = 0.1;
 
 /// Sigma of a simulated deviation (percent).
@@ -166,7 +173,8 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
     let orders: Vec<f64> = (1..=HARMONICS).map(|h| h as f64 * mesh).collect();
     let mut solver = SteadySolver::new(SteadyOptions::default());
     let mut states: Vec<Simulated> = Vec::with_capacity(STATES.len());
-    // What is stepped is compared with a normal state that is stepped too: meshes that modulate each other, which the solution leaves out, then cancel.
+    // What is stepped is compared with a normal state that is stepped too: meshes that modulate
+    // each other, which the solution leaves out, then cancel.
     let mut stepped_normal = None;
     let mut work = Work { to_come: 1, ..Work::default() };
     for (index, state) in STATES.into_iter().enumerate() {
@@ -176,7 +184,8 @@ pub fn simulate(bench: &Bench, conditions: Conditions) -> Result<Signatures, Sig
             Ok(lines) => (lines.sensors.iter().map(|lines| std::array::from_fn(|h| lines[h].norm())).collect(), false),
             Err(SteadyError::ContactLost { .. } | SteadyError::NoConvergence | SteadyError::NotPeriodic(_)) => {
                 if stepped_normal.is_none() {
-                    // Where the normal state parts already, the others do too: what is too much is said before it is done.
+                    // Where the normal state parts already, the others do too: what is too much is
+                    // said before it is done.
                     work.to_come = if index == 0 { STATES.len() } else { 1 };
                     stepped_normal = Some(step(&base, conditions, STATES[0], mesh, &mut work)?);
                     work.to_come = 1;
@@ -240,7 +249,8 @@ fn step(
     let teeth = if conditions.wheel { stage.wheel.teeth } else { stage.pinion.teeth };
     let cycles = REVOLUTIONS as f64 * f64::from(teeth);
     let duration = cycles / (mesh_order * first_hz);
-    // Sampled at whole fractions of the duration; each sample is as many steps as accuracy and stability ask for.
+    // Sampled at whole fractions of the duration; each sample is as many steps as accuracy and
+    // stability ask for.
     let samples = (cycles * 32.0) as usize;
     let interval = duration / samples as f64;
     let steps = |longest_s: f64| {
@@ -288,8 +298,9 @@ mod tests {
     use super::*;
     use crate::test_bench;
 
-    /// Small faults change the mesh lines as they change the static transmission error: below the mesh resonance the teeth follow it,
-    /// and what path leads to the sensors cancels in a ratio. One tooth of 34 makes some percent at most.
+    /// Small faults change the mesh lines as they change the static transmission error: below the
+    /// mesh resonance the teeth follow it, and what path leads to the sensors cancels in a ratio.
+    /// One tooth of 34 makes some percent at most.
     #[test]
     fn analytic_small_faults_follow_the_static_transmission_error() {
         let mut bench = test_bench::single_stage();
@@ -327,7 +338,8 @@ mod tests {
             let now = harmonics(*state);
             for h in 0..2 {
                 let (expected, got) = (100.0 * (now[h] / healthy[h] - 1.0), deviations_percent[0][h]);
-                // Deflection of the shafts and parametric terms are left out of the expectation: a fifth, and 0.1 %.
+                // Deflection of the shafts and parametric terms are left out of the expectation: a
+                // fifth, and 0.1 %.
                 assert!(
                     (got - expected).abs() < 0.2 * expected.abs() + 0.1,
                     "{} {}x: {got} {expected}",
@@ -338,7 +350,8 @@ mod tests {
         }
     }
 
-    /// The pitted states come after the broken tooth, whose motion is no start for them: they are solved for all the same, and more pits do more.
+    /// The pitted states come after the broken tooth, whose motion is no start for them: they are
+    /// solved for all the same, and more pits do more.
     #[test]
     fn regress_a_far_neighbour_is_no_parting_of_teeth() {
         let bench = crate::shipped::bench("paper-rig").unwrap();
@@ -362,7 +375,8 @@ mod tests {
         let refused = STATES.iter().find_map(|state| work.take(*state, MOST_STEPS, model.coordinates()).err());
         let Some(SignatureError::TooMuchWork { before, work, .. }) = refused else { panic!("{refused:?}") };
         assert!((1..STATES.len()).contains(&before) && work > MOST_WORK, "{refused:?}");
-        // Teeth that part from the beginning part in every state: that is refused before the first step.
+        // Teeth that part from the beginning part in every state: that is refused before the first
+        // step.
         let mut bench = bench;
         bench.shafts[0].bearing_n_per_m = 1e13;
         let conditions = Conditions { stage: 0, wheel: false, pits_on_all: false, motor_hz: 25.0, torque_nm: 0.01 };

@@ -94,8 +94,9 @@ impl Simulator {
         Self::changed(config, |_| ())
     }
 
-    /// As [`Self::new`], with a setup that is changed beyond what effects can say, such as a worn profile. For scenarios without events: an event sets up the bench again, and the change
-    /// is gone.
+    /// As [`Self::new`], with a setup that is changed beyond what effects can say, such as a worn
+    /// profile. For scenarios without events: an event sets up the bench again, and the change is
+    /// gone.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -181,7 +182,8 @@ impl Simulator {
         self.sample - lead_samples(self.rate_hz) - u64::from(Channel::DELAY_SAMPLES)
     }
 
-    /// Time of the model at which the recording's time is zero (s): the filters' delay and the settling lie before it.
+    /// Time of the model at which the recording's time is zero (s): the filters' delay and the
+    /// settling lie before it.
     pub fn offset_s(rate_hz: f64) -> f64 {
         (lead_samples(rate_hz) + 1) as f64 / rate_hz
     }

@@ -1,7 +1,9 @@
-//! Springs and dampers of the train that are not linear: forces of [`gearwatch_core::bench::term`] and of loose seats.
+//! Springs and dampers of the train that are not linear: forces of [`gearwatch_core::bench::term`]
+//! and of loose seats.
 //!
 //! # Formula
-//! With the deflection u and its rate v (along one line, or x and y of a bearing, then |u| is the length of the vector) the force against u is
+//! With the deflection u and its rate v (along one line, or x and y of a bearing, then |u| is the
+//! length of the vector) the force against u is
 //!
 //! ```text
 //! u², along a line   c u²            |v| v        c |v| v
@@ -108,7 +110,8 @@ fn over(value: f64, by: f64) -> f64 {
     if by > 0.0 { value / by } else { 0.0 }
 }
 
-/// `force = p x` with `p` a function of `|x|`, and its derivative `p δ_ij + q x_i x_j`, where `q = p'/|x|`.
+/// `force = p x` with `p` a function of `|x|`, and its derivative `p δ_ij + q x_i x_j`, where
+/// `q = p'/|x|`.
 fn radial(force: &mut Pair, by: &mut [Pair; 2], x: Pair, p: f64, q: f64) {
     for i in 0..2 {
         force[i] += p * x[i];
@@ -126,7 +129,8 @@ pub(crate) struct Spring {
     pub(crate) rows: Vec<DVector<f64>>,
     /// Generalised force per unit of force along each line.
     pub(crate) inputs: Vec<DVector<f64>>,
-    /// Reading of each sensor per unit of force along each line (1/kg), ahead of what the coordinates give.
+    /// Reading of each sensor per unit of force along each line (1/kg), ahead of what the
+    /// coordinates give.
     pub(crate) feeds: Vec<Vec<f64>>,
     pub(crate) force: ForceLaw,
     pub(crate) scale: Scale,
@@ -165,7 +169,8 @@ impl Spring {
         }
     }
 
-    /// Adds a factor on the linear law to the matrices and sensors of a train; false where the law is not linear.
+    /// Adds a factor on the linear law to the matrices and sensors of a train; false where the law
+    /// is not linear.
     pub(crate) fn fold(&self, factor: f64, linear: &mut LinearTrain) -> bool {
         let rate = match self.force.law {
             SpringLaw::Linear => false,
@@ -266,7 +271,8 @@ pub(crate) fn bearings(
         for along in &lines {
             let mut row = DVector::zeros(n);
             (row[gear.x], row[gear.x + 1]) = (along[0], along[1]);
-            // What the bearing passes on: to the housing modes as its linear force is, or straight to the sensors.
+            // What the bearing passes on: to the housing modes as its linear force is, or straight
+            // to the sensors.
             let mut input = -&row;
             let unit = linear.bearing_to_housing(bench, shaft);
             for (at, factor) in unit {
@@ -305,7 +311,8 @@ fn line(linear: &LinearTrain, row: &[(usize, f64)], force: ForceLaw, scale: &Sca
 mod tests {
     use super::*;
 
-    /// Derivatives of every law are those of its force by central differences, in and off the axes, in the gap and beyond.
+    /// Derivatives of every law are those of its force by central differences, in and off the axes,
+    /// in the gap and beyond.
     #[test]
     fn analytic_derivatives_of_the_laws() {
         let laws = [

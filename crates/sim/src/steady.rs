@@ -1,22 +1,26 @@
-//! The periodic steady state of the train, without stepping through time: the lines of a spectrum in a millisecond or so.
+//! The periodic steady state of the train, without stepping through time: the lines of a spectrum
+//! in a millisecond or so.
 //!
-//! At constant speed and torque, with teeth in contact, everything repeats: the meshes with the mesh cycle, what is wrong with one tooth
-//! or one shaft with the shaft's revolution. The common period of all of it is the hunting period, far too long to solve for; but what each
-//! shaft adds is small. So the motion is put together from parts, each solved exactly over its own period:
+//! At constant speed and torque, with teeth in contact, everything repeats: the meshes with the
+//! mesh cycle, what is wrong with one tooth or one shaft with the shaft's revolution. The common
+//! period of all of it is the hunting period, far too long to solve for; but what each shaft adds
+//! is small. So the motion is put together from parts, each solved exactly over its own period:
 //!
 //! ```text
 //! lines = healthy meshes together + Σ over shafts (with what repeats on that shaft − without)
 //! ```
 //!
-//! Springs and dampers that are not linear (terms of the bench file) are further unknowns of each part, and the meshes are then taken together where
-//! their common period allows it.
+//! Springs and dampers that are not linear (terms of the bench file) are further unknowns of each
+//! part, and the meshes are then taken together where their common period allows it.
 //!
-//! Left out: products of what two shafts add (second order), what one mesh does to another beyond its mean stiffness unless
-//! [`SteadyOptions::together`] asks for it, and what never repeats, such as the impacts of a bearing defect. Contact loss is found and
-//! reported, since then only stepping gives the answer; [`SteadyOptions::parting`] takes the motion as it comes out.
+//! Left out: products of what two shafts add (second order), what one mesh does to another beyond
+//! its mean stiffness unless [`SteadyOptions::together`] asks for it, and what never repeats, such
+//! as the impacts of a bearing defect. Contact loss is found and reported, since then only stepping
+//! gives the answer; [`SteadyOptions::parting`] takes the motion as it comes out.
 //!
-//! Against Runge–Kutta with located events on a two-stage bench, mesh harmonics 1 to 5 of both stages at two sensors (relative to
-//! a line, or to 5 % of the largest): 8e-4 with each mesh by itself, 1.5e-5 together; sidebands of an eccentric gear 3e-4.
+//! Against Runge–Kutta with located events on a two-stage bench, mesh harmonics 1 to 5 of both
+//! stages at two sensors (relative to a line, or to 5 % of the largest): 8e-4 with each mesh by
+//! itself, 1.5e-5 together; sidebands of an eccentric gear 3e-4.
 
 mod gmres;
 mod made;
@@ -46,15 +50,18 @@ use crate::springs::SpringSlope;
 /// How well the steady state is solved for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SteadyOptions {
-    /// Samples per mesh cycle of a mesh by itself (≥ 128): corner contact lasts a twentieth of a cycle. Meshes together are sampled half as
-    /// often, and what a shaft adds a quarter as often, since its sampling error cancels in the difference.
+    /// Samples per mesh cycle of a mesh by itself (≥ 128): corner contact lasts a twentieth of a
+    /// cycle. Meshes together are sampled half as often, and what a shaft adds a quarter as often,
+    /// since its sampling error cancels in the difference.
     pub samples_per_cycle: usize,
-    /// Largest remaining error of the tooth approach / its largest vibration about the static approach.
+    /// Largest remaining error of the tooth approach / its largest vibration about the static
+    /// approach.
     pub tolerance: f64,
-    /// Solve all meshes together over their common period, so that they modulate each other; otherwise each mesh sees the others
-    /// at their mean stiffness.
+    /// Solve all meshes together over their common period, so that they modulate each other;
+    /// otherwise each mesh sees the others at their mean stiffness.
     pub together: bool,
-    /// Give the motion also where teeth part for a part of the cycle. It is then one of several that may be possible, near that of teeth in contact, damped as in contact.
+    /// Give the motion also where teeth part for a part of the cycle. It is then one of several
+    /// that may be possible, near that of teeth in contact, damped as in contact.
     pub parting: bool,
 }
 
@@ -112,8 +119,9 @@ impl std::fmt::Debug for SteadySolver {
     }
 }
 
-/// Frequency responses are kept while every mesh is within this factor of the mean stiffness they were made with. Beyond it the iteration from
-/// them takes as long as new ones (10 to 30 products more; at a factor of 3 some 200 to 300), and at a factor of 2 some meshes were not found.
+/// Frequency responses are kept while every mesh is within this factor of the mean stiffness they
+/// were made with. Beyond it the iteration from them takes as long as new ones (10 to 30 products
+/// more; at a factor of 3 some 200 to 300), and at a factor of 2 some meshes were not found.
 const NEAR_STIFFNESS: f64 = 1.25;
 
 /// The linear train that the frequency responses belong to.
@@ -133,8 +141,9 @@ struct Cache {
 /// The lines of a steady state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SteadyLines {
-    /// By sensor and in the order of the lines that were asked for: amplitude (m/s², peak) and phase (of a cosine, at t = 0), ahead of the
-    /// sensor's own chain. 0 where nothing repeats at that order.
+    /// By sensor and in the order of the lines that were asked for: amplitude (m/s², peak) and
+    /// phase (of a cosine, at t = 0), ahead of the sensor's own chain. 0 where nothing repeats at
+    /// that order.
     pub sensors: Vec<Vec<Complex<f64>>>,
     /// Products with the linear train that were needed: the measure of the work done.
     pub iterations: usize,
@@ -148,11 +157,12 @@ impl SteadySolver {
         Self { options, ..Self::default() }
     }
 
-    /// The lines at some orders of the first shaft, at a motor speed (Hz) and a brake torque (N m); `seed` draws the tooth positions as in [`TrainModel::new`].
+    /// The lines at some orders of the first shaft, at a motor speed (Hz) and a brake torque (N m);
+    /// `seed` draws the tooth positions as in [`TrainModel::new`].
     ///
-    /// A call after another for a similar setup starts from its solution; where masses, shafts and bearings are the same, the frequency
-    /// responses are kept as well. A part of the motion in which no mesh has changed is not solved
-    /// again.
+    /// A call after another for a similar setup starts from its solution; where masses, shafts and
+    /// bearings are the same, the frequency responses are kept as well. A part of the motion in
+    /// which no mesh has changed is not solved again.
     ///
     /// # Errors
     /// Where there is none: see [`SteadyError`].
@@ -305,7 +315,8 @@ impl Cache {
         }
         for (k, order) in orders.iter().enumerate() {
             let bin = order * problem.revolutions;
-            // Orders are products of tooth ratios: exact to rounding, while bins are whole numbers apart.
+            // Orders are products of tooth ratios: exact to rounding, while bins are whole numbers
+            // apart.
             let off = (bin - bin.round()).abs() > 1e-6 * bin.max(1.0);
             let bin = bin.round();
             if off || bin < 1.0 || bin > (problem.samples / 2) as f64 {

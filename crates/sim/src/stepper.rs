@@ -11,7 +11,8 @@ use crate::source::SimError;
 /// One of two integrators.
 pub(crate) enum Stepper {
     Exponential(Box<Etd<1>>),
-    /// Impact law and springs that are not linear: Runge–Kutta with located events, `parts` steps per half sample.
+    /// Impact law and springs that are not linear: Runge–Kutta with located events, `parts` steps
+    /// per half sample.
     RungeKutta {
         state: Vec<f64>,
         parts: u32,
@@ -23,7 +24,8 @@ impl Stepper {
     pub(crate) fn new(model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
         let impact = model.contacts.iter().any(|contact| contact.impact().is_some());
         if impact || model.has_springs() {
-            // Damping of the impact law grows with depth and is not in the matrices: steps well inside the border of stability.
+            // Damping of the impact law grows with depth and is not in the matrices: steps well
+            // inside the border of stability.
             let share = if impact { 0.25 } else { 0.5 };
             let longest = Rk4::longest_stable_step(model)?;
             let parts = (0.5 / rate_hz / (share * longest)).ceil().max(1.0) as u32;
@@ -33,7 +35,8 @@ impl Stepper {
         Ok(Self::Exponential(Box::new(Etd::sampled(model.clone(), rate_hz)?)))
     }
 
-    /// The same for a model that changed under way, with steps as long as before: an effect that grows does so many times a second.
+    /// The same for a model that changed under way, with steps as long as before: an effect that
+    /// grows does so many times a second.
     pub(crate) fn renewed(&self, model: &Arc<TrainModel>, rate_hz: f64) -> Result<Self, SimError> {
         match self {
             Self::Exponential(etd) => Ok(Self::Exponential(Box::new(Etd::new([model.clone()], etd.step_s())?))),

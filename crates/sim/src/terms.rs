@@ -1,4 +1,5 @@
-//! Free-form terms of a bench file ([`gearwatch_core::bench::Term`]) where they enter the simulator.
+//! Free-form terms of a bench file ([`gearwatch_core::bench::Term`]) where they enter the
+//! simulator.
 
 use gearwatch_core::bench::Term;
 use gearwatch_core::bench::term::{Entry, Flanks, Growth, Harmonic, ResolvedTerm};
@@ -12,7 +13,8 @@ use crate::setup::{ModalFilter, SimSetup};
 #[cfg(test)]
 mod tests;
 
-/// Least share of the reference load or speed at which a negative power is taken: a term never grows beyond all bounds at rest.
+/// Least share of the reference load or speed at which a negative power is taken: a term never
+/// grows beyond all bounds at rest.
 const LEAST_SHARE: f64 = 0.01;
 
 /// Adds a term to a setup.
@@ -67,7 +69,8 @@ impl Scale {
         }
     }
 
-    /// Factor on the term at a torque (N m), a motor speed (Hz), a temperature (°C) and a time since the start (s).
+    /// Factor on the term at a torque (N m), a motor speed (Hz), a temperature (°C) and a time
+    /// since the start (s).
     pub(crate) fn at(&self, torque_nm: f64, motor_hz: f64, temperature_c: f64, t: f64) -> f64 {
         let mut out = power(torque_nm / self.reference_nm, self.load_exponent)
             * power(motor_hz / self.reference_hz, self.speed_exponent);
@@ -162,7 +165,8 @@ fn add_series(teeth: &mut ToothModifications, flanks: Flanks, harmonics: Vec<Har
                 let (re, im) = (a * phase.cos() + h.cos, a * phase.sin() - h.sin);
                 errors[at] = (re.hypot(im), im.atan2(re));
             }
-            // A part of the mesh cycle's order repeats with no gear's turn; as a wave on the pinion it is any period.
+            // A part of the mesh cycle's order repeats with no gear's turn; as a wave on the pinion
+            // it is any period.
             Flanks::Mesh(_) => {
                 teeth.pinion.waves.push(Wave { order: h.order * f64::from(z1), amplitude_m, phase_rad });
             }

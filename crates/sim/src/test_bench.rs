@@ -1,4 +1,5 @@
-//! Benches for the unit tests of this crate, written as a bench file is: what it leaves out has the file's own defaults.
+//! Benches for the unit tests of this crate, written as a bench file is: what it leaves out has the
+//! file's own defaults.
 
 use gearwatch_core::bench::Bench;
 

@@ -1,10 +1,11 @@
-//! The tooth as a cantilever of varying section: bending, shear and axial compression by the potential-energy method
-//! (Yang & Lin 1987; shear: Tian 2004; root between base and root circle: Liang, Zuo & Pandey 2014), integrated numerically.
+//! The tooth as a cantilever of varying section: bending, shear and axial compression by the
+//! potential-energy method (Yang & Lin 1987; shear: Tian 2004; root between base and root circle:
+//! Liang, Zuo & Pandey 2014), integrated numerically.
 //!
-//! With the contact at height y_C and half thickness h_C and the load angle α₁, a section at y carries the moment
-//! `M = (y_C − y) cos α₁ − h_C sin α₁`, so that
-//! `1/k_b = ∫ M²/(E I) dy`, `1/k_s = ∫ 1.2 cos²α₁/(G A) dy`, `1/k_a = ∫ sin²α₁/(E A) dy`.
-//! M² splits into cumulative integrals of 1/I, y/I and y²/I: all contact points cost one pass over the tooth.
+//! With the contact at height y_C and half thickness h_C and the load angle α₁, a section at y
+//! carries the moment `M = (y_C − y) cos α₁ − h_C sin α₁`, so that `1/k_b = ∫ M²/(E I) dy`,
+//! `1/k_s = ∫ 1.2 cos²α₁/(G A) dy`, `1/k_a = ∫ sin²α₁/(E A) dy`. M² splits into cumulative
+//! integrals of 1/I, y/I and y²/I: all contact points cost one pass over the tooth.
 
 use crate::faults::ToothDamage;
 use crate::geometry::{GearGeometry, fillet_range};
@@ -13,7 +14,8 @@ use crate::hertz::Material;
 /// Form of the tooth between the root circle and the involute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Root {
-    /// Parallel sides from the base circle down to the root circle (none where the root circle is the larger): the classical form.
+    /// Parallel sides from the base circle down to the root circle (none where the root circle is
+    /// the larger): the classical form.
     Straight,
     /// The trochoid that a rack with round tips generates (Ma et al. 2014).
     Fillet,
@@ -45,10 +47,12 @@ const GAUSS: [(f64, f64); 5] = [
     (0.769_234_655_052_841_5, 0.239_314_335_249_683_23),
     (0.953_089_922_969_332, 0.118_463_442_528_094_54),
 ];
-/// Two-point rule, enough between neighbouring points of a table: the error of 1/160 of a mesh cycle is below 1e-9.
+/// Two-point rule, enough between neighbouring points of a table: the error of 1/160 of a mesh
+/// cycle is below 1e-9.
 const GAUSS_SHORT: [(f64, f64); 2] = [(0.211_324_865_405_187_13, 0.5), (0.788_675_134_594_812_9, 0.5)];
-/// Cells of the root piece, and of a whole flank as far as it lies below the first contact point; five Gauss points each. Whole teeth are smooth there: the compliance differs by less than
-/// 1e-9 from that of many more cells. A crack or a pit ends somewhere within.
+/// Cells of the root piece, and of a whole flank as far as it lies below the first contact point;
+/// five Gauss points each. Whole teeth are smooth there: the compliance differs by less than 1e-9
+/// from that of many more cells. A crack or a pit ends somewhere within.
 const SMOOTH_CELLS: usize = 10;
 const DAMAGED_CELLS: usize = 48;
 
@@ -76,8 +80,8 @@ pub struct ToothProfile {
 }
 
 impl ToothProfile {
-    /// The teeth of a gear. An undercut gear has no generated fillet that meets the involute smoothly: it gets the
-    /// straight root, and a warning says so.
+    /// The teeth of a gear. An undercut gear has no generated fillet that meets the involute
+    /// smoothly: it gets the straight root, and a warning says so.
     pub fn new(which: &str, gear: &GearGeometry, root: Root, warnings: &mut Vec<String>) -> Self {
         if gear.internal {
             // The flank goes down to the root circle.
@@ -118,10 +122,12 @@ impl ToothProfile {
         (low, gear.base_radius_m * cos, half)
     }
 
-    /// Height, half thickness and d(height)/dt of the generated fillet at `t` in 0 (root) … 1 (start of the involute).
+    /// Height, half thickness and d(height)/dt of the generated fillet at `t` in 0 (root) … 1
+    /// (start of the involute).
     ///
-    /// `h = r sin ψ − (A₁/sin γ + ρ) cos(γ − ψ)`, `y = r cos ψ − (A₁/sin γ + ρ) sin(γ − ψ)`, `ψ = (A₁/tan γ + B₁)/r`; `A₁ = (h_a* + c* − x) m − ρ`
-    /// is how far the middle of the rack's round tip lies below its rolling line.
+    /// `h = r sin ψ − (A₁/sin γ + ρ) cos(γ − ψ)`, `y = r cos ψ − (A₁/sin γ + ρ) sin(γ − ψ)`,
+    /// `ψ = (A₁/tan γ + B₁)/r`; `A₁ = (h_a* + c* − x) m − ρ` is how far the middle of the rack's
+    /// round tip lies below its rolling line.
     fn fillet_point(&self, t: f64) -> (f64, f64, f64) {
         let gear = &self.gear;
         let m = gear.module_m;
@@ -142,7 +148,8 @@ impl ToothProfile {
         (r * psi.cos() - arm * sin_d, r * psi.sin() - arm * cos_d, y_rate * (to - from))
     }
 
-    /// Height above the gear's centre and half thickness (m) of sections of the generated fillet, root first; none of a straight root.
+    /// Height above the gear's centre and half thickness (m) of sections of the generated fillet,
+    /// root first; none of a straight root.
     pub(crate) fn fillet_sections(&self, count: usize) -> Vec<(f64, f64)> {
         if self.root == Root::Straight {
             return Vec::new();
@@ -153,7 +160,8 @@ impl ToothProfile {
             .collect()
     }
 
-    /// Height, half thickness and d(height)/da of the involute at load angle `a`; of an internal tooth d(height)/d(−a).
+    /// Height, half thickness and d(height)/da of the involute at load angle `a`; of an internal
+    /// tooth d(height)/d(−a).
     fn involute_point(&self, a: f64) -> (f64, f64, f64) {
         let (sin, cos) = a.sin_cos();
         let (y, h) = self.gear.flank_point_of(a, (sin, cos));
@@ -203,8 +211,8 @@ impl ToothProfile {
         sums
     }
 
-    /// Compliances at contact points given by their load angles, in their order from root to tip. Points below the start of the
-    /// involute are taken at its start.
+    /// Compliances at contact points given by their load angles, in their order from root to tip.
+    /// Points below the start of the involute are taken at its start.
     pub fn flexure(&self, material: &Material, damage: &ToothDamage, load_angles_rad: &[f64]) -> Vec<Flexure> {
         self.flexure_by(cells(damage), material, damage, load_angles_rad)
     }
@@ -228,7 +236,8 @@ impl ToothProfile {
         for &angle in load_angles_rad {
             let angle = (sign * angle).max(start);
             if angle > at {
-                // Many short cells up to the first contact point, one cell between neighbouring points of a fine table.
+                // Many short cells up to the first contact point, one cell between neighbouring
+                // points of a fine table.
                 let share = (angle - at) / (tip - at);
                 let cells = (share * most_cells as f64).ceil().max(1.0);
                 let rule: &[(f64, f64)] = if share < near { &GAUSS_SHORT } else { &GAUSS };
@@ -266,8 +275,8 @@ mod rack;
 mod tests {
     use super::*;
 
-    /// Teeth of 17 to 200, generated and straight roots: few cells give what many give, a thousandth of the 1e-6 to which mesh stiffness agrees with
-    /// independent integration.
+    /// Teeth of 17 to 200, generated and straight roots: few cells give what many give, a
+    /// thousandth of the 1e-6 to which mesh stiffness agrees with independent integration.
     #[test]
     fn oracle_few_cells_are_enough_for_whole_teeth() {
         let material = Material { youngs_modulus_pa: 2.06e11, poisson_ratio: 0.3 };

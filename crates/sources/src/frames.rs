@@ -112,7 +112,8 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Reads a stream of this layout; with the memory of the connection before, the numbering goes on.
+    /// Reads a stream of this layout; with the memory of the connection before, the numbering goes
+    /// on.
     pub fn new(layout: &Layout, memory: &Memory) -> Self {
         Self {
             sensors: layout.channels.iter().map(|name| name.as_str().into()).collect(),

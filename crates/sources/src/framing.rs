@@ -50,7 +50,8 @@ pub struct Framing {
     /// Physical value of count zero, for integers.
     #[serde(default)]
     pub offset: f64,
-    /// Time of the first sample, ns since the epoch; the time of the first byte's arrival where left out.
+    /// Time of the first sample, ns since the epoch; the time of the first byte's arrival where
+    /// left out.
     #[serde(default)]
     pub first_sample_unix_ns: Option<i64>,
 }
@@ -69,7 +70,8 @@ pub(crate) const UNITS: [&str; 5] = ["m/s^2", "g", "mm/s", "V", "1"];
 const MOST_CHANNELS: usize = 1024;
 /// A longer line is no line of numbers.
 const LONGEST_LINE: usize = 64 * 1024;
-/// Blocks of 20 ms: a rank waits for the block that its last sample is in, so they are short; rare enough to cost nothing.
+/// Blocks of 20 ms: a rank waits for the block that its last sample is in, so they are short; rare
+/// enough to cost nothing.
 const BLOCKS_PER_SEC: f64 = 50.0;
 
 impl Framing {
@@ -285,7 +287,8 @@ impl Deframer {
     }
 }
 
-/// Time of a sample: `start + index · 10⁹ / rate`, rounded once, so that errors do not add up over weeks.
+/// Time of a sample: `start + index · 10⁹ / rate`, rounded once, so that errors do not add up over
+/// weeks.
 pub fn time_of(start: UnixNanos, index: u64, sample_rate_hz: f64) -> UnixNanos {
     // Whole seconds apart keep the product exact in f64 for as long as the service may run.
     let whole_secs = (index as f64 / sample_rate_hz).floor();

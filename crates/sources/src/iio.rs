@@ -55,7 +55,8 @@ struct Input {
     input: String,
     /// Name of the sensor in the bench file.
     sensor: String,
-    /// Volts per unit of a voltage input (> 0); goes with `unit`. Without both the values are volts.
+    /// Volts per unit of a voltage input (> 0); goes with `unit`. Without both the values are
+    /// volts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensitivity_v_per_unit: Option<f64>,
     /// Unit of the physical values: `m/s^2`, `g`, `mm/s`, `V` or `1`. Accelerations are m/s^2.

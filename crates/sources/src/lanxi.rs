@@ -56,13 +56,16 @@ struct Lanxi {
     address: String,
     /// The inputs that are read; all others are switched off.
     channels: Vec<Input>,
-    /// Samples per second of every channel (Hz): 2.56 × bandwidth, as 16384 for 6.4 kHz. That of the bench file where left out.
+    /// Samples per second of every channel (Hz): 2.56 × bandwidth, as 16384 for 6.4 kHz. That of
+    /// the bench file where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sample_rate_hz: Option<f64>,
-    /// Serial number that the instrument must have. Where left out, the first one that answers is the one that is expected from then on.
+    /// Serial number that the instrument must have. Where left out, the first one that answers is
+    /// the one that is expected from then on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     serial: Option<u64>,
-    /// A measurement that runs on the instrument already, of whomever, is ended. Otherwise the source waits for its end.
+    /// A measurement that runs on the instrument already, of whomever, is ended. Otherwise the
+    /// source waits for its end.
     #[serde(default)]
     take_over: bool,
     /// Asks the transducers for sensitivity, unit and supply (TEDS) at each opening.
@@ -76,7 +79,8 @@ fn yes() -> bool {
     true
 }
 
-/// One input of the instrument. What it leaves out comes from the transducer, or is as the instrument has it by default.
+/// One input of the instrument. What it leaves out comes from the transducer, or is as the
+/// instrument has it by default.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Input {
@@ -106,7 +110,8 @@ struct Input {
 struct Memory {
     identity: Option<Identity>,
     numberings: Vec<Numbering>,
-    /// The last measurement was this source's own and could not be ended: it may be ended the next time.
+    /// The last measurement was this source's own and could not be ended: it may be ended the next
+    /// time.
     left_open: bool,
 }
 
@@ -200,7 +205,8 @@ impl SourceConfig for Lanxi {
     }
 }
 
-/// One measurement that runs. The fields are dropped in this order: the thread that watches ends before the measurement.
+/// One measurement that runs. The fields are dropped in this order: the thread that watches ends
+/// before the measurement.
 struct Session {
     watch: Watch,
     reader: Reader,

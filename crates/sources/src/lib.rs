@@ -243,11 +243,13 @@ pub trait SourceConfig: std::fmt::Debug + Send + Sync {
         None
     }
 
-    /// Time goes on whether or not anybody listens. A live source is never held up: under overload whole windows are shed and
-    /// counted, and it is opened again after an error. One that is not live waits, loses nothing, and ends at its first error.
+    /// Time goes on whether or not anybody listens. A live source is never held up: under overload
+    /// whole windows are shed and counted, and it is opened again after an error. One that is not
+    /// live waits, loses nothing, and ends at its first error.
     fn is_live(&self) -> bool;
 
-    /// What a recording shows before anything of it is judged; `None` where looking would take something away, or nothing can be read.
+    /// What a recording shows before anything of it is judged; `None` where looking would take
+    /// something away, or nothing can be read.
     fn look(&self, _folder: &std::path::Path) -> Option<Look> {
         None
     }

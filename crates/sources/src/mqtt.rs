@@ -36,7 +36,8 @@ struct Mqtt {
     /// The broker is spoken to over TLS, and must prove its name.
     #[serde(default)]
     tls: bool,
-    /// Certificate of the authority that signed the broker's, where the system does not know it (PEM).
+    /// Certificate of the authority that signed the broker's, where the system does not know it
+    /// (PEM).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ca_file: Option<PathBuf>,
     /// User at the broker.
@@ -45,7 +46,8 @@ struct Mqtt {
     /// File that holds the user's password, and nothing else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     password_file: Option<PathBuf>,
-    /// A value is unknown when no newer one came for so long (s, > 0); the data deadline where left out.
+    /// A value is unknown when no newer one came for so long (s, > 0); the data deadline where left
+    /// out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     stale_after_secs: Option<f64>,
     /// Values that the broker has kept, of unknown age, are used too.

@@ -59,7 +59,8 @@ impl SourceConfig for Pipe {
     }
 }
 
-/// Pulls packets from a reader. At the end of the bytes `wait` says whether to try again (it has waited then) or to end.
+/// Pulls packets from a reader. At the end of the bytes `wait` says whether to try again (it has
+/// waited then) or to end.
 pub(crate) fn pull_bytes(
     mut input: Box<dyn Read + Send>,
     mut deframer: Deframer,

@@ -36,8 +36,8 @@ struct Simulator {
     seed: u64,
     /// Length (s, > 0); that of the scenario where left out.
     duration_secs: Option<f64>,
-    /// Time of the first sample (ns since the epoch); where left out, now for a paced simulation, and 0 at full speed, so that the same
-    /// seed gives the same bytes.
+    /// Time of the first sample (ns since the epoch); where left out, now for a paced simulation,
+    /// and 0 at full speed, so that the same seed gives the same bytes.
     first_sample_unix_ns: Option<i64>,
 }
 

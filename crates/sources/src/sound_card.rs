@@ -46,7 +46,8 @@ struct Input {
     input: u16,
     /// Name of the sensor in the bench file.
     sensor: String,
-    /// Physical value of full scale (not 0); goes with `unit`. Where left out, from the device's name.
+    /// Physical value of full scale (not 0); goes with `unit`. Where left out, from the device's
+    /// name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     full_scale: Option<f64>,
     /// Unit of the physical values: `m/s^2`, `g`, `mm/s`, `V` or `1`.

@@ -115,7 +115,8 @@ impl SourceConfig for TestSignal {
     }
 }
 
-/// A mesh harmonic: frequency, amplitude before and after the fault, phase at each sensor is shifted by its number.
+/// A mesh harmonic: frequency, amplitude before and after the fault, phase at each sensor is
+/// shifted by its number.
 #[derive(Debug)]
 struct Tone {
     frequency_hz: f64,
@@ -195,7 +196,8 @@ impl Generator {
         time_of(self.config.first_sample_unix_ns, index, self.rate_hz)
     }
 
-    /// A tenth of a second of everything. Tacho pulses go first, so that a window has its pulses when it is full.
+    /// A tenth of a second of everything. Tacho pulses go first, so that a window has its pulses
+    /// when it is full.
     fn make_block(&mut self) {
         let end = self.config.duration_secs.map_or(u64::MAX, |secs| (secs * self.rate_hz) as u64);
         let length = ((self.rate_hz / 10.0) as u64).max(1).min(end.saturating_sub(self.index));

@@ -78,8 +78,9 @@ struct Reading {
     buffer: Vec<u8>,
     unusable: u64,
     foreign: u64,
-    /// Who is heard, and when they were heard last. Somebody else beside them is not, until they have been silent for the data deadline: two
-    /// streams at once would make each look full of holes.
+    /// Who is heard, and when they were heard last. Somebody else beside them is not, until they
+    /// have been silent for the data deadline: two streams at once would make each look full of
+    /// holes.
     sender: Option<(SocketAddr, Instant)>,
     patience: Duration,
 }

@@ -1,6 +1,8 @@
-//! One round of the figures of `docs/performance.md`, as JSON; `tests/peers/table.py` runs it in turn with the peers in Python.
+//! One round of the figures of `docs/performance.md`, as JSON; `tests/peers/table.py` runs it in
+//! turn with the peers in Python.
 //!
-//! `cargo run --release -p gearwatch-tests --example figures -- row | steady | stepping | reading FILE… | mcap FROM TO | scaling KIND SIZE`
+//! `cargo run --release -p gearwatch-tests --example figures -- row | steady | stepping | reading
+//! FILE… | mcap FROM TO | scaling KIND SIZE`
 
 #![expect(clippy::print_stdout, reason = "the figures are what it is run for")]
 

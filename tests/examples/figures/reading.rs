@@ -35,7 +35,8 @@ fn read(file: &str) -> Result<usize, Failure> {
     Ok(samples)
 }
 
-/// The most memory that this process had so far, in bytes; nothing where the system does not say it as Linux does.
+/// The most memory that this process had so far, in bytes; nothing where the system does not say it
+/// as Linux does.
 fn peak() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -109,7 +109,8 @@ fn bench(case: &Case) -> Result<Bench, Failure> {
     Ok(serde_json::from_value(text)?)
 }
 
-/// Five mesh lines of each stage, as far as the rate holds them, in noise: the fractional part of a large multiple, which is as good as white here.
+/// Five mesh lines of each stage, as far as the rate holds them, in noise: the fractional part of a
+/// large multiple, which is as good as white here.
 fn signal(case: &Case) -> Vec<f32> {
     let mut frequency_hz = SPEED_HZ;
     let mut lines = Vec::new();

@@ -19,7 +19,8 @@ const SPEED_HZ: f64 = 30.0;
 const ROUNDS: usize = 15;
 /// Samples of a round of stepping.
 const SAMPLES: usize = 4096;
-/// Runge–Kutta keeps 1x to 5x within 0.1 % at some four steps a sample (`cargo bench -p gearwatch-sim --bench stepping`).
+/// Runge–Kutta keeps 1x to 5x within 0.1 % at some four steps a sample
+/// (`cargo bench -p gearwatch-sim --bench stepping`).
 const RK4_STEPS: usize = 4;
 /// Runs that are stepped side by side.
 const LANES: usize = 8;
@@ -36,7 +37,8 @@ fn model(seed: u64) -> Result<Arc<TrainModel>, Failure> {
     Ok(Arc::new(TrainModel::new(&setup, Profile::constant(SPEED_HZ), torque, seed)?))
 }
 
-/// Seconds for 1x to 5x of both stages: without any past, and from a neighbour whose teeth are 2 % stiffer, to and fro.
+/// Seconds for 1x to 5x of both stages: without any past, and from a neighbour whose teeth are 2 %
+/// stiffer, to and fro.
 pub(crate) fn steady() -> Result<Value, Failure> {
     let setup = setup()?;
     let mut stiffer = setup.clone();

@@ -50,9 +50,11 @@ enum Action {
     Check(Check),
     /// Join baselines of one bench
     Merge(Merge),
-    /// Tie a baseline to a changed bench file that it still holds for, with a reason that stays in it
+    /// Tie a baseline to a changed bench file that it still holds for, with a reason that stays in
+    /// it
     ///
-    /// A baseline rests on teeth, ratios, sensors, their units and the tacho. Where other teeth, ratios or units make other lines of them it is refused.
+    /// A baseline rests on teeth, ratios, sensors, their units and the tacho. Where other teeth,
+    /// ratios or units make other lines of them it is refused.
     Rebind(Rebind),
 }
 

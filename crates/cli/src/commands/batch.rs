@@ -25,11 +25,13 @@ use crate::terminal;
 
 /// Judge many recordings, or explain many cases: one Parquet file a shard
 ///
-/// Of recordings, one row a window, channel and stage, with ranks, signed deviations and their sigmas, amplitudes, floors and states. Each is
-/// checked first as by `gearwatch check`: what is wrong is passed over, what is doubtful stands in the column `doubts`.
-/// Of cases (folders with bench.toml, recordings/ and perhaps reference/), one row a case, with the answer of `gearwatch explain`.
-/// What was worked before with the same settings is known by its content and skipped; a killed shard goes on where it was; files appear
-/// whole or not at all. A part of other settings is replaced only with --force.
+/// Of recordings, one row a window, channel and stage, with ranks, signed deviations and their
+/// sigmas, amplitudes, floors and states. Each is checked first as by `gearwatch check`: what is
+/// wrong is passed over, what is doubtful stands in the column `doubts`. Of cases (folders with
+/// bench.toml, recordings/ and perhaps reference/), one row a case, with the answer of
+/// `gearwatch explain`. What was worked before with the same settings is known by its content and
+/// skipped; a killed shard goes on where it was; files appear whole or not at all. A part of other
+/// settings is replaced only with --force.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch batch recordings/ --bench bench.toml --baseline normal.json --out ranks/
@@ -56,7 +58,8 @@ pub struct Batch {
     /// Baseline file; without one every rank is `unknown`
     #[arg(short = 'n', long, value_name = "FILE")]
     baseline: Option<PathBuf>,
-    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place of the paper's table
+    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place
+    /// of the paper's table
     #[arg(long, value_name = "FILE")]
     signatures: Option<PathBuf>,
     /// Also judge recordings whose sample rate is not that of the bench file
@@ -65,7 +68,8 @@ pub struct Batch {
     /// Folder for the parts
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
-    /// Work every N-th recording, beginning with the I-th; in a Slurm array job the array's index by default
+    /// Work every N-th recording, beginning with the I-th; in a Slurm array job the array's index
+    /// by default
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
     /// Threads; one a core by default
@@ -104,7 +108,8 @@ impl Batch {
         let digest = |path: &Option<PathBuf>| path.as_deref().map(sha256_of).transpose().map(Option::unwrap_or_default);
         let (baseline_sha256, signatures_sha256) = (digest(&self.baseline)?, digest(&self.signatures)?);
         let options = self.input.open_options();
-        // Whatever changes a row is in here, so that rows of other settings are never taken for done.
+        // Whatever changes a row is in here, so that rows of other settings are never taken for
+        // done.
         let settings = format!(
             "gearwatch {}\njudging, checked {}\n{baseline_sha256}\n{signatures_sha256}\n{}\n{options:?}\n{}",
             env!("CARGO_PKG_VERSION"),

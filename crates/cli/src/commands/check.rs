@@ -17,8 +17,9 @@ use crate::input::InputOptions;
 
 /// Check a bench before its first verdict: rate, speed, teeth, tacho, band, sensors, torque
 ///
-/// Each finding says what was found, what was expected and what to do. What is wrong for sure is refused by `baseline learn`, `diagnose`
-/// and `run`; what is doubtful stands in every verdict until it is mended, or cleared by its word in `[check] cleared` of the bench file.
+/// Each finding says what was found, what was expected and what to do. What is wrong for sure is
+/// refused by `baseline learn`, `diagnose` and `run`; what is doubtful stands in every verdict
+/// until it is mended, or cleared by its word in `[check] cleared` of the bench file.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch check bench.toml                                        the sheet alone
@@ -106,8 +107,8 @@ pub fn looks(recordings: &[PathBuf], options: &InputOptions) -> anyhow::Result<V
     recordings.iter().map(|path| Ok(gearwatch_sources::look(path, &options)?)).collect()
 }
 
-/// The check inside other commands: refuses what is wrong, tells what is doubtful on standard error, and hands all of it back. Recordings that
-/// cannot be read are told by whoever reads them.
+/// The check inside other commands: refuses what is wrong, tells what is doubtful on standard
+/// error, and hands all of it back. Recordings that cannot be read are told by whoever reads them.
 ///
 /// # Errors
 /// When something is wrong for sure.

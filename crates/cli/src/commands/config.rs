@@ -76,7 +76,8 @@ impl Run for ConfigCommand {
                 let config = read(file.as_ref())?;
                 let name = config.name.clone();
                 let (benches, sinks) = (config.benches.len(), config.sinks.len());
-                // Building reads what the configuration names and starts nothing; then folders, secrets and addresses are tried.
+                // Building reads what the configuration names and starts nothing; then folders,
+                // secrets and addresses are tried.
                 let service = Service::build(config, &Stop::default())?;
                 // A service that runs with this configuration holds its address.
                 service.try_out(service.page_address())?;

@@ -24,8 +24,9 @@ use crate::terminal;
 
 /// Write a recording of any format as MCAP, UFF, CSV, WAV, MATLAB, TDMS or Parquet
 ///
-/// MCAP holds all of a recording; a Parquet table has a row a sample instant. Beside a CSV, WAV, MATLAB or TDMS file a file OUT.toml says units, names,
-/// rate and operating point; what neither holds is told on standard error, and gaps are refused.
+/// MCAP holds all of a recording; a Parquet table has a row a sample instant. Beside a CSV, WAV,
+/// MATLAB or TDMS file a file OUT.toml says units, names, rate and operating point; what neither
+/// holds is told on standard error, and gaps are refused.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch convert run.csv.gz run.mcap --sample-rate 12800 --unit g
@@ -41,7 +42,8 @@ pub struct Convert {
     /// The file to write; its end says the format: .mcap, .uff, .csv, .wav, .mat, .tdms or .parquet
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Further files of the same recording, with other channels of it; what has the same name in two of them is called as its file
+    /// Further files of the same recording, with other channels of it; what has the same name in
+    /// two of them is called as its file
     #[arg(long, value_name = "FILE", num_args = 1..)]
     join: Vec<PathBuf>,
     /// Compression of MCAP

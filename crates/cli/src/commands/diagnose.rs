@@ -29,8 +29,8 @@ mod table;
 
 /// Say once what recordings tell of the gears: rank codes, averaged over each recording
 ///
-/// All windows of a recording at one operating point are averaged, which resolves ranks that no single window can. The verdict on one
-/// line of the table is that of one gear stage at one sensor.
+/// All windows of a recording at one operating point are averaged, which resolves ranks that no
+/// single window can. The verdict on one line of the table is that of one gear stage at one sensor.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch diagnose today.mcap --bench bench.toml --baseline normal.json
@@ -52,7 +52,8 @@ pub struct Diagnose {
     /// Baseline file; without one every rank is `unknown`
     #[arg(short = 'n', long, value_name = "FILE")]
     baseline: Option<PathBuf>,
-    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place of the paper's table
+    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place
+    /// of the paper's table
     #[arg(long, value_name = "FILE")]
     signatures: Option<PathBuf>,
     /// Form of the result
@@ -314,7 +315,8 @@ impl Diagnosis {
         self.notes.extend(of_it.map(|finding| format!("doubtful: {finding}")));
     }
 
-    /// A channel that ends before the others, and a recording of half the length of those that the baseline knows: what is missing was not judged.
+    /// A channel that ends before the others, and a recording of half the length of those that the
+    /// baseline knows: what is missing was not judged.
     fn note_what_is_short(&mut self, baseline: Option<&Baseline>) {
         let longest = self.windows.values().copied().max().unwrap_or(0);
         for (sensor, &windows) in &self.windows {

@@ -22,7 +22,8 @@ use crate::{signals, talk};
 
 /// Play the simulator or a recording as an instrument would, with trouble if you like
 ///
-/// For trying the service without hardware, and for seeing what it does when an instrument misbehaves.
+/// For trying the service without hardware, and for seeing what it does when an instrument
+/// misbehaves.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch emulate lanxi                         a LAN-XI front end at 127.0.0.1:8651, simulated

@@ -1,4 +1,5 @@
-//! `gearwatch explain BENCH RECORDINGS…`: where simulation and recordings differ, and what was left out.
+//! `gearwatch explain BENCH RECORDINGS…`: where simulation and recordings differ, and what was left
+//! out.
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -49,17 +50,18 @@ pub struct Explain {
     /// Recordings, or folders of them
     #[arg(required_unless_present_any = ["tables", "blind_spots"])]
     recordings: Vec<PathBuf>,
-    /// Instead of an explanation: the smallest size of every effect that these sensors and operating points show; without recordings, two
-    /// speeds and two loads
+    /// Instead of an explanation: the smallest size of every effect that these sensors and
+    /// operating points show; without recordings, two speeds and two loads
     #[arg(long)]
     blind_spots: bool,
-    /// Instead of an explanation: puts known changes into these recordings and says from which size on they are named; against the
-    /// reference, without one in the second half of each recording against its first. With --out also drill.md, drill.csv and drill.svg
+    /// Instead of an explanation: puts known changes into these recordings and says from which size
+    /// on they are named; against the reference, without one in the second half of each recording
+    /// against its first. With --out also drill.md, drill.csv and drill.svg
     #[arg(long, value_name = "CHANGES", num_args = 0..=1, require_equals = true, default_missing_value = "all",
         conflicts_with_all = ["blind_spots", "tables", "report"])]
     drill: Option<drill::Changes>,
-    /// Instead of an explanation: what two tables of amplitudes allow to say. A line a state, the normal one first; a name, then a column a
-    /// mesh harmonic
+    /// Instead of an explanation: what two tables of amplitudes allow to say. A line a state, the
+    /// normal one first; a name, then a column a mesh harmonic
     #[arg(long, num_args = 2, value_names = ["SIMULATION.csv", "EXPERIMENT.csv"], conflicts_with_all = ["bench", "recordings", "blind_spots"])]
     tables: Vec<PathBuf>,
     /// Recordings of the same bench before, or folders of them
@@ -197,7 +199,8 @@ struct AnswerFiles {
 }
 
 impl AnswerFiles {
-    /// Checks all names, also those that this answer may not need: a file that stays would belong to another answer.
+    /// Checks all names, also those that this answer may not need: a file that stays would belong
+    /// to another answer.
     fn of(folder: &Path, names: &[&'static str], outputs: &mut Outputs) -> anyhow::Result<Self> {
         let target = |&name: &&'static str| Ok((name, outputs.target_in_new_folder(&folder.join(name))?));
         let targets = names.iter().map(target).collect::<anyhow::Result<_>>()?;

@@ -23,8 +23,9 @@ use screen::Screen;
 
 /// Watch all benches that publish to one NATS server
 ///
-/// The benches publish with a sink of kind "nats". What they said is read from the stream from the beginning, or from some time ago, and then as
-/// it comes; after an outage reading goes on where it ended. Every letter is shown once, however often it was sent.
+/// The benches publish with a sink of kind "nats". What they said is read from the stream from the
+/// beginning, or from some time ago, and then as it comes; after an outage reading goes on where it
+/// ended. Every letter is shown once, however often it was sent.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch fleet                                          a table, live
@@ -51,7 +52,8 @@ pub struct Fleet {
     /// Also show a page to browsers on this machine
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8090", conflicts_with = "once")]
     page: Option<SocketAddr>,
-    /// What to print; a live table on a terminal, lines elsewhere, a table with --once where left out
+    /// What to print; a live table on a terminal, lines elsewhere, a table with --once where left
+    /// out
     #[arg(short, long)]
     format: Option<Form>,
     /// Give up after so long without an answer (only with --once)
@@ -123,7 +125,8 @@ impl Run for Fleet {
     }
 }
 
-/// Follows the stream on a thread of its own. The channel is bounded: who reads slowly makes the stream wait.
+/// Follows the stream on a thread of its own. The channel is bounded: who reads slowly makes the
+/// stream wait.
 fn start(server: String, stream: String, access: Access, from: From) -> anyhow::Result<Receiver<Notice>> {
     let (sender, receiver) = mpsc::sync_channel(4096);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -176,7 +179,8 @@ impl Fleet {
                 Ok(Notice::Letter(heard)) => drop(view.take(&heard)),
                 Ok(Notice::CaughtUp) => break,
                 Ok(Notice::Connected) => {}
-                // The patience is for the whole answer, and a server that refuses will refuse again.
+                // The patience is for the whole answer, and a server that refuses will refuse
+                // again.
                 Ok(Notice::Lost(error)) => anyhow::bail!("{}: {error}", self.server),
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
                     anyhow::bail!("{}: no answer within {:.0?}", self.server, self.patience)

@@ -1,4 +1,5 @@
-//! `gearwatch grow BENCH`: wear, a crack or pits from the first hour to the limit, and which indicator shows them when.
+//! `gearwatch grow BENCH`: wear, a crack or pits from the first hour to the limit, and which
+//! indicator shows them when.
 
 mod picture;
 mod record;
@@ -18,9 +19,12 @@ use crate::exit::Exit;
 use crate::output::OutputOptions;
 use crate::progress::Progress;
 
-/// Follow wear, a root crack or pits over weeks: sizes, mesh harmonics, ranks, and the warning time of each indicator
+/// Follow wear, a root crack or pits over weeks: sizes, mesh harmonics, ranks, and the warning time
+/// of each indicator
 ///
-/// Flanks wear by Archard's law, cracks grow by Paris' law, and pits begin by a Weibull law of the contact pressure, under the load that the damaged teeth take. Each step is one steady state of the bench.
+/// Flanks wear by Archard's law, cracks grow by Paris' law, and pits begin by a Weibull law of the
+/// contact pressure, under the load that the damaged teeth take. Each step is one steady state of
+/// the bench.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch grow single-pair --effect tooth_wear@stage1 --hours 1000 --speed 1500rpm --torque 60 --plot wear.html
@@ -40,7 +44,8 @@ Exit codes: 0 done; 3 bad input, or the bench has no steady state.")]
 pub struct Grow {
     /// Bench file, or the name of a bench that comes with the program
     bench: PathBuf,
-    /// What grows: ID@PLACE, or ID@PLACE:PARAMETER=VALUE,… for its beginning (depth_um, depth_mm, tooth)
+    /// What grows: ID@PLACE, or ID@PLACE:PARAMETER=VALUE,… for its beginning (depth_um, depth_mm,
+    /// tooth)
     #[arg(long, value_name = "EFFECT")]
     effect: String,
     /// Constants of its law: NAME=VALUE,…
@@ -52,19 +57,22 @@ pub struct Grow {
     /// Steps that they are divided into
     #[arg(long, value_name = "N", default_value_t = 40)]
     steps: usize,
-    /// Motor speed at which the bench is measured, in Hz or as 1500rpm; the bench's nominal one where left out
+    /// Motor speed at which the bench is measured, in Hz or as 1500rpm; the bench's nominal one
+    /// where left out
     #[arg(long, value_name = "HZ|RPM", value_parser = parse_speed_hz)]
     speed: Option<f64>,
     /// Brake torque at which it is measured (N m); the bench's nominal one where left out
     #[arg(long, value_name = "NM")]
     torque: Option<f64>,
-    /// What it runs at: speed, torque, share of the hours, as 1500rpm:60:0.8; may be repeated; where left out always as measured
+    /// What it runs at: speed, torque, share of the hours, as 1500rpm:60:0.8; may be repeated;
+    /// where left out always as measured
     #[arg(long = "duty", value_name = "SPEED:NM:SHARE", value_parser = duty)]
     duties: Vec<Duty>,
     /// Hours a day that it runs, for days beside the hours and times in recordings
     #[arg(long, value_name = "H", default_value_t = 24.0)]
     hours_a_day: f64,
-    /// Size at which it is at its limit: worn depth in µm, crack in mm, pitted part of the worst tooth in %. Where left out: a broken tooth, else rank V
+    /// Size at which it is at its limit: worn depth in µm, crack in mm, pitted part of the worst
+    /// tooth in %. Where left out: a broken tooth, else rank V
     #[arg(long, value_name = "SIZE")]
     limit: Option<f64>,
     /// Scatter of amplitudes from day to day, beside that of windows (percent)
@@ -79,7 +87,8 @@ pub struct Grow {
     /// Pictures to write: .svg or .html
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Recordings to write: a folder for one a step, or FILE.mcap for all of them one after the other, with gaps between, as a service watches them
+    /// Recordings to write: a folder for one a step, or FILE.mcap for all of them one after the
+    /// other, with gaps between, as a service watches them
     #[arg(long, value_name = "FOLDER|FILE.mcap")]
     record: Option<PathBuf>,
     /// Length of each recording (s)
@@ -178,7 +187,8 @@ impl Grow {
     }
 }
 
-/// Length of the healthy recording that the scatter of windows is taken from (s): some forty windows, which state a standard deviation within a ninth.
+/// Length of the healthy recording that the scatter of windows is taken from (s): some forty
+/// windows, which state a standard deviation within a ninth.
 const SCATTER_S: f64 = 20.0;
 
 /// `1500rpm:60:0.8`.

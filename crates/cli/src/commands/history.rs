@@ -19,7 +19,8 @@ mod tell;
 
 /// Ranks, deviations, speed, torque and events over time, from the logs of the service
 ///
-/// Windows are put together by the hour, or as --every says, for each bench, stage and channel. A file that the service is still writing is read as far as it goes.
+/// Windows are put together by the hour, or as --every says, for each bench, stage and channel. A
+/// file that the service is still writing is read as far as it goes.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch history /var/lib/gearwatch
@@ -104,7 +105,8 @@ impl Run for HistoryCommand {
     }
 }
 
-/// Reads all logs into a history, with progress; what could not be read to its end is said for the command that asks.
+/// Reads all logs into a history, with progress; what could not be read to its end is said for the
+/// command that asks.
 pub(super) fn read_all<R: Run>(
     mut history: History,
     logs: &Logs,
@@ -152,7 +154,8 @@ impl Logs {
     }
 }
 
-/// The files of all logs: those of a folder in the order of their names, which is that of their numbers.
+/// The files of all logs: those of a folder in the order of their names, which is that of their
+/// numbers.
 pub(super) fn logs(named: &[PathBuf]) -> anyhow::Result<Logs> {
     let mut out = Vec::new();
     for log in named {

@@ -16,10 +16,13 @@ use crate::terminal;
 mod band;
 mod rows;
 
-/// Condition indicators of recordings: RMS, kurtosis, FM0, FM4, NA4, NB4, M6A, M8A, sidebands, envelope
+/// Condition indicators of recordings: RMS, kurtosis, FM0, FM4, NA4, NB4, M6A, M8A, sidebands,
+/// envelope
 ///
-/// Means over the windows of each recording and channel, with their standard errors. Windows with an instrument fault are left out. With --healthy each number is
-/// compared with the same one of recordings that are called normal, and NA4* and NB4* are known. What each indicator is: docs/indicators.md.
+/// Means over the windows of each recording and channel, with their standard errors. Windows with
+/// an instrument fault are left out. With --healthy each number is compared with the same one of
+/// recordings that are called normal, and NA4* and NB4* are known. What each indicator is:
+/// docs/indicators.md.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch indicators bench.toml today.mcap

@@ -72,7 +72,8 @@ impl Run for Info {
 }
 
 impl Info {
-    /// A bench file among the files is checked with the recordings beside it; hands back what is wrong, if anything.
+    /// A bench file among the files is checked with the recordings beside it; hands back what is
+    /// wrong, if anything.
     fn fit(&self) -> anyhow::Result<Option<String>> {
         let of = |kind: FileKind| self.input.files.iter().filter(move |path| kind_of(path) == kind);
         let Some(bench) = of(FileKind::Bench).find_map(|path| gearwatch_io::bench_file::read(path).ok()) else {
@@ -162,7 +163,8 @@ fn bench(path: &Path) -> anyhow::Result<Said> {
     Ok(Said { text, json, error: None })
 }
 
-/// A JSON file that says its own format, such as a baseline or an explanation: its fields, lists by their length.
+/// A JSON file that says its own format, such as a baseline or an explanation: its fields, lists by
+/// their length.
 fn stated(path: &Path) -> anyhow::Result<Said> {
     let text = read_text(path).with_context(|| format!("{}: cannot be read", path.display()))?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: is not JSON", path.display()))?;

@@ -111,7 +111,8 @@ mod tests {
         Shown::of(&bench, &["acc <1>".into(), "acc_2".into()], false).expect("channels")
     }
 
-    /// Each panel that the arrangement names is configured, and each path names a topic and a field that the log has.
+    /// Each panel that the arrangement names is configured, and each path names a topic and a field
+    /// that the log has.
     #[test]
     fn conform_foxglove_layouts_name_what_the_log_has() {
         let layout: serde_json::Value = serde_json::from_str(&foxglove::layout(&rig()).expect("JSON")).expect("JSON");

@@ -89,8 +89,8 @@ impl Run for List {
     }
 }
 
-/// Fields of a verdict. Of the harmonics and states the first of each stands for all, of the indicators the value for its five numbers; `all` lists
-/// every one.
+/// Fields of a verdict. Of the harmonics and states the first of each stands for all, of the
+/// indicators the value for its five numbers; `all` lists every one.
 fn fields(out: &mut impl Write, all: bool) -> std::io::Result<()> {
     writeln!(out, "Fields of a verdict")?;
     let first = |field: &&Field| match field.part {
@@ -118,7 +118,8 @@ fn fields(out: &mut impl Write, all: bool) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Places, parameters and declared laws of an effect, these as on the bench of the paper at typical values.
+/// Places, parameters and declared laws of an effect, these as on the bench of the paper at typical
+/// values.
 fn describe(out: &mut impl Write, effect: &dyn Effect) -> anyhow::Result<()> {
     let places: Vec<&str> = effect.places().iter().map(|place| place.pattern()).collect();
     writeln!(out, "      {:16} {}", "where", places.join(", "))?;

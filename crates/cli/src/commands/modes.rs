@@ -1,4 +1,5 @@
-//! `gearwatch modes BENCH`: eigenfrequencies, mode shapes and the speeds at which mesh and shaft orders meet them.
+//! `gearwatch modes BENCH`: eigenfrequencies, mode shapes and the speeds at which mesh and shaft
+//! orders meet them.
 
 mod planets;
 
@@ -27,8 +28,9 @@ const SPEEDS: f64 = 1.5;
 
 /// Eigenfrequencies, mode shapes and critical speeds of a bench
 ///
-/// Every mesh has its mean stiffness under the load; a Campbell diagram shows which mesh and shaft orders meet which mode at which speed. Of a planetary stage the modes are those of the
-/// stage by itself, by kind, with the harmonics that the phases of its planets let through.
+/// Every mesh has its mean stiffness under the load; a Campbell diagram shows which mesh and shaft
+/// orders meet which mode at which speed. Of a planetary stage the modes are those of the stage by
+/// itself, by kind, with the harmonics that the phases of its planets let through.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch modes paper-rig
@@ -43,7 +45,8 @@ pub struct Modes {
     /// Brake torque (N m); the bench's own where left out
     #[arg(long, value_name = "NM")]
     torque: Option<f64>,
-    /// Highest motor speed whose critical speeds are told (Hz); 1.5 times the bench's own where left out
+    /// Highest motor speed whose critical speeds are told (Hz); 1.5 times the bench's own where
+    /// left out
     #[arg(long, value_name = "HZ")]
     highest: Option<f64>,
     /// Pictures to write: Campbell diagram and mode shapes, one .html file

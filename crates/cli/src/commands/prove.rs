@@ -81,7 +81,8 @@ impl Run for Prove {
 }
 
 impl Prove {
-    /// All cases, on all cores; each stands for itself, so the order of work does not matter. One takes a second or a hundred: a core takes them one by one.
+    /// All cases, on all cores; each stands for itself, so the order of work does not matter. One
+    /// takes a second or a hundred: a core takes them one by one.
     fn all(&self) -> Vec<Judged> {
         let progress = Progress::new("cases", u64::from(self.cases));
         let one = |index: u32| {
@@ -141,7 +142,8 @@ fn in_words(truth: &Truth, sizes: bool) -> String {
     if all.is_empty() { "nothing".into() } else { all.join(", ") }
 }
 
-/// Strata of concealed effects by how much more than repetition they change their best group of lines.
+/// Strata of concealed effects by how much more than repetition they change their best group of
+/// lines.
 const STRATA: [(&str, f64, f64); 3] =
     [("concealed", 0.0, 8.0), ("moderate", 8.0, 20.0), ("plain", 20.0, f64::INFINITY)];
 
@@ -172,8 +174,8 @@ fn by_strength(out: &mut dyn Write, concealed: &[&Scored]) -> std::io::Result<()
     )
 }
 
-/// Largest distance between the distribution of p values and the even one, and the probability that as many even values lie
-/// as far (Kolmogorov; Stephens 1970 for small numbers).
+/// Largest distance between the distribution of p values and the even one, and the probability that
+/// as many even values lie as far (Kolmogorov; Stephens 1970 for small numbers).
 fn kolmogorov(sorted: &[f64]) -> (f64, f64) {
     let n = sorted.len() as f64;
     let distance = sorted

@@ -1,4 +1,5 @@
-//! `gearwatch replay FILE`: a recording through the same engine as the service, one JSON object a window.
+//! `gearwatch replay FILE`: a recording through the same engine as the service, one JSON object a
+//! window.
 
 use std::path::PathBuf;
 
@@ -27,7 +28,8 @@ pub struct Replay {
     /// Baseline file; without one every rank is `unknown`
     #[arg(short = 'n', long, value_name = "FILE")]
     baseline: Option<PathBuf>,
-    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place of the paper's table
+    /// Fault states of this bench (`gearwatch signatures --out`) to match verdicts with, in place
+    /// of the paper's table
     #[arg(long, value_name = "FILE")]
     signatures: Option<PathBuf>,
     /// Seconds of recording per second, or `max`

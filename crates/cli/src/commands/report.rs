@@ -1,4 +1,5 @@
-//! `gearwatch report --weekly LOG…`: a week of the service's logs on a few pages, to be read and handed on.
+//! `gearwatch report --weekly LOG…`: a week of the service's logs on a few pages, to be read and
+//! handed on.
 
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -19,7 +20,8 @@ use week::{DAY_NS, TREND_DAYS, Week};
 
 /// A week of the service's logs as one HTML file: what changed, trends, hours, alarms, events
 ///
-/// The week is that of the seven UTC days before --to. It is compared with the week before; trends are sought in the last four weeks.
+/// The week is that of the seven UTC days before --to. It is compared with the week before; trends
+/// are sought in the last four weeks.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch report --weekly /var/lib/gearwatch --out week.html

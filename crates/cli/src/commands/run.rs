@@ -11,8 +11,9 @@ use crate::serve::serve;
 
 /// Watch benches: sources to ranks to sinks, until stopped
 ///
-/// Without a configuration it watches a simulated demonstration bench in real time, in which a fault sets in after half a
-/// minute. Standard output carries one JSON object a window, channel and stage; talk goes to standard error.
+/// Without a configuration it watches a simulated demonstration bench in real time, in which a
+/// fault sets in after half a minute. Standard output carries one JSON object a window, channel and
+/// stage; talk goes to standard error.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch run                                  watch the demonstration bench; Ctrl-C stops

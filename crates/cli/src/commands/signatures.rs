@@ -48,10 +48,12 @@ pub struct SignaturesCommand {
     /// Brake torque in N m, may be repeated; the bench's own where left out
     #[arg(long = "torque", value_name = "NM")]
     torques: Vec<f64>,
-    /// Also write the signatures with their sigma to this JSON file, which diagnose, replay and run match verdicts with
+    /// Also write the signatures with their sigma to this JSON file, which diagnose, replay and run
+    /// match verdicts with
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Also write a report for people to this HTML file: the table, its uncertainty, the paper beside it, pictures
+    /// Also write a report for people to this HTML file: the table, its uncertainty, the paper
+    /// beside it, pictures
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     #[command(flatten)]

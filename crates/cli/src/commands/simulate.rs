@@ -25,7 +25,8 @@ mod plot;
 
 pub(super) use self::plot::{Form, form, stacked};
 
-/// 2026-01-01T00:00:00Z: the same seed gives the same bytes, so the recording cannot carry today's date.
+/// 2026-01-01T00:00:00Z: the same seed gives the same bytes, so the recording cannot carry today's
+/// date.
 pub(super) const START_NS: i64 = 1_767_225_600_000_000_000;
 /// Without an end a scenario is cut here (s).
 const DEFAULT_DURATION_S: f64 = 10.0;
@@ -47,7 +48,8 @@ Bevel and worm gears cannot be simulated, and profile shift only of external pai
 pub struct Simulate {
     /// Bench file, or the name of a bench that comes with the program
     bench: PathBuf,
-    /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value. Also a state of the rank paper: compound_3@stage1.pinion
+    /// ID@PLACE:PARAMETER=VALUE,… ; a parameter that is left out takes its typical value. Also a
+    /// state of the rank paper: compound_3@stage1.pinion
     #[arg(long, value_name = "EFFECT", value_parser = EffectText, hide_possible_values = true)]
     effect: Vec<String>,
     /// Motor speed, in Hz or as 1500rpm; the bench's nominal one where left out
@@ -59,10 +61,12 @@ pub struct Simulate {
     /// Length (s); the scenario's, or 10 s
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
-    /// White noise of the machine at every sensor (m/s², standard deviation a sample); the scenario's, or the 0.004 of a quiet one
+    /// White noise of the machine at every sensor (m/s², standard deviation a sample); the
+    /// scenario's, or the 0.004 of a quiet one
     #[arg(long, value_name = "M_PER_S2")]
     background: Option<f64>,
-    /// Law of the tooth contacts; the scenario's, or elastic. impact is that of the rank paper's simulation
+    /// Law of the tooth contacts; the scenario's, or elastic. impact is that of the rank paper's
+    /// simulation
     #[arg(long, value_enum)]
     contact: Option<Contact>,
     /// Draws tooth positions, noise and jitter; the same seed gives the same bytes

@@ -1,5 +1,6 @@
-//! The train of a bench as a sketch: shafts, gears with their teeth, motor, brake, and where the sensors sit. Gears are drawn in proportion to their
-//! teeth, shafts below each other; it is no drawing of the machine.
+//! The train of a bench as a sketch: shafts, gears with their teeth, motor, brake, and where the
+//! sensors sit. Gears are drawn in proportion to their teeth, shafts below each other; it is no
+//! drawing of the machine.
 
 use std::fmt::Write;
 
@@ -92,7 +93,8 @@ fn svg(bench: &Bench) -> String {
     out
 }
 
-/// Pinion and wheel as rectangles that touch where they mesh; a planetary stage as a box with its three kinds of gears.
+/// Pinion and wheel as rectangles that touch where they mesh; a planetary stage as a box with its
+/// three kinds of gears.
 fn gears(out: &mut String, stage: &Stage, x: f64, (upper, lower): (f64, f64)) {
     let gap = lower - upper;
     let mut rect = |y: f64, half: f64, ink: &str, words: &str, below: bool| {
@@ -172,7 +174,8 @@ fn sensors(out: &mut String, bench: &Bench, shaft: &str, (x, y): (f64, f64)) {
 mod tests {
     use super::*;
 
-    /// Every gear, shaft and sensor of the demonstration bench is in it, and the two halves of a mesh fill the distance of their shafts.
+    /// Every gear, shaft and sensor of the demonstration bench is in it, and the two halves of a
+    /// mesh fill the distance of their shafts.
     #[test]
     fn conform_all_parts_of_the_train_are_in_the_sketch() {
         let bench = gearwatch_io::bench_file::parse(gearwatch_sim::shipped::DEMO_BENCH, std::path::Path::new("demo"))

@@ -29,7 +29,8 @@ const MOST_POINTS: usize = 10_000;
 
 /// Statistics over speed and load: peak to peak, RMS, 1x to 5x and sidebands
 ///
-/// Of simulations of a bench, healthy and with faults side by side; or of recordings, those of one folder being one case.
+/// Of simulations of a bench, healthy and with faults side by side; or of recordings, those of one
+/// folder being one case.
 #[derive(Args)]
 #[command(after_help = "Examples:
   gearwatch sweep paper-rig --speeds 10:40:5 --plot sweep.html
@@ -52,7 +53,8 @@ pub struct Sweep {
     /// Brake torques in N m, in the same form, 0 among them; the bench's own where left out
     #[arg(long, value_name = "NM", value_parser = loads, conflicts_with = "recordings")]
     torques: Option<Values>,
-    /// A case beside the healthy one: its name and its effects, joined by +; also a state of the rank paper, as compound_3@stage1.pinion
+    /// A case beside the healthy one: its name and its effects, joined by +; also a state of the
+    /// rank paper, as compound_3@stage1.pinion
     #[arg(long = "case", value_name = "NAME=EFFECT[+EFFECT]", conflicts_with = "recordings")]
     cases: Vec<String>,
     /// Law of the tooth contacts; impact is that of the rank paper's simulation

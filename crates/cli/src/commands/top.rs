@@ -19,8 +19,9 @@ use screen::Screen;
 
 /// Watch the running service on a terminal
 ///
-/// Shows each stage and channel with its ranks over time, the deviations of the selected one, and the alarms. Keys: ↑ ↓ select a row,
-/// tab moves to the alarms and back, a acknowledges the selected entry, q leaves. The service is not touched by leaving.
+/// Shows each stage and channel with its ranks over time, the deviations of the selected one, and
+/// the alarms. Keys: ↑ ↓ select a row, tab moves to the alarms and back, a acknowledges the
+/// selected entry, q leaves. The service is not touched by leaving.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  gearwatch top\n  gearwatch top --url http://127.0.0.1:8650\n  \
                   gearwatch top --url https://bench-3:8650 --ca-file ca.pem --token-file page.token")]

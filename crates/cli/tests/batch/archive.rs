@@ -60,7 +60,8 @@ pub fn python(modules: &str) -> Option<&'static str> {
     None
 }
 
-/// What DuckDB answers to a query, one line a row, fields with tabs between; `None` where it is not there.
+/// What DuckDB answers to a query, one line a row, fields with tabs between; `None` where it is not
+/// there.
 pub fn duckdb(query: &str) -> Option<String> {
     let python = python("duckdb")?;
     let program = "import sys, duckdb\nfor row in duckdb.sql(sys.argv[1]).fetchall(): print(*row, sep='\\t')";

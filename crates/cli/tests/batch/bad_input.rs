@@ -45,7 +45,8 @@ fn conform_lists_and_shards_that_cannot_be() {
     assert!(!archive.bench.path("out").exists(), "nothing is made");
 }
 
-/// Damaged recordings and other sample rates are passed over and named; the rest is in the part, which is the same in the next run.
+/// Damaged recordings and other sample rates are passed over and named; the rest is in the part,
+/// which is the same in the next run.
 #[test]
 fn conform_damaged_recordings_and_other_rates_are_passed_over() {
     let archive = Archive::new(3, 3.0);
@@ -89,7 +90,8 @@ fn conform_damaged_recordings_and_other_rates_are_passed_over() {
     assert!(stdout(&output).contains(" 2 passed over"), "{}", stdout(&output));
 }
 
-/// What `gearwatch check` refuses is passed over with its sentence, and what it doubts stands beside each row.
+/// What `gearwatch check` refuses is passed over with its sentence, and what it doubts stands
+/// beside each row.
 #[test]
 fn regress_a_batch_checks_each_recording() {
     let archive = Archive::new(1, 3.0);
@@ -153,7 +155,8 @@ impl Drop for SmallDisk {
     }
 }
 
-/// The disk becomes full at every place that there is; with space the same command goes on and gives what it gives elsewhere.
+/// The disk becomes full at every place that there is; with space the same command goes on and
+/// gives what it gives elsewhere.
 #[test]
 fn conform_a_full_disk_leaves_nothing_half_written() {
     let archive = Archive::new(6, 4.0);

@@ -5,7 +5,8 @@ use std::fs;
 use crate::archive::{duckdb, names};
 use crate::fixture::{BENCH, Bench, gearwatch, stderr, stdout};
 
-/// Two cases and one that cannot be read: two rows, which hold what `gearwatch explain` says; the second run knows them.
+/// Two cases and one that cannot be read: two rows, which hold what `gearwatch explain` says; the
+/// second run knows them.
 #[test]
 fn conform_many_cases_give_a_row_each() {
     let bench = Bench::new();

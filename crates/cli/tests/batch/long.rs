@@ -1,4 +1,5 @@
-//! Recordings of any length: a stretch of the test signal over and over, at 16384 samples per second, not compressed.
+//! Recordings of any length: a stretch of the test signal over and over, at 16384 samples per
+//! second, not compressed.
 
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};

@@ -48,8 +48,8 @@ fn conform_memory_does_not_grow_with_a_recording() {
             peaks[1],
             megabytes(&paths[1])
         );
-        // A short recording does not fill a row group of the table, which takes some 30 MB; what grew with the recording would be hundreds of
-        // megabytes here.
+        // A short recording does not fill a row group of the table, which takes some 30 MB; what
+        // grew with the recording would be hundreds of megabytes here.
         assert!(peaks[1] < 1.2 * peaks[0] + 40.0, "{name} {more:?} grows with the recording");
     }
 }

@@ -1,4 +1,5 @@
-//! The example script reads what gearwatch writes; DuckDB and DataFusion answer the queries of the documentation.
+//! The example script reads what gearwatch writes; DuckDB and DataFusion answer the queries of the
+//! documentation.
 
 use std::path::Path;
 use std::process::Command;

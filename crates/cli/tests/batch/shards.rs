@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use crate::archive::{Archive, difference, names};
 use crate::fixture::{stderr, stdout, text};
 
-/// Three shards under `xargs`, one of them killed and run again, give the rows of one run of everything.
+/// Three shards under `xargs`, one of them killed and run again, give the rows of one run of
+/// everything.
 #[test]
 fn conform_shards_and_a_kill_give_the_rows_of_one_run() {
     let archive = Archive::new(12, 6.0);
@@ -44,7 +45,8 @@ fn conform_shards_and_a_kill_give_the_rows_of_one_run() {
         assert_eq!(rows, (12 * 11 * 2).to_string());
     }
 
-    // Again: nothing to do. One recording changed: one recording worked. A sidecar file changes what is read.
+    // Again: nothing to do. One recording changed: one recording worked. A sidecar file changes
+    // what is read.
     let again = |expected: &str| {
         let output = archive.batch("whole", &[]).output().unwrap();
         assert!(stdout(&output).contains(expected), "{}", stdout(&output));

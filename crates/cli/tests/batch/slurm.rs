@@ -1,7 +1,8 @@
-//! A real Slurm: controller and node daemon on this machine, a job array of ten shards over 200 recordings, some of them killed and submitted
-//! again.
+//! A real Slurm: controller and node daemon on this machine, a job array of ten shards over 200
+//! recordings, some of them killed and submitted again.
 //!
-//! Slurm is looked for in `GEARWATCH_SLURM`, a folder that Debian's packages were unpacked into, else where they are installed:
+//! Slurm is looked for in `GEARWATCH_SLURM`, a folder that Debian's packages were unpacked into,
+//! else where they are installed:
 //!
 //! ```sh
 //! apt-get download slurmctld slurmd slurm-client slurm-wlm-basic-plugins libhwloc15 libmunge2 liblua5.1-0

@@ -1,4 +1,5 @@
-//! How fast `batch` is beside the bare reading of the same files, on one thread and on all: `just bench-batch`.
+//! How fast `batch` is beside the bare reading of the same files, on one thread and on all:
+//! `just bench-batch`.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -21,7 +22,8 @@ fn seconds(work: impl FnOnce()) -> f64 {
     begin.elapsed().as_secs_f64()
 }
 
-/// All records of a file with the reader of the library, chunks opened, checksums checked, messages not decoded.
+/// All records of a file with the reader of the library, chunks opened, checksums checked, messages
+/// not decoded.
 fn bare(path: &Path) -> u64 {
     let mut reader = mcap::sans_io::LinearReader::new();
     let mut file = BufReader::new(File::open(path).unwrap());

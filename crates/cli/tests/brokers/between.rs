@@ -1,5 +1,6 @@
-//! Sits between the service and an MQTT broker, passes on every byte, and writes down what was published and what the broker has confirmed: what the service
-//! promises can be judged there, whatever a broker that is killed does with what it has confirmed.
+//! Sits between the service and an MQTT broker, passes on every byte, and writes down what was
+//! published and what the broker has confirmed: what the service promises can be judged there,
+//! whatever a broker that is killed does with what it has confirmed.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Write};

@@ -1,5 +1,6 @@
-//! Twenty benches, one server that is killed and comes back, some benches cut off for a while by a cable that is out, some by a line that is up
-//! and lets nothing through: every verdict arrives once, in order per bench, and a reader and a page that were there all the time heal by
+//! Twenty benches, one server that is killed and comes back, some benches cut off for a while by a
+//! cable that is out, some by a line that is up and lets nothing through: every verdict arrives
+//! once, in order per bench, and a reader and a page that were there all the time heal by
 //! themselves.
 
 use std::collections::BTreeMap;
@@ -168,8 +169,8 @@ fn conform_twenty_benches_through_a_killed_server_and_a_cut_cable() {
     let healed = restarted.elapsed();
     cable.mend();
     line.mend();
-    // The benches that were cut off catch up, after the half minute at most that a service waits between two tries and the ten seconds that
-    // a line which lets nothing through costs it.
+    // The benches that were cut off catch up, after the half minute at most that a service waits
+    // between two tries and the ten seconds that a line which lets nothing through costs it.
     let mended = Instant::now();
     let nothing_waits = || (0..PROCESSES).all(|process| waiting(&home, process) == Some(0)).then_some(());
     wait_for(Duration::from_secs(120), nothing_waits).expect("what waited goes out");

@@ -1,5 +1,5 @@
-//! A client of the Foxglove WebSocket protocol sees the topics of the log while they come. Only in builds with the cargo feature `foxglove`:
-//! `just campaign-live-view`.
+//! A client of the Foxglove WebSocket protocol sees the topics of the log while they come. Only in
+//! builds with the cargo feature `foxglove`: `just campaign-live-view`.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -91,7 +91,8 @@ fn conform_a_viewer_sees_the_verdicts_of_the_log() {
     let begin = Instant::now();
     while seen.len() < 20 && begin.elapsed() < Duration::from_secs(30) {
         let Some(frame) = viewer.frame() else {
-            // A channel that is made while a viewer connects may never be advertised to it by the SDK (0.30): people connect again, too.
+            // A channel that is made while a viewer connects may never be advertised to it by the
+            // SDK (0.30): people connect again, too.
             println!("nothing came: connecting again");
             viewer = Viewer::connect(port).expect("the live view answers again");
             topics.clear();

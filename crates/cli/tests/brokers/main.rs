@@ -1,4 +1,5 @@
-//! The service against real brokers, which the tests start themselves; skipped with a message where there are none.
+//! The service against real brokers, which the tests start themselves; skipped with a message where
+//! there are none.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "tests tell figures, and what was skipped")]
 

@@ -14,7 +14,8 @@ use crate::nats::{logged, own_part};
 use crate::server::{Server, free_port};
 use crate::service::{configure, ended_within, figure, said, signal, start, status, wait_for};
 
-/// Subscribes to everything of gearwatch, again after each loss of the connection: (topic, sent by the broker itself, letter). A session that the broker keeps: it sends what is retained at a new
+/// Subscribes to everything of gearwatch, again after each loss of the connection: (topic, sent by
+/// the broker itself, letter). A session that the broker keeps: it sends what is retained at a new
 /// subscription, and what was not confirmed again, which MQTT marks.
 fn subscribe(port: u16, id: &str) -> Receiver<(String, bool, Vec<u8>)> {
     let mut options = MqttOptions::new(id, ("127.0.0.1", port));
@@ -46,8 +47,10 @@ fn mqtt_figure(bench: &Bench, what: &str) -> Option<u64> {
     figure(status(bench)?.sinks.iter().find(|sink| sink.name == "mqtt")?, what)
 }
 
-/// The service is judged by what it publishes and what the broker confirms, letter by letter; the watcher by what the broker confirmed. A broker that is killed loses
-/// what it has confirmed and not yet saved (mosquitto saves each 20 changes): how much of that the watcher had got depends on the load of the machine.
+/// The service is judged by what it publishes and what the broker confirms, letter by letter; the
+/// watcher by what the broker confirmed. A broker that is killed loses what it has confirmed and
+/// not yet saved (mosquitto saves each 20 changes): how much of that the watcher had got depends on
+/// the load of the machine.
 #[test]
 fn conform_a_killed_mqtt_broker_costs_nothing() {
     let bench = Bench::new();
@@ -112,8 +115,9 @@ fn seq(letter: &Heard) -> u64 {
     letter.object["seq"].as_u64().unwrap()
 }
 
-/// Every letter was published in order without a hole, again only with a mark, and confirmed, but for the newest ones, which may be left in the spool; every
-/// verdict of the log is among them. Gives the numbers that were confirmed, and when.
+/// Every letter was published in order without a hole, again only with a mark, and confirmed, but
+/// for the newest ones, which may be left in the spool; every verdict of the log is among them.
+/// Gives the numbers that were confirmed, and when.
 fn judge_service(between: &[Sent], logged: &BTreeMap<(String, String, u64), Value>) -> BTreeMap<u64, Instant> {
     let (mut verdicts, mut published, mut confirmed) = (BTreeMap::new(), BTreeSet::new(), BTreeMap::new());
     for sent in between {

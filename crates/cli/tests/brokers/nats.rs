@@ -1,4 +1,5 @@
-//! NATS JetStream: the server is killed and comes back, the service is killed and comes back; nothing is lost, nothing is counted twice.
+//! NATS JetStream: the server is killed and comes back, the service is killed and comes back;
+//! nothing is lost, nothing is counted twice.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -35,7 +36,8 @@ pub fn all_letters(url: &str) -> Vec<Heard> {
     letters
 }
 
-/// Verdicts by bench, channel and window, as the log has them; several logs of the same bench follow each other.
+/// Verdicts by bench, channel and window, as the log has them; several logs of the same bench
+/// follow each other.
 pub fn logged(folder: &Path, bench: &str) -> BTreeMap<(String, String, u64), Value> {
     let objects =
         content(&files(folder)).verdicts.into_values().map(|data| serde_json::from_slice::<Value>(&data).unwrap());
@@ -123,7 +125,8 @@ fn conform_a_killed_server_costs_nothing() {
     assert!(stdout(&once).contains("small") && stdout(&once).contains("stopped"), "{}", stdout(&once));
 }
 
-/// The service is killed while the server is away: what was spooled goes out after the next start, before what is new, and marked.
+/// The service is killed while the server is away: what was spooled goes out after the next start,
+/// before what is new, and marked.
 #[test]
 fn conform_a_killed_service_keeps_its_letters() {
     let bench = Bench::new();

@@ -1,4 +1,5 @@
-//! A broker as a child process, which can be killed and started again on the same port and the same store.
+//! A broker as a child process, which can be killed and started again on the same port and the same
+//! store.
 
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -22,7 +23,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// NATS with JetStream; with a port for MQTT clients too where one is given. `None` where it is not installed.
+    /// NATS with JetStream; with a port for MQTT clients too where one is given. `None` where it is
+    /// not installed.
     pub fn nats(folder: &Path, mqtt_port: Option<u16>) -> Option<Self> {
         let port = free_port();
         let mqtt = mqtt_port.map_or_else(String::new, |port| format!("mqtt {{ host: \"127.0.0.1\", port: {port} }}\n"));
@@ -61,7 +63,8 @@ impl Server {
     fn mosquitto_with(folder: &Path, listener: &str) -> Option<Self> {
         let port = free_port();
         let config = format!(
-            // Killed, it knows the sessions of its clients when it comes back; it holds nothing back from a slow one.
+            // Killed, it knows the sessions of its clients when it comes back; it holds nothing
+            // back from a slow one.
             "allow_anonymous true\npersistence true\npersistence_location {}/\nautosave_on_changes true\nautosave_interval 20\n\
              max_queued_messages 1000000\nmax_inflight_messages 0\nuser root\n\
              listener {port} 127.0.0.1\n{listener}",

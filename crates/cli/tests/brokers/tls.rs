@@ -1,4 +1,5 @@
-//! Brokers and receivers of alarms over TLS: who proves its name is spoken to, who does not is told nothing.
+//! Brokers and receivers of alarms over TLS: who proves its name is spoken to, who does not is told
+//! nothing.
 
 use std::io::{Read, Write};
 use std::process::{Command, Stdio};
@@ -12,7 +13,8 @@ use crate::service::{configure, ended_within, figure, said, signal, start, statu
 
 const LIMIT: Duration = Duration::from_secs(30);
 
-/// The sink publishes and the source hears over TLS, at a broker whose certificate this machine's own authority signed.
+/// The sink publishes and the source hears over TLS, at a broker whose certificate this machine's
+/// own authority signed.
 #[test]
 fn conform_mqtt_goes_over_tls() {
     let bench = Bench::new();
@@ -49,7 +51,8 @@ fn conform_mqtt_goes_over_tls() {
     );
 }
 
-/// NATS over TLS with a password; with a wrong authority or a wrong password it gets nothing, and the sink says why.
+/// NATS over TLS with a password; with a wrong authority or a wrong password it gets nothing, and
+/// the sink says why.
 #[test]
 fn conform_nats_goes_over_tls() {
     let bench = Bench::new();

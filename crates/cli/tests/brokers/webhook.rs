@@ -1,4 +1,5 @@
-//! A receiver that is away, refuses, or answers nonsense for a while gets every alarm in the end, once and in order.
+//! A receiver that is away, refuses, or answers nonsense for a while gets every alarm in the end,
+//! once and in order.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
@@ -41,7 +42,8 @@ fn conform_alarms_are_posted_until_they_are_taken() {
                     "HTTP/1.1 {status}\r\nLocation: http://{address}/elsewhere\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
                 )
             };
-            // First it is busy, then it hangs up, then it points elsewhere, then it takes what comes.
+            // First it is busy, then it hangs up, then it points elsewhere, then it takes what
+            // comes.
             match number {
                 0 => drop(stream.write_all(b"HTTP/1.1 503 Busy\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")),
                 1 => {}
@@ -86,7 +88,8 @@ fn conform_alarms_are_posted_until_they_are_taken() {
     channels.dedup();
     assert_eq!(channels, ["acc_1", "acc_2"], "the log has both");
     assert_eq!((&alarm["group"]["news"], alarm["group"]["channels"].as_array().map(Vec::len)), (&true.into(), Some(1)));
-    // The signal's fifth harmonic is 25 % too high: it is named, with its sign, limit and operating point.
+    // The signal's fifth harmonic is 25 % too high: it is named, with its sign, limit and operating
+    // point.
     let text = alarm["text"].as_str().unwrap();
     let begin =
         format!("gearwatch: alarm at bench small: stage1 at {}, critical: 5x +2", alarm["channel"].as_str().unwrap());

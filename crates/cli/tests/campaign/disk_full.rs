@@ -1,4 +1,5 @@
-//! A full disk: ranks go on, the state says so within a second, logging goes on by itself, and what was not logged is counted exactly.
+//! A full disk: ranks go on, the state says so within a second, logging goes on by itself, and what
+//! was not logged is counted exactly.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -98,14 +99,16 @@ fn conform_a_full_disk_is_told_and_counted() {
 
     let lines = lines.load(Ordering::Relaxed);
     let content = content(&files(&folder));
-    // Windows are counted under their sensor and stage; spectra that found no room are counted too, under a name of their own.
+    // Windows are counted under their sensor and stage; spectra that found no room are counted too,
+    // under a name of their own.
     let of_windows = |gap: &&Gap| gap.cause == Cause::LogQueueFull && gap.channel.contains('/');
     let unlogged: u64 = content.gaps.iter().filter(of_windows).map(|gap| gap.count).sum();
     let logged = content.verdicts.len() as u64;
     println!(
         "full disk: told after {told:.2?}, {during} ranks meanwhile, resumed after {resumed:.2?}; {lines} lines = {logged} logged + {unlogged} counted as unlogged"
     );
-    // 2 channels, 2 windows a second, 20 times the speed: 80 a second; a busy machine may shed some.
+    // 2 channels, 2 windows a second, 20 times the speed: 80 a second; a busy machine may shed
+    // some.
     assert!(during > 60, "ranks did not go on: {during}");
     assert!(told <= Duration::from_secs(1), "{told:?}");
     assert!(resumed <= Duration::from_secs(5), "{resumed:?}");
@@ -113,7 +116,8 @@ fn conform_a_full_disk_is_told_and_counted() {
     assert_eq!(lines, logged + unlogged);
 }
 
-/// Told to stop while the disk is full: it ends in time, and says by its exit code and in words that its log is not whole.
+/// Told to stop while the disk is full: it ends in time, and says by its exit code and in words
+/// that its log is not whole.
 #[test]
 fn conform_a_log_that_could_not_be_closed_is_told_by_the_exit_code() {
     let bench = Bench::new();

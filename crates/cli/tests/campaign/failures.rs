@@ -1,5 +1,6 @@
-//! Every task of the service is killed once by a panic: it is back within a second, or the process ends and says so; and who looks from outside never sees
-//! a service that is all right and does nothing.
+//! Every task of the service is killed once by a panic: it is back within a second, or the process
+//! ends and says so; and who looks from outside never sees a service that is all right and does
+//! nothing.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -12,10 +13,12 @@ use crate::fixture::{Bench, gearwatch, text};
 use crate::server::{Server, free_port};
 use crate::service::{configure, ended_within, figure, log_of, signal, status, wait_for};
 
-/// A task that died works again within this: half a second of backoff, a fifth until the next look, and the machine's own time.
+/// A task that died works again within this: half a second of backoff, a fifth until the next look,
+/// and the machine's own time.
 const BACK: Duration = Duration::from_millis(1500);
 
-/// It is given up after this; a disk or a machine that stands still for some seconds is not the service's.
+/// It is given up after this; a disk or a machine that stands still for some seconds is not the
+/// service's.
 const GIVEN_UP: Duration = Duration::from_secs(20);
 
 /// What the outside sees after a task was killed.
@@ -28,7 +31,8 @@ enum Seen {
     Neither(String),
 }
 
-/// What must go on: windows judged, durable records, letters that a broker confirmed, lines on stdout and spectra at the page.
+/// What must go on: windows judged, durable records, letters that a broker confirmed, lines on
+/// stdout and spectra at the page.
 fn progress(bench: &Bench, counted: &[Arc<AtomicU64>]) -> Option<Vec<u64>> {
     let snapshot = status(bench)?;
     let mut all = vec![snapshot.benches.first()?.windows_judged];

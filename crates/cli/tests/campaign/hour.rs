@@ -1,5 +1,6 @@
-//! An hour of the simulated bench at full speed through the whole service: a tooth breaks after forty minutes. Memory stays flat, the ranks are what
-//! they should be, and the fault is found as early as windows and alarm logic allow.
+//! An hour of the simulated bench at full speed through the whole service: a tooth breaks after
+//! forty minutes. Memory stays flat, the ranks are what they should be, and the fault is found as
+//! early as windows and alarm logic allow.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -11,7 +12,8 @@ const DURATION_S: f64 = 3600.0;
 const FAULT_S: f64 = 2400.0;
 const WINDOW_S: f64 = 1.0;
 const HOP_S: f64 = 0.5;
-/// Windows that must deviate before an alarm is raised, as the service has it where the configuration says nothing.
+/// Windows that must deviate before an alarm is raised, as the service has it where the
+/// configuration says nothing.
 const NEEDED: f64 = 3.0;
 /// Largest growth of the resident set over the hour, its first tenth left out (KiB).
 const FLAT_KIB: f64 = 1024.0;
@@ -91,7 +93,8 @@ fn conform_an_hour_of_the_simulated_bench() {
         let allowed = 0.01 * before.len() as f64 + 3.0 * (2.0 * 0.01 * before.len() as f64).sqrt();
         assert!((false_ones as f64) < allowed, "{false_ones} false ones");
         if stage == "stage1" {
-            // 1x to 5x change by 1.3 to 4.4 % then, with a sigma of a window of 0.04 to 0.27 %: the first whole window shows it.
+            // 1x to 5x change by 1.3 to 4.4 % then, with a sigma of a window of 0.04 to 0.27 %: the
+            // first whole window shows it.
             assert!(found.is_some_and(|delay| delay <= WINDOW_S + HOP_S), "{stage} at {channel}: {found:?}");
             let missed = after.iter().filter(|v| end_s(v) > FAULT_S + WINDOW_S && !deviates(v)).count();
             assert_eq!(missed, 0, "{stage} at {channel}");

@@ -40,7 +40,8 @@ fn now_ns() -> i64 {
     i64::try_from(since.as_nanos()).unwrap()
 }
 
-/// Everything that was acknowledged is there once, what is missing is covered by gap records, and none of those covers what was acknowledged.
+/// Everything that was acknowledged is there once, what is missing is covered by gap records, and
+/// none of those covers what was acknowledged.
 pub fn judge(label: &str, content: &Content, acknowledged_before: impl Fn(i64) -> u64) -> (u64, u64) {
     let last = content.groups.last().map_or(0, |group| group.seq_last);
     let tails: Vec<_> = content.gaps.iter().filter(|gap| gap.cause == Cause::UncleanEnd).collect();
@@ -141,7 +142,8 @@ fn conform_kills_lose_nothing_that_was_acknowledged() {
     }
 }
 
-/// What `wait_for` is for here: a service that was killed leaves a socket behind, and the next one takes its place.
+/// What `wait_for` is for here: a service that was killed leaves a socket behind, and the next one
+/// takes its place.
 #[test]
 fn conform_a_socket_of_a_killed_service_is_taken_over() {
     let bench = Bench::new();

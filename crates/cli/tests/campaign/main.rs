@@ -1,5 +1,6 @@
-//! Campaigns against the real binary: killed, stopped, without space, without power. The normal run does a few rounds of each; `just campaign`
-//! does them all (`GEARWATCH_ROUNDS` sets how many), and `docs/reliability-evidence.md` holds the last figures.
+//! Campaigns against the real binary: killed, stopped, without space, without power. The normal run
+//! does a few rounds of each; `just campaign` does them all (`GEARWATCH_ROUNDS` sets how many), and
+//! `docs/reliability-evidence.md` holds the last figures.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "tests tell figures, and what was skipped")]
 

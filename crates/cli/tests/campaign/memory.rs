@@ -1,4 +1,5 @@
-//! The unit's `MemoryMax`, by the kernel that enforces it: a control group made by hand (version 1 or 2), where one can be made.
+//! The unit's `MemoryMax`, by the kernel that enforces it: a control group made by hand (version 1
+//! or 2), where one can be made.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -67,7 +68,8 @@ fn memory_max() -> u64 {
     value.strip_suffix('G').unwrap().parse::<u64>().unwrap() << 30
 }
 
-/// Under the unit's limit the service stays far below it; where a limit hits, the kernel kills it, and nothing that was acknowledged is lost.
+/// Under the unit's limit the service stays far below it; where a limit hits, the kernel kills it,
+/// and nothing that was acknowledged is lost.
 #[test]
 fn conform_the_limit_on_memory_holds_and_costs_nothing_that_was_acknowledged() {
     let Some(group) = Group::new() else {
@@ -82,7 +84,8 @@ fn conform_the_limit_on_memory_holds_and_costs_nothing_that_was_acknowledged() {
     wait_for(Duration::from_secs(30), || durable().filter(|&seq| seq > 500)).expect("it runs and logs");
     let peak = group.figure(group.peak);
     assert!(peak > 0 && peak < memory_max() / 4, "{peak} bytes");
-    // The limit follows what is in use, until there is no room: pages of files go first, then the kernel ends the process.
+    // The limit follows what is in use, until there is no room: pages of files go first, then the
+    // kernel ends the process.
     let mut acknowledged = 0;
     let killed = wait_for(Duration::from_secs(60), || {
         acknowledged = acknowledged.max(durable().unwrap_or(0));

@@ -1,5 +1,6 @@
-//! Four weeks of a bench at speed, a part of each day: a fault grows from the third week on, is found, acknowledged and reported. Log, levels, the time of a
-//! query and the memory of the service are told.
+//! Four weeks of a bench at speed, a part of each day: a fault grows from the third week on, is
+//! found, acknowledged and reported. Log, levels, the time of a query and the memory of the service
+//! are told.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -18,11 +19,13 @@ const GROWTH: f64 = 1.5;
 const SEEN: i64 = 24;
 /// Of each day that is simulated (s).
 const PART_S: f64 = 600.0;
-/// The resident set on any day, at its peak, and what the peak may grow by from the first days to the last (KiB).
+/// The resident set on any day, at its peak, and what the peak may grow by from the first days to
+/// the last (KiB).
 const MOST_KIB: u64 = 40 * 1024;
 const FLAT_KIB: u64 = 1024;
 
-/// Midnight before the first day, in days since the epoch: what is acknowledged bears the clock's time, so that the day of it is today.
+/// Midnight before the first day, in days since the epoch: what is acknowledged bears the clock's
+/// time, so that the day of it is today.
 fn first_day() -> i64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).expect("after 1970");
     now.as_secs() as i64 / 86_400 - SEEN

@@ -1,5 +1,6 @@
-//! More than the machine can do: what is not processed is counted exactly, memory stays bounded, the capacity is kept. And what stands still at the far
-//! ends, a page, a broker, does not reach the ranks.
+//! More than the machine can do: what is not processed is counted exactly, memory stays bounded,
+//! the capacity is kept. And what stands still at the far ends, a page, a broker, does not reach
+//! the ranks.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -63,7 +64,8 @@ struct Load {
     secs: f64,
     /// Time that processors spent on it, without the making of the signal (s).
     cpu_secs: f64,
-    /// Time that processors had for it: what they spent on it and what they idled. What others and the making of the signal took is not in it (s).
+    /// Time that processors had for it: what they spent on it and what they idled. What others and
+    /// the making of the signal took is not in it (s).
     cpu_offered_secs: f64,
     offered: u64,
     dropped: u64,
@@ -81,7 +83,8 @@ struct Signal<'a> {
     hop_s: f64,
 }
 
-/// Offers `factor` seconds of signal a second, for some seconds; as much as goes where there is no factor.
+/// Offers `factor` seconds of signal a second, for some seconds; as much as goes where there is no
+/// factor.
 fn offer(signal: &Signal<'_>, factor: Option<f64>, secs: f64) -> Load {
     let Signal { bench, second, rate, hop_s } = *signal;
     let window = WindowConfig { hop_s, ..WindowConfig::default() };
@@ -134,7 +137,8 @@ fn rss_mib() -> u64 {
     line.split_whitespace().nth(1).and_then(|kib| kib.parse::<u64>().ok()).unwrap_or(0) / 1024
 }
 
-/// Time that processors have spent on this process, but for the calling thread (s). Linux counts it in hundredths of a second.
+/// Time that processors have spent on this process, but for the calling thread (s). Linux counts it
+/// in hundredths of a second.
 fn cpu_secs() -> f64 {
     let of = |who: &str| {
         let stat = std::fs::read_to_string(format!("/proc/{who}/stat")).unwrap_or_default();
@@ -179,7 +183,8 @@ fn conform_many_channels_take_less_than_half_a_core() {
     }
 }
 
-/// Windows so close that real time is all the machine can do, and then more than that: by 1.5, 3 and 10 times.
+/// Windows so close that real time is all the machine can do, and then more than that: by 1.5, 3
+/// and 10 times.
 #[test]
 #[ignore = "minutes, and says something only of a release build; `just campaign-overload`"]
 fn conform_overload_is_shed_and_counted() {
@@ -190,8 +195,9 @@ fn conform_overload_is_shed_and_counted() {
         let capacity = offer(&dense, None, 8.0);
         let real_time = channels as f64 / dense.hop_s;
         let most = capacity.judged as f64 / capacity.secs;
-        // Windows that a second of a processor gives. Whoever makes the signal runs on the same machine, and so may others: their seconds are not
-        // counted, but idle ones are, so that workers that wait for each other would be told.
+        // Windows that a second of a processor gives. Whoever makes the signal runs on the same
+        // machine, and so may others: their seconds are not counted, but idle ones are, so that
+        // workers that wait for each other would be told.
         let in_a_second = |load: &Load| load.judged as f64 / load.cpu_offered_secs;
         println!(
             "{channels} channels at {rate} Hz, a window each 20 ms: capacity {:.2} times real time, {:.0} windows in a second of a processor",
@@ -213,8 +219,9 @@ fn conform_overload_is_shed_and_counted() {
                 100.0 * load.judged as f64 / load.secs / most,
                 rss_mib()
             );
-            // Three times what the machine can do is nearly twenty times real time here. Far beyond that the samples themselves, which are taken in
-            // before anything is shed, cost a part of the processors.
+            // Three times what the machine can do is nearly twenty times real time here. Far beyond
+            // that the samples themselves, which are taken in before anything is shed, cost a part
+            // of the processors.
             let least = if beyond <= 3.0 { 0.9 } else { 0.8 };
             assert!(kept >= least || cfg!(debug_assertions), "{kept}");
         }
@@ -348,7 +355,8 @@ fn conform_what_stands_still_does_not_reach_the_ranks() {
         let _ = viewer.read(&mut [0; 64]);
     }
     assert_eq!(free.2, stuck.2, "each window once at both");
-    // Half a millisecond is the grain of a busy machine's scheduler; 5 % of more than that would be told.
+    // Half a millisecond is the grain of a busy machine's scheduler; 5 % of more than that would be
+    // told.
     assert!(stuck.0 <= free.0 * 1.05 + 0.5, "median {:.2} ms against {:.2} ms", stuck.0, free.0);
     if secs >= 60 {
         assert!(free.1 < 50.0 && stuck.1 < 50.0, "99 %: {:.2} ms and {:.2} ms", free.1, stuck.1);

@@ -1,5 +1,6 @@
-//! The power goes while the log is written: ext4 on a loop device is shut down without writing anything back, as `EXT4_IOC_SHUTDOWN` does,
-//! mounted again, and read. What was acknowledged is there.
+//! The power goes while the log is written: ext4 on a loop device is shut down without writing
+//! anything back, as `EXT4_IOC_SHUTDOWN` does, mounted again, and read. What was acknowledged is
+//! there.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -106,7 +107,8 @@ fn conform_power_cuts_lose_nothing_that_was_acknowledged() {
     assert!(acknowledged_runs * 2 > cuts, "the cuts came too early to test anything");
 }
 
-/// Runs the service, cuts the power at some moment, and mounts the drive again. What was acknowledged before the cut.
+/// Runs the service, cuts the power at some moment, and mounts the drive again. What was
+/// acknowledged before the cut.
 fn one_cut(bench: &Bench, drive: &Drive, config: &Path, moments: &mut Moments) -> u64 {
     let _ = std::fs::remove_file(bench.path("status.sock"));
     let mut child = start(config);

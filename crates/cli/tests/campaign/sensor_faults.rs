@@ -1,4 +1,5 @@
-//! Faults of sensors and wiring, one after another, in the middle of a healthy recording: each is flagged within three windows, and no clean window is.
+//! Faults of sensors and wiring, one after another, in the middle of a healthy recording: each is
+//! flagged within three windows, and no clean window is.
 
 use std::f32::consts::TAU;
 
@@ -66,7 +67,8 @@ fn windows(bench: &Bench, name: &str, keys: &str, change: impl FnMut(&mut Packet
         .collect()
 }
 
-/// A fault from the onset on: flagged in every window from the third on, without a rank, and in none before.
+/// A fault from the onset on: flagged in every window from the third on, without a rank, and in
+/// none before.
 fn flagged(bench: &Bench, name: &str, mut fault: impl FnMut(&mut Block)) {
     let all = windows(bench, "fault.mcap", "duration_secs = 12.0\nseed = 9", |packet| {
         if let Packet::Vibration(block) = packet
@@ -100,7 +102,8 @@ fn conform_sensor_faults_are_flagged_within_three_windows() {
     }
 }
 
-/// The instrument samples at another rate than it says: its clock stamps the blocks, so that they come too early or too late.
+/// The instrument samples at another rate than it says: its clock stamps the blocks, so that they
+/// come too early or too late.
 #[test]
 fn conform_a_wrong_sample_rate_is_flagged_within_three_windows() {
     let bench = Bench::new();
@@ -113,7 +116,8 @@ fn conform_a_wrong_sample_rate_is_flagged_within_three_windows() {
     }
 }
 
-/// One sample in a thousand at the limits, at the rate that benches have: fewer than five at either limit, in one window of a hundred, tell nothing.
+/// One sample in a thousand at the limits, at the rate that benches have: fewer than five at either
+/// limit, in one window of a hundred, tell nothing.
 #[test]
 fn conform_clipping_of_one_sample_in_a_thousand_is_flagged() {
     let bench = Bench::new();
@@ -141,7 +145,8 @@ fn conform_clipping_of_one_sample_in_a_thousand_is_flagged() {
     assert!(clipped.iter().filter(|w| !w.ok).all(|w| w.unknown), "a rank in spite of the fault");
 }
 
-/// Samples that are missing or come twice break the window and are told; the windows beside them are good.
+/// Samples that are missing or come twice break the window and are told; the windows beside them
+/// are good.
 #[test]
 fn conform_missing_and_repeated_samples_make_no_window() {
     let bench = Bench::new();
@@ -177,8 +182,10 @@ fn conform_no_clean_window_is_flagged() {
     assert_eq!(flagged, 0);
 }
 
-/// The sensor faults of the simulator's own scenarios, in turn, on a simulated bench: from the second window after each onset on the
-/// faulty channel has no rank, and no window is flagged before it or on the other channel. A minute of each; the campaign does a day, 24 recordings of an hour.
+/// The sensor faults of the simulator's own scenarios, in turn, on a simulated bench: from the
+/// second window after each onset on the faulty channel has no rank, and no window is flagged
+/// before it or on the other channel. A minute of each; the campaign does a day, 24 recordings of
+/// an hour.
 #[test]
 fn conform_the_simulators_faults_give_no_rank() {
     let bench = Bench::new();

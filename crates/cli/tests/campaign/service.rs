@@ -16,7 +16,8 @@ pub fn rounds(few: u64) -> u64 {
     std::env::var("GEARWATCH_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(few)
 }
 
-/// Moments that follow from a seed: the campaign can be repeated, but for what the machine itself does.
+/// Moments that follow from a seed: the campaign can be repeated, but for what the machine itself
+/// does.
 pub struct Moments(u64);
 
 impl Moments {
@@ -36,7 +37,8 @@ impl Moments {
     }
 }
 
-/// Writes the configuration of a service whose log goes to `folder`; its test signal runs at this multiple of real time.
+/// Writes the configuration of a service whose log goes to `folder`; its test signal runs at this
+/// multiple of real time.
 pub fn configure(bench: &Bench, folder: &Path, speed: &str, further: &str) -> std::path::PathBuf {
     bench.write(
         "service.toml",

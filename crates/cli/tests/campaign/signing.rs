@@ -1,4 +1,5 @@
-//! The checksums of a release are signed and checked by `packaging/sign.sh`, with keys that this test makes and throws away.
+//! The checksums of a release are signed and checked by `packaging/sign.sh`, with keys that this
+//! test makes and throws away.
 
 use std::path::Path;
 use std::process::Command;

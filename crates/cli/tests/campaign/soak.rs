@@ -1,5 +1,6 @@
-//! A day in minutes: the test signal at 144 times its speed through everything at once, with rotation, reloads, lost connections and clients that come
-//! and go. Memory does not grow, descriptors and threads stay as many, every window is accounted for.
+//! A day in minutes: the test signal at 144 times its speed through everything at once, with
+//! rotation, reloads, lost connections and clients that come and go. Memory does not grow,
+//! descriptors and threads stay as many, every window is accounted for.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Write};

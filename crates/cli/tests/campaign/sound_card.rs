@@ -1,5 +1,6 @@
-//! A sound card that is one to the system: PulseAudio plays a known signal into a sink of its own in real time, ALSA names what can be heard there as
-//! a device. Only in builds with the cargo feature `sound-card`: `just campaign-sound-card`.
+//! A sound card that is one to the system: PulseAudio plays a known signal into a sink of its own
+//! in real time, ALSA names what can be heard there as a device. Only in builds with the cargo
+//! feature `sound-card`: `just campaign-sound-card`.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! SIGTERM and SIGINT at random moments: exit 0 within 3 s, and every file of the log has its footer and its index.
+//! SIGTERM and SIGINT at random moments: exit 0 within 3 s, and every file of the log has its
+//! footer and its index.
 
 use std::time::{Duration, Instant};
 

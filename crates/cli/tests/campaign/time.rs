@@ -1,4 +1,5 @@
-//! Time plays tricks: the wall clock is set, the machine has been up for 400 days, counters come near 2³². Ranks do not change by a byte.
+//! Time plays tricks: the wall clock is set, the machine has been up for 400 days, counters come
+//! near 2³². Ranks do not change by a byte.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -12,7 +13,8 @@ use crate::service::files;
 /// Preloaded, it makes the wall clock what a file says; the monotonic one stays.
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
-/// A service that watches some seconds of the test signal, at ten times the speed, and ends by itself.
+/// A service that watches some seconds of the test signal, at ten times the speed, and ends by
+/// itself.
 fn short_run(bench: &Bench, name: &str) -> std::path::PathBuf {
     bench.baseline();
     bench.write(
@@ -77,7 +79,8 @@ fn conform_a_wall_clock_that_is_set_changes_no_rank() {
     }
     let stepped = child.wait_with_output().unwrap();
     let got = lines(&stepped);
-    // The stopped clock of a busy machine may shed windows; what is there is byte for byte the same.
+    // The stopped clock of a busy machine may shed windows; what is there is byte for byte the
+    // same.
     assert!(got == expected, "{} bytes, {} expected", got.len(), expected.len());
     let mut before = 0;
     let wanted: Vec<i64> = shifts.iter().map(|&shift| shift - std::mem::replace(&mut before, shift)).collect();
@@ -102,7 +105,8 @@ fn conform_four_hundred_days_of_uptime_change_no_rank() {
     assert!(lines(&old.unwrap()) == expected);
 }
 
-/// Sample counters that cross 2³² and 2⁵³ in the middle of a recording: but for the counter itself every line is the same.
+/// Sample counters that cross 2³² and 2⁵³ in the middle of a recording: but for the counter itself
+/// every line is the same.
 #[test]
 fn conform_counters_may_cross_their_borders() {
     let bench = Bench::new();

@@ -1,8 +1,10 @@
-//! The systemd unit has no rights that it does not need, and does what it is for under a real systemd.
+//! The systemd unit has no rights that it does not need, and does what it is for under a real
+//! systemd.
 
 use std::process::Command;
 
-/// It is started again for ever, has descriptors for its connections and files, and cannot take all memory of the machine.
+/// It is started again for ever, has descriptors for its connections and files, and cannot take all
+/// memory of the machine.
 #[test]
 fn regress_the_unit_has_its_limits() {
     let unit = include_str!("../../../../packaging/gearwatch.service");
@@ -16,7 +18,8 @@ fn regress_the_unit_has_its_limits() {
     ] {
         assert!(unit.lines().any(|found| found == line), "{line}");
     }
-    // It hides /proc/sys, and with it the identity of the boot: kills were counted with 32 770 results each, whatever they took.
+    // It hides /proc/sys, and with it the identity of the boot: kills were counted with 32 770
+    // results each, whatever they took.
     assert!(!unit.lines().any(|line| line.starts_with("ProcSubset=")));
 }
 
@@ -49,8 +52,9 @@ fn conform_the_unit_has_no_key_that_systemd_does_not_know() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// Start, reload, a wrong configuration, kills and a stop, under a systemd that the script starts beside whatever runs the machine. The journal was empty once:
-/// what a unit says goes the way of its standard output where nothing else is said.
+/// Start, reload, a wrong configuration, kills and a stop, under a systemd that the script starts
+/// beside whatever runs the machine. The journal was empty once: what a unit says goes the way of
+/// its standard output where nothing else is said.
 #[test]
 fn regress_the_unit_runs_under_a_real_systemd() {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/systemd-test.sh");

@@ -1,5 +1,7 @@
-//! A week in hours: the test signal at many times its speed, with rotation, reloads of right and wrong configurations, clients, brokers that hang up and
-//! are killed, a disk that hangs, is slow, is full and fails, and somebody who sets the clock. What must hold is asked all the time, not only in the end.
+//! A week in hours: the test signal at many times its speed, with rotation, reloads of right and
+//! wrong configurations, clients, brokers that hang up and are killed, a disk that hangs, is slow,
+//! is full and fails, and somebody who sets the clock. What must hold is asked all the time, not
+//! only in the end.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,11 +19,14 @@ mod account;
 
 use account::Account;
 
-/// The test signal runs so many times as fast as real time: a week takes 70 minutes. `GEARWATCH_TIMES` makes it another.
+/// The test signal runs so many times as fast as real time: a week takes 70 minutes.
+/// `GEARWATCH_TIMES` makes it another.
 const TIMES: u64 = 144;
-/// Where `ok` is said, what was judged so long ago is durable: the two seconds of the promise, and what an answer takes on a busy machine.
+/// Where `ok` is said, what was judged so long ago is durable: the two seconds of the promise, and
+/// what an answer takes on a busy machine.
 const DURABLE_WITHIN: Duration = Duration::from_secs(4);
-/// A result of the log is a verdict or one of the few other records; a status counts both while they are under way. At so many times real time.
+/// A result of the log is a verdict or one of the few other records; a status counts both while
+/// they are under way. At so many times real time.
 const UNDER_WAY: u64 = 300;
 /// When a trouble is over, all is right again within this time.
 const RIGHT_AGAIN: Duration = Duration::from_secs(30);
@@ -310,8 +315,9 @@ fn begin_trouble(kind: &str, trouble: &Path, folder: &Path, by: &Duration) {
     }
 }
 
-/// Somebody removes the file that is written. Between two files there is none for a moment: one that was closed already is put back, since nobody watches over
-/// what is finished, and the log does not write to it again.
+/// Somebody removes the file that is written. Between two files there is none for a moment: one
+/// that was closed already is put back, since nobody watches over what is finished, and the log
+/// does not write to it again.
 fn take_away(folder: &Path) {
     let listed = std::fs::read_dir(folder).unwrap().flatten().map(|entry| entry.path());
     let newest = listed.filter(|path| path.extension().is_some_and(|end| end == "mcap")).max();

@@ -1,5 +1,5 @@
-//! The fields of a verdict have one table in the code. The reference page is made from it; the page, the layouts, the examples and the Python package name
-//! no field that is not in it.
+//! The fields of a verdict have one table in the code. The reference page is made from it; the
+//! page, the layouts, the examples and the Python package name no field that is not in it.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -103,7 +103,8 @@ fn files(folder: &str, extensions: &[&str]) -> Vec<PathBuf> {
     out
 }
 
-/// Words that look like a field of a harmonic: `rank_1x`, `dev_sigma_${h}x_percent`, with `1` in place of what a template puts there.
+/// Words that look like a field of a harmonic: `rank_1x`, `dev_sigma_${h}x_percent`, with `1` in
+/// place of what a template puts there.
 fn harmonic_fields(text: &str) -> BTreeSet<String> {
     let mut plain = text.to_owned();
     for template in ["${h}", "${k}", "${view.harmonic}", "{h}", "{k}", "{name}"] {
@@ -126,7 +127,8 @@ fn conform_page_examples_and_python_name_fields_that_are_there() {
         .chain(files("docs", &["md"]));
     for path in all {
         for name in harmonic_fields(&std::fs::read_to_string(&path).unwrap()) {
-            // The phase is of `amplitudes` in Python, whose rows are no verdicts; the rest of its names are the same.
+            // The phase is of `amplitudes` in Python, whose rows are no verdicts; the rest of its
+            // names are the same.
             let of_verdict = field(&name).is_some();
             assert!(of_verdict || name.starts_with("phase"), "{}: no verdict has {name:?}", path.display());
             seen.insert(name);

@@ -25,7 +25,8 @@ fn prose(text: &str) -> String {
     out
 }
 
-/// The anchor that GitHub and mdBook give a heading: lower case, blanks as hyphens, punctuation left out.
+/// The anchor that GitHub and mdBook give a heading: lower case, blanks as hyphens, punctuation
+/// left out.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim().chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
     kept.collect::<String>().to_lowercase().replace(' ', "-")
@@ -71,7 +72,8 @@ fn trouble(root: &Path, page: &Path, target: &str) -> Option<&'static str> {
     }
 }
 
-/// Every relative link of all pages leads to a file that is there, and its anchor to a heading; links of the site stay in it.
+/// Every relative link of all pages leads to a file that is there, and its anchor to a heading;
+/// links of the site stay in it.
 #[test]
 fn conform_links_between_pages_lead_somewhere() {
     let root = root();

@@ -15,7 +15,8 @@ fn page(name: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name)).unwrap()
 }
 
-/// The shell blocks of a page as one script that stops where an exit code is not the stated one: `# exit N` behind a command, else 0.
+/// The shell blocks of a page as one script that stops where an exit code is not the stated one:
+/// `# exit N` behind a command, else 0.
 fn script(text: &str) -> String {
     let mut out = String::from("set -u\n");
     for block in text.split("```sh\n").skip(1).filter_map(|rest| rest.split("\n```").next()) {
@@ -46,7 +47,8 @@ fn script(text: &str) -> String {
     out
 }
 
-/// Runs a page's commands in a new folder, which is given back; `files` are what must be there afterwards.
+/// Runs a page's commands in a new folder, which is given back; `files` are what must be there
+/// afterwards.
 fn follow(name: &str, least: usize, files: &[&str]) -> tempfile::TempDir {
     let script = script(&page(name));
     let commands = script.lines().filter(|line| line.starts_with("gearwatch ")).count();
@@ -87,8 +89,9 @@ fn conform_helical_and_planetary_benches_run_as_written() {
     follow("docs/gearboxes.md", 8, &["monday.mcap", "normal.json"]);
 }
 
-/// A law that no effect has, concealed in a rig that differs from its sheet: place and law are found, its sizes within 20 %, it predicts what was held out better than the name that comes nearest, and the bench file
-/// that is written has it, alone.
+/// A law that no effect has, concealed in a rig that differs from its sheet: place and law are
+/// found, its sizes within 20 %, it predicts what was held out better than the name that comes
+/// nearest, and the bench file that is written has it, alone.
 #[test]
 fn conform_physics_without_a_name_is_located_and_modelled() {
     let folder = follow("docs/free-terms.md", 3, &["answer/bench.toml", "again.mcap"]);

@@ -63,7 +63,8 @@ fn conform_every_duty_has_its_answer() {
     }
 }
 
-/// Each state of the instrument has one signal of NE 107, and the table names no state that there is not.
+/// Each state of the instrument has one signal of NE 107, and the table names no state that there
+/// is not.
 #[test]
 fn conform_each_instrument_state_has_its_ne_107_signal() {
     let text = page("docs/security.md");

@@ -1,4 +1,5 @@
-//! The language of the pages: short sentences, and programs that are not persons (docs/contributing.md, "Words").
+//! The language of the pages: short sentences, and programs that are not persons
+//! (docs/contributing.md, "Words").
 
 use std::path::{Path, PathBuf};
 
@@ -70,7 +71,8 @@ fn plain(paragraph: &str) -> String {
     parts.fold(first, |out, part| out + part.split_once(')').map_or("", |(_, rest)| rest))
 }
 
-/// Sentences end with a full stop, a question mark, an exclamation mark or a colon, unless the stop follows an initial.
+/// Sentences end with a full stop, a question mark, an exclamation mark or a colon, unless the stop
+/// follows an initial.
 fn sentences(paragraph: &str) -> Vec<Vec<&str>> {
     let mut out = vec![Vec::new()];
     for word in paragraph.split_whitespace() {

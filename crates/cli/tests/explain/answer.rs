@@ -1,10 +1,12 @@
-//! What is written: the same bytes for the same files, pictures, a bench file that `simulate` runs, a summary for people.
+//! What is written: the same bytes for the same files, pictures, a bench file that `simulate` runs,
+//! a summary for people.
 
 use crate::fixture::{Folder, stderr, stdout};
 
 const WRITTEN: [&str; 5] = ["explanation.json", "bench.toml", "spectrum.svg", "mismatch.svg", "fit.svg"];
 
-/// Two runs, in two folders with other names and other numbers of threads, write the same bytes; so does the standard output.
+/// Two runs, in two folders with other names and other numbers of threads, write the same bytes; so
+/// does the standard output.
 #[test]
 fn conform_the_same_files_give_the_same_bytes() {
     let folder = Folder::new();
@@ -36,8 +38,9 @@ fn conform_the_same_files_give_the_same_bytes() {
     );
 }
 
-/// What is written can be used: the bench file simulates, the pictures are SVG, the summary answers what, where, how sure, how much better and
-/// what next before anything else, and a later answer without a mismatch leaves no picture of this one.
+/// What is written can be used: the bench file simulates, the pictures are SVG, the summary answers
+/// what, where, how sure, how much better and what next before anything else, and a later answer
+/// without a mismatch leaves no picture of this one.
 #[test]
 fn conform_an_answer_can_be_used() {
     let folder = Folder::new();
@@ -71,7 +74,8 @@ fn conform_an_answer_can_be_used() {
     assert!(folder.read("answer/spectrum.svg").contains("</svg>"));
 }
 
-/// `--blind-spots` with recordings takes their settings, without any the usual ones; each effect of the library is spoken of.
+/// `--blind-spots` with recordings takes their settings, without any the usual ones; each effect of
+/// the library is spoken of.
 #[test]
 fn conform_blind_spots_speak_of_every_effect() {
     let folder = Folder::new();

@@ -1,4 +1,5 @@
-//! What cannot be judged: exit code 3, a sentence with the file, what was expected and what was found, and nothing written.
+//! What cannot be judged: exit code 3, a sentence with the file, what was expected and what was
+//! found, and nothing written.
 
 use gearwatch_core::block::{Packet, Samples};
 
@@ -163,7 +164,8 @@ fn conform_contradicting_arguments_are_refused() {
     }
 }
 
-/// Recordings are compared with nothing where the reference holds no numbers: that is not `consistent`.
+/// Recordings are compared with nothing where the reference holds no numbers: that is not
+/// `consistent`.
 #[test]
 fn regress_a_reference_that_cannot_be_judged_gives_no_answer() {
     let folder = Folder::new();

@@ -46,7 +46,8 @@ impl Folder {
         gearwatch(self.0.path(), args)
     }
 
-    /// Simulates a recording of a bench file at a setting: three seconds, with the noise of a usual machine.
+    /// Simulates a recording of a bench file at a setting: three seconds, with the noise of a usual
+    /// machine.
     pub fn simulate(&self, bench: &str, name: &str, (speed, torque): (f64, f64), seed: u64, more: &[&str]) {
         std::fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
         let (speed, torque, seed) = (speed.to_string(), torque.to_string(), seed.to_string());
@@ -58,7 +59,8 @@ impl Folder {
         assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
     }
 
-    /// A recording at each of [`POINTS`] in a folder; settings of another `seed` repeat to a tenth of a per cent.
+    /// A recording at each of [`POINTS`] in a folder; settings of another `seed` repeat to a tenth
+    /// of a per cent.
     pub fn session(&self, bench: &str, folder: &str, seed: u64, more: &[&str]) {
         for (n, (speed, torque)) in POINTS.into_iter().enumerate() {
             let off = 1.0 + 1e-3 * ((seed as f64 * 0.37 + n as f64 * 0.61).fract() - 0.5);

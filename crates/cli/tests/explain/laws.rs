@@ -1,4 +1,5 @@
-//! Laws that no effect has, concealed one after the other in a rig that differs from its sheet: what becomes of each (docs/free-terms.md).
+//! Laws that no effect has, concealed one after the other in a rig that differs from its sheet:
+//! what becomes of each (docs/free-terms.md).
 
 use rayon::prelude::*;
 use serde_json::Value;

@@ -8,7 +8,8 @@ fn says(limits: &[&str], wanted: &[&str]) -> bool {
     limits.iter().any(|limit| wanted.iter().all(|w| limit.contains(w)))
 }
 
-/// One speed and one load: judged, and what they keep from being told is said, in the file and on the terminal.
+/// One speed and one load: judged, and what they keep from being told is said, in the file and on
+/// the terminal.
 #[test]
 fn conform_one_operating_point_is_judged_with_its_limits() {
     let folder = Folder::new();
@@ -57,7 +58,8 @@ fn largest(folder: &Folder, name: &str) -> f64 {
     recording.channels["acc_1"].segments.iter().flat_map(|s| &s.samples).fold(0.0, |most, x| x.abs().max(most))
 }
 
-/// A reference that is none, because it is of other settings, another bench or other sensors: judged without it, which is said.
+/// A reference that is none, because it is of other settings, another bench or other sensors:
+/// judged without it, which is said.
 #[test]
 fn conform_a_reference_that_does_not_fit_is_left_out() {
     let folder = Folder::new();
@@ -81,7 +83,8 @@ fn conform_a_reference_that_does_not_fit_is_left_out() {
     }
 }
 
-/// No stated speed but near the nominal one; no stated load; a run-up beside steady recordings; one of two sensors without signal.
+/// No stated speed but near the nominal one; no stated load; a run-up beside steady recordings; one
+/// of two sensors without signal.
 #[test]
 fn conform_what_is_missing_is_said() {
     let folder = Folder::new();

@@ -1,11 +1,14 @@
-//! Real recordings of a healthy two-stage box at six loads: what a model of its train explains of the trend of mesh lines over load, on loads
-//! that took no part in fitting, and what stays unexplained.
+//! Real recordings of a healthy two-stage box at six loads: what a model of its train explains of
+//! the trend of mesh lines over load, on loads that took no part in fitting, and what stays
+//! unexplained.
 //!
-//! The recordings are not part of the project: without them (`../shared` beside the repository) the test says so and skips. With
-//! `GEARWATCH_PICTURES=folder` it writes the picture of `docs/explain.md` there.
+//! The recordings are not part of the project: without them (`../shared` beside the repository) the
+//! test says so and skips. With `GEARWATCH_PICTURES=folder` it writes the picture of
+//! `docs/explain.md` there.
 //!
-//! All models have a free gain per channel and line, since nobody knows the path from a bearing to a sensor. What they predict is how a line's
-//! amplitude moves with the load; a model that is left with gains alone is the constant.
+//! All models have a free gain per channel and line, since nobody knows the path from a bearing to
+//! a sensor. What they predict is how a line's amplitude moves with the load; a model that is left
+//! with gains alone is the constant.
 
 mod measured;
 mod modelled;
@@ -16,7 +19,8 @@ use measured::{LINES, Measured};
 /// Decibels of a natural logarithm of amplitudes.
 const DB: f64 = 8.685_889_638;
 
-/// Root mean square error (dB) on held-out loads: by line, each model; and over all lines with the standard error over the six loads.
+/// Root mean square error (dB) on held-out loads: by line, each model; and over all lines with the
+/// standard error over the six loads.
 struct Judged {
     name: &'static str,
     by_line: Vec<f64>,
@@ -27,7 +31,8 @@ struct Judged {
 /// ln amplitudes by channel and line at a held-out load, from the training loads.
 type Predict<'a> = dyn FnMut(&[usize], usize) -> Vec<Vec<f64>> + 'a;
 
-/// Predicts each load from the others. `predict(training loads, held-out load)` gives ln amplitudes by channel and line.
+/// Predicts each load from the others. `predict(training loads, held-out load)` gives ln amplitudes
+/// by channel and line.
 fn judge(name: &'static str, m: &Measured, predict: &mut Predict<'_>) -> Judged {
     let loads = measured::LOADS.len();
     let mut by_line = vec![(0.0, 0usize); LINES.len()];
@@ -68,7 +73,8 @@ fn constant(m: &Measured, training: &[usize], _: usize) -> Vec<Vec<f64>> {
     m.ln.iter().map(|lines| lines.iter().map(|v| mean(training.iter().map(|l| v[*l]))).collect()).collect()
 }
 
-/// A straight line of ln amplitude over load, with one slope per line for all channels, or one for each.
+/// A straight line of ln amplitude over load, with one slope per line for all channels, or one for
+/// each.
 fn straight(m: &Measured, training: &[usize], held: usize, shared: bool) -> Vec<Vec<f64>> {
     let x: Vec<f64> = measured::LOADS.iter().map(|l| f64::from(*l)).collect();
     let middle = mean(training.iter().map(|l| x[*l]));
@@ -93,8 +99,8 @@ fn straight(m: &Measured, training: &[usize], held: usize, shared: bool) -> Vec<
     (0..m.ln.len()).map(|c| (0..LINES.len()).map(|line| predict(c, line)).collect()).collect()
 }
 
-/// What the other three channels did at the held-out load: one source behind linear paths would do the same on all. No model of the train with a
-/// free path can be better than the truth of this.
+/// What the other three channels did at the held-out load: one source behind linear paths would do
+/// the same on all. No model of the train with a free path can be better than the truth of this.
 fn others(m: &Measured, training: &[usize], held: usize) -> Vec<Vec<f64>> {
     let level = constant(m, training, held);
     let moved = |c: usize, line: usize| m.ln[c][line][held] - level[c][line];

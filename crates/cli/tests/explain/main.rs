@@ -1,4 +1,5 @@
-//! `gearwatch explain` as a user runs it, on recordings of the simulator; real recordings where they are at hand.
+//! `gearwatch explain` as a user runs it, on recordings of the simulator; real recordings where
+//! they are at hand.
 
 mod answer;
 mod bad_input;

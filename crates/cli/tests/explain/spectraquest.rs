@@ -1,11 +1,13 @@
-//! Real recordings of a public two-stage box, healthy and with a broken tooth (`../shared/data` beside the repository; skipped without them).
+//! Real recordings of a public two-stage box, healthy and with a broken tooth (`../shared/data`
+//! beside the repository; skipped without them).
 
 use crate::fixture::Folder;
 
 /// All six loads (% of a torque that nobody stated).
 const LOADS: [u32; 6] = [0, 10, 30, 50, 70, 90];
 
-/// The shipped bench of that kind with the four sensors of the recordings, whose unit and places nobody stated.
+/// The shipped bench of that kind with the four sensors of the recordings, whose unit and places
+/// nobody stated.
 fn bench() -> String {
     let shipped = gearwatch_sim::shipped::BENCHES.iter().find(|b| b.name == "spectraquest-like").unwrap().text;
     let (train, _) = shipped.split_once("[[housing_mode]]").unwrap();
@@ -17,7 +19,8 @@ fn bench() -> String {
     format!("{train}{sensors}[acquisition]\nsample_rate_hz = 12800.0\n")
 }
 
-/// Broken against healthy: the paths of a1 and a2 changed, which their floors show too; on a4, whose path stayed, no tooth fault is invented.
+/// Broken against healthy: the paths of a1 and a2 changed, which their floors show too; on a4,
+/// whose path stayed, no tooth fault is invented.
 #[test]
 #[expect(clippy::print_stderr, reason = "tests tell what was skipped, and the figures are for people")]
 fn literature_changed_paths_are_named_and_no_tooth_is_invented() {
@@ -41,7 +44,8 @@ fn literature_changed_paths_are_named_and_no_tooth_is_invented() {
     }
     let answer = folder.explain(&["box.toml", "broken", "--reference", "healthy"]);
     eprintln!("{}", answer.said);
-    // With the broken tooth at 10 % the second stage's mesh hardly stands above other combs; all loads are judged all the same.
+    // With the broken tooth at 10 % the second stage's mesh hardly stands above other combs; all
+    // loads are judged all the same.
     let refused: Vec<&str> = answer.limits().into_iter().filter(|limit| limit.contains("not judged")).collect();
     assert!(refused.is_empty(), "{refused:?}");
     let named = answer.named();

@@ -1,4 +1,5 @@
-//! `gearwatch explain --tables`: the paper's tables as printed, through a path, with a sign flipped, with states swapped.
+//! `gearwatch explain --tables`: the paper's tables as printed, through a path, with a sign
+//! flipped, with states swapped.
 
 use rand::{RngExt, SeedableRng};
 
@@ -44,8 +45,9 @@ fn finding(said: &str) -> String {
     said.split_once("Finding\n").unwrap().1.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The figures that the data's own description gives: 43 of 65 signs differ, all of the experiment's are positive, AIC −785 for the rectified
-/// model against −324 for a path; and the refusal to name physics.
+/// The figures that the data's own description gives: 43 of 65 signs differ, all of the
+/// experiment's are positive, AIC −785 for the rectified model against −324 for a path; and the
+/// refusal to name physics.
 #[test]
 fn literature_tables_as_printed_are_not_independent() {
     let (states, simulation, experiment) = tables();

@@ -28,7 +28,8 @@ fn misfit(explanation: &str) -> f64 {
     said.split_whitespace().next().unwrap().parse().unwrap()
 }
 
-/// Lines of the plain spectrum that its reference has not, but for mesh harmonics: 10 dB up, and 10 dB above the median beside.
+/// Lines of the plain spectrum that its reference has not, but for mesh harmonics: 10 dB up, and 10
+/// dB above the median beside.
 fn new_lines(folder: &Folder, name: &str, mesh_hz: f64) -> Vec<f64> {
     let read =
         |session: &str| read_recording(&folder.path(&format!("{session}/{name}")), &OpenOptions::default()).unwrap();
@@ -53,8 +54,8 @@ fn new_lines(folder: &Folder, name: &str, mesh_hz: f64) -> Vec<f64> {
     out
 }
 
-/// The page's claims: nothing new stands in the plain spectrum, the concealed effect is named, and the model with it predicts a load that
-/// took no part in the fit, which the sheet does not.
+/// The page's claims: nothing new stands in the plain spectrum, the concealed effect is named, and
+/// the model with it predicts a load that took no part in the fit, which the sheet does not.
 #[test]
 fn conform_the_walk_through_can_be_walked() {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");

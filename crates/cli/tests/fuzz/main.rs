@@ -1,8 +1,10 @@
-//! Every parser against bytes that somebody changed: seeded mutations of one small file of each kind. No panic, no endless work, no flood of memory.
+//! Every parser against bytes that somebody changed: seeded mutations of one small file of each
+//! kind. No panic, no endless work, no flood of memory.
 //!
-//! The normal run spends a moment on each parser; `just campaign-fuzz` a minute (`GEARWATCH_FUZZ_SECS`). A find is written to the temporary folder,
-//! named in the message, and belongs into the tests of its parser. The fuzzer that follows coverage (`fuzz/`) begins with the same files:
-//! `GEARWATCH_FUZZ_CORPUS` says where to write them.
+//! The normal run spends a moment on each parser; `just campaign-fuzz` a minute
+//! (`GEARWATCH_FUZZ_SECS`). A find is written to the temporary folder, named in the message, and
+//! belongs into the tests of its parser. The fuzzer that follows coverage (`fuzz/`) begins with the
+//! same files: `GEARWATCH_FUZZ_CORPUS` says where to write them.
 
 #![expect(clippy::print_stdout, reason = "tests tell figures")]
 

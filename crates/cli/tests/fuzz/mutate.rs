@@ -1,4 +1,5 @@
-//! Changes bytes in the ways that find faults in parsers: bits, lengths, pieces that are missing, doubled or of another file.
+//! Changes bytes in the ways that find faults in parsers: bits, lengths, pieces that are missing,
+//! doubled or of another file.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -43,7 +43,8 @@ fn recording(name: &str, bytes: &[u8]) {
     read(gearwatch_io::open_bytes(Path::new(name), Box::new(Cursor::new(bytes.to_vec())), &options()));
 }
 
-/// As [`recording`], and once more from a file, of which these formats read the blocks where they lie.
+/// As [`recording`], and once more from a file, of which these formats read the blocks where they
+/// lie.
 fn in_file(name: &str, bytes: &[u8]) {
     recording(name, bytes);
     let own = format!("gearwatch-fuzz-{}-{:?}-{name}", std::process::id(), std::thread::current().id());

@@ -1,4 +1,5 @@
-//! Helical and planetary benches as a user watches them: learned, diagnosed, checked and watched by the service; refused where only a spur bench will do.
+//! Helical and planetary benches as a user watches them: learned, diagnosed, checked and watched by
+//! the service; refused where only a spur bench will do.
 
 mod shifted;
 mod synthesis;
@@ -30,7 +31,8 @@ fn shipped(name: &str) -> String {
     format!("{}\n[acquisition]\nsample_rate_hz = 10240.0\n", shipped.expect("shipped").text)
 }
 
-/// A folder with the bench, three healthy recordings and what was learned from them as sessions of their own.
+/// A folder with the bench, three healthy recordings and what was learned from them as sessions of
+/// their own.
 fn learned(bench_text: &str) -> (tempfile::TempDir, Bench) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
@@ -55,8 +57,9 @@ fn learned(bench_text: &str) -> (tempfile::TempDir, Bench) {
 
 const USUAL: [&str; 4] = ["--bench", "bench.toml", "--baseline", "normal.json"];
 
-/// One harmonic of one stage is 8 % louder: rank III exactly there, 0 everywhere else, in the averages of `diagnose` and, from the same recording, in the windows
-/// that the service judges; a healthy day is within limits, and nothing is doubted.
+/// One harmonic of one stage is 8 % louder: rank III exactly there, 0 everywhere else, in the
+/// averages of `diagnose` and, from the same recording, in the windows that the service judges; a
+/// healthy day is within limits, and nothing is doubted.
 fn one_harmonic_raised(bench_text: &str, raised: Raised) {
     let (folder, bench) = learned(bench_text);
     let path = folder.path();
@@ -115,7 +118,8 @@ fn one_harmonic_raised(bench_text: &str, raised: Raised) {
             }
         }
     }
-    // 8 % is one and two percent from the ends of rank III, and a window alone is worth half a percent to one.
+    // 8 % is one and two percent from the ends of rank III, and a window alone is worth half a
+    // percent to one.
     assert!(third.1 * 4 >= third.0 * 3, "{third:?}");
 }
 
@@ -129,8 +133,8 @@ fn conform_a_planetary_stage_is_watched() {
     one_harmonic_raised(&shipped("planetary-parallel"), Raised { stage: 0, harmonic: 3, factor: 1.08 });
 }
 
-/// Sun 22, planets 20, ring 62 with four planets, whose phases cancel the mesh line at 1x, 3x and 5x: harmonics are read where the planets leave a line, also
-/// without a tacho.
+/// Sun 22, planets 20, ring 62 with four planets, whose phases cancel the mesh line at 1x, 3x and
+/// 5x: harmonics are read where the planets leave a line, also without a tacho.
 const OUT_OF_PHASE: &str = r#"format = "gearwatch-bench/1"
 name = "out of phase"
 motor = { speed_hz = 30.0 }
@@ -146,7 +150,8 @@ fn conform_planets_out_of_phase_are_watched_without_a_tacho() {
     one_harmonic_raised(OUT_OF_PHASE, Raised { stage: 0, harmonic: 3, factor: 1.08 });
 }
 
-/// Every other part that the members can have: a speed increaser as in a wind turbine, a sun that stands still with planets out of phase, a carrier that stands still.
+/// Every other part that the members can have: a speed increaser as in a wind turbine, a sun that
+/// stands still with planets out of phase, a carrier that stands still.
 #[test]
 fn conform_other_members_are_watched() {
     let stage = |members: &str, sun: u32, planet: u32, count: u32, ring: u32, motor_hz: f64| {
@@ -159,13 +164,15 @@ fn conform_other_members_are_watched() {
     let third = Raised { stage: 0, harmonic: 3, factor: 1.08 };
     // 99 is a multiple of three, and so is 21 + 99: 297 Hz at 3 Hz of the carrier.
     one_harmonic_raised(&stage("in = \"carrier\", out = \"sun\"", 21, 39, 3, 99, 3.0), third);
-    // 62 teeth of the sun that stands still; the carrier turns at 10 Hz 98 / 160 in the sense of the ring.
+    // 62 teeth of the sun that stands still; the carrier turns at 10 Hz 98 / 160 in the sense of
+    // the ring.
     one_harmonic_raised(&stage("fixed = \"sun\"", 62, 18, 4, 98, 10.0), third);
     one_harmonic_raised(&stage("fixed = \"carrier\"", 28, 36, 4, 100, 20.0), third);
 }
 
-/// Amplitudes at the lines that the planets leave are those of the sum over planets: `A w_d / 2` beside the mesh line, `A w_0` on it. Within half a percent, five
-/// sigmas of the mean over 31 windows at the weakest line.
+/// Amplitudes at the lines that the planets leave are those of the sum over planets: `A w_d / 2`
+/// beside the mesh line, `A w_0` on it. Within half a percent, five sigmas of the mean over 31
+/// windows at the weakest line.
 #[test]
 fn analytic_amplitudes_of_planets_out_of_phase() {
     let folder = tempfile::tempdir().unwrap();
@@ -182,7 +189,8 @@ fn analytic_amplitudes_of_planets_out_of_phase() {
         let found = verdict[format!("amp_{k}x")].as_f64().unwrap_or(f64::NAN);
         assert!((found / expected - 1.0).abs() < 5e-3, "{k}x: {found}, expected {expected}");
     }
-    // The table and the report name the lines that were read: the mesh is at 30 Hz 62 22 / 84 = 487.14 Hz, 1x at 64/62 of it, within the drift of the speed.
+    // The table and the report name the lines that were read: the mesh is at 30 Hz 62 22 / 84 =
+    // 487.14 Hz, 1x at 64/62 of it, within the drift of the speed.
     let args = ["diagnose", "day.mcap", "--bench", "bench.toml", "--report", "day.html"];
     let table = text(&gearwatch(path, &args).stdout);
     let row = table.lines().find(|line| line.trim_start().starts_with("1x ")).expect("a row of 1x");
@@ -191,7 +199,8 @@ fn analytic_amplitudes_of_planets_out_of_phase() {
     assert!(std::fs::read_to_string(path.join("day.html")).unwrap().contains(&format!("1x, {hz:.2} Hz")), "{hz}");
 }
 
-/// One tooth too many on the sun, with the planets and the ring that go with it, is doubted; what asks for the simulator is refused with what is supported.
+/// One tooth too many on the sun, with the planets and the ring that go with it, is doubted; what
+/// asks for the simulator is refused with what is supported.
 #[test]
 fn conform_wrong_teeth_are_found_and_the_simulator_refuses() {
     let folder = tempfile::tempdir().unwrap();
@@ -227,7 +236,8 @@ fn conform_wrong_teeth_are_found_and_the_simulator_refuses() {
     }
 }
 
-/// A planetary bench from simulation to alarm: learned from one recording, a broken tooth of each member is seen in another, and a further healthy one is not.
+/// A planetary bench from simulation to alarm: learned from one recording, a broken tooth of each
+/// member is seen in another, and a further healthy one is not.
 #[test]
 fn conform_a_planetary_bench_is_simulated_learned_and_watched() {
     let folder = tempfile::tempdir().unwrap();
@@ -257,7 +267,8 @@ fn conform_a_planetary_bench_is_simulated_learned_and_watched() {
     }
 }
 
-/// Modes of a planetary stage: text, JSON and page agree, and only modes of the kind that the planets' phases let through have critical speeds.
+/// Modes of a planetary stage: text, JSON and page agree, and only modes of the kind that the
+/// planets' phases let through have critical speeds.
 #[test]
 fn conform_modes_of_a_planetary_stage() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Shifted pairs as a user has them: simulated, learned and watched; refused where the numbers cannot be.
+//! Shifted pairs as a user has them: simulated, learned and watched; refused where the numbers
+//! cannot be.
 
 use super::{gearwatch, shipped, text};
 
@@ -10,8 +11,9 @@ fn shifted() -> String {
     )
 }
 
-/// 14 teeth that no rack cuts without undercut run with x = 0.5, from simulation to alarm: learned from one recording, a broken tooth is seen in another and a further healthy one is not. Modes and
-/// fault signatures serve the bench too.
+/// 14 teeth that no rack cuts without undercut run with x = 0.5, from simulation to alarm: learned
+/// from one recording, a broken tooth is seen in another and a further healthy one is not. Modes
+/// and fault signatures serve the bench too.
 #[test]
 fn conform_a_shifted_bench_is_simulated_learned_and_watched() {
     let folder = tempfile::tempdir().unwrap();
@@ -45,7 +47,8 @@ fn conform_a_shifted_bench_is_simulated_learned_and_watched() {
     run(&["signatures", "bench.toml"], &[0]);
 }
 
-/// Each number that cannot be is refused with the file, the place, what was found and what would be right; and so is shift where the simulator does not know it.
+/// Each number that cannot be is refused with the file, the place, what was found and what would be
+/// right; and so is shift where the simulator does not know it.
 #[test]
 fn conform_bad_profile_shifts_say_what_would_be_right() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,6 @@
-//! Recordings of helical and planetary gearboxes, made in time from tooth numbers and nothing else: what meshes where, and which planet is near the sensor.
-//! Nothing here knows at which line the program reads a harmonic.
+//! Recordings of helical and planetary gearboxes, made in time from tooth numbers and nothing else:
+//! what meshes where, and which planet is near the sensor. Nothing here knows at which line the
+//! program reads a harmonic.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -15,7 +16,8 @@ const DURATION_S: f64 = 16.0;
 pub const AMPLITUDES: [f64; 5] = [1.0, 0.7, 0.5, 0.6, 0.4];
 /// Standard deviation of white noise (m/s²): 6 % of the weakest line.
 const NOISE: f64 = 0.025;
-/// How much louder the planet at the sensor is than one a quarter and half a turn away, as coefficients of a Fourier series over the carrier's angle.
+/// How much louder the planet at the sensor is than one a quarter and half a turn away, as
+/// coefficients of a Fourier series over the carrier's angle.
 pub const PASS: [f64; 5] = [1.0, 0.7, 0.35, 0.15, 0.05];
 /// Seconds from the epoch.
 const START_S: i64 = 1_700_000_000;
@@ -29,7 +31,8 @@ pub struct Raised {
     pub factor: f64,
 }
 
-/// SplitMix64 and Box–Muller.
+/// SplitMix64 and Box–Muller, by hand: the figures of these tests do not change with a version of a
+/// crate.
 struct Random(u64);
 
 impl Random {
@@ -65,7 +68,8 @@ fn turning(bench: &Bench) -> Vec<Turning> {
         let one = match &stage.gearing.planetary {
             None => Turning { first: speed, second: speed * a / b, mesh: speed * a, planets: None },
             Some(set) => {
-                // Teeth that planets roll over: of the central gear that stands still; speed of the other for one turn of the carrier.
+                // Teeth that planets roll over: of the central gear that stands still; speed of the
+                // other for one turn of the carrier.
                 let rolled = match set.fixed {
                     Member::Ring => Some((b, 1.0 + b / a)),
                     Member::Sun => Some((a, 1.0 + a / b)),

@@ -1,4 +1,5 @@
-//! Just enough of the DevTools protocol to look at a page: JSON objects, each ended by a NUL, over two pipes.
+//! Just enough of the DevTools protocol to look at a page: JSON objects, each ended by a NUL, over
+//! two pipes.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Write};

@@ -1,4 +1,5 @@
-//! The live page in a real browser, against the real service. Skipped with a message where there is no Chromium.
+//! The live page in a real browser, against the real service. Skipped with a message where there is
+//! no Chromium.
 
 #![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
 
@@ -65,8 +66,9 @@ fn now_secs() -> u64 {
 
 const LAMP: &str = "document.querySelector('#lamp-machine').dataset.state";
 
-/// A fault sets in: the lamp turns, the strip moves, the spectrum and the nearest states show; an alarm is acknowledged; the service
-/// goes, and the page no longer shows green; it returns, and the page heals. No complaint, no request to another host.
+/// A fault sets in: the lamp turns, the strip moves, the spectrum and the nearest states show; an
+/// alarm is acknowledged; the service goes, and the page no longer shows green; it returns, and the
+/// page heals. No complaint, no request to another host.
 #[test]
 fn conform_the_page_shows_a_fault_and_heals() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -146,7 +148,8 @@ fn conform_the_page_shows_a_fault_and_heals() {
     assert!(foreign.is_empty(), "{foreign:?}");
 }
 
-/// Two benches, of which the one that is not selected has a fault: lamp, title, buttons and rows name it, and the speed is that of the selected one.
+/// Two benches, of which the one that is not selected has a fault: lamp, title, buttons and rows
+/// name it, and the speed is that of the selected one.
 #[test]
 fn regress_the_lamps_speak_of_all_benches() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -201,7 +204,8 @@ fn regress_the_lamps_speak_of_all_benches() {
     assert_eq!(browser.complaints, Vec::<String>::new());
 }
 
-/// Spectra of the log, one of them as a curve and all as a waterfall, their band as the normal one; raw data around the deviation as a picture and as a file.
+/// Spectra of the log, one of them as a curve and all as a waterfall, their band as the normal one;
+/// raw data around the deviation as a picture and as a file.
 fn shows_spectra_and_raw_data_of_then(browser: &mut Chromium) {
     browser.value("document.querySelector('#then').open = true; 0");
     browser.wait("spectra of then", "/^[1-9]\\d* spectra from/.test(document.querySelector('#then-state').innerText)");
@@ -226,7 +230,8 @@ fn shows_spectra_and_raw_data_of_then(browser: &mut Chromium) {
     browser.wait("a recording", "saved.length === 1 && /^gearwatch-raw-\\d{8}T\\d{6}Z\\.mcap$/.test(saved[0])");
 }
 
-/// What somebody chose stays while windows come in: the part of the time that is shown, the words that are sought. What is shown can be taken along.
+/// What somebody chose stays while windows come in: the part of the time that is shown, the words
+/// that are sought. What is shown can be taken along.
 fn stays_where_it_was_put(browser: &mut Chromium) {
     browser.value("import('/assets/trend.js').then((m) => { window.time = m.time })");
     browser.wait("the module", "window.time !== undefined");
@@ -264,8 +269,9 @@ fn stays_where_it_was_put(browser: &mut Chromium) {
     );
 }
 
-/// An hour of eight channels and two stages, and what comes in at twenty times the usual pace: the page shows it all from its first
-/// moment on. Prints when it was first painted and how long its tasks were; what must hold on every machine is checked.
+/// An hour of eight channels and two stages, and what comes in at twenty times the usual pace: the
+/// page shows it all from its first moment on. Prints when it was first painted and how long its
+/// tasks were; what must hold on every machine is checked.
 #[test]
 #[ignore = "takes four minutes: just page"]
 fn conform_an_hour_of_eight_channels_is_in_view() {

@@ -6,7 +6,8 @@ use serde_json::json;
 
 use super::chromium::Chromium;
 
-/// Its curves can be zoomed into and read off, by nothing but what is in the file; its policy refuses nothing of that.
+/// Its curves can be zoomed into and read off, by nothing but what is in the file; its policy
+/// refuses nothing of that.
 #[test]
 fn conform_curves_of_a_report_tell_their_values() {
     let folder = tempfile::tempdir().expect("a folder");

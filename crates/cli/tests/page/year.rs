@@ -13,10 +13,12 @@ use super::{BENCH, Service, chromium::Chromium, free_port, now_secs};
 
 const DAYS: i64 = 365;
 const CHANNELS: usize = 64;
-/// Windows of a day and row: one for each span of the hourly level. A service judges 172 800, which the levels put together in the same number of spans.
+/// Windows of a day and row: one for each span of the hourly level. A service judges 172 800, which
+/// the levels put together in the same number of spans.
 const WINDOWS: i64 = 24;
 
-/// A file a day: both stages of 64 channels; stage1 at acc_7 wears from day 300 on, an alarm on day 330.
+/// A file a day: both stages of 64 channels; stage1 at acc_7 wears from day 300 on, an alarm on
+/// day 330.
 fn write_year(folder: &Path, to_s: i64) {
     for day in 0..DAYS {
         let start = to_s - (DAYS - day) * 86_400;
@@ -92,8 +94,9 @@ fn memory_mib(pid: u32, field: &str) -> f64 {
     line.split_whitespace().next().and_then(|kib| kib.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
 }
 
-/// The year is there, in 365 steps, with the wear and the alarm, in under a second; the service stays below 40 MiB. Prints how long it takes to put the
-/// year into the levels, how long the page waits for it, when it is painted first and how long its tasks are.
+/// The year is there, in 365 steps, with the wear and the alarm, in under a second; the service
+/// stays below 40 MiB. Prints how long it takes to put the year into the levels, how long the page
+/// waits for it, when it is painted first and how long its tasks are.
 #[test]
 #[ignore = "takes some minutes: just campaign-year"]
 fn conform_a_year_of_64_channels_is_in_view() {

@@ -1,4 +1,5 @@
-//! What is wrong with sheet or recording is refused, what is doubtful stands beside every verdict, and neither is a gear alarm.
+//! What is wrong with sheet or recording is refused, what is doubtful stands beside every verdict,
+//! and neither is a gear alarm.
 
 use gearwatch_core::block::Packet;
 
@@ -10,7 +11,8 @@ fn diagnose(bench: &Bench, recording: &std::path::Path, further: &[&str]) -> std
     output(&[&fixed, further].concat())
 }
 
-/// Twice the rate on the command line: of an MCAP file it was ignored in silence, of others it made alarms.
+/// Twice the rate on the command line: of an MCAP file it was ignored in silence, of others it made
+/// alarms.
 #[test]
 fn regress_a_wrong_rate_is_refused_and_no_alarm() {
     let bench = Bench::new();
@@ -30,7 +32,8 @@ fn regress_a_wrong_rate_is_refused_and_no_alarm() {
     );
 }
 
-/// A load that is not stated: said in so many words, in each verdict, and by `check`, for people and for programs.
+/// A load that is not stated: said in so many words, in each verdict, and by `check`, for people
+/// and for programs.
 #[test]
 fn regress_a_missing_torque_is_said() {
     let bench = Bench::new();

@@ -56,7 +56,8 @@ fn conform_forms_of_a_diagnosis() {
     assert!(nagios.contains("(rank V)|'acc_1/stage1 1x'="), "{nagios}");
 }
 
-/// Instrument faults are never taken for a state of the gears: each recording is unknown, and says why.
+/// Instrument faults are never taken for a state of the gears: each recording is unknown, and says
+/// why.
 #[test]
 fn conform_instrument_faults_are_unknown() {
     use gearwatch_core::block::{Packet, Samples};

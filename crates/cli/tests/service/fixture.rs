@@ -47,7 +47,8 @@ impl Bench {
         path
     }
 
-    /// A key and a certificate for this machine, which is its own authority (PEM). `None`, with a message, where there is no openssl.
+    /// A key and a certificate for this machine, which is its own authority (PEM). `None`, with a
+    /// message, where there is no openssl.
     #[expect(clippy::print_stderr, reason = "tests tell what was skipped")]
     pub fn certificate(&self, name: &str) -> Option<(PathBuf, PathBuf)> {
         let (key, certificate) = (self.path(&format!("{name}.key.pem")), self.path(&format!("{name}.pem")));
@@ -122,7 +123,8 @@ impl Bench {
     }
 }
 
-/// The command, without colours and with little talk. `GEARWATCH_BINARY` puts another build in its place.
+/// The command, without colours and with little talk. `GEARWATCH_BINARY` puts another build in its
+/// place.
 pub fn gearwatch(args: &[&str]) -> Command {
     let built = env!("CARGO_BIN_EXE_gearwatch").into();
     let mut command = Command::new(std::env::var_os("GEARWATCH_BINARY").unwrap_or(built));

@@ -1,4 +1,5 @@
-//! What attacks and broken ends once did to the service: each must be told, and none may end the watch.
+//! What attacks and broken ends once did to the service: each must be told, and none may end the
+//! watch.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -115,8 +116,9 @@ fn ask(port: u16, method: &str, path: &str, body: &str) -> Option<(u16, String)>
     Some((status, answer.split_once("\r\n\r\n").map(|(_, body)| body.to_owned()).unwrap_or_default()))
 }
 
-/// The new configuration names a log folder that cannot be made; then one that another process owns, which only opening it shows. The old
-/// configuration goes on both times, and a good one still takes over.
+/// The new configuration names a log folder that cannot be made; then one that another process
+/// owns, which only opening it shows. The old configuration goes on both times, and a good one
+/// still takes over.
 #[test]
 fn regress_a_reload_whose_sink_cannot_open_does_not_end_the_watch() {
     let bench = Bench::new();
@@ -149,7 +151,8 @@ fn regress_a_reload_whose_sink_cannot_open_does_not_end_the_watch() {
     assert_eq!(running.end("TERM"), Some(0), "{}", running.said());
 }
 
-/// What lies at the path of the status socket is somebody's file: it stays, `config check` says so, and ranks go on without the socket.
+/// What lies at the path of the status socket is somebody's file: it stays, `config check` says so,
+/// and ranks go on without the socket.
 #[test]
 fn regress_a_file_in_place_of_the_status_socket_stays() {
     let bench = Bench::new();
@@ -178,8 +181,9 @@ fn regress_two_benches_of_one_name_are_refused() {
     assert!(stderr(&checked).contains("two benches are called \"small\""), "{}", stderr(&checked));
 }
 
-/// A critical alarm is acknowledged by somebody with a reason; the other one waits. The service is killed, and started again on a bench that is all
-/// right: the one that nobody saw still stands, and the log says who saw the first, when and why.
+/// A critical alarm is acknowledged by somebody with a reason; the other one waits. The service is
+/// killed, and started again on a bench that is all right: the one that nobody saw still stands,
+/// and the log says who saw the first, when and why.
 #[test]
 fn regress_alarms_and_who_saw_them_survive_a_kill() {
     let bench = Bench::new();
@@ -237,7 +241,8 @@ fn regress_alarms_and_who_saw_them_survive_a_kill() {
     assert!(record["acknowledged_ns"].as_i64().is_some_and(|t| t > 1_700_000_000_000_000_000), "{record}");
 }
 
-/// Standard output leads to a full disk: every window that is not there is counted, and the exit code says so.
+/// Standard output leads to a full disk: every window that is not there is counted, and the exit
+/// code says so.
 #[test]
 fn regress_windows_that_standard_output_did_not_take_are_counted() {
     let Ok(full) = std::fs::OpenOptions::new().write(true).open("/dev/full") else { return };
@@ -258,8 +263,8 @@ fn regress_windows_that_standard_output_did_not_take_are_counted() {
     assert_eq!(lost, windows, "{said}");
 }
 
-/// Three hundred connections that say nothing, in a process that may hold a hundred: the log goes on rotating, the status answers, and after the deadline
-/// of the idle ones so does the page.
+/// Three hundred connections that say nothing, in a process that may hold a hundred: the log goes
+/// on rotating, the status answers, and after the deadline of the idle ones so does the page.
 #[test]
 fn regress_idle_connections_do_not_take_the_log() {
     let bench = Bench::new();
@@ -278,7 +283,8 @@ fn regress_idle_connections_do_not_take_the_log() {
     let files = || std::fs::read_dir(bench.path("log")).unwrap().count();
     let before = files();
     wait_for("rotation", || (files() >= before + 3).then_some(()));
-    // On a busy machine a sync may take its two seconds once: what counts is that the log comes to be all right while the connections idle.
+    // On a busy machine a sync may take its two seconds once: what counts is that the log comes to
+    // be all right while the connections idle.
     wait_for("a log that is all right", || snapshot(&bench).filter(|s| s.sinks.iter().all(|sink| sink.ok)));
     wait_for("metrics beside the idle ones", || ask(port, "GET", "/metrics", "").filter(|(status, _)| *status == 200));
     drop(idle);
@@ -286,7 +292,8 @@ fn regress_idle_connections_do_not_take_the_log() {
     assert_eq!(running.end("TERM"), Some(0));
 }
 
-/// Passwords in addresses are refused with what to do, and repeated nowhere; an address that is itself a secret stands in a file, and is shown nowhere.
+/// Passwords in addresses are refused with what to do, and repeated nowhere; an address that is
+/// itself a secret stands in a file, and is shown nowhere.
 #[test]
 fn regress_secrets_are_shown_nowhere() {
     let bench = Bench::new();

@@ -2,7 +2,8 @@
 
 use super::fixture::{Bench, gearwatch, output, stderr, text};
 
-/// Service, replay and one-shot; 1, 2 and 8 workers; from a file and from standard input of a service.
+/// Service, replay and one-shot; 1, 2 and 8 workers; from a file and from standard input of a
+/// service.
 #[test]
 fn conform_live_replay_and_one_shot_say_the_same_bytes() {
     let bench = Bench::new();
@@ -25,7 +26,8 @@ fn conform_live_replay_and_one_shot_say_the_same_bytes() {
             output(&[&["diagnose", text(&recording), "--windows", "--workers", workers], &fixed[..]].concat()),
         ];
         for way in ways {
-            // 5x stands at rank V from the first window on: what the service says beside the lines is that alarm.
+            // 5x stands at rank V from the first window on: what the service says beside the lines
+            // is that alarm.
             assert!(stderr(&way).lines().all(|line| line.contains(" alarm ")), "{}", stderr(&way));
             lines.push(way.stdout);
         }
@@ -42,7 +44,8 @@ fn conform_live_replay_and_one_shot_say_the_same_bytes() {
     }
 }
 
-/// A replay at a pace says the same as one at full speed, and takes its time: 12 s at 20 times the speed.
+/// A replay at a pace says the same as one at full speed, and takes its time: 12 s at 20 times the
+/// speed.
 #[test]
 fn conform_a_paced_replay_keeps_its_pace_and_says_the_same() {
     let bench = Bench::new();

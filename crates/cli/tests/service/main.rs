@@ -1,4 +1,5 @@
-//! The binary as a user meets it: ranks that do not depend on the way, exit codes, signals, bad input, help.
+//! The binary as a user meets it: ranks that do not depend on the way, exit codes, signals, bad
+//! input, help.
 
 #![expect(clippy::print_stderr, reason = "tests tell what was skipped")]
 

@@ -59,8 +59,9 @@ fn started(bench: &Bench, config: &str) -> (Child, impl FnMut(&str) -> String + 
     (child, said, address)
 }
 
-/// One service at fifty times the speed, with a fault from the beginning: alarm in status and metrics, a foreign host refused, a bad
-/// reload refused, a good one taken over, the log whole at the end.
+/// One service at fifty times the speed, with a fault from the beginning: alarm in status and
+/// metrics, a foreign host refused, a bad reload refused, a good one taken over, the log whole at
+/// the end.
 #[test]
 fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
     let bench = Bench::new();
@@ -98,7 +99,8 @@ fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
         "HTTP/1.1 200",
         "gearwatch_ok 1",
         "gearwatch_rank{bench=\"small\",stage=\"stage1\",channel=\"acc_1\",harmonic=\"5\"} 5",
-        // How many depends on what else the machine does: a live source sheds windows rather than fall behind.
+        // How many depends on what else the machine does: a live source sheds windows rather than
+        // fall behind.
         "gearwatch_windows_shed_total{bench=\"small\"} ",
     ] {
         assert!(metrics.contains(part), "{part}: {metrics}");
@@ -134,7 +136,8 @@ fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
         }
     }
     assert!(verdicts > 20, "{verdicts} verdicts in {files:?}");
-    // The one reload that took over says for how long nothing was watched; the refused one changed nothing.
+    // The one reload that took over says for how long nothing was watched; the refused one changed
+    // nothing.
     let [reload] = &reloads[..] else { panic!("{reloads:?}") };
     let number = |key: &str| reload[key].as_i64().unwrap();
     let now_ms = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_millis()).unwrap();
@@ -149,7 +152,8 @@ fn conform_a_service_can_be_watched_reloaded_and_read_afterwards() {
     );
 }
 
-/// What the page is told of a past time is what `gearwatch history` says of it: windows, deviations, an indicator, the alarm among the events.
+/// What the page is told of a past time is what `gearwatch history` says of it: windows,
+/// deviations, an indicator, the alarm among the events.
 #[test]
 fn oracle_the_page_reads_the_log_as_the_command_does() {
     let bench = Bench::new();
@@ -164,7 +168,8 @@ fn oracle_the_page_reads_the_log_as_the_command_does() {
     );
     let (mut child, mut said, address) = started(&bench, &config);
     said("alarm=\"stage1@acc_1\"");
-    // Twenty seconds of the data's time, which pass in one; until they are in the log, they are asked for again.
+    // Twenty seconds of the data's time, which pass in one; until they are in the log, they are
+    // asked for again.
     let from = start_s;
     let query = format!(
         "/api/history?bench=small&stage=stage1&channel=acc_1&from={from}000000000&to={}000000000&indicator=rms",
@@ -221,7 +226,8 @@ fn conform_a_page_that_others_can_reach_is_refused() {
     assert!(stderr(&refused).contains("loopback"), "{}", stderr(&refused));
 }
 
-/// With a certificate and a token the page may be reached by others, and by nobody without the token.
+/// With a certificate and a token the page may be reached by others, and by nobody without the
+/// token.
 #[test]
 fn conform_a_page_with_tls_asks_for_the_token() {
     let bench = Bench::new();
@@ -240,7 +246,8 @@ fn conform_a_page_with_tls_asks_for_the_token() {
     };
     let tls = "page_tls = { certificate = \"page.pem\", key = \"page.key.pem\" }";
     let token = "page_token_file = \"token\"";
-    // One of them alone is not enough, and files that cannot be right are found before anything runs.
+    // One of them alone is not enough, and files that cannot be right are found before anything
+    // runs.
     for (page, says) in [
         (tls.to_owned(), "page_token_file"),
         (token.to_owned(), "page_tls"),
@@ -281,7 +288,8 @@ fn conform_a_page_with_tls_asks_for_the_token() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
-/// The journal reads priorities in front of lines, and has a clock of its own; whoever else reads gets neither.
+/// The journal reads priorities in front of lines, and has a clock of its own; whoever else reads
+/// gets neither.
 #[test]
 fn conform_the_journal_is_told_priorities() {
     let bench = Bench::new();

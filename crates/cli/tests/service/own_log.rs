@@ -24,7 +24,8 @@ fn log_of(bench: &Bench, folder: &str, raw: &str, signal: &str) -> String {
     text(log).to_owned()
 }
 
-/// A log that keeps all raw data is judged as the recording of the same samples is, line for line, by every command that judges.
+/// A log that keeps all raw data is judged as the recording of the same samples is, line for line,
+/// by every command that judges.
 #[test]
 fn conform_a_log_is_judged_as_its_recording() {
     let bench = Bench::new();
@@ -55,7 +56,8 @@ fn conform_a_log_is_judged_as_its_recording() {
     assert!(stdout(&done).contains("46 rows"), "{}", stdout(&done));
 }
 
-/// A log without raw data is no damaged recording: `info` tells its topics, and commands that need samples say which key keeps them.
+/// A log without raw data is no damaged recording: `info` tells its topics, and commands that need
+/// samples say which key keeps them.
 #[test]
 fn regress_a_log_without_raw_data_is_told_from_a_bad_recording() {
     let bench = Bench::new();
@@ -69,7 +71,8 @@ fn regress_a_log_without_raw_data_is_told_from_a_bad_recording() {
     assert!(stderr(&done).contains("keeps no raw data"), "{}", stderr(&done));
 }
 
-/// What a service keeps around a deviation is a recording of its own: every command that reads recordings reads it.
+/// What a service keeps around a deviation is a recording of its own: every command that reads
+/// recordings reads it.
 #[test]
 fn conform_raw_data_around_deviations_are_read_as_a_recording() {
     let bench = Bench::new();
@@ -80,11 +83,13 @@ fn conform_raw_data_around_deviations_are_read_as_a_recording() {
     let said = stdout(&output(&["info", &log]));
     let samples = said.split("acc_1: ").nth(1).and_then(|rest| rest.split(" samples").next());
     let samples: u64 = samples.and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{said}"));
-    // 4 s of 12 deviate; 2 s before them belong to it, and a window and a block of a second may reach further.
+    // 4 s of 12 deviate; 2 s before them belong to it, and a window and a block of a second may
+    // reach further.
     assert!((4 * 2048..=9 * 2048).contains(&samples), "{samples} of 24576 samples: {said}");
     let (sheet, normal) = (bench.path("bench.toml"), text(&baseline).to_owned());
     let with = ["--bench", text(&sheet), "--baseline", &normal];
-    // The torque was stated once, long before: without it nothing could be compared. A mean over the change itself is not resolved.
+    // The torque was stated once, long before: without it nothing could be compared. A mean over
+    // the change itself is not resolved.
     let judged = output(&[&["diagnose", &log], &with[..]].concat());
     assert!(stdout(&judged).contains("10.0 N m; baseline 5.00 Hz, 10.0 N m"), "{}{}", stdout(&judged), stderr(&judged));
     let windows = output(&[&["diagnose", "--windows", &log], &with[..]].concat());
@@ -96,7 +101,8 @@ fn conform_raw_data_around_deviations_are_read_as_a_recording() {
     assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
 }
 
-/// Verdicts of several benches in one log lie on topics of their own, which name the bench; their lines name it too.
+/// Verdicts of several benches in one log lie on topics of their own, which name the bench; their
+/// lines name it too.
 #[test]
 fn conform_topics_of_several_benches_name_the_bench() {
     let bench = Bench::new();

@@ -35,7 +35,8 @@ fn endless(bench: &Bench, speed: &str) -> std::path::PathBuf {
     )
 }
 
-/// Twenty moments spread over start and life, both signals, slow and as fast as it can: always exit 0 within 3 s, and every line whole.
+/// Twenty moments spread over start and life, both signals, slow and as fast as it can: always exit
+/// 0 within 3 s, and every line whole.
 #[test]
 fn conform_a_signal_at_any_moment_ends_in_order() {
     let bench = Bench::new();
@@ -51,7 +52,8 @@ fn conform_a_signal_at_any_moment_ends_in_order() {
             let mut all = Vec::new();
             stdout.read_to_end(&mut all).map(|_| all).unwrap()
         });
-        // The handlers are set before anything is opened; until then the system's own way to end holds.
+        // The handlers are set before anything is opened; until then the system's own way to end
+        // holds.
         std::thread::sleep(Duration::from_millis(60 + 13 * number as u64));
         signal(&child, name);
         let code = ended_within(&mut child, Duration::from_secs(3));
@@ -131,7 +133,8 @@ fn conform_a_failed_source_is_told_in_the_exit_code() {
     assert!(super::fixture::stderr(&output).contains("not-there.mcap"));
 }
 
-/// Nobody reads what the service says on stderr: ranks go on all the same, and it still ends in order.
+/// Nobody reads what the service says on stderr: ranks go on all the same, and it still ends in
+/// order.
 #[test]
 fn regress_a_full_stderr_does_not_hold_up_ranks() {
     let bench = Bench::new();

@@ -1,4 +1,5 @@
-//! One channel of the assembler: the samples that are still needed, and what is known of their times and quality.
+//! One channel of the assembler: the samples that are still needed, and what is known of their
+//! times and quality.
 
 use std::collections::VecDeque;
 
@@ -9,7 +10,8 @@ use crate::window::Window;
 /// Time stamps that jump by more than this are clock trouble (s).
 const CLOCK_JUMP_S: f64 = 5e-3;
 
-/// Time stamps and sample rate may disagree by so much: stamps jitter (s), clocks are slewed (share of the time).
+/// Time stamps and sample rate may disagree by so much: stamps jitter (s), clocks are slewed (share
+/// of the time).
 const RATE_SLACK: (f64, f64) = (10e-3, 1e-3);
 
 /// Stamps and sample rate are compared over at most this (s).
@@ -37,7 +39,8 @@ pub(super) struct Channel {
     pub(super) number: u64,
     /// Samples that the channel ever delivered.
     pub(super) delivered: u64,
-    /// Index and time of samples from which times are counted, the last one that is not behind `next_start` first.
+    /// Index and time of samples from which times are counted, the last one that is not behind
+    /// `next_start` first.
     pub(super) anchors: VecDeque<(u64, UnixNanos)>,
     /// Runs of samples with quality bits: first index, index past the end, bits.
     pub(super) flagged: VecDeque<(u64, u64, Quality)>,
@@ -49,7 +52,8 @@ pub(super) struct Channel {
     jumped: bool,
     /// Runs of samples whose stamps say another rate: first index, index past the end.
     wrong_rate: VecDeque<(u64, u64)>,
-    /// Complete windows that wait for the tacho, with the value of `delivered` at their last sample.
+    /// Complete windows that wait for the tacho, with the value of `delivered` at their last
+    /// sample.
     pub(super) waiting: VecDeque<(Window, u64)>,
 }
 
@@ -149,8 +153,9 @@ impl Channel {
         }
     }
 
-    /// Compares a block's time with the one that the sample rate predicts. Stamps that drift by more than half a sample
-    /// are followed; a jump past [`CLOCK_JUMP_S`] or two samples is remembered as clock trouble.
+    /// Compares a block's time with the one that the sample rate predicts. Stamps that drift by
+    /// more than half a sample are followed; a jump past [`CLOCK_JUMP_S`] or two samples is
+    /// remembered as clock trouble.
     fn check_clock(&mut self, first: u64, t0: UnixNanos) -> bool {
         let deviation_s = (i128::from(t0) - i128::from(self.time_of(first))) as f64 * 1e-9;
         let period_s = 1.0 / self.info.sample_rate_hz;
@@ -164,9 +169,10 @@ impl Channel {
         jumps
     }
 
-    /// Compares the rate that the stamps say with the one that the blocks say, over a window at least. Small differences show over ten
-    /// seconds: 1 % in a window of a second, 0.1 % then. What is wrong counts as wrong until a later stretch is right. A clock that jumps once
-    /// was set; one that jumps at each block runs at another rate.
+    /// Compares the rate that the stamps say with the one that the blocks say, over a window at
+    /// least. Small differences show over ten seconds: 1 % in a window of a second, 0.1 % then.
+    /// What is wrong counts as wrong until a later stretch is right. A clock that jumps once was
+    /// set; one that jumps at each block runs at another rate.
     fn check_rate(&mut self, first: u64, t0: UnixNanos, jumps: bool) {
         if jumps && !std::mem::replace(&mut self.jumped, jumps) {
             self.rate_from = (first, t0);
@@ -250,7 +256,8 @@ impl Channel {
     }
 }
 
-/// Converts and appends, a piece at a time: a deque takes whole slices much faster than single values.
+/// Converts and appends, a piece at a time: a deque takes whole slices much faster than single
+/// values.
 fn extend<T: Copy>(samples: &mut VecDeque<f64>, values: &[T], convert: impl Fn(T) -> f64) {
     let mut piece = [0.0; 256];
     for values in values.chunks(piece.len()) {

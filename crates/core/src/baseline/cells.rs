@@ -17,7 +17,8 @@ pub struct Cell {
     pub runs: u32,
 }
 
-/// What is normal for one line (or one floor) at one operating point. All variances are of natural logarithms.
+/// What is normal for one line (or one floor) at one operating point. All variances are of natural
+/// logarithms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reference {
     /// ln of the normal amplitude.
@@ -34,7 +35,8 @@ pub struct Reference {
     pub between_variance: Option<f64>,
     /// Sessions that it was learned from.
     pub sessions: u32,
-    /// Variance between the runs of a session, beyond what the scatter within them explains; 0 where no session has two runs.
+    /// Variance between the runs of a session, beyond what the scatter within them explains; 0
+    /// where no session has two runs.
     pub run_variance: f64,
     /// Degrees of freedom of that.
     pub run_freedom: f64,
@@ -55,7 +57,8 @@ pub(super) struct Gathered {
     /// Its degrees of freedom.
     pub(super) freedom: f64,
     pub(super) noise_variance: f64,
-    /// Mean square between the runs of a session: what the variance within runs would be if runs differed by chance alone.
+    /// Mean square between the runs of a session: what the variance within runs would be if runs
+    /// differed by chance alone.
     pub(super) run_mean_square: f64,
     /// Its degrees of freedom: runs less sessions.
     pub(super) run_freedom: f64,
@@ -107,7 +110,8 @@ impl Gathered {
             let n: f64 = runs.iter().map(|r| r[2]).sum();
             let count = runs.len() as f64;
             let ln = runs.iter().map(|r| r[2] * r[0]).sum::<f64>() / n;
-            // Sums of squares within runs, and between the runs of the session (analysis of variance).
+            // Sums of squares within runs, and between the runs of the session (analysis of
+            // variance).
             out.variance += runs.iter().map(|r| (r[2] - 1.0) * r[1].powi(2)).sum::<f64>();
             out.run_mean_square += runs.iter().map(|r| r[2] * (r[0] - ln).powi(2)).sum::<f64>();
             out.noise_variance += runs.iter().map(|r| r[2] * r[3].powi(2)).sum::<f64>();
@@ -133,8 +137,9 @@ impl Gathered {
     /// Variance between the runs of a session by the method of moments, and its degrees of freedom.
     ///
     /// # Source
-    /// S. R. Searle, G. Casella, C. E. McCulloch, "Variance Components" (1992), section 3.6: unbalanced one-way classification,
-    /// `σ² = (MSB − MSW) / n₀` with `n₀ = Σ (N − Σn²/N) / Σ (runs − 1)`.
+    /// S. R. Searle, G. Casella, C. E. McCulloch, "Variance Components" (1992), section 3.6:
+    /// unbalanced one-way classification, `σ² = (MSB − MSW) / n₀` with
+    /// `n₀ = Σ (N − Σn²/N) / Σ (runs − 1)`.
     pub(super) fn between_runs(&self, scatter_variance: f64, prior: ScatterPrior) -> (f64, f64) {
         if self.run_freedom <= 0.0 {
             return (0.0, f64::INFINITY);
@@ -148,14 +153,16 @@ impl Gathered {
         let (run_variance, run_freedom) = self.between_runs(scatter_variance, run_prior);
         let count = self.sessions.len() as f64;
         let between_variance = (self.sessions.len() > 1).then(|| {
-            // Method of moments: variance of the sessions' means less what the scatter within them explains.
+            // Method of moments: variance of the sessions' means less what the scatter within them
+            // explains.
             let mean = self.sessions.iter().map(|s| s.ln).sum::<f64>() / count;
             let observed = self.sessions.iter().map(|s| (s.ln - mean).powi(2)).sum::<f64>() / (count - 1.0);
             let by_chance = |s: &Session| scatter_variance / s.windows + run_variance / s.runs;
             let explained = self.sessions.iter().map(by_chance).sum::<f64>() / count;
             (observed - explained).max(0.0)
         });
-        // Sessions weigh by the inverse of their variance (R. DerSimonian, N. Laird, Control. Clin. Trials 7, 1986).
+        // Sessions weigh by the inverse of their variance (R. DerSimonian, N. Laird, Control. Clin.
+        // Trials 7, 1986).
         let between = between_variance.unwrap_or(0.0);
         let equal = scatter_variance + between <= 0.0;
         let weight = |n: f64| if equal { n } else { 1.0 / (between + scatter_variance / n) };

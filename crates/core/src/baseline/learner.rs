@@ -59,8 +59,8 @@ struct Sample {
 
 /// Collects the windows of one recording of the normal state, and makes runs of them.
 ///
-/// Robust to a few odd windows: up to half of the windows of an operating point may be wild ([`robust::location`]).
-/// Windows whose instrument is not all right are counted and left out.
+/// Robust to a few odd windows: up to half of the windows of an operating point may be wild
+/// ([`robust::location`]). Windows whose instrument is not all right are counted and left out.
 pub struct Learner {
     config: BaselineConfig,
     rows: Vec<Row>,
@@ -139,8 +139,8 @@ impl Learner {
     }
 }
 
-/// Splits the rows into operating points: sorted by torque, a new one begins where the torque leaves the reach of the
-/// first, and within each the same by speed.
+/// Splits the rows into operating points: sorted by torque, a new one begins where the torque
+/// leaves the reach of the first, and within each the same by speed.
 fn operating_points<'a>(rows: &'a mut [Row], config: &BaselineConfig) -> Vec<&'a mut [Row]> {
     let torque = |row: &Row| row.torque_nm.unwrap_or(f64::NEG_INFINITY);
     rows.sort_by(|a, b| torque(a).total_cmp(&torque(b)));

@@ -1,5 +1,6 @@
-//! What of a bench its baseline rests on: which lines are looked for, where, and in which unit. Names of the bench, stiffness, damping and tolerances
-//! are the simulator's business, and leave a baseline as it is.
+//! What of a bench its baseline rests on: which lines are looked for, where, and in which unit.
+//! Names of the bench, stiffness, damping and tolerances are the simulator's business, and leave a
+//! baseline as it is.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! Cells whose runs differ by more than their own scatter: loads that were not stated, a machine that was not the same.
+//! Cells whose runs differ by more than their own scatter: loads that were not stated, a machine
+//! that was not the same.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -15,7 +16,8 @@ pub struct MixedCell {
     pub brake_torque_nm: Option<f64>,
     /// Runs of the cell.
     pub runs: u32,
-    /// Standard deviation between the runs of a session beyond what the scatter within them explains, root mean square over lines (percent).
+    /// Standard deviation between the runs of a session beyond what the scatter within them
+    /// explains, root mean square over lines (percent).
     pub between_percent: f64,
     /// The runs' differences over those that chance would make.
     pub times: f64,
@@ -27,7 +29,8 @@ const CHANCE: f64 = 1e-6;
 const MATTERS_PERCENT: f64 = 1.0;
 
 impl Baseline {
-    /// Cells whose runs, within one session and mounting, differ beyond chance and by more than the first rank step.
+    /// Cells whose runs, within one session and mounting, differ beyond chance and by more than the
+    /// first rank step.
     pub fn mixed_cells(&self) -> Vec<MixedCell> {
         let (all, _, members) = cells(&self.runs, &self.config);
         let mut out = Vec::new();
@@ -35,7 +38,8 @@ impl Baseline {
             let mut channels: Vec<&String> = runs.iter().flat_map(|run| run.channels.keys()).collect();
             channels.sort_unstable();
             channels.dedup();
-            // Sum of squares between runs over the variance within, which is chi-squared if they differ by chance.
+            // Sum of squares between runs over the variance within, which is chi-squared if they
+            // differ by chance.
             let (mut statistic, mut freedom, mut between, mut lines) = (0.0, 0.0, 0.0, 0.0);
             for channel in channels {
                 for (stage, harmonic) in (0..self.stages.len()).flat_map(|s| (0..HARMONICS).map(move |h| (s, h))) {

@@ -1,12 +1,15 @@
-//! Scatter estimated from few windows, steadied by what the other lines of the same stage and sensor show.
+//! Scatter estimated from few windows, steadied by what the other lines of the same stage and
+//! sensor show.
 
 use statrs::function::gamma::digamma;
 
-/// What the scatters of all lines of a stage at a sensor have in common: their variances are spread about `variance` like those of
-/// samples with `freedom` degrees of freedom. A line known from few windows leans on it, one known from many does not.
+/// What the scatters of all lines of a stage at a sensor have in common: their variances are spread
+/// about `variance` like those of samples with `freedom` degrees of freedom. A line known from few
+/// windows leans on it, one known from many does not.
 ///
 /// # Source
-/// G. K. Smyth, "Linear models and empirical Bayes methods", Stat. Appl. Genet. Mol. Biol. 3 (2004), section 6.2.
+/// G. K. Smyth, "Linear models and empirical Bayes methods", Stat. Appl. Genet. Mol. Biol. 3
+/// (2004), section 6.2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScatterPrior {
     /// Typical variance.
@@ -31,7 +34,8 @@ impl ScatterPrior {
         let spread = logs().map(|e| (e - mean).powi(2)).sum::<f64>() / (count - 1.0);
         let sampling = usable().map(|(_, d)| trigamma(d / 2.0)).sum::<f64>() / count;
         let pooled: f64 = usable().map(|(_, d)| d).sum();
-        // All variances can be one: then the common one is known from all windows together, and no better.
+        // All variances can be one: then the common one is known from all windows together, and no
+        // better.
         let freedom = if spread > sampling { (2.0 * inverse_trigamma(spread - sampling)).min(pooled) } else { pooled };
         Self { variance: (mean + digamma(freedom / 2.0) - (freedom / 2.0).ln()).exp(), freedom }
     }
@@ -46,7 +50,8 @@ impl ScatterPrior {
     }
 }
 
-/// ψ′(x) for x > 0: recurrence up to 8, then the asymptotic series (Abramowitz & Stegun 6.4.12), good to 1e-12.
+/// ψ′(x) for x > 0: recurrence up to 8, then the asymptotic series (Abramowitz & Stegun 6.4.12),
+/// good to 1e-12.
 fn trigamma(mut x: f64) -> f64 {
     let mut sum = 0.0;
     while x < 8.0 {
@@ -86,7 +91,8 @@ mod tests {
 
     #[test]
     fn analytic_equal_variances_are_pooled_and_unequal_ones_left_alone() {
-        // Sample variances that spread less than chance would: one common variance, worth all degrees of freedom.
+        // Sample variances that spread less than chance would: one common variance, worth all
+        // degrees of freedom.
         let equal: Vec<_> = (0..10).map(|i| (1.0 + 0.01 * f64::from(i), 6.0)).collect();
         let prior = ScatterPrior::learn(&equal);
         assert_eq!(prior.freedom, 60.0);

@@ -2,16 +2,21 @@
 
 use super::Baseline;
 
-/// Runs whose torques lie this far apart (relative to the largest) say how slip grows with the load.
+/// Runs whose torques lie this far apart (relative to the largest) say how slip grows with the
+/// load.
 const TWO_LOADS: f64 = 0.2;
-/// Drive displays are read, and typed in, to 0.1 Hz in 30 or so (relative): uniform within it, one part in a thousand.
+/// Drive displays are read, and typed in, to 0.1 Hz in 30 or so (relative): uniform within it, one
+/// part in a thousand.
 const DISPLAY: f64 = 1e-3;
-/// The rotor's resistance grows by 0.4 % a kelvin, and slip with it: 20 to 60 K between cold and warm make a tenth and a quarter of it.
+/// The rotor's resistance grows by 0.4 % a kelvin, and slip with it: 20 to 60 K between cold and
+/// warm make a tenth and a quarter of it.
 const WARM: f64 = 0.15;
 
-/// Share by which the input shaft lags behind the stated motor speed, over the torque at the brake: `s(T) = s₀ + s₁ T`.
+/// Share by which the input shaft lags behind the stated motor speed, over the torque at the brake:
+/// `s(T) = s₀ + s₁ T`.
 ///
-/// Induction motors slip in proportion to their torque up to the nominal one (IEC 60034-1); a belt creeps in the same way.
+/// Induction motors slip in proportion to their torque up to the nominal one (IEC 60034-1); a belt
+/// creeps in the same way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slip {
     /// Torque at the brake (N m), none where unstated, and slip of each run.
@@ -49,7 +54,8 @@ impl Slip {
         Some(Self { runs, at_no_load, per_nm, scatter })
     }
 
-    /// What is expected at a torque (N m), and its standard deviation; the torque decides only where the law knows one.
+    /// What is expected at a torque (N m), and its standard deviation; the torque decides only
+    /// where the law knows one.
     pub fn at(&self, brake_torque_nm: Option<f64>) -> (f64, f64) {
         let unstated = brake_torque_nm.is_none() && self.per_nm != 0.0;
         let torque = brake_torque_nm.unwrap_or(0.0);
@@ -71,8 +77,8 @@ impl Slip {
 }
 
 impl Baseline {
-    /// Slip behind the stated motor speeds of the runs; `None` where none was stated. `motor_order` is the speed of the motor over that of the input
-    /// shaft.
+    /// Slip behind the stated motor speeds of the runs; `None` where none was stated. `motor_order`
+    /// is the speed of the motor over that of the input shaft.
     pub fn slip(&self, motor_order: f64) -> Option<Slip> {
         let of = |run: &super::Run| {
             let slip = 1.0 - run.input_speed_hz * motor_order / run.motor_speed_hz?;
@@ -86,7 +92,8 @@ impl Baseline {
 mod tests {
     use super::*;
 
-    /// Six loads of a motor that slips by 0.8 % at no load and 0.4 % more at 90 N m: the law is found, and a rate that is 0.9 % off stands out from it.
+    /// Six loads of a motor that slips by 0.8 % at no load and 0.4 % more at 90 N m: the law is
+    /// found, and a rate that is 0.9 % off stands out from it.
     #[test]
     fn analytic_slip_is_a_law_over_torque() {
         let law = |torque: f64| 0.008 + 0.004 * torque / 90.0;

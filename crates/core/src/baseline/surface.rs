@@ -7,7 +7,8 @@ use super::cells::{Cell, Gathered, Reference, cells};
 use super::{Baseline, BaselineConfig, Run, ScatterPrior};
 use crate::verdict::HARMONICS;
 
-/// The most cells that one operating point is worked out from: two on each of two lines of equal torque.
+/// The most cells that one operating point is worked out from: two on each of two lines of equal
+/// torque.
 const CORNERS: usize = 4;
 
 /// Where an operating point lies among the cells.
@@ -42,9 +43,10 @@ struct Series {
     torque_bend: Bend,
 }
 
-/// What leaving out each inner cell in turn says of the error of interpolating. Two causes would explain it: a surface that bends, whose
-/// error shrinks with the gap between the cells, and cells that are rough from run to run, whose error does not. Few cells do not tell them
-/// apart, so that the larger error of the two is stated.
+/// What leaving out each inner cell in turn says of the error of interpolating. Two causes would
+/// explain it: a surface that bends, whose error shrinks with the gap between the cells, and cells
+/// that are rough from run to run, whose error does not. Few cells do not tell them apart, so that
+/// the larger error of the two is stated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Bend {
     /// Mean square of the second derivative, if all were bend.
@@ -97,8 +99,8 @@ impl Surface {
             interpolates_torque: true,
             channels: BTreeMap::new(),
         };
-        // Interpolation needs an inner cell, by which its error can be judged. Which lines there are decides, not the
-        // values; so that it is settled first.
+        // Interpolation needs an inner cell, by which its error can be judged. Which lines there
+        // are decides, not the values; so that it is settled first.
         let speed_triples = surface.speed_triples();
         surface.interpolates_speed = !speed_triples.is_empty();
         let torque_triples = surface.torque_triples();
@@ -192,9 +194,9 @@ impl Surface {
 
     /// Finds an operating point among the cells; none outside what the baseline has seen.
     ///
-    /// Between cells of equal torque it is interpolated over ln speed, and between lines of equal torque over torque,
-    /// wherever an inner cell exists by which the error of interpolating is known; else the nearest cell within the
-    /// tolerance serves.
+    /// Between cells of equal torque it is interpolated over ln speed, and between lines of equal
+    /// torque over torque, wherever an inner cell exists by which the error of interpolating is
+    /// known; else the nearest cell within the tolerance serves.
     pub fn locate(&self, input_speed_hz: f64, brake_torque_nm: Option<f64>) -> Option<Place> {
         let candidates = || {
             self.torque_lines
@@ -304,7 +306,8 @@ impl Surface {
         self.channels.get(channel)?.stages.get(stage)?.floors.get(harmonic)?.at(place)
     }
 
-    /// What is normal there for a condition indicator, by its position among the [names](crate::indicators::columns::names).
+    /// What is normal there for a condition indicator, by its position among the
+    /// [names](crate::indicators::columns::names).
     pub fn indicator(&self, place: &Place, channel: &str, position: usize) -> Option<Reference> {
         self.channels.get(channel)?.indicators.get(position)?.at(place)
     }
@@ -367,8 +370,8 @@ struct Misfit {
 }
 
 impl Bend {
-    /// Linear interpolation misses a curve of second derivative k by k/2 (x−a)(b−x); of cells that are off by a variance ρ each, a cell
-    /// misses its neighbours by ρ (1 + Σ w²).
+    /// Linear interpolation misses a curve of second derivative k by k/2 (x−a)(b−x); of cells that
+    /// are off by a variance ρ each, a cell misses its neighbours by ρ (1 + Σ w²).
     fn from_misfits(misfits: impl Iterator<Item = Misfit>) -> Self {
         let mut bend = Self::default();
         for misfit in misfits.filter(|misfit| misfit.span > 0.0) {
@@ -414,7 +417,8 @@ impl Series {
             out.scatter_variance += weight * corner.scatter_variance;
             out.scatter_freedom = out.scatter_freedom.min(corner.scatter_freedom);
             out.noise_variance += weight * corner.noise_variance;
-            // A session is off in the same direction at neighbouring cells, so that its sigmas add, not its variances.
+            // A session is off in the same direction at neighbouring cells, so that its sigmas add,
+            // not its variances.
             between_sigma = between_sigma.zip(corner.between_variance).map(|(sum, v)| sum + weight * v.sqrt());
             out.sessions = out.sessions.min(corner.sessions);
             out.run_variance += weight * corner.run_variance;

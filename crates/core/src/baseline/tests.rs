@@ -22,7 +22,8 @@ fn empty() -> Baseline {
     }
 }
 
-/// Runs of `count` windows at one operating point, all harmonics at `level` with a relative scatter.
+/// Runs of `count` windows at one operating point, all harmonics at `level` with a relative
+/// scatter.
 fn runs(origin: &Origin, point: (f64, f64), level: f64, scatter: f64, count: u64, random: &mut Random) -> Vec<Run> {
     let mut learner = Learner::new(BaselineConfig::default());
     for n in 0..count {
@@ -37,8 +38,8 @@ fn first_line(baseline: &Baseline, speed: f64, torque: Option<f64>) -> Option<Re
     surface.line(&surface.locate(speed, torque)?, "acc", 0, 0)
 }
 
-/// 20 windows, of which 9 are wild (ten times the amplitude): the learned amplitude stays within four standard errors of the
-/// sound ones, the scatter is theirs, and the wild ones are counted.
+/// 20 windows, of which 9 are wild (ten times the amplitude): the learned amplitude stays within
+/// four standard errors of the sound ones, the scatter is theirs, and the wild ones are counted.
 #[test]
 fn analytic_learner_survives_nine_wild_windows_of_twenty() {
     let mut random = Random(21);
@@ -121,8 +122,9 @@ fn analytic_merge_is_associative_commutative_and_idempotent() {
     assert!(all.merged(&volts).expect_err("other unit").to_string().contains("m/s^2"));
 }
 
-/// Six sessions that differ by 8 % (sigma) with 3 % scatter within: the spread between them is found (a standard deviation
-/// from 6 is right within a factor 2.2, 3 sigma), one session alone says that it does not know.
+/// Six sessions that differ by 8 % (sigma) with 3 % scatter within: the spread between them is
+/// found (a standard deviation from 6 is right within a factor 2.2, 3 sigma), one session alone
+/// says that it does not know.
 #[test]
 fn oracle_spread_between_sessions() {
     let mut random = Random(23);
@@ -147,8 +149,9 @@ fn oracle_spread_between_sessions() {
     assert!((reference.scatter_variance.sqrt() / 0.03 - 1.0).abs() < 0.2, "{reference:?}");
 }
 
-/// Cells at 10, 15, 20, 25, 30 Hz and 0, 50, 100 N m of a curved surface: between them the interpolated amplitude is right
-/// within three times its stated sigma, in a cell it is the cell's, outside nothing is said.
+/// Cells at 10, 15, 20, 25, 30 Hz and 0, 50, 100 N m of a curved surface: between them the
+/// interpolated amplitude is right within three times its stated sigma, in a cell it is the cell's,
+/// outside nothing is said.
 #[test]
 fn analytic_interpolation_states_its_error() {
     let mut random = Random(24);
@@ -184,7 +187,8 @@ fn analytic_interpolation_states_its_error() {
     assert_eq!(name, "25.00–30.00 Hz, 50.0–100.0 N m");
 }
 
-/// Two cells have no inner one by which the error of interpolating could be known: nothing is said between them.
+/// Two cells have no inner one by which the error of interpolating could be known: nothing is said
+/// between them.
 #[test]
 fn conform_no_interpolation_without_an_inner_cell() {
     let mut random = Random(25);
@@ -206,8 +210,9 @@ fn conform_no_interpolation_without_an_inner_cell() {
     assert!(small(4, &mut random).expect("four windows").scatter_freedom >= 2.0);
 }
 
-/// Six loads that were not stated become one cell of six runs. What a further run may deviate by is the spread of the runs, not that of
-/// windows within a run: of 400 further runs of such a machine at most the stated share lies beyond two sigma.
+/// Six loads that were not stated become one cell of six runs. What a further run may deviate by is
+/// the spread of the runs, not that of windows within a run: of 400 further runs of such a machine
+/// at most the stated share lies beyond two sigma.
 #[test]
 fn regress_loads_that_were_not_stated_widen_the_cell() {
     let mut random = Random(31);
@@ -229,12 +234,14 @@ fn regress_loads_that_were_not_stated_widen_the_cell() {
             trials += 1;
         }
     }
-    // Student's t with 5 degrees of freedom: 10.2 % beyond two sigma; of 400 in 40 groups 16 % at the most, with 3 standard errors.
+    // Student's t with 5 degrees of freedom: 10.2 % beyond two sigma; of 400 in 40 groups 16 % at
+    // the most, with 3 standard errors.
     assert!(f64::from(beyond) < 0.16 * f64::from(trials), "{beyond} of {trials}");
     assert_eq!(mixed, 40);
 }
 
-/// Runs of one load that differ by chance alone are no mixed cell, and the cell stays as sharp as one of one long run.
+/// Runs of one load that differ by chance alone are no mixed cell, and the cell stays as sharp as
+/// one of one long run.
 #[test]
 fn oracle_equal_runs_are_not_mixed() {
     let mut random = Random(32);
@@ -249,13 +256,16 @@ fn oracle_equal_runs_are_not_mixed() {
         run_variance += first_line(&baseline, 30.0, Some(50.0)).expect("a cell").run_variance / 100.0;
     }
     assert_eq!(mixed, 0);
-    // The mean of a run is known to 0.05/√15 = 1.3 %; what is left as spread between equal runs is less than half of that.
+    // The mean of a run is known to 0.05/√15 = 1.3 %; what is left as spread between equal runs is
+    // less than half of that.
     assert!(run_variance.sqrt() < 0.5 * 0.05 / 15.0_f64.sqrt(), "{}", run_variance.sqrt());
 }
 
-/// Cells that are rough from file to file, with gaps between them that differ: the stated sigma of what lies in a narrow gap is not that of a
-/// bend which shrinks with it, which covered a third. Three misfits that share their cells are worth two degrees of freedom or more: Student's t
-/// covers 57.7 and 81.6 % within one and two sigma, of 200 baselines 88 and 142 at least, less 4 standard errors.
+/// Cells that are rough from file to file, with gaps between them that differ: the stated sigma of
+/// what lies in a narrow gap is not that of a bend which shrinks with it, which covered a third.
+/// Three misfits that share their cells are worth two degrees of freedom or more: Student's t
+/// covers 57.7 and 81.6 % within one and two sigma, of 200 baselines 88 and 142 at least, less 4
+/// standard errors.
 #[test]
 fn regress_roughness_does_not_shrink_with_the_gap() {
     let mut random = Random(33);

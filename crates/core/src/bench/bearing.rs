@@ -52,7 +52,8 @@ impl BearingOrders {
 }
 
 impl Bearing {
-    /// Orders as stated, else of the geometry without slip (T. A. Harris, Rolling Bearing Analysis), with `g = d/D cos φ` and `n` elements:
+    /// Orders as stated, else of the geometry without slip (T. A. Harris, Rolling Bearing
+    /// Analysis), with `g = d/D cos φ` and `n` elements:
     ///
     /// ```text
     /// outer n/2 (1 - g)      inner n/2 (1 + g)      element D/(2d) (1 - g²)      cage (1 - g)/2
@@ -120,10 +121,12 @@ impl Bearing {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IndicatorSettings {
-    /// Band whose envelope is read at the bearings' orders (Hz). `gearwatch indicators` proposes one by the kurtogram.
+    /// Band whose envelope is read at the bearings' orders (Hz). `gearwatch indicators` proposes
+    /// one by the kurtogram.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub envelope_hz: Option<[f64; 2]>,
-    /// Zone boundaries A/B, B/C and C/D of the velocity (mm/s rms), from the part of ISO 20816 that the machine belongs to.
+    /// Zone boundaries A/B, B/C and C/D of the velocity (mm/s rms), from the part of ISO 20816 that
+    /// the machine belongs to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub velocity_limits_mm_s: Option<[f64; 3]>,
 }
@@ -133,7 +136,8 @@ impl IndicatorSettings {
         *self == Self::default()
     }
 
-    /// Zone of a velocity by the limits: `A` to `D`; none without limits or for an unknown velocity.
+    /// Zone of a velocity by the limits: `A` to `D`; none without limits or for an unknown
+    /// velocity.
     pub fn zone(&self, velocity_mm_s: f64) -> Option<char> {
         let limits = self.velocity_limits_mm_s?;
         if !velocity_mm_s.is_finite() {
@@ -165,8 +169,9 @@ impl IndicatorSettings {
 mod tests {
     use super::*;
 
-    /// SKF 6205-2RS JEM of the bearing data centre of Case Western Reserve University: 9 balls of 7.94 mm on 39.04 mm have the published orders
-    /// 3.5848, 5.4152, 2.3570 (half of the printed 4.7135, which counts both races) and 0.39828.
+    /// SKF 6205-2RS JEM of the bearing data centre of Case Western Reserve University: 9 balls of
+    /// 7.94 mm on 39.04 mm have the published orders 3.5848, 5.4152, 2.3570 (half of the printed
+    /// 4.7135, which counts both races) and 0.39828.
     #[test]
     fn literature_orders_of_a_6205() {
         let bearing = Bearing {

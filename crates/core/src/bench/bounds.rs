@@ -1,4 +1,5 @@
-//! Bounds of a bench: wider than any laboratory bench needs, narrow enough that no file asks for gigabytes or hours.
+//! Bounds of a bench: wider than any laboratory bench needs, narrow enough that no file asks for
+//! gigabytes or hours.
 
 use super::Bench;
 use super::shift::MOST_SHIFT;

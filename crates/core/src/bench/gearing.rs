@@ -1,6 +1,8 @@
-//! What makes a stage another one than an external spur pair: helix, internal wheel, idlers, a planetary set; and what cannot be built.
+//! What makes a stage another one than an external spur pair: helix, internal wheel, idlers, a
+//! planetary set; and what cannot be built.
 //!
-//! Rules, with teeth `z`, normal module `m_n`, helix angle `β` (J. E. Shigley, J. J. Uicker, Theory of Machines and Mechanisms; DIN 3960):
+//! Rules, with teeth `z`, normal module `m_n`, helix angle `β` (J. E. Shigley, J. J. Uicker, Theory
+//! of Machines and Mechanisms; DIN 3960):
 //!
 //! ```text
 //! one axis        z_ring = z_sun + 2 z_planet                         without profile shift
@@ -20,9 +22,11 @@ use super::stage::{Gear, Stage, StageKind};
 pub const MOST_PLANETS: u32 = 24;
 /// Most idlers of a stage.
 pub const MOST_IDLERS: usize = 8;
-/// Teeth by which profile shift may part ring and sun + 2 planet; more would need a working pressure angle that no gear has.
+/// Teeth by which profile shift may part ring and sun + 2 planet; more would need a working
+/// pressure angle that no gear has.
 const MOST_SHIFTED_TEETH: u32 = 4;
-/// How far, in steps of assembly, a stated position may lie from one in which the planet fits: two decimals of a degree with 250 steps a turn.
+/// How far, in steps of assembly, a stated position may lie from one in which the planet fits: two
+/// decimals of a degree with 250 steps a turn.
 const POSITION_REACH: f64 = 0.01;
 /// Most meshes that the simulator takes.
 pub const MOST_MESHES: usize = 16;
@@ -42,9 +46,11 @@ pub struct Gearing {
     pub idlers: Vec<Gear>,
     /// Left out for pairs.
     pub planetary: Option<Planetary>,
-    /// The gears have profile shift: undercut and the teeth of the ring are not asked about. Coefficients stand in the gears, where they are known.
+    /// The gears have profile shift: undercut and the teeth of the ring are not asked about.
+    /// Coefficients stand in the gears, where they are known.
     pub profile_shifted: bool,
-    /// Working centre distance of pinion and wheel (mm); what follows from their profile shift where left out.
+    /// Working centre distance of pinion and wheel (mm); what follows from their profile shift
+    /// where left out.
     pub centre_distance_mm: Option<f64>,
 }
 
@@ -108,7 +114,8 @@ impl Member {
         }
     }
 
-    /// Which member is fixed, in and out. Usual where left out: the ring stands still, and of the others the sun or else the ring drives.
+    /// Which member is fixed, in and out. Usual where left out: the ring stands still, and of the
+    /// others the sun or else the ring drives.
     pub(super) fn roles(
         fixed: Option<Self>,
         input: Option<Self>,
@@ -147,7 +154,8 @@ pub(super) struct RolesError {
     output: Member,
 }
 
-/// Sun, planets on a carrier, ring. The teeth of sun and ring are those of [`Stage::pinion`] and [`Stage::wheel`].
+/// Sun, planets on a carrier, ring. The teeth of sun and ring are those of [`Stage::pinion`] and
+/// [`Stage::wheel`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planetary {
     /// Number of planets (1 to [`MOST_PLANETS`]).
@@ -240,7 +248,8 @@ pub fn problems(stage: &Stage) -> Vec<String> {
     if let Some(set) = &gearing.planetary {
         planetary(stage, set, &mut tell);
     }
-    // Bench files of spur pairs never said whether their gears are shifted: watching asks for tooth numbers alone.
+    // Bench files of spur pairs never said whether their gears are shifted: watching asks for tooth
+    // numbers alone.
     let usual_angle = (10.0..=35.0).contains(&stage.pressure_angle_deg);
     let sound = usual_angle && stage.module_mm > 0.0 && stage.gears().iter().all(|(_, gear)| gear.teeth >= 5);
     let shift = (sound && stage.is_external_pair()).then(|| stage.pair_shift());
@@ -356,7 +365,8 @@ fn room(stage: &Stage, set: &Planetary, tell: &mut dyn FnMut(String)) {
 }
 
 impl Bench {
-    /// Why the simulator cannot serve the bench, if it cannot: it knows spur pairs with idlers and internal wheels, helical pairs, and planetary stages with straight teeth. It knows profile
+    /// Why the simulator cannot serve the bench, if it cannot: it knows spur pairs with idlers and
+    /// internal wheels, helical pairs, and planetary stages with straight teeth. It knows profile
     /// shift, centre distances and tip diameters of external pairs alone.
     pub fn beyond_simulator(&self) -> Option<String> {
         let what = |stage: &Stage| {
@@ -397,7 +407,8 @@ impl Bench {
         })
     }
 
-    /// Why explain and fault signatures cannot serve the bench, if they cannot: they know external spur and helical pairs, with profile shift where the file states it.
+    /// Why explain and fault signatures cannot serve the bench, if they cannot: they know external
+    /// spur and helical pairs, with profile shift where the file states it.
     pub fn beyond_pairs(&self) -> Option<String> {
         let stage = self.stages.iter().find(|stage| !stage.is_external_pair() || stage.has_unknown_shift())?;
         let gearing = &stage.gearing;

@@ -1,7 +1,9 @@
-//! Profile shift and centre distance of an external pair, spur or helical: each follows from the other.
+//! Profile shift and centre distance of an external pair, spur or helical: each follows from the
+//! other.
 //!
 //! # Formula
-//! ISO 21771:2007, 4.5 and 5.2 (DIN 3960 has the same), for teeth `z`, normal module `m_n`, helix angle `β`:
+//! ISO 21771:2007, 4.5 and 5.2 (DIN 3960 has the same), for teeth `z`, normal module `m_n`, helix
+//! angle `β`:
 //!
 //! ```text
 //! inv α_w = inv α_t + 2 tan α_n (x1 + x2)/(z1 + z2)                  free of play
@@ -10,13 +12,16 @@
 //! j       = 2 a_0 cos α_t (inv α_a − inv α_w)                        play at a wider distance a, cos α_a = a_0 cos α_t / a
 //! ```
 //!
-//! The play is along the transverse line of action; what the teeth are thinned by (`backlash_um`) comes on top.
+//! The play is along the transverse line of action; what the teeth are thinned by (`backlash_um`)
+//! comes on top.
 
 use super::stage::Stage;
 
-/// By how much a stated distance may miss the calculated one and still be taken for it (mm): half of the second decimal, to which drawings round.
+/// By how much a stated distance may miss the calculated one and still be taken for it (mm): half
+/// of the second decimal, to which drawings round.
 pub const ROUNDING_MM: f64 = 0.005;
-/// Largest profile shift of either gear, either way (by the module): no rack cuts usable teeth beyond.
+/// Largest profile shift of either gear, either way (by the module): no rack cuts usable teeth
+/// beyond.
 pub const MOST_SHIFT: f64 = 2.0;
 
 /// Involute function `inv α = tan α − α` (radians).
@@ -32,7 +37,8 @@ pub fn inverse_involute(value: f64) -> Option<f64> {
     if !(value > 0.0 && value <= MOST_INVOLUTE) {
         return None;
     }
-    // inv α ≈ α³/3 for small angles, and grows faster: Newton's steps from above fall to the root without passing it.
+    // inv α ≈ α³/3 for small angles, and grows faster: Newton's steps from above fall to the root
+    // without passing it.
     let mut angle = (3.0 * value).cbrt().min(1.5);
     while involute(angle) < value {
         angle = 0.5 * (angle + std::f64::consts::FRAC_PI_2);
@@ -47,8 +53,9 @@ pub fn inverse_involute(value: f64) -> Option<f64> {
     Some(angle)
 }
 
-/// Working pressure angle (rad) at which gears run free of play, in one section: pressure angle (rad), sum of the profile shifts by the module of that section,
-/// sum of the teeth. `None` where there is no such angle, the teeth being too thin.
+/// Working pressure angle (rad) at which gears run free of play, in one section: pressure angle
+/// (rad), sum of the profile shifts by the module of that section, sum of the teeth. `None` where
+/// there is no such angle, the teeth being too thin.
 pub fn play_free_angle_rad(pressure_angle_rad: f64, shift_sum: f64, tooth_sum: f64) -> Option<f64> {
     if shift_sum == 0.0 {
         return Some(pressure_angle_rad);
@@ -146,13 +153,15 @@ impl Stage {
         self.gearing.profile_shifted || self.gears().iter().any(|(_, gear)| gear.profile_shift.unwrap_or(0.0) != 0.0)
     }
 
-    /// The file says more of the teeth than that they are those of a standard rack at the standard distance.
+    /// The file says more of the teeth than that they are those of a standard rack at the standard
+    /// distance.
     pub(super) fn has_own_teeth(&self) -> bool {
         let of_a_gear = self.gears().iter().any(|(_, gear)| gear.tip_diameter_mm.is_some());
         self.is_shifted() || of_a_gear || self.gearing.centre_distance_mm.is_some()
     }
 
-    /// The file says that the gears are shifted, but not by how much: it states neither both coefficients nor one with the centre distance.
+    /// The file says that the gears are shifted, but not by how much: it states neither both
+    /// coefficients nor one with the centre distance.
     pub(super) fn has_unknown_shift(&self) -> bool {
         let given = [self.pinion.profile_shift, self.wheel.profile_shift].iter().flatten().count();
         let known = given + usize::from(self.gearing.centre_distance_mm.is_some());
@@ -164,8 +173,9 @@ impl Stage {
         !self.gearing.internal && self.gearing.idlers.is_empty() && self.gearing.planetary.is_none()
     }
 
-    /// Profile shift and centre distance of an external pair. A coefficient that the file leaves out is 0; where it states the centre distance, it follows from
-    /// that and the other one, and both share the sum equally where none is stated.
+    /// Profile shift and centre distance of an external pair. A coefficient that the file leaves
+    /// out is 0; where it states the centre distance, it follows from that and the other one, and
+    /// both share the sum equally where none is stated.
     ///
     /// # Errors
     /// Where the numbers contradict each other.
@@ -247,7 +257,8 @@ mod tests {
         bench(keys, pinion, wheel).stages.remove(0)
     }
 
-    /// The inverse against bisection of `tan α − α`, which needs no derivative and no start: the last digits of an angle.
+    /// The inverse against bisection of `tan α − α`, which needs no derivative and no start: the
+    /// last digits of an angle.
     #[test]
     fn analytic_inverse_involute_is_that_of_bisection() {
         for i in 1..=156 {
@@ -268,8 +279,10 @@ mod tests {
         assert_eq!(inverse_involute(1e300), None);
     }
 
-    /// "KHK Gear Technical Reference", profile shifted spur gears, the worked example: m = 3 mm, α = 20°, 12 and 24 teeth, x = 0.6 and 0.36. It gives α_w = 26.0886°, y = 0.83329,
-    /// a = 56.4999 mm and addenda of 4.420 and 3.700 mm; and from that centre distance back x1 + x2 = 0.9600.
+    /// "KHK Gear Technical Reference", profile shifted spur gears, the worked example: m = 3 mm,
+    /// α = 20°, 12 and 24 teeth, x = 0.6 and 0.36. It gives α_w = 26.0886°, y = 0.83329, a =
+    /// 56.4999 mm and addenda of 4.420 and 3.700 mm; and from that centre distance back x1 + x2 =
+    /// 0.9600.
     #[test]
     fn literature_khk_centre_distance_of_shifted_spur_gears() {
         let found = stage("", ", profile_shift = 0.6", ", profile_shift = 0.36").pair_shift().unwrap();
@@ -288,8 +301,9 @@ mod tests {
         near(halves.coefficients[0], 0.48, 1e-4);
     }
 
-    /// A published calculation by ISO 21771:2007 of a helical pair: 31 and 30 teeth, m_n = 3.5 mm, a = 116.5 mm, reference distance 114.3447 mm, α_t = 21.29906°, α_wt = 23.87076°,
-    /// x1 = 0.2910 of x1 + x2 = 0.65188 (scribd 376176518, "Gear generating profile shift calculations").
+    /// A published calculation by ISO 21771:2007 of a helical pair: 31 and 30 teeth, m_n = 3.5 mm,
+    /// a = 116.5 mm, reference distance 114.3447 mm, α_t = 21.29906°, α_wt = 23.87076°, x1 = 0.2910
+    /// of x1 + x2 = 0.65188 (scribd 376176518, "Gear generating profile shift calculations").
     #[test]
     fn literature_iso_21771_sum_of_shifts_of_a_helical_pair() {
         let helix = (3.5 * 61.0 / (2.0 * 114.344_728_070_8_f64)).acos().to_degrees();
@@ -308,7 +322,8 @@ mod tests {
         assert!((found.play_free_mm - 116.5).abs() < 1e-9 && !found.wider);
     }
 
-    /// Without shift, and with shifts that take each other away, angle and distance are the standard ones to the bit; a stated distance within its rounding is the standard one.
+    /// Without shift, and with shifts that take each other away, angle and distance are the
+    /// standard ones to the bit; a stated distance within its rounding is the standard one.
     #[test]
     fn analytic_no_shift_in_sum_is_the_standard_distance() {
         for stage in [
@@ -325,7 +340,8 @@ mod tests {
         }
     }
 
-    /// Wider is play, narrower is refused, and so is what no gear can be; each with the figure that would be right.
+    /// Wider is play, narrower is refused, and so is what no gear can be; each with the figure that
+    /// would be right.
     #[test]
     fn conform_distances_that_go_and_do_not_go_with_the_shift() {
         let shifts = (", profile_shift = 0.6", ", profile_shift = 0.36");
@@ -350,7 +366,8 @@ mod tests {
         let said = stage("", ", profile_shift = -0.9", "").pair_shift().unwrap_err().to_string();
         assert!(said.contains("is -0.900 together; expected more than -0.737"), "{said}");
     }
-    /// What says that there is shift, but not how much, is watched and not simulated; two of both coefficients and the distance say it, a distance alone where nothing is said to be unknown.
+    /// What says that there is shift, but not how much, is watched and not simulated; two of both
+    /// coefficients and the distance say it, a distance alone where nothing is said to be unknown.
     #[test]
     fn conform_the_simulator_asks_for_what_is_not_known() {
         let (x, distance, some) = (", profile_shift = 0.6", "centre_distance_mm = 56.5,", "profile_shifted = true,");

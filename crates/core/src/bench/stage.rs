@@ -45,7 +45,8 @@ pub struct Gear {
     /// (kg m²); that of a solid disc with the bore where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inertia_kg_m2: Option<f64>,
-    /// Profile shift coefficient x by the normal module (-2 to 2, positive away from the axis); 0, or what the centre distance asks for, where left out.
+    /// Profile shift coefficient x by the normal module (-2 to 2, positive away from the axis); 0,
+    /// or what the centre distance asks for, where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile_shift: Option<f64>,
     /// Tip diameter (mm); that which leaves the standard clearance where left out.
@@ -148,7 +149,8 @@ fn mesh_damping_ratio() -> f64 {
     0.06
 }
 
-/// The stage as the file has it, with the keys of all kinds. What the file leaves out is left out again when it is written.
+/// The stage as the file has it, with the keys of all kinds. What the file leaves out is left out
+/// again when it is written.
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StageKeys {

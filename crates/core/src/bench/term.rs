@@ -1,7 +1,9 @@
-//! Free-form terms: physics that a bench has beyond its nominal model, where no effect has a name for it.
+//! Free-form terms: physics that a bench has beyond its nominal model, where no effect has a name
+//! for it.
 //!
-//! A term stands at an entry point of the equations of motion. It is a Fourier series over an angle, a law of one spring or damper, or a
-//! filter of one channel. [`Term::resolve`] checks one against a bench and says what it means there.
+//! A term stands at an entry point of the equations of motion. It is a Fourier series over an
+//! angle, a law of one spring or damper, or a filter of one channel. [`Term::resolve`] checks one
+//! against a bench and says what it means there.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +26,8 @@ pub struct Term {
     /// Coefficients by name; the unit is the end of the name.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
-    /// The term goes with the brake torque to this power, about the bench's own torque (1 N m where that is 0).
+    /// The term goes with the brake torque to this power, about the bench's own torque (1 N m where
+    /// that is 0).
     #[serde(default)]
     pub load_exponent: f64,
     /// The term goes with the motor's speed to this power, about the bench's own speed.
@@ -35,7 +38,8 @@ pub struct Term {
 /// What a term is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Expression {
-    /// Geometry error over the turn of a gear, or over the mesh cycle (m, positive is missing material).
+    /// Geometry error over the turn of a gear, or over the mesh cycle (m, positive is missing
+    /// material).
     Geometry,
     /// Relative stiffness over the turn of a gear, or over the mesh cycle.
     Stiffness,
@@ -49,7 +53,8 @@ pub enum Expression {
     ModalFilter,
 }
 
-/// Law of a spring or damper: its force against the deflection u and its rate v, per unit of the coefficient.
+/// Law of a spring or damper: its force against the deflection u and its rate v, per unit of the
+/// coefficient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpringLaw {
     /// `u`
@@ -120,10 +125,12 @@ impl Expression {
 }
 
 impl SpringLaw {
-    /// Name, unit and largest size of the coefficient: at a spring or damper along a line, or at one in torsion. `None` for [`Self::Clearance`],
-    /// whose spring and damper are those of the place.
+    /// Name, unit and largest size of the coefficient: at a spring or damper along a line, or at
+    /// one in torsion. `None` for [`Self::Clearance`], whose spring and damper are those of the
+    /// place.
     ///
-    /// The largest sizes give some 1e7 N at 10 µm or 0.1 m/s, and some 1e5 N m at 1 mrad or 1 rad/s: more than any bench bears.
+    /// The largest sizes give some 1e7 N at 10 µm or 0.1 m/s, and some 1e5 N m at 1 mrad or 1
+    /// rad/s: more than any bench bears.
     pub const fn coefficient(self, torsion: bool) -> Option<(&'static str, &'static str, f64)> {
         let (along, about) = match self {
             Self::Linear | Self::DeadZone => (("n_per_m", "N/m", 1e12), ("nm_per_rad", "N m/rad", 1e8)),
@@ -201,7 +208,8 @@ impl Spring {
 pub struct Growth {
     /// Time constant (s) with which it comes up from nothing; 0 where it is there from the start.
     pub rise_s: f64,
-    /// Temperatures (°C) at which it is absent and at full size, linear between and beyond; `None` for any temperature.
+    /// Temperatures (°C) at which it is absent and at full size, linear between and beyond; `None`
+    /// for any temperature.
     pub between_c: Option<[f64; 2]>,
 }
 
@@ -566,7 +574,8 @@ fn series_suffix(expression: Expression) -> Option<&'static str> {
     }
 }
 
-/// All springs of a bench by the names that terms give them: `SHAFT.bearing`, `SHAFT.torsion`, `belt`, `STAGE`, `housing`, `housing_N`.
+/// All springs of a bench by the names that terms give them: `SHAFT.bearing`, `SHAFT.torsion`,
+/// `belt`, `STAGE`, `housing`, `housing_N`.
 pub fn spring_places(bench: &Bench) -> Vec<(String, Spring)> {
     let mut out = Vec::new();
     for (i, shaft) in bench.shafts.iter().enumerate() {

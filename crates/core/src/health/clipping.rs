@@ -1,4 +1,5 @@
-//! Samples that pile up at the largest or the smallest value: the end of a converter or of an amplifier.
+//! Samples that pile up at the largest or the smallest value: the end of a converter or of an
+//! amplifier.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -14,15 +15,16 @@ const STEP_SAMPLES: usize = 512;
 /// The top level of a sampled sine holds at most so many times what the level below it holds.
 const EDGE: f64 = 2.4;
 
-/// Logarithm of the probability from which on chance is out of the question: 10⁻⁹ a window, a few in a year of 64 channels.
+/// Logarithm of the probability from which on chance is out of the question: 10⁻⁹ a window, a few
+/// in a year of 64 channels.
 const LN_CHANCE: f64 = -20.7;
 
-/// The pile at the extreme by the samples just below it: 2.4 for a sine at most, far less for noise; 7 and more for noise that is
-/// clipped at 2.5 sigma.
+/// The pile at the extreme by the samples just below it: 2.4 for a sine at most, far less for
+/// noise; 7 and more for noise that is clipped at 2.5 sigma.
 const PILE_RATIO: usize = 4;
 
-/// The size of the value that samples pile up at; `None` where they do not. Made for windows of up to some ten thousand samples: of a long
-/// recording ask piece by piece.
+/// The size of the value that samples pile up at; `None` where they do not. Made for windows of up
+/// to some ten thousand samples: of a long recording ask piece by piece.
 pub fn clipped_at(samples: &[f64]) -> Option<f64> {
     let range = Range::of(samples)?;
     match range.clipped_ends(samples) {
@@ -109,10 +111,12 @@ fn is_wall(samples: &[f64], pile: usize, extreme: f64, band: f64) -> bool {
     pile > PILE_RATIO * beside(1.5 * next)
 }
 
-/// The pile is small, but by chance it cannot be: with `c` samples in the band below the extreme, and steps of the converter `q` wide, a
-/// level holds `λ = c q / band` on the mean (up to [`EDGE`] times as much at the edge of a sine), and Chernoff's bound
-/// `P(X ≥ k) ≤ exp(k − λ − k ln(k / λ))` says how probable `k` further samples at the extreme are. Signals that repeat exactly pile up
-/// at other values too, and where a step is wider than the band, [`is_wall`] has said all there is to say.
+/// The pile is small, but by chance it cannot be: with `c` samples in the band below the extreme,
+/// and steps of the converter `q` wide, a level holds `λ = c q / band` on the mean (up to [`EDGE`]
+/// times as much at the edge of a sine), and Chernoff's bound `P(X ≥ k) ≤ exp(k − λ − k ln(k / λ))`
+/// says how probable `k` further samples at the extreme are. Signals that repeat exactly pile up at
+/// other values too, and where a step is wider than the band, [`is_wall`] has said all there is to
+/// say.
 fn is_unlikely(samples: &[f64], pile: usize, extreme: f64, band: f64) -> bool {
     let share = step(samples) / band;
     if share >= 1.0 {
@@ -127,8 +131,8 @@ fn is_unlikely(samples: &[f64], pile: usize, extreme: f64, band: f64) -> bool {
     !samples.iter().filter(near).any(|x| PILE_RATIO * count(samples, *x) >= pile)
 }
 
-/// Width of the converter's steps: the smallest distance between values of the first samples. Larger than the true one where these
-/// samples have none that are neighbours, never smaller.
+/// Width of the converter's steps: the smallest distance between values of the first samples.
+/// Larger than the true one where these samples have none that are neighbours, never smaller.
 fn step(samples: &[f64]) -> f64 {
     let mut first = [f64::INFINITY; STEP_SAMPLES];
     let count = samples.len().min(STEP_SAMPLES);

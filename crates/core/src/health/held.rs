@@ -1,4 +1,5 @@
-//! Values that are held, or so few that they carry nothing: dead channels, stuck ones, staircases, converters with few codes in use.
+//! Values that are held, or so few that they carry nothing: dead channels, stuck ones, staircases,
+//! converters with few codes in use.
 
 /// How a signal is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -7,23 +8,28 @@ pub enum Hold {
     Dead,
     /// One value fills an eighth of it in a row.
     Stuck,
-    /// Every value comes several times in a row: sampled more slowly than stated, or filled up by repetition.
+    /// Every value comes several times in a row: sampled more slowly than stated, or filled up by
+    /// repetition.
     Staircase,
 }
 
-/// A signal with fewer changes of value than one in so many samples is dead: 32 in a window of 16 384 make 16 periods at most.
+/// A signal with fewer changes of value than one in so many samples is dead: 32 in a window of 16
+/// 384 make 16 periods at most.
 const DEAD_SHARE: usize = 512;
 /// Share of a window that one and the same value may fill in a row.
 const STUCK_SHARE: usize = 8;
-/// Runs of equal values from which on a rhythm is looked for: that all of 32 are whole multiples of two by chance has a probability of 2⁻³².
+/// Runs of equal values from which on a rhythm is looked for: that all of 32 are whole multiples of
+/// two by chance has a probability of 2⁻³².
 const STAIRS: u32 = 32;
-/// Longest run that is counted: steps beyond [`DEAD_SHARE`] are dead, and neighbouring ones may be equal.
+/// Longest run that is counted: steps beyond [`DEAD_SHARE`] are dead, and neighbouring ones may be
+/// equal.
 const LONGEST_RUN: usize = 4 * DEAD_SHARE;
 /// One run in so many may be out of step: a sample that was lost, two neighbours that were equal.
 const OUT_OF_STEP: u32 = 20;
 
-/// Values from which on a converter is fine enough. A tone of amplitude `A` steps has 2A + 1 of them, and its line is wrong by up to
-/// `(2/π) |J₁(2πA)| ≤ (2/π²)/√A` steps: 3.9 % at seven values, 5 % and more below. The second rank begins at 4 %.
+/// Values from which on a converter is fine enough. A tone of amplitude `A` steps has 2A + 1 of
+/// them, and its line is wrong by up to `(2/π) |J₁(2πA)| ≤ (2/π²)/√A` steps: 3.9 % at seven values,
+/// 5 % and more below. The second rank begins at 4 %.
 ///
 /// # Source
 /// B. Widrow, I. Kollár, "Quantization Noise" (2008), the describing function of a quantised sine.
@@ -71,13 +77,16 @@ fn is_staircase(lengths: &[u32]) -> bool {
     step >= 2 && all >= STAIRS && (all - in_step) * OUT_OF_STEP <= all
 }
 
-/// The converter has too few codes in use: fewer than seven values, or one that more than two thirds of the samples have.
+/// The converter has too few codes in use: fewer than seven values, or one that more than two
+/// thirds of the samples have.
 ///
-/// Of a small line in noise of standard deviation σ a converter with steps `q` shows `1 − 2 exp(−2π²σ²/q²)`: 1 % too little, where the first
-/// rank begins, at σ = 0.52 q, where two thirds of the samples have the one value.
+/// Of a small line in noise of standard deviation σ a converter with steps `q` shows
+/// `1 − 2 exp(−2π²σ²/q²)`: 1 % too little, where the first rank begins, at σ = 0.52 q, where two
+/// thirds of the samples have the one value.
 ///
 /// # Source
-/// B. Widrow, I. Kollár, "Quantization Noise" (2008): the characteristic function at one over the step.
+/// B. Widrow, I. Kollár, "Quantization Noise" (2008): the characteristic function at one over the
+/// step.
 pub fn is_coarse(samples: &[f64]) -> bool {
     has_few_values(samples) || commonest(samples).is_some_and(|value| 3 * count(samples, value) > 2 * samples.len())
 }
@@ -131,7 +140,8 @@ mod tests {
         (0..n).map(|_| sigma * random.normal()).collect()
     }
 
-    /// Every value held for 2, 3, 7, 64 and 333 samples, one sample lost in the middle; and for 1638, as a driver that repeats its block.
+    /// Every value held for 2, 3, 7, 64 and 333 samples, one sample lost in the middle; and for
+    /// 1638, as a driver that repeats its block.
     #[test]
     fn analytic_a_staircase_is_told_by_its_rhythm() {
         let values = noise(16_384, 50.0);
@@ -162,7 +172,8 @@ mod tests {
         }
     }
 
-    /// Noise of 0.3 and 0.45 steps is coarse, of 0.75 steps and more it is not; a tone of 2 steps is, of 3 it is not.
+    /// Noise of 0.3 and 0.45 steps is coarse, of 0.75 steps and more it is not; a tone of 2 steps
+    /// is, of 3 it is not.
     #[test]
     fn analytic_few_codes_are_coarse() {
         for (sigma, coarse) in [(0.3, true), (0.45, true), (0.75, false), (2.0, false), (500.0, false)] {
@@ -178,7 +189,8 @@ mod tests {
         assert!(is_coarse(&pulses));
     }
 
-    /// The line of a small tone in noise of 0.52 steps is 1 % too small, as the characteristic function says.
+    /// The line of a small tone in noise of 0.52 steps is 1 % too small, as the characteristic
+    /// function says.
     #[test]
     fn literature_a_small_line_in_coarse_counts_is_too_small() {
         let mut random = Random(3);
@@ -191,7 +203,8 @@ mod tests {
             coarse += 2.0 * x.round() * tone / f64::from(count);
         }
         let expected = 1.0 - 2.0 * (-2.0 * (std::f64::consts::PI * sigma).powi(2)).exp();
-        // What rounding adds is white noise of √(1/12) step: 0.0004 on this many samples, against a line of 0.05; four of them.
+        // What rounding adds is white noise of √(1/12) step: 0.0004 on this many samples, against a
+        // line of 0.05; four of them.
         let error = 4.0 * (2.0 / 12.0 / f64::from(count)).sqrt() / amplitude;
         assert!((coarse / whole - expected).abs() < error, "{coarse} of {whole}, {expected} ± {error}");
     }

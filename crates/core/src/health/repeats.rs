@@ -11,8 +11,8 @@ pub struct Repeat {
     pub length: usize,
 }
 
-/// Shortest stretch that is believed, and the changes of value in it. That 32 noisy values recur by chance in seven codes has a probability of
-/// 10⁻¹⁴ a pair.
+/// Shortest stretch that is believed, and the changes of value in it. That 32 noisy values recur by
+/// chance in seven codes has a probability of 10⁻¹⁴ a pair.
 const LEAST_LENGTH: usize = 64;
 const LEAST_CHANGES: usize = 32;
 /// Neighbouring values by which a place is known again.
@@ -30,9 +30,10 @@ const TONE_SAMPLES: usize = 512;
 
 /// The first block that comes twice, if there is one.
 ///
-/// A signal without noise recurs too, with its period, and then everywhere: a repeated block ends where the next one begins, and beside it
-/// most samples differ. Where the same buffer fills the whole window there is nothing beside it: it is told from a tone in counts, whose samples
-/// recur exactly after some periods and nearly after one.
+/// A signal without noise recurs too, with its period, and then everywhere: a repeated block ends
+/// where the next one begins, and beside it most samples differ. Where the same buffer fills the
+/// whole window there is nothing beside it: it is told from a tone in counts, whose samples recur
+/// exactly after some periods and nearly after one.
 pub fn repeated_block(samples: &[f64]) -> Option<Repeat> {
     let n = samples.len();
     let mut places = [u32::MAX; PLACES];
@@ -94,7 +95,8 @@ fn is_block(samples: &[f64], repeat: Repeat) -> bool {
     if all < LEAST_BESIDE { !is_tone(samples, lag) } else { 2 * equal < all }
 }
 
-/// The samples nearly recur sooner than after `lag`: one part in fifty of the power is all that differs.
+/// The samples nearly recur sooner than after `lag`: one part in fifty of the power is all that
+/// differs.
 fn is_tone(samples: &[f64], lag: usize) -> bool {
     let mean = samples[..lag].iter().sum::<f64>() / lag as f64;
     let length = lag.min(TONE_SAMPLES).min(samples.len() - lag);
@@ -118,7 +120,8 @@ mod tests {
         (0..n).map(|_| random.normal()).collect()
     }
 
-    /// A block that is handed over twice, at once or later, as floating-point values and as counts of a 12-bit converter.
+    /// A block that is handed over twice, at once or later, as floating-point values and as counts
+    /// of a 12-bit converter.
     #[test]
     fn analytic_a_block_that_comes_twice_is_found() {
         for scale in [1.0, 300.0, 3.0] {

@@ -37,7 +37,8 @@ impl ColumnUnit {
 /// One number of a window.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Empty for the whole channel, else `stage1.pinion`, or the name of a bearing and its part, `drive end.outer`.
+    /// Empty for the whole channel, else `stage1.pinion`, or the name of a bearing and its part,
+    /// `drive end.outer`.
     pub place: String,
     /// Name of the indicator.
     pub name: &'static str,
@@ -45,7 +46,8 @@ pub struct Column {
     pub unit: ColumnUnit,
 }
 
-/// All columns of a bench: the channel's, each gear's, each bearing's. The order never depends on what was measured.
+/// All columns of a bench: the channel's, each gear's, each bearing's. The order never depends on
+/// what was measured.
 pub fn columns(bench: &Bench) -> Vec<Column> {
     // A unit that is none of those that columns have themselves.
     const CHANNEL: &str = "";
@@ -84,7 +86,8 @@ impl Indicators {
     }
 }
 
-/// Names of the channel's and the gears' indicators in a baseline, in the order of the row: `rms`, `1.pinion.fm4` with the position of the stage from 1.
+/// Names of the channel's and the gears' indicators in a baseline, in the order of the row: `rms`,
+/// `1.pinion.fm4` with the position of the stage from 1.
 pub fn names(stages: usize) -> Vec<String> {
     let gears = (1..=stages).flat_map(|stage| {
         let of_side = move |side: &'static str| GearIndicator::ALL.map(|i| format!("{stage}.{side}.{}", i.name()));
@@ -121,7 +124,8 @@ impl Mean {
         self.variance += x.sigma * x.sigma;
     }
 
-    /// Takes in what another mean has seen. Chan, Golub and LeVeque, "Algorithms for computing the sample variance", The American Statistician 37 (1983).
+    /// Takes in what another mean has seen. Chan, Golub and LeVeque, "Algorithms for computing the
+    /// sample variance", The American Statistician 37 (1983).
     pub fn merge(&mut self, other: &Self) {
         if other.count < 1.0 {
             return;
@@ -134,7 +138,8 @@ impl Mean {
         self.count = all;
     }
 
-    /// To be kept and read back: count, mean, sum of the squared distances from it, sum of the stated variances.
+    /// To be kept and read back: count, mean, sum of the squared distances from it, sum of the
+    /// stated variances.
     pub fn parts(&self) -> [f64; 4] {
         [self.count, self.mean, self.squares, self.variance]
     }
@@ -154,8 +159,9 @@ impl Mean {
         if self.count < 2.0 { f64::NAN } else { (self.squares / (self.count - 1.0)).sqrt() }
     }
 
-    /// The mean. `share`: of a window's samples that are its own, 0.5 for a hop of half a window; windows that share samples count by it. Sigma:
-    /// from the larger of the scatter between windows and what the windows state themselves.
+    /// The mean. `share`: of a window's samples that are its own, 0.5 for a hop of half a window;
+    /// windows that share samples count by it. Sigma: from the larger of the scatter between
+    /// windows and what the windows state themselves.
     pub fn estimate(&self, share: f64) -> Estimate {
         if self.count < 1.0 {
             return Estimate::UNKNOWN;
@@ -171,7 +177,8 @@ impl Mean {
 mod tests {
     use super::*;
 
-    /// Parts of a row of numbers, put together, have seen the whole row: whatever the parts, also where one is empty.
+    /// Parts of a row of numbers, put together, have seen the whole row: whatever the parts, also
+    /// where one is empty.
     #[test]
     fn analytic_parts_of_a_mean_are_put_together() {
         let of = |range: std::ops::Range<i32>| {
@@ -189,7 +196,8 @@ mod tests {
         }
     }
 
-    /// Ten windows that do not overlap, 1 to 10: mean 5.5, sigma of the mean `sqrt(55/6 / 10)`; stated sigmas count where they are larger.
+    /// Ten windows that do not overlap, 1 to 10: mean 5.5, sigma of the mean `sqrt(55/6 / 10)`;
+    /// stated sigmas count where they are larger.
     #[test]
     fn analytic_mean_and_sigma() {
         let of = |sigma: f64| {

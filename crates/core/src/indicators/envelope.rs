@@ -1,21 +1,25 @@
 //! Envelope spectrum of a band at the orders of bearings, and the kurtogram that proposes the band.
 //!
-//! The band `[f1, f2]` of the window's transform is shifted to zero and transformed back to `L ≥ 2 (f2 - f1) T` points: the complex
-//! envelope `b`. Its squared modulus by its mean, `s = |b|² / <|b|²>`, is read at an order `o` with Hann's window over the shaft angle,
+//! The band `[f1, f2]` of the window's transform is shifted to zero and transformed back to
+//! `L ≥ 2 (f2 - f1) T` points: the complex envelope `b`. Its squared modulus by its mean,
+//! `s = |b|² / <|b|²>`, is read at an order `o` with Hann's window over the shaft angle,
 //!
 //! ```text
 //! a(o) = 2 / Σ w  |Σ w (s - 1) e^{-j 2π o θ}|
 //! ```
 //!
-//! which is a depth of modulation (1), free of the sensor's scale. `floor²` is the median power at twelve neighbouring orders, 3 to 8 lines to each
-//! side, by `ln 2`; `σ² = floor² / 2`. (J. Antoni, Cyclic spectral analysis of rolling-element bearing signals, J. Sound Vib. 304 (2007) 497.)
+//! which is a depth of modulation (1), free of the sensor's scale. `floor²` is the median power at
+//! twelve neighbouring orders, 3 to 8 lines to each side, by `ln 2`; `σ² = floor² / 2`. (J. Antoni,
+//! Cyclic spectral analysis of rolling-element bearing signals, J. Sound Vib. 304 (2007) 497.)
 //!
 //! # Kurtogram
 //!
-//! Over the paving of J. Antoni ("Fast computation of the kurtogram", Mech. Syst. Signal Process. 21 (2007) 108), `2^k` and `3·2^(k-1)` bands a
-//! level, the kurtosis `<|b|⁴> / <|b|²>² - 2` of the complex envelope: 0 in Gaussian noise, with a scatter of `2 / √W` for `W` lines. The bands are
-//! cut from the transform and not by a bank of short filters, which is what makes the paper's version fast and coarse. A strong
-//! gear tone alone has −1, two that beat more: look at the bands that it proposes.
+//! Over the paving of J. Antoni ("Fast computation of the kurtogram", Mech. Syst. Signal Process.
+//! 21 (2007) 108), `2^k` and `3·2^(k-1)` bands a level, the kurtosis `<|b|⁴> / <|b|²>² - 2` of the
+//! complex envelope: 0 in Gaussian noise, with a scatter of `2 / √W` for `W` lines. The bands are
+//! cut from the transform and not by a bank of short filters, which is what makes the paper's
+//! version fast and coarse. A strong gear tone alone has −1, two that beat more: look at the bands
+//! that it proposes.
 
 use std::sync::Arc;
 
@@ -105,7 +109,8 @@ impl EnvelopeState {
         }
     }
 
-    /// The complex envelope of the lines `first..end` of the window that was transformed last, up to a factor.
+    /// The complex envelope of the lines `first..end` of the window that was transformed last, up
+    /// to a factor.
     fn demodulate(&mut self, first: usize, end: usize) {
         let length = (2 * (end - first)).next_power_of_two();
         if self.back.as_ref().is_none_or(|back| back.len() != length) {
@@ -122,7 +127,8 @@ impl EnvelopeState {
         }
     }
 
-    /// Lines of a band, without the mean and what lies at half the sample rate; none where it is too narrow.
+    /// Lines of a band, without the mean and what lies at half the sample rate; none where it is
+    /// too narrow.
     fn lines(&self, low_hz: f64, high_hz: f64, sample_rate_hz: f64) -> Option<(usize, usize)> {
         let spacing = sample_rate_hz / self.samples as f64;
         let first = ((low_hz / spacing).ceil() as usize).max(1);
@@ -130,7 +136,8 @@ impl EnvelopeState {
         (end >= first + FEWEST_LINES).then_some((first, end))
     }
 
-    /// Makes the squared envelope of a band of the window that was transformed last. False where the band is too narrow, beyond the sample rate, or silent.
+    /// Makes the squared envelope of a band of the window that was transformed last. False where
+    /// the band is too narrow, beyond the sample rate, or silent.
     pub fn envelope(&mut self, [low_hz, high_hz]: [f64; 2], sample_rate_hz: f64, track: &AngleTrack) -> bool {
         let Some((first, end)) = self.lines(low_hz, high_hz, sample_rate_hz) else { return false };
         self.demodulate(first, end);
@@ -150,10 +157,12 @@ impl EnvelopeState {
         true
     }
 
-    /// Depth of modulation at an order of the input shaft, of the envelope made last. `revolutions` of that shaft in the window.
+    /// Depth of modulation at an order of the input shaft, of the envelope made last. `revolutions`
+    /// of that shaft in the window.
     pub fn line(&self, order: f64, revolutions: f64) -> EnvelopeLine {
         let n = self.squared.len() as f64;
-        // The highest order at which the envelope has two points a turn, without the floor's neighbours.
+        // The highest order at which the envelope has two points a turn, without the floor's
+        // neighbours.
         let highest = 0.5 * n - 2.0 * f64::from(*NEIGHBOURS.end());
         if order * revolutions < 2.0 || order * revolutions > highest {
             return EnvelopeLine::UNKNOWN;
@@ -185,7 +194,8 @@ impl EnvelopeState {
         EnvelopeLine { depth: Estimate::new(power(order).sqrt(), floor / 2f64.sqrt()), floor }
     }
 
-    /// The kurtogram of the window that was transformed last, up to `highest_hz`: level by level, rising frequency. Allocates.
+    /// The kurtogram of the window that was transformed last, up to `highest_hz`: level by level,
+    /// rising frequency. Allocates.
     pub fn kurtogram(&mut self, sample_rate_hz: f64, highest_hz: f64) -> Vec<Band> {
         let mut out = Vec::new();
         for level in 0..=DEEPEST {
@@ -230,8 +240,9 @@ mod tests {
         track
     }
 
-    /// A carrier whose amplitude follows the shaft angle, `1 + m cos(2π o θ)`, in a ramp of 3 %: the squared envelope has the depth `2 m / (1 + m²/2)` at `o`
-    /// and `(m²/2) / (1 + m²/2)` at `2 o`, within 1e-3 (the ends of the window, where the band limit rings).
+    /// A carrier whose amplitude follows the shaft angle, `1 + m cos(2π o θ)`, in a ramp of 3 %:
+    /// the squared envelope has the depth `2 m / (1 + m²/2)` at `o` and `(m²/2) / (1 + m²/2)` at
+    /// `2 o`, within 1e-3 (the ends of the window, where the band limit rings).
     #[test]
     fn analytic_depth_of_modulation_in_a_ramp() {
         let (track, order, m) = (turning(25.0, 0.375), 3.58, 0.4);
@@ -249,7 +260,8 @@ mod tests {
         assert!(state.line(7.77, 25.0).depth.value < 1e-3);
     }
 
-    /// Noise has no line: its power there is that of the floor on average (200 windows, exponential power: 4 standard errors are 30 %).
+    /// Noise has no line: its power there is that of the floor on average (200 windows, exponential
+    /// power: 4 standard errors are 30 %).
     #[test]
     fn analytic_noise_is_on_its_floor() {
         let mut random = Random(3);

@@ -12,13 +12,15 @@ use crate::estimate::Estimate;
 use crate::indicators::{GEAR_INDICATORS, GearIndicator, GearIndicators, RATIO_SIDEBANDS};
 use crate::spectral::kernels::kernels;
 
-/// Harmonics of the shaft's own speed that belong to the regular signal: unbalance and misalignment.
+/// Harmonics of the shaft's own speed that belong to the regular signal: unbalance and
+/// misalignment.
 const SHAFT_HARMONICS: usize = 2;
 
 /// A difference signal below this share of the average's power is rounding, no signal.
 const ROUNDING: f64 = 1e-20;
 
-/// Points of the envelope for each line of its band. The modulus is not limited to the band; four points a line follow it.
+/// Points of the envelope for each line of its band. The modulus is not limited to the band; four
+/// points a line follow it.
 const ENVELOPE_POINTS: usize = 4;
 
 /// Lanes of the running sums.
@@ -32,7 +34,8 @@ pub struct GearPlan {
     /// 0: pinion, 1: wheel.
     pub side: usize,
     teeth: usize,
-    /// Lines on each side of the mesh frequency that belong to its band: up to half way to the shaft's line and to the second harmonic.
+    /// Lines on each side of the mesh frequency that belong to its band: up to half way to the
+    /// shaft's line and to the second harmonic.
     half_band: usize,
     envelope: Arc<dyn Fft<f64>>,
 }
@@ -94,7 +97,8 @@ impl GearPlan {
             let mean = envelope.iter().sum::<f64>() / length as f64;
             envelope.iter_mut().for_each(|e| *e -= mean);
             let Powers { p2, p4, p6, .. } = powers(envelope).means(length as f64);
-            // Noise of the band on more points than it has lines: σ² Σ g² is at most that of all its lines, 2 L / M.
+            // Noise of the band on more points than it has lines: σ² Σ g² is at most that of all
+            // its lines, 2 L / M.
             let noise = 2.0 * variance * length as f64 / count;
             if p2 > ROUNDING * total {
                 set(GearIndicator::EnvelopeDeviation, Estimate::new(p2.sqrt(), (noise / length as f64).sqrt()));
@@ -172,8 +176,9 @@ impl Powers {
     }
 }
 
-/// `K = m_2p / m_2^p` of a signal without mean, from its means: with `∂K/∂x_i = (2p/N) (x_i^(2p-1) / m_2^p - m_2p x_i / m_2^(p+1))`
-/// the sum of the squared slopes is `(4p²/N) (m_(4p-2) / m_2^2p - m_2p² / m_2^(2p+1))`.
+/// `K = m_2p / m_2^p` of a signal without mean, from its means: with `∂K/∂x_i = (2p/N) (x_i^(2p-1)
+/// / m_2^p - m_2p x_i / m_2^(p+1))` the sum of the squared slopes is
+/// `(4p²/N) (m_(4p-2) / m_2^2p - m_2p² / m_2^(2p+1))`.
 fn normalised(p: i32, m2: f64, m2p: f64, m4p2: f64, count: f64, variance: f64) -> Estimate {
     let value = m2p / m2.powi(p);
     let slopes = 4.0 * f64::from(p * p) / count * (m4p2 / m2.powi(2 * p) - m2p * m2p / m2.powi(2 * p + 1));
@@ -181,7 +186,8 @@ fn normalised(p: i32, m2: f64, m2p: f64, m4p2: f64, count: f64, variance: f64) -
 }
 
 impl ShaftPlan {
-    /// For an average of `points` points of a shaft that carries gears: stage, side and teeth of each.
+    /// For an average of `points` points of a shaft that carries gears: stage, side and teeth of
+    /// each.
     pub fn new(
         points: usize,
         gears: impl Iterator<Item = (usize, usize, u32)>,
@@ -221,8 +227,8 @@ impl ShaftPlan {
         grow(&mut state.scratch, scratch);
     }
 
-    /// Indicators of all gears of the shaft from its average over `revolutions` revolutions. `variance`: that of one point of the average; lines
-    /// above `highest` orders are left out.
+    /// Indicators of all gears of the shaft from its average over `revolutions` revolutions.
+    /// `variance`: that of one point of the average; lines above `highest` orders are left out.
     pub fn process(
         &self,
         state: &mut GearState,
@@ -297,8 +303,9 @@ impl ShaftPlan {
         }
     }
 
-    /// `left` becomes the spectrum without mean, without orders above `highest`, without the shaft's first two orders and without mesh
-    /// harmonics and `sidebands` lines on each side of them.
+    /// `left` becomes the spectrum without mean, without orders above `highest`, without the
+    /// shaft's first two orders and without mesh harmonics and `sidebands` lines on each side of
+    /// them.
     fn remove(&self, left: &mut [Complex64], spectrum: &[Complex64], highest: usize, sidebands: usize) {
         left[..=highest].copy_from_slice(&spectrum[..=highest]);
         left[highest + 1..].fill(Complex64::ZERO);
@@ -336,7 +343,8 @@ mod tests {
         move |i| amplitude * (TAU * (order * i) as f64 / POINTS as f64).cos()
     }
 
-    /// Two mesh harmonics, first sidebands and one line that belongs to nothing: every indicator by hand.
+    /// Two mesh harmonics, first sidebands and one line that belongs to nothing: every indicator by
+    /// hand.
     #[test]
     fn analytic_lines() {
         let lines = [(1, 0.3), (29, 2.0), (58, 1.0), (28, 0.4), (30, 0.2), (40, 0.1)];
@@ -362,7 +370,8 @@ mod tests {
         }
     }
 
-    /// An amplitude modulation of the mesh of one line has the envelope `A (1 + m cos)`: deviation `A m / √2`, kurtosis 3/2.
+    /// An amplitude modulation of the mesh of one line has the envelope `A (1 + m cos)`: deviation
+    /// `A m / √2`, kurtosis 3/2.
     #[test]
     fn analytic_envelope() {
         let average: Vec<f64> =
@@ -372,8 +381,8 @@ mod tests {
         assert!((found.get(GearIndicator::EnvelopeKurtosis).value - 1.5).abs() < 1e-9);
     }
 
-    /// One tooth in trouble: a burst once a turn raises FM4 far above that of noise, which is 3 within four standard errors of the
-    /// remaining 280 lines.
+    /// One tooth in trouble: a burst once a turn raises FM4 far above that of noise, which is 3
+    /// within four standard errors of the remaining 280 lines.
     #[test]
     fn analytic_a_burst_raises_fm4() {
         let mut random = crate::testing::Random(5);
@@ -386,8 +395,9 @@ mod tests {
         assert!(loud.value > quiet.value + 5.0 * loud.sigma.hypot(quiet.sigma), "{loud:?} and {quiet:?}");
     }
 
-    /// The stated sigma is the scatter of repeated averages with fresh noise, where a fixed pattern stands well above it: within 20 % over 300
-    /// draws (8 % by 4 standard errors of a standard deviation, the rest is curvature).
+    /// The stated sigma is the scatter of repeated averages with fresh noise, where a fixed pattern
+    /// stands well above it: within 20 % over 300 draws (8 % by 4 standard errors of a standard
+    /// deviation, the rest is curvature).
     #[test]
     fn analytic_sigma_of_a_fixed_pattern() {
         let mut random = crate::testing::Random(9);

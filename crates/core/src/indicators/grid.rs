@@ -1,11 +1,13 @@
 //! Points per revolution for each shaft of a train.
 //!
-//! One resampled copy of the window serves several shafts where a number of points per revolution of the first is a whole number of points per
-//! revolution of each: with orders `p_s / q_s` in lowest terms, a multiple of all `p_s`. Shafts for which there is no such number near
-//! the rate of the samples begin a copy of their own.
+//! One resampled copy of the window serves several shafts where a number of points per revolution
+//! of the first is a whole number of points per revolution of each: with orders `p_s / q_s` in
+//! lowest terms, a multiple of all `p_s`. Shafts for which there is no such number near the rate of
+//! the samples begin a copy of their own.
 //!
-//! The number lies between 0.8 and 1.0 points a sample where it can (else the first multiple above 0.8, at most 1.25): lines up to 0.3 of the sample
-//! rate are then below what the coarser points fold. Of the numbers there it is the one that the transforms of the averages like best: the
+//! The number lies between 0.8 and 1.0 points a sample where it can (else the first multiple above
+//! 0.8, at most 1.25): lines up to 0.3 of the sample rate are then below what the coarser points
+//! fold. Of the numbers there it is the one that the transforms of the averages like best: the
 //! least `Σ_s M_s · (sum of the prime factors of M_s)`, the smallest of equals.
 
 use crate::train::Train;
@@ -16,7 +18,8 @@ const COARSEST: f64 = 0.8;
 const FINEST: f64 = 1.0;
 /// Most points a sample at all.
 const LIMIT: f64 = 1.25;
-/// Whole revolutions in a window below which a shaft has no average: with two there is a scatter between them.
+/// Whole revolutions in a window below which a shaft has no average: with two there is a scatter
+/// between them.
 pub const FEWEST_REVOLUTIONS: f64 = 2.0;
 
 /// One resampled copy of a window.
@@ -37,7 +40,8 @@ fn gcd(mut a: u128, mut b: u128) -> u128 {
     a
 }
 
-/// Speed of each shaft / input-shaft speed, as a fraction in lowest terms; none where the numbers get too large.
+/// Speed of each shaft / input-shaft speed, as a fraction in lowest terms; none where the numbers
+/// get too large.
 fn fractions(train: &Train) -> Vec<Option<(u128, u128)>> {
     let mut out = vec![Some((1, 1))];
     for stage in &train.stages {
@@ -51,7 +55,8 @@ fn fractions(train: &Train) -> Vec<Option<(u128, u128)>> {
     out
 }
 
-/// Points per revolution of shaft `s` for each point per revolution of the reference, as a fraction `q / p`.
+/// Points per revolution of shaft `s` for each point per revolution of the reference, as a fraction
+/// `q / p`.
 fn ratio(reference: Option<(u128, u128)>, shaft: Option<(u128, u128)>) -> Option<(u128, u128)> {
     let ((pg, qg), (ps, qs)) = (reference?, shaft?);
     let (p, q) = (ps.checked_mul(qg)?, qs.checked_mul(pg)?);
@@ -132,8 +137,8 @@ mod tests {
         Train { motor_order: 1.0, shafts, stages, nominal_input_hz: 25.0 }
     }
 
-    /// Whatever the teeth: every shaft that turns often enough is served once, points per revolution fit the orders exactly, and
-    /// the rate is within its bounds.
+    /// Whatever the teeth: every shaft that turns often enough is served once, points per
+    /// revolution fit the orders exactly, and the rate is within its bounds.
     #[test]
     fn conform_every_shaft_is_served_once_with_whole_points() {
         let trains: [&[(u32, u32)]; 5] = [
@@ -155,7 +160,8 @@ mod tests {
                 for group in &groups {
                     let order = train.shafts[group.shaft].1;
                     let rate = group.points as f64 * revolutions * order / 16_384.0;
-                    // A fast shaft has few points a turn: the next whole number may be above the finest rate.
+                    // A fast shaft has few points a turn: the next whole number may be above the
+                    // finest rate.
                     assert!((COARSEST..=LIMIT).contains(&rate), "{teeth:?}, {revolutions}: {rate}");
                     for &(shaft, points) in &group.shafts {
                         let exact = group.points as f64 * order / train.shafts[shaft].1;

@@ -7,10 +7,12 @@ use crate::pipeline::PipelineConfig;
 use crate::source::Source;
 use crate::window::Window;
 
-/// Windows that a kurtogram is averaged over, all channels together: enough for a scatter of a hundredth in the narrowest band.
+/// Windows that a kurtogram is averaged over, all channels together: enough for a scatter of a
+/// hundredth in the narrowest band.
 const MOST_WINDOWS: usize = 256;
 
-/// Bands by falling kurtosis, which is the mean over windows and channels. Empty where the recording is shorter than a window.
+/// Bands by falling kurtosis, which is the mean over windows and channels. Empty where the
+/// recording is shorter than a window.
 ///
 /// # Errors
 /// As the source.

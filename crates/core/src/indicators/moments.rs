@@ -6,8 +6,8 @@ use crate::estimate::Estimate;
 use crate::indicators::{CHANNEL_INDICATORS, ChannelIndicator};
 use crate::spectral::kernels::kernels;
 
-/// Blocks of the jackknife: enough for a sigma that is itself good to 18 % (`1 / sqrt(2 (B - 1))`), few enough that a block holds
-/// several turns of a slow shaft.
+/// Blocks of the jackknife: enough for a sigma that is itself good to 18 % (`1 / sqrt(2 (B - 1))`),
+/// few enough that a block holds several turns of a slow shaft.
 const BLOCKS: usize = 16;
 
 /// Lanes of the running sums.
@@ -61,10 +61,11 @@ kernels! {
     }
 }
 
-/// Rms, peak, crest factor and kurtosis about the mean, into their places of `out`. Unknown for a window of fewer than sixteen samples or without
-/// any change.
+/// Rms, peak, crest factor and kurtosis about the mean, into their places of `out`. Unknown for a
+/// window of fewer than sixteen samples or without any change.
 ///
-/// Sigma of rms and kurtosis: jackknife `σ² = (B-1)/B Σ (f_b - f̄)²`, `f_b` without block `b` (Efron and Stein, The jackknife estimate of variance, 1981).
+/// Sigma of rms and kurtosis: jackknife `σ² = (B-1)/B Σ (f_b - f̄)²`, `f_b` without block `b`
+/// (Efron and Stein, The jackknife estimate of variance, 1981).
 pub fn moments(samples: &[f64], out: &mut [Estimate; CHANNEL_INDICATORS]) {
     if samples.len() < BLOCKS {
         return;
@@ -123,7 +124,8 @@ mod tests {
         out
     }
 
-    /// A tone of whole periods on an offset: rms A/√2, crest √2, kurtosis 3/2, whatever the offset. Sixteen equal blocks: no scatter.
+    /// A tone of whole periods on an offset: rms A/√2, crest √2, kurtosis 3/2, whatever the offset.
+    /// Sixteen equal blocks: no scatter.
     #[test]
     fn analytic_tone() {
         let x: Vec<f64> =
@@ -135,8 +137,8 @@ mod tests {
         }
     }
 
-    /// Gaussian noise: over 400 windows rms and kurtosis are within one sigma in 68 % (binomial, 4 standard errors: ±9 %), and the mean sigma of the
-    /// kurtosis is `sqrt(24/N)` within 10 %.
+    /// Gaussian noise: over 400 windows rms and kurtosis are within one sigma in 68 % (binomial, 4
+    /// standard errors: ±9 %), and the mean sigma of the kurtosis is `sqrt(24/N)` within 10 %.
     #[test]
     fn analytic_sigma_in_noise() {
         let mut random = Random(7);

@@ -17,10 +17,12 @@ use crate::spectral::angle::AngleTrack;
 use crate::spectral::kernels::kernels;
 use crate::train::Train;
 
-/// Ratio between two steps of speed that have plans of their own is `e^0.02`: within a step the points per sample move by 1 % at most.
+/// Ratio between two steps of speed that have plans of their own is `e^0.02`: within a step the
+/// points per sample move by 1 % at most.
 const STEP: f64 = 0.02;
 
-/// Plans that are kept, half a megabyte each: a steady machine has one or two, a run-up makes new ones as it goes.
+/// Plans that are kept, half a megabyte each: a steady machine has one or two, a run-up makes new
+/// ones as it goes.
 const MOST_PLANS: usize = 8;
 
 /// One copy of the window for some shafts at a step of speed.

@@ -1,13 +1,14 @@
 //! From samples at equal times to points at equal angles of a shaft.
 //!
-//! Point `j` lies at the angle `θ_0 + j / P` of the reference shaft; its time solves `θ(t) = θ_j`. Its value is a sum over eight samples with
-//! Kaiser's windowed sine cardinal,
+//! Point `j` lies at the angle `θ_0 + j / P` of the reference shaft; its time solves `θ(t) = θ_j`.
+//! Its value is a sum over eight samples with Kaiser's windowed sine cardinal,
 //!
 //! ```text
 //! h(u) = sinc(u) I0(β sqrt(1 - (u/4)²)) / I0(β),  |u| < 4,      β = 5,      x(t) = Σ x_n h(t - n) / Σ h(t - n)
 //! ```
 //!
-//! Of all `β` this one (to 0.5) has the least error up to 0.3 of the sample rate: 0.43 % of a tone at worst.
+//! Of all `β` this one (to 0.5) has the least error up to 0.3 of the sample rate: 0.43 % of a tone
+//! at worst.
 
 #![allow(clippy::needless_range_loop, reason = "a lane is the same place of several arrays")]
 
@@ -21,7 +22,8 @@ pub const HALF: usize = 4;
 pub const BETA: f64 = 5.0;
 /// Phases of the table between two samples; linear interpolation between them is good to 1e-7.
 const PHASES: usize = 2048;
-/// Points between two times that are solved for; the middle one is solved too, and a parabola goes through the three.
+/// Points between two times that are solved for; the middle one is solved too, and a parabola goes
+/// through the three.
 const STRIDE: usize = 16;
 /// Largest number of steps towards a time.
 const STEPS: usize = 40;
@@ -57,7 +59,8 @@ impl Resampler {
         Self { table: (0..=PHASES).map(row).collect() }
     }
 
-    /// Angle of the first point, and revolutions from there to the last that has samples on both sides.
+    /// Angle of the first point, and revolutions from there to the last that has samples on both
+    /// sides.
     pub fn span(samples: usize, track: &AngleTrack) -> (f64, f64) {
         let n = samples as f64;
         let at = |sample: usize| track.at(sample as f64 / n - 0.5);
@@ -65,8 +68,8 @@ impl Resampler {
         (start, at(samples.saturating_sub(HALF + 1)) - start)
     }
 
-    /// Fills `out` with the values at `start + j / points` revolutions of the input shaft. Returns false where the angle does not rise
-    /// steadily, so that there are no such times.
+    /// Fills `out` with the values at `start + j / points` revolutions of the input shaft. Returns
+    /// false where the angle does not rise steadily, so that there are no such times.
     pub fn fill(
         &self,
         samples: &[f64],
@@ -166,7 +169,8 @@ mod tests {
     use super::*;
     use crate::indicators::USABLE_SHARE;
 
-    /// Tones in a ramp of 2 %: the points are within the stated 0.43 %, at a twentieth of the sample rate within 0.2 %.
+    /// Tones in a ramp of 2 %: the points are within the stated 0.43 %, at a twentieth of the
+    /// sample rate within 0.2 %.
     #[test]
     fn analytic_tones_in_a_ramp() {
         let resampler = Resampler::new();

@@ -1,14 +1,16 @@
 //! NA4, NA4* and NB4 over many readings.
 //!
-//! NA4 divides the fourth moment of the residual signal by the square of its variance *averaged over all readings so far*, so that it
-//! grows with the damage and not with its share alone (Zakrajsek, Townsend, Decker, NASA TM-105950, 1993):
+//! NA4 divides the fourth moment of the residual signal by the square of its variance *averaged
+//! over all readings so far*, so that it grows with the damage and not with its share alone
+//! (Zakrajsek, Townsend, Decker, NASA TM-105950, 1993):
 //!
 //! ```text
 //! NA4_j = m4(r_j) / ( (1/j) Σ_{i ≤ j} m2(r_i) )²
 //! ```
 //!
-//! NA4* divides by the variance of the healthy gear, which damage does not raise (Decker, Handschuh, Zakrajsek, NASA TM-106553, 1994); here
-//! that is the mean over readings that the user calls normal. NB4 is NA4 of the envelope (NASA TM-106467, 1994).
+//! NA4* divides by the variance of the healthy gear, which damage does not raise (Decker,
+//! Handschuh, Zakrajsek, NASA TM-106553, 1994); here that is the mean over readings that the user
+//! calls normal. NB4 is NA4 of the envelope (NASA TM-106467, 1994).
 
 use crate::estimate::Estimate;
 
@@ -26,7 +28,8 @@ impl Reading {
         self.deviation.value * self.deviation.value
     }
 
-    /// Fourth moment by the square of a variance that is known with a relative sigma. Those of deviation and kurtosis are taken to be independent.
+    /// Fourth moment by the square of a variance that is known with a relative sigma. Those of
+    /// deviation and kurtosis are taken to be independent.
     fn over(&self, variance: f64, relative: f64) -> Estimate {
         let ratio = self.second() / variance;
         let value = self.kurtosis.value * ratio * ratio;
@@ -48,7 +51,8 @@ pub struct Running {
 }
 
 impl Running {
-    /// Takes a reading in and returns NA4 (or NB4) of it. A reading that is not known changes nothing.
+    /// Takes a reading in and returns NA4 (or NB4) of it. A reading that is not known changes
+    /// nothing.
     pub fn push(&mut self, reading: &Reading) -> Estimate {
         if !(reading.deviation.is_known() && reading.kurtosis.is_known()) {
             return Estimate::UNKNOWN;
@@ -92,7 +96,8 @@ mod tests {
         Reading { deviation: Estimate::new(deviation, 0.0), kurtosis: Estimate::new(kurtosis, 0.0) }
     }
 
-    /// Variances 1, 1, 4 with kurtosis 3: the third has NA4 = 3·16 / 2² = 12, and NA4* of the first two 48.
+    /// Variances 1, 1, 4 with kurtosis 3: the third has NA4 = 3·16 / 2² = 12, and NA4* of the first
+    /// two 48.
     #[test]
     fn analytic_running_and_healthy_normalisation() {
         let mut running = Running::default();

@@ -1,4 +1,5 @@
-//! Indicators of recordings, a number a row: means over the windows of each channel, beside those of healthy recordings.
+//! Indicators of recordings, a number a row: means over the windows of each channel, beside those
+//! of healthy recordings.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,7 +24,8 @@ const NAMES: [&str; 4] = ["na4", "nb4", "na4_star", "nb4_star"];
 /// The four stand behind it.
 const LAST_OF_GEAR: GearIndicator = GearIndicator::ALL[GEAR_INDICATORS - 1];
 
-/// The settings with which indicators of recordings are computed: windows of `window_s` seconds that overlap by half, gears in each.
+/// The settings with which indicators of recordings are computed: windows of `window_s` seconds
+/// that overlap by half, gears in each.
 pub fn settings(window_s: f64) -> PipelineConfig {
     let mut config = PipelineConfig { indicators: true, gear_indicators_every: 1, ..PipelineConfig::default() };
     config.window.length_s = window_s;
@@ -54,9 +56,11 @@ pub struct Recorded {
     pub rows: Vec<Row>,
     /// Windows that were left out: channel, why, how many, of how many.
     pub refused: Vec<(String, &'static str, u64, u64)>,
-    /// Every channel had a window that could be used. False too where no channel had a window at all.
+    /// Every channel had a window that could be used. False too where no channel had a window at
+    /// all.
     pub usable: bool,
-    /// Windows of all channels, used or not; 0 where every run of samples was shorter than a window.
+    /// Windows of all channels, used or not; 0 where every run of samples was shorter than a
+    /// window.
     pub windows: u64,
 }
 
@@ -72,7 +76,8 @@ impl<'a> IndicatorTable<'a> {
         }
     }
 
-    /// Takes in a recording of the healthy machine at the same speed and load; gives its number of windows.
+    /// Takes in a recording of the healthy machine at the same speed and load; gives its number of
+    /// windows.
     ///
     /// # Errors
     /// As the source.
@@ -147,7 +152,8 @@ impl<'a> IndicatorTable<'a> {
     }
 }
 
-/// All windows of a recording, a channel each. `normalise` is asked for NA4, NB4, NA4*, NB4* of each reading of a gear, in order.
+/// All windows of a recording, a channel each. `normalise` is asked for NA4, NB4, NA4*, NB4* of
+/// each reading of a gear, in order.
 fn channels<S: Source>(
     pipeline: &Pipeline,
     columns: usize,
@@ -288,8 +294,8 @@ impl Serialize for Row {
     }
 }
 
-/// Mean of healthy recordings. Sigma: from the scatter between them where there are several, at least what they state themselves; it is that of one
-/// further recording.
+/// Mean of healthy recordings. Sigma: from the scatter between them where there are several, at
+/// least what they state themselves; it is that of one further recording.
 fn normal(recordings: impl Iterator<Item = Mean>) -> Estimate {
     let mut mean = Mean::default();
     let mut stated: f64 = 0.0;
@@ -309,7 +315,8 @@ fn normal(recordings: impl Iterator<Item = Mean>) -> Estimate {
 mod tests {
     use super::*;
 
-    /// Three healthy recordings of 1, 2 and 3: a further one scatters by `1 · sqrt(1 + 1/3)` about 2.
+    /// Three healthy recordings of 1, 2 and 3: a further one scatters by `1 · sqrt(1 + 1/3)`
+    /// about 2.
     #[test]
     fn analytic_scatter_of_a_further_recording() {
         let one = |value: f64| {

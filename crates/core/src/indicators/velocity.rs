@@ -1,4 +1,5 @@
-//! Broadband velocity of a bearing housing, rms from 10 to 1000 Hz: the quantity of ISO 20816-1, whose parts give zones A to D for it.
+//! Broadband velocity of a bearing housing, rms from 10 to 1000 Hz: the quantity of ISO 20816-1,
+//! whose parts give zones A to D for it.
 //!
 //! From the spectrum of the weighted window, with acceleration divided by `2πf`:
 //!
@@ -6,8 +7,9 @@
 //! v² = 2 / (N Σ w²) Σ_k |X_k|² / (2π f_k)²,      10 Hz ≤ f_k ≤ 1000 Hz
 //! ```
 //!
-//! A power `p_k` that holds a tone and noise of mean `q_k` scatters by `2 p q - q²` (a fixed phasor in complex Gaussian noise, whose mean power is `p`), and
-//! neighbours in a weighted window are not independent: `σ²(v²) = B Σ (2 p q - q²)`, `B` the noise bandwidth in bins. `q` is the median of
+//! A power `p_k` that holds a tone and noise of mean `q_k` scatters by `2 p q - q²` (a fixed phasor
+//! in complex Gaussian noise, whose mean power is `p`), and neighbours in a weighted window are not
+//! independent: `σ²(v²) = B Σ (2 p q - q²)`, `B` the noise bandwidth in bins. `q` is the median of
 //! `|X|²` in each of eight bands of equal ratio, by `ln 2`.
 
 use num_complex::Complex64;
@@ -37,7 +39,8 @@ pub struct Weighted<'a> {
     pub sample_rate_hz: f64,
 }
 
-/// What turns a value of the channel's unit into mm/s² or mm/s, and whether it is an acceleration; none where it is neither.
+/// What turns a value of the channel's unit into mm/s² or mm/s, and whether it is an acceleration;
+/// none where it is neither.
 pub fn in_millimetres(unit: &str) -> Option<(f64, bool)> {
     match unit {
         "m/s^2" => Some((1e3, true)),
@@ -47,8 +50,8 @@ pub fn in_millimetres(unit: &str) -> Option<(f64, bool)> {
     }
 }
 
-/// Velocity in mm/s. Unknown for other units, and where the usable band `highest_hz` ends below 1000 Hz or the window is too short for 10 Hz.
-/// `room` is for the medians.
+/// Velocity in mm/s. Unknown for other units, and where the usable band `highest_hz` ends below
+/// 1000 Hz or the window is too short for 10 Hz. `room` is for the medians.
 pub fn velocity(window: &Weighted<'_>, unit: &str, highest_hz: f64, room: &mut Vec<f64>) -> Estimate {
     let Some((factor, acceleration)) = in_millimetres(unit) else { return Estimate::UNKNOWN };
     let spacing = window.sample_rate_hz / window.samples as f64;

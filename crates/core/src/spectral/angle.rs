@@ -26,7 +26,8 @@ impl AngleTrack {
         self.offset = 0.0;
     }
 
-    /// Becomes the natural cubic spline through `(τ, angle)` with ascending `τ`, at least three of them.
+    /// Becomes the natural cubic spline through `(τ, angle)` with ascending `τ`, at least three of
+    /// them.
     pub fn set_spline(&mut self, points: impl Iterator<Item = (f64, f64)>) {
         self.polynomial.clear();
         self.knots.clear();
@@ -97,13 +98,15 @@ impl AngleTrack {
     }
 }
 
-/// Second derivatives of the natural cubic spline (tridiagonal system, Press et al., Numerical Recipes, section 3.3).
+/// Second derivatives of the natural cubic spline (tridiagonal system, Press et al., Numerical
+/// Recipes, section 3.3).
 fn natural_spline(knots: &mut [[f64; 3]]) {
     let n = knots.len();
     if n < 3 {
         return;
     }
-    // The forward sweep keeps its factors in a second pass over the same memory: column 2 holds the right-hand side.
+    // The forward sweep keeps its factors in a second pass over the same memory: column 2 holds the
+    // right-hand side.
     let mut factor = [0.0; MAX_KNOTS];
     for i in 1..n - 1 {
         let [t0, y0, m0] = knots[i - 1];
@@ -138,7 +141,8 @@ mod tests {
         }
     }
 
-    /// A sine through 30 knots per window: the spline's error is of fourth order, 5/384 h⁴ max|f''''| inside.
+    /// A sine through 30 knots per window: the spline's error is of fourth order, 5/384 h⁴
+    /// max|f''''| inside.
     #[test]
     fn analytic_spline_error_of_a_sine() {
         let f = |t: f64| 30.0 * t + 0.01 * (2.0 * std::f64::consts::PI * 2.0 * t).sin();

@@ -5,8 +5,9 @@ use num_complex::Complex64;
 /// Order bins beside a harmonic that the floor rests on at least.
 const FLOOR_BINS: usize = 16;
 
-/// Mean power of noise in one order bin, from the bins that are not on a known line: their median, divided by `ln 2`. `crowding` says of each order bin how
-/// near known lines are; bins nearer to them are taken only where those beyond are too few. `powers` is scratch.
+/// Mean power of noise in one order bin, from the bins that are not on a known line: their median,
+/// divided by `ln 2`. `crowding` says of each order bin how near known lines are; bins nearer to
+/// them are taken only where those beyond are too few. `powers` is scratch.
 pub(crate) fn floor_power(spectrum: &[Complex64], crowding: &[u8], reach: usize, powers: &mut Vec<u64>) -> f64 {
     let m = spectrum.len();
     let reach = reach.min(m / 2 - 1);
@@ -36,7 +37,8 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// The same of powers given by their bits, which order like the numbers because these are not negative.
+/// The same of powers given by their bits, which order like the numbers because these are not
+/// negative.
 pub(crate) fn median_power(bits: &mut [u64]) -> f64 {
     if bits.is_empty() {
         return f64::NAN;

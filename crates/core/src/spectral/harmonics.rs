@@ -15,8 +15,8 @@ use crate::spectral::zoom::Zoom;
 use crate::train::Train;
 use crate::verdict::HARMONICS;
 
-/// Squared difference between the two windows' carriers, by its variance, from which the guard's is taken: exceeded by noise alone in
-/// `e^-5`, 0.7 % of the windows.
+/// Squared difference between the two windows' carriers, by its variance, from which the guard's is
+/// taken: exceeded by noise alone in `e^-5`, 0.7 % of the windows.
 const HAUSMAN: f64 = 5.0;
 
 /// What the windowed spectrum of one window is.
@@ -104,8 +104,8 @@ fn fast_size(least: usize) -> usize {
 }
 
 impl Harmonics {
-    /// The plan for windows with `revolutions` of the input shaft at nominal speed and at most `max_ramp` relative change of
-    /// speed.
+    /// The plan for windows with `revolutions` of the input shaft at nominal speed and at most
+    /// `max_ramp` relative change of speed.
     pub fn new(
         train: &Train,
         windows: &Windows,
@@ -157,15 +157,16 @@ impl Harmonics {
         }
     }
 
-    /// Bands of the smallest size in which every line of the window stays in the flat part, or the largest.
+    /// Bands of the smallest size in which every line of the window stays in the flat part, or the
+    /// largest.
     fn zoom_for(&self, revolutions: f64, excursion: f64, half_width: f64) -> Option<&Unweighted> {
         let highest = self.lines.bands.iter().map(|b| b.order).fold(0.0, f64::max);
         let need = self.lines.widest_offset * revolutions + highest * excursion + half_width + 3.0;
         self.zooms.iter().find(|z| z.zoom.flat() as f64 >= need).or(self.zooms.last())
     }
 
-    /// Amplitudes, phases, floors and sigmas of all lines; one entry of `out` a stage. Lines outside the usable band stay
-    /// unknown.
+    /// Amplitudes, phases, floors and sigmas of all lines; one entry of `out` a stage. Lines
+    /// outside the usable band stay unknown.
     pub fn process(
         &self,
         state: &mut HarmonicsState,
@@ -231,7 +232,8 @@ impl Harmonics {
     }
 }
 
-/// The line windows over the angle, by the weighting that the samples were transformed with, and times the speed: `dt` becomes `dθ`.
+/// The line windows over the angle, by the weighting that the samples were transformed with, and
+/// times the speed: `dt` becomes `dθ`.
 fn weigh_angle(theta: &[f64], span: f64, unweighting: &[f64], windows: &Windows, weights: &mut [Vec<f64>; 2]) {
     let m = theta.len();
     let [efficient, guard] = weights;
@@ -290,7 +292,8 @@ fn process_band(
             }
         }
     }
-    // From here on the guard window: its carrier, and the floor, which strong lines must not leak into.
+    // From here on the guard window: its carrier, and the floor, which strong lines must not leak
+    // into.
     let (re, im) = (&work.guard.re[..m], &work.guard.im[..m]);
     for (&i, out) in band.beside_carrier.iter().zip(&mut work.guard_sums) {
         *out = match band.unknowns[i].table {
@@ -310,8 +313,9 @@ fn process_band(
     let reach = (zoom.flat() as f64 - band.order * excursion).max(half_width) as usize;
     let guard_floor = floor_power(points, &solution.crowding, reach, &mut work.floor) * guard_scale * guard_scale;
     let floor = guard_floor / windows.guard_noise;
-    // Where the two windows differ by more than noise explains, an unknown line leaks into the efficient one (the test of J. A.
-    // Hausman, "Specification tests in econometrics", Econometrica 46 (1978) 1251).
+    // Where the two windows differ by more than noise explains, an unknown line leaks into the
+    // efficient one (the test of J. A. Hausman, "Specification tests in econometrics", Econometrica
+    // 46 (1978) 1251).
     let difference = (guard_carrier - amplitude(0)).norm_sqr();
     let more = windows.guard_noise * solution.guard_variance - solution.variance[0];
     let carrier_guarded = difference > HAUSMAN * floor * more.max(windows.difference);
@@ -348,8 +352,9 @@ fn report(line: Line, unknown: &Unknown, harmonic: usize, stage: &mut StageAnaly
     }
 }
 
-/// Amplitude with its sigma. Noise turns and stretches the phasor alike: the amplitude sees one of two components. An
-/// error of the angle track that is `δφ(t)` on this line shortens it by half the weighted variance of `δφ` about its mean.
+/// Amplitude with its sigma. Noise turns and stretches the phasor alike: the amplitude sees one of
+/// two components. An error of the angle track that is `δφ(t)` on this line shortens it by half the
+/// weighted variance of `δφ` about its mean.
 fn line(sum: Complex64, noise_power: f64, order: f64, theta_start: f64, angle: KnownAngle<'_>) -> Line {
     if !noise_power.is_finite() {
         return Line::UNKNOWN;

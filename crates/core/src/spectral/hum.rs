@@ -13,14 +13,17 @@ const MULTIPLES: [f64; 4] = [1.0, 3.0, 5.0, 7.0];
 /// The mains is held within this share of its nominal frequency, in all but the worst hours.
 const DRIFT: f64 = 0.01;
 
-/// In windows whose lines are wider (to each side, Hz), everything lies on some multiple of the mains.
+/// In windows whose lines are wider (to each side, Hz), everything lies on some multiple of the
+/// mains.
 const WIDEST_HZ: f64 = 10.0;
 
-/// Share of the power above which a signal is hum. A sensor that still feels the machine has its mesh lines and its noise beside it.
+/// Share of the power above which a signal is hum. A sensor that still feels the machine has its
+/// mesh lines and its noise beside it.
 const MOSTLY: f64 = 0.8;
 
-/// The signal is hum and little else. `spectrum` are the bins 0…N/2 of a window of `length_s`, whose lines are `half_width` bins wide to each
-/// side. Nothing is said where a line of the machine lies on the mains' first one: it cannot be told from it.
+/// The signal is hum and little else. `spectrum` are the bins 0…N/2 of a window of `length_s`,
+/// whose lines are `half_width` bins wide to each side. Nothing is said where a line of the machine
+/// lies on the mains' first one: it cannot be told from it.
 pub fn is_hum(spectrum: &[Complex64], length_s: f64, half_width: f64, train: &Train, input_hz: f64) -> bool {
     let reach = half_width.ceil() + 1.0;
     if reach > WIDEST_HZ * length_s {
@@ -63,7 +66,8 @@ mod tests {
         is_hum(&spectrum, 1.0, 3.4, &train, input_hz)
     }
 
-    /// More than four fifths of the power on the mains and its odd multiples; an offset does not count, and what a shaft may have made is not hum.
+    /// More than four fifths of the power on the mains and its odd multiples; an offset does not
+    /// count, and what a shaft may have made is not hum.
     #[test]
     fn analytic_hum_is_four_fifths_of_the_power() {
         assert!(hum(&[(0.0, 100.0), (50.0, 0.7), (150.0, 0.15), (333.0, 0.15)], 7.0));

@@ -1,7 +1,8 @@
 //! Kaiser's window by the half width of its main lobe.
 //!
-//! `w(τ) = I0(β sqrt(1 - 4 τ²)) / I0(β)` for `|τ| ≤ 1/2` has the transform `sinh(sqrt(β² - (π f)²)) / sqrt(β² - (π f)²)` (f in
-//! bins), whose first null is at `f = sqrt(1 + (β/π)²)`. Its highest side lobe is `0.2172 β / sinh β` of the peak:
+//! `w(τ) = I0(β sqrt(1 - 4 τ²)) / I0(β)` for `|τ| ≤ 1/2` has the transform
+//! `sinh(sqrt(β² - (π f)²)) / sqrt(β² - (π f)²)` (f in bins), whose first null is at
+//! `f = sqrt(1 + (β/π)²)`. Its highest side lobe is `0.2172 β / sinh β` of the peak:
 //!
 //! | half width (bins) | β | highest side lobe | equivalent noise bandwidth (bins) |
 //! |---|---|---|---|
@@ -17,7 +18,8 @@ pub const WIDEST: f64 = 4.0;
 /// Narrowest main lobe that is used: two equal sidebands beyond it bias a line by at most 0.1 %.
 pub const NARROWEST: f64 = 3.0;
 
-/// Half width of the main lobe for lines that are `separation_bins` apart at least: as wide as they allow.
+/// Half width of the main lobe for lines that are `separation_bins` apart at least: as wide as they
+/// allow.
 pub fn half_width(separation_bins: f64) -> f64 {
     // 3 % of speed below nominal still keeps the neighbour out.
     (separation_bins * 0.97).clamp(NARROWEST, WIDEST)
@@ -34,8 +36,9 @@ pub fn value(beta: f64, tau: f64) -> f64 {
     bessel_i0(beta * inside.sqrt()) / bessel_i0(beta)
 }
 
-/// Modified Bessel function of the first kind, order zero, by its power series `Σ ((x/2)^k / k!)²` (Abramowitz and
-/// Stegun 9.6.12), all terms positive: relative error below 1e-15 for the arguments used here (|x| < 40).
+/// Modified Bessel function of the first kind, order zero, by its power series `Σ ((x/2)^k / k!)²`
+/// (Abramowitz and Stegun 9.6.12), all terms positive: relative error below 1e-15 for the arguments
+/// used here (|x| < 40).
 pub fn bessel_i0(x: f64) -> f64 {
     let quarter = 0.25 * x * x;
     let (mut term, mut sum, mut k) = (1.0, 1.0, 1.0);
@@ -79,7 +82,8 @@ impl KaiserWindow {
         beta(self.half_width)
     }
 
-    /// Transform of the window at `bins` off its centre, relative to the peak (real: the window is even about its centre).
+    /// Transform of the window at `bins` off its centre, relative to the peak (real: the window is
+    /// even about its centre).
     pub fn transform(&self, bins: f64) -> f64 {
         transform(beta(self.half_width), bins)
     }
@@ -111,7 +115,8 @@ mod tests {
         }
     }
 
-    /// The closed transform against the sum over the samples; the sum of N terms differs from the integral by 1/N at most.
+    /// The closed transform against the sum over the samples; the sum of N terms differs from the
+    /// integral by 1/N at most.
     #[test]
     fn oracle_transform_is_that_of_the_samples() {
         let window = KaiserWindow::new(4096, 3.4);

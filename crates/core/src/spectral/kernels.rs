@@ -1,11 +1,14 @@
-//! Loops over arrays, each compiled for the vector unit that the processor has (AVX2 where there is one) and for the plain one.
+//! Loops over arrays, each compiled for the vector unit that the processor has (AVX2 where there is
+//! one) and for the plain one.
 //!
-//! `mul_add` does not round in between; x86 processors before 2013 have no such instruction, and the loops are right but slow there.
+//! `mul_add` does not round in between; x86 processors before 2013 have no such instruction, and
+//! the loops are right but slow there.
 
 use num_complex::Complex64;
 use pulp::Simd;
 
-/// Defines functions whose bodies are compiled for each vector unit and chosen at run time. What a body calls must be `inline(always)`.
+/// Defines functions whose bodies are compiled for each vector unit and chosen at run time. What a
+/// body calls must be `inline(always)`.
 macro_rules! kernels {
     ($($(#[$meta:meta])* $vis:vis fn $name:ident<$life:lifetime>($simd:ident; $($arg:ident: $kind:ty),* $(,)?) -> $out:ty $body:block)*) => {$(
         $(#[$meta])*
@@ -26,7 +29,8 @@ macro_rules! kernels {
 }
 pub(crate) use kernels;
 
-/// `e^{-j 2π order θ}` over the points of a decimated signal: real and imaginary parts in arrays of their own.
+/// `e^{-j 2π order θ}` over the points of a decimated signal: real and imaginary parts in arrays of
+/// their own.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Phasors {
     pub(crate) re: Vec<f64>,
@@ -40,7 +44,8 @@ impl Phasors {
     }
 }
 
-/// Decimated signals and rows of matrices have a multiple of this many points: whole vectors of any processor.
+/// Decimated signals and rows of matrices have a multiple of this many points: whole vectors of any
+/// processor.
 pub(crate) const ROW: usize = 8;
 
 /// Coefficient `±π^k / k!` of a sine or cosine series.
@@ -68,7 +73,8 @@ const SINE: [f64; 11] = series(1);
 /// Adding this to a number of less than 2^51 and taking it off again rounds to the nearest integer.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
-/// `(cos, -sin)` of `2π turns`, by the series of half the angle: in |πr| ≤ π/2 the first term left out is below 3e-16.
+/// `(cos, -sin)` of `2π turns`, by the series of half the angle: in |πr| ≤ π/2 the first term left
+/// out is below 3e-16.
 #[inline(always)]
 pub fn turned_back(turns: f64) -> (f64, f64) {
     let r = turns - ((turns + ROUNDER) - ROUNDER);
@@ -138,7 +144,8 @@ pub(crate) fn pair_of<S: Simd>(simd: S, z: [&[f64]; 2], c: [&[f64]; 2]) -> (Comp
     let (c_re, c_im) = (vectors(simd, c[0]), vectors(simd, c[1]));
     let n = z_re.len();
     let (z_im, c_re, c_im) = (&z_im[..n], &c_re[..n], &c_im[..n]);
-    // Two sets, so that one addition need not wait for the other. No closures: they would be compiled without the vector unit.
+    // Two sets, so that one addition need not wait for the other. No closures: they would be
+    // compiled without the vector unit.
     let (mut even, mut odd) = (Sums::<S, 4>::new(simd), Sums::<S, 4>::new(simd));
     let mut i = 0;
     while i + 1 < n {
@@ -191,7 +198,8 @@ kernels! {
         }
     }
 
-    /// Takes a carrier out of the points of a band and weighs what is left with two windows; the second also goes back into the points.
+    /// Takes a carrier out of the points of a band and weighs what is left with two windows; the
+    /// second also goes back into the points.
     pub(crate) fn take_out<'a>(
         _simd; points: &'a mut [Complex64], p_re: &'a [f64], p_im: &'a [f64], weights: [&'a [f64]; 2], efficient: &'a mut Phasors,
         guard: &'a mut Phasors,
@@ -223,7 +231,8 @@ kernels! {
         }
     }
 
-    /// A real matrix, row by row, times complex sums. The rows are as long as the sums, a multiple of [`ROW`].
+    /// A real matrix, row by row, times complex sums. The rows are as long as the sums, a multiple
+    /// of [`ROW`].
     pub(crate) fn combine<'a>(simd; rows: &'a [f64], sums: &'a Phasors, re: &'a mut [f64], im: &'a mut [f64]) -> () {
         let rows = rows.chunks_exact(sums.re.len());
         let (s_re, s_im) = (vectors(simd, &sums.re), vectors(simd, &sums.im));

@@ -1,17 +1,20 @@
 //! Which lines are looked for, and which of them one window can tell apart.
 //!
-//! Around each mesh harmonic lie its own sidebands and, by chance, lines of other stages. Lines nearer to each other than
-//! [`MERGE_BINS`] are one unknown: no weighting of one window separates them. Lines within the main lobe of each other are
-//! *coupled*; [`solution`](super::solution) separates them.
+//! Around each mesh harmonic lie its own sidebands and, by chance, lines of other stages. Lines
+//! nearer to each other than [`MERGE_BINS`] are one unknown: no weighting of one window separates
+//! them. Lines within the main lobe of each other are *coupled*; [`solution`](super::solution)
+//! separates them.
 
 use crate::analysis::SIDEBANDS;
 use crate::train::Train;
 use crate::verdict::HARMONICS;
 
-/// Lines closer than this cannot be separated (bins): 0.9 of the resolution of the whole window without weighting.
+/// Lines closer than this cannot be separated (bins): 0.9 of the resolution of the whole window
+/// without weighting.
 pub const MERGE_BINS: f64 = 0.9;
 
-/// Most lines that are separated from one another; lines of other stages beyond them are left to their luck.
+/// Most lines that are separated from one another; lines of other stages beyond them are left to
+/// their luck.
 pub const MAX_GROUP: usize = 32;
 
 /// A slot of a harmonic's result that an unknown fills.
@@ -56,7 +59,8 @@ pub struct Band {
     pub stage: usize,
     /// 0 for 1x.
     pub harmonic: usize,
-    /// Of the harmonic: its number times the mesh order, or what a planetary stage shows in its place (input-shaft orders).
+    /// Of the harmonic: its number times the mesh order, or what a planetary stage shows in its
+    /// place (input-shaft orders).
     pub order: f64,
     /// The carrier first.
     pub unknowns: Vec<Unknown>,
@@ -64,7 +68,8 @@ pub struct Band {
     pub own: usize,
     /// The unknowns besides the carrier by their tables.
     pub pairs: Vec<Pair>,
-    /// The carrier and the unknowns that lie within the guard window's main lobe of it or, one by one, of each other.
+    /// The carrier and the unknowns that lie within the guard window's main lobe of it or, one by
+    /// one, of each other.
     pub beside_carrier: Vec<usize>,
     /// Offsets of all known lines, for keeping them out of the floor.
     pub known_offsets: Vec<f64>,
@@ -122,8 +127,8 @@ fn known_lines(train: &Train) -> Vec<KnownLine> {
 }
 
 impl LinePlan {
-    /// The lines of a train; `half_width` is that of the guard's main lobe (bins), and `revolutions` of the input shaft in a window at nominal speed turn
-    /// orders into bins.
+    /// The lines of a train; `half_width` is that of the guard's main lobe (bins), and
+    /// `revolutions` of the input shaft in a window at nominal speed turn orders into bins.
     pub fn new(train: &Train, half_width: f64, revolutions: f64) -> Self {
         let known = known_lines(train);
         let mut tables = Vec::new();
@@ -171,7 +176,8 @@ fn pairs(unknowns: &[Unknown]) -> Vec<Pair> {
     out
 }
 
-/// The unknowns of a band: its own lines first, then lines of other stages that would mix with them; and how many are its own.
+/// The unknowns of a band: its own lines first, then lines of other stages that would mix with
+/// them; and how many are its own.
 fn unknowns(
     known: &[KnownLine],
     stage: usize,
@@ -221,7 +227,8 @@ fn unknowns(
     (out, own)
 }
 
-/// The table for `|offset|`, made if there is none yet. Second and third sidebands are products of lower ones.
+/// The table for `|offset|`, made if there is none yet. Second and third sidebands are products of
+/// lower ones.
 fn table_of(offset: f64, slot: Slot, tables: &mut Vec<Table>) -> Option<usize> {
     let order = offset.abs();
     if order == 0.0 {

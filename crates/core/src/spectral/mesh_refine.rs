@@ -1,15 +1,19 @@
 //! Refinement of the shaft angle on the mesh lines of a window.
 //!
-//! The angle is a polynomial `θ(τ) = c1 τ + c2 τ² + c3 τ³`: speed, ramp, and the bend of a drive that hunts. Its coefficients maximise
-//! `Σ |a(o)|² / floor²` over the mesh lines: for white noise the maximum-likelihood estimate (D. C. Rife, R. R. Boorstyn,
-//! "Single-tone parameter estimation from discrete-time observations", IEEE Trans. IT 20 (1974) 591, summed over lines). Steps are Gauss-Newton's,
-//! in polynomials that are orthogonal under the guard window, on narrow bands around the lines.
+//! The angle is a polynomial `θ(τ) = c1 τ + c2 τ² + c3 τ³`: speed, ramp, and the bend of a drive
+//! that hunts. Its coefficients maximise `Σ |a(o)|² / floor²` over the mesh lines: for white noise
+//! the maximum-likelihood estimate (D. C. Rife, R. R. Boorstyn, "Single-tone parameter estimation
+//! from discrete-time observations", IEEE Trans. IT 20 (1974) 591, summed over lines). Steps are
+//! Gauss-Newton's, in polynomials that are orthogonal under the guard window, on narrow bands
+//! around the lines.
 //!
-//! The mean speed is the slope of the angle under the guard window: a mean over the window weighted towards its middle, which is known
-//! several times better than the difference of the angles at the ends.
+//! The mean speed is the slope of the angle under the guard window: a mean over the window weighted
+//! towards its middle, which is known several times better than the difference of the angles at the
+//! ends.
 //!
-//! Sidebands near a line pull at its phase through the transforms of `w τ`, `w τ²`, `w τ³`, the wider the higher the power. The bend is
-//! fitted only where they are `BEND_SEPARATION` main lobes away.
+//! Sidebands near a line pull at its phase through the transforms of `w τ`, `w τ²`, `w τ³`, the
+//! wider the higher the power. The bend is fitted only where they are `BEND_SEPARATION` main lobes
+//! away.
 
 use pulp::Simd;
 
@@ -23,7 +27,8 @@ use crate::spectral::mesh_speed::{
 /// Terms of the angle polynomial.
 pub const DEGREE: usize = 3;
 
-/// Bins of the narrow band around a line in which it is refined, and how many on each side are kept whole.
+/// Bins of the narrow band around a line in which it is refined, and how many on each side are kept
+/// whole.
 pub(crate) const NARROW: (usize, usize) = (64, 16);
 
 /// A number for each point of a narrow band.
@@ -32,7 +37,8 @@ type Points = [f64; NARROW.0];
 /// Nearest sideband, by the half width of the guard's main lobe, from which the bend is fitted.
 const BEND_SEPARATION: f64 = 1.5;
 
-/// Bins on each side of a line within which its power should be the window's main lobe and nothing else.
+/// Bins on each side of a line within which its power should be the window's main lobe and nothing
+/// else.
 const COMPACT_BINS: i32 = 2;
 
 /// Most steps of the refinement, and how many of them change the speed alone.
@@ -47,7 +53,8 @@ pub(crate) fn terms(separation_bins: f64, guard: &KaiserWindow) -> usize {
     if separation_bins >= BEND_SEPARATION * guard.half_width { DEGREE } else { DEGREE - 1 }
 }
 
-/// Polynomials that are orthogonal under the guard window, at the points of a narrow band: `τ`, `τ² - m`, `τ³ - c τ`.
+/// Polynomials that are orthogonal under the guard window, at the points of a narrow band: `τ`,
+/// `τ² - m`, `τ³ - c τ`.
 pub(crate) struct Basis {
     values: [Points; DEGREE],
     /// `Σ w b² / Σ w`.
@@ -101,7 +108,8 @@ impl Basis {
     }
 }
 
-/// What takes the phase of a stage's lines out: that of the first harmonic and its power so far, real and imaginary parts.
+/// What takes the phase of a stage's lines out: that of the first harmonic and its power so far,
+/// real and imaginary parts.
 #[derive(Clone)]
 pub(crate) struct Rotator {
     first: [Points; 2],
@@ -165,8 +173,8 @@ fn totals<S: Simd>(simd: S, re: &Points, im: &Points) -> [f64; 2] {
 }
 
 kernels! {
-    /// A Gauss-Newton step: the slopes of the phase that is left on each line over the basis, averaged with weights
-    /// order² power / floor.
+    /// A Gauss-Newton step: the slopes of the phase that is left on each line over the basis,
+    /// averaged with weights order² power / floor.
     fn step<'a>(simd; basis: &'a Basis, state: &'a mut MeshSearchState, start: f64, p: &'a [f64; DEGREE]) -> [f64; DEGREE] {
         let angle = basis.angle(p);
         let (mut slopes, mut total) = ([0.0; DEGREE], 0.0);
@@ -225,9 +233,11 @@ kernels! {
 }
 
 impl MeshSearch {
-    /// Refines the angle on the lines of the last search, from a speed within a fraction of a bin at the highest line.
+    /// Refines the angle on the lines of the last search, from a speed within a fraction of a bin
+    /// at the highest line.
     pub fn refine(&self, state: &mut MeshSearchState, spectrum: WindowSpectrum<'_>, start: f64) -> MeshSpeed {
-        // The search saw the noise through the efficient window; from here on the guard is in its place.
+        // The search saw the noise through the efficient window; from here on the guard is in its
+        // place.
         let noise = spectrum.windows.guard_samples().sum_squares / spectrum.windows.weighting.sum_squares;
         let bands = state.bands.re.chunks_exact_mut(NARROW.0).zip(state.bands.im.chunks_exact_mut(NARROW.0));
         for (used, (re, im)) in state.used.iter_mut().zip(bands) {
@@ -245,7 +255,8 @@ impl MeshSearch {
         for round in 0..ROUNDS {
             let step = step(&self.basis, state, start, &p);
             let mut largest: f64 = 0.0;
-            // Half a bin at the highest line, and what is like it for ramp and bend; farther than that the slope says nothing.
+            // Half a bin at the highest line, and what is like it for ramp and bend; farther than
+            // that the slope says nothing.
             for (i, (d, reach)) in step.into_iter().zip([0.5, 1.0, 2.0]).enumerate() {
                 let d = d.clamp(-reach / top, reach / top);
                 if i == 0 || (round >= STRAIGHT_ROUNDS && i < self.terms) {
@@ -276,9 +287,9 @@ impl MeshSearch {
         }
     }
 
-    /// Variances of the coefficients of the basis. The maximiser is a weighted fit of the phases: with `b` the basis function, weights
-    /// `c` per line and the power ratio `ρ` (line by mean square noise),
-    /// `var = (Σ w² b² / Σ w²) / (Σ w b² / Σ w)² · Σ c² / (2 ρ (2π o)²) / (Σ c)²`.
+    /// Variances of the coefficients of the basis. The maximiser is a weighted fit of the phases:
+    /// with `b` the basis function, weights `c` per line and the power ratio `ρ` (line by mean
+    /// square noise), `var = (Σ w² b² / Σ w²) / (Σ w b² / Σ w)² · Σ c² / (2 ρ (2π o)²) / (Σ c)²`.
     fn variances(&self, used: &[UsedLine]) -> [f64; DEGREE] {
         let (mut total, mut noise) = (0.0, 0.0);
         for used in used {

@@ -1,11 +1,13 @@
 //! Shaft speed from the mesh lines of a window.
 //!
-//! 1. *Search.* Over a range about the starting speed, the evidence of a speed is the sum over the mesh harmonics of all stages
-//!    of `log(1 + P/floor)`, the power in the bin where the line would be by the median of its neighbourhood. The logarithm keeps
-//!    one strong line from deciding alone: a sideband as large as its carrier fits one harmonic, but not all of them.
+//! 1. *Search.* Over a range about the starting speed, the evidence of a speed is the sum over the
+//!    mesh harmonics of all stages of `log(1 + P/floor)`, the power in the bin where the line would
+//!    be by the median of its neighbourhood. The logarithm keeps one strong line from deciding
+//!    alone: a sideband as large as its carrier fits one harmonic, but not all of them.
 //! 2. *Refinement.* See [`mesh_refine`](super::mesh_refine).
-//! 3. *Ramps.* A line that sweeps over more bins than the main lobe is wide is not a peak any more. If the first two steps do not end in
-//!    compact lines, the search is repeated on copies of the window whose time was warped by a row of ramps.
+//! 3. *Ramps.* A line that sweeps over more bins than the main lobe is wide is not a peak any more.
+//!    If the first two steps do not end in compact lines, the search is repeated on copies of the
+//!    window whose time was warped by a row of ramps.
 //! 4. *Trust.* See [`Trust`]: whatever does not pass is reported as no speed at all.
 
 use num_complex::Complex64;
@@ -23,7 +25,8 @@ use crate::verdict::HARMONICS;
 /// Bins beyond the range of a line that belong to its neighbourhood.
 const SEARCH_MARGIN: f64 = 12.0;
 
-/// Lines weigh no more in the refinement than at this signal-to-noise power ratio: past 40 dB it is the model, not the noise, that limits.
+/// Lines weigh no more in the refinement than at this signal-to-noise power ratio: past 40 dB it is
+/// the model, not the noise, that limits.
 pub(crate) const CAP: f64 = 1e4;
 
 /// Power by its floor at which a line counts as seen: noise alone exceeds it once in 20 000 bins.
@@ -62,8 +65,8 @@ pub struct Trust {
     pub evidence: f64,
     /// Evidence of the best speed elsewhere in the range.
     pub rival: f64,
-    /// Share of the power near a line that the line explains (1 for a pure tone), mean over the lines that stand out, weighted by
-    /// evidence and order squared.
+    /// Share of the power near a line that the line explains (1 for a pure tone), mean over the
+    /// lines that stand out, weighted by evidence and order squared.
     pub compactness: f64,
 }
 
@@ -73,8 +76,9 @@ impl MeshSpeed {
         self.trust.evidence * self.trust.compactness
     }
 
-    /// The speed can be relied on: two lines at least stand out, no other speed in the range has nearly as much evidence,
-    /// the lines are lines and not smears, and sigma (relative) is small enough.
+    /// The speed can be relied on: two lines at least stand out, no other speed in the range has
+    /// nearly as much evidence, the lines are lines and not smears, and sigma (relative) is small
+    /// enough.
     pub fn is_trusted(&self, max_sigma: f64) -> bool {
         self.trust.lines >= LEAST_LINES
             && self.trust.evidence > self.trust.rival + MARGIN
@@ -93,8 +97,9 @@ impl MeshSpeed {
 /// A speed must show in so many lines: one line fits some harmonic at many speeds.
 const LEAST_LINES: usize = 2;
 
-/// A speed must have this much more evidence than any other: a likelihood ratio of 150. While the speed moves through ±3 %, 5x of a mesh at
-/// 750 Hz moves by 225 bins of a 1 s window, room for some 160 main lobes: only with such a ratio to each are all other speeds together less probable
+/// A speed must have this much more evidence than any other: a likelihood ratio of 150. While the
+/// speed moves through ±3 %, 5x of a mesh at 750 Hz moves by 225 bins of a 1 s window, room for
+/// some 160 main lobes: only with such a ratio to each are all other speeds together less probable
 /// than the best.
 const MARGIN: f64 = 5.0;
 
@@ -108,7 +113,8 @@ const CLEAR: f64 = 0.95;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MeshLine {
     pub(crate) order: f64,
-    /// It is the harmonic of this number, from 1, of this order: of the mesh, or of the line itself where planets out of phase leave no comb.
+    /// It is the harmonic of this number, from 1, of this order: of the mesh, or of the line itself
+    /// where planets out of phase leave no comb.
     pub(crate) harmonic: usize,
     pub(crate) mesh_order: f64,
     /// The comb it belongs to.
@@ -116,7 +122,8 @@ pub(crate) struct MeshLine {
 }
 
 impl MeshLine {
-    /// Its bins between two speeds in revolutions per window, with its neighbourhood; absent where they are not all in the usable band.
+    /// Its bins between two speeds in revolutions per window, with its neighbourhood; absent where
+    /// they are not all in the usable band.
     fn range_in_band(&self, spectrum: WindowSpectrum<'_>, lowest: f64, highest: f64) -> Option<(f64, f64)> {
         let from = self.order * lowest - SEARCH_MARGIN;
         let to = self.order * highest + SEARCH_MARGIN;
@@ -162,8 +169,8 @@ pub(crate) struct UsedLine {
 }
 
 impl MeshSearch {
-    /// For the mesh harmonics of these stages; equal orders count once. `separation_bins` is how far from them
-    /// their nearest sidebands are.
+    /// For the mesh harmonics of these stages; equal orders count once. `separation_bins` is how
+    /// far from them their nearest sidebands are.
     pub fn new(
         stages: &[StageKinematics],
         windows: &Windows,
@@ -209,8 +216,8 @@ impl MeshSearch {
         }
     }
 
-    /// The speed that has most evidence, between `lowest` and `highest` revolutions per window, if it did not change in the window.
-    /// `None` where no mesh line lies in the usable band.
+    /// The speed that has most evidence, between `lowest` and `highest` revolutions per window, if
+    /// it did not change in the window. `None` where no mesh line lies in the usable band.
     pub fn search(
         &self,
         state: &mut MeshSearchState,
@@ -220,7 +227,8 @@ impl MeshSearch {
     ) -> Option<Candidate> {
         self.prepare(state, spectrum, lowest, highest);
         let top = state.used.last()?.line.order;
-        // Half a bin per step at the highest line: a quarter off at most, where the main lobe is still within 1 dB.
+        // Half a bin per step at the highest line: a quarter off at most, where the main lobe is
+        // still within 1 dB.
         let step = 0.5 / top;
         let steps = ((highest - lowest) / step).ceil() as usize + 1;
         state.evidence.clear();
@@ -239,7 +247,8 @@ impl MeshSearch {
         best.n1.is_finite().then_some(best)
     }
 
-    /// At least two lines lie in the usable band over the whole range: with fewer no speed is ever trusted, so that none need be sought.
+    /// At least two lines lie in the usable band over the whole range: with fewer no speed is ever
+    /// trusted, so that none need be sought.
     pub fn has_enough_lines(&self, spectrum: WindowSpectrum<'_>, lowest: f64, highest: f64) -> bool {
         self.lines.iter().filter(|line| line.range_in_band(spectrum, lowest, highest).is_some()).count() >= LEAST_LINES
     }
@@ -250,9 +259,11 @@ impl MeshSearch {
         orders.max_by(f64::total_cmp)
     }
 
-    /// Most evidence of the last search for a speed elsewhere: so far off that the first harmonic of the stage with the highest mesh is out of the main lobe
-    /// of the weighting, `lobe` bins to either side. Nearer speeds share its evidence; farther ones must do with other lines. (A zone as wide as the guard's
-    /// lobe hid combs that fit sidebands, which lie some hundredths of a revolution per window away.)
+    /// Most evidence of the last search for a speed elsewhere: so far off that the first harmonic
+    /// of the stage with the highest mesh is out of the main lobe of the weighting, `lobe` bins to
+    /// either side. Nearer speeds share its evidence; farther ones must do with other lines. (A
+    /// zone as wide as the guard's lobe hid combs that fit sidebands, which lie some hundredths of
+    /// a revolution per window away.)
     pub fn rival(&self, state: &MeshSearchState, lobe: f64, lowest: f64, n1: f64) -> f64 {
         let (Some(first), Some(last)) = (state.used.first(), state.used.last()) else { return 0.0 };
         let apart = lobe / first.line.order.max(last.line.order / HARMONICS as f64);
@@ -295,7 +306,8 @@ impl MeshSearch {
     }
 }
 
-/// Natural logarithm to 0.06: exponent and linear mantissa, which the bits of a number are side by side. Evidence needs no more.
+/// Natural logarithm to 0.06: exponent and linear mantissa, which the bits of a number are side by
+/// side. Evidence needs no more.
 #[inline(always)]
 pub(crate) fn quick_ln(x: f64) -> f64 {
     const UNIT: f64 = 1.0 / (1_u64 << 52) as f64;

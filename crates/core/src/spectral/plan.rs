@@ -17,7 +17,8 @@ use crate::spectral::windows::Windows;
 use crate::speed::SpeedConfig;
 use crate::train::Train;
 
-/// Nearest line beside a mesh harmonic that must not bias it, in orders of the input shaft (belts and couplings make such).
+/// Nearest line beside a mesh harmonic that must not bias it, in orders of the input shaft (belts
+/// and couplings make such).
 const NEAREST_ORDER: f64 = 0.4;
 
 /// How often a ramp that was found is refined: each pass takes out what the pass before left.
@@ -103,14 +104,15 @@ impl RatePlan {
         }
     }
 
-    /// The window that was transformed last, of a machine whose input shaft turns `revolutions` times in it, is mains hum and little else.
+    /// The window that was transformed last, of a machine whose input shaft turns `revolutions`
+    /// times in it, is mains hum and little else.
     pub fn is_hum(&self, state: &RateState, train: &Train, revolutions: f64) -> bool {
         let length_s = self.samples as f64 / self.sample_rate_hz;
         is_hum(&state.spectrum, length_s, self.windows.weighting.half_width, train, revolutions / length_s)
     }
 
-    /// Speed from the mesh lines of the window that was transformed last, about a start in revolutions per window. `None` where it
-    /// cannot be trusted.
+    /// Speed from the mesh lines of the window that was transformed last, about a start in
+    /// revolutions per window. `None` where it cannot be trusted.
     pub fn mesh_speed(
         &self,
         state: &mut RateState,
@@ -136,8 +138,9 @@ impl RatePlan {
         found.is_trusted(self.speed.max_sigma_percent * 1e-2).then_some(found)
     }
 
-    /// The same where the speed changes too much within the window for its lines to be peaks: the window's time is warped by each
-    /// of a row of ramps, so that the right one makes peaks of them.
+    /// The same where the speed changes too much within the window for its lines to be peaks: the
+    /// window's time is warped by each of a row of ramps, so that the right one makes peaks of
+    /// them.
     fn ramping_speed(
         &self,
         state: &mut RateState,
@@ -179,7 +182,8 @@ impl RatePlan {
         found
     }
 
-    /// Searches a copy of the window in which a speed that changes by `ramp` of its mean from end to end is constant.
+    /// Searches a copy of the window in which a speed that changes by `ramp` of its mean from end
+    /// to end is constant.
     fn warped_search(
         &self,
         state: &mut RateState,
@@ -206,7 +210,8 @@ impl RatePlan {
         self.search.search(&mut state.search, spectrum, lowest, highest)
     }
 
-    /// The first harmonic of some stage lies in the usable band at a speed in revolutions per window.
+    /// The first harmonic of some stage lies in the usable band at a speed in revolutions per
+    /// window.
     pub fn some_harmonic_in_band(&self, revolutions: f64, highest_bin: f64) -> bool {
         self.lowest_mesh_order * revolutions + self.windows.guard_half_width() < highest_bin
     }
@@ -227,8 +232,9 @@ impl RatePlan {
     }
 }
 
-/// Coefficients of an angle in the powers of `τ` from those in the powers of the warped time `u = τ + q τ² + d`, `q = ramp/2`,
-/// `d = -ramp/8`, without the powers above the third: they come with factors that the last pass makes vanish.
+/// Coefficients of an angle in the powers of `τ` from those in the powers of the warped time
+/// `u = τ + q τ² + d`, `q = ramp/2`, `d = -ramp/8`, without the powers above the third: they come
+/// with factors that the last pass makes vanish.
 fn unwarp([c1, c2, c3]: [f64; DEGREE], ramp: f64) -> [f64; DEGREE] {
     let (q, d) = (0.5 * ramp, -0.125 * ramp);
     [
@@ -238,7 +244,8 @@ fn unwarp([c1, c2, c3]: [f64; DEGREE], ramp: f64) -> [f64; DEGREE] {
     ]
 }
 
-/// Value between samples by the cubic through four of them: good enough to look for lines, never used to measure them.
+/// Value between samples by the cubic through four of them: good enough to look for lines, never
+/// used to measure them.
 fn interpolate(samples: &[f64], position: f64) -> f64 {
     let last = samples.len() - 1;
     let i = (position.floor().max(0.0) as usize).min(last);
@@ -257,8 +264,9 @@ mod tests {
     use crate::bench::Bench;
     use crate::pipeline::{Pipeline, PipelineConfig};
 
-    /// At 1024 Hz the mesh of stage 1, 29 × 25 Hz, and twice that of stage 2, 10.44 × 25 Hz, lie above half the rate: one line is left, by which no speed is
-    /// trusted. At 2048 Hz there are more.
+    /// At 1024 Hz the mesh of stage 1, 29 × 25 Hz, and twice that of stage 2, 10.44 × 25 Hz, lie
+    /// above half the rate: one line is left, by which no speed is trusted. At 2048 Hz there are
+    /// more.
     #[test]
     fn regress_no_speed_is_sought_by_a_single_line() {
         let gear = |teeth: u32| serde_json::json!({ "teeth": teeth });

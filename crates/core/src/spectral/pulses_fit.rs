@@ -1,9 +1,10 @@
 //! Shaft angle from tacho pulses.
 //!
-//! Pulse `i` says that the tacho's shaft has turned `i / pulses_per_rev`. A polynomial through all pulses averages their jitter; its degree is
-//! the one with the smallest Bayesian information criterion, `n ln(rss/n) + k ln n`. Where what is left is not jitter but wander (the residuals follow each
-//! other: von Neumann's ratio of mean square successive difference to variance, 2 for white residuals), the natural cubic spline through
-//! the pulses is used instead.
+//! Pulse `i` says that the tacho's shaft has turned `i / pulses_per_rev`. A polynomial through all
+//! pulses averages their jitter; its degree is the one with the smallest Bayesian information
+//! criterion, `n ln(rss/n) + k ln n`. Where what is left is not jitter but wander (the residuals
+//! follow each other: von Neumann's ratio of mean square successive difference to variance, 2 for
+//! white residuals), the natural cubic spline through the pulses is used instead.
 
 use crate::spectral::angle::{AngleTrack, MAX_KNOTS};
 use crate::spectral::small::{cholesky, solve};
@@ -45,8 +46,8 @@ impl Default for PulseFitState {
     }
 }
 
-/// Finds the angle of a window of `length_s` seconds from its pulses. `None` where there are too few, where they do not cover the
-/// window, or where too many are missing or surplus.
+/// Finds the angle of a window of `length_s` seconds from its pulses. `None` where there are too
+/// few, where they do not cover the window, or where too many are missing or surplus.
 pub fn fit_pulses(
     state: &mut PulseFitState,
     pulses: &WindowPulses,
@@ -75,7 +76,8 @@ pub fn fit_pulses(
     let wander = n >= 12 && rss > 0.0 && successive / rss < white;
     if wander {
         track.set_spline(state.taus.iter().copied().zip(state.angles.iter().copied()));
-        // What jitter there is shows in the third differences (binomial weights 1 3 3 1: 20 times the variance).
+        // What jitter there is shows in the third differences (binomial weights 1 3 3 1: 20 times
+        // the variance).
         let third = |i: usize| {
             let a = &state.angles;
             a[i + 3] - 3.0 * a[i + 2] + 3.0 * a[i + 1] - a[i]
@@ -84,7 +86,8 @@ pub fn fit_pulses(
         return Some(PulseFit { revolutions_variance: 2.0 * jitter, angle_variance: jitter });
     }
     track.set_polynomial(&coefficients[1..=degree]);
-    // Of a fit of k terms to n pulses the mean variance is k/n of the residual's; a slope over a span near 1 has 12/n of it.
+    // Of a fit of k terms to n pulses the mean variance is k/n of the residual's; a slope over a
+    // span near 1 has 12/n of it.
     let n = n as f64;
     Some(PulseFit { revolutions_variance: 12.0 * variance / n, angle_variance: degree as f64 * variance / n })
 }
@@ -97,7 +100,8 @@ impl PulseFitState {
         if times.len() < FEWEST || !(revs_per_pulse.is_finite() && revs_per_pulse > 0.0) {
             return None;
         }
-        // A disc's marks are not evenly spaced: whole turns are, so that a finer disc is read once a turn where that is enough.
+        // A disc's marks are not evenly spaced: whole turns are, so that a finer disc is read once
+        // a turn where that is enough.
         let turn = pulses.pulses_per_rev.round().max(1.0) as usize;
         let whole = (pulses.pulses_per_rev - turn as f64).abs() < 1e-9;
         let thin = times.len().div_ceil(MAX_KNOTS - 8);
@@ -137,7 +141,8 @@ fn evaluate(coefficients: &[f64], tau: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * tau + c)
 }
 
-/// Least-squares polynomial by the normal equations in `τ`, which lies in about −1/2…1/2 so that degree 6 is harmless.
+/// Least-squares polynomial by the normal equations in `τ`, which lies in about −1/2…1/2 so that
+/// degree 6 is harmless.
 fn polynomial(taus: &[f64], angles: &[f64], degree: usize) -> Option<([f64; HIGHEST_DEGREE + 1], f64)> {
     let size = degree + 1;
     let mut normal = [[0.0; HIGHEST_DEGREE + 1]; HIGHEST_DEGREE + 1];

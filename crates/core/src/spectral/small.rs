@@ -1,6 +1,7 @@
 //! Small positive-definite systems on the stack.
 
-/// Cholesky factor of the leading `n` rows; `None` where a pivot falls below `least` of the largest diagonal entry.
+/// Cholesky factor of the leading `n` rows; `None` where a pivot falls below `least` of the largest
+/// diagonal entry.
 pub fn cholesky<const K: usize>(a: &[[f64; K]; K], n: usize, least: f64) -> Option<[[f64; K]; K]> {
     let mut lower = [[0.0; K]; K];
     let largest = (0..n).map(|i| a[i][i]).fold(0.0, f64::max);
@@ -37,7 +38,8 @@ pub fn solve<const K: usize>(lower: &[[f64; K]; K], x: &mut [f64]) {
 mod tests {
     use super::*;
 
-    /// The Hilbert matrix of order 4 has an integer inverse; its first column solves for the first unit vector.
+    /// The Hilbert matrix of order 4 has an integer inverse; its first column solves for the first
+    /// unit vector.
     #[test]
     fn literature_hilbert_matrix() {
         let mut a = [[0.0; 6]; 6];

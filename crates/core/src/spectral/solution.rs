@@ -1,12 +1,15 @@
 //! What turns the sums over a band into the amplitudes of its lines.
 //!
-//! Lines mix in the sums `y_i = a(o_i)` by the transform `G` of the window, `y = G a`; solving that system is the weighted least-squares fit of all of them.
-//! With the noise correlated by the transform `C` of the squared window, the covariance of the solution is `G⁻¹ C G⁻¹` times the variance of a line that
-//! stands alone.
+//! Lines mix in the sums `y_i = a(o_i)` by the transform `G` of the window, `y = G a`; solving that
+//! system is the weighted least-squares fit of all of them. With the noise correlated by the
+//! transform `C` of the squared window, the covariance of the solution is `G⁻¹ C G⁻¹` times the
+//! variance of a line that stands alone.
 //!
-//! `G` and `C` depend on nothing but the revolutions that the window spans. The line windows are therefore stretched over shaft angle, not over time, and
-//! span a value from a fixed grid of revolutions just below what the samples hold: `G⁻¹` is worked out once for a step of the grid and serves all windows
-//! of like speed, in ramps too. A [`Cell`] is a pure function of its number, so that what a worker saw before does not show in any result.
+//! `G` and `C` depend on nothing but the revolutions that the window spans. The line windows are
+//! therefore stretched over shaft angle, not over time, and span a value from a fixed grid of
+//! revolutions just below what the samples hold: `G⁻¹` is worked out once for a step of the grid
+//! and serves all windows of like speed, in ramps too. A [`Cell`] is a pure function of its number,
+//! so that what a worker saw before does not show in any result.
 
 use crate::spectral::kernels::ROW;
 use crate::spectral::lines::{Band, LinePlan, MAX_GROUP};
@@ -19,16 +22,19 @@ const GRID: f64 = 1.004;
 /// Cells that are kept: speeds within 6 % of one another.
 const CELLS: usize = 16;
 
-/// Below this pivot, by the largest, lines cannot be told apart in floating point, let alone in noise.
+/// Below this pivot, by the largest, lines cannot be told apart in floating point, let alone in
+/// noise.
 const LEAST_PIVOT: f64 = 1e-9;
 
-/// Distance from known lines (bins) at which bins are taken for the floor where those beyond the guard's main lobe are too few.
+/// Distance from known lines (bins) at which bins are taken for the floor where those beyond the
+/// guard's main lobe are too few.
 const CLOSER: f64 = 1.5;
 
 /// One band at one span.
 #[derive(Clone, Debug, Default)]
 pub struct BandSolution {
-    /// Rows of `G⁻¹` for the lines that are reported, each filled up with zeros to a multiple of `ROW`.
+    /// Rows of `G⁻¹` for the lines that are reported, each filled up with zeros to a multiple of
+    /// `ROW`.
     pub rows: Vec<f64>,
     /// Variance of each, by that of a line that stands alone.
     pub variance: Vec<f64>,
@@ -36,7 +42,8 @@ pub struct BandSolution {
     pub guard_row: Vec<f64>,
     /// Its variance.
     pub guard_variance: f64,
-    /// How near known lines are, by order bin from the lowest: 0 none within the guard's main lobe, 1 not nearer than 1.5 bins, 2 nearer.
+    /// How near known lines are, by order bin from the lowest: 0 none within the guard's main lobe,
+    /// 1 not nearer than 1.5 bins, 2 nearer.
     pub crowding: Vec<u8>,
 }
 

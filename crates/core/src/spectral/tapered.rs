@@ -1,14 +1,16 @@
 //! The efficient window: a box whose edges are rounded by Kaiser's window.
 //!
-//! `v = box of width 1 - ε  ⊗  Kaiser's window of width ε and area 1` has the transform `V(x) = sinc((1 - ε) x) K(ε x)` (x in bins), `K` being
-//! Kaiser's (see [`super::kaiser`]). Its noise bandwidth is near that of no weighting, and beyond the first null of `K` it is as low as
+//! `v = box of width 1 - ε ⊗ Kaiser's window of width ε and area 1` has the transform
+//! `V(x) = sinc((1 - ε) x) K(ε x)` (x in bins), `K` being Kaiser's (see [`super::kaiser`]). Its
+//! noise bandwidth is near that of no weighting, and beyond the first null of `K` it is as low as
 //! Kaiser's side lobes times `1 / (π (1 - ε) x)`.
 //!
 //! # Choice of ε and β
 //!
-//! What is asked for: two lines that nobody announced, as large as the carrier and `s` bins from it on either side, bias it by at most
-//! `LEAKAGE` (0.2 %) together. Of all ε and β that keep this, the one with the least noise bandwidth (within 2 %, by
-//! search over both) puts the first null of `K` at `s`, and its side lobes as high as they may be:
+//! What is asked for: two lines that nobody announced, as large as the carrier and `s` bins from it
+//! on either side, bias it by at most `LEAKAGE` (0.2 %) together. Of all ε and β that keep this,
+//! the one with the least noise bandwidth (within 2 %, by search over both) puts the first null of
+//! `K` at `s`, and its side lobes as high as they may be:
 //!
 //! ```text
 //! ε s = sqrt(1 + (β/π)²),      0.2172 β / sinh β = LEAKAGE/2 · π (1 - ε) s
@@ -21,8 +23,9 @@
 //! | 12 | 0.13 | 4.0 | 1.11 |
 //! | 20 | 0.07 | 3.2 | 1.05 |
 //!
-//! `s` is 0.4 orders of the input shaft, the nearest lines that belts and couplings make. It is thus a matter of the window's length and the
-//! nominal speed, and of nothing that was seen in recordings.
+//! `s` is 0.4 orders of the input shaft, the nearest lines that belts and couplings make. It is
+//! thus a matter of the window's length and the nominal speed, and of nothing that was seen in
+//! recordings.
 
 use std::f64::consts::PI;
 
@@ -31,7 +34,8 @@ use crate::spectral::kaiser;
 /// Largest bias by two unannounced lines as large as the carrier.
 const LEAKAGE: f64 = 2e-3;
 
-/// Lines nearer than this are left to the guard window and to the joint fit: to keep them out would cost too much noise bandwidth (bins).
+/// Lines nearer than this are left to the guard window and to the joint fit: to keep them out would
+/// cost too much noise bandwidth (bins).
 const NEAREST: f64 = 6.0;
 
 /// Steps over which the rounded edge is integrated and tabulated.
@@ -114,7 +118,8 @@ mod tests {
         }
     }
 
-    /// The leakage that was asked for, at every distance from the separation on, and the noise bandwidths of the module's table.
+    /// The leakage that was asked for, at every distance from the separation on, and the noise
+    /// bandwidths of the module's table.
     #[test]
     fn analytic_leakage_and_noise_bandwidth() {
         for (separation, bandwidth) in [(6.0, 1.32), (10.0, 1.14), (12.0, 1.11), (20.0, 1.05)] {

@@ -5,23 +5,26 @@ use std::f64::consts::PI;
 use crate::spectral::kaiser::{KaiserWindow, half_width, value};
 use crate::spectral::tapered::TaperedBox;
 
-/// Half width of the main lobe of the weighting before the transform (bins). It is taken out again from every line, so that it bears on no amplitude: it
-/// keeps strong lines far away from leaking into a band, and serves the search for the speed, which wants lines as narrow as they come.
+/// Half width of the main lobe of the weighting before the transform (bins). It is taken out again
+/// from every line, so that it bears on no amplitude: it keeps strong lines far away from leaking
+/// into a band, and serves the search for the speed, which wants lines as narrow as they come.
 const WEIGHTING: f64 = 1.4;
 
 /// Points of the integrals over a window.
 const POINTS: usize = 2048;
 
-/// Steps of the tables over half a window: linear interpolation is then good to 1e-6 (h²/8 times a curvature of 50 at most).
+/// Steps of the tables over half a window: linear interpolation is then good to 1e-6 (h²/8 times a
+/// curvature of 50 at most).
 const TABLE_STEPS: usize = 2048;
 
-/// Steps per bin, and bins, of the transform of a squared window. Interpolation is good to 1e-3, enough for the noise of two lines; noise farther apart is
-/// as good as uncorrelated.
+/// Steps per bin, and bins, of the transform of a squared window. Interpolation is good to 1e-3,
+/// enough for the noise of two lines; noise farther apart is as good as uncorrelated.
 const SQUARED_STEPS: f64 = 32.0;
 const CORRELATED_BINS: f64 = 6.0;
 
-/// The weighting before the transform, and the two windows that lines are read with: an efficient one, which lets least noise in, and a guard with low
-/// side lobes, which unknown lines cannot get past.
+/// The weighting before the transform, and the two windows that lines are read with: an efficient
+/// one, which lets least noise in, and a guard with low side lobes, which unknown lines cannot get
+/// past.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Windows {
     /// What the samples are weighted with before the transform.
@@ -30,7 +33,8 @@ pub struct Windows {
     pub efficient: LineWindow<TaperedBox>,
     /// What is used in its place where unknown lines are to be kept out.
     pub guard: LineWindow<Guard>,
-    /// Variance of the difference between the two amplitudes of a line in white noise, by that of the efficient one.
+    /// Variance of the difference between the two amplitudes of a line in white noise, by that of
+    /// the efficient one.
     pub difference: f64,
     /// Noise power that the guard lets in, by that of the efficient window.
     pub guard_noise: f64,
@@ -117,7 +121,8 @@ impl<S: Shape> LineWindow<S> {
         self.shape.transform(bins)
     }
 
-    /// How the noise of two lines is correlated that are `bins` apart: the transform of the squared window.
+    /// How the noise of two lines is correlated that are `bins` apart: the transform of the squared
+    /// window.
     pub fn correlation(&self, bins: f64) -> f64 {
         let x = bins.abs() * SQUARED_STEPS;
         let i = x as usize;

@@ -15,7 +15,8 @@ pub struct Zoom {
 }
 
 impl Zoom {
-    /// Bands of `size` bins (even), of which the middle `2 flat + 1` are kept whole and the rest fade out as a squared cosine.
+    /// Bands of `size` bins (even), of which the middle `2 flat + 1` are kept whole and the rest
+    /// fade out as a squared cosine.
     pub fn new(planner: &mut FftPlanner<f64>, size: usize, flat: usize) -> Self {
         let half = size / 2;
         let fade = (half - flat) as f64;
@@ -47,9 +48,9 @@ impl Zoom {
         self.inverse.get_inplace_scratch_len().max(self.forward.get_inplace_scratch_len())
     }
 
-    /// The band around bin `centre` of a one-sided spectrum of `n` real samples, as `size` points of the complex signal that
-    /// stays when the carrier `e^{j 2π centre t/T}` is taken out, times n. Beyond zero and Nyquist the spectrum of a real
-    /// signal goes on as its mirror image.
+    /// The band around bin `centre` of a one-sided spectrum of `n` real samples, as `size` points
+    /// of the complex signal that stays when the carrier `e^{j 2π centre t/T}` is taken out, times
+    /// n. Beyond zero and Nyquist the spectrum of a real signal goes on as its mirror image.
     pub fn extract(
         &self,
         spectrum: &[Complex64],
@@ -80,7 +81,8 @@ impl Zoom {
         self.inverse.process_with_scratch(out, scratch);
     }
 
-    /// Forward transform of `size` points in place: the order spectrum of a band whose phase was taken out.
+    /// Forward transform of `size` points in place: the order spectrum of a band whose phase was
+    /// taken out.
     pub fn spectrum(&self, band: &mut [Complex64], scratch: &mut [Complex64]) {
         self.forward.process_with_scratch(band, scratch);
     }

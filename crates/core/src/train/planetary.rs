@@ -2,7 +2,8 @@
 //!
 //! # Speeds
 //!
-//! Willis' equation, with teeth `z` and speeds `n` of sun, ring and carrier (R. Willis, Principles of Mechanism, 1841):
+//! Willis' equation, with teeth `z` and speeds `n` of sun, ring and carrier (R. Willis, Principles
+//! of Mechanism, 1841):
 //!
 //! ```text
 //! (n_s - n_c) / (n_r - n_c) = - z_r / z_s
@@ -13,24 +14,32 @@
 //!
 //! # Lines
 //!
-//! With a fixed ring every planet meshes `z_r` times a turn of the carrier, planet `i` at the angle `ψ_i` (turns) ahead of the first. A sensor that
-//! stands still hears each planet more or less loudly as it passes, a function of the carrier's angle with coefficients `w_d`. The sum over planets is
+//! With a fixed ring every planet meshes `z_r` times a turn of the carrier, planet `i` at the angle
+//! `ψ_i` (turns) ahead of the first. A sensor that stands still hears each planet more or less
+//! loudly as it passes, a function of the carrier's angle with coefficients `w_d`. The sum over
+//! planets is
 //!
 //! ```text
 //! Σ_k Σ_d A_k w_d [ Σ_i e^{j 2π (k z_r + d) ψ_i} ] e^{j 2π (k z_r + d) n_c t}
 //! ```
 //!
-//! So the line of order `m = k z_r + d` of the carrier has the weight `|Σ_i e^{j 2π m ψ_i}| / N`: with N equally spaced planets it is one
-//! where `m` is a multiple of N, else nothing (P. D. McFadden, J. D. Smith, "An explanation for the asymmetry of the modulation sidebands about the tooth
-//! meshing frequency in epicyclic gear vibration", Proc. IMechE 199 C1 (1985) 65; J. McNames, "Fourier series analysis of epicyclic gearbox vibration",
-//! J. Vib. Acoust. 124 (2002) 150; M. Inalpolat, A. Kahraman, J. Sound Vib. 323 (2009) 677). With a fixed sun `z_s` is in place of `z_r`; with a fixed carrier
-//! nothing passes and the lines are those of the mesh.
+//! So the line of order `m = k z_r + d` of the carrier has the weight `|Σ_i e^{j 2π m ψ_i}| / N`:
+//! with N equally spaced planets it is one where `m` is a multiple of N, else nothing (P. D.
+//! McFadden, J. D. Smith, "An explanation for the asymmetry of the modulation sidebands about the
+//! tooth meshing frequency in epicyclic gear vibration", Proc. IMechE 199 C1 (1985) 65; J. McNames,
+//! "Fourier series analysis of epicyclic gearbox vibration", J. Vib. Acoust. 124 (2002) 150; M.
+//! Inalpolat, A. Kahraman, J. Sound Vib. 323 (2009) 677). With a fixed sun `z_s` is in place of
+//! `z_r`; with a fixed carrier nothing passes and the lines are those of the mesh.
 //!
-//! *The k-th harmonic* of such a stage is the line nearest to `k z` whose weight is [`LEAST_WEIGHT`] at least, of two that are equally near the one with
-//! more weight, of equals the upper: the acceleration of a given force or displacement grows with frequency. Where no line within N orders has that weight, it is the one with most.
+//! *The k-th harmonic* of such a stage is the line nearest to `k z` whose weight is
+//! [`LEAST_WEIGHT`] at least, of two that are equally near the one with more weight, of equals the
+//! upper: the acceleration of a given force or displacement grows with frequency. Where no line
+//! within N orders has that weight, it is the one with most.
 //!
-//! A central gear that is off centre or cracked turns with its own speed in space. Its sidebands about a visible line lie at multiples of that speed: in the frame
-//! of the carrier the once-per-turn error has `n_s - n_c` and meets planet `i` late by `ψ_i`, which selects `d = ± 1` in place of 0 and adds `n_c`.
+//! A central gear that is off centre or cracked turns with its own speed in space. Its sidebands
+//! about a visible line lie at multiples of that speed: in the frame of the carrier the
+//! once-per-turn error has `n_s - n_c` and meets planet `i` late by `ψ_i`, which selects `d = ± 1`
+//! in place of 0 and adds `n_c`.
 
 use crate::bench::{Member, Planetary};
 use crate::verdict::HARMONICS;
@@ -41,7 +50,8 @@ pub const LEAST_WEIGHT: f64 = 0.5;
 /// Lines on each side of a harmonic, in planet passes, that are known to be there.
 const KNOWN_PASSES: i64 = 2;
 
-/// Speeds and lines of a planetary stage. Orders are multiples of the input shaft's speed, positive in the sense of the stage's driving member.
+/// Speeds and lines of a planetary stage. Orders are multiples of the input shaft's speed, positive
+/// in the sense of the stage's driving member.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanetarySet {
     /// Number of planets.
@@ -136,7 +146,8 @@ impl PlanetarySet {
         out
     }
 
-    /// Teeth of the central gear that stands still, which the planets roll over; none where the carrier stands still.
+    /// Teeth of the central gear that stands still, which the planets roll over; none where the
+    /// carrier stands still.
     pub fn passed_teeth(&self, sun: u32, ring: u32) -> Option<u32> {
         match self.fixed {
             Member::Ring => Some(ring),
@@ -145,7 +156,8 @@ impl PlanetarySet {
         }
     }
 
-    /// Which gear's teeth an average over turns of a member shows, 0 for the sun and 1 for the ring: see [`Train::gears_on`](super::Train::gears_on).
+    /// Which gear's teeth an average over turns of a member shows, 0 for the sun and 1 for the
+    /// ring: see [`Train::gears_on`](super::Train::gears_on).
     pub fn side_seen_by(&self, member: Member) -> Option<usize> {
         match (self.fixed, member) {
             (Member::Ring, Member::Carrier) | (Member::Carrier, Member::Ring) => Some(1),
@@ -191,8 +203,9 @@ mod tests {
         Planetary { planets, planet, positions_deg: Vec::new(), fixed, input, output }
     }
 
-    /// Every choice of fixed, driving and driven member satisfies Willis' equation, leaves the fixed member at rest and the driving one at its speed, and both
-    /// meshes of a planet have one frequency: rolling without slip, worked out from the planet's speed alone.
+    /// Every choice of fixed, driving and driven member satisfies Willis' equation, leaves the
+    /// fixed member at rest and the driving one at its speed, and both meshes of a planet have one
+    /// frequency: rolling without slip, worked out from the planet's speed alone.
     #[test]
     fn analytic_willis_for_every_fixed_member() {
         for fixed in Member::ALL {
@@ -209,8 +222,8 @@ mod tests {
         }
     }
 
-    /// Sun 28, ring 100 standing still, four planets of 36: the carrier turns 7/32 times as fast as the sun (1 : 4.571), which makes the mesh 175/8 of it, and 100 is a
-    /// multiple of four.
+    /// Sun 28, ring 100 standing still, four planets of 36: the carrier turns 7/32 times as fast as
+    /// the sun (1 : 4.571), which makes the mesh 175/8 of it, and 100 is a multiple of four.
     #[test]
     fn analytic_planetary_of_28_36_and_100_teeth() {
         let found = PlanetarySet::new(28, 100, &set(4, 36, Member::Ring, Member::Sun, Member::Carrier), 1.0);
@@ -219,7 +232,8 @@ mod tests {
         assert_eq!(found.shifts, [0.0; HARMONICS]);
     }
 
-    /// With 84 and 99 teeth of a ring and three or four planets: the multiples of N nearest to k z, and no others within reach.
+    /// With 84 and 99 teeth of a ring and three or four planets: the multiples of N nearest to k z,
+    /// and no others within reach.
     #[test]
     fn analytic_lines_are_multiples_of_the_number_of_planets() {
         for (teeth, planets) in [(84, 3), (99, 4), (70, 3), (98, 4), (61, 5), (100, 4)] {
@@ -238,8 +252,9 @@ mod tests {
         }
     }
 
-    /// Sun 27, ring 99, four planets at 0, 32, 63 and 95 steps of 1/126 of a turn: two pairs that stand opposite, so that odd orders vanish, and with
-    /// `|cos(π m 32/126)|` for even ones 98 has 0.94 and 100 has 0.32; of 296 and 298, equally near to 297, 296 has more (0.85 and 0.54).
+    /// Sun 27, ring 99, four planets at 0, 32, 63 and 95 steps of 1/126 of a turn: two pairs that
+    /// stand opposite, so that odd orders vanish, and with `|cos(π m 32/126)|` for even ones 98 has
+    /// 0.94 and 100 has 0.32; of 296 and 298, equally near to 297, 296 has more (0.85 and 0.54).
     #[test]
     fn analytic_lines_of_planets_at_unequal_places() {
         let positions = [0.0, 32.0, 63.0, 95.0].map(|steps| steps / 126.0);
@@ -249,8 +264,9 @@ mod tests {
         assert_eq!([99, 198, 297].map(|mesh| harmonic_line(&positions, mesh)), [98, 198, 296]);
     }
 
-    /// Two pairs of planets, 5° off equal spacing: the lines about a multiple of four stay, those that equal spacing forbids appear with little weight, and
-    /// weights are those of the sum written out.
+    /// Two pairs of planets, 5° off equal spacing: the lines about a multiple of four stay, those
+    /// that equal spacing forbids appear with little weight, and weights are those of the sum
+    /// written out.
     #[test]
     fn analytic_weights_of_unequal_planets() {
         let positions = [0.0, 95.0 / 360.0, 0.5, 275.0 / 360.0];

@@ -1,4 +1,5 @@
-//! States and causes of a verdict: each is an enum whose variants have a code for files and a meaning for readers.
+//! States and causes of a verdict: each is an enum whose variants have a code for files and a
+//! meaning for readers.
 
 /// A value that files hold as a code.
 pub trait Code: Copy + PartialEq + 'static {
@@ -17,7 +18,8 @@ pub trait Code: Copy + PartialEq + 'static {
     }
 }
 
-/// Defines an enum together with the code and the meaning of each variant; the meaning is the variant's documentation. A crate that uses it has `serde`.
+/// Defines an enum together with the code and the meaning of each variant; the meaning is the
+/// variant's documentation. A crate that uses it has `serde`.
 #[macro_export]
 macro_rules! codes {
     (
@@ -116,11 +118,13 @@ impl Rank {
 }
 
 codes! {
-    /// State of the machine as far as this window tells. Each is given only where the data resolve it.
+    /// State of the machine as far as this window tells. Each is given only where the data resolve
+    /// it.
     pub enum MachineState, default Unknown {
         /// Not judged, or not resolved; `reason` says which.
         Unknown = "unknown",
-        /// No harmonic deviates, and in each one that was judged rank IV or V is less probable than not.
+        /// No harmonic deviates, and in each one that was judged rank IV or V is less probable than
+        /// not.
         Normal = "normal",
         /// A deviation proven to be of rank I or more, but not of rank IV.
         Deviating = "deviating",
@@ -142,7 +146,8 @@ codes! {
         FlatLine = "flat_line",
         /// The signal hardly ever changes: no line of the machine is in it.
         ChannelDead = "channel_dead",
-        /// Values or whole blocks come several times: a staircase, or a buffer that was delivered twice.
+        /// Values or whole blocks come several times: a staircase, or a buffer that was delivered
+        /// twice.
         SamplesRepeated = "samples_repeated",
         /// The converter has too few codes in use to show a line as large as it is.
         QuantisationCoarse = "quantisation_coarse",
@@ -184,9 +189,11 @@ codes! {
         TorqueMissing = "torque_missing",
         /// The baseline has too few windows here to say how much a healthy machine scatters.
         BaselineTooSmall = "baseline_too_small",
-        /// The lines deviate, and so do the floors beside them: too little is known to say whether the gear or the path to the sensor changed.
+        /// The lines deviate, and so do the floors beside them: too little is known to say whether
+        /// the gear or the path to the sensor changed.
         PathOrGear = "path_or_gear",
-        /// Neither a deviation nor its absence is resolved: the healthy scatter is as wide as the rank steps.
+        /// Neither a deviation nor its absence is resolved: the healthy scatter is as wide as the
+        /// rank steps.
         NotResolved = "not_resolved",
     }
 }

@@ -1,5 +1,5 @@
-//! What a field of a verdict is: name, type, unit, meaning, and how it is read from a verdict and put into one. The rows stand beside the types, in
-//! [`super`].
+//! What a field of a verdict is: name, type, unit, meaning, and how it is read from a verdict and
+//! put into one. The rows stand beside the types, in [`super`].
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -107,7 +107,8 @@ impl Field {
                     match number {
                         0 => Datum::Number(x.value),
                         1 => Datum::Number(x.sigma),
-                        // Without a baseline these would be three quarters of the line, all of them null.
+                        // Without a baseline these would be three quarters of the line, all of them
+                        // null.
                         _ if !normal.baseline.is_finite() => Datum::Absent,
                         2 => Datum::Number(normal.baseline),
                         3 => Datum::Number(deviation.value),

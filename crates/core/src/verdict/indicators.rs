@@ -28,7 +28,8 @@ pub struct StageIndicators {
 pub struct FromNormal {
     /// Normal value; `NaN` where the baseline does not know it.
     pub baseline: f64,
-    /// Signed deviation in percent, with the scatter of healthy windows, sessions and runs in its sigma.
+    /// Signed deviation in percent, with the scatter of healthy windows, sessions and runs in its
+    /// sigma.
     pub deviation_percent: Estimate,
 }
 
@@ -58,7 +59,8 @@ impl StageIndicators {
         window.gears.get(stage).map(|&gears| Self { channel: window.channel, gears, ..Self::UNKNOWN })
     }
 
-    /// Compares with what is normal, by position among the [names](crate::indicators::columns::names).
+    /// Compares with what is normal, by position among the
+    /// [names](crate::indicators::columns::names).
     pub(crate) fn compare(&mut self, stage: usize, normal: &dyn Fn(usize) -> Option<Reference>) {
         for (i, (x, out)) in self.channel.iter().zip(&mut self.channel_normal).enumerate() {
             *out = FromNormal::new(*x, normal(i));
@@ -71,7 +73,8 @@ impl StageIndicators {
     }
 }
 
-/// Names of value, sigma, baseline, deviation and its sigma of each indicator: those of the channel, of the pinion, of the wheel.
+/// Names of value, sigma, baseline, deviation and its sigma of each indicator: those of the
+/// channel, of the pinion, of the wheel.
 pub static INDICATOR_NAMES: LazyLock<Vec<[String; 5]>> = LazyLock::new(|| {
     let gears = ["pinion", "wheel"]
         .into_iter()

@@ -7,8 +7,8 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::verdict::{Datum, FIELDS, Verdict, field, published};
 
-/// The flat JSON object of stdout and of the topics `/gear/…/rank`: scalars only, so that any viewer can plot each field.
-/// Numbers that are not known are `null`.
+/// The flat JSON object of stdout and of the topics `/gear/…/rank`: scalars only, so that any
+/// viewer can plot each field. Numbers that are not known are `null`.
 impl Serialize for Verdict {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
@@ -30,8 +30,9 @@ impl Serialize for Verdict {
 /// Without these an object is no verdict.
 const REQUIRED: [&str; 4] = ["stage", "channel", "machine", "instrument"];
 
-/// Reads what [`Serialize`] writes. Other keys are passed over (the service adds `bench`, brokers add more); a field that an older version did not
-/// write stays unknown. A code that this version does not know is an error.
+/// Reads what [`Serialize`] writes. Other keys are passed over (the service adds `bench`, brokers
+/// add more); a field that an older version did not write stays unknown. A code that this version
+/// does not know is an error.
 impl<'de> Deserialize<'de> for Verdict {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_map(Object)

@@ -1,4 +1,5 @@
-//! Condition indicators against an independent implementation: `reference.json`, made by `reference.py` beside it.
+//! Condition indicators against an independent implementation: `reference.json`, made by
+//! `reference.py` beside it.
 
 #![allow(clippy::print_stderr, reason = "how near the two implementations are, and what was skipped")]
 
@@ -19,10 +20,12 @@ use serde_json::Value;
 /// Relative. What differs is the order of sums, and the table of the interpolation (1e-7 a tap).
 const TOLERANCE: f64 = 1e-6;
 
-/// Of the signal's rms, added to the relative one: a line far below the mesh lines has their share of the table's error.
+/// Of the signal's rms, added to the relative one: a line far below the mesh lines has their share
+/// of the table's error.
 const OF_RMS: f64 = 1e-9;
 
-/// Half width of the main lobe that windows are weighted with before the transform (bins): that of the signal path.
+/// Half width of the main lobe that windows are weighted with before the transform (bins): that of
+/// the signal path.
 const WEIGHTING: f64 = 1.4;
 
 fn number(value: &Value) -> f64 {
@@ -159,7 +162,8 @@ fn columns(path: &Path) -> Vec<Vec<f64>> {
     out
 }
 
-/// Two stages whose shafts share points and two whose do not, ramps, bursts, all units: every value, sigma and revolution count.
+/// Two stages whose shafts share points and two whose do not, ramps, bursts, all units: every
+/// value, sigma and revolution count.
 #[test]
 fn oracle_scipy_made_signals() {
     let reference = reference();

@@ -41,14 +41,17 @@ pub(super) struct BenchKeys {
     /// Baseline file; without one, and without `learn_from`, every rank is `unknown`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) baseline: Option<PathBuf>,
-    /// A source of the normal state that ends: the baseline is learned from it at each start, in place of `baseline`.
+    /// A source of the normal state that ends: the baseline is learned from it at each start, in
+    /// place of `baseline`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<schema::SourceKeys>")]
     pub(super) learn_from: Option<Spanned<Table>>,
-    /// Fault states of this bench, from `gearwatch signatures --out`; the paper's table where left out.
+    /// Fault states of this bench, from `gearwatch signatures --out`; the paper's table where left
+    /// out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) signatures: Option<PathBuf>,
-    /// The row of stages from samples to ranks: window, speed, usable band, rank steps, how sure a state must be.
+    /// The row of stages from samples to ranks: window, speed, usable band, rank steps, how sure a
+    /// state must be.
     #[serde(default)]
     #[schemars(with = "serde_json::Value")]
     pub(super) pipeline: PipelineConfig,

@@ -16,11 +16,12 @@ pub struct ServiceConfig {
     pub packet_queue: usize,
     /// Windows in work or waiting for a worker, per bench and worker (1–1024).
     pub windows_per_worker: usize,
-    /// Address of the page and of the metrics, such as `127.0.0.1:8650`; none where left out. Loopback only, unless there are
-    /// `page_token_file` and `page_tls`.
+    /// Address of the page and of the metrics, such as `127.0.0.1:8650`; none where left out.
+    /// Loopback only, unless there are `page_token_file` and `page_tls`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub page: Option<SocketAddr>,
-    /// Names (with port) under which the page may be asked for besides its address, such as `bench-3:8650`.
+    /// Names (with port) under which the page may be asked for besides its address, such as
+    /// `bench-3:8650`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub page_hosts: Vec<String>,
     /// File whose first line is the token that the page asks for (at least 16 characters).

@@ -50,7 +50,8 @@ struct Mqtt {
     keep_alive_secs: u16,
     /// The broker is spoken to over TLS, and must prove its name.
     tls: bool,
-    /// Certificate of the authority that signed the broker's, where the system does not know it (PEM).
+    /// Certificate of the authority that signed the broker's, where the system does not know it
+    /// (PEM).
     #[serde(skip_serializing_if = "Option::is_none")]
     ca_file: Option<PathBuf>,
     /// User name; none where left out.

@@ -49,7 +49,8 @@ struct Nats {
     /// File whose first line is the password, or without a user the token.
     #[serde(skip_serializing_if = "Option::is_none")]
     secret_file: Option<PathBuf>,
-    /// Certificate of the authority that signed the server's, where the system does not know it (PEM).
+    /// Certificate of the authority that signed the server's, where the system does not know it
+    /// (PEM).
     #[serde(skip_serializing_if = "Option::is_none")]
     ca_file: Option<PathBuf>,
 }

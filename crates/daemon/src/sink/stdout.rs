@@ -31,7 +31,8 @@ impl SinkConfig for Stdout {
     }
 }
 
-/// The end itself: the buffer of `std::io::stdout` keeps what could not be written, and nobody learns of it.
+/// The end itself: the buffer of `std::io::stdout` keeps what could not be written, and nobody
+/// learns of it.
 #[cfg(unix)]
 fn standard_output() -> std::io::Result<File> {
     use std::os::fd::AsFd;
@@ -52,7 +53,8 @@ struct Lines<W> {
 }
 
 impl<W: Write> Lines<W> {
-    /// Writes until there are no more events; waits for more lines only where some are there already.
+    /// Writes until there are no more events; waits for more lines only where some are there
+    /// already.
     fn write_all(&mut self, events: &Events) -> Result<(), SinkError> {
         while let Ok(event) = events.recv_blocking() {
             gearwatch_runtime::fail::point("sink-stdout");
@@ -66,7 +68,8 @@ impl<W: Write> Lines<W> {
         self.flush().map_err(failed)
     }
 
-    /// Writes what waits. What a failure leaves unwritten is counted as lost; a line that is torn is ended, so that the next one is whole.
+    /// Writes what waits. What a failure leaves unwritten is counted as lost; a line that is torn
+    /// is ended, so that the next one is whole.
     fn flush(&mut self) -> std::io::Result<()> {
         let mut written = 0;
         let error = loop {
@@ -119,7 +122,8 @@ mod tests {
         }
     }
 
-    /// Five lines of four bytes into room for ten: two are whole, one is torn, and three are counted as lost.
+    /// Five lines of four bytes into room for ten: two are whole, one is torn, and three are
+    /// counted as lost.
     #[test]
     fn regress_lines_that_a_full_disk_does_not_take_are_counted() {
         let counters = Arc::new(QueueCounters::default());

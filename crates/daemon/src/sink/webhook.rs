@@ -46,7 +46,8 @@ struct Webhook {
     /// Where a reader of the text finds the page, such as `https://bench-3:8650`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     link: Option<String>,
-    /// Certificate of the authority that signed the receiver's, where the system does not know it (PEM); for https.
+    /// Certificate of the authority that signed the receiver's, where the system does not know it
+    /// (PEM); for https.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ca_file: Option<PathBuf>,
 }
@@ -281,7 +282,8 @@ fn without(words: &str, address: &str) -> String {
     words.replace(address, &place(address))
 }
 
-/// Whether somebody must hear of it: not of what is shelved, of maintenance, or of one channel more of a fault that is known.
+/// Whether somebody must hear of it: not of what is shelved, of maintenance, or of one channel more
+/// of a fault that is known.
 fn is_news(alarm: &Alarm) -> bool {
     let quiet = alarm.active && alarm.acknowledged || alarm.id == MAINTENANCE;
     !quiet && alarm.group.as_ref().is_none_or(|group| group.news)
@@ -366,7 +368,8 @@ mod tests {
         posted["text"].as_str().unwrap().to_owned()
     }
 
-    /// Whoever reads it on a telephone knows what, where, how much, beyond which limit and at which operating point, without another program.
+    /// Whoever reads it on a telephone knows what, where, how much, beyond which limit and at which
+    /// operating point, without another program.
     #[test]
     fn conform_the_text_says_what_and_where_and_by_how_much() {
         let mut alarm = alarm();

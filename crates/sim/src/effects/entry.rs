@@ -1,6 +1,7 @@
 //! Where an effect enters the equations of motion, or what comes before and behind them.
 
-/// Entry points, as in the explanation contract: told more surely than the name of an effect, since each moves other lines by another law.
+/// Entry points, as in the explanation contract: told more surely than the name of an effect, since
+/// each moves other lines by another law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum EntryPoint {
     /// Samples of a channel, or numbers of the sheet: nothing of the machine changes.

@@ -111,7 +111,8 @@ impl GearAt {
         }
     }
 
-    /// Lines of something that happens once per revolution of the gear: harmonics of its shaft, and sidebands about the mesh lines.
+    /// Lines of something that happens once per revolution of the gear: harmonics of its shaft, and
+    /// sidebands about the mesh lines.
     pub(super) fn once_per_revolution(self, bench: &Bench, harmonics: u32) -> Vec<Line> {
         let train = Train::new(bench);
         let spacing = self.order(&train, bench);
@@ -128,7 +129,8 @@ impl GearAt {
             let passed: Vec<Line> = lines.iter().flat_map(beside).collect();
             lines.extend(passed);
         }
-        // One tooth of z carries 1/z of every mesh harmonic, and uneven teeth share the load unevenly.
+        // One tooth of z carries 1/z of every mesh harmonic, and uneven teeth share the load
+        // unevenly.
         lines.extend(mesh_lines(&train, self.stage));
         lines
     }
@@ -153,7 +155,8 @@ pub(super) fn mesh_harmonics(values: &Values, bench: &Bench, load: Law) -> Signa
     }
 }
 
-/// Force along the line of action (N) of a mesh of a stage at the bench's brake torque, without losses: `F = T / r_b`.
+/// Force along the line of action (N) of a mesh of a stage at the bench's brake torque, without
+/// losses: `F = T / r_b`.
 pub(super) fn nominal_mesh_force_n(bench: &Bench, stage: usize) -> f64 {
     bench.brake.torque_nm * meshes::force_per_torque(bench, &Train::new(bench), stage)
 }
@@ -166,7 +169,8 @@ mod tests {
     use crate::mesh::MeshModel;
     use crate::test_bench;
 
-    /// Every effect at a stage or gear, with its typical values at every place it may sit, gives a gear pair that can be.
+    /// Every effect at a stage or gear, with its typical values at every place it may sit, gives a
+    /// gear pair that can be.
     #[test]
     fn conform_typical_values_suit_the_bench() {
         let mut bench = test_bench::two_stages();

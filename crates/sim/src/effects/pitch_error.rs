@@ -76,16 +76,18 @@ impl PitchError {
 /// Single stiffness of a pair of steel teeth per width (N/m²): 14 N/(mm µm), ISO 6336-1.
 const STIFFNESS_PER_WIDTH: f64 = 14e9;
 
-/// Deflection of one pair under the whole nominal load (m). A tooth that lags by more carries nothing where two pairs should share; then the load
-/// decides how many teeth touch, and no law of load holds.
+/// Deflection of one pair under the whole nominal load (m). A tooth that lags by more carries
+/// nothing where two pairs should share; then the load decides how many teeth touch, and no law of
+/// load holds.
 fn deflection_m(gear: GearAt, bench: &Bench) -> f64 {
     let width_m = 1e-3 * bench.stages[gear.stage].face_width_mm;
     let stiffness = STIFFNESS_PER_WIDTH * bench.gear_material.youngs_modulus_pa / 206e9;
     nominal_mesh_force_n(bench, gear.stage) / (stiffness * width_m)
 }
 
-/// A cumulative pitch error by tooth (m): independent steps from tooth to tooth that close over the revolution, scaled to the
-/// peak to peak value. The pattern number chooses among repeatable patterns.
+/// A cumulative pitch error by tooth (m): independent steps from tooth to tooth that close over the
+/// revolution, scaled to the peak to peak value. The pattern number chooses among repeatable
+/// patterns.
 fn pattern(teeth: u32, number: u64, total_m: f64) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(number);
     let steps: Vec<f64> = (0..teeth).map(|_| random.random_range(-1.0..1.0)).collect();

@@ -73,7 +73,8 @@ impl Effect for Pitting {
 }
 
 impl Pitting {
-    /// As few equal pits side by side as take the area: each at most nine tenths of the flank's height across.
+    /// As few equal pits side by side as take the area: each at most nine tenths of the flank's
+    /// height across.
     fn pits(&self, values: &Values, bench: &Bench, at: GearAt) -> Result<Vec<Pit>, EffectError> {
         let stage = &bench.stages[at.stage];
         let width = 1e-3 * stage.face_width_mm;

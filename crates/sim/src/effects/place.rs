@@ -9,8 +9,9 @@ use super::{Effect, EffectError, values::nearest};
 pub enum PlaceKind {
     /// A gear pair, by the stage's name.
     Stage,
-    /// One gear: `<stage>.pinion` or `<stage>.wheel`; `<stage>.sun`, `<stage>.ring`; `<stage>.planet_<k>` or `<stage>.idler_<k>` with the flanks towards sun or pinion, and
-    /// the same with `.ring_side` or `.wheel_side`.
+    /// One gear: `<stage>.pinion` or `<stage>.wheel`; `<stage>.sun`, `<stage>.ring`;
+    /// `<stage>.planet_<k>` or `<stage>.idler_<k>` with the flanks towards sun or pinion, and the
+    /// same with `.ring_side` or `.wheel_side`.
     Gear,
     /// A planet's pin: `<stage>.planet_<k>`.
     Planet,

@@ -30,8 +30,8 @@ pub enum Law {
     Independent,
     /// `∝ T^p`; p = 1 for changes of stiffness.
     Power(f64),
-    /// The same at any torque on the orders of the shaft. Beside the mesh lines the load decides by how many pairs a tooth's error is shared, and
-    /// when: each sideband goes its own way.
+    /// The same at any torque on the orders of the shaft. Beside the mesh lines the load decides by
+    /// how many pairs a tooth's error is shared, and when: each sideband goes its own way.
     ShaftOrders,
     /// No single law: both parts, an optimum or a threshold.
     Mixed,
@@ -126,7 +126,8 @@ pub fn shaft_lines(train: &Train, shaft: usize, harmonics: u32) -> Vec<Line> {
     (1..=harmonics).map(|k| Line::Order(f64::from(k) * train.shafts[shaft].1)).collect()
 }
 
-/// Sidebands ±1…±`sidebands` times `spacing` (order of the first shaft) about the mesh harmonics of a stage.
+/// Sidebands ±1…±`sidebands` times `spacing` (order of the first shaft) about the mesh harmonics of
+/// a stage.
 pub fn sidebands(train: &Train, stage: usize, spacing: f64, sidebands: u32) -> Vec<Line> {
     let mesh = train.stages[stage].mesh_order;
     (1..=HARMONICS)
@@ -145,7 +146,8 @@ pub fn passing(bench: &Bench, stage: usize) -> Signature {
     }
 }
 
-/// Harmonics of a planetary stage's mesh, and lines at multiples of its carrier's speed beside them up to the next passing of planets.
+/// Harmonics of a planetary stage's mesh, and lines at multiples of its carrier's speed beside them
+/// up to the next passing of planets.
 fn passing_lines(bench: &Bench, stage: usize) -> Vec<Line> {
     let train = Train::new(bench);
     let Some(set) = &train.stages[stage].planetary else { return Vec::new() };

@@ -68,7 +68,8 @@ impl Values {
         self.place
     }
 
-    /// A parameter's value, the typical one where it was left out; `NaN` for a name that the effect does not have.
+    /// A parameter's value, the typical one where it was left out; `NaN` for a name that the effect
+    /// does not have.
     pub fn get(&self, name: &str) -> f64 {
         self.given(name).unwrap_or_else(|| self.typical.get(name).copied().unwrap_or(f64::NAN))
     }

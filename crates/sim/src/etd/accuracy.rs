@@ -1,7 +1,9 @@
 //! How long a step may be: so that halving it leaves 1x to 5x of all stages where they are.
 //!
-//! A first guess comes from the eigenvalues and the mesh frequencies, the rest from a short run of the model itself with that step and with half of it: how much an error
-//! of the remainder is amplified on its way to a line depends on all modes, and no bound in the eigenvalues alone holds for every bench. The stepper is of order 4 there.
+//! A first guess comes from the eigenvalues and the mesh frequencies, the rest from a short run of
+//! the model itself with that step and with half of it: how much an error of the remainder is
+//! amplified on its way to a line depends on all modes, and no bound in the eigenvalues alone holds
+//! for every bench. The stepper is of order 4 there.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -10,22 +12,27 @@ use super::Etd;
 use crate::lines::line;
 use crate::model::{ModelError, TrainModel};
 
-/// Largest `|λ| h` of the first guess: the fastest mode, the teeth against each other as a rule, rings at every pair change.
+/// Largest `|λ| h` of the first guess: the fastest mode, the teeth against each other as a rule,
+/// rings at every pair change.
 const RINGING: f64 = 1.3;
-/// Largest turn of the highest mesh harmonic within its step (rad). A quadratic through a wave that turns by 2θ misses θ⁴/60 of it.
+/// Largest turn of the highest mesh harmonic within its step (rad). A quadratic through a wave that
+/// turns by 2θ misses θ⁴/60 of it.
 const TURN: f64 = 0.56;
 /// Mesh harmonics that are looked at.
 const HARMONICS: u32 = 5;
-/// Change of a line on halving that is aimed at, as a part of the line, or of [`FLOOR`] of its sensor's largest. The promise is 5e-4; a short run shows it within a third.
+/// Change of a line on halving that is aimed at, as a part of the line, or of [`FLOOR`] of its
+/// sensor's largest. The promise is 5e-4; a short run shows it within a third.
 const AIM: f64 = 3e-4;
 const FLOOR: f64 = 0.05;
 /// Duration of the short run (s), and of what is looked at of it.
 const RUN_S: f64 = 0.35;
 const RECORD_S: f64 = 0.25;
-/// The guess is refined by this at most: teeth that part amplify any difference, and no step would be short enough.
+/// The guess is refined by this at most: teeth that part amplify any difference, and no step would
+/// be short enough.
 const MOST: f64 = 3.0;
 
-/// Longest step (s) that leaves 1x to 5x, as far as they lie below `highest_hz`, within 0.05 % of what half of it gives.
+/// Longest step (s) that leaves 1x to 5x, as far as they lie below `highest_hz`, within 0.05 % of
+/// what half of it gives.
 pub(super) fn accurate_step_s(model: &Arc<TrainModel>, highest_hz: f64) -> Result<f64, ModelError> {
     let rigid = Etd::<1>::new([model.clone()], 1.0)?;
     let highest = (f64::from(HARMONICS) * model.fastest_mesh_hz()).min(highest_hz);
@@ -37,7 +44,8 @@ pub(super) fn accurate_step_s(model: &Arc<TrainModel>, highest_hz: f64) -> Resul
     Ok(guess / (change / AIM).powf(0.25).clamp(1.0, MOST))
 }
 
-/// Amplitudes of 1x to 5x below `highest_hz` by sensor, at the highest speed of the profile; `None` where the run leaves all that makes sense, which the caller will be told then.
+/// Amplitudes of 1x to 5x below `highest_hz` by sensor, at the highest speed of the profile; `None`
+/// where the run leaves all that makes sense, which the caller will be told then.
 fn lines(
     model: &Arc<TrainModel>,
     step_s: f64,

@@ -1,7 +1,8 @@
 //! Modal arithmetic of `L` parameter sets side by side.
 //!
-//! Every sum runs in an order that does not depend on `L`: outputs are summed over even and odd modes apart, states over the inputs one
-//! by one. A single run vectorises over outputs and over modes, lanes vectorise over runs; their results are equal bit for bit, whatever the width.
+//! Every sum runs in an order that does not depend on `L`: outputs are summed over even and odd
+//! modes apart, states over the inputs one by one. A single run vectorises over outputs and over
+//! modes, lanes vectorise over runs; their results are equal bit for bit, whatever the width.
 
 use super::plan::{GROUP, NODES, Plan, Split};
 
@@ -155,7 +156,8 @@ impl<const L: usize> Bank<L> {
         for (group, (rows, out)) in self.rows.iter().zip(out).enumerate() {
             let (re, im) = (&rows.re, &rows.im);
             let (z_re, z_im) = (self.z.re.as_flattened(), self.z.im.as_flattened());
-            // A single run keeps all outputs of the group in registers, lanes one output at a time; each sum's order is the same.
+            // A single run keeps all outputs of the group in registers, lanes one output at a time;
+            // each sum's order is the same.
             if L == 1 {
                 let held = rows.held.as_flattened();
                 let sums = four_sums(

@@ -66,7 +66,8 @@ impl Lane {
         Ok(())
     }
 
-    /// Solves a part of a step; weights and modal predictions stay in the lane for [`Self::advance`].
+    /// Solves a part of a step; weights and modal predictions stay in the lane for
+    /// [`Self::advance`].
     fn try_part(&mut self, plan: &Plan, t: f64, length: f64) -> (Node, Node) {
         plan.weigh(length / plan.step_s, &mut self.weights);
         let mut free = [[0.0; 2 * MOST_MESHES]; 2];
@@ -94,7 +95,8 @@ impl Lane {
         (self.solver.nodes[0], self.solver.nodes[1])
     }
 
-    /// What is passed on to the housing is held over a cut step: it is short, and the next one begins anew.
+    /// What is passed on to the housing is held over a cut step: it is short, and the next one
+    /// begins anew.
     fn hold_passage(&mut self, plan: &Plan, from: &Node) {
         let housing = plan.acting..plan.inputs.len();
         self.start.remainder[housing.clone()].copy_from_slice(&from.remainder[housing]);
@@ -116,7 +118,8 @@ impl Lane {
         std::mem::swap(&mut self.z, &mut self.ahead[1]);
     }
 
-    /// The last time before and the first time after the set of touching pairs changes, from the start of the part (s).
+    /// The last time before and the first time after the set of touching pairs changes, from the
+    /// start of the part (s).
     fn locate(&self, plan: &Plan, t: f64, length: f64, solved: &(Node, Node), early: bool) -> (f64, f64) {
         let stages = plan.stiffness.len();
         let (mut low, mut high) = if early { (0.0, 0.5 * length) } else { (0.5 * length, length) };
@@ -142,7 +145,8 @@ impl Lane {
         (low, high)
     }
 
-    /// Sensor readings at a place (0–1) within the part that was last tried, by the state at that place.
+    /// Sensor readings at a place (0–1) within the part that was last tried, by the state at that
+    /// place.
     fn read_middle<const L: usize>(
         &self,
         plan: &Plan,

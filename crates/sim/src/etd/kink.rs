@@ -1,4 +1,5 @@
-//! Steps in which the set of touching pairs changes: the change as a force that sets in at the event, without cutting the step.
+//! Steps in which the set of touching pairs changes: the change as a force that sets in at the
+//! event, without cutting the step.
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
@@ -14,7 +15,8 @@ const MOST_KINKS: usize = 2 * MOST_MESHES;
 const MOST_ITERATIONS: usize = 8;
 /// Times that the sets of touching pairs at the nodes are taken anew.
 const MOST_GUESSES: usize = 3;
-/// Largest move, as a part of the largest approach, after which the step counts as solved: Newton's next one would be its square.
+/// Largest move, as a part of the largest approach, after which the step counts as solved: Newton's
+/// next one would be its square.
 const SOLVED: f64 = 1e-6;
 
 /// A difference of force that sets in within a step.
@@ -49,7 +51,8 @@ impl Kink {
         out
     }
 
-    /// Puts the onset where the quadratic rises through zero. False where it does not do so within the step.
+    /// Puts the onset where the quadratic rises through zero. False where it does not do so within
+    /// the step.
     #[inline(always)]
     fn find_onset(&mut self) -> bool {
         let [d0, dm, d1] = self.values;
@@ -77,9 +80,10 @@ impl Kinks {
 }
 
 impl Solver {
-    /// Solves a step with pair changes, from the nodes and the pairs near contact there. On return the nodes' touching pairs are those after the changes,
-    /// their mesh remainders those of the pairs at the start, which go with the kinks; [`Self::finish`] completes the end. False where the step
-    /// has to be cut: two changes in one half, a graze, open teeth.
+    /// Solves a step with pair changes, from the nodes and the pairs near contact there. On return
+    /// the nodes' touching pairs are those after the changes, their mesh remainders those of the
+    /// pairs at the start, which go with the kinks; [`Self::finish`] completes the end. False where
+    /// the step has to be cut: two changes in one half, a graze, open teeth.
     #[inline(always)]
     pub(super) fn solve_kinked(&mut self, plan: &Plan, weights: &Weights, start: &Node, kinks: &mut Kinks) -> bool {
         match plan.stiffness.len() {
@@ -172,8 +176,9 @@ impl Solver {
                 kinks.len += 1;
             }
         }
-        // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and after, everywhere. Within a set the force is
-        // linear in the approach, and the phases stay as predicted.
+        // Smooth part: the pairs at the start, everywhere. Differences: between the sets before and
+        // after, everywhere. Within a set the force is linear in the approach, and the phases stay
+        // as predicted.
         let mut smooth = [[SetLaw::default(); MOST_MESHES]; 2];
         let mut tangent = [[0.0; MOST_MESHES]; 2];
         for half in 0..2 {
@@ -230,7 +235,8 @@ impl Solver {
         (moved < SOLVED && kinks.as_slice().iter().zip(&halves).all(placed)).then_some(())
     }
 
-    /// One Newton step of `δ − base − Σ D r(δ) − Σ W d(δ) = 0`; returns the largest move over the largest approach.
+    /// One Newton step of `δ − base − Σ D r(δ) − Σ W d(δ) = 0`; returns the largest move over the
+    /// largest approach.
     #[inline(always)]
     fn newton_with<const M: usize>(
         &mut self,
@@ -257,7 +263,8 @@ impl Solver {
                 }
                 for (kink, late) in kinks.items[..kinks.len].iter().zip(late) {
                     let terms = late[half][stage];
-                    // The response does not depend on the onset to first order, since the difference vanishes there.
+                    // The response does not depend on the onset to first order, since the
+                    // difference vanishes there.
                     for (node, about) in lagrange_about(kink.at).into_iter().enumerate() {
                         let weight: f64 = about.iter().zip(terms).map(|(a, t)| a * t).sum();
                         residual -= weight * kink.values[node];

@@ -1,13 +1,16 @@
-//! Responses to a force that sets in within a step: what a pair change adds to the smooth remainder.
+//! Responses to a force that sets in within a step: what a pair change adds to the smooth
+//! remainder.
 //!
-//! Before an event at x₀ (in steps) the mesh force follows one set of touching pairs, after it another. Their difference `d` vanishes at the
-//! event. So the remainder is a smooth quadratic over the whole step plus `d(x)` for x > x₀ alone, and the exact response of the linear train to
-//! that truncated quadratic is added to the step.
+//! Before an event at x₀ (in steps) the mesh force follows one set of touching pairs, after it
+//! another. Their difference `d` vanishes at the event. So the remainder is a smooth quadratic over
+//! the whole step plus `d(x)` for x > x₀ alone, and the exact response of the linear train to that
+//! truncated quadratic is added to the step.
 //!
 //! # Formula
 //! With `d(x₀ + s) = c₀ + c₁ s + c₂ s²` and σ = x − x₀, mode m answers
-//! `h Σ_j (λh)^j/j! · (c₀ B(j,0) + c₁ B(j,1) + c₂ B(j,2))` with `B(j,p) = ∫₀^σ (σ−s)^j s^p ds = j! p!/(j+p+1)! σ^{j+p+1}`.
-//! As `d` vanishes at x₀, an error of x₀ enters squared only.
+//! `h Σ_j (λh)^j/j! · (c₀ B(j,0) + c₁ B(j,1) + c₂ B(j,2))` with
+//! `B(j,p) = ∫₀^σ (σ−s)^j s^p ds = j! p!/(j+p+1)! σ^{j+p+1}`. As `d` vanishes at x₀, an error of x₀
+//! enters squared only.
 
 use nalgebra::Complex;
 
@@ -23,7 +26,8 @@ const LEFT_OUT: f64 = 1e-10;
 /// What is left of the response by output and term of the quadratic.
 pub(super) type Responses<const M: usize> = [[f64; TERMS]; M];
 
-/// Scalar responses of approaches, sensors and what is passed on to the mesh forces, as polynomials in the time since the onset.
+/// Scalar responses of approaches, sensors and what is passed on to the mesh forces, as polynomials
+/// in the time since the onset.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Late {
     /// By input.
@@ -148,7 +152,8 @@ impl Late {
         self.degrees[group][((sigma * PARTS as f64) as usize + 1).min(PARTS)]
     }
 
-    /// Responses of the approaches, `sigma` after the onset of unit terms of a quadratic in input `input`.
+    /// Responses of the approaches, `sigma` after the onset of unit terms of a quadratic in input
+    /// `input`.
     #[inline(always)]
     pub(super) fn approaches(&self, input: usize, sigma: f64, out: &mut [[f64; TERMS]]) {
         self.responses(&self.approaches[input], sigma, out);
@@ -175,7 +180,8 @@ impl Late {
         }
     }
 
-    /// Modal response `sigma` after the onset of a quadratic with the coefficients `c` in input `input`.
+    /// Modal response `sigma` after the onset of a quadratic with the coefficients `c` in input
+    /// `input`.
     #[inline(always)]
     pub(super) fn modal(&self, plan: &Plan, input: usize, sigma: f64, c: [f64; TERMS], out: &mut Split) {
         let last = self.degrees.len() - 1;

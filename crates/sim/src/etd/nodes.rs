@@ -1,4 +1,5 @@
-//! The remainder at the nodes of a step: the tooth forces less their linear part, implicit in the approaches.
+//! The remainder at the nodes of a step: the tooth forces less their linear part, implicit in the
+//! approaches.
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
@@ -18,11 +19,13 @@ pub(super) const MOST_INPUTS: usize = 4 * MOST_MESHES + MOST_HOUSING;
 const MOST_ITERATIONS: usize = 12;
 /// Largest move, as a part of the largest approach, at which friction counts as settled.
 const SETTLED: f64 = 1e-7;
-/// The same, at which the smooth force of a helical stage counts as solved: what Newton's next step would be is some square of this, or, where a slice of the face comes to carry,
-/// that slice's part of it.
+/// The same, at which the smooth force of a helical stage counts as solved: what Newton's next step
+/// would be is some square of this, or, where a slice of the face comes to carry, that slice's part
+/// of it.
 const SMOOTH: f64 = 1e-5;
 
-/// Approach, phase, contact and remainder of all meshes at one instant, and at the end of the remainder what is passed on to the housing.
+/// Approach, phase, contact and remainder of all meshes at one instant, and at the end of the
+/// remainder what is passed on to the housing.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     pub(super) approach: [f64; MOST_MESHES],
@@ -115,7 +118,8 @@ fn touching(pairs: &Pairs, set: u8) -> u32 {
     out
 }
 
-/// The force law is still that of `law` after a move of the approach to `approach_m`, `step` on from where it was taken.
+/// The force law is still that of `law` after a move of the approach to `approach_m`, `step` on
+/// from where it was taken.
 #[inline(always)]
 fn still(pairs: &Pairs, law: &MeshForce, approach_m: f64, step: f64) -> bool {
     if pairs.met(approach_m) != law.set {
@@ -126,10 +130,12 @@ fn still(pairs: &Pairs, law: &MeshForce, approach_m: f64, step: f64) -> bool {
 }
 
 impl Solver {
-    /// Solves for middle and end of a step. False where no set of touching pairs could be settled: a step across a graze.
+    /// Solves for middle and end of a step. False where no set of touching pairs could be settled:
+    /// a step across a graze.
     ///
-    /// `free` holds the outputs that the state and the held forces alone would give at the middle and at the end, `start` the node
-    /// where the step begins, `references` the first shaft's angle at middle and end (rad).
+    /// `free` holds the outputs that the state and the held forces alone would give at the middle
+    /// and at the end, `start` the node where the step begins, `references` the first shaft's angle
+    /// at middle and end (rad).
     #[inline(always)]
     pub(super) fn solve(
         &mut self,
@@ -214,7 +220,8 @@ impl Solver {
         false
     }
 
-    /// Approaches, phases and pairs at middle and end as the remainder at the start lets expect them.
+    /// Approaches, phases and pairs at middle and end as the remainder at the start lets expect
+    /// them.
     #[inline(always)]
     fn predict(
         &mut self,
@@ -251,8 +258,8 @@ impl Solver {
     }
 }
 
-/// One Newton step of `δ − base − Σ D r(δ) = 0`; updates approaches and mesh remainders. Returns the moves, and the largest over the largest
-/// approach. `M` is twice the number of stages or more.
+/// One Newton step of `δ − base − Σ D r(δ) = 0`; updates approaches and mesh remainders. Returns
+/// the moves, and the largest over the largest approach. `M` is twice the number of stages or more.
 #[inline(always)]
 fn newton<const M: usize>(
     plan: &Plan,
@@ -297,8 +304,8 @@ fn newton<const M: usize>(
     (steps, moved / largest)
 }
 
-/// Solves the `n` first equations of `L` runs in place. The matrix is the identity plus terms of the order (ωh)²/6 times the stiffness fluctuation:
-/// no pivoting needed.
+/// Solves the `n` first equations of `L` runs in place. The matrix is the identity plus terms of
+/// the order (ωh)²/6 times the stiffness fluctuation: no pivoting needed.
 #[inline(always)]
 pub(super) fn solve_linear<const M: usize, const L: usize>(
     matrix: &mut [[[f64; L]; M]; M],

@@ -1,4 +1,5 @@
-//! What planetary stages pass on to housing and sensors within a step: known once the meshes are solved for, since the housing does not act back.
+//! What planetary stages pass on to housing and sensors within a step: known once the meshes are
+//! solved for, since the housing does not act back.
 
 use super::kink::Kinks;
 use super::nodes::Node;
@@ -17,7 +18,8 @@ pub(super) struct Passing {
     pub(super) housing: Vec<f64>,
     /// What each sensor hears directly there (m/s²).
     direct: Vec<f64>,
-    /// By row of the linear train what forces that set in during the step add, and the responses to one of them.
+    /// By row of the linear train what forces that set in during the step add, and the responses to
+    /// one of them.
     late: Vec<f64>,
     terms: Vec<[f64; 3]>,
 }
@@ -76,7 +78,8 @@ fn elastic(plan: &Plan, lane: &Lane, kinked: bool, node: &Node, at: usize, mesh:
 }
 
 impl<const L: usize> Etd<L> {
-    /// Forces on the housing at middle and end of the step of run `l`, into the remainder, and what the sensors hear directly. `nodes` are those that were solved for.
+    /// Forces on the housing at middle and end of the step of run `l`, into the remainder, and what
+    /// the sensors hear directly. `nodes` are those that were solved for.
     pub(super) fn pass_on(&mut self, l: usize, nodes: &[Node; 2], kinked: bool) {
         let plan = &self.plans[l];
         let passage = &plan.model.linear.passage;
@@ -149,7 +152,8 @@ impl<const L: usize> Etd<L> {
         self.passing[l] = passing;
     }
 
-    /// Takes over the state at the end of a step that was cut or flown through; in its middle the mean is heard.
+    /// Takes over the state at the end of a step that was cut or flown through; in its middle the
+    /// mean is heard.
     pub(super) fn settle_passing(&mut self, l: usize, t: f64) {
         let plan = &self.plans[l];
         if plan.model.linear.passage.is_empty() {

@@ -64,7 +64,8 @@ pub(super) struct Weights {
     pub(super) held: [Split; 2],
     /// `∫ e^{λ(ℓ−τ)} ℓ_node(τ) dτ` to the end, for the Lagrange polynomials of the nodes.
     pub(super) node: [Split; NODES],
-    /// Response of each output to each input at each node, at the middle and at the end: `[half][output][input][node]`.
+    /// Response of each output to each input at each node, at the middle and at the end:
+    /// `[half][output][input][node]`.
     pub(super) coupling: [Vec<Vec<[f64; NODES]>>; 2],
 }
 
@@ -79,13 +80,15 @@ pub(super) struct Plan {
     pub(super) step_s: f64,
     /// Mesh stiffness that is part of the linear train, by stage (N/m).
     pub(super) stiffness: Vec<f64>,
-    /// Inputs of the remainder: the mesh forces, then three friction forces per mesh where there is friction, then forces on the housing that planetary stages pass on.
+    /// Inputs of the remainder: the mesh forces, then three friction forces per mesh where there is
+    /// friction, then forces on the housing that planetary stages pass on.
     pub(super) inputs: Vec<Split>,
     /// How many of them act on the train; the housing does not.
     pub(super) acting: usize,
     /// There is friction.
     pub(super) rubs: bool,
-    /// Outputs that the remainder needs: approaches by mesh, then pinion angles by mesh, then those of [`TrainModel::passed_rows`].
+    /// Outputs that the remainder needs: approaches by mesh, then pinion angles by mesh, then those
+    /// of [`TrainModel::passed_rows`].
     pub(super) outputs: Vec<Split>,
     /// Inputs of outside forces, then of the moments of [`Self::levers`].
     pub(super) externals: Vec<Split>,
@@ -104,7 +107,8 @@ pub(super) struct Plan {
     pub(super) late: Late,
     /// No outside force ever changes.
     pub(super) held_for_ever: bool,
-    /// How the tooth pairs of each stage are found; `None` where too many may be near contact at once.
+    /// How the tooth pairs of each stage are found; `None` where too many may be near contact at
+    /// once.
     pub(super) joints: Vec<Option<Joint>>,
 }
 
@@ -114,7 +118,8 @@ const LEFT_OUT: f64 = 1e-16;
 /// By half, degree and node.
 type Moments = [[[f64; NODES]; DEGREE + 1]; 2];
 
-/// `∫₀^x (x−τ)^k ℓ_node(τ) dτ` for the quadratic Lagrange polynomials on 0, ½, 1; x is ½ (first) or 1.
+/// `∫₀^x (x−τ)^k ℓ_node(τ) dτ` for the quadratic Lagrange polynomials on 0, ½, 1; x is ½ (first)
+/// or 1.
 fn node_moments() -> Moments {
     // ∫₀^x (x−τ)^k τ^p dτ = k! p! / (k+p+1)! · x^(k+p+1)
     let moment = |k: usize, p: usize, x: f64| {
@@ -132,7 +137,8 @@ fn node_moments() -> Moments {
     })
 }
 
-/// What the remainders and the forces of the housing act through, and how many of them the remainders do.
+/// What the remainders and the forces of the housing act through, and how many of them the
+/// remainders do.
 fn inputs(model: &TrainModel, modes: &Modes, friction: bool, len: usize) -> (Vec<Split>, usize) {
     let split = |values: Vec<Complex<f64>>| Split::from(&values, len);
     let mut inputs: Vec<Split> = model.linear.mesh.iter().map(|row| split(modes.input(&-row))).collect();
@@ -281,7 +287,8 @@ impl Plan {
     /// Weights of a step of `part` of the full length (0–1).
     ///
     /// # Formula
-    /// `e^{λσh} = Σ (λh)^k/k! σ^k`, `∫ e^{λ(x−τ)} ℓ(τ) dτ = h Σ (λh)^k/k! σ^{k+1} β_k`, with moments β of the Lagrange polynomials.
+    /// `e^{λσh} = Σ (λh)^k/k! σ^k`, `∫ e^{λ(x−τ)} ℓ(τ) dτ = h Σ (λh)^k/k! σ^{k+1} β_k`, with
+    /// moments β of the Lagrange polynomials.
     pub(super) fn weigh(&self, part: f64, out: &mut Weights) {
         let moments = &self.moments;
         let degree = self.degree(part);

@@ -1,8 +1,11 @@
-//! Steps in which no pair comes or goes, for all runs side by side: one linear system for the approaches, without iteration.
+//! Steps in which no pair comes or goes, for all runs side by side: one linear system for the
+//! approaches, without iteration.
 //!
-//! Within one set of touching pairs the mesh force is linear in the approach, `F = k δ − φ`. So the approaches at the middle and the end of all
-//! stages follow from `(I − D (k − k̄)) δ = base − D φ`, D being the response of the approaches to the remainders there. The set is that at the
-//! start of the step; whether it still holds at the nodes is exact to tell, and where it does not the step goes to [`super::nodes`].
+//! Within one set of touching pairs the mesh force is linear in the approach, `F = k δ − φ`. So the
+//! approaches at the middle and the end of all stages follow from
+//! `(I − D (k − k̄)) δ = base − D φ`, D being the response of the approaches to the remainders
+//! there. The set is that at the start of the step; whether it still holds at the nodes is exact to
+//! tell, and where it does not the step goes to [`super::nodes`].
 
 #![expect(clippy::needless_range_loop, reason = "several arrays run on one index, as in the formulas")]
 
@@ -21,7 +24,8 @@ type Rows<const L: usize> = [Row<L>; MOST_UNKNOWNS];
 /// The nodes of a step, for `L` runs.
 #[derive(Clone, Debug)]
 pub(super) struct Nodes<const L: usize> {
-    /// Response of approaches to the remainder at the start, and of angles to one that stays: `[node × stage]`.
+    /// Response of approaches to the remainder at the start, and of angles to one that stays:
+    /// `[node × stage]`.
     from_start: Vec<[Row<L>; 2]>,
     /// Response of approaches to the remainders at the nodes: `[node × node]`.
     from_nodes: Vec<Row<L>>,
@@ -29,7 +33,8 @@ pub(super) struct Nodes<const L: usize> {
     initial_phase: [Row<L>; MOST_MESHES],
     cycles_per_rad: [Row<L>; MOST_MESHES],
     cycles_per_pinion_rad: [Row<L>; MOST_MESHES],
-    /// Where the step begins: number of the newest pair, which pairs touch (1 or 0, the newest first), what else a [`Node`] has.
+    /// Where the step begins: number of the newest pair, which pairs touch (1 or 0, the newest
+    /// first), what else a [`Node`] has.
     start: Begin<L>,
     /// The same at middle and end.
     newest: Rows<L>,
@@ -57,13 +62,15 @@ struct Begin<const L: usize> {
 struct Force<const L: usize, const M: usize> {
     tangent: [Row<L>; M],
     constant: [Row<L>; M],
-    /// Of the condition `x − g Q / (1 + P) > 0` of each pair, the common factors `Q / (1 + P) = q₁ δ − q₀`.
+    /// Of the condition `x − g Q / (1 + P) > 0` of each pair, the common factors
+    /// `Q / (1 + P) = q₁ δ − q₀`.
     q1: [Row<L>; M],
     q0: [Row<L>; M],
 }
 
 impl<const L: usize> Nodes<L> {
-    /// `None` where a train needs the general way: friction, or more pairs at once than are watched here.
+    /// `None` where a train needs the general way: friction, or more pairs at once than are watched
+    /// here.
     pub(super) fn new(plans: &[Plan; L]) -> Option<Self> {
         let stages = plans[0].stiffness.len();
         if plans.iter().any(|plan| plan.rubs || plan.joints.iter().any(Option::is_none)) {
@@ -176,8 +183,10 @@ impl<const L: usize> Nodes<L> {
         &self.start.remainder[stage]
     }
 
-    /// Solves for middle and end from the `outputs` that state and held forces alone would give (approaches at middle and end, then pinion angles)
-    /// and the first shaft's angles there. Says for each run whether the touching pairs stay; where they do, the next step begins at the end.
+    /// Solves for middle and end from the `outputs` that state and held forces alone would give
+    /// (approaches at middle and end, then pinion angles) and the first shaft's angles there. Says
+    /// for each run whether the touching pairs stay; where they do, the next step begins at the
+    /// end.
     #[inline(always)]
     pub(super) fn solve(&mut self, plans: &[Plan; L], outputs: &[Block<L>], references: &[Row<L>; 2]) -> [bool; L] {
         match plans[0].stiffness.len() {
@@ -223,7 +232,8 @@ impl<const L: usize> Nodes<L> {
         wrong.map(|wrong| wrong == 0.0)
     }
 
-    /// What the state, the held forces and the remainder at the start alone would give at the nodes, and which pairs are near there; the approaches.
+    /// What the state, the held forces and the remainder at the start alone would give at the
+    /// nodes, and which pairs are near there; the approaches.
     #[inline(always)]
     fn foresee<const M: usize>(
         &mut self,
@@ -271,7 +281,8 @@ impl<const L: usize> Nodes<L> {
         base
     }
 
-    /// The pairs that touch at the nodes if those of the start go on touching, and the mesh force that they give; `wrong` grows where they cannot.
+    /// The pairs that touch at the nodes if those of the start go on touching, and the mesh force
+    /// that they give; `wrong` grows where they cannot.
     #[inline(always)]
     fn linearise<const M: usize>(&mut self, stages: usize, wrong: &mut Row<L>) -> Force<L, M> {
         let nodes = 2 * stages;
@@ -313,7 +324,8 @@ impl<const L: usize> Nodes<L> {
         Force { tangent, constant, q1, q0 }
     }
 
-    /// Remainders at the nodes for the `approaches` there; `wrong` grows where a pair that should touch does not, or another does.
+    /// Remainders at the nodes for the `approaches` there; `wrong` grows where a pair that should
+    /// touch does not, or another does.
     #[inline(always)]
     fn settle<const M: usize>(
         &mut self,
@@ -349,8 +361,8 @@ impl<const L: usize> Nodes<L> {
         }
     }
 
-    /// Hands a run's step over to the general solver: nodes as the pairs at the start would have it, with the pairs that then touch. True
-    /// where those are others than at the start.
+    /// Hands a run's step over to the general solver: nodes as the pairs at the start would have
+    /// it, with the pairs that then touch. True where those are others than at the start.
     #[inline(always)]
     pub(super) fn hand_over(&self, stages: usize, l: usize, start: &Node, solver: &mut Solver) -> bool {
         let mut changed = false;

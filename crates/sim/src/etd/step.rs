@@ -113,7 +113,8 @@ impl<const L: usize> Etd<L> {
     fn step_alone(&mut self, l: usize, references: [f64; 2]) -> Step {
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
         let stages = plan.stiffness.len();
-        // The pairs at the start, continued to the nodes, show where others touch: a first guess as good as any.
+        // The pairs at the start, continued to the nodes, show where others touch: a first guess as
+        // good as any.
         let mut guessed = false;
         if let Some(nodes) = &self.nodes {
             lane.start = nodes.begin(stages, l);
@@ -232,7 +233,8 @@ impl<const L: usize> Etd<L> {
         self.bank.hold(l, plan, &readings(plan), &lane.forcing);
     }
 
-    /// A step of one run that events cut, or in which a stage is out of contact. The state before is in the lane.
+    /// A step of one run that events cut, or in which a stage is out of contact. The state before
+    /// is in the lane.
     fn step_with_events(&mut self, l: usize, t: f64) -> Result<(), Diverged> {
         let step_s = self.step_s;
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
@@ -257,7 +259,8 @@ impl<const L: usize> Etd<L> {
         Ok(())
     }
 
-    /// Runge–Kutta with located events over one step. The bank still holds nothing of this step for the lane.
+    /// Runge–Kutta with located events over one step. The bank still holds nothing of this step for
+    /// the lane.
     fn bank_flight(&mut self, l: usize, t: f64) -> Result<(), Diverged> {
         let (plan, lane) = (&self.plans[l], &mut self.lanes[l]);
         let len = plan.len;
@@ -287,8 +290,8 @@ impl<const L: usize> Etd<L> {
 }
 
 impl Lane {
-    /// Moments about eccentric gears in the middle of a step (`t`). They are a thousandth of the mesh's own, so the force is carried on from the last two
-    /// steps instead of being solved for.
+    /// Moments about eccentric gears in the middle of a step (`t`). They are a thousandth of the
+    /// mesh's own, so the force is carried on from the last two steps instead of being solved for.
     fn add_levers(&mut self, plan: &Plan, start: &Node, t: f64) {
         let reference = plan.model.rotation.angle(t);
         let mut carried = None;

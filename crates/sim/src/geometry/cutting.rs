@@ -1,11 +1,13 @@
-//! How the teeth of an external gear are cut: the rack, how far it stands off, and where the tips end.
+//! How the teeth of an external gear are cut: the rack, how far it stands off, and where the tips
+//! end.
 
 use std::f64::consts::PI;
 
 use super::{ADDENDUM, CLEARANCE, GearError, GearGeometry, involute};
 
-/// Least thickness of a tooth at its tip / module. Thinner tips chip; hardened gears want 0.4 (G. Niemann, H. Winter, "Maschinenelemente" II, tip thickness of
-/// cylindrical gears; DIN 3960). It is asked of shifted and turned-off teeth alone.
+/// Least thickness of a tooth at its tip / module. Thinner tips chip; hardened gears want 0.4 (G.
+/// Niemann, H. Winter, "Maschinenelemente" II, tip thickness of cylindrical gears; DIN 3960). It is
+/// asked of shifted and turned-off teeth alone.
 pub const LEAST_TIP: f64 = 0.2;
 /// Most profile shift / module, either way.
 const MOST_SHIFT: f64 = gearwatch_core::bench::shift::MOST_SHIFT;
@@ -37,7 +39,8 @@ pub struct Cutting {
 }
 
 impl Cutting {
-    /// By the rack of ISO 53, profile A, without profile shift; module in metres, pressure angle in radians.
+    /// By the rack of ISO 53, profile A, without profile shift; module in metres, pressure angle in
+    /// radians.
     pub fn standard(module_m: f64, pressure_angle_rad: f64) -> Self {
         Self {
             module_m,
@@ -54,7 +57,8 @@ impl GearGeometry {
     /// An external gear of a face width and bore radius (m); `which` names it in errors.
     ///
     /// # Errors
-    /// Where there is no such gear. Of shifted teeth, and of teeth whose tips the sheet states: an undercut flank, tips below the flank, pointed tips.
+    /// Where there is no such gear. Of shifted teeth, and of teeth whose tips the sheet states: an
+    /// undercut flank, tips below the flank, pointed tips.
     pub fn cut(
         which: &str,
         teeth: u32,
@@ -150,7 +154,8 @@ impl GearGeometry {
         Ok(self)
     }
 
-    /// Profile shift / module, rounded up to three decimals, from which on the rack does not undercut the teeth: `x = h_a* − z sin² α₀ / 2`, by the normal module of helical teeth too,
+    /// Profile shift / module, rounded up to three decimals, from which on the rack does not
+    /// undercut the teeth: `x = h_a* − z sin² α₀ / 2`, by the normal module of helical teeth too,
     /// whose addendum is 1 of that.
     pub(crate) fn least_shift(&self) -> f64 {
         let sin = self.pressure_angle_rad.sin();

@@ -15,7 +15,8 @@ pub struct Mounting {
     pub centre_shift_m: f64,
 }
 
-/// Two gears at an operating centre distance. Gear 1, the pinion, drives. One of them may be internal.
+/// Two gears at an operating centre distance. Gear 1, the pinion, drives. One of them may be
+/// internal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PairGeometry {
     /// The driving gear.
@@ -24,11 +25,13 @@ pub struct PairGeometry {
     pub wheel: GearGeometry,
     /// Centre distance a.
     pub centre_distance_m: f64,
-    /// Operating pressure angle, `cos α_w = (r_b1 + r_b2) / a`; of an internal pair with the difference of the base radii.
+    /// Operating pressure angle, `cos α_w = (r_b1 + r_b2) / a`; of an internal pair with the
+    /// difference of the base radii.
     pub operating_angle_rad: f64,
     /// Length of the line of action between the tangent points, `T = a sin α_w`.
     pub tangent_length_m: f64,
-    /// Pinion roll coordinate at which a pair enters: where the wheel's tip is, `ξ_A = T − sqrt(r_a2² − r_b2²)` of external pairs.
+    /// Pinion roll coordinate at which a pair enters: where the wheel's tip is,
+    /// `ξ_A = T − sqrt(r_a2² − r_b2²)` of external pairs.
     pub entry_roll_m: f64,
     /// Pinion roll coordinate at which a pair leaves, `ξ_E = sqrt(r_a1² − r_b1²)`.
     pub exit_roll_m: f64,
@@ -38,23 +41,28 @@ pub struct PairGeometry {
     pub base_pitch_m: f64,
     /// Contact ratio ε = |ξ_E − ξ_A| / p_b.
     pub contact_ratio: f64,
-    /// Play along the line of action of the nominal centre distance beyond that free of play, `2 (r_b1 + r_b2)(inv α_a − inv α_w)` (m).
+    /// Play along the line of action of the nominal centre distance beyond that free of play,
+    /// `2 (r_b1 + r_b2)(inv α_a − inv α_w)` (m).
     pub play_m: f64,
-    /// Thickness of the pinion's teeth on its working pitch circle / pitch; half without profile shift.
+    /// Thickness of the pinion's teeth on its working pitch circle / pitch; half without profile
+    /// shift.
     pub pinion_thickness: f64,
 }
 
 impl PairGeometry {
-    /// A pair at its centre distance free of play, `a = r₁ + r₂` where the gears have no profile shift together, plus `centre_shift_m`. As [`Self::mounted`].
+    /// A pair at its centre distance free of play, `a = r₁ + r₂` where the gears have no profile
+    /// shift together, plus `centre_shift_m`. As [`Self::mounted`].
     pub fn new(pinion: GearGeometry, wheel: GearGeometry, centre_shift_m: f64) -> Result<Self, PairError> {
         Self::mounted(pinion, wheel, Mounting { centre_distance_m: None, centre_shift_m })
     }
 
     /// A pair where it is mounted.
     ///
-    /// Refused: interference (a tip reaches below the other gear's base circle, of shifted gears below its involute), a contact ratio below 1 or of 3 and more.
+    /// Refused: interference (a tip reaches below the other gear's base circle, of shifted gears
+    /// below its involute), a contact ratio below 1 or of 3 and more.
     ///
-    /// Teeth of an internal gear are cut back to where the involute of its mate begins, as shapers leave them: standard tips would rub on its fillets.
+    /// Teeth of an internal gear are cut back to where the involute of its mate begins, as shapers
+    /// leave them: standard tips would rub on its fillets.
     pub fn mounted(mut pinion: GearGeometry, mut wheel: GearGeometry, mounting: Mounting) -> Result<Self, PairError> {
         if pinion.internal && wheel.internal {
             return Err(PairError::BothInternal);
@@ -148,12 +156,14 @@ impl PairGeometry {
         self.pinion.internal || self.wheel.internal
     }
 
-    /// 1 where the pinion's roll coordinate grows as the pair goes on, −1 where the pinion is internal: its teeth, too, are climbed from root to tip.
+    /// 1 where the pinion's roll coordinate grows as the pair goes on, −1 where the pinion is
+    /// internal: its teeth, too, are climbed from root to tip.
     pub fn climb(&self) -> f64 {
         if self.pinion.internal { -1.0 } else { 1.0 }
     }
 
-    /// Operating pressure angle, negative where the pinion is internal: the force on the wheel is turned by it from the tangent towards the pinion's outside.
+    /// Operating pressure angle, negative where the pinion is internal: the force on the wheel is
+    /// turned by it from the tangent towards the pinion's outside.
     pub fn signed_angle_rad(&self) -> f64 {
         self.climb() * self.operating_angle_rad
     }
@@ -180,17 +190,21 @@ impl PairGeometry {
         self.climb() * (self.pitch_roll_m - self.entry_roll_m) / self.base_pitch_m
     }
 
-    /// Distance (m, along the line of action) by which a tip is still away from the mating flank when the pair is
-    /// `lead` mesh cycles before its theoretical entry (`at_exit = false`) or after its theoretical exit (`true`): corner contact.
+    /// Distance (m, along the line of action) by which a tip is still away from the mating flank
+    /// when the pair is `lead` mesh cycles before its theoretical entry (`at_exit = false`) or
+    /// after its theoretical exit (`true`): corner contact.
     ///
-    /// Derivation: the tip of the one gear turns on its tip circle; the mating flank at the radius of the tip is turned
-    /// away from it by an angle, which times the base radius is the way along the line of action. It grows as `lead²`.
+    /// Derivation: the tip of the one gear turns on its tip circle; the mating flank at the radius
+    /// of the tip is turned away from it by an angle, which times the base radius is the way along
+    /// the line of action. It grows as `lead²`.
     pub fn corner_gap_m(&self, lead: f64, at_exit: bool) -> f64 {
-        // By symmetry the exit is the entry with the gears exchanged: `tip` owns the corner, `flank` the flank.
+        // By symmetry the exit is the entry with the gears exchanged: `tip` owns the corner,
+        // `flank` the flank.
         let (tip, flank) = if at_exit { (&self.pinion, &self.wheel) } else { (&self.wheel, &self.pinion) };
         let a = self.centre_distance_m;
         let tip_angle = (tip.base_radius_m / tip.tip_radius_m).acos();
-        // Angle of the corner from the line of centres, seen from its own centre, at theoretical contact.
+        // Angle of the corner from the line of centres, seen from its own centre, at theoretical
+        // contact.
         let at_contact = tip_angle - self.operating_angle_rad;
         let turn_tip = TAU * lead / f64::from(tip.teeth);
         let turn_flank = TAU * lead / f64::from(flank.teeth);
@@ -199,7 +213,8 @@ impl PairGeometry {
             roll - roll.atan()
         };
         if !self.is_internal() {
-            // From the line of centres to the corner, `lead` before contact it stands further from the line.
+            // From the line of centres to the corner, `lead` before contact it stands further from
+            // the line.
             let polar = |angle: f64| {
                 let (sin, cos) = angle.sin_cos();
                 let (x, y) = (a - tip.tip_radius_m * cos, tip.tip_radius_m * sin);
@@ -207,11 +222,13 @@ impl PairGeometry {
             };
             let (radius_0, angle_0) = polar(at_contact);
             let (radius, angle) = polar(at_contact + turn_tip);
-            // Angles towards the entry side are positive: the flank lies further back by `turn_flank`, and leans back towards its tip.
+            // Angles towards the entry side are positive: the flank lies further back by
+            // `turn_flank`, and leans back towards its tip.
             let flank_angle = angle_0 + turn_flank + flank_inv(radius) - flank_inv(radius_0);
             return ((flank_angle - angle) * flank.base_radius_m).max(0.0);
         }
-        // Both gears turn in one sense. Seen along the line of action from the base circles outwards the external gear's contact moves out as it drives; where the internal gear
+        // Both gears turn in one sense. Seen along the line of action from the base circles
+        // outwards the external gear's contact moves out as it drives; where the internal gear
         // drives, everything runs backwards, and the lead is one of time, whichever way.
         let centre = if tip.internal { -a } else { a };
         let polar = |angle: f64| {
@@ -219,7 +236,8 @@ impl PairGeometry {
             let (x, y) = (tip.tip_radius_m * cos + centre, tip.tip_radius_m * sin);
             (x.hypot(y), y.atan2(x))
         };
-        // The corner leaves the contact inwards where it belongs to the internal gear, outwards where to the external one.
+        // The corner leaves the contact inwards where it belongs to the internal gear, outwards
+        // where to the external one.
         let away = if tip.internal { -1.0 } else { 1.0 };
         let (radius_0, angle_0) = polar(at_contact);
         let (radius, angle) = polar(at_contact + away * turn_tip);
@@ -246,7 +264,8 @@ fn above_the_fillets([pinion, wheel]: [&GearGeometry; 2], tangent_length_m: f64)
     for (long, short, [name, other]) in [(wheel, pinion, ["wheel", "pinion"]), (pinion, wheel, ["pinion", "wheel"])] {
         let start = short.involute_start_radius_m().unwrap_or(short.base_radius_m);
         let reach = (tangent_length_m - short.roll_at_radius_m(start)).max(0.0);
-        // A rack's own tips touch where the involute begins: what is less than a nanometre below is rounding.
+        // A rack's own tips touch where the involute begins: what is less than a nanometre below is
+        // rounding.
         if long.roll_at_radius_m(long.tip_radius_m) > reach + 1e-9 {
             return Err(PairError::BelowInvolute {
                 long: name,
@@ -260,7 +279,8 @@ fn above_the_fillets([pinion, wheel]: [&GearGeometry; 2], tangent_length_m: f64)
     Ok(())
 }
 
-/// Least number of teeth that mates with `other` teeth of this addendum / module without interference (no shift).
+/// Least number of teeth that mates with `other` teeth of this addendum / module without
+/// interference (no shift).
 fn fewest_teeth(other: u32, pressure_angle_rad: f64, addendum: f64) -> u32 {
     let free = |z: u32| {
         let (z, other) = (f64::from(z), f64::from(other));
@@ -283,7 +303,8 @@ mod tests {
         PairGeometry::new(inside, around, 0.0).unwrap()
     }
 
-    /// Tooth of an internal gear at its pitch circle: half the pitch thick, and thicker towards the root; the height counts towards the tip.
+    /// Tooth of an internal gear at its pitch circle: half the pitch thick, and thicker towards the
+    /// root; the height counts towards the tip.
     #[test]
     fn analytic_internal_tooth() {
         let ring = pair(36, 100).wheel;
@@ -299,8 +320,10 @@ mod tests {
         assert!(at(ring.tip_radius_m).0 > at(ring.root_radius_m).0);
     }
 
-    /// Contact of planet and ring by hand: 36 and 100 teeth of 1 mm. The ring's tips are cut back by 0.0770 mm to where the planet's involute begins (ξ = r_b tan α − m/sin α = 3.2326 mm); the planet's tip leaves at
-    /// 8.6545 mm: ε = 1.8366. With the ring driving the same way is gone backwards.
+    /// Contact of planet and ring by hand: 36 and 100 teeth of 1 mm. The ring's tips are cut back
+    /// by 0.0770 mm to where the planet's involute begins (ξ = r_b tan α − m/sin α = 3.2326 mm);
+    /// the planet's tip leaves at 8.6545 mm: ε = 1.8366. With the ring driving the same way is gone
+    /// backwards.
     #[test]
     fn analytic_internal_pair_by_hand() {
         let pair = pair(36, 100);
@@ -321,8 +344,10 @@ mod tests {
         assert!((pair.pitch_phase() + back.pitch_phase() - pair.contact_ratio).abs() < 1e-12);
     }
 
-    /// Beyond the path the tip corner of an internal pair leaves the mating involute with the square of the lead (conjugate motion: no linear part), to either side and for either driver alike. The figures are those of an
-    /// evaluation by hand: 0.2406 and 0.1841 µm at a twentieth of a cycle.
+    /// Beyond the path the tip corner of an internal pair leaves the mating involute with the
+    /// square of the lead (conjugate motion: no linear part), to either side and for either driver
+    /// alike. The figures are those of an evaluation by hand: 0.2406 and 0.1841 µm at a twentieth
+    /// of a cycle.
     #[test]
     fn analytic_corner_gaps_of_an_internal_pair() {
         let pair = pair(36, 100);

@@ -56,8 +56,9 @@ impl FlankPoint {
     /// # Formula
     /// The contact line is `b / cos β_b` long and bears `F / cos β_b` along the normal: the load
     /// per length is `F' = F/b`. Across the line the flanks curve by `cos β_b` of their curvature
-    /// in the transverse section (the `cos β_b` in Z_H of ISO 6336-2). The axes are parallel, so that
-    /// the flanks slide and roll across the line, with the speeds `ω ξ` of the transverse section.
+    /// in the transverse section (the `cos β_b` in Z_H of ISO 6336-2). The axes are parallel, so
+    /// that the flanks slide and roll across the line, with the speeds `ω ξ` of the transverse
+    /// section.
     pub fn inclined(mesh: &MeshModel, cycles: f64, load_n: f64, length_m: f64, base_helix_rad: f64) -> Self {
         let pair = mesh.geometry();
         let modulus = contact_modulus_pa(mesh.material());

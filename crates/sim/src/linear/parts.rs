@@ -8,10 +8,12 @@ use super::{BearingFrame, DIRECT_PATH_MASS_KG, GearPlace, LinearTrain, MeshGeome
 use crate::geometry::{CLEARANCE, RIM};
 use crate::meshes::{MeshKind, MeshPlace, force_per_torque};
 
-/// Mass and inertia of a gear: as the bench file says, otherwise a solid steel disc with its bore, up to where the middle of the rack's teeth was.
+/// Mass and inertia of a gear: as the bench file says, otherwise a solid steel disc with its bore,
+/// up to where the middle of the rack's teeth was.
 ///
 /// # Formula
-/// `m = ρ π b (R² − r_b²)`, `J = m (R² + r_b²) / 2`, `R = r + x m_n`, with the bore a quarter of the pitch diameter where it is left out. `shift` is x.
+/// `m = ρ π b (R² − r_b²)`, `J = m (R² + r_b²) / 2`, `R = r + x m_n`, with the bore a quarter of
+/// the pitch diameter where it is left out. `shift` is x.
 pub fn gear_mass_and_inertia(gear: &Gear, shift: f64, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
     let reference = stage.reference_radius_m(gear.teeth);
     let bore = gear.bore_mm.map_or(0.25 * reference, |mm| 0.5e-3 * mm);
@@ -22,7 +24,8 @@ pub fn gear_mass_and_inertia(gear: &Gear, shift: f64, stage: &Stage, density_kg_
     (mass, inertia)
 }
 
-/// Mass and inertia of an internal gear: as the bench file says, otherwise a steel ring from its reference circle to the end of its rim.
+/// Mass and inertia of an internal gear: as the bench file says, otherwise a steel ring from its
+/// reference circle to the end of its rim.
 pub(crate) fn ring_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m3: f64) -> (f64, f64) {
     let inner = stage.reference_radius_m(gear.teeth);
     let outer = gear.bore_mm.map_or(inner + (1.0 + CLEARANCE + RIM) * 1e-3 * stage.module_mm, |mm| 0.5e-3 * mm);
@@ -32,11 +35,12 @@ pub(crate) fn ring_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m
     (mass, gear.inertia_kg_m2.unwrap_or(0.5 * mass * (outer.powi(2) + inner.powi(2))))
 }
 
-/// Force along the pinion's axis per mesh force on the transverse line of action, where the pinion turns counter-clockwise seen from the motor; positive towards
-/// the motor. 0 for straight teeth.
+/// Force along the pinion's axis per mesh force on the transverse line of action, where the pinion
+/// turns counter-clockwise seen from the motor; positive towards the motor. 0 for straight teeth.
 ///
 /// # Formula
-/// `tan β_b = tan β cos α_t`. The flank of a right-hand gear is a right-hand screw: the force that brakes it pushes it along its own vector of rotation.
+/// `tan β_b = tan β cos α_t`. The flank of a right-hand gear is a right-hand screw: the force that
+/// brakes it pushes it along its own vector of rotation.
 fn thrust(stage: &Stage) -> f64 {
     let Some(helix) = &stage.gearing.helix else { return 0.0 };
     let right = match helix.hands {
@@ -156,7 +160,8 @@ impl LinearTrain {
         let shift = stage.is_external_pair().then(|| stage.pair_shift().ok()).flatten();
         let alpha = shift.map_or(angle, |shift| shift.working_angle_rad);
         let coefficients = shift.map_or([0.0; 2], |shift| shift.coefficients);
-        // From the pinion's centre to where it touches: an internal wheel has its centre on the other side.
+        // From the pinion's centre to where it touches: an internal wheel has its centre on the
+        // other side.
         let alone_inside = stage.gearing.internal && chain.len() == 2;
         let centres = stage.line_of_centres_deg.to_radians() + if alone_inside { std::f64::consts::PI } else { 0.0 };
         let along = [centres.cos(), centres.sin()];

@@ -1,16 +1,19 @@
 //! What a planetary stage passes on to housing and sensors, which stand still while it turns.
 //!
 //! # Formula
-//! Bearings of sun and carrier pass on the force `k x + c ẋ` of their frame, turned by the carrier's angle φ. A ring and the housing around it give way where a planet stands, and a sensor
+//! Bearings of sun and carrier pass on the force `k x + c ẋ` of their frame, turned by the
+//! carrier's angle φ. A ring and the housing around it give way where a planet stands, and a sensor
 //! hears that planet loudest: the mesh force `F_i` of ring and planet i reaches it by
 //!
 //! ```text
 //! w(φ + ψ_i − β) F_i,      w(x) = exp(κ (cos x − 1))
 //! ```
 //!
-//! with β the sensor's direction. Its Fourier coefficients `e^{−κ} I_d(κ)` fall with every order, so that all lines exist that planets leave: 0.47, 0.21, 0.05, 0.008 for κ = 1, near the Hamming window
-//! 0.54, 0.23 by which X. Liang, M. J. Zuo, M. R. Hoseini ("Vibration signal modeling of a planetary gear set for tooth crack detection", Eng. Fail. Anal. 48 (2015) 185) weigh planets, which has no
-//! further ones. No sheet says how a housing carries; κ is the one number of the path.
+//! with β the sensor's direction. Its Fourier coefficients `e^{−κ} I_d(κ)` fall with every order,
+//! so that all lines exist that planets leave: 0.47, 0.21, 0.05, 0.008 for κ = 1, near the Hamming
+//! window 0.54, 0.23 by which X. Liang, M. J. Zuo, M. R. Hoseini ("Vibration signal modeling of a
+//! planetary gear set for tooth crack detection", Eng. Fail. Anal. 48 (2015) 185) weigh planets,
+//! which has no further ones. No sheet says how a housing carries; κ is the one number of the path.
 
 use gearwatch_core::bench::Bench;
 
@@ -44,7 +47,8 @@ pub struct Heard {
     pub at: usize,
     /// Direction (rad).
     pub direction_rad: f64,
-    /// Factor on each force of [`Passage::forces`]: on a housing coordinate a force, at a sensor m/s² per N.
+    /// Factor on each force of [`Passage::forces`]: on a housing coordinate a force, at a sensor
+    /// m/s² per N.
     pub gains: Vec<f64>,
 }
 
@@ -57,7 +61,8 @@ pub struct Passage {
     pub housing: Vec<Heard>,
     /// Sensors that hear them directly.
     pub sensors: Vec<Heard>,
-    /// Per stage: first mesh, and radians by which the carrier turns counter-clockwise per cycle of it.
+    /// Per stage: first mesh, and radians by which the carrier turns counter-clockwise per cycle of
+    /// it.
     pub carriers: Vec<Option<(usize, f64)>>,
 }
 

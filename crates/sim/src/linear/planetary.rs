@@ -1,7 +1,9 @@
-//! A planetary stage in the train, in the frame of its carrier: the lumped model of [`crate::planetary`], with sun, carrier and ring on their shafts.
+//! A planetary stage in the train, in the frame of its carrier: the lumped model of
+//! [`crate::planetary`], with sun, carrier and ring on their shafts.
 //!
 //! # Formula
-//! The rows of [`crate::planetary`] for any sense. With `τ` and `ρ` of [`crate::meshes`], counter-clockwise angles `θ` and planet n at `ψ_n`:
+//! The rows of [`crate::planetary`] for any sense. With `τ` and `ρ` of [`crate::meshes`],
+//! counter-clockwise angles `θ` and planet n at `ψ_n`:
 //!
 //! ```text
 //! δ_sn = τ (y_s cos(ψ_n − τα) − x_s sin(ψ_n − τα)) − ζ_n sin α − τ η_n cos α + τ (r_bs θ_s + r_bp θ_n)
@@ -9,8 +11,10 @@
 //! pin    x_c cos ψ_n + y_c sin ψ_n − ζ_n,   y_c cos ψ_n − x_c sin ψ_n + r_c θ_c − η_n
 //! ```
 //!
-//! The member that stands still does not turn. It moves sideways on the stiffer of the bearings beside it, as in [`crate::planetary`]. Bearings of central members are alike in all directions and so the
-//! same in the carrier's frame. Left out, as there: gyroscopic terms of the turning frame, which shift a mode of central members by the carrier's speed at most.
+//! The member that stands still does not turn. It moves sideways on the stiffer of the bearings
+//! beside it, as in [`crate::planetary`]. Bearings of central members are alike in all directions
+//! and so the same in the carrier's frame. Left out, as there: gyroscopic terms of the turning
+//! frame, which shift a mode of central members by the carrier's speed at most.
 
 use gearwatch_core::bench::{Bench, Member, Planetary, Stage};
 use gearwatch_core::train::{PlanetarySet, Train};
@@ -131,7 +135,8 @@ impl<'a> Rows<'a> {
         angle
     }
 
-    /// Approach of a planet to sun or ring as a row of `n` coordinates, and what else belongs to the mesh.
+    /// Approach of a planet to sun or ring as a row of `n` coordinates, and what else belongs to
+    /// the mesh.
     fn mesh(&self, n: usize, at_sun: bool, k: usize) -> (DVector<f64>, MeshGeometry) {
         let &Self { torque, turning, alpha, bases: [sun_base, planet_base, ring_base], ref masses, .. } = self;
         let (planet, psi) = (self.places.planets[k], self.angles[k]);

@@ -6,7 +6,8 @@ use super::{MeshModel, MeshState};
 use crate::geometry::PairGeometry;
 
 impl MeshModel {
-    /// Total backlash (m) along the line of action: nominal, and `2 sin α_w` times what the centre distance has grown by.
+    /// Total backlash (m) along the line of action: nominal, and `2 sin α_w` times what the centre
+    /// distance has grown by.
     pub fn backlash_m(&self, state: &MeshState) -> f64 {
         if self.geometry.is_internal() {
             // Axes that part come together on the other side of the ring.
@@ -18,12 +19,14 @@ impl MeshModel {
         (self.backlash_m + 2.0 * sin * (self.modifications.pair.centre_shift_m + lag * sin)).max(0.0)
     }
 
-    /// By how much the levers of the mesh force about the shafts of pinion and wheel exceed the base radii (m) at a phase: the centres of eccentric gears
-    /// stand beside their shafts.
+    /// By how much the levers of the mesh force about the shafts of pinion and wheel exceed the
+    /// base radii (m) at a phase: the centres of eccentric gears stand beside their shafts.
     ///
     /// # Formula
-    /// The approach holds `ε₁ sin(ψ₁ + α) + ε₂ sin(ψ₂ − α)`, so virtual work gives the moments `−F ε₁ cos(ψ₁ + α)` and `−F ε₂ cos(ψ₂ − α)`, each about its
-    /// own shaft in its sense of rotation. Gears of an internal pair turn in one sense: there the wheel's approach is `−ε₂ sin(ψ₂ + α)`, and α is negative where the pinion is internal.
+    /// The approach holds `ε₁ sin(ψ₁ + α) + ε₂ sin(ψ₂ − α)`, so virtual work gives the moments
+    /// `−F ε₁ cos(ψ₁ + α)` and `−F ε₂ cos(ψ₂ − α)`, each about its own shaft in its sense of
+    /// rotation. Gears of an internal pair turn in one sense: there the wheel's approach is
+    /// `−ε₂ sin(ψ₂ + α)`, and α is negative where the pinion is internal.
     pub fn lever_m(&self, phase: f64) -> [f64; 2] {
         let alpha = self.geometry.signed_angle_rad();
         let same_sense = self.geometry.is_internal();
@@ -58,7 +61,8 @@ impl MeshModel {
             if gear.eccentricity_m != 0.0 {
                 let turns = state.phase / f64::from(z);
                 let (sin, cos) = (TAU * (turns - turns.floor()) + gear.eccentricity_phase_rad).sin_cos();
-                // The wheel turns the other way, but not in an internal pair, and its displacement counts against the pinion's.
+                // The wheel turns the other way, but not in an internal pair, and its displacement
+                // counts against the pinion's.
                 own_x += sense * gear.eccentricity_m * cos;
                 own_y += if self.geometry.is_internal() { sense } else { 1.0 } * gear.eccentricity_m * sin;
             }
@@ -88,11 +92,13 @@ impl ShiftFactors {
     pub(super) fn new(geometry: &PairGeometry) -> Self {
         let (sin, cos) = geometry.signed_angle_rad().sin_cos();
         if geometry.is_internal() {
-            // To first order the contact of an internal pair stays where it is on both flanks: radii of curvature differ little.
+            // To first order the contact of an internal pair stays where it is on both flanks:
+            // radii of curvature differ little.
             return Self { pinion_x: 0.0, pinion_y: 0.0, wheel_x: 0.0, sin, cos };
         }
         let a = geometry.centre_distance_m;
-        // Rotation of the line of action: the line of centres turns by −y/a, the pressure angle grows by −x cos α/(a sin α).
+        // Rotation of the line of action: the line of centres turns by −y/a, the pressure angle
+        // grows by −x cos α/(a sin α).
         let per_turn = -geometry.pinion.base_radius_m / geometry.base_pitch_m;
         Self {
             pinion_x: per_turn * cos / (a * sin),
@@ -105,8 +111,8 @@ impl ShiftFactors {
     }
 }
 
-/// What displaced axes do to the contact: advance of the pinion's position and lag of the wheel's against it (mesh
-/// cycles), and the gap (m) that the gears' own eccentricity opens.
+/// What displaced axes do to the contact: advance of the pinion's position and lag of the wheel's
+/// against it (mesh cycles), and the gap (m) that the gears' own eccentricity opens.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shift {
     pub(super) pinion: f64,
@@ -121,7 +127,8 @@ mod tests {
     use crate::mesh::MeshOptions;
     use crate::test_bench;
 
-    /// The levers are the derivatives of the approach by the angles of the gears: central differences over 1e-4 rad err by 2e-9 of the eccentricity.
+    /// The levers are the derivatives of the approach by the angles of the gears: central
+    /// differences over 1e-4 rad err by 2e-9 of the eccentricity.
     #[test]
     fn analytic_levers_are_the_derivative_of_the_approach() {
         let bench = test_bench::single_stage();

@@ -1,4 +1,5 @@
-//! Force of a whole face by mesh phase and approach, for faces that repeat with the mesh cycle but where single teeth are damaged.
+//! Force of a whole face by mesh phase and approach, for faces that repeat with the mesh cycle but
+//! where single teeth are damaged.
 
 use super::{Face, LoadPoint, MeshForce, MeshModel, MeshState, Pairs};
 
@@ -8,8 +9,9 @@ const DEPTHS: usize = 25;
 /// The approaches between the first and the last node, by the static one.
 const LEAST: f64 = 0.2;
 const MOST: f64 = 2.6;
-/// Tolerated miss of the force between the nodes, by the force at the static approach: single places where a slice comes to carry. Mesh harmonics are
-/// met within 1e-5 of it (`oracle_harmonics_of_the_table_are_those_of_the_slices`).
+/// Tolerated miss of the force between the nodes, by the force at the static approach: single
+/// places where a slice comes to carry. Mesh harmonics are met within 1e-5 of it
+/// (`oracle_harmonics_of_the_table_are_those_of_the_slices`).
 const TOLERATED: f64 = 1e-3;
 /// Overlap below which pairs come and go too abruptly for a table.
 const LEAST_OVERLAP: f64 = 0.25;
@@ -18,7 +20,8 @@ const MOST_CYCLES: u64 = 1000;
 /// Places at which the table is held against the slices.
 const TRIALS: usize = 97;
 
-/// How much earlier or later than the pairs are looked for one may still be near contact (mesh cycles); displaced axes move less.
+/// How much earlier or later than the pairs are looked for one may still be near contact (mesh
+/// cycles); displaced axes move less.
 const MARGIN: f64 = 0.1;
 
 /// Which teeth of a gear are not like the others, by number.
@@ -33,12 +36,14 @@ pub(crate) struct FaceTable {
     per_m: f64,
     /// Of pinion and wheel; `None` where all teeth are alike.
     special: Option<[Special; 2]>,
-    /// Pairs with numbers from the phase less the first to the phase plus the second are near contact.
+    /// Pairs with numbers from the phase less the first to the phase plus the second are near
+    /// contact.
     near: [f64; 2],
 }
 
 impl FaceTable {
-    /// The table about a static approach (m). `None` where most of the teeth differ, where gears turn off their centres, or where the force is no smooth function.
+    /// The table about a static approach (m). `None` where most of the teeth differ, where gears
+    /// turn off their centres, or where the force is no smooth function.
     pub(crate) fn new(
         face: &Face,
         whole: &MeshModel,
@@ -100,7 +105,8 @@ impl FaceTable {
         !(first..=last).any(|pair| damaged(pinion, pair) || damaged(wheel, pair))
     }
 
-    /// Force (N) and tangent stiffness (N/m); `None` outside of the table, and where a damaged tooth is near contact.
+    /// Force (N) and tangent stiffness (N/m); `None` outside of the table, and where a damaged
+    /// tooth is near contact.
     #[inline]
     pub(crate) fn at(&self, phase: f64, approach_m: f64) -> Option<(f64, f64)> {
         if !self.is_sound(phase) {
@@ -195,7 +201,8 @@ mod tests {
     use super::*;
     use crate::mesh::{MeshOptions, StageMesh};
 
-    /// Force of table and slices at places along some mesh cycles from the first, at an approach near that of the load.
+    /// Force of table and slices at places along some mesh cycles from the first, at an approach
+    /// near that of the load.
     fn both(effects: &[&str], cycles: usize, places: usize) -> (Vec<(Option<f64>, f64)>, f64) {
         let mut bench = crate::shipped::bench("helical-two-stage").unwrap();
         bench.effects = effects
@@ -221,7 +228,8 @@ mod tests {
         ((0..cycles * places).map(at).collect(), 1000.0)
     }
 
-    /// Mesh harmonics 1 to 5 of the force at one approach are those of the slices within 1e-5 of the load.
+    /// Mesh harmonics 1 to 5 of the force at one approach are those of the slices within 1e-5 of
+    /// the load.
     #[test]
     fn oracle_harmonics_of_the_table_are_those_of_the_slices() {
         let places = 960;
@@ -269,7 +277,8 @@ mod tests {
         }
     }
 
-    /// Near a damaged tooth the table has no answer, and of the 23 mesh cycles of a turn it leaves out those alone in which that tooth may touch; elsewhere it holds.
+    /// Near a damaged tooth the table has no answer, and of the 23 mesh cycles of a turn it leaves
+    /// out those alone in which that tooth may touch; elsewhere it holds.
     #[test]
     fn oracle_a_damaged_tooth_is_left_to_the_slices() {
         for effect in ["tooth_breakage", "root_crack", "pitting"] {

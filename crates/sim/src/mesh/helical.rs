@@ -1,27 +1,34 @@
 //! The mesh of a helical pair by thin slices along the face width.
 //!
 //! # Formula
-//! Each slice is a spur pair in the transverse section (Z. Wan, H. Cao, Y. Zi, W. He, Y. Chen, "Mesh stiffness calculation using an accumulated integral potential
-//! energy method and dynamic analysis of helical gears", Mech. Mach. Theory 92 (2015) 447): with normal module `m_n`, normal pressure angle `α_n` and helix angle `β`
+//! Each slice is a spur pair in the transverse section (Z. Wan, H. Cao, Y. Zi, W. He, Y. Chen,
+//! "Mesh stiffness calculation using an accumulated integral potential energy method and dynamic
+//! analysis of helical gears", Mech. Mach. Theory 92 (2015) 447): with normal module `m_n`, normal
+//! pressure angle `α_n` and helix angle `β`
 //!
 //! ```text
 //! m_t = m_n / cos β      tan α_t = tan α_n / cos β      tan β_b = tan β cos α_t      ε_β = b sin β / (π m_n)
 //! h_a = m_n,  c = c* m_n:  by m_t they are cos β and c* cos β; the profile shift x m_n is x cos β
 //! ```
 //!
-//! and a slice at `x` of the width `b` (from the middle) is `ε_β x / b` mesh cycles behind. Approach `δ` and force `F` are those along the *transverse* line of
-//! action; `F tan β_b` pushes along the axis. Bodies and teeth of a slice give way as in the transverse section; the contact, of length `Δx / cos β_b` under
-//! `F / cos β_b`, gives way along the normal, which is `cos β_b` of `δ`: for a law `C_h ∝ L^-p F^-q` its compliance is that of the spur slice times
-//! `(cos β_b)^(p + q - 2)`. All slices share `δ`, less the missing material `g(x)` of lead slope and crown:
+//! and a slice at `x` of the width `b` (from the middle) is `ε_β x / b` mesh cycles behind.
+//! Approach `δ` and force `F` are those along the *transverse* line of action; `F tan β_b` pushes
+//! along the axis. Bodies and teeth of a slice give way as in the transverse section; the contact,
+//! of length `Δx / cos β_b` under `F / cos β_b`, gives way along the normal, which is `cos β_b` of
+//! `δ`: for a law `C_h ∝ L^-p F^-q` its compliance is that of the spur slice times
+//! `(cos β_b)^(p + q - 2)`. All slices share `δ`, less the missing material `g(x)` of lead slope
+//! and crown:
 //!
 //! ```text
 //! F(u, δ) = 1/N Σ_j F_spur(u - ε_β x_j / b, δ - g(x_j))
 //! ```
 //!
 //! # Limits
-//! At `β = 0` this is the spur model. Slices do not hold each other: the part of the tooth beside a loaded one does not help it, so that the ends of contact
-//! lines are too soft and load is spread a little too evenly. Bending of the teeth along the axis by the axial force is left out, and so is the tilt of the
-//! gears by its moment. A break of the width takes away the slices at the end that enters last; pits are spread over the width.
+//! At `β = 0` this is the spur model. Slices do not hold each other: the part of the tooth beside a
+//! loaded one does not help it, so that the ends of contact lines are too soft and load is spread a
+//! little too evenly. Bending of the teeth along the axis by the axial force is left out, and so is
+//! the tilt of the gears by its moment. A break of the width takes away the slices at the end that
+//! enters last; pits are spread over the width.
 
 use gearwatch_core::bench::{Bench, Gear};
 
@@ -55,7 +62,8 @@ pub struct HelicalGears {
 /// Missing material along the face width (m), the same at all profiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lead {
-    /// At the one end more than at the other, rising towards the end that enters last: lead slope of both gears and misaligned axes together.
+    /// At the one end more than at the other, rising towards the end that enters last: lead slope
+    /// of both gears and misaligned axes together.
     pub slope_m: f64,
     /// At both ends more than in the middle: crown of both gears, parabolic.
     pub crown_m: f64,
@@ -84,7 +92,8 @@ const SLICES_OF_A_TABLE: f64 = 96.0;
 const FEWEST_SLICES: usize = 16;
 
 impl HelicalMesh {
-    /// A pair cut into `slices` parts (1 to 1000); 24 a mesh cycle of overlap leave less than 1 % of single harmonics.
+    /// A pair cut into `slices` parts (1 to 1000); 24 a mesh cycle of overlap leave less than 1 %
+    /// of single harmonics.
     ///
     /// # Errors
     /// For a pair that cannot be, in a sentence that says what would be right.
@@ -103,7 +112,8 @@ impl HelicalMesh {
         Self::made(gears, material, options, teeth, (lead, slices), (fit, &mut FlankStore::default()))
     }
 
-    /// The pair of stage `stage` (from 0) of a bench, with the slices that its overlap asks for. Misaligned axes are a lead slope.
+    /// The pair of stage `stage` (from 0) of a bench, with the slices that its overlap asks for.
+    /// Misaligned axes are a lead slope.
     ///
     /// # Errors
     /// For a stage that cannot be, in a sentence that says what would be right.
@@ -219,26 +229,30 @@ impl HelicalMesh {
         self.face.at_load(&self.transverse, load_n)
     }
 
-    /// Stiffness (N/m) of all contact lines inside their path, whatever the load, deviations and corner contact.
+    /// Stiffness (N/m) of all contact lines inside their path, whatever the load, deviations and
+    /// corner contact.
     pub fn stiffness_n_per_m(&self, phase: f64, load: &LoadPoint) -> f64 {
         let of_slice = |cut: Cut<'_>| cut.mesh.stiffness_n_per_m(phase - cut.lag, load);
         self.face.cuts(&self.transverse).map(of_slice).sum::<f64>() / self.face.count()
     }
 
-    /// Static approach (m) under the load, the static transmission error, and the tangent stiffness (N/m) there. `None` without load or where nothing can touch.
+    /// Static approach (m) under the load, the static transmission error, and the tangent stiffness
+    /// (N/m) there. `None` without load or where nothing can touch.
     pub fn static_point(&self, phase: f64, load: &LoadPoint) -> Option<(f64, f64)> {
         self.face.static_point(&self.transverse, &MeshState { phase, displacement_m: [0.0; 2] }, load, load.load_n)
     }
 
-    /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m), as [`MeshModel::iso_stiffness_n_per_m`] for spur gears: with the virtual teeth `z_n = z / cos³ β` and
-    /// the single stiffness times `cos β`.
+    /// Mean mesh stiffness c_γ b by ISO 6336-1, method B (N/m), as
+    /// [`MeshModel::iso_stiffness_n_per_m`] for spur gears: with the virtual teeth
+    /// `z_n = z / cos³ β` and the single stiffness times `cos β`.
     pub fn iso_stiffness_n_per_m(&self, load_n: f64) -> f64 {
         let HelicalGears { helix_rad, pressure_angle_rad, .. } = self.gears;
         iso_stiffness_n_per_m(&self.transverse, helix_rad, pressure_angle_rad, load_n)
     }
 }
 
-/// c_γ b by ISO 6336-1, method B (N/m), of a transverse section whose teeth have a helix angle and a normal pressure angle (rad).
+/// c_γ b by ISO 6336-1, method B (N/m), of a transverse section whose teeth have a helix angle and
+/// a normal pressure angle (rad).
 pub(crate) fn iso_stiffness_n_per_m(section: &MeshModel, helix_rad: f64, normal_angle_rad: f64, load_n: f64) -> f64 {
     let pair = section.geometry();
     let cos = helix_rad.cos();
@@ -292,7 +306,8 @@ mod tests {
         HelicalMesh::new(gears, MATERIAL, options, &ToothModifications::default(), lead, slices).unwrap()
     }
 
-    /// Harmonics 1 to 5 of a function over one mesh cycle, at places beside those where pairs come and go.
+    /// Harmonics 1 to 5 of a function over one mesh cycle, at places beside those where pairs come
+    /// and go.
     fn harmonics(f: impl Fn(f64) -> f64) -> [Complex64; 5] {
         let n = 480;
         let values: Vec<f64> = (0..n).map(|i| f((f64::from(i) + 0.37) / f64::from(n))).collect();
@@ -303,8 +318,9 @@ mod tests {
         })
     }
 
-    /// At no helix angle stiffness and static transmission error are those of the spur model to 1e-9, at any phase and for any number of slices; and so they are, to
-    /// what the overlap is, at a helix angle of 1e-10 rad away from the places where pairs come and go.
+    /// At no helix angle stiffness and static transmission error are those of the spur model to
+    /// 1e-9, at any phase and for any number of slices; and so they are, to what the overlap is, at
+    /// a helix angle of 1e-10 rad away from the places where pairs come and go.
     #[test]
     fn analytic_no_helix_is_the_spur_model() {
         for options in [MeshOptions::default(), MeshOptions::classical()] {
@@ -326,8 +342,9 @@ mod tests {
         }
     }
 
-    /// At a whole overlap ratio the slices stand at equal phases over whole cycles: no harmonic below the number of slices is left, neither of the stiffness nor of the
-    /// static transmission error with corner contact.
+    /// At a whole overlap ratio the slices stand at equal phases over whole cycles: no harmonic
+    /// below the number of slices is left, neither of the stiffness nor of the static transmission
+    /// error with corner contact.
     #[test]
     fn analytic_whole_overlap_leaves_no_mesh_harmonics() {
         for overlap in [1.0, 2.0] {
@@ -347,12 +364,14 @@ mod tests {
         }
     }
 
-    /// Stiffness harmonics are those of the transverse section times `sin(π k ε_β) / (N sin(π k ε_β / N))`, which goes to the sinc of a continuous face.
+    /// Stiffness harmonics are those of the transverse section times
+    /// `sin(π k ε_β) / (N sin(π k ε_β / N))`, which goes to the sinc of a continuous face.
     #[test]
     fn analytic_harmonics_fall_by_the_sinc_of_the_overlap() {
         let helix = (0.4 * PI * 2e-3 / 25e-3_f64).asin();
         let slices = 12;
-        // 480 points a cycle and 12 slices of 0.4 cycles: every slice falls on a point, so that jumps cost nothing.
+        // 480 points a cycle and 12 slices of 0.4 cycles: every slice falls on a point, so that
+        // jumps cost nothing.
         let helical = mesh(gears(helix), &MeshOptions::classical(), Lead::default(), slices);
         let alone = mesh(HelicalGears { ..gears(helix) }, &MeshOptions::classical(), Lead::default(), 1);
         let load = helical.at_load(LOAD_N);
@@ -365,9 +384,10 @@ mod tests {
         }
     }
 
-    /// The mean stiffness follows the helix angle as c_γ of ISO 6336-1 does (`cos β`, virtual teeth, contact ratio): by as much as the norm claims for a stiffness, 30 %;
-    /// found are 15 % at 30°. The stiffness itself is 0.62 of the norm's on this pair with straight teeth: its bodies give way down to their bores, which
-    /// the norm's solid discs do not.
+    /// The mean stiffness follows the helix angle as c_γ of ISO 6336-1 does (`cos β`, virtual
+    /// teeth, contact ratio): by as much as the norm claims for a stiffness, 30 %; found are 15 %
+    /// at 30°. The stiffness itself is 0.62 of the norm's on this pair with straight teeth: its
+    /// bodies give way down to their bores, which the norm's solid discs do not.
     #[test]
     fn literature_mean_stiffness_follows_iso_6336() {
         let mean_of = |degrees: f64| {
@@ -384,8 +404,10 @@ mod tests {
         assert!((0.55..0.7).contains(&spur), "{spur}");
     }
 
-    /// A lead slope that opens the face by far more than the teeth give way leaves a part of it loaded. For slices of stiffness k and a wedge of depth `s` over
-    /// the width, `F = k δ² / (2 s)` while a part is loaded: a quarter of the load has half of the approach, from the corner on. A crown raises the approach.
+    /// A lead slope that opens the face by far more than the teeth give way leaves a part of it
+    /// loaded. For slices of stiffness k and a wedge of depth `s` over the width,
+    /// `F = k δ² / (2 s)` while a part is loaded: a quarter of the load has half of the approach,
+    /// from the corner on. A crown raises the approach.
     #[test]
     fn analytic_lead_slope_loads_a_part_of_the_face() {
         let options = MeshOptions { hertz: Hertz::Linear, corner_contact: false, ..MeshOptions::default() };
@@ -408,7 +430,8 @@ mod tests {
         assert!(crowned.static_point(0.1, &load).unwrap().0 > plain.static_point(0.1, &load).unwrap().0);
     }
 
-    /// Transverse quantities of a pair by hand: β = 15°, m_n = 2 mm, α_n = 20°, 23/67 teeth, b = 25 mm.
+    /// Transverse quantities of a pair by hand: β = 15°, m_n = 2 mm, α_n = 20°, 23/67 teeth, b = 25
+    /// mm.
     #[test]
     fn analytic_geometry_of_a_pair() {
         let helical = mesh(gears(15_f64.to_radians()), &MeshOptions::default(), Lead::default(), 8);

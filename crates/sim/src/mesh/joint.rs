@@ -1,7 +1,9 @@
-//! The tooth pairs near contact as the exponential stepper takes them: one table for both flanks of a pair.
+//! The tooth pairs near contact as the exponential stepper takes them: one table for both flanks of
+//! a pair.
 //!
-//! Where both gears run on fixed axes, load, contact compliance, deviations and the static displacement of the axes depend on the pair's
-//! position alone and go into one table; eccentric gears shift their flanks against each other all the time, and each flank is looked up.
+//! Where both gears run on fixed axes, load, contact compliance, deviations and the static
+//! displacement of the axes depend on the pair's position alone and go into one table; eccentric
+//! gears shift their flanks against each other all the time, and each flank is looked up.
 
 use super::tables::{Cell, KINKED_CELLS, SIXTHS, SMOOTH_CELLS, cell_at, fit};
 use super::touch::{SLOTS, Touch};
@@ -9,10 +11,12 @@ use super::{LoadPoint, MeshModel, MeshState, Pair, Pairs};
 
 /// Gap of a pair that cannot touch (m).
 const NEVER_M: f64 = 1.0;
-/// Cells per mesh cycle that are tried in turn: tables that stay in the nearest cache are several times faster.
+/// Cells per mesh cycle that are tried in turn: tables that stay in the nearest cache are several
+/// times faster.
 const CELLS: [f64; 3] = [SMOOTH_CELLS, 2.0 * SMOOTH_CELLS, KINKED_CELLS];
-/// Tolerated miss of a cubic: of the largest stiffness and of the root of the shared compliance (1), of the gap (m). Where the contact compliance
-/// goes over from shared to lone contact its curvature jumps, hence no less; single places of this size move no mesh harmonic by 1e-5.
+/// Tolerated miss of a cubic: of the largest stiffness and of the root of the shared compliance
+/// (1), of the gap (m). Where the contact compliance goes over from shared to lone contact its
+/// curvature jumps, hence no less; single places of this size move no mesh harmonic by 1e-5.
 const TOLERATED: [f64; 3] = [1e-4, 1e-4, 3e-10];
 /// Most tables of tooth pairs; a gear whose teeth are all different is looked up by flank.
 const MOST_TABLES: usize = 64;
@@ -48,7 +52,8 @@ struct Table {
 }
 
 impl Joint {
-    /// Tables for a load and a displacement of the axes (m). `None` where more pairs than [`SLOTS`] may be near contact.
+    /// Tables for a load and a displacement of the axes (m). `None` where more pairs than [`SLOTS`]
+    /// may be near contact.
     pub fn new(mesh: &MeshModel, load: &LoadPoint, displacement_m: [f64; 2]) -> Option<Self> {
         let reach = mesh.reach();
         if mesh.geometry.contact_ratio + 2.0 * reach > SLOTS as f64 {

@@ -1,4 +1,5 @@
-//! Which tooth pairs are near contact at a phase, how stiff each is, and how far it is from touching.
+//! Which tooth pairs are near contact at a phase, how stiff each is, and how far it is from
+//! touching.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +14,8 @@ use crate::terms::series;
 
 /// Least part of the face that misaligned flanks touch on.
 const LEAST_PART: f64 = 0.02;
-/// Least factor on the stiffness of the pairs: several terms together must not turn the teeth inside out.
+/// Least factor on the stiffness of the pairs: several terms together must not turn the teeth
+/// inside out.
 const LEAST_STIFFNESS: f64 = 0.02;
 
 impl MeshModel {
@@ -28,7 +30,8 @@ impl MeshModel {
         self.collect(state, 0.0, load, self.reach(), out);
     }
 
-    /// As [`Self::pairs_at`] in a slice of the face whose pairs enter `lag` mesh cycles later. Both gears stand as `state` says.
+    /// As [`Self::pairs_at`] in a slice of the face whose pairs enter `lag` mesh cycles later. Both
+    /// gears stand as `state` says.
     pub(crate) fn pairs_behind(&self, state: &MeshState, lag: f64, load: &LoadPoint, out: &mut Pairs) {
         self.collect(state, lag, load, self.reach(), out);
     }
@@ -69,10 +72,13 @@ impl MeshModel {
         }
     }
 
-    /// As [`Self::pairs`] for the back flanks, which touch when the wheel drives the pinion: their approach is
-    /// `−δ − backlash`. The back flanks carry healthy teeth's stiffness unless a tooth is broken, and no deviations.
+    /// As [`Self::pairs`] for the back flanks, which touch when the wheel drives the pinion: their
+    /// approach is `−δ − backlash`. The back flanks carry healthy teeth's stiffness unless a tooth
+    /// is broken, and no deviations.
     ///
-    /// A mirror maps them to driving flanks that run backwards, `u ↦ 2 s_P + τ − u`: τ is the thickness of the pinion's teeth on the pitch circle by the pitch, half without profile shift.
+    /// A mirror maps them to driving flanks that run backwards, `u ↦ 2 s_P + τ − u`: τ is the
+    /// thickness of the pinion's teeth on the pitch circle by the pitch, half without profile
+    /// shift.
     pub fn back_pairs(&self, phase: f64, load: &LoadPoint, out: &mut Pairs) {
         out.clear();
         out.coupling = self.coupling;
@@ -96,7 +102,8 @@ impl MeshModel {
         }
     }
 
-    /// Compliance and gap, `deviation_m` included, of the pair at pinion position s₁ and wheel position s₂; false where it cannot touch.
+    /// Compliance and gap, `deviation_m` included, of the pair at pinion position s₁ and wheel
+    /// position s₂; false where it cannot touch.
     #[inline(always)]
     pub(super) fn pair(
         &self,
@@ -132,8 +139,10 @@ impl MeshModel {
         pinion.can_touch(s1, reach) & wheel.can_touch(s2, reach)
     }
 
-    /// Flanks at an angle γ touch at one edge first. With the stiffness k/b per width of what is not shared with the neighbours, a pair carries `F = k δ²/(2 γ b)` up to `δ = γ b`, and
-    /// `k (δ − γ b/2)` beyond; here linearised about its part of the load. Two pairs that share it close less of the wedge than one, so the mesh is not softer by one factor everywhere.
+    /// Flanks at an angle γ touch at one edge first. With the stiffness k/b per width of what is
+    /// not shared with the neighbours, a pair carries `F = k δ²/(2 γ b)` up to `δ = γ b`, and
+    /// `k (δ − γ b/2)` beyond; here linearised about its part of the load. Two pairs that share it
+    /// close less of the wedge than one, so the mesh is not softer by one factor everywhere.
     #[cold]
     fn tilt(&self, alone: f64, load: &LoadPoint, pair: &mut Pair) {
         let shared = self.coupling * pair.foundation_m_per_n;
@@ -166,7 +175,8 @@ impl MeshModel {
         [self.geometry.pinion.teeth, self.geometry.wheel.teeth]
     }
 
-    /// All pairs but those of damaged teeth are alike, and nothing turns with a gear: beside the damage the law of the teeth repeats with the mesh cycle.
+    /// All pairs but those of damaged teeth are alike, and nothing turns with a gear: beside the
+    /// damage the law of the teeth repeats with the mesh cycle.
     pub(super) fn repeats_with_the_mesh(&self) -> bool {
         self.modifications.repeat_with_the_mesh()
     }
@@ -230,8 +240,9 @@ impl MeshModel {
         (1.0 + sum).max(LEAST_STIFFNESS)
     }
 
-    /// Smallest phase beyond that of `state` at which a pair nominally enters or leaves (a broken tooth has its own places). With
-    /// corner contact the force is continuous there; without it the stiffness jumps.
+    /// Smallest phase beyond that of `state` at which a pair nominally enters or leaves (a broken
+    /// tooth has its own places). With corner contact the force is continuous there; without it the
+    /// stiffness jumps.
     pub fn next_event(&self, state: &MeshState) -> f64 {
         let phase = state.phase;
         let mut next = f64::INFINITY;
@@ -256,16 +267,16 @@ impl MeshModel {
         next
     }
 
-    /// Static approach (m) under `load_n` at a phase, the static transmission error, and the tangent stiffness (N/m) there.
-    /// Infinite approach and no stiffness where no pair can touch.
+    /// Static approach (m) under `load_n` at a phase, the static transmission error, and the
+    /// tangent stiffness (N/m) there. Infinite approach and no stiffness where no pair can touch.
     pub fn static_point(&self, phase: f64, load: &LoadPoint) -> (f64, f64) {
         let mut pairs = Pairs::default();
         self.pairs_at(&MeshState { phase, displacement_m: [0.0; 2] }, load, &mut pairs);
         pairs.approach_at(load.load_n).unwrap_or((f64::INFINITY, 0.0))
     }
 
-    /// Stiffness (N/m) of the pairs inside their path taken together, whatever the load, deviations and corner contact:
-    /// the k(t) of the literature.
+    /// Stiffness (N/m) of the pairs inside their path taken together, whatever the load, deviations
+    /// and corner contact: the k(t) of the literature.
     pub fn stiffness_n_per_m(&self, phase: f64, load: &LoadPoint) -> f64 {
         let mut pairs = Pairs::default();
         let state = MeshState { phase, displacement_m: [0.0; 2] };

@@ -10,8 +10,8 @@ pub struct MeshOptions {
     pub hertz: Hertz,
     /// Form of the tooth root.
     pub root: Root,
-    /// `c₁₂ / sqrt(f₁ f₂)` of two pairs on the same bodies; `None` adds the pairs up as if each had bodies of its own.
-    /// 0.6 is the middle of what finite elements give, 0.55–0.65.
+    /// `c₁₂ / sqrt(f₁ f₂)` of two pairs on the same bodies; `None` adds the pairs up as if each had
+    /// bodies of its own. 0.6 is the middle of what finite elements give, 0.55–0.65.
     pub body_coupling: Option<f64>,
     /// Loaded teeth touch before the nominal entry and after the nominal exit.
     pub corner_contact: bool,
@@ -32,7 +32,8 @@ impl Default for MeshOptions {
 }
 
 impl MeshOptions {
-    /// The classical form that the paper uses: linear Hertz contact, straight root, pairs simply added up.
+    /// The classical form that the paper uses: linear Hertz contact, straight root, pairs simply
+    /// added up.
     pub fn classical() -> Self {
         Self {
             hertz: Hertz::Linear,

@@ -1,6 +1,7 @@
 //! The tooth pairs in contact at one instant, and the force that they carry together.
 
-/// Most pairs that can be near contact at once: a contact ratio below 3, and corner contact before and after.
+/// Most pairs that can be near contact at once: a contact ratio below 3, and corner contact before
+/// and after.
 pub const MAX_PAIRS: usize = 4;
 
 /// One tooth pair in contact or near it.
@@ -20,7 +21,8 @@ pub struct Pair {
     pub compliance_m_per_n: f64,
     /// Part of it that both gear bodies contribute (m/N); neighbouring pairs share it.
     pub foundation_m_per_n: f64,
-    /// Approach (m) at which this pair begins to touch: flank deviations, and the corner gap before entry and after exit.
+    /// Approach (m) at which this pair begins to touch: flank deviations, and the corner gap before
+    /// entry and after exit.
     pub gap_m: f64,
 }
 
@@ -70,7 +72,8 @@ impl Pairs {
         self.len = 0;
     }
 
-    /// The place of a further pair, to be written and then kept or not; `None` where there are [`MAX_PAIRS`] already.
+    /// The place of a further pair, to be written and then kept or not; `None` where there are
+    /// [`MAX_PAIRS`] already.
     #[inline(always)]
     pub(super) fn next(&mut self) -> Option<&mut Pair> {
         self.items.get_mut(self.len)
@@ -109,16 +112,19 @@ impl Pairs {
         set
     }
 
-    /// The force at approach `approach_m` of the two gears along the line of action (positive closing).
+    /// The force at approach `approach_m` of the two gears along the line of action (positive
+    /// closing).
     ///
-    /// All pairs see one approach: `C F = δ − gap` over the pairs that carry, every force ≥ 0, and a pair that does not
-    /// carry stays apart (a linear complementarity problem with one solution, C being positive definite).
+    /// All pairs see one approach: `C F = δ − gap` over the pairs that carry, every force ≥ 0, and
+    /// a pair that does not carry stays apart (a linear complementarity problem with one solution,
+    /// C being positive definite).
     #[inline(always)]
     pub fn force(&self, approach_m: f64) -> MeshForce {
         let mut set = self.met(approach_m);
         loop {
             let out = self.forced(set, approach_m);
-            // A pair that would have to pull is lifted off by its neighbours' foundation: leave the worst out.
+            // A pair that would have to pull is lifted off by its neighbours' foundation: leave the
+            // worst out.
             let (mut worst, mut least) = (0, 0.0);
             for (i, &force) in out.pair_forces_n.iter().enumerate() {
                 if force < least {
@@ -132,7 +138,8 @@ impl Pairs {
         }
     }
 
-    /// The force if the pairs of `set` (bits in the order of [`Self::as_slice`]), and no others, were in contact, even where they would pull.
+    /// The force if the pairs of `set` (bits in the order of [`Self::as_slice`]), and no others,
+    /// were in contact, even where they would pull.
     #[inline(always)]
     pub fn forced(&self, set: u8, approach_m: f64) -> MeshForce {
         let mut out = MeshForce { set, ..MeshForce::default() };
@@ -212,14 +219,15 @@ impl Pairs {
         }
     }
 
-    /// Approach (m) at which the pairs carry `force_n` together, and the tangent stiffness (N/m) there; `None` where no
-    /// pair is near contact.
+    /// Approach (m) at which the pairs carry `force_n` together, and the tangent stiffness (N/m)
+    /// there; `None` where no pair is near contact.
     pub fn approach_at(&self, force_n: f64) -> Option<(f64, f64)> {
         let first = self.as_slice().iter().map(|p| p.gap_m).min_by(f64::total_cmp)?;
         if force_n <= 0.0 {
             return Some((first, 0.0));
         }
-        // Piecewise linear and increasing with at most MAX_PAIRS + few pieces: Newton from the stiff side ends exactly.
+        // Piecewise linear and increasing with at most MAX_PAIRS + few pieces: Newton from the
+        // stiff side ends exactly.
         let lone = self.as_slice().iter().map(|p| p.gap_m + force_n * p.compliance_m_per_n);
         let mut approach = lone.min_by(f64::total_cmp)?;
         let mut stiffness = 0.0;

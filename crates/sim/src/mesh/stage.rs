@@ -75,8 +75,8 @@ impl StageMesh {
         }
     }
 
-    /// Static approach (m) under the load at a phase, the static transmission error, and the tangent stiffness (N/m) there. Infinite approach and no stiffness where no
-    /// pair can touch.
+    /// Static approach (m) under the load at a phase, the static transmission error, and the
+    /// tangent stiffness (N/m) there. Infinite approach and no stiffness where no pair can touch.
     pub fn static_point(&self, phase: f64, load: &LoadPoint) -> (f64, f64) {
         match &self.face {
             None => self.section.static_point(phase, load),

@@ -1,5 +1,5 @@
-//! Per-tooth tables over the path of contact. A gear has one table per kind of tooth, so a stage with faults costs a few
-//! tables, never one per pair of teeth.
+//! Per-tooth tables over the path of contact. A gear has one table per kind of tooth, so a stage
+//! with faults costs a few tables, never one per pair of teeth.
 
 use std::collections::VecDeque;
 
@@ -12,9 +12,11 @@ use crate::tooth::{Root, ToothProfile};
 
 /// Cells per mesh cycle of a smooth flank.
 pub(super) const SMOOTH_CELLS: f64 = 32.0;
-/// Cells per mesh cycle where the cubics of the smooth division miss by more than is tolerated: relief, wear and damage have kinks.
+/// Cells per mesh cycle where the cubics of the smooth division miss by more than is tolerated:
+/// relief, wear and damage have kinks.
 pub(super) const KINKED_CELLS: f64 = 160.0;
-/// The tables go on this far (mesh cycles) beyond both ends of the nominal path, for eccentric gears.
+/// The tables go on this far (mesh cycles) beyond both ends of the nominal path, for eccentric
+/// gears.
 const MARGIN: f64 = 0.1;
 /// Miss of a cubic, in tolerances, beyond which its cell is taken to hold a kink or jump.
 const BROKEN: f64 = 100.0;
@@ -54,7 +56,8 @@ pub(super) fn cell_at(cells: &[Cell], x: f64) -> [f64; 4] {
     std::array::from_fn(|q| a[q] + w * (b[q] + w * (c[q] + w * d[q])))
 }
 
-/// One kind of tooth over the path of contact, by position s in mesh cycles since the pair's nominal entry.
+/// One kind of tooth over the path of contact, by position s in mesh cycles since the pair's
+/// nominal entry.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ToothTable {
     cells: Vec<Cell>,
@@ -95,7 +98,8 @@ fn cubic([y0, y1, y2, y3]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Cubics through the even points of each cell, and by how much they miss the odd ones, as a multiple of what is tolerated.
+/// Cubics through the even points of each cell, and by how much they miss the odd ones, as a
+/// multiple of what is tolerated.
 pub(super) fn fit(samples: &[[f64; 4]], tolerated: [f64; 4]) -> (Vec<Cell>, f64) {
     let mut worst = 0.0_f64;
     let cells = (0..(samples.len() - 1) / SIXTHS)
@@ -246,13 +250,15 @@ impl GearTables {
     }
 }
 
-/// Tables of flanks that were made before, with all that they were made from, the newest last: neighbouring parameter sets have most of them in common.
+/// Tables of flanks that were made before, with all that they were made from, the newest last:
+/// neighbouring parameter sets have most of them in common.
 #[derive(Clone, Debug, Default)]
 pub struct FlankStore {
     kept: VecDeque<(Made, ToothTable)>,
 }
 
-/// Most tables that are kept: both flanks of each gear of some ten stages, or the kinds of damage of a gear.
+/// Most tables that are kept: both flanks of each gear of some ten stages, or the kinds of damage
+/// of a gear.
 const KEPT: usize = 64;
 
 /// What a table of a flank is made from.
@@ -323,7 +329,8 @@ impl Builder<'_> {
         if let Some(Breakage { fraction, kind: BreakageKind::Height }) = damage.breakage
             && !gone
         {
-            // Nothing touches above r_cut = r_a − f (r_a − r_f): late on a pinion tooth, early on a wheel tooth.
+            // Nothing touches above r_cut = r_a − f (r_a − r_f): late on a pinion tooth, early on a
+            // wheel tooth.
             let cut = gear.tip_radius_m - fraction * (gear.tip_radius_m - gear.root_radius_m);
             let tip_roll = gear.roll_at_radius_m(gear.tip_radius_m);
             let reach = (tip_roll - gear.roll_at_radius_m(cut)).abs() / self.pair.base_pitch_m;
@@ -391,7 +398,8 @@ impl Builder<'_> {
         // The pinion's contact climbs its tooth, the wheel's descends it.
         let ascending = |i: usize| if self.side == Side::Pinion { i } else { count - 1 - i };
         let angles: Vec<f64> = (0..count).map(|i| gear.load_angle_rad(roll(positions[ascending(i)]))).collect();
-        // A tooth that is gone still needs finite numbers: it never touches, so they are never used.
+        // A tooth that is gone still needs finite numbers: it never touches, so they are never
+        // used.
         let healthy = ToothDamage::default();
         let flexure = self.profile.flexure(material, if gone { &healthy } else { damage }, &angles);
         let broken_width = match damage.breakage {

@@ -1,15 +1,17 @@
 //! The pairs near contact at one phase in the form that makes their law short.
 //!
 //! # Formula
-//! The compliances `c_ij = λ sqrt(f_i f_j)` off the diagonal are of rank one, so with `g = sqrt(λ f)` and `w = 1/(c − λ f)` per pair the pairs
-//! that carry have, at an approach δ and `x = δ − gap`,
+//! The compliances `c_ij = λ sqrt(f_i f_j)` off the diagonal are of rank one, so with
+//! `g = sqrt(λ f)` and `w = 1/(c − λ f)` per pair the pairs that carry have, at an approach δ and
+//! `x = δ − gap`,
 //!
 //! ```text
 //! F_i = w_i (x_i − g_i Q / (1 + P))      Σ F = Σ w x − S Q / (1 + P)      Σ dF/dδ = Σ w − S² / (1 + P)
 //! P = Σ w g²,  Q = Σ w g x,  S = Σ w g
 //! ```
 //!
-//! however many they are. A pair carries where `x − g Q / (1 + P) > 0`, and stays apart where that is negative.
+//! however many they are. A pair carries where `x − g Q / (1 + P) > 0`, and stays apart where that
+//! is negative.
 
 /// Pairs that are watched at once.
 pub const SLOTS: usize = 3;
@@ -93,7 +95,8 @@ impl Touch {
         SetLaw { stiffness_n_per_m: (-part).mul_add(s, stiffness), at_zero_n: part.mul_add(g_gaps, -gaps) }
     }
 
-    /// The slots that carry at an approach: the solution of the complementarity problem, as of [`super::Pairs::force`].
+    /// The slots that carry at an approach: the solution of the complementarity problem, as of
+    /// [`super::Pairs::force`].
     #[inline(always)]
     pub fn carrying(&self, approach_m: f64) -> u8 {
         let mut set = 0;
@@ -108,7 +111,8 @@ impl Touch {
                 q = wg.mul_add(approach_m - gap, q);
             }
             let shared = q / (1.0 + p);
-            // A pair that would have to pull is lifted off by its neighbours' foundation: leave the worst out.
+            // A pair that would have to pull is lifted off by its neighbours' foundation: leave the
+            // worst out.
             let (mut worst, mut least) = (0, 0.0);
             for (slot, [w, g, gap]) in self.pairs.iter().enumerate() {
                 let force = w * f64::from(set >> slot & 1) * ((-g).mul_add(shared, approach_m - gap));
@@ -128,7 +132,8 @@ impl Touch {
 mod tests {
     use super::*;
 
-    /// The law is that of the compliance matrix inverted by hand, for one pair and for two that share a part.
+    /// The law is that of the compliance matrix inverted by hand, for one pair and for two that
+    /// share a part.
     #[test]
     fn analytic_law_of_a_set_is_the_inverse_compliance() {
         // c = 1/w + g²: two pairs of 3 and 4, sharing g₁ g₂ = 0.5.
@@ -148,7 +153,8 @@ mod tests {
         // Pair 17 has bit 1, pair 16 bit 0, pair 15 bit 15.
         assert_eq!((touch.touching(3), touch.set(3), touch.set(4)), (3, Some(3), None));
         assert_eq!((touch.carrying(0.6), touch.carrying(0.0), touch.carrying(-0.3)), (3, 2, 0));
-        // Just beyond its gap the first pair would have to pull: the other one has pushed its foundation away.
+        // Just beyond its gap the first pair would have to pull: the other one has pushed its
+        // foundation away.
         assert_eq!(touch.carrying(0.101), 2);
     }
 }

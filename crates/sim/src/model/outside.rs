@@ -19,24 +19,29 @@ const CAGE_SLIP: f64 = 0.01;
 /// Where a defect on a race stands against the load of the bearing.
 ///
 /// # Formula
-/// An element under the angle ψ from the load carries `cos^1.5 ψ` of the most loaded one, and nothing in the other half (Stribeck's distribution without
-/// clearance and with point contact; Harris & Kotzalas, Rolling Bearing Analysis). The push is along the radius of the defect and goes with that load.
+/// An element under the angle ψ from the load carries `cos^1.5 ψ` of the most loaded one, and
+/// nothing in the other half (Stribeck's distribution without clearance and with point contact;
+/// Harris & Kotzalas, Rolling Bearing Analysis). The push is along the radius of the defect and
+/// goes with that load.
 #[derive(Clone, Copy, Debug)]
 struct LoadZone {
     /// Direction of the load (rad).
     loaded_rad: f64,
-    /// Revolutions of the defect per revolution of the first shaft: 0 on the race that stands still.
+    /// Revolutions of the defect per revolution of the first shaft: 0 on the race that stands
+    /// still.
     order: f64,
     /// 1 where its shaft turns counter-clockwise, seen from the motor.
     sense: f64,
     /// Torque at which the push has its nominal size (N m); 0 for any.
     nominal_nm: f64,
-    /// Turns of the frame in which the force acts, counter-clockwise, per revolution of the first shaft.
+    /// Turns of the frame in which the force acts, counter-clockwise, per revolution of the first
+    /// shaft.
     frame_order: f64,
 }
 
 impl LoadZone {
-    /// Component in x or y of a unit push at an angle of the first shaft (rad) and a brake torque (N m).
+    /// Component in x or y of a unit push at an angle of the first shaft (rad) and a brake torque
+    /// (N m).
     fn factor(&self, angle: f64, torque_nm: f64, sine: bool) -> f64 {
         let from_load = self.sense * self.order * angle;
         let share = from_load.cos().max(0.0).powf(1.5);
@@ -95,7 +100,8 @@ impl TrainModel {
                     }
                 }
                 ShaftForce::Impacts { shaft, order, force_n, inner_race } => {
-                    // Angles of the first shaft at which an element passes, for an hour at 50 Hz; the slip is a random walk.
+                    // Angles of the first shaft at which an element passes, for an hour at 50 Hz;
+                    // the slip is a random walk.
                     let step = TAU / (order * self.linear.shaft_orders[shaft]);
                     let count = ((3600.0 * 50.0 * TAU / step) as usize).min(4_000_000);
                     let mut angle = 0.0;
@@ -147,7 +153,8 @@ impl TrainModel {
         self.externals = externals;
     }
 
-    /// Generalised force of a unit torque in the sense of rotation, and the speed of the part / that of the first shaft.
+    /// Generalised force of a unit torque in the sense of rotation, and the speed of the part /
+    /// that of the first shaft.
     fn turning(&self, at: Turning) -> (DVector<f64>, f64) {
         let last = self.linear.shaft_orders.last().copied().unwrap_or(1.0);
         match at {
@@ -162,7 +169,8 @@ impl TrainModel {
         }
     }
 
-    /// Direction in which the mesh forces press a shaft into its bearings (unit vector); x where they cancel.
+    /// Direction in which the mesh forces press a shaft into its bearings (unit vector); x where
+    /// they cancel.
     fn loaded_direction(&self, shaft: usize) -> [f64; 2] {
         let mut sum = [0.0; 2];
         let gears = self.linear.gears_on(shaft);
@@ -194,7 +202,8 @@ impl TrainModel {
             && self.externals.iter().all(held)
     }
 
-    /// Values of all outside forces at a time, in the order of [`Self::external_vectors`], then the factors on the springs.
+    /// Values of all outside forces at a time, in the order of [`Self::external_vectors`], then the
+    /// factors on the springs.
     pub fn external_values(&self, t: f64, out: &mut Vec<f64>) {
         let (angle, omega, alpha) = self.rotation.at(t);
         let ripple = |at: RippleAt, theta: f64| -> f64 {

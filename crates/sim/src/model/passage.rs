@@ -1,4 +1,5 @@
-//! What planetary stages pass on to housing and sensors in a state; the formulas are in [`crate::linear::Passage`].
+//! What planetary stages pass on to housing and sensors in a state; the formulas are in
+//! [`crate::linear::Passage`].
 
 use nalgebra::DVector;
 
@@ -47,7 +48,8 @@ impl TrainModel {
         passage.forces.iter().map(of_force).collect()
     }
 
-    /// Rows of position and rate that [`Self::passed_forces`] takes from the linear train: x and y of a bearing's force, and the damping of a ring's mesh.
+    /// Rows of position and rate that [`Self::passed_forces`] takes from the linear train: x and y
+    /// of a bearing's force, and the damping of a ring's mesh.
     pub(crate) fn passed_rows(&self) -> Vec<(DVector<f64>, DVector<f64>)> {
         let zero = || DVector::zeros(self.coordinates());
         let of_force = |(_, passed): &(usize, Passed)| match *passed {

@@ -13,10 +13,12 @@ use crate::terms::Scale;
 
 /// Newton steps towards the position of rest.
 const MOST_STEPS: usize = 60;
-/// Rates and deflections at which a law's slope is looked for, beside those at rest: no part of a train vibrates faster or farther as a rule.
+/// Rates and deflections at which a law's slope is looked for, beside those at rest: no part of a
+/// train vibrates faster or farther as a rule.
 const FAST: f64 = 0.1;
 const FAR: f64 = 2e-5;
-/// Largest part of a place's own stiffness that a spring may take from the linear train of the steady solver.
+/// Largest part of a place's own stiffness that a spring may take from the linear train of the
+/// steady solver.
 const LARGEST_LOSS: f64 = 0.95;
 
 /// Takes the constant linear terms into the matrices and returns all other springs.
@@ -62,7 +64,8 @@ pub(super) fn fold_terms(
     Ok(out)
 }
 
-/// Takes the constant linear dampers of a mesh out of the springs and returns their damping (N s/m).
+/// Takes the constant linear dampers of a mesh out of the springs and returns their damping (N
+/// s/m).
 pub(super) fn take_mesh_dampers(
     springs: &mut Vec<Spring>,
     stage: usize,
@@ -87,7 +90,8 @@ pub(super) fn take_mesh_dampers(
 }
 
 impl TrainModel {
-    /// Force of a spring on the tooth approach: on the depth of whichever flanks touch, 0 where none do.
+    /// Force of a spring on the tooth approach: on the depth of whichever flanks touch, 0 where
+    /// none do.
     pub(super) fn mesh_spring_force(&self, spring: &Spring, stage: usize, contact: &Contact, state: &[f64]) -> f64 {
         if !contact.is_closed() {
             return 0.0;
@@ -99,7 +103,8 @@ impl TrainModel {
         spring.force.at(u, v).force[0]
     }
 
-    /// Springs and dampers that are not part of the linear train: such a train is stepped by Runge–Kutta.
+    /// Springs and dampers that are not part of the linear train: such a train is stepped by
+    /// Runge–Kutta.
     pub fn has_springs(&self) -> bool {
         !self.springs.is_empty()
     }
@@ -124,7 +129,8 @@ impl TrainModel {
         values.split_off(self.externals.len())
     }
 
-    /// Slope of each spring at rest; 0 for those of meshes, whose stiffness the linear train has anyway.
+    /// Slope of each spring at rest; 0 for those of meshes, whose stiffness the linear train has
+    /// anyway.
     pub(crate) fn spring_slopes(&self) -> Result<Vec<SpringSlope>, ModelError> {
         if self.springs.is_empty() {
             return Ok(Vec::new());
@@ -136,7 +142,8 @@ impl TrainModel {
             }
             let u = spring.motion(&rest).0;
             let mut slope = spring.force.at(u, [0.0; 2]).by_deflection.map(|row| row.map(|by| scale * by));
-            // Within a clearance nothing would hold: the linear train keeps a part of what is there.
+            // Within a clearance nothing would hold: the linear train keeps a part of what is
+            // there.
             for (axis, row) in slope.iter_mut().enumerate() {
                 row[axis] = row[axis].max(-LARGEST_LOSS * spring.force.own.0);
             }
@@ -145,7 +152,8 @@ impl TrainModel {
         Ok(self.springs.iter().zip(self.spring_scales(0.0)).map(of).collect())
     }
 
-    /// Moves a position of rest to where the springs hold it too; left as it is where none is found.
+    /// Moves a position of rest to where the springs hold it too; left as it is where none is
+    /// found.
     pub(super) fn settle_springs(&self, stiffness: &DMatrix<f64>, load: &DVector<f64>, state: &mut [f64]) {
         let n = self.coordinates();
         let scales = &self.spring_scales(0.0);

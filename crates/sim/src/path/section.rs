@@ -1,9 +1,11 @@
 //! Resonances of the path as digital filters whose poles are those of the resonance.
 //!
 //! # Formula
-//! A mode `N(s)/(1 + 2ζ s/ω₀ + s²/ω₀²)` has the poles `e^{s_p T}` with `s_p = ω₀ (−ζ ± i√(1 − ζ²))`: frequency and damping are exact at any rate. Its eight
-//! numerator taps are the least-squares fit of the declared response over the band that the converter's filter lets through, so that magnitude and phase are
-//! within 0.1 % there (of the largest of 1 and the mode).
+//! A mode `N(s)/(1 + 2ζ s/ω₀ + s²/ω₀²)` has the poles `e^{s_p T}` with
+//! `s_p = ω₀ (−ζ ± i√(1 − ζ²))`: frequency and damping are exact at any rate. Its eight numerator
+//! taps are the least-squares fit of the declared response over the band that the converter's
+//! filter lets through, so that magnitude and phase are within 0.1 % there (of the largest of 1 and
+//! the mode).
 
 use std::f64::consts::TAU;
 
@@ -14,14 +16,16 @@ use crate::setup::{ModalFilter, Resonance, ResonanceKind};
 
 /// Taps of a numerator.
 const TAPS: usize = 8;
-/// Part of the rate up to which the response is fitted: what the anti-alias filter passes whole, and a little more.
+/// Part of the rate up to which the response is fitted: what the anti-alias filter passes whole,
+/// and a little more.
 const BAND: f64 = 0.22;
 /// Frequencies of the fit.
 const POINTS: usize = 160;
 /// Part of the rate above which a mode has no poles of its own: all of the band lies far below it.
 const HIGHEST: f64 = 0.45;
 
-/// Response of one mode at a frequency ratio `x = f/f₀`: low-pass, or as the share of a mode in an acceleration.
+/// Response of one mode at a frequency ratio `x = f/f₀`: low-pass, or as the share of a mode in an
+/// acceleration.
 fn declared(low_pass: bool, x: f64, damping_ratio: f64) -> Complex<f64> {
     let denominator = Complex::new(1.0 - x * x, 2.0 * damping_ratio * x);
     if low_pass { 1.0 / denominator } else { x * x / denominator }

@@ -51,7 +51,8 @@ impl TachoState {
         }
     }
 
-    /// Notes the edges of the sample that ends at `t`; `deviation` gives that of a coordinate from the reference rotation.
+    /// Notes the edges of the sample that ends at `t`; `deviation` gives that of a coordinate from
+    /// the reference rotation.
     pub(super) fn watch(
         &mut self,
         t: f64,
@@ -62,7 +63,8 @@ impl TachoState {
     ) {
         let (reference, omega, _) = model.rotation.at(t);
         let counted = self.per_rad * reference + self.pulses_per_rad * self.deviation;
-        // The shaft's true angle is worked out only near an edge; it deviates slowly from the reference.
+        // The shaft's true angle is worked out only near an edge; it deviates slowly from the
+        // reference.
         let near = 2.0 * self.per_rad * omega / rate_hz + 0.1 * self.pulses_per_rad;
         if counted.ceil() - counted >= near && counted - counted.floor() >= near {
             self.previous = None;

@@ -1,10 +1,11 @@
-//! GMRES: the solution of `A x = b` where only products with A are known (Saad & Schultz 1986), without restart.
+//! GMRES: the solution of `A x = b` where only products with A are known (Saad & Schultz 1986),
+//! without restart.
 
 /// Largest number of iterations; each keeps one vector.
 const MOST_ITERATIONS: usize = 60;
 
-/// Solves `A x = b` from x = 0 until the residual is below `tolerance` times that of x = 0. Returns x and the iterations taken, or
-/// `None` where that many do not suffice.
+/// Solves `A x = b` from x = 0 until the residual is below `tolerance` times that of x = 0. Returns
+/// x and the iterations taken, or `None` where that many do not suffice.
 ///
 /// `apply(v, out)` puts A v into `out`.
 pub(super) fn solve(b: &[f64], tolerance: f64, mut apply: impl FnMut(&[f64], &mut [f64])) -> Option<(Vec<f64>, usize)> {

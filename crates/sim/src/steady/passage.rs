@@ -1,4 +1,5 @@
-//! Lines that a sensor hears of planetary stages: every force that is passed on, in the frame of its carrier, and the carrier's turning as sidebands.
+//! Lines that a sensor hears of planetary stages: every force that is passed on, in the frame of
+//! its carrier, and the carrier's turning as sidebands.
 
 use nalgebra::{Complex, DVector};
 
@@ -6,9 +7,11 @@ use super::response::{Input, Output, Response};
 use super::solver::{Problem, Solution};
 use crate::linear::{Heard, LinearTrain, Passage, Passed};
 
-/// Sidebands of the planets' passing on either side that are taken; `e^{−κ} I_d(κ)` has fallen below 1e-9 there up to κ = 3.
+/// Sidebands of the planets' passing on either side that are taken; `e^{−κ} I_d(κ)` has fallen
+/// below 1e-9 there up to κ = 3.
 const SIDEBANDS: i32 = 16;
-/// Places at which a period of the weight is sampled for its coefficients: exact beyond their number.
+/// Places at which a period of the weight is sampled for its coefficients: exact beyond their
+/// number.
 const PLACES: u32 = 128;
 
 /// What lines of the passage take from the linear train.

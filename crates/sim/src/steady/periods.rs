@@ -92,7 +92,8 @@ impl SteadySolver {
 pub(super) enum Turn {
     /// A shaft, in space.
     Shaft(usize),
-    /// A gear of a stage with so many teeth, against what carries it: idlers, and all of a planetary stage.
+    /// A gear of a stage with so many teeth, against what carries it: idlers, and all of a
+    /// planetary stage.
     Gear {
         /// Position of its stage.
         stage: usize,

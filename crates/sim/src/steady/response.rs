@@ -19,7 +19,8 @@ pub(super) struct Output {
 #[derive(Clone, Debug)]
 pub(super) struct Input {
     modal: Vec<Complex<f64>>,
-    /// Displacements under a unit constant force, the train's free rotation held and its mean slip taken off.
+    /// Displacements under a unit constant force, the train's free rotation held and its mean slip
+    /// taken off.
     constant: DVector<f64>,
 }
 
@@ -32,7 +33,8 @@ pub(super) struct Response {
 }
 
 impl Response {
-    /// Of a train with its meshes (see [`LinearTrain::with_meshes`]); `motor_order` is the motor's speed / the first shaft's.
+    /// Of a train with its meshes (see [`LinearTrain::with_meshes`]); `motor_order` is the motor's
+    /// speed / the first shaft's.
     pub(super) fn new(train: &LinearTrain, motor_order: f64) -> Result<Self, ModelError> {
         let rigid = train.rotation(motor_order);
         let mut k: DMatrix<f64> = train.stiffness.clone();
@@ -41,7 +43,8 @@ impl Response {
     }
 
     pub(super) fn input(&self, force: &DVector<f64>) -> Input {
-        // A constant force that does work on the rotation changes the mean speed until the drive's slope balances it.
+        // A constant force that does work on the rotation changes the mean speed until the drive's
+        // slope balances it.
         let slip = self.rigid.dot(force) / self.rigid.dot(&self.damping_of_rigid);
         let balanced = force - &self.damping_of_rigid * slip;
         Input {

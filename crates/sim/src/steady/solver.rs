@@ -1,11 +1,13 @@
 //! The periodic motion of some meshes over a common period.
 //!
-//! The train is linear but for the meshes. With each mesh at its mean stiffness k̄ and damping in the linear part, the rest
-//! `R_j = F_j(u_j(t), δ_j) − k̄_j δ_j` drives it: `δ_i = e_i − Σ_j H_ij ∗ R_j`, exact in the frequency domain. Newton's method on δ(t) at equally
+//! The train is linear but for the meshes. With each mesh at its mean stiffness k̄ and damping in
+//! the linear part, the rest `R_j = F_j(u_j(t), δ_j) − k̄_j δ_j` drives it:
+//! `δ_i = e_i − Σ_j H_ij ∗ R_j`, exact in the frequency domain. Newton's method on δ(t) at equally
 //! spaced times; each of its linear systems by GMRES.
 
+use gearwatch_core::fourier::RealPlans;
 use nalgebra::{Complex, DVector};
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealToComplex};
 use std::sync::Arc;
 
 use super::response::{Input, Output, Response};
@@ -38,12 +40,14 @@ pub(super) struct Problem {
     pub(super) samples: usize,
 }
 
-/// Frequency responses of a problem's meshes on its grid of frequencies, meshes and friction as inputs.
+/// Frequency responses of a problem's meshes on its grid of frequencies, meshes and friction as
+/// inputs.
 pub(super) struct Grid {
     pub(super) problem: Problem,
     forward: Arc<dyn RealToComplex<f64>>,
     backward: Arc<dyn ComplexToReal<f64>>,
-    /// Approach of active stage i to mesh input j: `approach[i * J + j][bin]`; pinion angle likewise.
+    /// Approach of active stage i to mesh input j: `approach[i * J + j][bin]`; pinion angle
+    /// likewise.
     approach: Vec<Vec<Complex<f64>>>,
     angle: Vec<Vec<Complex<f64>>>,
     /// Outputs of the active stages and springs, and their inputs.
@@ -65,7 +69,8 @@ pub(super) struct Solution {
     first_mesh: usize,
     /// What springs add to the reading of each sensor: by sensor the amplitude (peak).
     pub(super) direct: Vec<Vec<Complex<f64>>>,
-    /// Approach of each active stage and deflection of each spring's line at each sample (m or rad).
+    /// Approach of each active stage and deflection of each spring's line at each sample (m or
+    /// rad).
     pub(super) approach: Vec<Vec<f64>>,
     /// Deviation of each active stage's pinion (rad).
     angle: Vec<Vec<f64>>,
@@ -76,7 +81,8 @@ pub(super) struct Solution {
 }
 
 impl Solution {
-    /// Spectrum of what the force of a mesh has beyond its mean stiffness; `None` where the problem takes that mesh for linear.
+    /// Spectrum of what the force of a mesh has beyond its mean stiffness; `None` where the problem
+    /// takes that mesh for linear.
     pub(super) fn rest_of(&self, problem: &Problem, mesh: usize) -> Option<&[Complex<f64>]> {
         let at = problem.active.iter().position(|&active| active == mesh)?;
         self.forces.get(self.first_mesh + at).map(|(_, spectrum)| spectrum.as_slice())
@@ -96,7 +102,7 @@ pub(super) struct Linear<'a> {
 impl Grid {
     pub(super) fn new(problem: Problem, model: &TrainModel, response: &Response) -> Self {
         let n = problem.samples;
-        let mut planner = RealFftPlanner::new();
+        let mut plans = RealPlans::default();
         let zero = DVector::zeros(model.coordinates());
         let rows = |row: &DVector<f64>| response.output(row, &zero, None);
         let springs = Springs::new(model, &problem.active);
@@ -117,8 +123,8 @@ impl Grid {
         let stages = problem.active.len();
         let count = inputs.len();
         let mut out = Self {
-            forward: planner.plan_fft_forward(n),
-            backward: planner.plan_fft_inverse(n),
+            forward: plans.forward(n),
+            backward: plans.inverse(n),
             approach: vec![Vec::with_capacity(bins); count * count],
             angle: vec![Vec::with_capacity(bins); stages * count],
             approach_rows,
@@ -158,7 +164,8 @@ impl Grid {
 
     fn signal(&self, mut spectrum: Vec<Complex<f64>>) -> Result<Vec<f64>, SteadyError> {
         let mut out = self.backward.make_output_vec();
-        // A real signal has real ends of the spectrum; rounding of the products leaves a trace there.
+        // A real signal has real ends of the spectrum; rounding of the products leaves a trace
+        // there.
         spectrum[0].im = 0.0;
         if let (0, Some(last)) = (self.problem.samples % 2, spectrum.last_mut()) {
             last.im = 0.0;

@@ -1,4 +1,5 @@
-//! Springs and dampers that are not linear, in the periodic motion: further unknowns beside the tooth approaches.
+//! Springs and dampers that are not linear, in the periodic motion: further unknowns beside the
+//! tooth approaches.
 
 use nalgebra::{Complex, DVector};
 
@@ -7,7 +8,8 @@ use crate::springs::{Spring, SpringSlope};
 
 /// Which springs take part, and which channel each line of theirs is.
 pub(super) struct Springs {
-    /// Index of the spring in the model, and its first channel: a line of its own, or the active stage whose approach it acts on.
+    /// Index of the spring in the model, and its first channel: a line of its own, or the active
+    /// stage whose approach it acts on.
     items: Vec<(usize, usize)>,
     stages: usize,
 }
@@ -110,7 +112,8 @@ impl Springs {
         }
     }
 
-    /// What the lines' forces, given by their spectra, add to each sensor's reading past the coordinates.
+    /// What the lines' forces, given by their spectra, add to each sensor's reading past the
+    /// coordinates.
     pub(super) fn direct(&self, model: &TrainModel, spectra: &[Vec<Complex<f64>>]) -> Vec<Vec<Complex<f64>>> {
         let Some(bins) = spectra.first().map(Vec::len) else { return Vec::new() };
         let sensors = model.linear.sensors.len();

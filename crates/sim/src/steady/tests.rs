@@ -58,7 +58,8 @@ fn solved(setup: &SimSetup, options: SteadyOptions, torque: f64, orders: &[f64])
     SteadySolver::new(options).solve(setup, 30.0, torque, 5, orders).unwrap()
 }
 
-/// One stage, healthy, with friction, and with an eccentric, unbalanced pinion under a ripple of the brake's torque.
+/// One stage, healthy, with friction, and with an eccentric, unbalanced pinion under a ripple of
+/// the brake's torque.
 #[test]
 fn oracle_single_stage_by_stepping() {
     let healthy = SimSetup::nominal(&test_bench::single_stage());
@@ -70,12 +71,13 @@ fn oracle_single_stage_by_stepping() {
 
     let mut rubbing = healthy.clone();
     rubbing.teeth[0].pair.friction = 0.06;
-    // A drive that hardly yields: the losses slow the train by 1e-6, and its lines stay whole cycles.
+    // A drive that hardly yields: the losses slow the train by 1e-6, and its lines stay whole
+    // cycles.
     rubbing.bench.motor.slip_slope_nm_s_per_rad = 200.0;
     let expected = stepped(&rubbing, 60.0, 1.0, 1.0, 8192, &orders);
     let found = error(&solved(&rubbing, SteadyOptions::default(), 60.0, &orders), &expected);
-    // Friction jumps at the pitch point; the stepper meets that up to half a step, 1/482 of a cycle, late or early: 2π h/482 of the
-    // friction's part of harmonic h.
+    // Friction jumps at the pitch point; the stepper meets that up to half a step, 1/482 of a
+    // cycle, late or early: 2π h/482 of the friction's part of harmonic h.
     assert!(found < 1e-2, "friction: {found:.1e}");
 
     let mut bad = healthy;
@@ -91,23 +93,27 @@ fn oracle_single_stage_by_stepping() {
     for (lines, expected) in lines.sensors.iter().zip(&expected) {
         for ((line, expected), order) in lines.iter().zip(expected).zip(&orders) {
             let found = (line.norm() / expected - 1.0).abs();
-            // Each sideband relative to itself: 128 samples a cycle, of which corner contact takes 6.
+            // Each sideband relative to itself: 128 samples a cycle, of which corner contact
+            // takes 6.
             let allowed = if order % 34.0 == 0.0 || *order < 3.0 { 1e-3 } else { 1e-2 };
             assert!(found < allowed, "order {order}: {found:.1e}");
         }
     }
 }
 
-/// The classical form, whose pairs come and go at once: the mean over a sample takes the place of a value that jumps.
+/// The classical form, whose pairs come and go at once: the mean over a sample takes the place of a
+/// value that jumps.
 #[test]
 fn oracle_classical_form_by_stepping() {
     let mut setup = SimSetup::nominal(&test_bench::single_stage());
     setup.mesh = crate::mesh::MeshOptions::classical();
     let orders: Vec<f64> = mesh_orders(34.0).collect();
-    // At jumps of the force the stepper is of order 2: 8192 steps a revolution err by 2.5e-3, 32768 by 2e-4.
+    // At jumps of the force the stepper is of order 2: 8192 steps a revolution err by 2.5e-3, 32768
+    // by 2e-4.
     let expected = stepped(&setup, 60.0, 0.5, 1.0, 32_768, &orders);
-    // A jump that is averaged over a sample loses sinc(h/n) of harmonic h and folds h²/n² of it back: 5e-3 at 128 samples a cycle with the mesh
-    // resonance at the fourth and fifth, less at more.
+    // A jump that is averaged over a sample loses sinc(h/n) of harmonic h and folds h²/n² of it
+    // back: 5e-3 at 128 samples a cycle with the mesh resonance at the fourth and fifth, less at
+    // more.
     for (samples_per_cycle, allowed) in [(128, 5e-3), (512, 1e-3)] {
         let options = SteadyOptions { samples_per_cycle, ..SteadyOptions::default() };
         let found = error(&solved(&setup, options, 60.0, &orders), &expected);
@@ -125,14 +131,16 @@ fn oracle_two_stages_by_stepping() {
     let orders: Vec<f64> = mesh_orders(34.0).chain(mesh_orders(34.0 / 73.0 * 36.0)).collect();
     let expected = stepped(&setup, 60.0, 1.5, 73.0 / 34.0, 32768, &orders);
     let apart = error(&solved(&setup, SteadyOptions::default(), 60.0, &orders), &expected);
-    // What the meshes do to each other is of second order in their stiffness's variation, 0.1², and in the shaft between them.
+    // What the meshes do to each other is of second order in their stiffness's variation, 0.1², and
+    // in the shaft between them.
     assert!(apart < 1e-3, "each mesh by itself: {apart:.1e}");
     let options = SteadyOptions { together: true, ..SteadyOptions::default() };
     let together = error(&solved(&setup, options, 60.0, &orders), &expected);
     assert!(together < 1e-4, "together: {together:.1e}");
 }
 
-/// A neighbour starts from the solution before it, needs less work, and comes to the same lines as from nothing.
+/// A neighbour starts from the solution before it, needs less work, and comes to the same lines as
+/// from nothing.
 #[test]
 fn analytic_warm_start_changes_nothing() {
     let setup = SimSetup::nominal(&test_bench::two_stages());
@@ -145,7 +153,8 @@ fn analytic_warm_start_changes_nothing() {
     let cold = solved(&neighbour, SteadyOptions::default(), 60.0, &orders);
     assert!(warm.iterations < first.iterations, "{} {}", warm.iterations, first.iterations);
     let expected: Vec<Vec<f64>> = cold.sensors.iter().map(|s| s.iter().map(|z| z.norm()).collect()).collect();
-    // Ten times the tolerance: both are solved to 1e-5 of the approach, and a line may amplify that.
+    // Ten times the tolerance: both are solved to 1e-5 of the approach, and a line may amplify
+    // that.
     assert!(error(&warm, &expected) < 1e-4, "{:.1e}", error(&warm, &expected));
     assert_ne!(first.sensors, warm.sensors);
 }
@@ -215,9 +224,11 @@ fn analytic_alternating_pairs_are_alternating_teeth() {
     }
 }
 
-/// Scattered teeth, all of them simulated: what their spacing does to the mesh harmonics is nearly what pairs do that alternate by the same standard deviation
-/// between neighbours. In 38 states of teeth, load and speed 8 harmonics each lay 0.19 (median; 1.0 in nine of ten) from even teeth, 0.03 (0.4) from alternating
-/// ones, in ln amplitude; here the squares of what is left fall to less than a fifth.
+/// Scattered teeth, all of them simulated: what their spacing does to the mesh harmonics is nearly
+/// what pairs do that alternate by the same standard deviation between neighbours. In 38 states of
+/// teeth, load and speed 8 harmonics each lay 0.19 (median; 1.0 in nine of ten) from even teeth,
+/// 0.03 (0.4) from alternating ones, in ln amplitude; here the squares of what is left fall to less
+/// than a fifth.
 #[test]
 fn oracle_alternating_pairs_stand_for_scattered_teeth() {
     let errors = |number: u64| {
@@ -294,7 +305,8 @@ fn conform_contact_loss_is_reported() {
     assert!(solve(&setup, 60.0).unwrap_err().to_string().contains("bearing defect"));
 }
 
-/// Teeth that part for a part of the mesh cycle: refused unless asked for, then as stepping has it, but for the damping, which ends where teeth part and here does not: 2.7 % of a line.
+/// Teeth that part for a part of the mesh cycle: refused unless asked for, then as stepping has it,
+/// but for the damping, which ends where teeth part and here does not: 2.7 % of a line.
 #[test]
 fn oracle_parting_teeth_by_stepping() {
     let mut setup = SimSetup::nominal(&test_bench::single_stage());
@@ -309,7 +321,8 @@ fn oracle_parting_teeth_by_stepping() {
     assert_eq!(solved(&setup, parting, 40.0, &orders), solved(&setup, SteadyOptions::default(), 40.0, &orders));
 }
 
-/// 34/73 and 36/90: the meshes together repeat with the intermediate shaft, 73 and 36 cycles; the input shaft adds 34 cycles.
+/// 34/73 and 36/90: the meshes together repeat with the intermediate shaft, 73 and 36 cycles; the
+/// input shaft adds 34 cycles.
 #[test]
 fn analytic_common_periods() {
     let setup = SimSetup::nominal(&test_bench::two_stages());

@@ -1,4 +1,5 @@
-//! Terms against what the bench file says in other words, against formulas, and the steady state against stepping.
+//! Terms against what the bench file says in other words, against formulas, and the steady state
+//! against stepping.
 
 use std::sync::Arc;
 
@@ -130,7 +131,8 @@ fn analytic_terms_are_what_keys_and_effects_are() {
     same(&[term], &ripple);
 }
 
-/// A term goes with the powers of load and speed that it says: at twice the torque and the bench's own speed by 2^p.
+/// A term goes with the powers of load and speed that it says: at twice the torque and the bench's
+/// own speed by 2^p.
 #[test]
 fn analytic_terms_follow_load_and_speed() {
     let bench = test_bench::single_stage();
@@ -143,7 +145,8 @@ fn analytic_terms_follow_load_and_speed() {
     assert!(found < 1e-9, "{found:.1e}");
 }
 
-/// At rest a cubic bearing deflects to where `k u + c u³` is the load, to 1e-9, and one with a clearance by that much more.
+/// At rest a cubic bearing deflects to where `k u + c u³` is the load, to 1e-9, and one with a
+/// clearance by that much more.
 #[test]
 fn analytic_springs_at_rest() {
     let bench = test_bench::single_stage();
@@ -161,7 +164,8 @@ fn analytic_springs_at_rest() {
     assert!((1.2e8 * (u - gap) / force - 1.0).abs() < 1e-9, "{u}");
 }
 
-/// Series terms are stepped exponentially; Runge–Kutta agrees to 1e-3 of the signal (forces are held at the middle of a step: (ωh)²/24 of them).
+/// Series terms are stepped exponentially; Runge–Kutta agrees to 1e-3 of the signal (forces are
+/// held at the middle of a step: (ωh)²/24 of them).
 #[test]
 fn oracle_series_terms_exponential_is_runge_kutta() {
     let setup = with(
@@ -247,14 +251,16 @@ fn oracle_steady_state_with_terms_by_stepping() {
         let steady = lines(&setup, 60.0, orders);
         let expected = stepped(&setup, 60.0, orders, 8192);
         let (found, moved) = (difference(&steady, &expected), difference(&steady, &plain));
-        // Shafts that modulate the mesh are put together to the first order; sidebands of sidebands are left out.
+        // Shafts that modulate the mesh are put together to the first order; sidebands of sidebands
+        // are left out.
         let allowed = if orders.len() > 5 { 2e-2 } else { 2e-3 };
         assert!(found < allowed, "{terms:?}: {found:.1e}");
         assert!(moved > 5.0 * found, "{terms:?} does nothing: {moved:.1e}");
     }
 }
 
-/// A stiffness that comes with temperature: absent at the one, that of a fixed spring at the other, half way between; and one that comes up in time.
+/// A stiffness that comes with temperature: absent at the one, that of a fixed spring at the other,
+/// half way between; and one that comes up in time.
 #[test]
 fn analytic_terms_follow_temperature_and_time() {
     let bench = test_bench::single_stage();
@@ -291,7 +297,8 @@ fn analytic_modal_filter_is_the_declared_response() {
     }
 }
 
-/// What cannot be is refused with a sentence: stiffness taken away beyond what is there, teeth that would follow a load that changes.
+/// What cannot be is refused with a sentence: stiffness taken away beyond what is there, teeth that
+/// would follow a load that changes.
 #[test]
 fn conform_impossible_terms_are_refused() {
     let bench = test_bench::single_stage();

@@ -3,10 +3,13 @@
 use super::*;
 use crate::geometry::{ADDENDUM, CLEARANCE, Cutting, Tip};
 
-/// Half of the tooth's angle at a radius that a rack of a profile shift leaves, and whether its round tip cut there.
+/// Half of the tooth's angle at a radius that a rack of a profile shift leaves, and whether its
+/// round tip cut there.
 ///
-/// The rack's tooth stands beside the gear's tooth: a flank, straight from the addendum line up, and a round tip. For each of many roll angles the outline is cut
-/// with the circle of the radius; the least angle over all rolls is what is left. A step of 1e-4 rad past the least one errs by its square.
+/// The rack's tooth stands beside the gear's tooth: a flank, straight from the addendum line up,
+/// and a round tip. For each of many roll angles the outline is cut with the circle of the radius;
+/// the least angle over all rolls is what is left. A step of 1e-4 rad past the least one errs by
+/// its square.
 fn left_by_the_rack(teeth: u32, module: f64, shift: f64, radius: f64) -> (f64, bool) {
     let (sin, cos) = 20_f64.to_radians().sin_cos();
     let (tan, reference) = (sin / cos, 0.5 * module * f64::from(teeth));
@@ -55,8 +58,10 @@ fn left_by_the_rack(teeth: u32, module: f64, shift: f64, radius: f64) -> (f64, b
     (least, round)
 }
 
-/// Shifted teeth, from thin to nearly pointed and with the middle of the round tip above the rolling line, are what the rack leaves, from root to tip: as an angle to 1e-7 rad, ten times
-/// the square of the rolling step. The round tip cuts below the calculated start of the involute and the flank above it.
+/// Shifted teeth, from thin to nearly pointed and with the middle of the round tip above the
+/// rolling line, are what the rack leaves, from root to tip: as an angle to 1e-7 rad, ten times the
+/// square of the rolling step. The round tip cuts below the calculated start of the involute and
+/// the flank above it.
 #[test]
 fn oracle_shifted_teeth_are_what_the_rack_leaves() {
     let module = 3e-3;

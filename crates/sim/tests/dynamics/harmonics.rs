@@ -1,4 +1,5 @@
-//! Steps as long as mesh harmonics allow: halving them changes 1x to 5x by less than is promised, on the benches that come with the program and on drawn ones.
+//! Steps as long as mesh harmonics allow: halving them changes 1x to 5x by less than is promised,
+//! on the benches that come with the program and on drawn ones.
 
 use std::sync::Arc;
 
@@ -15,7 +16,8 @@ use super::{RATE_HZ, bare, model};
 const SETTLE_S: f64 = 0.5;
 const RECORD_S: f64 = 0.5;
 
-/// 1x to 5x of all stages at all sensors, by sensor, from steps of `step_s`, every `every`-th of which is looked at.
+/// 1x to 5x of all stages at all sensors, by sensor, from steps of `step_s`, every `every`-th of
+/// which is looked at.
 fn harmonics(model: &Arc<TrainModel>, bench: &Bench, step_s: f64, every: usize) -> Vec<Vec<f64>> {
     let mut etd = Etd::<1>::new([model.clone()], step_s).expect("stepper");
     assert!((etd.step_s() / step_s - 1.0).abs() < 1e-9, "the fastest mode asks for shorter steps");
@@ -115,8 +117,8 @@ fn drawn(seed: u64) -> Bench {
     }
 }
 
-/// Halving the step of records changes 1x to 5x by less than 0.05 %, on the benches that come with the program and without a housing, where sensors follow the
-/// bearing forces directly.
+/// Halving the step of records changes 1x to 5x by less than 0.05 %, on the benches that come with
+/// the program and without a housing, where sensors follow the bearing forces directly.
 #[test]
 fn analytic_halving_the_step_of_a_record_leaves_the_mesh_harmonics() {
     let mut benches = ["single-pair", "paper-rig", "spectraquest-like"].map(bare).to_vec();
@@ -133,7 +135,8 @@ fn analytic_halving_the_step_of_a_record_leaves_the_mesh_harmonics() {
     }
 }
 
-/// The same of the longest steps that are taken for mesh harmonics, on drawn benches; the constants of the choice were set on sixteen others.
+/// The same of the longest steps that are taken for mesh harmonics, on drawn benches; the constants
+/// of the choice were set on sixteen others.
 #[test]
 fn analytic_halving_the_step_leaves_the_mesh_harmonics_of_drawn_benches() {
     for bench in (17..=32).map(drawn) {

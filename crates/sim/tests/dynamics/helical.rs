@@ -1,4 +1,5 @@
-//! Helical stages in the train: the limit without a helix, whole overlaps, thrust, energy, both steppers and the steady state.
+//! Helical stages in the train: the limit without a helix, whole overlaps, thrust, energy, both
+//! steppers and the steady state.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -38,7 +39,8 @@ fn lines(bench: &Bench, stage: usize) -> Vec<f64> {
     solved.sensors[0].iter().map(|z| z.norm()).collect()
 }
 
-/// Without a helix (1e-7°) accelerations in any state are those of the spur pair, and so are the lines of the steady state: 1e-9 of the largest.
+/// Without a helix (1e-7°) accelerations in any state are those of the spur pair, and so are the
+/// lines of the steady state: 1e-9 of the largest.
 #[test]
 fn analytic_a_vanishing_helix_is_the_spur_model() {
     let (spur, helical) = (bare("single-pair"), slanted(1e-7));
@@ -74,7 +76,8 @@ fn analytic_a_vanishing_helix_is_the_spur_model() {
     }
 }
 
-/// At a whole overlap the mesh lines of the response vanish: below 1e-3 of those of straight teeth, which is what the cubics between 96 phases leave.
+/// At a whole overlap the mesh lines of the response vanish: below 1e-3 of those of straight teeth,
+/// which is what the cubics between 96 phases leave.
 #[test]
 fn analytic_whole_overlap_silences_the_mesh() {
     let spur = lines(&bare("single-pair"), 0);
@@ -89,8 +92,9 @@ fn analytic_whole_overlap_silences_the_mesh() {
     }
 }
 
-/// Exponential stepping against Runge–Kutta on the shipped helical box: within 2e-2 of the signal, which is a thousandth of the force: pairs come
-/// and go in single slices, and no step follows each of them. The lines of the mesh are held to 5e-4 below.
+/// Exponential stepping against Runge–Kutta on the shipped helical box: within 2e-2 of the signal,
+/// which is a thousandth of the force: pairs come and go in single slices, and no step follows each
+/// of them. The lines of the mesh are held to 5e-4 below.
 #[test]
 fn oracle_helical_box_exponential_is_runge_kutta() {
     let bench = bare("helical-two-stage");
@@ -103,8 +107,9 @@ fn oracle_helical_box_exponential_is_runge_kutta() {
     assert!(error < 2e-2 * size, "{:.1e}", error / size);
 }
 
-/// At rest each shaft of a helical pair is pushed along its axis by `F tan β_b`, the two against each other; on the intermediate shaft of the shipped box, whose gears have
-/// the same hand, the two thrusts oppose.
+/// At rest each shaft of a helical pair is pushed along its axis by `F tan β_b`, the two against
+/// each other; on the intermediate shaft of the shipped box, whose gears have the same hand, the
+/// two thrusts oppose.
 #[test]
 fn analytic_thrust_on_the_shafts() {
     let bench = bare("helical-two-stage");
@@ -112,7 +117,8 @@ fn analytic_thrust_on_the_shafts() {
     let linear = &model.linear;
     let state = model.static_state().unwrap();
     let force: Vec<f64> = model.force_per_torque.iter().map(|f| 120.0 * f).collect();
-    // tan β_b = tan β cos α_t with tan α_t = tan 20° / cos β; the first pinion is left-handed and turns counter-clockwise: away from the motor.
+    // tan β_b = tan β cos α_t with tan α_t = tan 20° / cos β; the first pinion is left-handed and
+    // turns counter-clockwise: away from the motor.
     let thrust = |stage: usize, degrees: f64| {
         let beta = degrees.to_radians();
         let transverse = (20_f64.to_radians().tan() / beta.cos()).atan();
@@ -121,14 +127,16 @@ fn analytic_thrust_on_the_shafts() {
     let (fast, slow) = (thrust(0, 15.0), thrust(1, 11.0));
     let stiffness = bench.shafts[0].axial().0;
     let found: Vec<f64> = linear.axial.iter().map(|at| stiffness * state[at.unwrap()]).collect();
-    // Shaft by shaft: pinion of the fast stage; its wheel and the right-handed pinion of the slow one, which turns clockwise; the last wheel.
+    // Shaft by shaft: pinion of the fast stage; its wheel and the right-handed pinion of the slow
+    // one, which turns clockwise; the last wheel.
     for (found, expected) in found.iter().zip([-fast, fast - slow, slow]) {
         assert!((found - expected).abs() < 2e-3 * slow, "{found} {expected}");
     }
 }
 
-/// What the drive puts in and the brake does not take is lost between the flanks: the hand formula of the loss, which shares the load evenly along the lines of contact, is met within 10 %
-/// (found: 5.7 %, the ends of the path being softer).
+/// What the drive puts in and the brake does not take is lost between the flanks: the hand formula
+/// of the loss, which shares the load evenly along the lines of contact, is met within 10 % (found:
+/// 5.7 %, the ends of the path being softer).
 #[test]
 fn literature_tooth_loss_of_a_helical_pair() {
     let bench = slanted(14.0);
@@ -150,7 +158,8 @@ fn literature_tooth_loss_of_a_helical_pair() {
         bench.motor.slip_slope_nm_s_per_rad * slip / (4 * count) as f64
     };
     let lost_nm = with(true) - with(false);
-    // A hand formula of the loss (Buckingham; Niemann & Winter): P_loss / P = μ π (1/z₁ + 1/z₂) (1 − ε + ε₁² + ε₂²) / cos β_b.
+    // A hand formula of the loss (Buckingham; Niemann & Winter): P_loss / P = μ π (1/z₁ + 1/z₂) (1
+    // − ε + ε₁² + ε₂²) / cos β_b.
     let mesh =
         gearwatch_sim::mesh::StageMesh::new(&setup.bench, 0, &setup.mesh, &setup.teeth[0], &mut Default::default())
             .unwrap();
@@ -166,7 +175,8 @@ fn literature_tooth_loss_of_a_helical_pair() {
     assert!((lost_nm / expected_nm - 1.0).abs() < 0.1, "{lost_nm} {expected_nm}");
 }
 
-/// A tooth that is half broken off shows once per turn of its gear, about the mesh lines as at the shaft's own orders; a healthy box shows nothing there.
+/// A tooth that is half broken off shows once per turn of its gear, about the mesh lines as at the
+/// shaft's own orders; a healthy box shows nothing there.
 #[test]
 fn analytic_a_broken_tooth_of_a_helical_pair_shows_once_per_turn() {
     let bench = bare("helical-two-stage");
@@ -188,7 +198,8 @@ fn analytic_a_broken_tooth_of_a_helical_pair_shows_once_per_turn() {
     assert!(healthy < 1e-9 && broken > 1e-3, "{healthy:.1e} {broken:.1e}");
 }
 
-/// Halving the step of a record of the shipped box leaves 1x to 5x of both stages within 5e-4, as promised for spur benches.
+/// Halving the step of a record of the shipped box leaves 1x to 5x of both stages within 5e-4, as
+/// promised for spur benches.
 #[test]
 fn analytic_halving_the_step_of_a_helical_box() {
     let bench = bare("helical-two-stage");

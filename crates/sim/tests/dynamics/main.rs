@@ -1,4 +1,5 @@
-//! The train's time steppers against each other, against static and modal solutions, and against themselves.
+//! The train's time steppers against each other, against static and modal solutions, and against
+//! themselves.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -75,8 +76,8 @@ fn spread(values: &[f64]) -> f64 {
     rms(values.iter().map(|v| v - mean))
 }
 
-/// Two steppers that share nothing but the right-hand side agree to 1e-4 of the signal (Runge–Kutta at 12 steps a sample errs by 2e-5), with even teeth and
-/// where every other pair stands back.
+/// Two steppers that share nothing but the right-hand side agree to 1e-4 of the signal (Runge–Kutta
+/// at 12 steps a sample errs by 2e-5), with even teeth and where every other pair stands back.
 #[test]
 fn oracle_exponential_stepping_is_runge_kutta() {
     let mut setup = SimSetup::nominal(&bare("paper-rig"));
@@ -119,12 +120,14 @@ fn oracle_rattling_teeth() {
     assert!(etd.effort(0).free_flight > 20, "{:?}", etd.effort(0));
     let slow = runge_kutta(&model, 16, 100);
     let error = |n: usize| rms(slow[..n].iter().zip(&fast[..n]).map(|(a, b)| a - b)) / spread(&slow);
-    // Each impact amplifies what differs before it, so agreement is asked of the first flights and of some later ones less.
+    // Each impact amplifies what differs before it, so agreement is asked of the first flights and
+    // of some later ones less.
     assert!(error(50) < 1e-4 && error(100) < 5e-3, "{:.2e} {:.2e}", error(50), error(100));
 }
 
-/// The contact compliance blends linearly between shared and lone contact, and the corner gap begins as a square: these kinks bound the order to
-/// 2, so halving the step divides the error by 4 (a tenth of slack for where the kinks fall).
+/// The contact compliance blends linearly between shared and lone contact, and the corner gap
+/// begins as a square: these kinks bound the order to 2, so halving the step divides the error by 4
+/// (a tenth of slack for where the kinks fall).
 #[test]
 fn analytic_order_of_the_exponential_stepper() {
     let model = model(&bare("single-pair"), 25.0, 60.0, 1);
@@ -134,7 +137,8 @@ fn analytic_order_of_the_exponential_stepper() {
     assert!(coarse / fine > 3.6, "{coarse:.2e} {fine:.2e}");
 }
 
-/// Perfect teeth at a speed where a mesh cycle is 64 steps: after settling every cycle is the same to 1e-9 of the signal.
+/// Perfect teeth at a speed where a mesh cycle is 64 steps: after settling every cycle is the same
+/// to 1e-9 of the signal.
 #[test]
 fn analytic_speed_locked_run_is_periodic() {
     let bench = bare("single-pair");
@@ -160,7 +164,8 @@ fn analytic_speed_locked_run_is_periodic() {
     assert!(error < 1e-9, "{error:.2e}");
 }
 
-/// Mean mesh force is the static one, and at a crawl the approach follows the static transmission error.
+/// Mean mesh force is the static one, and at a crawl the approach follows the static transmission
+/// error.
 #[test]
 fn analytic_static_solution() {
     let bench = bare("single-pair");
@@ -187,7 +192,8 @@ fn analytic_static_solution() {
     assert!((sum / 12_288.0 / force - 1.0).abs() < 1e-3, "{} {force}", sum / 12_288.0);
 }
 
-/// With friction the drive gives what the brake takes and the teeth turn to heat: `T_m Ω_m = T_b Ω_b + Σ μ F |v|`.
+/// With friction the drive gives what the brake takes and the teeth turn to heat:
+/// `T_m Ω_m = T_b Ω_b + Σ μ F |v|`.
 #[test]
 fn analytic_energy_balance() {
     let mut bench = bare("single-pair");
@@ -325,7 +331,8 @@ fn conform_an_event_sets_in_when_it_should() {
     assert!((error - 5.0 / 2_f64.sqrt()).abs() < 0.01, "{error}");
 }
 
-/// Sidebands of a carrier with amplitude and phase modulation: upper `|m/2 + (b/2) e^{id}|`, lower `|m/2 − (b/2) e^{−id}|`, to O(b²).
+/// Sidebands of a carrier with amplitude and phase modulation: upper `|m/2 + (b/2) e^{id}|`, lower
+/// `|m/2 − (b/2) e^{−id}|`, to O(b²).
 #[test]
 fn analytic_sideband_algebra() {
     let (m, b, d) = (0.03, 0.02, 0.7_f64);

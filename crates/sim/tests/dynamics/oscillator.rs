@@ -1,6 +1,8 @@
-//! Oscillators with a gap and a varying stiffness against published and analytic behaviour, stepped by the located Runge–Kutta.
+//! Oscillators with a gap and a varying stiffness against published and analytic behaviour, stepped
+//! by the located Runge–Kutta.
 //!
-//! `x″ + 2ζ x′ + κ(t) g(x) = F_m + Σ F_j (jΩ)² cos jΩt` with a dead zone of ±1 (Kahraman & Singh 1990, 1991).
+//! `x″ + 2ζ x′ + κ(t) g(x) = F_m + Σ F_j (jΩ)² cos jΩt` with a dead zone of ±1 (Kahraman & Singh
+//! 1990, 1991).
 
 use std::f64::consts::TAU;
 
@@ -74,7 +76,8 @@ fn kahraman_singh_1991(omega: f64) -> Oscillator {
     }
 }
 
-/// Amplitude of a harmonic of the forcing over the last four of `periods` periods, `steps` steps a period.
+/// Amplitude of a harmonic of the forcing over the last four of `periods` periods, `steps` steps a
+/// period.
 fn amplitude(system: &mut Oscillator, state: &mut [f64; 2], periods: u32, steps: u32, harmonic: u32) -> f64 {
     let h = TAU / system.omega / f64::from(steps);
     let mut stepper = RungeKutta::new(2);
@@ -89,7 +92,8 @@ fn amplitude(system: &mut Oscillator, state: &mut [f64; 2], periods: u32, steps:
     re.hypot(im) / f64::from(2 * steps)
 }
 
-/// T1: without contact loss the response is `F Ω² / √((1−Ω²)² + (2ζΩ)²)`. Steps of a four hundredth of a period err by 1e-8 of it.
+/// T1: without contact loss the response is `F Ω² / √((1−Ω²)² + (2ζΩ)²)`. Steps of a four hundredth
+/// of a period err by 1e-8 of it.
 #[test]
 fn analytic_linear_oscillator() {
     for omega in [0.5, 0.6, 0.7] {
@@ -100,7 +104,8 @@ fn analytic_linear_oscillator() {
     }
 }
 
-/// T2, published-type case with constant stiffness: values of an independent RK4 of 400 steps a period; amplitudes to 0.2 %.
+/// T2, published-type case with constant stiffness: values of an independent RK4 of 400 steps a
+/// period; amplitudes to 0.2 %.
 #[test]
 fn literature_kahraman_singh_1990_amplitudes() {
     let mut state = [1.1, 0.0];
@@ -122,7 +127,8 @@ fn literature_kahraman_singh_1990_amplitudes() {
     }
 }
 
-/// T2: jump up between 0.828 and 0.830, jump down between 0.7075 and 0.7085; in between both motions live.
+/// T2: jump up between 0.828 and 0.830, jump down between 0.7075 and 0.7085; in between both
+/// motions live.
 #[test]
 fn literature_kahraman_singh_1990_jumps_and_bistability() {
     let mut low = [1.1, 0.0];
@@ -143,7 +149,8 @@ fn literature_kahraman_singh_1990_jumps_and_bistability() {
     assert!(half_peak_to_peak(&mut kahraman_singh_1990(0.7065), &mut high, 300) < 0.06);
 }
 
-/// T3, periodic stiffness (set of Kahraman & Singh 1991): second-harmonic resonance at 0.5, two motions at 0.7.
+/// T3, periodic stiffness (set of Kahraman & Singh 1991): second-harmonic resonance at 0.5, two
+/// motions at 0.7.
 #[test]
 fn literature_kahraman_singh_1991() {
     let mut state = [1.1, 0.0];
@@ -176,7 +183,8 @@ fn literature_kahraman_singh_1991() {
     assert!(half_peak_to_peak(&mut kahraman_singh_1991(0.85), &mut up, 300) > 0.2);
 }
 
-/// T3 at Ω = 0.5: the second harmonic is the resonant one, 0.12401 against 0.03002 of the first (0.5 %).
+/// T3 at Ω = 0.5: the second harmonic is the resonant one, 0.12401 against 0.03002 of the first
+/// (0.5 %).
 #[test]
 fn literature_kahraman_singh_1991_second_harmonic() {
     for (harmonic, expected) in [(1, 0.030_02), (2, 0.124_01)] {
@@ -185,7 +193,8 @@ fn literature_kahraman_singh_1991_second_harmonic() {
     }
 }
 
-/// Runge–Kutta is of order 4 on a smooth system: halving the step divides the error by 16 (a tenth of slack for the next order).
+/// Runge–Kutta is of order 4 on a smooth system: halving the step divides the error by 16 (a tenth
+/// of slack for the next order).
 #[test]
 fn analytic_order_of_runge_kutta() {
     let end = |steps: u32| {
@@ -228,7 +237,8 @@ impl Switched for Rectangular {
     }
 }
 
-/// With its steps ended on the jumps Runge–Kutta keeps its order 4 where the stiffness jumps (16 a halving, a tenth of slack); over them it does not.
+/// With its steps ended on the jumps Runge–Kutta keeps its order 4 where the stiffness jumps (16 a
+/// halving, a tenth of slack); over them it does not.
 #[test]
 fn analytic_order_of_runge_kutta_with_located_jumps() {
     let end = |steps: u32, located: bool| {
@@ -253,7 +263,8 @@ fn analytic_order_of_runge_kutta_with_located_jumps() {
     assert!(error(800, false) > 20.0 * error(800, true), "{:.1e} {:.1e}", error(800, false), error(800, true));
 }
 
-/// T4: Mathieu's instability at Ω = 2 sets in at k = 4ζ, and at ζ = 0.05, k = 0.4 the multiplier is 1.1687 a period.
+/// T4: Mathieu's instability at Ω = 2 sets in at k = 4ζ, and at ζ = 0.05, k = 0.4 the multiplier is
+/// 1.1687 a period.
 #[test]
 fn literature_mathieu_threshold() {
     let growth_at = |k: f64, zeta: f64, omega: f64| {
@@ -287,7 +298,8 @@ fn literature_mathieu_threshold() {
     }
 }
 
-/// T5: free undamped bounce through the dead zone keeps its energy to 1e-8 over 1000 passages, the walls being located.
+/// T5: free undamped bounce through the dead zone keeps its energy to 1e-8 over 1000 passages, the
+/// walls being located.
 #[test]
 fn analytic_free_bounce_keeps_its_energy() {
     let mut system = Oscillator { zeta: 0.0, mean: 0.0, omega: 1.0, forces: vec![], stiffness: vec![], gap: 1.0 };
@@ -295,7 +307,8 @@ fn analytic_free_bounce_keeps_its_energy() {
     let energy = |x: &[f64; 2]| 0.5 * x[1] * x[1] + 0.5 * (x[0].abs() - 1.0).max(0.0).powi(2);
     let start = energy(&state);
     let mut stepper = RungeKutta::new(2);
-    // Half a period of the wall's spring and the flight of 2/0.8 between the walls: 5.64; 1000 periods with steps of 0.01.
+    // Half a period of the wall's spring and the flight of 2/0.8 between the walls: 5.64; 1000
+    // periods with steps of 0.01.
     let h = 0.01;
     let (mut crossings, mut before) = (0, 1.0_f64);
     for n in 0..2_000_000_u32 {

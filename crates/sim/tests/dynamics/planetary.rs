@@ -1,4 +1,5 @@
-//! Planetary stages, idlers and internal wheels in the train: modes, phasing, what a fixed sensor hears, faults, both steppers and the steady state.
+//! Planetary stages, idlers and internal wheels in the train: modes, phasing, what a fixed sensor
+//! hears, faults, both steppers and the steady state.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -48,7 +49,8 @@ direction_deg = 40.0
     bench
 }
 
-/// One planetary stage alone, the ring standing still, `planets` of them at equal spacing; in and out by their names.
+/// One planetary stage alone, the ring standing still, `planets` of them at equal spacing; in and
+/// out by their names.
 fn alone([sun, planet, ring]: [u32; 3], planets: u32, [input, output]: [&str; 2]) -> Bench {
     between(&format!(
         r#"
@@ -83,7 +85,8 @@ fn steady(setup: &SimSetup, orders: &[f64]) -> Vec<f64> {
     solved.sensors[0].iter().map(|z| z.norm()).collect()
 }
 
-/// The train turns freely whatever is fixed, in and out: every mesh and pin is as it was after a turn of the reference rotation.
+/// The train turns freely whatever is fixed, in and out: every mesh and pin is as it was after a
+/// turn of the reference rotation.
 #[test]
 fn analytic_planetary_trains_turn_freely() {
     for (input, output) in [
@@ -109,7 +112,8 @@ fn analytic_planetary_trains_turn_freely() {
     }
 }
 
-/// Translational and planet modes of the stage in the train are those of the model of Lin and Parker with the same stiffnesses, for shafts only turn: 1e-6.
+/// Translational and planet modes of the stage in the train are those of the model of Lin and
+/// Parker with the same stiffnesses, for shafts only turn: 1e-6.
 #[test]
 fn oracle_modes_of_the_stage_in_the_train() {
     let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
@@ -130,11 +134,13 @@ fn oracle_modes_of_the_stage_in_the_train() {
     assert_eq!(count, 15, "six pairs of translational modes, three planet modes");
 }
 
-/// Mesh forces of equal planets whose phases are `k = l z_s mod N` turn the sun where k = 0, push it sideways where k is 1 or N − 1, and do neither else (Parker 2000): seen in the static forces of the
-/// meshes over a cycle, and in the response.
+/// Mesh forces of equal planets whose phases are `k = l z_s mod N` turn the sun where k = 0, push
+/// it sideways where k is 1 or N − 1, and do neither else (Parker 2000): seen in the static forces
+/// of the meshes over a cycle, and in the response.
 #[test]
 fn literature_parker_2000_in_the_response() {
-    // 28 is in phase; 27 and 97 teeth with 35 of a planet are one step apart from planet to planet, 26 and 98 with 36 two.
+    // 28 is in phase; 27 and 97 teeth with 35 of a planet are one step apart from planet to planet,
+    // 26 and 98 with 36 two.
     for (teeth, turns, moves) in
         [([28, 36, 100], true, false), ([27, 35, 97], false, true), ([26, 36, 98], false, false)]
     {
@@ -155,14 +161,16 @@ fn literature_parker_2000_in_the_response() {
         }
         let [turning, sideways] = [&turning, &sideways].map(|signal| line(signal, &angles, order).norm());
         let largest = turning.max(sideways);
-        // The free rotation settles over seconds; what is left of the start is 1e-4 of a mesh line that is there.
+        // The free rotation settles over seconds; what is left of the start is 1e-4 of a mesh line
+        // that is there.
         let there = |amplitude: f64| amplitude > 1e-6 && amplitude > 1e-2 * largest;
         assert_eq!(there(turning), turns, "{teeth:?}: {turning:.2e} {sideways:.2e}");
         assert_eq!(there(sideways), moves, "{teeth:?}: {turning:.2e} {sideways:.2e}");
     }
 }
 
-/// A sensor that stands still hears lines at multiples of the carrier's speed that the planets leave: with 62 teeth of the ring and four planets 64 and 60, not 62 (McFadden & Smith 1985).
+/// A sensor that stands still hears lines at multiples of the carrier's speed that the planets
+/// leave: with 62 teeth of the ring and four planets 64 and 60, not 62 (McFadden & Smith 1985).
 #[test]
 fn literature_lines_that_planets_leave() {
     let bench = alone([22, 20, 62], 4, ["sun", "carrier"]);
@@ -179,8 +187,9 @@ fn literature_lines_that_planets_leave() {
     assert!(far.iter().all(|amplitude| *amplitude < largest), "{far:?} {largest}");
 }
 
-/// By sensor, what exponential steps (eight a sample) and Runge–Kutta with located events (24) differ by over 800 samples, as a part of the signal. The fastest mode, planets against sun and ring at
-/// 16.6 kHz, turns by 0.27 rad in a step of Runge–Kutta and by 0.8 in an exponential one.
+/// By sensor, what exponential steps (eight a sample) and Runge–Kutta with located events (24)
+/// differ by over 800 samples, as a part of the signal. The fastest mode, planets against sun and
+/// ring at 16.6 kHz, turns by 0.27 rad in a step of Runge–Kutta and by 0.8 in an exponential one.
 fn steppers_apart(model: &Arc<TrainModel>) -> Vec<f64> {
     let (samples, sensors) = (800, model.linear.sensors.len());
     let mut etd = Etd::<1>::new([model.clone()], 1.0 / (RATE_HZ * 8.0)).expect("stepper");
@@ -199,8 +208,9 @@ fn steppers_apart(model: &Arc<TrainModel>) -> Vec<f64> {
     fast.iter().zip(&slow).map(apart).collect()
 }
 
-/// Two steppers on the shipped bench: 3e-4 of the signal of either sensor. Runge–Kutta changes by 3e-5 on halving. The exponential stepper changes by 7e-5 on halving, and its table of a pair, good to 1e-4 of the
-/// stiffness, leaves 1.3e-4.
+/// Two steppers on the shipped bench: 3e-4 of the signal of either sensor. Runge–Kutta changes by
+/// 3e-5 on halving. The exponential stepper changes by 7e-5 on halving, and its table of a pair,
+/// good to 1e-4 of the stiffness, leaves 1.3e-4.
 #[test]
 fn oracle_planetary_exponential_is_runge_kutta() {
     let apart = steppers_apart(&model(&bare("planetary-parallel"), 30.0, 40.0, 3));
@@ -225,9 +235,12 @@ fn oracle_planets_that_pass_a_housing() {
     assert!(apart.iter().all(|&apart| apart < 3e-4), "{apart:?}");
 }
 
-/// Lines of the steady state against stepping, carrier orders about the mesh: 1e-3 of the largest, healthy and with a pin out of its place. A mesh force jumps by some 0.4 N where a pair of the ring comes
-/// without corner contact. Its harmonic h has 0.4 N/h, and what is sampled s times a mesh cycle folds h = m s to the lines about the mesh where m s is nearly whole: with a hundred samples that was 1e-3 to 1 % of a
-/// line. With s = 400.618, golden behind the point, the first such m is 8, and 3e-4 are left.
+/// Lines of the steady state against stepping, carrier orders about the mesh: 1e-3 of the largest,
+/// healthy and with a pin out of its place. A mesh force jumps by some 0.4 N where a pair of the
+/// ring comes without corner contact. Its harmonic h has 0.4 N/h, and what is sampled s times a
+/// mesh cycle folds h = m s to the lines about the mesh where m s is nearly whole: with a hundred
+/// samples that was 1e-3 to 1 % of a line. With s = 400.618, golden behind the point, the first
+/// such m is 8, and 3e-4 are left.
 #[test]
 fn oracle_steady_state_of_planets_by_stepping() {
     let bench = alone([22, 20, 62], 4, ["sun", "carrier"]);
@@ -256,7 +269,8 @@ fn oracle_steady_state_of_planets_by_stepping() {
     }
 }
 
-/// An idler takes no torque: both its meshes carry the same force at rest, and its bearing holds both; the wheel turns with the pinion's sense. An internal wheel likewise.
+/// An idler takes no torque: both its meshes carry the same force at rest, and its bearing holds
+/// both; the wheel turns with the pinion's sense. An internal wheel likewise.
 #[test]
 fn analytic_idlers_and_internal_wheels_at_rest() {
     let idler = pair("wheel = { teeth = 57 }\nidlers = [{ teeth = 31 }]");
@@ -289,7 +303,8 @@ fn analytic_idlers_and_internal_wheels_at_rest() {
     }
 }
 
-/// Steady state of a pair with an idler, and with an internal wheel, against stepping: 1x to 5x within 2e-3 of the largest.
+/// Steady state of a pair with an idler, and with an internal wheel, against stepping: 1x to 5x
+/// within 2e-3 of the largest.
 #[test]
 fn oracle_steady_state_of_idlers_and_internal_wheels() {
     for bench in

@@ -25,8 +25,10 @@ fn spur(bench: &Bench) -> MeshModel {
     MeshModel::new(bench, 0, &Default::default(), &Default::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// At rest the mesh force presses pinion and wheel on their bearings along the working line of action: F = T/r_b at α_w from the tangent, 22.2° and not 20° for 14/57 teeth with
-/// x = 0.5; at a centre distance 0.5 mm wider at 24.5°. The bearing's displacement times its stiffness is that force, to the rounding of the static solution.
+/// At rest the mesh force presses pinion and wheel on their bearings along the working line of
+/// action: F = T/r_b at α_w from the tangent, 22.2° and not 20° for 14/57 teeth with x = 0.5; at a
+/// centre distance 0.5 mm wider at 24.5°. The bearing's displacement times its stiffness is that
+/// force, to the rounding of the static solution.
 #[test]
 fn analytic_bearings_feel_the_working_pressure_angle() {
     let mut bench = shifted();
@@ -42,7 +44,8 @@ fn analytic_bearings_feel_the_working_pressure_angle() {
         assert!((working.to_degrees() - 20.0).abs() > 1.5, "{}", working.to_degrees());
         let force = 40.0 / (0.5e-3 * module * 57.0 * 20_f64.to_radians().cos());
         let centres = stage.line_of_centres_deg.to_radians();
-        // From the line of centres: the pinion turns counter-clockwise and pushes the wheel along the tangent and away from itself.
+        // From the line of centres: the pinion turns counter-clockwise and pushes the wheel along
+        // the tangent and away from itself.
         let direction = centres + std::f64::consts::FRAC_PI_2 - working;
         let mesh = &linear.meshes[0];
         for (place, shaft, sign) in [(mesh.pinion, 0, -1.0), (mesh.wheel, 1, 1.0)] {
@@ -60,8 +63,10 @@ fn analytic_bearings_feel_the_working_pressure_angle() {
     }
 }
 
-/// The loss between flanks that slide about the working pitch point: G. Niemann, H. Winter, "Maschinenelemente" II, P_loss/P = μ π (1/z₁ + 1/z₂)(1 − ε + ε₁² + ε₂²), ε₁ and ε₂ from the working pitch
-/// point to both ends. 10 % as for helical pairs: the formula shares the load evenly among the pairs, and loaded teeth touch beyond the ends (found: 1.5 %).
+/// The loss between flanks that slide about the working pitch point: G. Niemann, H. Winter,
+/// "Maschinenelemente" II, P_loss/P = μ π (1/z₁ + 1/z₂)(1 − ε + ε₁² + ε₂²), ε₁ and ε₂ from the
+/// working pitch point to both ends. 10 % as for helical pairs: the formula shares the load evenly
+/// among the pairs, and loaded teeth touch beyond the ends (found: 1.5 %).
 #[test]
 fn literature_tooth_loss_of_a_shifted_pair() {
     let bench = shifted();
@@ -105,8 +110,9 @@ fn oracle_shifted_pair_exponential_is_runge_kutta() {
     assert!(apart < 1e-4, "{apart:.2e}");
 }
 
-/// A shifted helical pair by hand, 14 and 57 teeth, m_n = 3 mm, β = 15°, x = 0.4 and 0.1: transverse distance, tips and roots, and the slices hold it. At a helix of 1e-6 degrees it is the
-/// shifted spur pair.
+/// A shifted helical pair by hand, 14 and 57 teeth, m_n = 3 mm, β = 15°, x = 0.4 and 0.1:
+/// transverse distance, tips and roots, and the slices hold it. At a helix of 1e-6 degrees it is
+/// the shifted spur pair.
 #[test]
 fn analytic_a_shifted_helical_pair_is_that_of_its_transverse_section() {
     let mut bench = shifted();

@@ -5,11 +5,13 @@ use gearwatch_sim::mesh::MeshModel;
 
 use super::*;
 
-/// Torque and speed of the second operating points: a factor that a law shows in, small enough to keep every mesh closed.
+/// Torque and speed of the second operating points: a factor that a law shows in, small enough to
+/// keep every mesh closed.
 const LOAD_FACTOR: f64 = 1.6;
 const SPEED_FACTOR: f64 = 1.2;
-/// Undeclared lines may move by this much of the strongest declared change: a train is one mechanical system, and what happens at one
-/// line leaks a little into all others through the modulation of the mesh stiffness.
+/// Undeclared lines may move by this much of the strongest declared change: a train is one
+/// mechanical system, and what happens at one line leaks a little into all others through the
+/// modulation of the mesh stiffness.
 const LEAK: f64 = 0.25;
 /// A law holds when the exponent comes out within this of the declared one.
 const EXPONENT: f64 = 0.3;
@@ -33,7 +35,8 @@ impl Runs {
         (amplitude(&self.with, sensor, at, hz) - amplitude(&self.without, sensor, at, hz)).norm()
     }
 
-    /// Largest change of amplitude, phase left out: the train may come to run at another tooth position.
+    /// Largest change of amplitude, phase left out: the train may come to run at another tooth
+    /// position.
     fn loudest(&self, sensor: usize, lines: &[Line]) -> (f64, Option<Line>) {
         let loudness = |run: &Rendered, at: Line| amplitude(run, sensor, at, self.point.0).norm();
         let change = |at: Line| ((loudness(&self.with, at) - loudness(&self.without, at)).abs(), Some(at));
@@ -45,7 +48,8 @@ impl Runs {
     }
 }
 
-/// Lines that a train can have: harmonics of its shafts, mesh harmonics with sidebands, and places where it should have none.
+/// Lines that a train can have: harmonics of its shafts, mesh harmonics with sidebands, and places
+/// where it should have none.
 fn all_lines(train: &Train) -> Vec<Line> {
     let mut out = Vec::new();
     for &(_, order) in &train.shafts {
@@ -97,7 +101,8 @@ fn check(effect: &'static dyn Effect) {
     }
     for (place, at) in places {
         match at {
-            // A wheel with another number of teeth shifts what comes behind it, and this bench has nothing there.
+            // A wheel with another number of teeth shifts what comes behind it, and this bench has
+            // nothing there.
             Place::Gear { wheel: true, .. } if effect.id() == "wrong_tooth_count" => {}
             Place::Housing => check_at(effect, &place, &with_housing(bench.clone())),
             _ => check_at(effect, &place, &bench),
@@ -151,7 +156,8 @@ fn check_at(effect: &'static dyn Effect, place: &str, bench: &Bench) {
         Change::Rises | Change::Alters => {}
     }
     let declared = runs.largest(sensor, &signature.lines);
-    // What happens once per revolution of a gear makes a comb that goes on beyond the sidebands that are declared.
+    // What happens once per revolution of a gear makes a comb that goes on beyond the sidebands
+    // that are declared.
     let comb = comb(&train, place);
     let stays: Vec<Line> = all_lines(&train)
         .into_iter()
@@ -218,8 +224,8 @@ fn check_shift(effect: &dyn Effect, values: &Values, runs: &Runs, train: &Train)
     assert!(left < 0.1 * after, "{id}: {left:.2e} left at {hz} Hz, {after:.2e} where it should be now");
 }
 
-/// A defect's passages slip, so its lines are in the power of what it adds, not in its waveform: the squared difference has a line at
-/// the passage order and none beside it.
+/// A defect's passages slip, so its lines are in the power of what it adds, not in its waveform:
+/// the squared difference has a line at the passage order and none beside it.
 fn check_passages(id: &str, sensor: usize, runs: &Runs, lines: &[Line]) {
     let square: Vec<f64> =
         runs.with.samples[sensor].iter().zip(&runs.without.samples[sensor]).map(|(a, b)| (a - b) * (a - b)).collect();
@@ -236,7 +242,8 @@ fn check_passages(id: &str, sensor: usize, runs: &Runs, lines: &[Line]) {
     }
 }
 
-/// What a defect adds goes with the load; on the inner race it comes and goes with the turns of the shaft, on the outer race it does not.
+/// What a defect adds goes with the load; on the inner race it comes and goes with the turns of the
+/// shaft, on the outer race it does not.
 fn check_load_zone(values: &Values, bench: &Bench, sensor: usize) {
     let Place::Shaft(shaft) = values.place() else { panic!("a shaft") };
     let train = Train::new(bench);
@@ -266,9 +273,10 @@ fn check_load_zone(values: &Values, bench: &Bench, sensor: usize) {
     assert!((doubled.0 / outer.0 - 2.0).abs() < 0.1, "{outer:?} {doubled:?}");
 }
 
-/// Play does nothing while a steady force holds the shaft to its side; what turns across the load moves it there and makes harmonics where a linear bearing makes
-/// none. They go with the square of the push: a tenth of the unbalance makes a hundredth of 2x. Read from the difference of runs with and without play, so that
-/// all else cancels.
+/// Play does nothing while a steady force holds the shaft to its side; what turns across the load
+/// moves it there and makes harmonics where a linear bearing makes none. They go with the square of
+/// the push: a tenth of the unbalance makes a hundredth of 2x. Read from the difference of runs
+/// with and without play, so that all else cancels.
 fn check_play(place: &str, bench: &Bench, sensor: usize, lines: &[Line]) {
     let Line::Order(turns) = lines[0] else { panic!("an order") };
     let made = |gap_um: f64, push_n: f64| {
@@ -293,7 +301,8 @@ fn check_play(place: &str, bench: &Bench, sensor: usize, lines: &[Line]) {
     assert!(weak < 0.03 * strong, "{place}: {weak:.1e} of {strong:.1e} m/s² at a tenth of the push");
 }
 
-/// Backlash does nothing while the load keeps the teeth together, and sets the flight where it does not.
+/// Backlash does nothing while the load keeps the teeth together, and sets the flight where it does
+/// not.
 fn check_backlash(setup: &SimSetup, base: &SimSetup, loaded: &Runs, lines: &[Line]) {
     assert!(loaded.largest(0, lines) < 1e-9, "backlash must not show under load");
     let rattling = |setup: &SimSetup| {
@@ -334,7 +343,8 @@ fn check_shift_behind_a_belt(effect: &'static dyn Effect) {
     assert!((slip(&runs.with) / slip(&half) - 2.0).abs() < 1e-6);
 }
 
-/// One function of frequency alters every line, whatever the load: the ratio at each line is the same at two loads.
+/// One function of frequency alters every line, whatever the load: the ratio at each line is the
+/// same at two loads.
 fn check_path(place: &str, sensor: usize, (setup, base): (&SimSetup, &SimSetup), runs: &Runs, lines: &[Line]) {
     let ratio = |with: &Rendered, without: &Rendered, at: Line| {
         amplitude(with, sensor, at, MOTOR_HZ) / amplitude(without, sensor, at, MOTOR_HZ)
@@ -348,7 +358,8 @@ fn check_path(place: &str, sensor: usize, (setup, base): (&SimSetup, &SimSetup),
     let loaded = Runs::new(setup, base, MOTOR_HZ, LOAD_FACTOR * TORQUE_NM);
     for &at in &strongest {
         let (one, two) = (ratio(&runs.with, &runs.without, at), ratio(&loaded.with, &loaded.without, at));
-        // A path is linear: only the Hann window's side lobes of other lines differ between the loads.
+        // A path is linear: only the Hann window's side lobes of other lines differ between the
+        // loads.
         assert!((one / two - Complex::new(1.0, 0.0)).norm() < 1e-2, "{place}: {one} and {two} at {at:?}");
     }
     // The path of one sensor is not that of another.
@@ -385,8 +396,9 @@ fn conform_signatures_last_quarter() {
     quarter(3);
 }
 
-/// Pitch errors beyond the deflection declare no law of load, and follow none: at 20 µm neighbouring teeth differ by more than the 3 µm by which a
-/// pair gives way, so the load decides how many teeth touch.
+/// Pitch errors beyond the deflection declare no law of load, and follow none: at 20 µm
+/// neighbouring teeth differ by more than the 3 µm by which a pair gives way, so the load decides
+/// how many teeth touch.
 #[test]
 fn analytic_coarse_pitch_errors_follow_no_law_of_load() {
     let bench = bench();
@@ -407,7 +419,8 @@ fn analytic_coarse_pitch_errors_follow_no_law_of_load() {
     assert!(found.abs() > EXPONENT, "torque^{found:.2}: the declaration could be a law after all");
 }
 
-/// What pitch errors do to the static approach at some lines, in cycles per mesh cycle, over a revolution of the gear that has them (m).
+/// What pitch errors do to the static approach at some lines, in cycles per mesh cycle, over a
+/// revolution of the gear that has them (m).
 fn static_change(setup: &SimSetup, base: &SimSetup, torque_nm: f64, lines: &[f64]) -> Vec<f64> {
     const STEPS: u32 = 64;
     let mesh = |setup: &SimSetup| MeshModel::new(&setup.bench, 0, &setup.mesh, &setup.teeth[0]).expect("mesh");
@@ -424,8 +437,9 @@ fn static_change(setup: &SimSetup, base: &SimSetup, torque_nm: f64, lines: &[f64
     lines.iter().map(|&per_cycle| line(&change, &angles, per_cycle).norm()).collect()
 }
 
-/// Why small pitch errors have no law of load beside the mesh lines: the static approach has the same exponents. Under load pairs touch earlier and part
-/// later, so that a tooth's error is shared otherwise; that is no resonance and no matter of measuring.
+/// Why small pitch errors have no law of load beside the mesh lines: the static approach has the
+/// same exponents. Under load pairs touch earlier and part later, so that a tooth's error is shared
+/// otherwise; that is no resonance and no matter of measuring.
 #[test]
 fn analytic_sidebands_of_pitch_errors_go_as_pairs_share_the_load() {
     let bench = bench();

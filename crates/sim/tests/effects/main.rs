@@ -1,4 +1,5 @@
-//! Every effect of the table against its own declaration: the declared lines move, the others do not, and the declared laws hold.
+//! Every effect of the table against its own declaration: the declared lines move, the others do
+//! not, and the declared laws hold.
 
 use gearwatch_core::bench::{EffectSpec, Sensor};
 use gearwatch_core::train::Train;
@@ -34,7 +35,8 @@ pub(crate) fn run(setup: &SimSetup, motor_hz: f64, torque_nm: f64) -> Rendered {
     steady(setup, motor_hz, torque_nm, 5, SETTLE_S, RECORD_S).expect("runs")
 }
 
-/// Amplitude at a line of a run at constant mean speed, against time as a sensor without a tacho sees it.
+/// Amplitude at a line of a run at constant mean speed, against time as a sensor without a tacho
+/// sees it.
 pub(crate) fn amplitude(run: &Rendered, sensor: usize, at: Line, first_shaft_hz: f64) -> Complex<f64> {
     line(&run.samples[sensor], &times(run), std::f64::consts::TAU * at.recorded_hz(first_shaft_hz, run.sample_rate_hz))
 }
@@ -67,7 +69,8 @@ fn conform_the_table_has_the_ids_of_the_contract() {
     assert_eq!(ids, contract.split_whitespace().collect::<Vec<_>>());
 }
 
-/// Units by the end of a parameter's name; a name without one has a ratio, a count, an order, or what its place gives it.
+/// Units by the end of a parameter's name; a name without one has a ratio, a count, an order, or
+/// what its place gives it.
 const UNITS: [(&str, &str); 8] = [
     ("_um", "µm"),
     ("_mm", "mm"),
@@ -79,7 +82,8 @@ const UNITS: [(&str, &str); 8] = [
     ("ppm", "1e-6"),
 ];
 
-/// Every parameter declares a unit that agrees with its name, and a range of finite numbers about its typical value.
+/// Every parameter declares a unit that agrees with its name, and a range of finite numbers about
+/// its typical value.
 #[test]
 fn conform_parameters_and_confusions_make_sense() {
     for effect in effects::ALL {

@@ -22,8 +22,9 @@ pub(crate) fn constants(effect: &str, given: &[(&str, f64)]) -> Constants {
     Constants::new(table, &given.iter().map(|&(name, value)| (name.to_owned(), value)).collect()).unwrap()
 }
 
-/// A constant pressure p over a contact of constant width, N passages: the depth is `k p s N`, in the first step and in the sum of many. The width cancels in `p̄ · 2a`, so that a place under a load per width F'
-/// loses `k F' |1 − v₂/v₁|` in one passage whatever its curvature.
+/// A constant pressure p over a contact of constant width, N passages: the depth is `k p s N`, in
+/// the first step and in the sum of many. The width cancels in `p̄ · 2a`, so that a place under a
+/// load per width F' loses `k F' |1 − v₂/v₁|` in one passage whatever its curvature.
 #[test]
 fn analytic_archard_at_constant_pressure() {
     let setup = bare();
@@ -38,7 +39,8 @@ fn analytic_archard_at_constant_pressure() {
         let depth = k * point.mean_pressure_pa * point.sliding_m[0] * passages;
         let closed = k * per_width * (1.0 - ratio).abs() * passages;
         assert!((depth - closed).abs() < 1e-12 * closed + 1e-20, "{cycles}: {depth:e} {closed:e}");
-        // The wheel slides the other way over the pinion: the same speed, seen from the slower or faster flank.
+        // The wheel slides the other way over the pinion: the same speed, seen from the slower or
+        // faster flank.
         let back = k * per_width * (1.0 - 1.0 / ratio).abs() * passages;
         let wheel = k * point.mean_pressure_pa * point.sliding_m[1] * passages;
         assert!((wheel - back).abs() < 1e-12 * back + 1e-20);
@@ -46,7 +48,8 @@ fn analytic_archard_at_constant_pressure() {
     }
 }
 
-/// Where one pair carries all of the load the worn depth over hours is that closed form with all of the force, at both flanks, whatever happens where two pairs share.
+/// Where one pair carries all of the load the worn depth over hours is that closed form with all of
+/// the force, at both flanks, whatever happens where two pairs share.
 #[test]
 fn analytic_wear_of_the_single_zone_over_hours() {
     let setup = bare();
@@ -55,7 +58,8 @@ fn analytic_wear_of_the_single_zone_over_hours() {
     let duty = Duty { motor_hz: 25.0, torque_nm: 60.0, share: 1.0 };
     let mut wear = Wear::new(&setup, 0, &constants("tooth_wear", &[("k_m2_per_n", 2e-18)])).unwrap();
     wear.advance(&setup.bench, &[duty], 100.0);
-    // Well within the zone of single contact, ε − 1 to 1: corner contact narrows it by some hundredths.
+    // Well within the zone of single contact, ε − 1 to 1: corner contact narrows it by some
+    // hundredths.
     let at = |cycles: f64| (cycles / pair.contact_ratio * (PLACES - 1) as f64).round() as usize;
     let force = duty.mesh_force_n(&setup.bench, 0);
     assert!((force - 60.0 / mesh.base_radii_m()[1]).abs() < 1e-9);
@@ -88,7 +92,8 @@ fn analytic_wear_goes_by_k_and_hours_together() {
     assert!((worn(1e-17, 300.0, &halves) / once - 1.0).abs() < 1e-12);
 }
 
-/// Paris' law with a constant factor, `ΔK = Y σ √(π a)`, against its integral `N = (a₀^(1−m/2) − a^(1−m/2)) / (C (Y σ √π)^m (m/2 − 1))` for m on both sides of 2.
+/// Paris' law with a constant factor, `ΔK = Y σ √(π a)`, against its integral
+/// `N = (a₀^(1−m/2) − a^(1−m/2)) / (C (Y σ √π)^m (m/2 − 1))` for m on both sides of 2.
 #[test]
 fn oracle_paris_integral_for_any_m_but_2() {
     let (c, stress) = (6.9e-12, 1.12 * 300.0);
@@ -109,8 +114,10 @@ fn oracle_paris_integral_for_any_m_but_2() {
     }
 }
 
-/// Factors of an edge crack: both 1.12 of a short one, 1.12 to 10 % up to 0.4 of the width in bending (Dowling, Mechanical Behavior of Materials, figure 8.13), and the polynomials of Brown & Srawley 1966 that Tada,
-/// Paris & Irwin give beside the closed forms: 2.2 % at most between the two.
+/// Factors of an edge crack: both 1.12 of a short one, 1.12 to 10 % up to 0.4 of the width in
+/// bending (Dowling, Mechanical Behavior of Materials, figure 8.13), and the polynomials of Brown &
+/// Srawley 1966 that Tada, Paris & Irwin give beside the closed forms: 2.2 % at most between the
+/// two.
 #[test]
 fn literature_factors_of_an_edge_crack() {
     assert!((bending_factor(0.0) - 1.122).abs() < 1e-12 && (tension_factor(0.0) - 1.122).abs() < 1e-12);
@@ -123,8 +130,9 @@ fn literature_factors_of_an_edge_crack() {
     }
 }
 
-/// Nominal bending at the root of a tooth that is loaded at its tip, against Lewis' form factor: `σ = F_t/(b m Y)`, Y = 0.3335 for 23 teeth of 20° (Shigley, table 14-2, between 22 and 24). Lewis' factor has
-/// the same parabola, with fillets as they were drawn: a tenth is allowed.
+/// Nominal bending at the root of a tooth that is loaded at its tip, against Lewis' form factor:
+/// `σ = F_t/(b m Y)`, Y = 0.3335 for 23 teeth of 20° (Shigley, table 14-2, between 22 and 24).
+/// Lewis' factor has the same parabola, with fillets as they were drawn: a tenth is allowed.
 #[test]
 fn literature_root_stress_against_lewis() {
     let setup = bare();
@@ -138,7 +146,8 @@ fn literature_root_stress_against_lewis() {
     assert!(compression > 0.0 && compression < 0.2 * bending);
 }
 
-/// Pressure at the pitch point of two steel gears by hand: `p₀ = √(F' E*/(π R))`, and Z_E = 189.8 √MPa of ISO 6336-2 for steel on steel is `√(E*/π)` with its E and ν.
+/// Pressure at the pitch point of two steel gears by hand: `p₀ = √(F' E*/(π R))`, and Z_E = 189.8
+/// √MPa of ISO 6336-2 for steel on steel is `√(E*/π)` with its E and ν.
 #[test]
 fn literature_elasticity_factor_of_iso_6336() {
     let steel = gearwatch_sim::hertz::Material { youngs_modulus_pa: 206e9, poisson_ratio: 0.3 };
@@ -147,7 +156,8 @@ fn literature_elasticity_factor_of_iso_6336() {
     assert!((factor - 189.8).abs() < 0.1, "{factor}");
 }
 
-/// Of 400 drawn gears 63.2 % have a pit by `η = N₁/(−ln 0.99)^(1/e)`, and half by the median `η (ln 2)^(1/e)`: within three standard deviations of the count.
+/// Of 400 drawn gears 63.2 % have a pit by `η = N₁/(−ln 0.99)^(1/e)`, and half by the median
+/// `η (ln 2)^(1/e)`: within three standard deviations of the count.
 #[test]
 fn analytic_first_pits_are_weibull() {
     let setup = bare();
@@ -169,7 +179,8 @@ fn analytic_first_pits_are_weibull() {
     for quantile in [0.2, 0.5, 0.632] {
         let (found, expected) = (with_pits(quantile), quantile * gears as f64);
         let allowed = 3.0 * (expected * (1.0 - quantile)).sqrt();
-        // Once a pit has begun, the pressure on its tooth rises: that makes further pits, not first ones.
+        // Once a pit has begun, the pressure on its tooth rises: that makes further pits, not first
+        // ones.
         assert!((found - expected).abs() < allowed, "{quantile}: {found} of {expected} ± {allowed}");
     }
 }

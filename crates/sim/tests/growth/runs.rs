@@ -114,7 +114,9 @@ fn conform_what_cannot_grow_is_refused() {
     assert!(refused(&counted).to_string().contains("counted from none"));
 }
 
-/// The lines of a step against windows of its recording: the worn bench stepped through time, sampled and judged by the pipeline, deviates from the healthy one as the steady states say. Noise of the sensor and of forty windows: 0.3 percent.
+/// The lines of a step against windows of its recording: the worn bench stepped through time,
+/// sampled and judged by the pipeline, deviates from the healthy one as the steady states say.
+/// Noise of the sensor and of forty windows: 0.3 percent.
 #[test]
 fn oracle_a_step_as_the_pipeline_sees_it() {
     let plan = Plan { steps: 2, ..plan("tooth_wear", "stage1", 60.0, 200.0) };

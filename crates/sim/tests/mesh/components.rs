@@ -12,7 +12,8 @@ fn flexure(gear: &GearGeometry, material: &Material, root: Root, angle: f64) -> 
     ToothProfile::new("gear", gear, root, &mut vec![]).flexure(material, &ToothDamage::default(), &[angle])[0]
 }
 
-/// Five digits are given; the sixth of the bending at 19 teeth is off by 3 (both the closed form and the direct integral say 2.49886).
+/// Five digits are given; the sixth of the bending at 19 teeth is off by 3 (both the closed form
+/// and the direct integral say 2.49886).
 fn same_to_5_digits(got: f64, expected: f64) -> bool {
     (got / expected - 1.0).abs() < 1.5e-5
 }
@@ -70,8 +71,9 @@ fn literature_sainsot_polynomials() {
     }
 }
 
-/// Outside the fitted range the formula is held at its limit and the caller is told: a bore of 12.5 mm radius in an 85-tooth, 4 mm
-/// gear would take P* to three times the largest value that was fitted.
+/// Outside the fitted range the formula is held at its limit and the caller is told: a bore of 12.5
+/// mm radius in an 85-tooth, 4 mm gear would take P* to three times the largest value that was
+/// fitted.
 #[test]
 fn conform_foundation_is_never_extrapolated() {
     let gear = GearGeometry::new("wheel", 85, 4e-3, 20_f64.to_radians(), 20e-3, 12.5e-3).unwrap();
@@ -82,8 +84,9 @@ fn conform_foundation_is_never_extrapolated() {
     assert!(sainsot_polynomials(gear.root_radius_m / 12.5e-3, held.root_angle_rad)[2] > 30.0);
 }
 
-/// Closed form of the healthy tooth with straight root (Liang, Zuo & Pandey 2014, with the misprints of the paper put right),
-/// its integrals over the flank by Simpson's rule: an implementation that shares nothing with the crate's.
+/// Closed form of the healthy tooth with straight root (Liang, Zuo & Pandey 2014, with the
+/// misprints of the paper put right), its integrals over the flank by Simpson's rule: an
+/// implementation that shares nothing with the crate's.
 fn closed_form(gear: &GearGeometry, material: &Material, a1: f64) -> Flexure {
     let a2 = gear.half_base_angle_rad;
     let nu = material.poisson_ratio;
@@ -131,7 +134,8 @@ fn analytic_closed_form_is_the_direct_integral() {
             for (got, expected) in
                 [(got.bending, expected.bending), (got.shear, expected.shear), (got.axial, expected.axial)]
             {
-                // Against the whole flexure: the axial part goes through zero. Simpson's error is 1e-9 of it.
+                // Against the whole flexure: the axial part goes through zero. Simpson's error is
+                // 1e-9 of it.
                 assert!(
                     (got - expected).abs() < 1e-7 * 1e-9_f64.max(expected),
                     "{} {i}: {got:e} {expected:e}",

@@ -25,8 +25,9 @@ fn pairs_at(model: &MeshModel, phase: f64, load: &LoadPoint) -> Pairs {
     pairs
 }
 
-/// An approach of 1.4 µm of 34/73 starts the contact 7 mrad (0.038 cycles) early. Under 730 N the pair before carries alone until then,
-/// and approaches by more than that: contact begins where the gap equals the approach, ends likewise, and ε grows from 1.747 to 1.85.
+/// An approach of 1.4 µm of 34/73 starts the contact 7 mrad (0.038 cycles) early. Under 730 N the
+/// pair before carries alone until then, and approaches by more than that: contact begins where the
+/// gap equals the approach, ends likewise, and ε grows from 1.747 to 1.85.
 #[test]
 fn literature_corner_contact_extends_the_path() {
     let s = pair_34_73();
@@ -56,7 +57,8 @@ fn literature_corner_contact_extends_the_path() {
     let last = (0..2000).rev().map(|i| 6.7 + 1e-4 * f64::from(i)).find(|&u| carries(u, 5)).unwrap();
     for (u, lead, exit) in [(first, 5.0 - first, false), (last, last - 5.0 - s.pair.contact_ratio, true)] {
         let (gap, approach) = (s.pair.corner_gap_m(lead, exit), model.static_point(u, &load).0);
-        // Phases are 1e-4 apart, of leads of 0.05, which enter squared; the model's cubic is within 1 % of the gap.
+        // Phases are 1e-4 apart, of leads of 0.05, which enter squared; the model's cubic is within
+        // 1 % of the gap.
         assert!((gap / approach - 1.0).abs() < 0.015, "{u}: {gap:e} {approach:e}");
     }
     assert!(last - first > 1.82 && last - first < 1.87, "effective contact ratio {}", last - first);
@@ -65,7 +67,8 @@ fn literature_corner_contact_extends_the_path() {
     assert!((early / light - 2.0).abs() < 0.04, "{}", early / light);
 }
 
-/// With corner contact the transmission error is continuous through entry and exit; without it, it jumps.
+/// With corner contact the transmission error is continuous through entry and exit; without it, it
+/// jumps.
 #[test]
 fn analytic_corner_contact_removes_the_jump() {
     let jump = |options: &MeshOptions| {
@@ -76,11 +79,13 @@ fn analytic_corner_contact_removes_the_jump() {
     };
     let (with, without) =
         (jump(&MeshOptions::default()), jump(&MeshOptions { corner_contact: false, ..MeshOptions::default() }));
-    // The greatest slope is that of one pair taking over from two within 0.04 cycles: 0.5 µm / 0.04 × 5e-5 = 1 nm.
+    // The greatest slope is that of one pair taking over from two within 0.04 cycles: 0.5 µm / 0.04
+    // × 5e-5 = 1 nm.
     assert!(with < 5e-9 && without > 0.2e-6, "{with:e} {without:e}");
 }
 
-/// Two equal pairs: k = 2/(c + c₁₂), and unequal ones by the two-by-two inverse, through the general solution.
+/// Two equal pairs: k = 2/(c + c₁₂), and unequal ones by the two-by-two inverse, through the
+/// general solution.
 #[test]
 fn analytic_coupled_pairs() {
     let model = model(&MeshOptions { corner_contact: false, ..MeshOptions::default() }, &ToothModifications::default());
@@ -103,7 +108,8 @@ fn analytic_coupled_pairs() {
     }
 }
 
-/// Force is monotonic and piecewise linear in the approach, also where corner contact brings a third pair in.
+/// Force is monotonic and piecewise linear in the approach, also where corner contact brings a
+/// third pair in.
 #[test]
 fn analytic_force_is_monotonic() {
     let model = model(&MeshOptions::default(), &ToothModifications::default());
@@ -123,8 +129,8 @@ fn analytic_force_is_monotonic() {
     }
 }
 
-/// An eccentric pinion, 50 µm: the centre distance swings by as much, the contact ratio by −Δa/(sin α p_b), and the mesh phase of
-/// the pairs by the line of action's way, ε/p_b.
+/// An eccentric pinion, 50 µm: the centre distance swings by as much, the contact ratio by −Δa/(sin
+/// α p_b), and the mesh phase of the pairs by the line of action's way, ε/p_b.
 #[test]
 fn analytic_eccentricity_moves_entry_and_exit() {
     let mut teeth = ToothModifications::default();
@@ -133,11 +139,13 @@ fn analytic_eccentricity_moves_entry_and_exit() {
     let (round, eccentric) = (model(&options, &ToothModifications::default()), model(&options, &teeth));
     let pitch = round.base_pitch_m();
     let sin = round.operating_angle_rad().sin();
-    // Phase 0 points at the wheel: the centre distance is 50 µm short, the path longer by 50 µm / sin α.
+    // Phase 0 points at the wheel: the centre distance is 50 µm short, the path longer by 50 µm /
+    // sin α.
     let entry = eccentric.next_event(&at(-0.1));
     let exit = eccentric.next_event(&at(round.contact_ratio() - 0.1));
     let longer = (exit - entry) - round.contact_ratio();
-    // First order of a shift of 0.0165 cycles; during ε cycles the direction turns by 0.32 rad, which costs 1 − cos = 5 %.
+    // First order of a shift of 0.0165 cycles; during ε cycles the direction turns by 0.32 rad,
+    // which costs 1 − cos = 5 %.
     assert!((longer * pitch * sin / 50e-6 - 1.0).abs() < 0.06, "{longer}");
     let load = round.at_load(700.0);
     let gap = pairs_at(&eccentric, 0.5, &load).as_slice()[0].gap_m;
@@ -150,7 +158,8 @@ fn analytic_eccentricity_moves_entry_and_exit() {
     assert!((backlash(17.0) - (80e-6 + 2.0 * sin * 50e-6)).abs() < 1e-12);
 }
 
-/// ± 50 µm of centre distance change the stiffness harmonics of 34/73 by about: mean ∓1.2 %, first +3.5/−4.4 %, third −17/+17 %.
+/// ± 50 µm of centre distance change the stiffness harmonics of 34/73 by about: mean ∓1.2 %, first
+/// +3.5/−4.4 %, third −17/+17 %.
 #[test]
 fn oracle_centre_distance_changes_the_harmonics() {
     let harmonics = |shift: f64| {
@@ -173,13 +182,14 @@ fn oracle_centre_distance_changes_the_harmonics() {
     let (base, far) = (harmonics(0.0), harmonics(50e-6));
     let change = [0, 1, 2].map(|i| 100.0 * (far[i] / base[i] - 1.0));
     for (got, expected, tolerance) in [(change[0], -1.2, 0.3), (change[1], 3.5, 1.0), (change[2], -17.0, 4.0)] {
-        // Width and bores of the reference are not stated; the change of ε, which makes the effect, does not depend on them.
+        // Width and bores of the reference are not stated; the change of ε, which makes the effect,
+        // does not depend on them.
         assert!((got - expected).abs() < tolerance, "{change:?}");
     }
 }
 
-/// The back flanks of a symmetric healthy pair have the same stiffness as the driving ones at the mirrored phase, the same mean, and
-/// neighbouring teeth.
+/// The back flanks of a symmetric healthy pair have the same stiffness as the driving ones at the
+/// mirrored phase, the same mean, and neighbouring teeth.
 #[test]
 fn analytic_back_flanks_mirror_the_driving_ones() {
     let model = model(&MeshOptions::default(), &ToothModifications::default());
@@ -217,7 +227,8 @@ fn analytic_events_are_the_jumps() {
     assert_eq!(events.len(), 6);
 }
 
-/// Misaligned flanks: below the closing load the tangent stiffness is k sqrt(2F/(k γ b)), above it the full k, behind γ b/2.
+/// Misaligned flanks: below the closing load the tangent stiffness is k sqrt(2F/(k γ b)), above it
+/// the full k, behind γ b/2.
 #[test]
 fn analytic_misalignment() {
     let options = MeshOptions { corner_contact: false, body_coupling: None, ..MeshOptions::default() };
@@ -239,8 +250,10 @@ fn analytic_misalignment() {
     }
 }
 
-/// Flanks in 400 slices across the face, each of which touches once the approach has closed its own gap, against the law that is linearised about each pair's part of the load: approach
-/// and its change over the mesh cycle, which drives the gears, to 2 % of the approach. Halves are what two pairs carry but for their compliances, which differ by a fifth.
+/// Flanks in 400 slices across the face, each of which touches once the approach has closed its own
+/// gap, against the law that is linearised about each pair's part of the load: approach and its
+/// change over the mesh cycle, which drives the gears, to 2 % of the approach. Halves are what two
+/// pairs carry but for their compliances, which differ by a fifth.
 #[test]
 fn oracle_misalignment_of_sliced_flanks() {
     const SLICES: usize = 400;

@@ -1,9 +1,11 @@
 //! Damaged teeth.
 //!
-//! The reference figures are quasi-static changes of the harmonics of k(t) over one revolution (34/85 teeth, m = 4 mm,
-//! b = 30 mm, linear Hertz contact, straight root, pairs added up, one tooth of the pinion hit) by an independent Python implementation. It does not
-//! state its bores: radii of 15 and 35 mm make the least stiffness of the *first* row, and all other rows then follow.
-//! The fourth harmonic is not compared: 4 (ε − 1) = 3.0, so that it nearly vanishes and its relative change has no meaning.
+//! The reference figures are quasi-static changes of the harmonics of k(t) over one revolution
+//! (34/85 teeth, m = 4 mm, b = 30 mm, linear Hertz contact, straight root, pairs added up, one
+//! tooth of the pinion hit) by an independent Python implementation. It does not state its bores:
+//! radii of 15 and 35 mm make the least stiffness of the *first* row, and all other rows then
+//! follow. The fourth harmonic is not compared: 4 (ε − 1) = 3.0, so that it nearly vanishes and its
+//! relative change has no meaning.
 
 use std::f64::consts::TAU;
 
@@ -54,7 +56,8 @@ fn amplitude(k: &[f64], at: usize) -> f64 {
     re.hypot(im)
 }
 
-/// Change (%) of mesh harmonics 1, 2, 3, 5; least k / healthy k; strongest first-order sideband / first harmonic.
+/// Change (%) of mesh harmonics 1, 2, 3, 5; least k / healthy k; strongest first-order sideband /
+/// first harmonic.
 struct Change {
     percent: [f64; 4],
     least: f64,
@@ -90,8 +93,8 @@ fn assert_near(what: &str, got: f64, expected: f64, tolerance: f64) {
     assert!((got - expected).abs() <= tolerance, "{what}: {got:.4}, expected {expected} ± {tolerance}");
 }
 
-/// A missing tooth takes one of z equal pulses out of the pair stiffnesses: every mesh harmonic changes by exactly −1/z, and
-/// every multiple of the shaft's speed appears.
+/// A missing tooth takes one of z equal pulses out of the pair stiffnesses: every mesh harmonic
+/// changes by exactly −1/z, and every multiple of the shaft's speed appears.
 #[test]
 fn analytic_missing_tooth_takes_one_zth() {
     for kind in [BreakageKind::Width, BreakageKind::Height] {
@@ -118,7 +121,8 @@ fn oracle_breakage_of_width() {
         [(0.2, -0.14, 0.955, 0.002), (0.4, -0.33, 0.889, 0.005), (0.6, -0.64, 0.781, 0.009), (0.8, -1.20, 0.573, 0.015)]
     {
         let got = change(&model(|gear| gear.damage_tooth(3, breakage(fraction, BreakageKind::Width))));
-        // All harmonics are within 0.02 of the first in the reference; bores that are only nearly its own leave 0.03.
+        // All harmonics are within 0.02 of the first in the reference; bores that are only nearly
+        // its own leave 0.03.
         for percent_h in got.percent {
             assert_near("harmonic, %", percent_h, percent, 0.04);
         }
@@ -128,7 +132,8 @@ fn oracle_breakage_of_width() {
     }
 }
 
-/// A fraction of the height. Where the cut falls decides on the harmonics: 0.5 points allow for the reference's coarser phases.
+/// A fraction of the height. Where the cut falls decides on the harmonics: 0.5 points allow for the
+/// reference's coarser phases.
 #[test]
 fn oracle_breakage_of_height() {
     for (fraction, percent, least) in
@@ -175,7 +180,8 @@ fn oracle_root_crack() {
     }
 }
 
-/// Faults on different teeth add up as complex lines, their pairs being apart; on the same tooth they do not.
+/// Faults on different teeth add up as complex lines, their pairs being apart; on the same tooth
+/// they do not.
 #[test]
 fn analytic_composite_faults() {
     let broken = |gear: &mut GearModifications| gear.damage_tooth(3, breakage(0.4, BreakageKind::Width));
@@ -207,7 +213,8 @@ fn analytic_composite_faults() {
     }
 }
 
-/// Width of an equal-area spall against a pit: the spall's sharp ends give more high-order sidebands.
+/// Width of an equal-area spall against a pit: the spall's sharp ends give more high-order
+/// sidebands.
 #[test]
 fn analytic_spall_has_sharp_ends() {
     let spall = Spall { width_m: 10e-3, length_m: 3e-3, depth_m: 1e-3, height_m: 0.0 };
@@ -215,13 +222,15 @@ fn analytic_spall_has_sharp_ends() {
     let healthy = revolution(&model(|_| {}));
     let steps = k.iter().zip(&healthy).map(|(k, h)| k / h - 1.0).collect::<Vec<_>>();
     let jump = steps.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-    // The contact line loses a third of its length within one cell of the table (6 samples); k_h is a quarter of the tooth's part.
+    // The contact line loses a third of its length within one cell of the table (6 samples); k_h is
+    // a quarter of the tooth's part.
     assert!(jump > 2e-3, "{jump}");
     // The two tables are divided differently; each is within 1e-6 of the exact compliance.
     assert!(steps.iter().all(|&step| step <= 2e-6));
 }
 
-/// A pitted band over the whole width is a missing surface: no shorter line, but a gap as deep as the pits.
+/// A pitted band over the whole width is a missing surface: no shorter line, but a gap as deep as
+/// the pits.
 #[test]
 fn analytic_band_over_the_whole_width_is_a_gap() {
     let band = Spall { width_m: 30e-3, length_m: 2e-3, depth_m: 0.1e-3, height_m: 0.0 };

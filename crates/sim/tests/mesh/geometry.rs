@@ -12,7 +12,8 @@ fn literature_contact_ratio() {
 }
 
 /// Liang's closed form of the double-contact angle (MMT 76, 2014), by pressure angles at the tips:
-/// θ_d = tan(acos(z₁ cos α / (z₁ + 2))) − 2π/z₁ − tan(acos(r_b1 / sqrt(r_a2² + a² − 2 r_a2 a cos(acos(z₂ cos α/(z₂ + 2)) − α)))).
+/// θ_d = tan(acos(z₁ cos α / (z₁ + 2))) − 2π/z₁ − tan(acos(r_b1 / sqrt(r_a2² + a² − 2 r_a2 a
+/// cos(acos(z₂ cos α/(z₂ + 2)) − α)))).
 #[test]
 fn literature_double_contact_angle_in_closed_form() {
     let pair = p1().pair;
@@ -28,8 +29,9 @@ fn literature_double_contact_angle_in_closed_form() {
     assert!((theta - pair.double_contact_angle_rad()).abs() < 1e-12, "{theta} {}", pair.double_contact_angle_rad());
 }
 
-/// Gap before entry of 34/73 teeth, m = 3 mm, at pinion rotations of 2, 10 and 20 mrad: least distance of the wheel's corner
-/// from an involute sampled every 20 µrad, in a script that shares nothing with the crate.
+/// Gap before entry of 34/73 teeth, m = 3 mm, at pinion rotations of 2, 10 and 20 mrad: least
+/// distance of the wheel's corner from an involute sampled every 20 µrad, in a script that shares
+/// nothing with the crate.
 #[test]
 fn oracle_corner_gap() {
     let pair = specimen([34, 73], 3e-3, 30e-3, [12e-3, 25e-3], 206e9).pair;
@@ -43,7 +45,8 @@ fn oracle_corner_gap() {
     assert!(pair.corner_gap_m(0.02, true) > 0.0);
 }
 
-/// The centre distance of 34/73, m = 3 mm, 50 µm larger: T grows by Δa / sin α to first order, ε falls.
+/// The centre distance of 34/73, m = 3 mm, 50 µm larger: T grows by Δa / sin α to first order, ε
+/// falls.
 #[test]
 fn analytic_centre_distance() {
     let near = specimen([34, 73], 3e-3, 30e-3, [12e-3, 25e-3], 206e9).pair;
@@ -71,7 +74,8 @@ fn conform_impossible_geometry_is_refused() {
     let bore = gear(20, 27e-3).unwrap_err().to_string();
     assert!(bore.contains("54.000 mm") && bore.contains("52.500 mm"), "{bore}");
     assert!(GearGeometry::new("pinion", 20, -3e-3, alpha, 20e-3, 5e-3).unwrap_err().to_string().contains("above 0"));
-    // 16 teeth is the least that mates with up to 101 at 20 degrees (17 with a rack); 12 with 100 interferes.
+    // 16 teeth is the least that mates with up to 101 at 20 degrees (17 with a rack); 12 with 100
+    // interferes.
     let refused = PairGeometry::new(gear(12, 5e-3).unwrap(), gear(100, 20e-3).unwrap(), 0.0).unwrap_err().to_string();
     assert!(refused.contains("interference") && refused.contains("at least 16 teeth"), "{refused}");
     assert!(PairGeometry::new(gear(16, 5e-3).unwrap(), gear(100, 20e-3).unwrap(), 0.0).is_ok());

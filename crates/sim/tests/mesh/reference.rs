@@ -1,6 +1,7 @@
-//! Mesh stiffness k(u) of four gear pairs by an independent Python implementation of the potential-energy method
-//! (linear Hertz contact, Sainsot foundation, pairs added up, G = E/2(1+ν), shear factor 1.2): 50 phases from the entry of a
-//! new pair, N/m. Computed for this project, not taken from a publication.
+//! Mesh stiffness k(u) of four gear pairs by an independent Python implementation of the
+//! potential-energy method (linear Hertz contact, Sainsot foundation, pairs added up, G = E/2(1+ν),
+//! shear factor 1.2): 50 phases from the entry of a new pair, N/m. Computed for this project, not
+//! taken from a publication.
 
 use gearwatch_sim::tooth::Root;
 

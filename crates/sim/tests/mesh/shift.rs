@@ -37,8 +37,10 @@ fn near(found: f64, expected: f64, half_digit: f64) {
     assert!((found - expected).abs() < half_digit, "{found}, expected {expected}");
 }
 
-/// "KHK Gear Technical Reference", the worked example of profile shifted spur gears: m = 3 mm, 12 and 24 teeth, x = 0.6 and 0.36, to its last digit. The contact ratio of the pair at
-/// 56.500 mm is that of a published table of the same example (bolsover.com, "Profile shifted external spur gears").
+/// "KHK Gear Technical Reference", the worked example of profile shifted spur gears: m = 3 mm, 12
+/// and 24 teeth, x = 0.6 and 0.36, to its last digit. The contact ratio of the pair at 56.500 mm is
+/// that of a published table of the same example (bolsover.com, "Profile shifted external spur
+/// gears").
 #[test]
 fn literature_khk_shifted_spur_pair() {
     let found = pair([12, 24], 3e-3, [0.6, 0.36]);
@@ -59,7 +61,8 @@ fn literature_khk_shifted_spur_pair() {
     }
 }
 
-/// Shifts that take each other away leave centre distance, working angle and base pitch to the bit; the path of contact moves along the line of action, since the tips move out and in.
+/// Shifts that take each other away leave centre distance, working angle and base pitch to the bit;
+/// the path of contact moves along the line of action, since the tips move out and in.
 #[test]
 fn analytic_opposite_shifts_keep_the_centre_distance() {
     let (plain, found) = (pair([20, 57], 3e-3, [0.0; 2]), pair([20, 57], 3e-3, [0.3, -0.3]));
@@ -75,8 +78,9 @@ fn analytic_opposite_shifts_keep_the_centre_distance() {
     near(found.pinion_thickness, thicker / (PI * 3e-3), 1e-14);
 }
 
-/// Teeth of both gears fill the pitch on the working pitch circles where there is no play; at a wider distance what is missing there, times cos α_a, is the play along the line of action.
-/// Its growth with the distance begins with 2 sin α_w.
+/// Teeth of both gears fill the pitch on the working pitch circles where there is no play; at a
+/// wider distance what is missing there, times cos α_a, is the play along the line of action. Its
+/// growth with the distance begins with 2 sin α_w.
 #[test]
 fn analytic_play_is_what_the_teeth_leave_of_the_pitch() {
     for (teeth, shifts) in [([12, 24], [0.6, 0.36]), ([14, 57], [0.5, 0.0]), ([30, 40], [-0.2, 0.5])] {
@@ -102,9 +106,11 @@ fn analytic_play_is_what_the_teeth_leave_of_the_pitch() {
     }
 }
 
-/// Two toothed discs turned against each other by brute force, without the geometry of involute pairs: flanks are sampled as polar curves, and at each angle of the pinion the wheel stands
-/// where its flank first meets the pinion's. It follows with the ratio of the teeth between the calculated ends of the path and beyond them no longer; the radii of contact are the
-/// calculated ones, and what the wheel can turn back until the other flanks meet is the calculated play.
+/// Two toothed discs turned against each other by brute force, without the geometry of involute
+/// pairs: flanks are sampled as polar curves, and at each angle of the pinion the wheel stands
+/// where its flank first meets the pinion's. It follows with the ratio of the teeth between the
+/// calculated ends of the path and beyond them no longer; the radii of contact are the calculated
+/// ones, and what the wheel can turn back until the other flanks meet is the calculated play.
 #[test]
 fn oracle_contact_path_of_shifted_gears() {
     for (teeth, shifts, wider_m) in [([14, 57], [0.5, 0.0], 0.0), ([12, 24], [0.6, 0.36], 1e-4)] {
@@ -113,7 +119,8 @@ fn oracle_contact_path_of_shifted_gears() {
         let centre_distance_m = (wider_m > 0.0).then_some(free.centre_distance_m + wider_m);
         let found = PairGeometry::mounted(pinion, wheel, Mounting { centre_distance_m, centre_shift_m: 0.0 }).unwrap();
         let a = found.centre_distance_m;
-        // Half of the tooth's angle at a radius, from the sheet: π/(2z) + 2 x tan α/z + inv α − inv α_r.
+        // Half of the tooth's angle at a radius, from the sheet: π/(2z) + 2 x tan α/z + inv α − inv
+        // α_r.
         let half = |gear: &GearGeometry, x: f64, radius: f64| {
             let alpha = ALPHA_DEG.to_radians();
             let z = f64::from(gear.teeth);
@@ -123,8 +130,10 @@ fn oracle_contact_path_of_shifted_gears() {
         let (rb1, ra1) = (found.pinion.base_radius_m, found.pinion.tip_radius_m);
         let (rb2, ra2) = (found.wheel.base_radius_m, found.wheel.tip_radius_m);
         let samples = 40_000;
-        // Pinion at the origin turning counter-clockwise, wheel at (a, 0): the pinion's tooth at the angle φ from the line of centres has its leading flank at φ + half. In the wheel's own
-        // angles, from its line of centres and clockwise positive, a point that is the pinion's flank may not lie beyond the wheel's trailing flank.
+        // Pinion at the origin turning counter-clockwise, wheel at (a, 0): the pinion's tooth at
+        // the angle φ from the line of centres has its leading flank at φ + half. In the wheel's
+        // own angles, from its line of centres and clockwise positive, a point that is the pinion's
+        // flank may not lie beyond the wheel's trailing flank.
         let meets = |phi: f64, lead: f64| {
             let (mut least, mut radius) = (f64::INFINITY, 0.0);
             for i in 0..=samples {
@@ -163,7 +172,8 @@ fn oracle_contact_path_of_shifted_gears() {
             let behind = (phi - at_pitch) * ratio - (middle - start);
             assert!(behind.abs() > 1e-7, "{s}: {behind:.1e}");
         }
-        // The wheel's tooth ahead of the pinion's and the one behind it: between them a pitch less the play.
+        // The wheel's tooth ahead of the pinion's and the one behind it: between them a pitch less
+        // the play.
         let back = at_pitch + 2.0 * half(&found.pinion, shifts[0], found.pinion.pitch_radius_m);
         let (behind, _) = meets(back, -1.0);
         let turned = (back - at_pitch) * ratio;
@@ -185,7 +195,8 @@ fn mesh(bench: &Bench) -> Result<MeshModel, String> {
     MeshModel::new(bench, 0, &MeshOptions::default(), &ToothModifications::default()).map_err(|error| error.to_string())
 }
 
-/// The mesh of a bench file has the pair's own centre distance and tips, and the play of a wider one on top of what the teeth are thinned by.
+/// The mesh of a bench file has the pair's own centre distance and tips, and the play of a wider
+/// one on top of what the teeth are thinned by.
 #[test]
 fn analytic_a_bench_file_makes_the_pair_of_its_sheet() {
     let made = mesh(&bench("backlash_um = 50.0,", "teeth = 14, profile_shift = 0.5", "teeth = 57")).unwrap();
@@ -209,22 +220,25 @@ fn analytic_a_bench_file_makes_the_pair_of_its_sheet() {
     assert!(turned.contact_ratio() < made.contact_ratio());
 }
 
-/// c' of ISO 6336-1 with profile shift by hand for 14/57 teeth and x = 0.5, 0: q' = 0.04723 + 0.01111 + 0.00452 − 0.00318 − 0.00416 + 0.00132 = 0.05685, against
-/// 0.06286 without shift; c' goes with its inverse and c_γ with 0.75 ε + 0.25 besides.
+/// c' of ISO 6336-1 with profile shift by hand for 14/57 teeth and x = 0.5, 0: q' = 0.04723 +
+/// 0.01111 + 0.00452 − 0.00318 − 0.00416 + 0.00132 = 0.05685, against 0.06286 without shift; c'
+/// goes with its inverse and c_γ with 0.75 ε + 0.25 besides.
 #[test]
 fn literature_iso_6336_stiffness_with_profile_shift() {
     let iso = |x: f64, teeth: [u32; 2]| {
         let made =
             mesh(&bench("", &format!("teeth = {}, profile_shift = {x}", teeth[0]), &format!("teeth = {}", teeth[1])))
                 .unwrap();
-        // N/(mm µm): per metre of width and metre, for 20 mm; 1e5 N are 5000 N/mm, all of the load that counts.
+        // N/(mm µm): per metre of width and metre, for 20 mm; 1e5 N are 5000 N/mm, all of the load
+        // that counts.
         made.iso_stiffness_n_per_m(1e5) / (0.75 * made.contact_ratio() + 0.25) / 20e-3 / 1e9
     };
     near(iso(0.5, [14, 57]), 0.8 * 0.975 / 0.05685, 3e-3);
     near(iso(0.0, [20, 57]), 0.8 * 0.975 / (0.04723 + 0.15551 / 20.0 + 0.25791 / 57.0), 1e-9);
 }
 
-/// Greatest stiffness of one pair over c' b of the norm, with bodies whose bore is a tenth of the pitch diameter.
+/// Greatest stiffness of one pair over c' b of the norm, with bodies whose bore is a tenth of the
+/// pitch diameter.
 fn of_the_norm(teeth: [u32; 2], shifts: [f64; 2]) -> f64 {
     let [pinion, wheel] = shifted(teeth, 3e-3, shifts);
     let material = Material { youngs_modulus_pa: 2.06e11, poisson_ratio: 0.3 };
@@ -244,8 +258,10 @@ fn of_the_norm(teeth: [u32; 2], shifts: [f64; 2]) -> f64 {
     alone.fold(0.0, f64::max) / (made.iso_stiffness_n_per_m(6000.0) / (0.75 * ratio + 0.25))
 }
 
-/// Shifts of 0 to 0.8 in sum leave the simulated stiffness of a single pair as near to c' of the norm as teeth without shift are: it moves by less (found: 6.0 % at most) than the four pairs
-/// without shift differ among themselves, 0.590 to 0.651 of c'. The bodies give way down to their bores, which the norm's solid discs do not.
+/// Shifts of 0 to 0.8 in sum leave the simulated stiffness of a single pair as near to c' of the
+/// norm as teeth without shift are: it moves by less (found: 6.0 % at most) than the four pairs
+/// without shift differ among themselves, 0.590 to 0.651 of c'. The bodies give way down to their
+/// bores, which the norm's solid discs do not.
 #[test]
 fn literature_single_stiffness_follows_iso_6336_with_shift() {
     let pairs = [[20, 57], [24, 71], [30, 40], [40, 80]];
@@ -260,8 +276,9 @@ fn literature_single_stiffness_follows_iso_6336_with_shift() {
     }
 }
 
-/// Zero shift, and the standard centre distance, said or left out, are one pair to the bit; and static error under 700 N and stiffness of the norm of shipped benches are those of the
-/// program before it knew profile shift, to the rounding of other libraries.
+/// Zero shift, and the standard centre distance, said or left out, are one pair to the bit; and
+/// static error under 700 N and stiffness of the norm of shipped benches are those of the program
+/// before it knew profile shift, to the rounding of other libraries.
 #[test]
 fn analytic_no_shift_is_the_pair_before() {
     let (plain, said) = (

@@ -47,7 +47,8 @@ fn oracle_stiffness_series() {
     }
 }
 
-/// Mean over the double and the single zone, and greatest single-pair stiffness, at the phases of `model`.
+/// Mean over the double and the single zone, and greatest single-pair stiffness, at the phases of
+/// `model`.
 fn zones(model: &MeshModel, load_n: f64) -> (f64, f64, f64) {
     let load = model.at_load(load_n);
     let eps = model.contact_ratio();
@@ -62,7 +63,8 @@ fn zones(model: &MeshModel, load_n: f64) -> (f64, f64, f64) {
     (mean(&double), mean(&single), single.iter().copied().fold(0.0, f64::max))
 }
 
-/// Means of the classical form, four digits given: straight root, generated fillet, and without the bodies.
+/// Means of the classical form, four digits given: straight root, generated fillet, and without the
+/// bodies.
 #[test]
 fn oracle_classical_means() {
     let classical = MeshOptions::classical();
@@ -83,7 +85,8 @@ fn oracle_classical_means() {
     }
 }
 
-/// Finite elements of the whole disc (plane stress / plane strain, 50 N/mm): the default physics lies within 8 % of the band.
+/// Finite elements of the whole disc (plane stress / plane strain, 50 N/mm): the default physics
+/// lies within 8 % of the band.
 #[test]
 fn oracle_finite_element_band() {
     for (s, single_band, double_band) in
@@ -99,9 +102,10 @@ fn oracle_finite_element_band() {
     }
 }
 
-/// The regression values of petrobras/ross (`test_mesh_params`, 62/62, generated fillet, linear Hertz: 396 622 921 N/m at mesh
-/// entry), reproduced with that code's two kinematic simplifications: the pairs start where the involute starts and lie
-/// `(α_tip − α_start)/ε` of *pressure angle* apart, and the foundation's lever ends at the height of the contact point.
+/// The regression values of petrobras/ross (`test_mesh_params`, 62/62, generated fillet, linear
+/// Hertz: 396 622 921 N/m at mesh entry), reproduced with that code's two kinematic
+/// simplifications: the pairs start where the involute starts and lie `(α_tip − α_start)/ε` of
+/// *pressure angle* apart, and the foundation's lever ends at the height of the contact point.
 #[test]
 fn literature_ross_regression_values() {
     let s = p2();

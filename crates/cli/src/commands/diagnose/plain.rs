@@ -33,7 +33,8 @@ pub(super) fn lines(out: &mut impl Write, all: &[Diagnosis]) -> anyhow::Result<(
 /// Windows, printed as they come: one JSON object a line, none of which is kept.
 pub(super) struct Lines {
     out: BufWriter<Stdout>,
-    /// Said in each line where there are several recordings; without it the lines are those of `gearwatch replay`, byte for byte.
+    /// Said in each line where there are several recordings; without it the lines are those of
+    /// `gearwatch replay`, byte for byte.
     recording: Option<String>,
     worst: Option<Exit>,
     failed: Option<anyhow::Error>,
@@ -93,7 +94,8 @@ pub(super) fn csv(out: &mut impl Write, all: &[Diagnosis]) -> anyhow::Result<()>
     Ok(())
 }
 
-/// `GEARWATCH CRITICAL - …|performance data`, and one line more for each note (plugin development guidelines, section 2.5).
+/// `GEARWATCH CRITICAL - …|performance data`, and one line more for each note (plugin development
+/// guidelines, section 2.5).
 pub(super) fn nagios(out: &mut impl Write, all: &[Diagnosis], exit: Exit) -> anyhow::Result<()> {
     let word = match exit {
         Exit::Ok => "OK",

@@ -23,7 +23,8 @@ const MANY: usize = 512;
 /// Lines of a spectrum that a picture can show.
 const SPECTRUM_POINTS: usize = 4000;
 
-/// What a report shows beyond the verdicts, collected while a recording is read. Bounded, however long it is.
+/// What a report shows beyond the verdicts, collected while a recording is read. Bounded, however
+/// long it is.
 #[derive(Default)]
 pub(super) struct Pictures {
     spectrum: OrderSpectrum,
@@ -172,7 +173,8 @@ fn tone(machine: MachineState) -> Tone {
     }
 }
 
-/// The rank that the verdict bears out, as on the live page: a naked V on a stage that is called normal is no alarm. None where nothing is known.
+/// The rank that the verdict bears out, as on the live page: a naked V on a stage that is called
+/// normal is no alarm. None where nothing is known.
 fn borne_out(machine: MachineState, rank: Rank) -> Option<usize> {
     let level = usize::try_from(rank.level()).ok()?;
     match machine {

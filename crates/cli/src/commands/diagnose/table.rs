@@ -50,7 +50,8 @@ pub(super) fn operating_point(verdict: &Verdict) -> String {
     format!("input shaft {hz:.3} Hz ({:.1} rpm){torque}; {cell}", RPM_PER_HZ * hz)
 }
 
-/// Frequency (Hz) of the line that is read as harmonic `k` (from 1): a planetary stage may have it beside `k` times its mesh frequency.
+/// Frequency (Hz) of the line that is read as harmonic `k` (from 1): a planetary stage may have it
+/// beside `k` times its mesh frequency.
 pub(super) fn line_hz(train: &Train, verdict: &Verdict, k: usize) -> f64 {
     match train.stages.iter().find(|stage| stage.name == verdict.stage && !stage.is_comb()) {
         Some(stage) => stage.harmonic_order(k) * verdict.input_speed_hz.value,
@@ -184,7 +185,8 @@ mod tests {
         bar(&HarmonicVerdict { deviation_percent: Estimate::new(percent, 0.1), ..HarmonicVerdict::UNKNOWN })
     }
 
-    /// 15 % fill the bar, half of it is half the bar, more ends with an arrow; the sign does not matter.
+    /// 15 % fill the bar, half of it is half the bar, more ends with an arrow; the sign does not
+    /// matter.
     #[test]
     fn analytic_a_bar_is_as_long_as_its_deviation() {
         assert_eq!(bar_of(15.0), "█".repeat(12));

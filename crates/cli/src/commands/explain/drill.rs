@@ -1,4 +1,5 @@
-//! `gearwatch explain --drill`: known changes in the user's own recordings, and from which size on they are shown.
+//! `gearwatch explain --drill`: known changes in the user's own recordings, and from which size on
+//! they are shown.
 
 use std::io::{IsTerminal, Write};
 
@@ -41,7 +42,8 @@ impl Changes {
 /// Files of a drill.
 pub(super) const FILES: [&str; 3] = ["drill.md", "drill.csv", "drill.svg"];
 
-/// Prints the table; with a folder, writes it there too (`drill.md`), every run (`drill.csv`) and a picture (`drill.svg`).
+/// Prints the table; with a folder, writes it there too (`drill.md`), every run (`drill.csv`) and a
+/// picture (`drill.svg`).
 pub fn run(
     bench: &Bench,
     recordings: &[Recording],

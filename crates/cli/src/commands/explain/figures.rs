@@ -42,7 +42,8 @@ pub(super) fn titled(chart: &Chart) -> anyhow::Result<String> {
     ))
 }
 
-/// The recording that differs most (else the last) as any analyser shows it, over the reference at the same setting.
+/// The recording that differs most (else the last) as any analyser shows it, over the reference at
+/// the same setting.
 fn spectrum(train: &Train, e: &Explanation, recordings: &[Recording], references: &[Recording]) -> Option<Chart> {
     let worst = e.mismatch.first();
     let recording = worst.and_then(|m| recordings.iter().find(|r| r.name == m.recording)).or(recordings.last())?;

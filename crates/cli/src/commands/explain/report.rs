@@ -302,7 +302,8 @@ mod tests {
         String::from_utf8(out).unwrap().split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
-    /// What comes nearest is a lead: the terminal, the report and JSON show it as such, and not as a finding.
+    /// What comes nearest is a lead: the terminal, the report and JSON show it as such, and not as
+    /// a finding.
     #[test]
     fn conform_what_comes_nearest_is_no_finding() {
         let mut e = named(Status::Unexplained, 1.2);
@@ -317,7 +318,8 @@ mod tests {
         assert!(finding["effects"][0].get("nearest").is_none());
     }
 
-    /// A change that describes held-out recordings worse is no success, neither at the head of the report nor on the terminal; one that describes them better is.
+    /// A change that describes held-out recordings worse is no success, neither at the head of the
+    /// report nor on the terminal; one that describes them better is.
     #[test]
     fn regress_a_worse_misfit_is_no_success() {
         for after in [3.67, 3.12, f64::NAN] {

@@ -1,4 +1,5 @@
-//! The answer for a person at a terminal: what, where, how sure, how much better, what to record next.
+//! The answer for a person at a terminal: what, where, how sure, how much better, what to record
+//! next.
 
 use std::io::{self, Write};
 
@@ -143,7 +144,8 @@ fn latent(out: &mut dyn Write, f: &LatentForce) -> io::Result<()> {
     entry(out, "", &format!("with this period: {}", f.period_of.join("; ")))
 }
 
-/// A number and its standard deviation as text: two digits of its uncertainty say all that is known.
+/// A number and its standard deviation as text: two digits of its uncertainty say all that is
+/// known.
 pub fn rounded(value: f64, sigma: f64) -> (String, String) {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return (format!("{value:.3}"), format!("{sigma:.3}"));
@@ -168,7 +170,8 @@ pub fn is_determined(value: f64, sigma: f64) -> bool {
     sigma == 0.0 || (sigma < value.abs() && shown != uncertain)
 }
 
-/// `= 3.1 ± 0.2`; where the standard deviation is the larger of the two nothing is estimated, and what is left is a bound.
+/// `= 3.1 ± 0.2`; where the standard deviation is the larger of the two nothing is estimated, and
+/// what is left is a bound.
 pub fn size(value: f64, sigma: f64) -> String {
     if !is_determined(value, sigma) {
         let (bound, _) = rounded(value.abs() + 2.0 * sigma, sigma);

@@ -1,4 +1,5 @@
-//! A history as pictures: deviations, an indicator of the signal, speed and torque over time, with events marked.
+//! A history as pictures: deviations, an indicator of the signal, speed and torque over time, with
+//! events marked.
 
 use std::collections::BTreeMap;
 

@@ -16,7 +16,8 @@ const SHOWN: usize = 200;
 /// Share of a window's samples that the next does not have: the default hop.
 const OWN_SHARE: f64 = 0.5;
 
-/// Rank of a mean deviation by the usual steps; `?` where it is less probable than not, `-` where nothing is known.
+/// Rank of a mean deviation by the usual steps; `?` where it is less probable than not, `-` where
+/// nothing is known.
 fn rank(deviation: Estimate) -> &'static str {
     let steps = RankConfig::default();
     match (deviation.is_known(), steps.rank_probability(deviation) > 0.5) {

@@ -9,7 +9,8 @@ use serde_json::Value;
 
 use crate::terminal;
 
-/// Standard errors beyond which a number is marked: by chance 6 of 100 000 are, of the hundred of a small bench one in 160 tables.
+/// Standard errors beyond which a number is marked: by chance 6 of 100 000 are, of the hundred of a
+/// small bench one in 160 tables.
 const MARKED: f64 = 4.0;
 
 /// One object a line; numbers that are not known are `null`.

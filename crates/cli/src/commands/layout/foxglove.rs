@@ -1,4 +1,5 @@
-//! A layout of Foxglove and Lichtblick: a tab a channel with ranks, deviations and the order spectrum, and the log beside them.
+//! A layout of Foxglove and Lichtblick: a tab a channel with ranks, deviations and the order
+//! spectrum, and the log beside them.
 
 use gearwatch_core::rank::RankConfig;
 use serde_json::{Map, Value, json};
@@ -6,7 +7,8 @@ use serde_json::{Map, Value, json};
 use super::{Channel, Shown};
 
 const HARMONICS: [&str; 5] = ["1x", "2x", "3x", "4x", "5x"];
-/// One a harmonic; told apart by those who see colours otherwise too (Okabe and Ito, Color Universal Design, 2008).
+/// One a harmonic; told apart by those who see colours otherwise too (Okabe and Ito, Color
+/// Universal Design, 2008).
 const INKS: [&str; 5] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00"];
 const STEP_INK: &str = "#8888887f";
 
@@ -107,7 +109,8 @@ fn titled(title: &str, mut config: Value) -> Value {
     config
 }
 
-/// `/topic{channel=="name"}.field`; a topic with other letters than the grammar of message paths knows is quoted.
+/// `/topic{channel=="name"}.field`; a topic with other letters than the grammar of message paths
+/// knows is quoted.
 fn path(topic: &str, channel: Option<&str>, field: &str) -> String {
     let plain = topic.chars().all(|c| c.is_ascii_alphanumeric() || "_-/".contains(c));
     let topic =

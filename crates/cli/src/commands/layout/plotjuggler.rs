@@ -1,5 +1,6 @@
-//! A layout of PlotJuggler: a tab a stage with ranks and deviations over time. Its series are named by topic and field alone, so the
-//! channels of a stage share them; it has no view of a spectrum that a file holds.
+//! A layout of PlotJuggler: a tab a stage with ranks and deviations over time. Its series are named
+//! by topic and field alone, so the channels of a stage share them; it has no view of a spectrum
+//! that a file holds.
 
 use std::fmt::Write as _;
 

@@ -8,7 +8,8 @@ use gearwatch_sim::campbell::HARMONICS;
 use gearwatch_sim::planetary::{PlanetaryCritical, PlanetaryError, StageModes};
 use serde_json::json;
 
-/// The modes of all planetary stages of a bench, and the names of the stages that are not planetary.
+/// The modes of all planetary stages of a bench, and the names of the stages that are not
+/// planetary.
 pub(super) struct PlanetaryStages {
     stages: Vec<StageModes>,
     others: Vec<String>,

@@ -1,8 +1,10 @@
-//! A straight line through daily means: whether it rises or falls for sure, and when it meets a limit.
+//! A straight line through daily means: whether it rises or falls for sure, and when it meets a
+//! limit.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Fewest days that a trend is sought in: with fewer the quantiles of Student's t say next to nothing.
+/// Fewest days that a trend is sought in: with fewer the quantiles of Student's t say next to
+/// nothing.
 pub(super) const FEWEST_DAYS: usize = 5;
 
 /// Ordinary least squares of `y = mean_y + slope (x − mean_x)`; all points count the same.
@@ -20,7 +22,8 @@ pub(super) struct Line {
     variance: f64,
 }
 
-/// When a line meets a limit, with the ends of its interval, in the unit of x; an end that lies nowhere is infinite.
+/// When a line meets a limit, with the ends of its interval, in the unit of x; an end that lies
+/// nowhere is infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Meeting {
     pub(super) at: f64,
@@ -74,8 +77,9 @@ impl Line {
     /// When the line meets `limit`: none where the slope is not significant at `p`.
     ///
     /// # Formula
-    /// The ends are where the confidence band of the line meets the limit (Fieller 1954): with `u = x − mean_x`, `d = limit − mean_y`,
-    /// `k = t² s²`: `(slope² − k/spread) u² − 2 slope d u + d² − k/n = 0`.
+    /// The ends are where the confidence band of the line meets the limit (Fieller 1954): with
+    /// `u = x − mean_x`, `d = limit − mean_y`, `k = t² s²`:
+    /// `(slope² − k/spread) u² − 2 slope d u + d² − k/n = 0`.
     pub(super) fn meets(&self, limit: f64, p: f64) -> Option<Meeting> {
         if !self.is_significant(p) {
             return None;
@@ -103,7 +107,8 @@ mod tests {
         }
     }
 
-    /// y = 1 + 2x with residuals ±1 in turn: by hand, x = 0…5: Sxx 17.5, slope 2 − 3/17.5, and so on.
+    /// y = 1 + 2x with residuals ±1 in turn: by hand, x = 0…5: Sxx 17.5, slope 2 − 3/17.5, and so
+    /// on.
     #[test]
     fn analytic_a_line_by_hand() {
         let points: Vec<_> =
@@ -126,8 +131,9 @@ mod tests {
         assert!(Line::through(&points[..4]).is_none());
     }
 
-    /// Over 4000 rows of 28 days of pure scatter 5 % are called a trend, and over 4000 with a slope 95 % of the intervals hold the day on which the
-    /// truth meets the limit. Tolerance: four sigmas of the binomial, √(0.05·0.95/4000)·4 = 0.0138.
+    /// Over 4000 rows of 28 days of pure scatter 5 % are called a trend, and over 4000 with a slope
+    /// 95 % of the intervals hold the day on which the truth meets the limit. Tolerance: four
+    /// sigmas of the binomial, √(0.05·0.95/4000)·4 = 0.0138.
     #[test]
     fn oracle_errors_are_as_rare_as_stated() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(20_261_122);

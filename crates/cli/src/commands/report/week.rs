@@ -396,7 +396,8 @@ fn day(ns: i64) -> String {
 mod tests {
     use super::*;
 
-    /// Means 3 and 1, variances of the means 1/3 each, 4 degrees of freedom: half the interval is 2.776 √(2/3).
+    /// Means 3 and 1, variances of the means 1/3 each, 4 degrees of freedom: half the interval is
+    /// 2.776 √(2/3).
     #[test]
     fn analytic_welch_of_two_weeks() {
         let change = change(&[2.0, 3.0, 4.0], &[0.0, 1.0, 2.0], 0.05).expect("three days each");

@@ -1,4 +1,5 @@
-//! Where a service answers that nobody has named: the usual socket, what the configurations of running services name, the usual page.
+//! Where a service answers that nobody has named: the usual socket, what the configurations of
+//! running services name, the usual page.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,8 @@ pub fn places() -> Vec<Endpoint> {
     out
 }
 
-/// Arguments and working folder of the services that run on this machine, as far as this user may see them.
+/// Arguments and working folder of the services that run on this machine, as far as this user may
+/// see them.
 fn running() -> Vec<(Vec<String>, PathBuf)> {
     let Ok(processes) = std::fs::read_dir("/proc") else { return Vec::new() };
     let of = |path: &Path| {

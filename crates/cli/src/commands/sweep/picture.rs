@@ -65,7 +65,8 @@ pub(super) fn page(bench: &str, rows: &[Row]) -> String {
     })
 }
 
-/// A quantity over the abscissa, a curve a case and value of the other quantity; nothing where none is known.
+/// A quantity over the abscissa, a curve a case and value of the other quantity; nothing where none
+/// is known.
 fn chart(over: Over, name: &str, rows: &[&Row], of: impl Fn(&Row) -> Mean) -> Option<Chart> {
     let mut curves: BTreeMap<(usize, i64), Series> = BTreeMap::new();
     let mut order: Vec<&str> = Vec::new();

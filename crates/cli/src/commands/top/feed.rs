@@ -1,4 +1,5 @@
-//! Reads the service's stream of events on a thread of its own, and comes back when the service does.
+//! Reads the service's stream of events on a thread of its own, and comes back when the service
+//! does.
 
 use std::io::{BufRead, BufReader};
 use std::sync::mpsc::SyncSender;
@@ -34,7 +35,8 @@ pub enum Message {
     Link(Result<(), String>),
 }
 
-/// The service says how it is once a second; after this long without a word the link counts as lost.
+/// The service says how it is once a second; after this long without a word the link counts as
+/// lost.
 pub const SILENCE: Duration = Duration::from_secs(6);
 const AGAIN: Duration = Duration::from_secs(1);
 /// One event holds one window, one status or an hour of a row; more is not this service.

@@ -30,7 +30,8 @@ struct Channel {
     looks: VecDeque<Look>,
 }
 
-/// What a rank looks like: its colour says no more than the verdict proves, and a rank that is not sure is dim.
+/// What a rank looks like: its colour says no more than the verdict proves, and a rank that is not
+/// sure is dim.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Look {
     /// 0 to 5; −1 unknown, 6 where the path changed.
@@ -59,7 +60,8 @@ impl Look {
             _ if proven == PATH => PATH,
             _ => level.min(proven),
         };
-        // A rank above 0 on a stage that is called normal is not borne out, however probable it is by itself.
+        // A rank above 0 on a stage that is called normal is not borne out, however probable it is
+        // by itself.
         let borne_out = colour != 0 || level == 0;
         Self { colour, level, sure: borne_out && probability.is_some_and(|p| p > 0.5) }
     }

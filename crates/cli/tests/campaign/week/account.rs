@@ -1,4 +1,5 @@
-//! Every window once: in a verdict, in a gap record that names it, or among numbers that the log itself says it has lost.
+//! Every window once: in a verdict, in a gap record that names it, or among numbers that the log
+//! itself says it has lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

@@ -1,8 +1,10 @@
 //! Lines of the shipped train of that kind over the torque, and what of them fits the recordings.
 //!
-//! Two numbers are common to all lines: the torque at the brake that 100 % stands for, and what bearings and seals take at 0 %. With fitted profile
-//! errors each line has two more, size and phase of the transmission error of its own harmonic: `A(T) = A₀(T) + e (cos φ B₁(T) + sin φ B₂(T))`, the first
-//! order of the response to a profile error, which is exact but for products with the stiffness of the same tooth pair.
+//! Two numbers are common to all lines: the torque at the brake that 100 % stands for, and what
+//! bearings and seals take at 0 %. With fitted profile errors each line has two more, size and
+//! phase of the transmission error of its own harmonic:
+//! `A(T) = A₀(T) + e (cos φ B₁(T) + sin φ B₂(T))`, the first order of the response to a profile
+//! error, which is exact but for products with the stiffness of the same tooth pair.
 
 use gearwatch_core::bench::{Bench, EffectSpec, Sensor};
 use gearwatch_sim::effects;
@@ -28,7 +30,8 @@ type Amplitude = (f64, f64);
 pub struct Sheet {
     /// ln of the torques (N m).
     ln_torque: Vec<f64>,
-    /// By line and torque: amplitude, and its change per µm of a profile error of phase 0 and 90 degrees.
+    /// By line and torque: amplitude, and its change per µm of a profile error of phase 0 and 90
+    /// degrees.
     lines: Vec<Vec<[Amplitude; 3]>>,
 }
 
@@ -93,7 +96,8 @@ impl Sheet {
         out
     }
 
-    /// ln amplitude of a line at a torque with a profile error (µm along and across); interpolated in ln torque.
+    /// ln amplitude of a line at a torque with a profile error (µm along and across); interpolated
+    /// in ln torque.
     fn ln(&self, line: usize, torque_nm: f64, error: (f64, f64)) -> f64 {
         let last = self.ln_torque.len() - 1;
         let x = torque_nm.ln().clamp(self.ln_torque[0], self.ln_torque[last]);
@@ -125,7 +129,8 @@ impl Sheet {
         idle + full * f64::from(LOADS[load]) / 100.0
     }
 
-    /// Trend of a line at all loads, with the profile error that fits the training loads best, and the misfit there.
+    /// Trend of a line at all loads, with the profile error that fits the training loads best, and
+    /// the misfit there.
     fn fit_line(
         &self,
         m: &Measured,

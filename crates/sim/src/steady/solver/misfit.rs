@@ -17,7 +17,8 @@ pub(super) struct Misfit {
 }
 
 impl Misfit {
-    /// Of `state`, whose forces move the train to `target`; `resting` is the motion without vibration.
+    /// Of `state`, whose forces move the train to `target`; `resting` is the motion without
+    /// vibration.
     pub(super) fn new(target: &State, state: &State, resting: &[Vec<f64>]) -> Self {
         let (stages, count) = (state.angle.len(), state.approach.len());
         let n = resting[0].len();

@@ -1,4 +1,5 @@
-//! Forces that do not depend on the motion, and the motion of the linear train that they bring about.
+//! Forces that do not depend on the motion, and the motion of the linear train that they bring
+//! about.
 
 use nalgebra::Complex;
 

@@ -22,7 +22,8 @@ pub(super) struct Case<'a> {
 
 /// A motion.
 pub(super) struct State {
-    /// Approach of each active stage and deflection of each spring's line at each sample (m or rad).
+    /// Approach of each active stage and deflection of each spring's line at each sample (m or
+    /// rad).
     pub(super) approach: Vec<Vec<f64>>,
     /// Deviation of each active stage's pinion (rad).
     pub(super) angle: Vec<Vec<f64>>,
@@ -125,7 +126,8 @@ impl Grid {
         trial.beside.iter().map(|(input, signal)| Ok((input.clone(), self.spectrum(signal)?))).collect()
     }
 
-    /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign; with the products it took.
+    /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign; with the
+    /// products it took.
     pub(super) fn newton_step(
         &self,
         trial: &Trial,
@@ -163,7 +165,8 @@ impl Grid {
     }
 }
 
-/// Force of an active mesh beyond its mean stiffness and the slope of it, at each sample; what it makes beside, and whether its teeth part.
+/// Force of an active mesh beyond its mean stiffness and the slope of it, at each sample; what it
+/// makes beside, and whether its teeth part.
 fn mesh_forces(
     case: &Case<'_>,
     stage: usize,

@@ -15,7 +15,8 @@ use gearwatch_sim::setup::SimSetup;
 use super::super::RATE_HZ;
 use super::{alone, with};
 
-/// Mean forces of the sun's meshes over some eleven mesh cycles at a crawl, the first planet's pin ahead of its place.
+/// Mean forces of the sun's meshes over some eleven mesh cycles at a crawl, the first planet's pin
+/// ahead of its place.
 fn crawl(bench: &Bench, error_um: f64, torque_nm: f64) -> (TrainModel, [f64; 4]) {
     let setup = with(bench, "planet_position", "p.planet_1", &[("error_um", error_um)]);
     let model = TrainModel::new(&setup, Profile::constant(0.5), Profile::constant(torque_nm), 1).expect("model");
@@ -35,10 +36,15 @@ fn crawl(bench: &Bench, error_um: f64, torque_nm: f64) -> (TrainModel, [f64; 4])
     (model, sums)
 }
 
-/// A pin that is ahead by the usual 20 µm, at a load that keeps all planets in mesh. The error is a quarter each of four patterns of planets (all alike, two that go once round, one that
-/// alternates). Alike it changes no load, for the torque stays. The alternating pattern leaves all central members where they are, so that each planet stands alone: its meshes k_s and k_r carry the same
-/// force F, its pin k_p carries 2 F cos α, and `F (1/k_s + 1/k_r + 4 cos² α / k_p) = −2 e cos α` for a pin ahead by e. So `F_1 − F_2 + F_3 − F_4` is that F whatever floats. The once-round patterns lie
-/// between nothing, where sun and carrier float, and twice the alternating one, where they cannot give way; the first planet loses a quarter to three quarters of F.
+/// A pin that is ahead by the usual 20 µm, at a load that keeps all planets in mesh. The error is a
+/// quarter each of four patterns of planets (all alike, two that go once round, one that
+/// alternates). Alike it changes no load, for the torque stays. The alternating pattern leaves all
+/// central members where they are, so that each planet stands alone: its meshes k_s and k_r carry
+/// the same force F, its pin k_p carries 2 F cos α, and
+/// `F (1/k_s + 1/k_r + 4 cos² α / k_p) = −2 e cos α` for a pin ahead by e. So
+/// `F_1 − F_2 + F_3 − F_4` is that F whatever floats. The once-round patterns lie between nothing,
+/// where sun and carrier float, and twice the alternating one, where they cannot give way; the
+/// first planet loses a quarter to three quarters of F.
 #[test]
 fn analytic_a_pin_out_of_place_unloads_its_planet() {
     let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
@@ -57,7 +63,8 @@ fn analytic_a_pin_out_of_place_unloads_its_planet() {
     assert!(forces[1] > mean && forces[3] > mean && forces[2] > forces[0], "{forces:?}");
 }
 
-/// The same pin at a tenth of the load: its planet carries nothing any more, and the others take what it leaves.
+/// The same pin at a tenth of the load: its planet carries nothing any more, and the others take
+/// what it leaves.
 #[test]
 fn analytic_a_pin_out_of_place_idles_at_light_load() {
     let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
@@ -67,7 +74,8 @@ fn analytic_a_pin_out_of_place_idles_at_light_load() {
     assert!((forces[1..].iter().sum::<f64>() / whole - 1.0).abs() < 1e-2, "{forces:?} {whole}");
 }
 
-/// A damaged tooth shows at its own rate against the carrier: sun N times a turn of `n_s − n_c` (once each planet), planet and ring likewise; a healthy stage shows nothing between the lines of
+/// A damaged tooth shows at its own rate against the carrier: sun N times a turn of `n_s − n_c`
+/// (once each planet), planet and ring likewise; a healthy stage shows nothing between the lines of
 /// its planets. In the frame of the carrier the mesh force of one planet repeats with z teeth.
 #[test]
 fn analytic_damaged_teeth_of_every_member() {

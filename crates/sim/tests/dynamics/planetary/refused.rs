@@ -30,7 +30,8 @@ fn conform_planets_beyond_the_simulator_are_refused() {
     assert!(said.contains("p.planet_4"), "{said}");
 }
 
-/// What cannot be built is refused by the model with the number that is wrong and what would be right.
+/// What cannot be built is refused by the model with the number that is wrong and what would be
+/// right.
 #[test]
 fn conform_what_cannot_be_built_is_refused() {
     let refused = |bench: &Bench, words: &[&str]| {
@@ -60,7 +61,8 @@ fn conform_what_cannot_be_built_is_refused() {
     let mut hands = pair("wheel = { teeth = 57 }");
     hands.stages[0].gearing.helix = Some(Helix { angle_deg: 15.0, hands: [Some(Hand::Right); 2] });
     refused(&hands, &["hands do not match", "pinion \"right\", wheel \"right\"", "wheel.hand = \"left\""]);
-    // The rack's tips would cut into the ring's fillets where ring and planet are nearly alike, or the ring has too few teeth for involutes.
+    // The rack's tips would cut into the ring's fillets where ring and planet are nearly alike, or
+    // the ring has too few teeth for involutes.
     refused(
         &pair("wheel = { teeth = 30, internal = true }"),
         &["wheel has 30 teeth inside", "expected 34 teeth or more"],
