@@ -13,11 +13,12 @@ use crate::instrument::Fault;
 use crate::judge::limits;
 use crate::name::strange::{self, Strange};
 use crate::read::dsp::Transforms;
-use crate::read::features::{self, RecordingFeatures, Steady, Unused};
+use crate::read::features::{self, Follow, RecordingFeatures, Steady, Unused};
 use crate::read::fixed;
 use crate::read::fluctuation;
 use crate::read::folded;
 use crate::read::kinematics::{self, OtherTeeth};
+use crate::read::order_swing::{self, OrderSwing, Swinging};
 use crate::read::ratio::{self, Ratios};
 
 /// What was measured.
@@ -91,27 +92,38 @@ pub fn measure(
     }
     let steady: Vec<Steady<'_>> = steady.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
     let speeds: Vec<_> = speeds.into_iter().zip(&strangers).filter(|x| x.1.is_none()).map(|x| x.0).collect();
-    let mut lines = |bench: &Bench, train: &Train, fluctuates_hz: Option<f64>| -> Vec<RecordingFeatures> {
-        let one = |(s, speed): (&Steady<'_>, &kinematics::Speed)| {
-            progress(&format!("lines of {}", s.recording.name));
-            features::read(&mut transforms, bench, train, s, speed.input_hz, speed.score, fluctuates_hz)
-        };
-        steady.iter().zip(&speeds).map(one).collect()
+    let mut line = |bench: &Bench, train: &Train, at: usize, follow: Follow| -> RecordingFeatures {
+        let (s, speed): (&Steady<'_>, &kinematics::Speed) = (&steady[at], &speeds[at]);
+        progress(&format!("lines of {}", s.recording.name));
+        features::read(&mut transforms, bench, train, s, speed.input_hz, speed.score, follow)
     };
-    let mut all = lines(&bench, &train, None);
+    let recordings = || 0..steady.len();
+    let mut all: Vec<_> = recordings().map(|at| line(&bench, &train, at, Follow::default())).collect();
     let spectra: Vec<_> = all.iter().map(RecordingFeatures::order_spectra).collect();
     if teeth.is_none()
         && let Some((wheel, corrected)) = last_wheel::other_wheel(&bench, &train, &spectra)
     {
         (bench, teeth) = (corrected, Some(wheel));
         train = Train::new(&bench);
-        all = lines(&bench, &train, None);
+        all = recordings().map(|at| line(&bench, &train, at, Follow::default())).collect();
     }
     let shafts: Vec<f64> = train.shafts.iter().map(|s| s.1).chain([train.motor_order]).collect();
     let (own, before) = all.split_at(judged);
     let fluctuation = fluctuation::scan(&mut Transforms::default(), own, before, &shafts);
-    if let Some(f) = &fluctuation {
-        all = lines(&bench, &train, Some(f.frequency_hz.0));
+    let fluctuates_hz = fluctuation.map(|f| f.frequency_hz.0);
+    if fluctuates_hz.is_some() {
+        all = recordings().map(|at| line(&bench, &train, at, Follow { fluctuates_hz, swing: None })).collect();
+    }
+    let spectra: Vec<_> = all.iter().map(RecordingFeatures::order_spectra).collect();
+    let mut swinging = order_swing::scan(&bench, &train, &spectra[..judged], &spectra[judged..]);
+    if let Some(found) = &mut swinging {
+        let followed = |at: usize, swing| line(&bench, &train, at, Follow { fluctuates_hz, swing: Some(swing) });
+        follow(found, &train, &mut all, followed);
+        let (shaft, depth) = (&train.shafts[found.shaft].0, 100.0 * found.depth().0);
+        steps.push(format!(
+            "the turning swings at {}x of {shaft}, the speed by {depth:.2} %; the angle follows it",
+            found.multiple
+        ));
     }
     let ratios = ratio::ratios(&steady, &all, &train);
     progress("lines folded about half the sample rate");
@@ -131,11 +143,32 @@ pub fn measure(
     let mut strange = strange::strange(&all, &references, &comparison, &train, &mut transforms);
     strange.folded = folded;
     strange.fluctuation = fluctuation;
+    strange.swinging = swinging;
     strange.picked_up = fixed::fit(&mut transforms, &train, &steady, &all, &references, &strange.beside_mains())
         .into_iter()
         .filter(fixed::FixedLine::is_picked_up)
         .collect();
     Ok(Measured { bench, train, teeth, recordings: all, references, comparison, ratios, strange, limits, steps })
+}
+
+/// Passes in which the angle follows a swing: sidebands grow with it only while it is small.
+const SWING_PASSES: usize = 4;
+
+/// Lets the angles of recordings follow a swing. `followed` reads a recording again.
+fn follow(
+    found: &mut Swinging,
+    train: &Train,
+    all: &mut [RecordingFeatures],
+    mut followed: impl FnMut(usize, OrderSwing) -> RecordingFeatures,
+) {
+    for (at, swing) in found.swings.iter_mut().enumerate() {
+        let Some(swing) = swing else { continue };
+        for _ in 0..SWING_PASSES {
+            all[at] = followed(at, *swing);
+            let Some(left) = order_swing::left(&all[at].order_spectra(), train, swing.order) else { break };
+            swing.rev += left.rev;
+        }
+    }
 }
 
 /// Recordings at steady speed, and what was left out.

@@ -126,6 +126,7 @@ pub fn answer(
 ) -> Named {
     let mut findings = direct::findings(q, &mut steps);
     findings.extend(strange.fluctuation.iter().map(|l| strange::fluctuating(q, l)));
+    findings.extend(strange.swinging.iter().map(|s| strange::swinging(q, s)));
     let mut unexplained = false;
     let mut nearest = Vec::new();
     let mut fit = None;
@@ -134,6 +135,10 @@ pub fn answer(
     let mut cells = locate::cells(q.comparison);
     if let Some(l) = &strange.folded {
         cells.retain(|c| !folded_onto(q, l, c));
+    }
+    if let Some(s) = &strange.swinging {
+        // What the angle follows only in the mean is left there.
+        cells.retain(|c| !locate::covers(locate::Place::ShaftOrder(s.shaft, s.multiple), c.family));
     }
     let mut own = cells.clone();
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();

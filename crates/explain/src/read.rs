@@ -8,6 +8,7 @@ pub mod features;
 pub mod fixed;
 pub mod fluctuation;
 pub mod folded;
+pub mod order_swing;
 pub mod plain;
 pub mod ratio;
 pub mod scan;

@@ -14,9 +14,10 @@ const MULTIPLES: u32 = 8;
 const DEVIATION: f64 = 4e-4;
 /// A line is new where it has so many times the power that the reference has there.
 const NEW: f64 = 4.0;
-/// Nearer than so many bins, and the wander of its speed (relative), a line may be a shaft's.
+/// Nearer than so many bins, and what its speed is off, a line may be a shaft's.
 const OF_SHAFT_BINS: f64 = 1.5;
-const WANDER: f64 = 3e-4;
+/// Wander of the speed of the gears' shafts, which their lines show (relative).
+pub const WANDER: f64 = 3e-4;
 /// Half width of the neighbourhood that gives the background (bins).
 const BESIDE: usize = 60;
 
@@ -31,6 +32,15 @@ pub struct Hum {
     pub above: f64,
     /// Phase at the first sample (rad), to take it out.
     phase: f64,
+}
+
+/// Speed of something that turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// (Hz).
+    pub hz: f64,
+    /// How far it may be off (relative).
+    pub off: f64,
 }
 
 /// A narrow peak.
@@ -109,20 +119,20 @@ fn multiple(hz: f64, base: f64) -> Option<f64> {
 /// Each new line is the machine's or the mains'. The machine may put one anywhere in the band: the density of its lines is that of the new ones at least as strong that lie elsewhere. One
 /// of the mains lies within the grid's deviation of a multiple, a lower multiple more likely than a higher one. What lies on a multiple of a shaft is the machine's.
 ///
-/// `shafts_hz` are the speeds of the shafts, all multiples of which are the machine's. Without a reference every line is new.
+/// All multiples of what turns, motor and shafts, are the machine's. Without a reference every line is new.
 pub fn hum(
     transforms: &mut Transforms,
     samples: &[f64],
     reference: Option<&[f64]>,
     rate: f64,
-    shafts_hz: &[f64],
+    turning: &[Turning],
 ) -> Option<(Vec<Hum>, f64)> {
     let now = Spectrum::of(transforms, samples, rate);
     let before = reference.map(|r| Spectrum::of(transforms, r, rate));
     let highest = ((f64::from(MULTIPLES) + 0.5) * MAINS_HZ[1]).min(0.4 * rate);
     let of_shaft = |hz: f64| {
-        let near = |shaft: &f64| (hz - (hz / shaft).round() * shaft).abs() < OF_SHAFT_BINS * now.bin_hz + WANDER * hz;
-        shafts_hz.iter().any(near)
+        let near = |t: &Turning| (hz - (hz / t.hz).round() * t.hz).abs() < OF_SHAFT_BINS * now.bin_hz + t.off * hz;
+        turning.iter().any(near)
     };
     let peaks = now.new_peaks(before.as_ref(), highest);
     // ln of the odds that a peak is of the mains, were there any on the channel.
@@ -216,6 +226,7 @@ mod tests {
     use super::*;
 
     const RATE_HZ: f64 = 8192.0;
+    const SHAFT: [Turning; 1] = [Turning { hz: 29.7, off: WANDER }];
 
     fn run(hum: &[(f64, f64)], machine: f64, seed: u64) -> Vec<f64> {
         let mut state = seed;
@@ -240,18 +251,29 @@ mod tests {
         let before = run(&[], 1.0, 1);
         for deviation in [1.0, 1.0005, 0.9995] {
             let mut x = run(&[(50.0 * deviation, 0.5), (100.0 * deviation, 0.3)], 1.0005, 2);
-            let (found, _) = hum(&mut transforms, &x, Some(&before), RATE_HZ, &[29.7]).unwrap();
+            let (found, _) = hum(&mut transforms, &x, Some(&before), RATE_HZ, &SHAFT).unwrap();
             assert_eq!(found.len(), 2, "{found:?}");
             assert!(
                 (found[0].hz.0 - 50.0 * deviation).abs() < 0.05 && (found[0].amplitude.0 - 0.5).abs() < 0.05,
                 "{found:?}"
             );
-            assert!(hum(&mut transforms, &run(&[(50.0, 0.5)], 1.0, 3), Some(&x), RATE_HZ, &[29.7]).is_none());
+            assert!(hum(&mut transforms, &run(&[(50.0, 0.5)], 1.0, 3), Some(&x), RATE_HZ, &SHAFT).is_none());
             take_out(&mut x, &found, RATE_HZ);
-            assert!(hum(&mut transforms, &x, Some(&before), RATE_HZ, &[29.7]).is_none());
+            assert!(hum(&mut transforms, &x, Some(&before), RATE_HZ, &SHAFT).is_none());
         }
         for seed in 10..20 {
-            assert!(hum(&mut transforms, &run(&[], 1.001, seed), Some(&before), RATE_HZ, &[29.7]).is_none());
+            assert!(hum(&mut transforms, &run(&[], 1.001, seed), Some(&before), RATE_HZ, &SHAFT).is_none());
         }
+    }
+
+    /// A new line at 150 Hz is of the mains beside shafts of 29.7 Hz, and of a motor behind a belt that turns at 25 Hz give or take its slip; one at 100 Hz too.
+    #[test]
+    fn analytic_multiples_of_the_motor_are_the_machines() {
+        let mut transforms = Transforms::default();
+        let (before, x) = (run(&[], 1.0, 1), run(&[(150.0, 0.5)], 1.0005, 2));
+        let mut found = |turning: &[Turning]| hum(&mut transforms, &x, Some(&before), RATE_HZ, turning).is_some();
+        let motor = |hz| [SHAFT[0], Turning { hz, off: 2e-3 }];
+        assert!(found(&SHAFT) && found(&motor(24.5)));
+        assert!(!found(&motor(25.0)) && !found(&motor(25.03)));
     }
 }

@@ -5,6 +5,7 @@ use gearwatch_core::train::Train;
 use crate::change::compare::Comparison;
 use crate::name::bearing;
 use crate::name::family;
+use crate::name::subname;
 use crate::name::{Finding, Question};
 use crate::read::displacement::{self, Displaced};
 use crate::read::dsp::Transforms;
@@ -13,6 +14,7 @@ use crate::read::features::RecordingFeatures;
 use crate::read::fixed::FixedLine;
 use crate::read::fluctuation::Fluctuation;
 use crate::read::folded::FoldedLine;
+use crate::read::order_swing::{Point, Swinging};
 use crate::read::scan::{self, StrangeLine, Twin};
 use crate::read::transients::{self, Bursts};
 use crate::read::wander::{self, Wandering};
@@ -43,6 +45,8 @@ pub struct Strange {
     pub against_reference: bool,
     /// A speed that fluctuates at a fixed frequency.
     pub fluctuation: Option<Fluctuation>,
+    /// A turning that swings at a multiple of a shaft.
+    pub swinging: Option<Swinging>,
     /// Where bursts stand out most.
     pub bursts: Option<Bursts>,
     /// The narrow band that grew most against the reference.
@@ -71,6 +75,8 @@ const ENVELOPE_SCORE_AGAINST: f64 = 8.5;
 
 /// What a line in the swing of all recordings is believed to be worth: a torque that fluctuates at a fixed frequency swings the train as well.
 const FLUCTUATES: f64 = 0.95;
+/// Probability of one at a multiple of a shaft: whether torque or speed drives it, and where, is the law's to say.
+const SWINGS: f64 = 0.8;
 
 /// ln of the share of energy in the highest hundredth of short blocks, over that in the reference or over a hundredth, from which something bursts that no gear does. Unchanged
 /// benches of another generator reach 0.34 against their reference; without one the pulses of sound meshes reach 2.2.
@@ -175,6 +181,7 @@ pub fn strange(
         picked_up: Vec::new(),
         folded: None,
         fluctuation: None,
+        swinging: None,
         against_reference,
         bursts: transients::bursts(transforms, recordings, references, channels),
         wandering: wander::wandering(&twins, channels),
@@ -295,6 +302,19 @@ pub fn fluctuating(q: &Question<'_>, l: &Fluctuation) -> Finding {
     f.evidence.place = format!("the angle of the whole train swings at {:.2} Hz in all recordings", l.frequency_hz.0);
     f.evidence.law = "a fixed frequency, no order of a shaft".into();
     f.evidence.support = format!("by noise in {:.0e} of such sets of recordings", l.chance);
+    f
+}
+
+/// The turning swings at a multiple of a shaft.
+pub fn swinging(q: &Question<'_>, s: &Swinging) -> Finding {
+    let point = |r: &RecordingFeatures| Point { input_hz: r.input_hz, brake_torque_nm: r.brake_torque_nm };
+    let points: Vec<Point> = q.recordings.iter().map(point).collect();
+    let mut f = subname::ripple(q, s.shaft, s.multiple, s.load_exponent(&points));
+    let (depth, sigma) = s.depth();
+    f.probability = SWINGS;
+    f = f.with("depth_percent", 100.0 * depth, 100.0 * sigma);
+    f.evidence.law = "one swing of the angle accounts for the sidebands of all mesh harmonics at this distance".into();
+    f.evidence.support = format!("by chance in {:.0e} of such sets of recordings", s.chance);
     f
 }
 

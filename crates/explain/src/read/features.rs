@@ -15,6 +15,7 @@ use crate::read::dsp::{self, Transforms};
 use crate::read::fluctuation;
 use crate::read::integrity::{self, Integrity};
 use crate::read::lines::Line;
+use crate::read::order_swing::OrderSwing;
 
 pub use self::background::FloorBand;
 pub use self::line_fit::LineValue;
@@ -108,7 +109,16 @@ impl RecordingFeatures {
     }
 }
 
-/// Reads one steady recording, given the input-shaft speed that the comb search found. Where the speed fluctuates at a fixed frequency (Hz), the angle follows that too.
+/// What the angle of a recording follows beside what its mesh lines show slowly.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Follow {
+    /// A speed that fluctuates at a fixed frequency (Hz).
+    pub fluctuates_hz: Option<f64>,
+    /// A swing at a multiple of a shaft.
+    pub swing: Option<OrderSwing>,
+}
+
+/// Reads one steady recording, given the input-shaft speed that the comb search found.
 pub fn read(
     transforms: &mut Transforms,
     bench: &Bench,
@@ -116,7 +126,7 @@ pub fn read(
     steady: &Steady<'_>,
     input_hz: f64,
     comb_score: f64,
-    fluctuates_hz: Option<f64>,
+    follow: Follow,
 ) -> RecordingFeatures {
     let rate = steady.sample_rate_hz;
     let turned = Turned::of(transforms, train, bench.belt.is_some(), steady, input_hz);
@@ -125,8 +135,11 @@ pub fn read(
     let signals: Vec<&[f64]> = steady.channels.iter().map(|(_, _, run)| &run.samples[..len]).collect();
     let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
     let swing = carriers::swing(transforms, &signals, rate, &angle, &mesh_orders, fluctuation::HIGHEST_HZ);
-    if let (Some(hz), Some(swing)) = (fluctuates_hz, &swing) {
+    if let (Some(hz), Some(swing)) = (follow.fluctuates_hz, &swing) {
         swing.follow(hz, &mut angle);
+    }
+    if let Some(swing) = follow.swing {
+        swing.follow(&mut angle);
     }
     let (revolutions, input_hz) = (turned.revolutions, turned.input_hz);
     let (lines, taken) = (&turned.lines, &turned.taken);
