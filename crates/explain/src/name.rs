@@ -109,6 +109,19 @@ fn folded_onto(q: &Question<'_>, l: &FoldedLine, c: &Cell) -> bool {
     c.family.is_some() && q.comparison.channels[c.channel] == l.channel && (c.frequency_hz - seen_hz).abs() < FOLDED_HZ
 }
 
+/// What is compared: all but the lines that are accounted for before.
+fn cells(q: &Question<'_>, strange: &strange::Strange) -> Vec<Cell> {
+    let mut cells = locate::cells(q.comparison);
+    if let Some(l) = &strange.folded {
+        cells.retain(|c| !folded_onto(q, l, c));
+    }
+    if let Some(s) = &strange.swinging {
+        // The angle follows its mean: what changes within a recording stays in these lines.
+        cells.retain(|c| !locate::covers(locate::Place::ShaftOrder(s.shaft, s.multiple), c.family));
+    }
+    cells
+}
+
 /// An answer and the sheet as refitted beside the effects, where that was possible.
 pub struct Named {
     /// What is published.
@@ -132,14 +145,7 @@ pub fn answer(
     let mut fit = None;
     let mut p = None;
     let mut free = None;
-    let mut cells = locate::cells(q.comparison);
-    if let Some(l) = &strange.folded {
-        cells.retain(|c| !folded_onto(q, l, c));
-    }
-    if let Some(s) = &strange.swinging {
-        // What the angle follows only in the mean is left there.
-        cells.retain(|c| !locate::covers(locate::Place::ShaftOrder(s.shaft, s.multiple), c.family));
-    }
+    let cells = cells(q, &strange);
     let mut own = cells.clone();
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
     if let Some(e) = &strange.envelope {
