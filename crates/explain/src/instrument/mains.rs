@@ -266,11 +266,11 @@ mod tests {
         }
     }
 
-    /// A new line at 150 Hz is of the mains beside shafts of 29.7 Hz, and of a motor behind a belt that turns at 25 Hz give or take its slip; one at 100 Hz too.
+    /// New lines at 150 and 300 Hz are of the mains beside a shaft of 29.7 Hz and a motor of 24.5 Hz; they are of a motor before a belt that turns at 25 Hz, give or take its slip.
     #[test]
     fn analytic_multiples_of_the_motor_are_the_machines() {
         let mut transforms = Transforms::default();
-        let (before, x) = (run(&[], 1.0, 1), run(&[(150.0, 0.5)], 1.0005, 2));
+        let (before, x) = (run(&[], 1.0, 1), run(&[(150.0, 0.5), (300.0, 0.3)], 1.0005, 2));
         let mut found = |turning: &[Turning]| hum(&mut transforms, &x, Some(&before), RATE_HZ, turning).is_some();
         let motor = |hz| [SHAFT[0], Turning { hz, off: 2e-3 }];
         assert!(found(&SHAFT) && found(&motor(24.5)));
