@@ -21,7 +21,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 
 use self::cross::Cross;
-use self::mains::Turning;
+use self::mains::ShaftSpeed;
 use self::repair::{Cut, common_run};
 use self::samples::{Facts, Repeat};
 use crate::error::ExplainError;
@@ -407,11 +407,11 @@ impl Asked<'_> {
     fn hum(&mut self, reference: Option<&Recording>) {
         // Without a speed a line of the mains is not told from one of a shaft.
         let Ok(input_hz) = speed(self.bench, self.train, self.recording) else { return };
-        let shaft = |s: &(String, f64)| Turning { hz: s.1 * input_hz, off: mains::WANDER };
-        let mut turning: Vec<Turning> = self.train.shafts.iter().map(shaft).collect();
+        let shaft = |s: &(String, f64)| ShaftSpeed { hz: s.1 * input_hz, off: mains::WANDER };
+        let mut shafts: Vec<ShaftSpeed> = self.train.shafts.iter().map(shaft).collect();
         if self.bench.belt.is_some() {
             let off = mains::WANDER + CREEP + 3.0 * DISPLAY_SIGMA;
-            turning.push(Turning { hz: self.train.motor_order * input_hz, off });
+            shafts.push(ShaftSpeed { hz: self.train.motor_order * input_hz, off });
         }
         let names: Vec<String> =
             self.recording.channels.keys().filter(|k| self.sensors.contains(&k.as_str())).cloned().collect();
@@ -422,7 +422,7 @@ impl Asked<'_> {
             // A channel that the reference has not is not compared.
             let (Some((_, now)), false) = (now.first(), before == Some(None)) else { continue };
             let rate = self.recording.channels[&name].sample_rate_hz;
-            let Some((lines, probability)) = mains::hum(self.transforms, now, before.flatten(), rate, &turning) else {
+            let Some((lines, probability)) = mains::hum(self.transforms, now, before.flatten(), rate, &shafts) else {
                 continue;
             };
             let Some(first) = lines.first() else { continue };

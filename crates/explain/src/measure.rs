@@ -18,7 +18,7 @@ use crate::read::fixed;
 use crate::read::fluctuation;
 use crate::read::folded;
 use crate::read::kinematics::{self, OtherTeeth};
-use crate::read::order_swing::{self, OrderSwing, Swinging};
+use crate::read::order_swing;
 use crate::read::ratio::{self, Ratios};
 
 /// What was measured.
@@ -117,8 +117,10 @@ pub fn measure(
     let spectra: Vec<_> = all.iter().map(RecordingFeatures::order_spectra).collect();
     let mut swinging = order_swing::scan(&bench, &train, &spectra[..judged], &spectra[judged..]);
     if let Some(found) = &mut swinging {
-        let followed = |at: usize, swing| line(&bench, &train, at, Follow { fluctuates_hz, swing: Some(swing) });
-        follow(found, &train, &mut all, followed);
+        found.follow(|at, swing| {
+            all[at] = line(&bench, &train, at, Follow { fluctuates_hz, swing: Some(swing) });
+            order_swing::left(&all[at].order_spectra(), &train, swing.order)
+        });
         let (shaft, depth) = (&train.shafts[found.shaft].0, 100.0 * found.depth().0);
         steps.push(format!(
             "the turning swings at {}x of {shaft}, the speed by {depth:.2} %; the angle follows it",
@@ -149,26 +151,6 @@ pub fn measure(
         .filter(fixed::FixedLine::is_picked_up)
         .collect();
     Ok(Measured { bench, train, teeth, recordings: all, references, comparison, ratios, strange, limits, steps })
-}
-
-/// Passes in which the angle follows a swing: sidebands grow with it only while it is small.
-const SWING_PASSES: usize = 4;
-
-/// Lets the angles of recordings follow a swing. `followed` reads a recording again.
-fn follow(
-    found: &mut Swinging,
-    train: &Train,
-    all: &mut [RecordingFeatures],
-    mut followed: impl FnMut(usize, OrderSwing) -> RecordingFeatures,
-) {
-    for (at, swing) in found.swings.iter_mut().enumerate() {
-        let Some(swing) = swing else { continue };
-        for _ in 0..SWING_PASSES {
-            all[at] = followed(at, *swing);
-            let Some(left) = order_swing::left(&all[at].order_spectra(), train, swing.order) else { break };
-            swing.rev += left.rev;
-        }
-    }
 }
 
 /// Recordings at steady speed, and what was left out.

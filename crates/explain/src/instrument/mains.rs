@@ -34,9 +34,9 @@ pub struct Hum {
     phase: f64,
 }
 
-/// Speed of something that turns.
+/// Speed of a shaft, or of the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turning {
+pub struct ShaftSpeed {
     /// (Hz).
     pub hz: f64,
     /// How far it may be off (relative).
@@ -125,14 +125,14 @@ pub fn hum(
     samples: &[f64],
     reference: Option<&[f64]>,
     rate: f64,
-    turning: &[Turning],
+    shafts: &[ShaftSpeed],
 ) -> Option<(Vec<Hum>, f64)> {
     let now = Spectrum::of(transforms, samples, rate);
     let before = reference.map(|r| Spectrum::of(transforms, r, rate));
     let highest = ((f64::from(MULTIPLES) + 0.5) * MAINS_HZ[1]).min(0.4 * rate);
     let of_shaft = |hz: f64| {
-        let near = |t: &Turning| (hz - (hz / t.hz).round() * t.hz).abs() < OF_SHAFT_BINS * now.bin_hz + t.off * hz;
-        turning.iter().any(near)
+        let near = |s: &ShaftSpeed| (hz - (hz / s.hz).round() * s.hz).abs() < OF_SHAFT_BINS * now.bin_hz + s.off * hz;
+        shafts.iter().any(near)
     };
     let peaks = now.new_peaks(before.as_ref(), highest);
     // ln of the odds that a peak is of the mains, were there any on the channel.
@@ -226,7 +226,7 @@ mod tests {
     use super::*;
 
     const RATE_HZ: f64 = 8192.0;
-    const SHAFT: [Turning; 1] = [Turning { hz: 29.7, off: WANDER }];
+    const SHAFT: [ShaftSpeed; 1] = [ShaftSpeed { hz: 29.7, off: WANDER }];
 
     fn run(hum: &[(f64, f64)], machine: f64, seed: u64) -> Vec<f64> {
         let mut state = seed;
@@ -271,8 +271,8 @@ mod tests {
     fn analytic_multiples_of_the_motor_are_the_machines() {
         let mut transforms = Transforms::default();
         let (before, x) = (run(&[], 1.0, 1), run(&[(150.0, 0.5), (300.0, 0.3)], 1.0005, 2));
-        let mut found = |turning: &[Turning]| hum(&mut transforms, &x, Some(&before), RATE_HZ, turning).is_some();
-        let motor = |hz| [SHAFT[0], Turning { hz, off: 2e-3 }];
+        let mut found = |shafts: &[ShaftSpeed]| hum(&mut transforms, &x, Some(&before), RATE_HZ, shafts).is_some();
+        let motor = |hz| [SHAFT[0], ShaftSpeed { hz, off: 2e-3 }];
         assert!(found(&SHAFT) && found(&motor(24.5)));
         assert!(!found(&motor(25.0)) && !found(&motor(25.03)));
     }

@@ -75,7 +75,7 @@ const ENVELOPE_SCORE_AGAINST: f64 = 8.5;
 
 /// What a line in the swing of all recordings is believed to be worth: a torque that fluctuates at a fixed frequency swings the train as well.
 const FLUCTUATES: f64 = 0.95;
-/// Probability of one at a multiple of a shaft: whether torque or speed drives it, and where, is the law's to say.
+/// Probability of one at a multiple of a shaft: a belief, read from no data. Whether torque or speed drives it, and where, is less sure than that it is there.
 const SWINGS: f64 = 0.8;
 
 /// ln of the share of energy in the highest hundredth of short blocks, over that in the reference or over a hundredth, from which something bursts that no gear does. Unchanged
