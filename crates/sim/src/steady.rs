@@ -106,6 +106,8 @@ pub struct SteadySolver {
 /// A part of the motion that was solved for.
 struct Part {
     made: Arc<Made>,
+    /// Mean stiffness and damping of each mesh that it was solved with.
+    seen: Vec<(f64, f64)>,
     grid: Grid,
     solution: Solution,
 }
@@ -224,7 +226,8 @@ impl SteadySolver {
         let mut lines = SteadyLines { sensors: Vec::new(), iterations: 0, first_shaft_hz };
         let Some(cache) = &self.cache else { return Ok(lines) };
         lines.sensors = vec![vec![Complex::ZERO; orders.len()]; cache.sensors.len()];
-        let linear = Linear { response: &cache.response, meshes: &cache.meshes, slopes: &cache.slopes };
+        let meshes = mean_laws(base);
+        let linear = Linear { response: &cache.response, meshes: &cache.meshes, now: &meshes, slopes: &cache.slopes };
         // Trains with what repeats with a turn are made when a part needs them.
         let mut turned: Vec<Option<TrainModel>> = made.iter().map(|_| None).collect();
         let mut past = std::mem::take(&mut self.parts).into_iter();
@@ -239,16 +242,22 @@ impl SteadySolver {
             };
             let past = past.next().filter(|part| part.grid.problem == problem);
             let part = match past {
-                Some(part) if part.made.moves_as(now, active) => Part { made: now.clone(), ..part },
+                Some(part)
+                    if part.made.moves_as(now, active)
+                        && same_laws(&part.seen, &meshes, &problem.active, self.options.tolerance) =>
+                {
+                    Part { made: now.clone(), ..part }
+                }
                 past => {
                     if which > 0 && turned[which].is_none() {
                         turned[which] = Some(now.model(&mut self.flanks)?);
                     }
                     let model = turned[which].as_ref().unwrap_or(base);
-                    let (grid, start) = match past {
+                    let (mut grid, start) = match past {
                         Some(Part { grid, solution, .. }) => (grid, Some(solution)),
                         None => (Grid::new(problem, model, &cache.response), None),
                     };
+                    grid.see(linear);
                     let solve = |start| grid.solve(model, linear, &self.options, start);
                     let solution = match solve(start.as_ref()) {
                         // A neighbour that is too far off, as a broken tooth is from a pitted one.
@@ -256,7 +265,7 @@ impl SteadySolver {
                         other => other,
                     }?;
                     lines.iterations += solution.iterations;
-                    Part { made: now.clone(), grid, solution }
+                    Part { made: now.clone(), seen: meshes.clone(), grid, solution }
                 }
             };
             cache.add_lines(sign, &part.grid.problem, &part.solution, orders, &mut lines.sensors);
@@ -268,8 +277,7 @@ impl SteadySolver {
 
     /// Makes or keeps the frequency responses.
     fn prepare(&mut self, base: &TrainModel) -> Result<(), SteadyError> {
-        let meshes: Vec<(f64, f64)> =
-            base.contacts.iter().map(|c| (c.mean_stiffness_n_per_m, c.damping_n_s_per_m)).collect();
+        let meshes = mean_laws(base);
         let near = |(a, b): (&(f64, f64), &(f64, f64))| a.0.max(b.0) <= NEAR_STIFFNESS * a.0.min(b.0);
         let slopes = base.spring_slopes()?;
         let keeps = |cache: &Cache| {
@@ -298,6 +306,19 @@ impl SteadySolver {
         self.cache = Some(Cache { linear, meshes, slopes, response, sensors, passage, planet_pass });
         Ok(())
     }
+}
+
+/// Mean stiffness (N/m) and damping (N s/m) of each mesh.
+fn mean_laws(model: &TrainModel) -> Vec<(f64, f64)> {
+    model.contacts.iter().map(|c| (c.mean_stiffness_n_per_m, c.damping_n_s_per_m)).collect()
+}
+
+/// The meshes that are not active have the same law, so nearly that it moves no line by more than
+/// the tolerance would.
+fn same_laws(was: &[(f64, f64)], now: &[(f64, f64)], active: &[usize], tolerance: f64) -> bool {
+    let same = |a: f64, b: f64| (a - b).abs() <= tolerance * a.abs();
+    let far = was.iter().zip(now).enumerate().filter(|(mesh, _)| !active.contains(mesh));
+    far.fold(true, |all, (_, (was, now))| all && same(was.0, now.0) && same(was.1, now.1))
 }
 
 impl Cache {

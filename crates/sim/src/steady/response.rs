@@ -2,6 +2,7 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
+use super::solver::{Problem, Table};
 use crate::linear::LinearTrain;
 use crate::modal::Modes;
 use crate::model::ModelError;
@@ -84,14 +85,14 @@ impl Response {
     }
 
     /// `1/(iω − λ)` and `1/(iω − λ̄)` of every mode, to be used for several outputs and inputs.
-    pub(super) fn poles(&self, omega: f64, out: &mut Vec<[Complex<f64>; 2]>) {
+    fn poles(&self, omega: f64, out: &mut Vec<[Complex<f64>; 2]>) {
         let s = Complex::new(0.0, omega);
         out.clear();
         out.extend(self.modes.eigenvalues.iter().map(|&lambda| [0.5 / (s - lambda), 0.5 / (s - lambda.conj())]));
     }
 
     /// As [`Self::at`], from the poles, for an output without acceleration.
-    pub(super) fn at_poles(&self, output: &Output, input: &Input, poles: &[[Complex<f64>; 2]]) -> Complex<f64> {
+    fn at_poles(&self, output: &Output, input: &Input, poles: &[[Complex<f64>; 2]]) -> Complex<f64> {
         let modes = output.modal.iter().zip(&input.modal).zip(poles);
         modes
             .map(|((&c, &b), pole)| {
@@ -99,6 +100,51 @@ impl Response {
                 residue * pole[0] + residue.conj() * pole[1]
             })
             .sum()
+    }
+
+    /// Responses of outputs without acceleration at every bin of a problem's period, by pair of
+    /// outputs and inputs: `table[output * inputs + input][bin]`.
+    pub(super) fn tables<const N: usize>(&self, problem: &Problem, ends: [(&[Output], &[Input]); N]) -> [Table; N] {
+        let bins = problem.samples / 2 + 1;
+        let mut out = ends.map(|(rows, inputs)| vec![Vec::with_capacity(bins); rows.len() * inputs.len()]);
+        let mut poles = Vec::new();
+        for bin in 0..bins {
+            let omega = std::f64::consts::TAU * bin as f64 / problem.period_s;
+            self.poles(omega, &mut poles);
+            for ((rows, inputs), table) in ends.iter().zip(&mut out) {
+                for (at, response) in table.iter_mut().enumerate() {
+                    let (row, input) = (&rows[at / inputs.len()], &inputs[at % inputs.len()]);
+                    response.push(match bin {
+                        0 => Complex::new(self.constant(row, input), 0.0),
+                        _ => self.at_poles(row, input, &poles),
+                    });
+                }
+            }
+        }
+        out
+    }
+
+    /// Spectrum over a problem's period of an output without acceleration under some forces.
+    pub(super) fn line_motion<'a>(
+        &self,
+        problem: &Problem,
+        row: &Output,
+        forces: impl IntoIterator<Item = &'a (Input, Vec<Complex<f64>>)>,
+    ) -> Vec<Complex<f64>> {
+        let bins = problem.samples / 2 + 1;
+        let mut sum = vec![Complex::ZERO; bins];
+        for (input, spectrum) in forces {
+            sum[0] += self.constant(row, input) * spectrum[0];
+            let largest = spectrum.iter().skip(1).map(|z| z.norm_sqr()).fold(0.0, f64::max);
+            for bin in 1..bins {
+                // Most outside forces have a few lines only.
+                if spectrum[bin].norm_sqr() > 1e-24 * largest {
+                    let omega = std::f64::consts::TAU * bin as f64 / problem.period_s;
+                    sum[bin] += self.at(row, input, omega) * spectrum[bin];
+                }
+            }
+        }
+        sum
     }
 
     /// Response of an output's displacement part to a constant unit input.

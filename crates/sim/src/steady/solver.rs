@@ -15,9 +15,11 @@ use super::springs::Springs;
 use super::{SteadyError, SteadyOptions};
 use crate::model::TrainModel;
 use crate::springs::SpringSlope;
+use far::{Ends, Far};
 use misfit::Misfit;
 use trial::{Case, State};
 
+mod far;
 mod misfit;
 mod outside;
 mod trial;
@@ -48,8 +50,10 @@ pub(super) struct Grid {
     backward: Arc<dyn ComplexToReal<f64>>,
     /// Approach of active stage i to mesh input j: `approach[i * J + j][bin]`; pinion angle
     /// likewise.
-    approach: Vec<Vec<Complex<f64>>>,
-    angle: Vec<Vec<Complex<f64>>>,
+    approach: Table,
+    angle: Table,
+    /// The meshes that are not active.
+    far: Far,
     /// Outputs of the active stages and springs, and their inputs.
     approach_rows: Vec<Output>,
     angle_rows: Vec<Output>,
@@ -57,6 +61,9 @@ pub(super) struct Grid {
     /// Springs that are not linear; their lines come behind the active stages.
     springs: Springs,
 }
+
+/// Values by bin, of several outputs by several inputs.
+pub(super) type Table = Vec<Vec<Complex<f64>>>;
 
 /// A force on the linear train: where it acts, and its spectrum.
 type Force = (Input, Vec<Complex<f64>>);
@@ -67,6 +74,8 @@ pub(super) struct Solution {
     pub(super) forces: Vec<Force>,
     /// Where those of the active meshes begin.
     first_mesh: usize,
+    /// The far meshes whose force changed, and where it stands.
+    far: Vec<(usize, usize)>,
     /// What springs add to the reading of each sensor: by sensor the amplitude (peak).
     pub(super) direct: Vec<Vec<Complex<f64>>>,
     /// Approach of each active stage and deflection of each spring's line at each sample (m or
@@ -81,11 +90,13 @@ pub(super) struct Solution {
 }
 
 impl Solution {
-    /// Spectrum of what the force of a mesh has beyond its mean stiffness; `None` where the problem
-    /// takes that mesh for linear.
+    /// Spectrum of what the force of a mesh has beyond what the linear train has for it; `None`
+    /// where that is all.
     pub(super) fn rest_of(&self, problem: &Problem, mesh: usize) -> Option<&[Complex<f64>]> {
-        let at = problem.active.iter().position(|&active| active == mesh)?;
-        self.forces.get(self.first_mesh + at).map(|(_, spectrum)| spectrum.as_slice())
+        let of_far = || self.far.iter().find(|(far, _)| *far == mesh).map(|(_, at)| *at);
+        let active = problem.active.iter().position(|&active| active == mesh);
+        let at = active.map(|at| self.first_mesh + at).or_else(of_far)?;
+        self.forces.get(at).map(|(_, spectrum)| spectrum.as_slice())
     }
 }
 
@@ -93,8 +104,10 @@ impl Solution {
 #[derive(Clone, Copy)]
 pub(super) struct Linear<'a> {
     pub(super) response: &'a Response,
-    /// Mean stiffness and damping of each mesh.
+    /// Mean stiffness and damping of each mesh in it.
     pub(super) meshes: &'a [(f64, f64)],
+    /// The same as they are now.
+    pub(super) now: &'a [(f64, f64)],
     /// Slope of each spring.
     pub(super) slopes: &'a [SpringSlope],
 }
@@ -119,37 +132,29 @@ impl Grid {
             .collect();
         let mut inputs: Vec<_> = meshes.map(|mesh| response.input(&-mesh)).collect();
         inputs.extend(springs.inputs(model).map(|input| response.input(input)));
-        let bins = n / 2 + 1;
-        let stages = problem.active.len();
-        let count = inputs.len();
-        let mut out = Self {
+        let far = Far::new(&problem, model, response);
+        let [approach, angle] =
+            response.tables(&problem, [(approach_rows.as_slice(), inputs.as_slice()), (&angle_rows, &inputs)]);
+        Self {
             forward: plans.forward(n),
             backward: plans.inverse(n),
-            approach: vec![Vec::with_capacity(bins); count * count],
-            angle: vec![Vec::with_capacity(bins); stages * count],
+            approach,
+            angle,
+            far,
             approach_rows,
             angle_rows,
             inputs,
             springs,
             problem,
-        };
-        let mut poles = Vec::new();
-        for bin in 0..bins {
-            let omega = std::f64::consts::TAU * bin as f64 / out.problem.period_s;
-            response.poles(omega, &mut poles);
-            for (rows, table) in [(&out.approach_rows, &mut out.approach), (&out.angle_rows, &mut out.angle)] {
-                for (i, row) in rows.iter().enumerate() {
-                    for (j, input) in out.inputs.iter().enumerate() {
-                        table[i * count + j].push(if bin == 0 {
-                            Complex::new(response.constant(row, input), 0.0)
-                        } else {
-                            response.at_poles(row, input, &poles)
-                        });
-                    }
-                }
-            }
         }
-        out
+    }
+
+    /// Puts the meshes that are not active at their stiffness and damping of now.
+    pub(super) fn see(&mut self, linear: Linear<'_>) {
+        let off = |&mesh: &usize| (linear.now[mesh].0 - linear.meshes[mesh].0, linear.now[mesh].1 - linear.meshes[mesh].1);
+        let off = self.far.meshes.iter().map(off).collect();
+        let ends = Ends { approach: &self.approach_rows, angle: &self.angle_rows, inputs: &self.inputs };
+        self.far.put(off, (&self.problem, linear.response), &ends, &mut self.approach, &mut self.angle);
     }
 
     /// Spectrum of a signal, scaled to amplitudes that the inverse takes back.
@@ -183,24 +188,9 @@ impl Grid {
         self.signal(spectrum)
     }
 
-    /// `out_i = Σ_j table_ij ∗ signals_j`.
-    fn convolve(
-        &self,
-        table: &[Vec<Complex<f64>>],
-        spectra: &[Vec<Complex<f64>>],
-    ) -> Result<Vec<Vec<f64>>, SteadyError> {
-        let count = spectra.len();
-        (0..table.len() / count)
-            .map(|i| {
-                let mut sum = vec![Complex::ZERO; spectra[0].len()];
-                for (j, spectrum) in spectra.iter().enumerate() {
-                    for ((sum, &h), &z) in sum.iter_mut().zip(&table[i * count + j]).zip(spectrum) {
-                        *sum += h * z;
-                    }
-                }
-                self.signal(sum)
-            })
-            .collect()
+    /// The signals of [`convolved`].
+    fn convolve(&self, table: &Table, spectra: &[Vec<Complex<f64>>]) -> Result<Vec<Vec<f64>>, SteadyError> {
+        convolved(table, spectra).into_iter().map(|sum| self.signal(sum)).collect()
     }
 
     /// The periodic motion, from `start` where a neighbouring one is known.
@@ -217,7 +207,8 @@ impl Grid {
         let spring_scales = self.springs.scales(model);
         let case = Case { model, linear, shaft_rad: &shaft_rad, spring_scales: &spring_scales };
         let mut forces = self.outside_forces(model, response, &times)?;
-        let outside = self.motion_of(response, &forces)?;
+        let mut reactions = self.far.to_forces((&self.problem, response), &forces);
+        let outside = self.motion_of(response, [&forces, &reactions])?;
         let resting = self.resting(&case)?;
         let start = start.filter(|start| start.resting.len() == resting.len() && start.resting[0].len() == n);
         // The vibration of the neighbour about its own rest.
@@ -239,7 +230,8 @@ impl Grid {
                 angle: self.convolve(&self.angle, &spectra)?,
             };
             target.add(&outside);
-            target.add(&self.motion_of(response, &beside)?);
+            let beside_reactions = self.far.to_forces((&self.problem, response), &beside);
+            target.add(&self.motion_of(response, [&beside, &beside_reactions])?);
             // An iteration that runs away; no phase of a mesh is defined far out.
             if !target.angle.iter().flatten().all(|a| a.abs() < FARTHEST_RAD) {
                 return Err(SteadyError::NoConvergence);
@@ -253,13 +245,18 @@ impl Grid {
                 forces.extend(beside);
                 let first_mesh = forces.len();
                 let mut direct = self.springs.direct(model, &spectra[stages..]);
+                for more in [beside_reactions, self.far.to_inputs(&spectra)] {
+                    add(&mut reactions, more);
+                }
                 forces.extend(self.inputs.iter().cloned().zip(spectra));
+                let far = self.far.meshes.iter().copied().zip(forces.len()..).take(reactions.len()).collect();
+                forces.extend(reactions);
                 // Both halves of a line in one amplitude.
                 for spectrum in forces.iter_mut().map(|(_, spectrum)| spectrum).chain(&mut direct) {
                     spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
                 }
                 let State { approach, angle } = state;
-                return Ok(Solution { forces, first_mesh, direct, approach, angle, resting, iterations });
+                return Ok(Solution { forces, first_mesh, far, direct, approach, angle, resting, iterations });
             }
             let (step, taken) = self.newton_step(&trial, &misfit, options.tolerance)?;
             iterations += taken;
@@ -288,5 +285,32 @@ impl Grid {
             out.extend(self.springs.deflections(model, &rest).map(|u| vec![u; self.problem.samples]));
         }
         Ok(out)
+    }
+}
+
+/// `out_i = Σ_j table_ij · spectra_j` at every bin.
+fn convolved(table: &Table, spectra: &[Vec<Complex<f64>>]) -> Table {
+    let count = spectra.len();
+    (0..table.len() / count)
+        .map(|i| {
+            let mut sum = vec![Complex::ZERO; spectra[0].len()];
+            for (j, spectrum) in spectra.iter().enumerate() {
+                for ((sum, &h), &z) in sum.iter_mut().zip(&table[i * count + j]).zip(spectrum) {
+                    *sum += h * z;
+                }
+            }
+            sum
+        })
+        .collect()
+}
+
+/// Adds forces to those that act at the same places, if there are any yet.
+fn add(to: &mut Vec<Force>, more: Vec<Force>) {
+    if to.is_empty() {
+        *to = more;
+        return;
+    }
+    for ((_, sum), (_, more)) in to.iter_mut().zip(more) {
+        sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
     }
 }

@@ -1,5 +1,7 @@
 //! The steady state against stepping, and what is refused.
 
+mod history;
+
 use super::periods::smooth;
 use super::*;
 use crate::rk4::Rk4;

@@ -1,13 +1,11 @@
 //! Forces that do not depend on the motion, and the motion of the linear train that they bring
 //! about.
 
-use nalgebra::Complex;
-
 use super::trial::State;
 use super::{Force, Grid};
 use crate::model::TrainModel;
 use crate::steady::SteadyError;
-use crate::steady::response::Response;
+use crate::steady::response::{Output, Response};
 
 impl Grid {
     /// Spectra of the outside forces over the period.
@@ -36,27 +34,11 @@ impl Grid {
     }
 
     /// The motion that some forces bring about.
-    pub(super) fn motion_of(&self, response: &Response, forces: &[Force]) -> Result<State, SteadyError> {
-        let bins = self.problem.samples / 2 + 1;
-        let mut out = [Vec::new(), Vec::new()];
-        for (rows, out) in [&self.approach_rows, &self.angle_rows].into_iter().zip(&mut out) {
-            for row in rows {
-                let mut sum = vec![Complex::ZERO; bins];
-                for (input, spectrum) in forces {
-                    sum[0] += response.constant(row, input) * spectrum[0];
-                    let largest = spectrum.iter().skip(1).map(|z| z.norm_sqr()).fold(0.0, f64::max);
-                    for bin in 1..bins {
-                        // Most outside forces have a few lines only.
-                        if spectrum[bin].norm_sqr() > 1e-24 * largest {
-                            let omega = std::f64::consts::TAU * bin as f64 / self.problem.period_s;
-                            sum[bin] += response.at(row, input, omega) * spectrum[bin];
-                        }
-                    }
-                }
-                out.push(self.signal(sum)?);
-            }
-        }
-        let [approach, angle] = out;
-        Ok(State { approach, angle })
+    pub(super) fn motion_of(&self, response: &Response, forces: [&[Force]; 2]) -> Result<State, SteadyError> {
+        let of_rows = |rows: &[Output]| -> Result<Vec<Vec<f64>>, SteadyError> {
+            let spectrum = |row| response.line_motion(&self.problem, row, forces.iter().copied().flatten());
+            rows.iter().map(|row| self.signal(spectrum(row))).collect()
+        };
+        Ok(State { approach: of_rows(&self.approach_rows)?, angle: of_rows(&self.angle_rows)? })
     }
 }
