@@ -151,7 +151,8 @@ impl Grid {
 
     /// Puts the meshes that are not active at their stiffness and damping of now.
     pub(super) fn see(&mut self, linear: Linear<'_>) {
-        let off = |&mesh: &usize| (linear.now[mesh].0 - linear.meshes[mesh].0, linear.now[mesh].1 - linear.meshes[mesh].1);
+        let off =
+            |&mesh: &usize| (linear.now[mesh].0 - linear.meshes[mesh].0, linear.now[mesh].1 - linear.meshes[mesh].1);
         let off = self.far.meshes.iter().map(off).collect();
         let ends = Ends { approach: &self.approach_rows, angle: &self.angle_rows, inputs: &self.inputs };
         self.far.put(off, (&self.problem, linear.response), &ends, &mut self.approach, &mut self.angle);

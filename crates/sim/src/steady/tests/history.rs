@@ -54,7 +54,12 @@ fn changes(stages: usize, motor_hz: f64, torque_nm: f64) -> Vec<(Change, f64, f6
 fn oracle_a_pair_after_others_is_that_of_a_new_solver() {
     let sound = SimSetup::nominal(&test_bench::single_stage());
     let orders: Vec<f64> = mesh_orders(34.0).chain([33.0, 35.0]).collect();
-    walk(&sound, SteadyOptions { samples_per_cycle: 128, ..SteadyOptions::default() }, &orders, &changes(1, 30.0, 60.0));
+    walk(
+        &sound,
+        SteadyOptions { samples_per_cycle: 128, ..SteadyOptions::default() },
+        &orders,
+        &changes(1, 30.0, 60.0),
+    );
 }
 
 /// Each stage sees the other at its stiffness of now.
