@@ -27,6 +27,8 @@ const TEMPER: f64 = 0.5;
 /// Most that the phase of one line counts, and nats within which two lengths of a gap are the same.
 const MOST_SURE: f64 = 30.0;
 const AS_WELL: f64 = 5.0;
+/// Least power about an instant, over the usual, of a line that is used there: two lines that nearly coincide beat, and where they cancel their phase turns round by itself.
+const PRESENT: f64 = 0.5;
 /// Instants that are looked at closely, each farther than a side from the others.
 const LOOKED_AT: usize = 6;
 
@@ -107,7 +109,7 @@ struct Steps {
     phases: Vec<Vec<f64>>,
     /// Concentration of each line's phase steps where nothing happens.
     weight: Vec<f64>,
-    /// Power of the line about each instant over its median, 1 at most: two lines that nearly coincide beat, and where they cancel their phase turns round by itself.
+    /// Power of the line about each instant over its median, 1 at most and 0 below [`PRESENT`].
     presence: Vec<Vec<f64>>,
 }
 
@@ -128,7 +130,7 @@ impl Steps {
             .collect();
         let presence = turns
             .iter()
-            .map(|t| t.iter().zip(&usual).map(|(z, usual)| (z.norm() / usual).min(1.0)).collect())
+            .map(|t| t.iter().zip(&usual).map(|(z, usual)| z.norm() / usual).map(presence).collect())
             .collect();
         let phases = turns.iter().map(|t| t.iter().map(|z| z.arg()).collect()).collect();
         let mut out =
@@ -188,6 +190,11 @@ impl Steps {
         let top = near + (5).min(all.len() - 1 - near);
         all[near..=top].iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, most))
     }
+}
+
+/// What a line counts by its power over the usual.
+fn presence(share: f64) -> f64 {
+    if share < PRESENT { 0.0 } else { share.min(1.0) }
 }
 
 /// An angle within half a turn.

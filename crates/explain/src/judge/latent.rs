@@ -284,8 +284,7 @@ fn owners(q: &Question<'_>, order: f64) -> Vec<String> {
         }
     }
     for s in &q.train.stages {
-        let teeth = (s.mesh_order / s.pinion_order).round() * (s.mesh_order / s.wheel_order).round();
-        if ((s.mesh_order / teeth) / order - 1.0).abs() < SAME {
+        if (s.mesh_order / s.hunting_meshes() as f64 / order - 1.0).abs() < SAME {
             out.push(format!("the hunting period of {}: the same two teeth meet", s.name));
         }
     }

@@ -226,8 +226,8 @@ pub fn slips(findings: &[Finding]) -> bool {
 
 /// What can be said without a reference beyond the direct findings.
 pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
-    // A limit spoils phases, and slip moves the speeds apart that are subtracted.
-    let spoilt = findings.iter().any(|f| matches!(f.effect, "clipping" | "belt_slip"));
+    // A limit spoils phases. Slip moves the speeds apart that are subtracted, by less than what a resonance is wide; the phases of one damaged tooth stay even.
+    let spoilt = findings.iter().any(|f| f.effect == "clipping");
     if !spoilt && let Some(f) = crate::name::gear::lone_tooth(q, steps) {
         findings.push(f);
         return;

@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use crate::name::Question;
 use crate::read::envelope;
+use crate::read::scan;
 use crate::read::scan::StrangeLine;
 
 /// Highest multiple of a family; its lines are alike before they are heard.
@@ -23,6 +24,9 @@ const OFF_COMB: f64 = 2.0;
 const HIGHEST: f64 = 16.0;
 /// Share of new lines that may be something else's.
 const OTHERS: f64 = 0.3;
+/// Share of lines of no family that stand beside a comb's, and how far they reach (bins): what is left where a shaft's speed wanders faster than its lines are followed.
+const SKIRTS: f64 = 0.5;
+const SKIRT_BINS: f64 = 5.0;
 /// Odds that a bench with a new line has such a family, before it is looked for.
 const PRIOR: f64 = 1e-3;
 
@@ -70,7 +74,17 @@ pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
     // Two shafts together make families of their own.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
-    of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed)
+    let stray = |order: f64| stray(&scan::combs(q.train, revolutions), revolutions, order);
+    of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed, &stray)
+}
+
+/// Density of lines that are of no family, over that of lines that are even over the band: some lie anywhere, some beside the strong lines of a comb, whose speed is not followed wholly.
+fn stray(combs: &[f64], revolutions: f64, order: f64) -> f64 {
+    let off = combs.iter().map(|c| (order - (order / c).round() * c).abs()).fold(f64::INFINITY, f64::min);
+    // Mean distance between neighbours of all combs together.
+    let spacing = combs.iter().map(|c| c.recip()).sum::<f64>().recip();
+    let beside = (-off * revolutions / SKIRT_BINS).exp() * spacing * revolutions / (2.0 * SKIRT_BINS);
+    1.0 - SKIRTS + SKIRTS * beside
 }
 
 /// A family as a hypothesis: its order, and the shaft whose turning modulates it.
@@ -112,6 +126,7 @@ fn of_positions(
     shafts: &[f64],
     lowest: f64,
     is_mixed: &dyn Fn(f64) -> bool,
+    stray: &dyn Fn(f64) -> f64,
 ) -> Option<Family> {
     let band = positions.iter().copied().fold(0.0, f64::max);
     let sigma = |p: f64| (SLIP * p).hypot(PLACE_BINS / revolutions);
@@ -120,7 +135,7 @@ fn of_positions(
         let (at, multiple) = family.passage(p);
         let z = (at - multiple * family.order) / sigma(p);
         let density = (-0.5 * z * z).exp() / (sigma(p) * TAU.sqrt() * family.count());
-        (OTHERS + (1.0 - OTHERS) * density * band).ln()
+        (OTHERS + (1.0 - OTHERS) * density * band / stray(p)).ln()
     };
     let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt());
     let with = shafts.iter().copied().enumerate().map(Some);
@@ -166,7 +181,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn ask(positions: &[f64]) -> Option<Family> {
-        of_positions(positions, 200.0, &[1.0, 0.35], 0.6, &|order| (order - order.round()).abs() < 0.03)
+        of_positions(positions, 200.0, &[1.0, 0.35], 0.6, &|order| (order - order.round()).abs() < 0.03, &|_| 1.0)
     }
 
     /// Multiples of 3.169 within their slip, beside two lines of something else: the order to a part in a thousand, the others left out.
@@ -208,5 +223,13 @@ mod tests {
     fn analytic_two_lines_are_no_family() {
         assert_eq!(ask(&[9.507, 12.676]), None);
         assert_eq!(ask(&[]), None);
+    }
+
+    /// Five bins from a comb of one turn, in 100 turns: half of the stray lines stand there, `100 e^-1 / (2 · 5)` times as dense as over the band; far from it half as dense.
+    #[test]
+    fn analytic_stray_lines_stand_beside_combs() {
+        let near = 0.5 + 0.5 * 10.0 * (-1.0f64).exp();
+        assert!((stray(&[1.0], 100.0, 7.05) - near).abs() < 1e-9);
+        assert!((stray(&[1.0], 100.0, 7.5) - 0.5).abs() < 1e-3);
     }
 }

@@ -16,7 +16,7 @@ use crate::read::lines::SHAFT_MULTIPLES;
 const BESIDE: usize = 4;
 /// Waves a turn that are looked for: from where all neighbours lie above the low orders of the shaft, below so many times the number of teeth.
 const FEWEST: usize = SHAFT_MULTIPLES as usize + BESIDE + 1;
-const MOST_BY_TEETH: f64 = 2.5;
+const MOST_BY_TEETH: f64 = 4.0;
 /// Multiples nearer than this to a mesh harmonic of the gear are its low sidebands.
 const LOW: usize = 6;
 /// Lines nearer than this (bins) may be one.

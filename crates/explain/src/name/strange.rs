@@ -33,6 +33,8 @@ fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<St
 pub struct Strange {
     /// At fixed frequency.
     pub fixed: Vec<StrangeLine>,
+    /// What the machine's lines look like that meet at a frequency by chance, from several scans; empty where there is one speed only.
+    pub by_chance: Vec<Vec<StrangeLine>>,
     /// At fixed order.
     pub orders: Vec<StrangeLine>,
     /// In the envelope of the rest.
@@ -61,6 +63,10 @@ const LONE_LINE: f64 = 4.5;
 /// Least excess in any recording of a line that is called foreign without a reference, and its distance (bins) from all combs.
 const LONE_LEAST: f64 = 4.0;
 const LONE_OFF: f64 = 5.0;
+/// Least ln(power over floor) in every recording of lines that tell what chance does.
+const LISTED: f64 = 2.0;
+/// Probability with which the machine's own lines may pass for lines of a fixed frequency.
+const CHANCE: f64 = 0.01;
 /// Lines beside the mains that are fitted, and their distance (bins) from all combs.
 const FITTED: usize = 8;
 const FITTED_OFF: f64 = 3.0;
@@ -96,38 +102,64 @@ fn mains(hz: f64) -> Option<f64> {
     })
 }
 
+/// A line at a fixed frequency that is no mains and stands on several sensors, or on the only one.
+fn is_foreign(l: &StrangeLine) -> bool {
+    let others = l.by_channel.iter().filter(|e| **e > 1.5).count();
+    l.excess > NEW_LINE && l.least > 1.5 && mains(l.position).is_none() && (others > 1 || l.by_channel.len() == 1)
+}
+
+/// A line that is no mains, beside all combs, on a bench with other sensors that may not show it.
+fn may_be_of_one_sensor(l: &StrangeLine) -> bool {
+    l.off_comb > FITTED_OFF && l.by_channel.len() > 1 && mains(l.position).is_none()
+}
+
 impl Strange {
     fn foreign(&self) -> Vec<&StrangeLine> {
-        self.fixed
-            .iter()
-            .filter(|l| {
-                let others = l.by_channel.iter().filter(|e| **e > 1.5).count();
-                l.excess > NEW_LINE
-                    && l.least > 1.5
-                    && mains(l.position).is_none()
-                    && (others > 1 || l.by_channel.len() == 1)
-            })
-            .collect()
+        self.fixed.iter().filter(|l| is_foreign(l)).collect()
     }
 
     /// New lines at fixed frequencies that are not mains and may be of one sensor (Hz).
     pub fn beside_mains(&self) -> Vec<f64> {
-        let new = |l: &&StrangeLine| {
-            l.excess > NEW_LINE && l.off_comb > FITTED_OFF && l.by_channel.len() > 1 && mains(l.position).is_none()
-        };
-        self.fixed.iter().filter(|_| self.against_reference).filter(new).take(FITTED).map(|l| l.position).collect()
+        let new =
+            |l: &&StrangeLine| if self.against_reference { l.excess > NEW_LINE } else { self.chance_of(l) < CHANCE };
+        self.fixed.iter().filter(|l| may_be_of_one_sensor(l)).filter(new).take(FITTED).map(|l| l.position).collect()
     }
 
-    /// Several lines at fixed frequencies that are not mains, on several sensors. Without a reference far sidebands of the bench's own gears that meet at
-    /// two speeds look alike: they lie on some shaft's comb, another machine's do not.
-    pub fn foreign_machine(&self) -> bool {
-        let lone = |l: &&StrangeLine| l.excess > LONE_LINE && l.least > LONE_LEAST && l.off_comb > LONE_OFF;
-        if self.against_reference {
-            self.foreign().len() >= 2
-        } else {
-            self.foreign().into_iter().filter(lone).count() >= 3
+    /// How many lines of the machine that meet at a frequency by chance may be expected to stand out as much in every recording. Their heights over the least that is listed are taken to be
+    /// exponentially distributed, as those of noise are; infinite where nothing tells chance.
+    fn chance_of(&self, line: &StrangeLine) -> f64 {
+        if self.by_chance.is_empty() {
+            return f64::INFINITY;
         }
+        let chance = || self.by_chance.iter().flatten().filter(|l| may_be_of_one_sensor(l));
+        let heights = || chance().map(|l| l.least - LISTED).filter(|h| *h > 0.0);
+        // One more, of a height that is usual.
+        let count = 1.0 + heights().count() as f64;
+        let mean = (1.0 + heights().sum::<f64>()) / count;
+        count / self.by_chance.len() as f64 * (-(line.least - LISTED) / mean).exp()
     }
+
+    /// Several lines at fixed frequencies that are not mains, on several sensors, and more of them than lines of the bench's own gears that meet at two speeds by chance.
+    pub fn foreign_machine(&self) -> bool {
+        let lone = |l: &StrangeLine| l.excess > LONE_LINE && l.least > LONE_LEAST && l.off_comb > LONE_OFF;
+        let counts = |l: &&StrangeLine| is_foreign(l) && (self.against_reference || lone(l));
+        let found = self.fixed.iter().filter(counts).count();
+        let by_chance = self.by_chance.iter().flatten().filter(counts).count();
+        let expected = (1.0 + by_chance as f64) / (1.0 + self.by_chance.len() as f64);
+        found >= if self.against_reference { 2 } else { 3 }
+            && (self.by_chance.is_empty() || poisson_tail(found, expected) < CHANCE)
+    }
+}
+
+/// Probability of so many or more where so many are expected.
+fn poisson_tail(count: usize, expected: f64) -> f64 {
+    let mut term = (-expected).exp();
+    let mut below = 0.0;
+    for k in 0..count {
+        below += term;
+        term *= expected / (k + 1) as f64;
+    }
+    1.0 - below
 }
 
 /// Scans for strange lines.
@@ -140,11 +172,12 @@ pub fn strange(
 ) -> Strange {
     let alone = comparison.pairs.is_empty();
     let twins: Vec<Twin<'_>> = if alone {
-        recordings.iter().map(|r| Twin { recording: r, reference: None }).collect()
+        recordings.iter().map(|r| Twin { recording: r, reference: None, beside_hz: 0.0 }).collect()
     } else {
         let pair = |p: &crate::change::compare::Pair| Twin {
             recording: &recordings[p.recording],
             reference: Some(&references[p.reference]),
+            beside_hz: 0.0,
         };
         comparison.pairs.iter().map(pair).collect()
     };
@@ -176,6 +209,7 @@ pub fn strange(
     }
     Strange {
         fixed: scan::fixed_lines(&twins, channels, train),
+        by_chance: scan::fixed_by_chance(&twins, channels, train),
         orders: scan::order_lines(&twins, channels, train),
         envelope: envelope::scan(&spectra, train, channels.len()),
         picked_up: Vec::new(),
@@ -183,7 +217,7 @@ pub fn strange(
         fluctuation: None,
         swinging: None,
         against_reference,
-        bursts: transients::bursts(transforms, recordings, references, channels),
+        bursts: transients::bursts(transforms, train, recordings, references, channels),
         wandering: wander::wandering(&twins, channels),
         displaced: displacement::displaced(recordings),
     }
@@ -253,18 +287,22 @@ pub fn add_strange(
     let off: Vec<&StrangeLine> =
         strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
-    // What a reference has not, so that it is no habit of the bench.
-    let family = if strange.against_reference && !bearing_seen { family::family(q, &strange.orders) } else { None };
+    let family = if bearing_seen { None } else { family::family(q, &strange.orders) };
     if let Some(e) = &strange.envelope
         && bearing_seen
         && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
     {
         *unexplained = false;
         findings.push(bearing::finding(q, e, &channels));
-    } else if let Some(family) = family {
+    } else if let Some(family) = family
+        && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
+    {
         steps.push(format!("{}: {:.0} nats", family.in_words(), family.nats));
         *unexplained = false;
-        findings.push(bearing::of_lines(q, &family));
+        let odds = family.nats.exp();
+        let mut f = bearing::of_lines(q, &family);
+        f.probability *= odds / (1.0 + odds);
+        findings.push(f);
     } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
         steps.push(format!("lines at orders that no shaft makes, the strongest at {:.3}", off[0].position));
         *unexplained = true;
@@ -344,4 +382,52 @@ fn aliasing(q: &Question<'_>, l: &FoldedLine) -> Finding {
     f.evidence.law = "its line moves against the speed".into();
     f.evidence.support = format!("{:.0} times the power of anything beside it", l.above);
     f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(position: f64, least: f64, by_channel: &[f64]) -> StrangeLine {
+        let excess = by_channel.iter().copied().fold(0.0, f64::max);
+        StrangeLine {
+            position,
+            channel: 0,
+            excess,
+            least,
+            by_channel: by_channel.to_vec(),
+            amplitudes: Vec::new(),
+            off_comb: 10.0,
+        }
+    }
+
+    fn found(fixed: Vec<StrangeLine>, by_chance: Vec<Vec<StrangeLine>>) -> Strange {
+        Strange { fixed, by_chance, ..Strange::default() }
+    }
+
+    /// Of two expected, four or more come in 1 - 19/3 e^-2 of cases, 14 %.
+    #[test]
+    fn analytic_poisson_tail() {
+        assert!((poisson_tail(4, 2.0) - (1.0 - 19.0 / 3.0 * (-2.0f64).exp())).abs() < 1e-12);
+        assert_eq!(poisson_tail(0, 2.0), 1.0);
+    }
+
+    /// A line of one sensor, 4 nats above the noise in every recording, is asked for where chance brings lines of 2.3, and not where it brings
+    /// lines of 4, nor where there is one speed only.
+    #[test]
+    fn analytic_a_line_of_one_sensor_stands_out_of_chance() {
+        let own = || vec![line(3663.5, 4.0, &[5.0, 0.0])];
+        let chance = |least: f64| vec![vec![line(1234.5, least, &[3.0, 2.0])]; 8];
+        assert_eq!(found(own(), chance(2.3)).beside_mains(), [3663.5]);
+        assert!(found(own(), chance(4.0)).beside_mains().is_empty());
+        assert!(found(own(), Vec::new()).beside_mains().is_empty());
+    }
+
+    /// Three lines of several sensors are another machine's where chance brings none, and the gears' own where it brings as many.
+    #[test]
+    fn analytic_more_lines_than_by_chance_are_another_machines() {
+        let three = || (1..=3).map(|k| line(43.0 * f64::from(k), 5.0, &[6.0, 6.0])).collect::<Vec<_>>();
+        assert!(found(three(), vec![Vec::new(); 8]).foreign_machine());
+        assert!(!found(three(), vec![three(); 8]).foreign_machine());
+    }
 }

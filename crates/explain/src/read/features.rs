@@ -16,6 +16,7 @@ use crate::read::fluctuation;
 use crate::read::integrity::{self, Integrity};
 use crate::read::lines::Line;
 use crate::read::order_swing::OrderSwing;
+use crate::read::scan;
 
 pub use self::background::FloorBand;
 pub use self::line_fit::LineValue;
@@ -26,8 +27,10 @@ pub use gearwatch_check::steady::{Steady, Unused, steady};
 use self::background::bands;
 use self::line_fit::{LineFit, comb};
 
-/// Bins between neighbours of a shaft's comb above which the whole comb is taken out.
+/// Bins between neighbours of a comb above which the whole comb is taken out.
 const COMB_SPACING: f64 = 40.0;
+/// A denser comb is taken out where it is seen: where half of its lines have so many times the power of the noise, whose own median is below 1.
+const SEEN: f64 = 2.0;
 
 /// One channel of one recording.
 pub struct ChannelFeatures {
@@ -143,11 +146,19 @@ pub fn read(
     }
     let (revolutions, input_hz) = (turned.revolutions, turned.input_hz);
     let (lines, taken) = (&turned.lines, &turned.taken);
+    let spectra: Vec<(Vec<f64>, OrderSpectrum)> = signals
+        .iter()
+        .map(|samples| {
+            let angle_signal = dsp::resample_to_angle(transforms, samples, &angle);
+            let spectrum = OrderSpectrum::of(transforms, &angle_signal, taken);
+            (angle_signal, spectrum)
+        })
+        .collect();
+    let highest = USABLE_BAND * rate / input_hz;
     let mut of_shafts = taken.clone();
-    for (_, order) in &train.shafts {
-        // A shaft's whole comb can go where that leaves most bins free.
+    for order in scan::combs(train, revolutions) {
         let spacing = order * revolutions;
-        if spacing > COMB_SPACING {
+        if spacing > COMB_SPACING || is_seen(&spectra, taken, spacing, highest * revolutions) {
             let count = ((len / 2) as f64 / spacing) as usize;
             let whole = occupied(len / 2 + 1, (1..=count).map(|m| m as f64 * spacing));
             of_shafts.iter_mut().zip(whole).for_each(|(a, b)| *a |= b);
@@ -156,12 +167,8 @@ pub fn read(
     let channels = steady
         .channels
         .iter()
-        .map(|(name, unit, run)| {
-            let samples = &run.samples[..len];
-            let angle_signal = dsp::resample_to_angle(transforms, samples, &angle);
-            let OrderSpectrum { bins: order_spectrum, floor: order_floor } =
-                OrderSpectrum::of(transforms, &angle_signal, taken);
-            let highest = USABLE_BAND * rate / input_hz;
+        .zip(spectra)
+        .map(|((name, unit, run), (angle_signal, OrderSpectrum { bins: order_spectrum, floor: order_floor }))| {
             let combs: Vec<Vec<LineValue>> = train
                 .shafts
                 .iter()
@@ -190,7 +197,7 @@ pub fn read(
                 remainder,
                 remainder_floor,
                 angle_signal,
-                integrity: integrity::check(samples, run.quality),
+                integrity: integrity::check(&run.samples[..len], run.quality),
             }
         })
         .collect();
@@ -211,5 +218,35 @@ pub fn read(
         phase_rev: angle,
         swing,
         channels,
+    }
+}
+
+/// Whether the lines of a comb (bins between neighbours) that no line of the train takes stand out, on the mean of all channels, up to a bin.
+fn is_seen(spectra: &[(Vec<f64>, OrderSpectrum)], taken: &[bool], spacing: f64, highest_bin: f64) -> bool {
+    let count = (highest_bin / spacing) as usize;
+    let bins = (1..=count).map(|m| (m as f64 * spacing).round() as usize).filter(|k| taken.get(*k) == Some(&false));
+    let above = |k: usize| {
+        let of = |s: &OrderSpectrum| s.bins[k].norm_sqr() / s.floor[k].max(f64::MIN_POSITIVE);
+        spectra.iter().map(|s| of(&s.1)).sum::<f64>() / spectra.len() as f64
+    };
+    let mut all: Vec<f64> = bins.map(above).collect();
+    !all.is_empty() && dsp::median(&mut all) > SEEN
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A comb whose lines stand at twice the amplitude of the noise is seen where they are, and not between them.
+    #[test]
+    fn analytic_a_comb_that_stands_out_is_seen() {
+        let (spacing, bins) = (20.0, 4000);
+        let value = |k: usize| Complex64::from(if k.is_multiple_of(20) { 2.0 } else { 1.0 });
+        let spectrum = OrderSpectrum { bins: (0..bins).map(value).collect(), floor: vec![1.0; bins] };
+        let spectra = [(Vec::new(), spectrum)];
+        let taken = vec![false; bins];
+        assert!(is_seen(&spectra, &taken, spacing, bins as f64 - 1.0));
+        assert!(!is_seen(&spectra, &taken, spacing + 0.37, bins as f64 - 1.0));
+        assert!(!is_seen(&spectra, &vec![true; bins], spacing, bins as f64 - 1.0));
     }
 }

@@ -16,6 +16,8 @@ pub struct Twin<'a> {
     pub recording: &'a RecordingFeatures,
     /// The reference.
     pub reference: Option<&'a RecordingFeatures>,
+    /// How far beside a frequency it is read (Hz): 0 but where chance is asked.
+    pub beside_hz: f64,
 }
 
 /// A line outside the train's comb.
@@ -41,6 +43,11 @@ pub struct StrangeLine {
 const CAP: f64 = 6.0;
 /// Power over floor that makes a candidate in one spectrum.
 const CANDIDATE: f64 = 18.0;
+
+/// Distance (orders) up to which a strong line may light others, and their share of its power: the angle is not followed faster, and what is left of the speed's wander modulates the line.
+/// A line 60 dB above the noise lights such at −37 to −46 dB.
+const SKIRT_REACH: f64 = 0.25;
+const SKIRT: f64 = 1e-3;
 
 fn channel_of<'a>(recording: &'a RecordingFeatures, name: &str) -> Option<&'a ChannelFeatures> {
     recording.channels.iter().find(|c| c.name == name)
@@ -76,9 +83,14 @@ fn bins_per_unit(recording: &RecordingFeatures, axis: Axis) -> f64 {
 
 /// ln(power / expected) of one recording, channel and position.
 fn excess(twin: &Twin<'_>, name: &str, axis: Axis, position: f64) -> Option<(f64, f64)> {
-    let channel = channel_of(twin.recording, name)?;
+    // A limit makes lines without end.
+    let channel = channel_of(twin.recording, name).filter(|c| c.integrity.clipped_at.is_none())?;
     let (bins, floor) = spectrum(channel, axis);
+    let position = if axis == Axis::Time { position + twin.beside_hz } else { position };
     let at = position * bins_per_unit(twin.recording, axis);
+    if at < 1.0 {
+        return None;
+    }
     if at + 8.0 > bins.len() as f64 {
         return None;
     }
@@ -87,6 +99,10 @@ fn excess(twin: &Twin<'_>, name: &str, axis: Axis, position: f64) -> Option<(f64
     }
     let (power, k) = peak(bins, at, 1);
     let mut expected = floor[k];
+    if axis == Axis::Order && twin.reference.is_none() {
+        let reach = (SKIRT_REACH * twin.recording.revolutions) as usize;
+        expected = expected.max(SKIRT * peak(bins, at, reach).0);
+    }
     if let Some(reference) = twin.reference {
         let other = channel_of(reference, name)?;
         let (bins, floor) = spectrum(other, axis);
@@ -126,6 +142,7 @@ fn candidates(twin: &Twin<'_>, axis: Axis, skip: &dyn Fn(&RecordingFeatures, f64
             if skip(twin.recording, position) {
                 continue;
             }
+            let position = if axis == Axis::Time { position - twin.beside_hz } else { position };
             if let Some((e, _)) = excess(twin, &channel.name, axis, position)
                 && e > 2.0
             {
@@ -146,14 +163,19 @@ fn walk(
     let mut positions: Vec<f64> = twins.iter().flat_map(|t| candidates(t, axis, skip)).collect();
     positions.sort_by(f64::total_cmp);
     let width = twins.iter().map(|t| 1.0 / bins_per_unit(t.recording, axis)).fold(0.0, f64::max);
+    let of_speed = speeds(twins);
+    let several = of_speed.iter().any(|k| *k > 0);
     let mut found: Vec<StrangeLine> = Vec::new();
     for position in positions {
         let mut best: Option<StrangeLine> = None;
         let mut by_channel = Vec::with_capacity(channels.len());
         for (c, name) in channels.iter().enumerate() {
-            let cells: Vec<(f64, f64)> = twins.iter().filter_map(|t| excess(t, name, axis, position)).collect();
-            // A line above the band at the higher speed is judged where it can be seen, at two recordings at least.
-            if cells.len() < 2.min(twins.len()) {
+            let judged: Vec<Option<(f64, f64)>> = twins.iter().map(|t| excess(t, name, axis, position)).collect();
+            let cells: Vec<(f64, f64)> = judged.iter().flatten().copied().collect();
+            // A line above the band at the higher speed is judged where it can be seen, at two recordings at least; one of a fixed frequency at two speeds.
+            let first = judged.iter().zip(&of_speed).find(|x| x.0.is_some()).map(|x| x.1);
+            let at_one = judged.iter().zip(&of_speed).all(|(cell, speed)| cell.is_none() || Some(speed) == first);
+            if cells.len() < 2.min(twins.len()) || (axis == Axis::Time && several && at_one) {
                 by_channel.push(0.0);
                 continue;
             }
@@ -196,7 +218,7 @@ pub fn order_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Ve
         r.lines.get(i).is_some_and(|l| l.order < order + reach)
     };
     let width = twins.iter().map(|t| 1.0 / t.recording.revolutions).fold(0.0, f64::max);
-    let off = |order: f64| distance_to_combs(train, order) / width;
+    let off = |order: f64| distance_to_combs(train, width.recip(), order) / width;
     walk(twins, channels, Axis::Order, &known, &off)
 }
 
@@ -207,13 +229,88 @@ pub fn fixed_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Ve
     let off = |hz: f64| {
         twins
             .iter()
-            .map(|t| distance_to_combs(train, hz / t.recording.input_hz) * t.recording.revolutions)
+            .map(|t| {
+                let (r, order) = (t.recording, (hz + t.beside_hz) / t.recording.input_hz);
+                distance_to_combs(train, r.revolutions, order) * r.revolutions
+            })
             .fold(0.0, f64::max)
     };
     walk(twins, channels, Axis::Time, &known, &off)
 }
 
-/// Distance of an order to the nearest multiple of any shaft's order.
-pub fn distance_to_combs(train: &Train, order: f64) -> f64 {
-    train.shafts.iter().map(|(_, o)| (order / o - (order / o).round()).abs() * o).fold(f64::INFINITY, f64::min)
+/// Distances (bins) at which the recordings of other speeds are read beside each other: beyond what a line is wide, within what a path is even.
+const BESIDE_BINS: [f64; 8] = [-97.0, -83.0, -59.0, -41.0, 37.0, 53.0, 71.0, 89.0];
+/// Recordings whose speeds differ by less are at one speed.
+const ONE_SPEED: f64 = 0.03;
+
+/// Which of the speeds that occur each recording has, counted as they come.
+fn speeds(twins: &[Twin<'_>]) -> Vec<usize> {
+    let mut known: Vec<f64> = Vec::new();
+    let mut of = |hz: f64| {
+        known.iter().position(|s| (s / hz - 1.0).abs() < ONE_SPEED).unwrap_or_else(|| {
+            known.push(hz);
+            known.len() - 1
+        })
+    };
+    twins.iter().map(|t| of(t.recording.input_hz)).collect()
+}
+
+/// What the machine's own lines do by chance: the lines that a scan for fixed frequencies finds where each speed is read at another distance beside the others, once for each distance.
+/// Empty where there is one speed only.
+pub fn fixed_by_chance(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Vec<Vec<StrangeLine>> {
+    let of_speed = speeds(twins);
+    if of_speed.iter().all(|k| *k == 0) {
+        return Vec::new();
+    }
+    let width = twins.iter().map(|t| t.recording.hz_per_bin).fold(0.0, f64::max);
+    let beside = |bins: f64| {
+        let moved: Vec<Twin<'_>> =
+            twins.iter().zip(&of_speed).map(|(t, k)| Twin { beside_hz: *k as f64 * bins * width, ..*t }).collect();
+        fixed_lines(&moved, channels, train)
+    };
+    BESIDE_BINS.map(beside).into()
+}
+
+/// Distance (bins) between neighbours of a comb from which it leaves room for lines that are off it.
+const COMB_LEAVES_ROOM: f64 = 12.0;
+
+/// Orders whose multiples the train makes: of each shaft, and of each stage at which the same two teeth meet again. A pair of teeth errs as no other does, so that teeth with a common
+/// factor, which make few pairs, show lines at multiples of the hunting-tooth order. Left out where these lie too dense to tell.
+pub fn combs(train: &Train, revolutions: f64) -> Vec<f64> {
+    let pairs = train.stages.iter().map(|s| s.mesh_order / s.hunting_meshes() as f64);
+    let apart = pairs.filter(|order| order * revolutions > COMB_LEAVES_ROOM);
+    train.shafts.iter().map(|s| s.1).chain(apart).collect()
+}
+
+/// Distance of an order to the nearest multiple of the train's combs in a recording of so many revolutions.
+pub fn distance_to_combs(train: &Train, revolutions: f64, order: f64) -> f64 {
+    let off = |comb: f64| (order / comb - (order / comb).round()).abs() * comb;
+    combs(train, revolutions).into_iter().map(off).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gearwatch_core::bench::Bench;
+
+    fn pair(pinion: u32, wheel: u32) -> Train {
+        let mut bench = Bench::from_toml(include_str!("../../../sim/src/shipped/single-pair.toml")).unwrap();
+        bench.stages[0].pinion.teeth = pinion;
+        bench.stages[0].wheel.teeth = wheel;
+        Train::new(&bench)
+    }
+
+    /// Of 25 and 30 teeth the same two meet every 150 meshes, six turns of the pinion: lines at multiples of 1/6, of which neither shaft has 54 1/3. Of 25 and 31 the
+    /// comb of 1/31 is dense in 100 turns, and tells nothing; in 400 turns it is there.
+    #[test]
+    fn analytic_teeth_with_a_common_factor_have_a_comb() {
+        let common = pair(25, 30);
+        assert_eq!(combs(&common, 100.0).len(), 3);
+        assert!((combs(&common, 100.0)[2] - 1.0 / 6.0).abs() < 1e-12);
+        assert!(distance_to_combs(&common, 100.0, 54.0 + 1.0 / 3.0) < 1e-9);
+        assert!((distance_to_combs(&common, 100.0, 54.25) - 1.0 / 12.0).abs() < 1e-9);
+        let prime = pair(25, 31);
+        assert_eq!(combs(&prime, 100.0).len(), 2);
+        assert_eq!(combs(&prime, 400.0).len(), 3);
+    }
 }
