@@ -22,6 +22,7 @@
 //! assert!(depth.min < depth.typical && depth.typical < depth.max);
 //! ```
 
+pub mod beam;
 pub mod campbell;
 pub mod contact;
 pub mod effects;

@@ -18,7 +18,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::bench::term::{self, Entry, SpringLaw};
 use nalgebra::DVector;
 
-use crate::linear::{DIRECT_PATH_MASS_KG, LinearTrain, MeshGeometry};
+use crate::linear::{DIRECT_PATH_MASS_KG, Hold, LinearTrain, MeshGeometry};
 use crate::model::problem::ModelError;
 use crate::terms::Scale;
 
@@ -250,7 +250,7 @@ pub(crate) fn stands_in_space(bench: &Bench, linear: &LinearTrain, shaft: usize)
     }
 }
 
-/// A law at the bearing of each gear of a shaft: in all directions alike, or along one line (rad).
+/// A law at the bearing of each gear of a shaft, or at its supports: in all directions alike, or along one line (rad).
 pub(crate) fn bearings(
     force: ForceLaw,
     scale: &Scale,
@@ -260,17 +260,16 @@ pub(crate) fn bearings(
     direction_rad: Option<f64>,
 ) -> Vec<Spring> {
     let spec = &bench.shafts[shaft];
-    let force = ForceLaw { own: (spec.bearing_n_per_m, spec.bearing_damping_n_s_per_m), ..force };
     let lines = match direction_rad {
         Some(direction) => vec![[direction.cos(), direction.sin()]],
         None => vec![[1.0, 0.0], [0.0, 1.0]],
     };
-    let n = linear.names.len();
-    let of_gear = |gear: crate::linear::GearPlace| {
+    let of_hold = |hold: Hold| {
+        let force = ForceLaw { own: (hold.stiffness, hold.damping), ..force };
         let mut out = Spring { rows: vec![], inputs: vec![], feeds: vec![], force, scale: scale.clone(), stage: None };
         for along in &lines {
-            let mut row = DVector::zeros(n);
-            (row[gear.x], row[gear.x + 1]) = (along[0], along[1]);
+            let [x, y] = &hold.rows;
+            let row = x * along[0] + y * along[1];
             // What the bearing passes on: to the housing modes as its linear force is, or straight
             // to the sensors.
             let mut input = -&row;
@@ -289,7 +288,7 @@ pub(crate) fn bearings(
         }
         out
     };
-    linear.gears_on(shaft).into_iter().map(of_gear).collect()
+    linear.holds(bench, shaft, linear.gears_on(shaft)).into_iter().map(of_hold).collect()
 }
 
 fn line(linear: &LinearTrain, row: &[(usize, f64)], force: ForceLaw, scale: &Scale, stage: Option<usize>) -> Spring {
