@@ -94,7 +94,15 @@ impl Train {
         let model = TrainModel::new(setup, Profile::constant(motor_hz), Profile::constant(torque_nm), 0)?;
         let stiffness: Vec<f64> = model.contacts.iter().map(|c| c.mean_stiffness_n_per_m).collect();
         let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
-        let train = model.linear.with_meshes(&stiffness, &damping);
+        let mut train = model.linear.with_meshes(&stiffness, &damping);
+        if model.springs().iter().any(|spring| spring.rolling.is_some()) {
+            // Rolling elements are as stiff as they are under the static load.
+            for (spring, slope) in model.springs().iter().zip(model.spring_slopes()?) {
+                if spring.rolling.is_some() {
+                    spring.fold_slope(&slope, &mut train);
+                }
+            }
+        }
         let n = train.structural;
         let mass = |i: usize| train.mass[(i, i)];
         let scaled = DMatrix::from_fn(n, n, |i, j| train.stiffness[(i, j)] / (mass(i) * mass(j)).sqrt());

@@ -43,6 +43,7 @@ pub mod path;
 pub mod planetary;
 pub mod render;
 pub mod rk4;
+mod rolling;
 pub mod rotation;
 pub mod scenario;
 pub mod setup;

@@ -313,7 +313,7 @@ impl TrainModel {
         }
         for (spring, scale) in self.springs.iter().zip(scales).filter(|(s, _)| s.stage.is_none()) {
             let (u, v) = spring.motion(state);
-            for (input, force) in spring.inputs.iter().zip(spring.force.at(u, v).force) {
+            for (input, force) in spring.inputs.iter().zip(spring.at(u, v, Some(reference_rad)).force) {
                 add(out_v, input, force * scale, &self.linear.mass);
             }
         }
@@ -336,9 +336,10 @@ impl TrainModel {
         let mut externals = Vec::new();
         if !self.springs.is_empty() {
             self.external_values(t, &mut externals);
+            let reference = self.rotation.at(t).0;
             for (spring, scale) in self.springs.iter().zip(&externals[self.externals.len()..]) {
                 let (u, v) = spring.motion(state);
-                sum += scale * spring.reading(sensor, spring.force.at(u, v).force);
+                sum += scale * spring.reading(sensor, spring.at(u, v, Some(reference)).force);
             }
         }
         if let Some(heard) = self.linear.passage.sensors.get(sensor) {

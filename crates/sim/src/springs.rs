@@ -20,6 +20,7 @@ use nalgebra::DVector;
 
 use crate::linear::{DIRECT_PATH_MASS_KG, Hold, LinearTrain, MeshGeometry};
 use crate::model::problem::ModelError;
+use crate::rolling::Elements;
 use crate::terms::Scale;
 
 /// A number along each of the lines of a spring; the second is 0 where there is one line.
@@ -136,6 +137,8 @@ pub(crate) struct Spring {
     pub(crate) scale: Scale,
     /// The mesh whose approach it acts on, while teeth touch.
     pub(crate) stage: Option<usize>,
+    /// Rolling elements that carry in place of what the linear train has there, `force.own`.
+    pub(crate) rolling: Option<Elements>,
 }
 
 impl Spring {
@@ -150,6 +153,18 @@ impl Spring {
             }
         }
         (u, v)
+    }
+
+    /// The force in a motion at an angle of the first shaft (rad); that of rolling elements is their
+    /// mean over a passage where none is given.
+    pub(crate) fn at(&self, u: Pair, v: Pair, reference_rad: Option<f64>) -> Force {
+        let Some(rolling) = &self.rolling else { return self.force.at(u, v) };
+        let mut out = rolling.at(u, reference_rad);
+        for (axis, deflection) in u.into_iter().enumerate() {
+            out.force[axis] -= self.force.own.0 * deflection;
+            out.by_deflection[axis][axis] -= self.force.own.0;
+        }
+        out
     }
 
     /// What a force along the lines adds to the reading of a sensor (m/s²).
@@ -266,7 +281,15 @@ pub(crate) fn bearings(
     };
     let of_hold = |hold: Hold| {
         let force = ForceLaw { own: (hold.stiffness, hold.damping), ..force };
-        let mut out = Spring { rows: vec![], inputs: vec![], feeds: vec![], force, scale: scale.clone(), stage: None };
+        let mut out = Spring {
+            rows: vec![],
+            inputs: vec![],
+            feeds: vec![],
+            force,
+            scale: scale.clone(),
+            stage: None,
+            rolling: None,
+        };
         for along in &lines {
             let [x, y] = &hold.rows;
             let row = x * along[0] + y * along[1];
@@ -291,6 +314,26 @@ pub(crate) fn bearings(
     linear.holds(bench, shaft, linear.gears_on(shaft)).into_iter().map(of_hold).collect()
 }
 
+/// The rolling elements of all supports that have some; `wider_m` is what seats with play add to the
+/// clearance of each shaft's.
+pub(crate) fn rolling(scale: &Scale, bench: &Bench, linear: &LinearTrain, wider_m: &[f64]) -> Vec<Spring> {
+    let mut out = Vec::new();
+    for (at, shaft) in bench.shafts.iter().enumerate() {
+        let (Some(beam), Some(place)) = (&shaft.beam, &linear.beams[at]) else { continue };
+        let law = ForceLaw { law: SpringLaw::Linear, coefficient: 0.0, gap: 0.0, corner: 0.0, own: (0.0, 0.0) };
+        let springs = bearings(law, scale, bench, linear, at, None);
+        for (support, mut spring) in beam.supports.iter().zip(springs) {
+            let named = bench.bearings.iter().find(|bearing| support.bearing.as_ref() == Some(&bearing.name));
+            let (Some(rolling), Some(bearing)) = (&support.rolling, named) else { continue };
+            let elements = Elements::new(bearing, rolling, linear.shaft_orders[at], place.sense);
+            spring.rolling = elements.map(|elements| elements.changed(beam.scales(shaft).0, wider_m[at]));
+            spring.force.gap = 0.5 * spring.rolling.map_or(0.0, |elements| elements.clearance_m);
+            out.push(spring);
+        }
+    }
+    out
+}
+
 fn line(linear: &LinearTrain, row: &[(usize, f64)], force: ForceLaw, scale: &Scale, stage: Option<usize>) -> Spring {
     let mut vector = DVector::zeros(linear.names.len());
     for &(at, value) in row {
@@ -303,6 +346,7 @@ fn line(linear: &LinearTrain, row: &[(usize, f64)], force: ForceLaw, scale: &Sca
         force,
         scale: scale.clone(),
         stage,
+        rolling: None,
     }
 }
 

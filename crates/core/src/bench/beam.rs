@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Bench, GearMaterial, Shaft};
+use super::{Bench, GearMaterial, Rolling, Shaft};
 
 /// Sections and supports of a shaft, each: they bound the work of its reduction.
 pub const MOST_SECTIONS: usize = 64;
@@ -45,6 +45,9 @@ pub struct Support {
     /// Name of the `[[bearing]]` that it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bearing: Option<String>,
+    /// Its rolling elements carry as Hertzian contacts, in place of the stiffness.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rolling: Option<Rolling>,
 }
 
 /// A shaft as a Timoshenko beam on its supports.
@@ -183,6 +186,8 @@ impl Beam {
         let name = &bench.shafts[at].name;
         for (i, support) in self.supports.iter().enumerate() {
             self.on_shaft(name, &format!("at_mm of support {}", i + 1), support.at_mm, out);
+            let place = format!("shaft {name:?}: support {}", i + 1);
+            out.extend(support.rolling.iter().flat_map(|rolling| rolling.problems(&place, support, &bench.bearings)));
             let Some(called) = &support.bearing else { continue };
             match bench.bearings.iter().find(|bearing| bearing.name == *called) {
                 None => out.push(format!(
@@ -341,6 +346,16 @@ mod tests {
             ),
             (one, "", "has sections and no supports; expected both"),
             ("name = \"out\"", "name = \"out\"\nwheel_mm = 3.0", "has wheel_mm and no sections"),
+            (
+                "stiffness_n_per_m = 2e8",
+                "stiffness_n_per_m = 2e8, rolling = {}",
+                "support 2 has rolling and no bearing; expected",
+            ),
+            (
+                "stiffness_n_per_m = 2e8",
+                "stiffness_n_per_m = 2e8, rolling = { conformity = 0.5 }",
+                "rolling.conformity is 0.5; expected 0.505",
+            ),
             ("pinion_mm = 60.0", "pinion_mm = 0.0", "is twisted between 0 and 0 mm"),
         ];
         for (from, to, expected) in cases {

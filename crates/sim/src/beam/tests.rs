@@ -13,7 +13,7 @@ fn section(length_mm: f64, diameter_mm: f64, bore_mm: f64) -> Section {
 }
 
 fn support(at_mm: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> Support {
-    Support { at_mm, stiffness_n_per_m, damping_n_s_per_m, tilt_nm_per_rad: 0.0, bearing: None }
+    Support { at_mm, stiffness_n_per_m, damping_n_s_per_m, tilt_nm_per_rad: 0.0, bearing: None, rolling: None }
 }
 
 fn beam(sections: Vec<Section>, supports: Vec<Support>) -> Beam {
@@ -90,7 +90,7 @@ fn analytic_static_deflection_under_a_gear() {
     let found = reduced(&rigid, &[disc]);
     let (_, second, shear) = properties(&spec, &rigid.material);
     let e = rigid.material.youngs_modulus_pa;
-    let bent = (a * b as f64).powi(2) / (3.0 * e * second * length) + a * b / (shear * length);
+    let bent = f64::powi(a * b, 2) / (3.0 * e * second * length) + a * b / (shear * length);
     let expected = bent + (b * b / 2e8 + a * a / 1e8) / (length * length);
     let stiffness = |k: usize| found.mass_kg * found.omegas[k].powi(2);
     let deflection: f64 = (0..found.omegas.len()).map(|k| found.seats[0][k].powi(2) / stiffness(k)).sum();
@@ -216,6 +216,5 @@ fn oracle_rotors_of_ross() {
             }
         }
     }
-    println!("frequencies {:.1e}, whirl {:.1e}, unbalance {:.1e}", worst[0], worst[1], worst[2]);
     assert!(worst.iter().all(|&far| far < 1e-4), "{worst:?}");
 }
