@@ -7,16 +7,22 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub mod beam;
 pub mod bearing;
 mod bounds;
 pub mod gearing;
+pub mod rolling;
+pub mod shaft;
 pub mod shift;
 pub mod stage;
 pub mod term;
 
+pub use beam::{Beam, Section, Support};
 pub use bearing::{Bearing, BearingOrders, IndicatorSettings};
 pub use bounds::{LONGEST_NAME, MOST_PARTS, MOST_STAGES, MOST_TEETH};
 pub use gearing::{Gearing, Hand, Helix, Member, Planetary};
+pub use rolling::Rolling;
+pub use shaft::{Shaft, ShaftKeysError};
 pub use shift::{PairShift, ShiftError};
 pub use stage::{Gear, Stage, StageKind};
 pub use term::Term;
@@ -142,55 +148,6 @@ pub struct Belt {
     /// Seen at the input shaft (N m s/rad, ≥ 0).
     #[serde(default = "defaults::belt_damping_nm_s_per_rad")]
     pub damping_nm_s_per_rad: f64,
-}
-
-/// A shaft with its bearings, without its gears.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Shaft {
-    /// Unique name.
-    pub name: String,
-    /// Without its gears (kg m², ≥ 0).
-    #[serde(default = "defaults::shaft_inertia_kg_m2")]
-    pub inertia_kg_m2: f64,
-    /// Between its two ends (N m/rad, > 0).
-    #[serde(default = "defaults::torsion_nm_per_rad")]
-    pub torsion_nm_per_rad: f64,
-    /// Between its two ends (N m s/rad, ≥ 0).
-    #[serde(default = "defaults::torsion_damping_nm_s_per_rad")]
-    pub torsion_damping_nm_s_per_rad: f64,
-    /// Lateral, isotropic, at each gear (N/m, > 0).
-    #[serde(default = "defaults::bearing_n_per_m")]
-    pub bearing_n_per_m: f64,
-    /// Lateral, isotropic, at each gear (N s/m, ≥ 0).
-    #[serde(default = "defaults::bearing_damping_n_s_per_m")]
-    pub bearing_damping_n_s_per_m: f64,
-    /// Along the axis, of the whole shaft, which helical gears push (N/m, > 0); a third of
-    /// `bearing_n_per_m` where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub axial_n_per_m: Option<f64>,
-}
-
-impl Shaft {
-    /// As a bench file has it that gives no more than the name.
-    pub fn named(name: impl Into<String>) -> Self {
-        Self {
-            name: name.into(),
-            inertia_kg_m2: defaults::shaft_inertia_kg_m2(),
-            torsion_nm_per_rad: defaults::torsion_nm_per_rad(),
-            torsion_damping_nm_s_per_rad: defaults::torsion_damping_nm_s_per_rad(),
-            bearing_n_per_m: defaults::bearing_n_per_m(),
-            bearing_damping_n_s_per_m: defaults::bearing_damping_n_s_per_m(),
-            axial_n_per_m: None,
-        }
-    }
-
-    /// Stiffness (N/m) and damping (N s/m) of its bearings along the axis; the damping is to the
-    /// stiffness as across the axis.
-    pub fn axial(&self) -> (f64, f64) {
-        let stiffness = self.axial_n_per_m.unwrap_or(self.bearing_n_per_m / 3.0);
-        (stiffness, self.bearing_damping_n_s_per_m * stiffness / self.bearing_n_per_m)
-    }
 }
 
 /// Material of all gears.
@@ -326,6 +283,12 @@ mod defaults {
     pub(super) fn bearing_damping_n_s_per_m() -> f64 {
         1500.0
     }
+    pub(super) fn modes_to_hz() -> f64 {
+        6000.0
+    }
+    pub(super) fn shaft_damping_ratio() -> f64 {
+        0.005
+    }
     pub(super) fn unit() -> String {
         "m/s^2".to_owned()
     }
@@ -401,6 +364,9 @@ impl Bench {
             }
             out.extend(bearing.problems(&self.shafts));
         }
+        for (i, shaft) in self.shafts.iter().enumerate() {
+            out.extend(shaft.beam.iter().flat_map(|beam| beam.problems(self, i)));
+        }
         out.extend(self.indicators.problems());
         out.extend(self.terms.iter().filter_map(|term| term.resolve(self).err()).map(|error| error.to_string()));
         // What cannot be at all is told first.
@@ -425,7 +391,10 @@ impl Bench {
             positive("belt.stiffness_nm_per_rad".into(), belt.stiffness_nm_per_rad, "N m/rad");
         }
         for shaft in &self.shafts {
-            positive(format!("shaft {:?}: torsion_nm_per_rad", shaft.name), shaft.torsion_nm_per_rad, "N m/rad");
+            // Of sections that are wrong nothing follows, and they are told.
+            if shaft.beam.is_none() || shaft.torsion_nm_per_rad.is_finite() {
+                positive(format!("shaft {:?}: torsion_nm_per_rad", shaft.name), shaft.torsion_nm_per_rad, "N m/rad");
+            }
             positive(format!("shaft {:?}: bearing_n_per_m", shaft.name), shaft.bearing_n_per_m, "N/m");
         }
         for stage in &self.stages {

@@ -4,8 +4,9 @@
 //! # Formula
 //! `K φ = ω² M φ` with every mesh at its mean tangent stiffness under the static load, housing
 //! modes left out: they do not act back. A line of order o (per revolution of the first shaft)
-//! meets a mode of f at a first-shaft speed of `f / o`. Gyroscopic moments are not in the model, so
-//! the frequencies are the same at any speed; the load changes them through the mesh stiffness.
+//! meets a mode of f at a first-shaft speed of `f / o`. Gyroscopic moments are left out of these
+//! modes, so that they are the same at any speed; the load changes them through the mesh stiffness.
+//! What such moments do to a shaft that bends is listed for the shaft by itself.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
@@ -47,6 +48,19 @@ pub struct Critical {
     pub motor_hz: f64,
 }
 
+/// A shaft that bends, by itself on its supports with its gears.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShaftModes {
+    /// Its name.
+    pub shaft: String,
+    /// Eigenfrequencies at standstill (Hz), up to its `modes_to_hz`.
+    pub standstill_hz: Vec<f64>,
+    /// Of the whirl against the rotation at the motor's nominal speed (Hz).
+    pub backward_hz: Vec<f64>,
+    /// Of the whirl with the rotation (Hz).
+    pub forward_hz: Vec<f64>,
+}
+
 /// Eigenfrequencies and what excites them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Train {
@@ -66,6 +80,8 @@ pub struct Train {
     pub lines: Vec<(String, f64)>,
     /// Motor speed / first-shaft speed.
     pub motor_order: f64,
+    /// The shafts that bend, in their order.
+    pub shafts: Vec<ShaftModes>,
 }
 
 impl Train {
@@ -78,7 +94,15 @@ impl Train {
         let model = TrainModel::new(setup, Profile::constant(motor_hz), Profile::constant(torque_nm), 0)?;
         let stiffness: Vec<f64> = model.contacts.iter().map(|c| c.mean_stiffness_n_per_m).collect();
         let damping: Vec<f64> = model.contacts.iter().map(|c| c.damping_n_s_per_m).collect();
-        let train = model.linear.with_meshes(&stiffness, &damping);
+        let mut train = model.linear.with_meshes(&stiffness, &damping);
+        if model.springs().iter().any(|spring| spring.rolling.is_some()) {
+            // Rolling elements are as stiff as they are under the static load.
+            for (spring, slope) in model.springs().iter().zip(model.spring_slopes()?) {
+                if spring.rolling.is_some() {
+                    spring.fold_slope(&slope, &mut train);
+                }
+            }
+        }
         let n = train.structural;
         let mass = |i: usize| train.mass[(i, i)];
         let scaled = DMatrix::from_fn(n, n, |i, j| train.stiffness[(i, j)] / (mass(i) * mass(j)).sqrt());
@@ -132,6 +156,7 @@ impl Train {
             modes,
             lines,
             motor_order: model.motor_order(),
+            shafts: shaft_modes(bench, &model),
         })
     }
 
@@ -166,6 +191,27 @@ impl Train {
         all.truncate(count);
         all
     }
+}
+
+/// What the shafts that bend do by themselves at the motor's nominal speed.
+fn shaft_modes(bench: &gearwatch_core::bench::Bench, model: &TrainModel) -> Vec<ShaftModes> {
+    let turning = std::f64::consts::TAU * bench.motor.speed_hz / model.motor_order();
+    let all = bench.shafts.iter().zip(&model.linear.beams).zip(&model.linear.shaft_orders);
+    let of_shaft = |((shaft, place), order): ((&gearwatch_core::bench::Shaft, &Option<_>), &f64)| {
+        let place: &crate::linear::BeamPlace = place.as_ref()?;
+        let highest = shaft.beam.as_ref()?.modes_to_hz;
+        let standstill = place.reduced.frequencies_hz();
+        let count = standstill.iter().filter(|&&hz| hz <= highest).count();
+        let [backward, forward] = place.reduced.whirl_hz(order * turning);
+        let first = |all: Vec<f64>| all.into_iter().take(count).collect();
+        Some(ShaftModes {
+            shaft: shaft.name.clone(),
+            standstill_hz: first(standstill),
+            backward_hz: first(backward),
+            forward_hz: first(forward),
+        })
+    };
+    all.filter_map(of_shaft).collect()
 }
 
 #[cfg(test)]

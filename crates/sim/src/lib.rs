@@ -22,6 +22,7 @@
 //! assert!(depth.min < depth.typical && depth.typical < depth.max);
 //! ```
 
+pub mod beam;
 pub mod campbell;
 pub mod contact;
 pub mod effects;
@@ -42,6 +43,7 @@ pub mod path;
 pub mod planetary;
 pub mod render;
 pub mod rk4;
+mod rolling;
 pub mod rotation;
 pub mod scenario;
 pub mod setup;

@@ -9,6 +9,7 @@
 //!                              wheel₁ in₁ ═══ out₁ pinion₂
 //!                                                wheel₂ in₂ ═══ out₂ ── brake
 //! every gear: x, y against its bearing; an idler its angle, too
+//! every shaft that bends: its modes in x and y, which move its gears (linear/beams.rs)
 //! planets and what they mesh with: in the frame of their carrier (linear/planetary.rs)
 //! every shaft of helical gears: z along its axis
 //! every housing mode and sensor direction: one modal coordinate
@@ -25,10 +26,13 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::meshes::MeshPlace;
 
+mod beams;
 mod parts;
 mod passage;
 mod planetary;
 
+pub use beams::BeamPlace;
+pub(crate) use beams::Hold;
 pub use parts::gear_mass_and_inertia;
 pub(crate) use parts::ring_mass_and_inertia;
 pub use passage::{Heard, Passage, Passed};
@@ -55,8 +59,11 @@ pub struct GearPlace {
     /// Its angle; `None` where it cannot turn.
     pub angle: Option<usize>,
     /// Its lateral x; y is the next one. Of a planet the distance from the carrier's axis, then the
-    /// way along its circle.
+    /// way along its circle. Of a gear with a seat the first coordinate of its shaft: where the gear
+    /// is says [`LinearTrain::lateral`].
     pub x: usize,
+    /// Which of the gears it is on a shaft that bends.
+    pub seat: Option<usize>,
     /// Its shaft; of a planet that of its carrier, of an idler that of the pinion, of a fixed
     /// member the stage's first.
     pub shaft: usize,
@@ -147,8 +154,12 @@ pub struct LinearTrain {
     /// Generalised force of a unit braking torque (its sign is that of a load).
     pub brake: DVector<f64>,
     /// Per shaft: what a force at its gears' bearings acts on, by the frames in which its gears
-    /// move.
+    /// move; of a shaft that bends, a force that its supports share equally.
     pub bearings: Vec<Vec<BearingFrame>>,
+    /// Per shaft: what a force acts on that its gears share equally.
+    pub at_gears: Vec<Vec<BearingFrame>>,
+    /// Per shaft: where and how it bends.
+    pub beams: Vec<Option<BeamPlace>>,
     /// `-J_i n_i` of all inertias but the motor's, per rad/s² of the first shaft's reference
     /// acceleration.
     pub reference_acceleration: DVector<f64>,
@@ -195,16 +206,25 @@ impl LinearTrain {
             let driven = if i == 0 && bench.belt.is_none() { motor_angle } else { dof(format!("{}.in", shaft.name)) };
             shaft_angles.push((driven, dof(format!("{}.out", shaft.name))));
         }
+        let beams = beams::places(bench, beams::reduced(bench), &mut dof);
         let mut places: Vec<StagePlaces> = Vec::with_capacity(bench.stages.len());
         for (i, stage) in bench.stages.iter().enumerate() {
             if let Some(set) = &stage.gearing.planetary {
                 places.push(StagePlaces::Planetary(planetary::Places::new(stage, set, i, &shaft_angles, &mut dof)));
                 continue;
             }
-            let mut place = |which: &str, angle, shaft| {
-                let x = dof(format!("{}.{which}.x", stage.name));
-                dof(format!("{}.{which}.y", stage.name));
-                GearPlace { angle, x, shaft, carried: None }
+            let mut place = |which: &str, angle, shaft: usize| {
+                // Of two gears on a shaft that bends the wheel is the first.
+                let seat = if which == "pinion" { usize::from(i > 0) } else { 0 };
+                let on_beam = beams[shaft].as_ref().filter(|_| matches!(which, "pinion" | "wheel"));
+                let (x, seat) = match on_beam {
+                    Some(beam) => (beam.first, Some(seat)),
+                    None => (dof(format!("{}.{which}.x", stage.name)), None),
+                };
+                if seat.is_none() {
+                    dof(format!("{}.{which}.y", stage.name));
+                }
+                GearPlace { angle, x, seat, shaft, carried: None }
             };
             let mut chain = vec![place("pinion", Some(shaft_angles[i].1), i)];
             for idler in 1..=stage.gearing.idlers.len() {
@@ -245,6 +265,8 @@ impl LinearTrain {
             coupling: zero(),
             brake: zero(),
             bearings: Vec::new(),
+            at_gears: Vec::new(),
+            beams,
             reference_acceleration: zero(),
             sensors: Vec::new(),
             meshes: Vec::new(),
@@ -260,6 +282,7 @@ impl LinearTrain {
             names,
         };
         train.add_rotation(bench);
+        train.add_beams(bench);
         train.add_stages(bench, &places);
         train.add_housing(bench, &directions);
         train.add_passage(bench, &places, &directions);

@@ -4,6 +4,7 @@
 //! Both time steppers and the tests take their right-hand side from here, so that they differ in
 //! nothing but the stepping.
 
+mod displacement;
 mod operating_point;
 mod outside;
 mod passage;
@@ -21,6 +22,7 @@ use rand_chacha::ChaCha8Rng;
 pub(crate) use self::passage::PassedForce;
 pub use self::problem::ModelError;
 
+use self::displacement::static_displacement;
 use self::operating_point::check_operating_point;
 use self::outside::External;
 use self::rows::SparseRows;
@@ -104,6 +106,8 @@ impl TrainModel {
         check_operating_point(setup, &motor_hz, &torque_nm)?;
         let train = Train::new(bench);
         let mut linear = LinearTrain::new(bench);
+        let (slowest, fastest) = motor_hz.range();
+        linear.turn(TAU * 0.5 * (slowest + fastest) / train.motor_order);
         let mut springs = fold_terms(setup, &mut linear, &torque_nm, &motor_hz)?;
         let torque = torque_nm.at(0.0);
         let last = linear.shaft_orders.last().copied().unwrap_or(1.0);
@@ -309,7 +313,7 @@ impl TrainModel {
         }
         for (spring, scale) in self.springs.iter().zip(scales).filter(|(s, _)| s.stage.is_none()) {
             let (u, v) = spring.motion(state);
-            for (input, force) in spring.inputs.iter().zip(spring.force.at(u, v).force) {
+            for (input, force) in spring.inputs.iter().zip(spring.at(u, v, Some(reference_rad)).force) {
                 add(out_v, input, force * scale, &self.linear.mass);
             }
         }
@@ -332,9 +336,10 @@ impl TrainModel {
         let mut externals = Vec::new();
         if !self.springs.is_empty() {
             self.external_values(t, &mut externals);
+            let reference = self.rotation.at(t).0;
             for (spring, scale) in self.springs.iter().zip(&externals[self.externals.len()..]) {
                 let (u, v) = spring.motion(state);
-                sum += scale * spring.reading(sensor, spring.force.at(u, v).force);
+                sum += scale * spring.reading(sensor, spring.at(u, v, Some(reference)).force);
             }
         }
         if let Some(heard) = self.linear.passage.sensors.get(sensor) {
@@ -422,7 +427,13 @@ fn friction(linear: &LinearTrain, mesh: usize) -> [DVector<f64>; 3] {
     let (geometry, row) = (&linear.meshes[mesh], &linear.mesh[mesh]);
     let mut out = std::array::from_fn(|_| DVector::zeros(linear.names.len()));
     let [tangent, pinion, wheel] = &mut out;
-    for gear in [geometry.pinion, geometry.wheel] {
+    for (gear, sign) in [(geometry.pinion, 1.0), (geometry.wheel, -1.0)] {
+        if gear.seat.is_some() {
+            let [x, y] = linear.lateral(gear);
+            tangent.axpy(-geometry.sense * sign * geometry.normal[1], &x, 1.0);
+            tangent.axpy(geometry.sense * sign * geometry.normal[0], &y, 1.0);
+            continue;
+        }
         // The row has the normal in either gear's own coordinates, with its sign.
         tangent[gear.x] -= geometry.sense * row[gear.x + 1];
         tangent[gear.x + 1] += geometry.sense * row[gear.x];
@@ -435,23 +446,6 @@ fn friction(linear: &LinearTrain, mesh: usize) -> [DVector<f64>; 3] {
         }
     }
     out
-}
-
-/// Static displacement of the pinion's axis relative to the wheel's under the mesh force, in the
-/// mesh's local frame (m). None where other meshes hold the gears, as planets and idlers.
-fn static_displacement(linear: &LinearTrain, mesh: usize, torque: f64, force_per_torque: &[f64]) -> [f64; 2] {
-    let geometry = &linear.meshes[mesh];
-    let of_stage = linear.meshes.iter().filter(|other| other.place.stage == geometry.place.stage);
-    if of_stage.count() > 1 {
-        return [0.0; 2];
-    }
-    let force = torque * force_per_torque[mesh];
-    // The bearing alone acts on a gear's axis; terms at it are in the matrix.
-    let stiffness = |x: usize| 0.5 * (linear.stiffness[(x, x)] + linear.stiffness[(x + 1, x + 1)]);
-    let soft = 1.0 / stiffness(geometry.pinion.x) + 1.0 / stiffness(geometry.wheel.x);
-    // Pushed apart along the line of action, whose local direction is (sin α, cos α).
-    let (sin, cos) = geometry.pressure_angle_rad.sin_cos();
-    [-force * soft * sin, -force * soft * cos]
 }
 
 #[cfg(test)]

@@ -40,6 +40,11 @@ pub const BENCHES: &[Shipped] = &[
         help: "sun 28, four planets 36, ring 100, then 29/100 teeth",
         text: include_str!("shipped/planetary-parallel.toml"),
     },
+    Shipped {
+        name: "bending-shafts",
+        help: "two stages 29/67 and 31/73 on shafts that bend between their bearings",
+        text: include_str!("shipped/bending-shafts.toml"),
+    },
 ];
 
 /// The bench of the demonstration, as a bench file.

@@ -18,8 +18,9 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::bench::term::{self, Entry, SpringLaw};
 use nalgebra::DVector;
 
-use crate::linear::{DIRECT_PATH_MASS_KG, LinearTrain, MeshGeometry};
+use crate::linear::{DIRECT_PATH_MASS_KG, Hold, LinearTrain, MeshGeometry};
 use crate::model::problem::ModelError;
+use crate::rolling::Elements;
 use crate::terms::Scale;
 
 /// A number along each of the lines of a spring; the second is 0 where there is one line.
@@ -136,6 +137,8 @@ pub(crate) struct Spring {
     pub(crate) scale: Scale,
     /// The mesh whose approach it acts on, while teeth touch.
     pub(crate) stage: Option<usize>,
+    /// Rolling elements that carry in place of what the linear train has there, `force.own`.
+    pub(crate) rolling: Option<Elements>,
 }
 
 impl Spring {
@@ -150,6 +153,18 @@ impl Spring {
             }
         }
         (u, v)
+    }
+
+    /// The force in a motion at an angle of the first shaft (rad); that of rolling elements is their
+    /// mean over a passage where none is given.
+    pub(crate) fn at(&self, u: Pair, v: Pair, reference_rad: Option<f64>) -> Force {
+        let Some(rolling) = &self.rolling else { return self.force.at(u, v) };
+        let mut out = rolling.at(u, reference_rad);
+        for (axis, deflection) in u.into_iter().enumerate() {
+            out.force[axis] -= self.force.own.0 * deflection;
+            out.by_deflection[axis][axis] -= self.force.own.0;
+        }
+        out
     }
 
     /// What a force along the lines adds to the reading of a sensor (m/s²).
@@ -250,7 +265,7 @@ pub(crate) fn stands_in_space(bench: &Bench, linear: &LinearTrain, shaft: usize)
     }
 }
 
-/// A law at the bearing of each gear of a shaft: in all directions alike, or along one line (rad).
+/// A law at the bearing of each gear of a shaft, or at its supports: in all directions alike, or along one line (rad).
 pub(crate) fn bearings(
     force: ForceLaw,
     scale: &Scale,
@@ -260,17 +275,24 @@ pub(crate) fn bearings(
     direction_rad: Option<f64>,
 ) -> Vec<Spring> {
     let spec = &bench.shafts[shaft];
-    let force = ForceLaw { own: (spec.bearing_n_per_m, spec.bearing_damping_n_s_per_m), ..force };
     let lines = match direction_rad {
         Some(direction) => vec![[direction.cos(), direction.sin()]],
         None => vec![[1.0, 0.0], [0.0, 1.0]],
     };
-    let n = linear.names.len();
-    let of_gear = |gear: crate::linear::GearPlace| {
-        let mut out = Spring { rows: vec![], inputs: vec![], feeds: vec![], force, scale: scale.clone(), stage: None };
+    let of_hold = |hold: Hold| {
+        let force = ForceLaw { own: (hold.stiffness, hold.damping), ..force };
+        let mut out = Spring {
+            rows: vec![],
+            inputs: vec![],
+            feeds: vec![],
+            force,
+            scale: scale.clone(),
+            stage: None,
+            rolling: None,
+        };
         for along in &lines {
-            let mut row = DVector::zeros(n);
-            (row[gear.x], row[gear.x + 1]) = (along[0], along[1]);
+            let [x, y] = &hold.rows;
+            let row = x * along[0] + y * along[1];
             // What the bearing passes on: to the housing modes as its linear force is, or straight
             // to the sensors.
             let mut input = -&row;
@@ -289,7 +311,27 @@ pub(crate) fn bearings(
         }
         out
     };
-    linear.gears_on(shaft).into_iter().map(of_gear).collect()
+    linear.holds(bench, shaft, linear.gears_on(shaft)).into_iter().map(of_hold).collect()
+}
+
+/// The rolling elements of all supports that have some; `wider_m` is what seats with play add to the
+/// clearance of each shaft's.
+pub(crate) fn rolling(scale: &Scale, bench: &Bench, linear: &LinearTrain, wider_m: &[f64]) -> Vec<Spring> {
+    let mut out = Vec::new();
+    for (at, shaft) in bench.shafts.iter().enumerate() {
+        let (Some(beam), Some(place)) = (&shaft.beam, &linear.beams[at]) else { continue };
+        let law = ForceLaw { law: SpringLaw::Linear, coefficient: 0.0, gap: 0.0, corner: 0.0, own: (0.0, 0.0) };
+        let springs = bearings(law, scale, bench, linear, at, None);
+        for (support, mut spring) in beam.supports.iter().zip(springs) {
+            let named = bench.bearings.iter().find(|bearing| support.bearing.as_ref() == Some(&bearing.name));
+            let (Some(rolling), Some(bearing)) = (&support.rolling, named) else { continue };
+            let elements = Elements::new(bearing, rolling, linear.shaft_orders[at], place.sense);
+            spring.rolling = elements.map(|elements| elements.changed(beam.scales(shaft).0, wider_m[at]));
+            spring.force.gap = 0.5 * spring.rolling.map_or(0.0, |elements| elements.clearance_m);
+            out.push(spring);
+        }
+    }
+    out
 }
 
 fn line(linear: &LinearTrain, row: &[(usize, f64)], force: ForceLaw, scale: &Scale, stage: Option<usize>) -> Spring {
@@ -304,6 +346,7 @@ fn line(linear: &LinearTrain, row: &[(usize, f64)], force: ForceLaw, scale: &Sca
         force,
         scale: scale.clone(),
         stage,
+        rolling: None,
     }
 }
 

@@ -140,6 +140,19 @@ fn text(
             moving(train, mode)
         )?;
     }
+    if !train.shafts.is_empty() {
+        writeln!(
+            out,
+            "\nShafts that bend, each by itself on its supports with its gears: Hz at standstill, and of the whirl against and with the rotation"
+        )?;
+    }
+    for shaft in &train.shafts {
+        for (k, ((hz, backward), forward)) in
+            shaft.standstill_hz.iter().zip(&shaft.backward_hz).zip(&shaft.forward_hz).enumerate()
+        {
+            writeln!(out, "  {:<16} {:>2} {hz:>10.1} {backward:>10.1} {forward:>10.1}", shaft.shaft, k + 1)?;
+        }
+    }
     writeln!(
         out,
         "\nCritical speeds up to {highest} Hz of the motor (1x to {HARMONICS}x of each mesh, 1x of each shaft)"
@@ -165,9 +178,17 @@ fn object(torque_nm: f64, train: &Train, critical: &[Critical]) -> serde_json::V
         json!({ "motor_hz": c.motor_hz, "line": c.line, "order": c.order, "mode": c.mode + 1,
             "frequency_hz": train.modes[c.mode].frequency_hz })
     });
-    json!({ "brake_torque_nm": torque_nm, "mesh_stiffness_n_per_m": train.mesh_stiffness_n_per_m,
+    let mut out = json!({ "brake_torque_nm": torque_nm, "mesh_stiffness_n_per_m": train.mesh_stiffness_n_per_m,
         "iso_6336_stiffness_n_per_m": train.iso_stiffness_n_per_m,
-        "modes": modes.collect::<Vec<_>>(), "critical": critical.collect::<Vec<_>>() })
+        "modes": modes.collect::<Vec<_>>(), "critical": critical.collect::<Vec<_>>() });
+    let shafts = train.shafts.iter().map(|shaft| {
+        json!({ "shaft": shaft.shaft, "standstill_hz": shaft.standstill_hz, "backward_hz": shaft.backward_hz,
+            "forward_hz": shaft.forward_hz })
+    });
+    if !train.shafts.is_empty() {
+        out["shafts"] = shafts.collect();
+    }
+    out
 }
 
 fn page(bench: &str, torque_nm: f64, train: &Train, critical: &[Critical], highest: f64) -> String {

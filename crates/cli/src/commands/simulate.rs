@@ -41,7 +41,8 @@ const DEFAULT_DURATION_S: f64 = 10.0;
   gearwatch simulate paper-rig --background 0.2 -o noisy.mcap
   gearwatch simulate single-pair --scenario run-up.toml -o run-up.mcap --plot run-up.html
 
-Benches that come with the program: single-pair, paper-rig, spectraquest-like, helical-two-stage, planetary-parallel.
+Benches that come with the program: single-pair, paper-rig, spectraquest-like, helical-two-stage, planetary-parallel,
+bending-shafts.
 Bevel and worm gears cannot be simulated, and profile shift only of external pairs whose file states it
 (profile_shift, centre_distance_mm); any other such bench is refused (exit 3).
 `gearwatch list` shows the effects.")]

@@ -35,6 +35,29 @@ pub(crate) fn ring_mass_and_inertia(gear: &Gear, stage: &Stage, density_kg_per_m
     (mass, gear.inertia_kg_m2.unwrap_or(0.5 * mass * (outer.powi(2) + inner.powi(2))))
 }
 
+/// The gears of a pair, with the idlers between them.
+fn chain_gears(stage: &Stage) -> Vec<&Gear> {
+    [&stage.pinion].into_iter().chain(&stage.gearing.idlers).chain([&stage.wheel]).collect()
+}
+
+/// Mass (kg) and inertia (kg m²) of each gear of a pair, idlers between them.
+pub(super) fn gear_bodies(bench: &Bench, at: usize) -> Vec<(f64, f64)> {
+    let stage = &bench.stages[at];
+    // Where the numbers contradict each other the mesh is refused, with the cause.
+    let shift = stage.is_external_pair().then(|| stage.pair_shift().ok()).flatten();
+    let coefficients = shift.map_or([0.0; 2], |shift| shift.coefficients);
+    let density = bench.gear_material.density_kg_per_m3;
+    let specs = chain_gears(stage);
+    let of_gear = |(k, gear): (usize, &&Gear)| {
+        if stage.gearing.internal && k + 1 == specs.len() {
+            return ring_mass_and_inertia(gear, stage, density);
+        }
+        // Idlers have no shift.
+        gear_mass_and_inertia(gear, if k == 0 { coefficients[0] } else { coefficients[1] }, stage, density)
+    };
+    specs.iter().enumerate().map(of_gear).collect()
+}
+
 /// Force along the pinion's axis per mesh force on the transverse line of action, where the pinion
 /// turns counter-clockwise seen from the motor; positive towards the motor. 0 for straight teeth.
 ///
@@ -99,6 +122,13 @@ impl LinearTrain {
             }
         }
         self.bearings = self.bearing_frames(bench, &train);
+        self.at_gears = self.bearings.clone();
+        for shaft in 0..bench.shafts.len() {
+            if let Some([at_supports, at_gears]) = self.beam_frames(shaft) {
+                self.bearings[shaft] = vec![at_supports];
+                self.at_gears[shaft] = vec![at_gears];
+            }
+        }
         for (&(driven, driving), &order) in self.shaft_angles.iter().zip(&self.shaft_orders) {
             for at in [driven, driving] {
                 if at != self.motor_angle {
@@ -159,32 +189,22 @@ impl LinearTrain {
         // Where the numbers contradict each other the mesh is refused, with the cause.
         let shift = stage.is_external_pair().then(|| stage.pair_shift().ok()).flatten();
         let alpha = shift.map_or(angle, |shift| shift.working_angle_rad);
-        let coefficients = shift.map_or([0.0; 2], |shift| shift.coefficients);
         // From the pinion's centre to where it touches: an internal wheel has its centre on the
         // other side.
         let alone_inside = stage.gearing.internal && chain.len() == 2;
         let centres = stage.line_of_centres_deg.to_radians() + if alone_inside { std::f64::consts::PI } else { 0.0 };
         let along = [centres.cos(), centres.sin()];
         let base = |gear: &Gear| stage.reference_radius_m(gear.teeth) * angle.cos();
-        let specs: Vec<&Gear> =
-            [&stage.pinion].into_iter().chain(&stage.gearing.idlers).chain([&stage.wheel]).collect();
-        let density = bench.gear_material.density_kg_per_m3;
-        let mut inertias = Vec::with_capacity(chain.len());
-        for (k, (&gear, &place)) in specs.iter().zip(chain).enumerate() {
-            let inside = stage.gearing.internal && k + 1 == chain.len();
-            let (mass, inertia) = if inside {
-                ring_mass_and_inertia(gear, stage, density)
-            } else {
-                // Idlers have none.
-                let shift = if k == 0 { coefficients[0] } else { coefficients[1] };
-                gear_mass_and_inertia(gear, shift, stage, density)
-            };
-            inertias.push(inertia);
+        let specs = chain_gears(stage);
+        let bodies = gear_bodies(bench, at);
+        for (k, ((&gear, &place), &(mass, inertia))) in specs.iter().zip(chain).zip(&bodies).enumerate() {
             if let Some(angle) = place.angle {
                 self.mass[(angle, angle)] += inertia;
             }
             let shaft = &bench.shafts[place.shaft];
-            self.support(place, mass, [shaft.bearing_n_per_m, shaft.bearing_damping_n_s_per_m]);
+            if place.seat.is_none() {
+                self.support(place, mass, [shaft.bearing_n_per_m, shaft.bearing_damping_n_s_per_m]);
+            }
             if k > 0 && k + 1 < chain.len() {
                 self.idlers.push(place);
                 let order = self.shaft_orders[at] * f64::from(stage.pinion.teeth) / f64::from(gear.teeth);
@@ -206,9 +226,11 @@ impl LinearTrain {
             let mut row = DVector::zeros(self.names.len());
             pinion.angle.into_iter().for_each(|angle| row[angle] += r1);
             wheel.angle.into_iter().for_each(|angle| row[angle] -= r2);
-            for (axis, component) in normal.into_iter().enumerate() {
-                row[pinion.x + axis] += component;
-                row[wheel.x + axis] -= component;
+            for ((component, of_pinion), of_wheel) in
+                normal.into_iter().zip(self.lateral(pinion)).zip(self.lateral(wheel))
+            {
+                row.axpy(component, &of_pinion, 1.0);
+                row.axpy(-component, &of_wheel, 1.0);
             }
             let axial = self.axial[pinion.shaft].zip(self.axial[wheel.shaft]).map(|(a, b)| [a, b]);
             let axial = axial.filter(|_| stage.gearing.helix.is_some());
@@ -231,7 +253,7 @@ impl LinearTrain {
                 thrust,
                 pinion,
                 wheel,
-                effective_mass_kg: 1.0 / (r1 * r1 / inertias[from] + r2 * r2 / inertias[from + 1]),
+                effective_mass_kg: 1.0 / (r1 * r1 / bodies[from].1 + r2 * r2 / bodies[from + 1].1),
                 angle: pinion.angle.map(|angle| (angle, 1.0)).into_iter().collect(),
                 cycles_per_turn,
                 order: f64::from(stage.pinion.teeth) * self.shaft_orders[at],
@@ -252,11 +274,13 @@ impl LinearTrain {
                 self.damping[(at, at)] = 2.0 * mode.damping_ratio * omega * mode.mass_kg;
                 for (s, shaft) in bench.shafts.iter().enumerate() {
                     let shape = mode.shape.get(&shaft.name).copied().unwrap_or(0.0);
-                    for gear in self.heard_at(s) {
-                        for (axis, component) in unit.into_iter().enumerate() {
+                    for hold in self.holds(bench, s, self.heard_at(s)) {
+                        for (component, row) in unit.into_iter().zip(&hold.rows) {
                             let factor = shape * component;
-                            self.stiffness[(at, gear.x + axis)] -= factor * shaft.bearing_n_per_m;
-                            self.damping[(at, gear.x + axis)] -= factor * shaft.bearing_damping_n_s_per_m;
+                            for (i, &part) in row.iter().enumerate().filter(|(_, part)| **part != 0.0) {
+                                self.stiffness[(at, i)] -= factor * hold.stiffness * part;
+                                self.damping[(at, i)] -= factor * hold.damping * part;
+                            }
                         }
                     }
                 }
@@ -268,11 +292,11 @@ impl LinearTrain {
             let Some(s) = bench.shafts.iter().position(|shaft| shaft.name == sensor.shaft) else { continue };
             if bench.housing_modes.is_empty() {
                 let unit = [sensor.direction_deg.to_radians().cos(), sensor.direction_deg.to_radians().sin()];
-                for gear in self.heard_at(s) {
-                    for (axis, component) in unit.into_iter().enumerate() {
+                for hold in self.holds(bench, s, self.heard_at(s)) {
+                    for (component, of_hold) in unit.into_iter().zip(&hold.rows) {
                         let gain = component / DIRECT_PATH_MASS_KG;
-                        row.position[gear.x + axis] += gain * bench.shafts[s].bearing_n_per_m;
-                        row.velocity[gear.x + axis] += gain * bench.shafts[s].bearing_damping_n_s_per_m;
+                        row.position.axpy(gain * hold.stiffness, of_hold, 1.0);
+                        row.velocity.axpy(gain * hold.damping, of_hold, 1.0);
                     }
                 }
             } else if let Some(d) = directions.iter().position(|&d| d == sensor.direction_deg) {

@@ -48,14 +48,20 @@ impl Places {
             };
             let x = dof(format!("{}.{}.x", stage.name, member.word()));
             dof(format!("{}.{}.y", stage.name, member.word()));
-            GearPlace { angle, x, shaft, carried: Some(at) }
+            GearPlace { angle, x, seat: None, shaft, carried: Some(at) }
         };
         let (sun, carrier, ring) = (central(Member::Sun), central(Member::Carrier), central(Member::Ring));
         let mut planet = |k: u32| {
             let name = format!("{}.planet_{k}", stage.name);
             let x = dof(format!("{name}.radial"));
             dof(format!("{name}.tangential"));
-            GearPlace { angle: Some(dof(format!("{name}.angle"))), x, shaft: carrier.shaft, carried: Some(at) }
+            GearPlace {
+                angle: Some(dof(format!("{name}.angle"))),
+                x,
+                seat: None,
+                shaft: carrier.shaft,
+                carried: Some(at),
+            }
         };
         Self { planets: (1..=set.planets).map(&mut planet).collect(), sun, carrier, ring }
     }

@@ -90,7 +90,7 @@ impl TrainModel {
             match *force {
                 ShaftForce::Unbalance { shaft, amount_kg_m } => {
                     let order = self.linear.shaft_orders[shaft];
-                    for frame in &self.linear.bearings[shaft] {
+                    for frame in &self.linear.at_gears[shaft] {
                         // Seen from a carrier it turns by the difference of both speeds.
                         let seen = if frame.order == 0.0 { order } else { frame.sense * order - frame.order };
                         for (sine, vector) in [(false, &frame.x), (true, &frame.y)] {

@@ -42,14 +42,22 @@ pub(super) fn fold_terms(
             }
         }
     }
+    let mut wider_m = vec![0.0; setup.bench.shafts.len()];
     for force in &setup.shaft_forces {
         if let ShaftForce::LooseSeat { shaft, gap_m } = *force {
             springs::stands_in_space(&setup.bench, linear, shaft)?;
             let law =
                 ForceLaw { law: SpringLaw::Clearance, coefficient: 1.0, gap: gap_m, corner: 0.0, own: (0.0, 0.0) };
-            out.extend(springs::bearings(law, &Scale::fixed(setup), &setup.bench, linear, shaft, None));
+            let seats = springs::bearings(law, &Scale::fixed(setup), &setup.bench, linear, shaft, None);
+            let supports = setup.bench.shafts[shaft].beam.iter().flat_map(|beam| &beam.supports);
+            // Play in the seat of rolling elements is further clearance.
+            wider_m[shaft] += 2.0 * gap_m;
+            let rolls: Vec<bool> = supports.map(|support| support.rolling.is_some()).collect();
+            let seats = seats.into_iter().enumerate();
+            out.extend(seats.filter(|(i, _)| !rolls.get(*i).copied().unwrap_or(false)).map(|(_, seat)| seat));
         }
     }
+    out.extend(springs::rolling(&Scale::fixed(setup), &setup.bench, linear, &wider_m));
     for (at, name) in linear.names.iter().enumerate() {
         let least = |matrix: &DMatrix<f64>| matrix[(at, at)] < 0.0;
         if least(&linear.stiffness) || least(&linear.damping) {
@@ -141,7 +149,7 @@ impl TrainModel {
                 return SpringSlope::default();
             }
             let u = spring.motion(&rest).0;
-            let mut slope = spring.force.at(u, [0.0; 2]).by_deflection.map(|row| row.map(|by| scale * by));
+            let mut slope = spring.at(u, [0.0; 2], None).by_deflection.map(|row| row.map(|by| scale * by));
             // Within a clearance nothing would hold: the linear train keeps a part of what is
             // there.
             for (axis, row) in slope.iter_mut().enumerate() {
@@ -173,7 +181,7 @@ impl TrainModel {
             let mut right = load - stiffness * DVector::from_column_slice(&state[..n]);
             for (spring, scale) in self.springs.iter().zip(scales) {
                 let (u, _) = spring.motion(state);
-                for (input, force) in spring.inputs.iter().zip(spring.force.at(u, [0.0; 2]).force) {
+                for (input, force) in spring.inputs.iter().zip(spring.at(u, [0.0; 2], None).force) {
                     right.axpy(scale * force, input, 1.0);
                 }
             }
@@ -188,7 +196,7 @@ impl TrainModel {
             let mut tangent = stiffness.clone();
             for (spring, scale) in self.springs.iter().zip(scales) {
                 let (u, _) = spring.motion(&trial);
-                let slope = spring.force.at(u, [0.0; 2]).by_deflection;
+                let slope = spring.at(u, [0.0; 2], None).by_deflection;
                 for (i, input) in spring.inputs.iter().enumerate() {
                     for (j, row) in spring.rows.iter().enumerate() {
                         tangent.ger(-scale * slope[i][j], input, row, 1.0);
@@ -220,7 +228,7 @@ impl TrainModel {
             let (mut stiffness, mut damping) = (0.0_f64, 0.0_f64);
             for u in places {
                 for v in [[0.0; 2], [FAST; 2]] {
-                    let at = spring.force.at(u, v);
+                    let at = spring.at(u, v, None);
                     for axis in 0..2 {
                         stiffness = stiffness.max(scale * at.by_deflection[axis][axis]);
                         damping = damping.max(scale * at.by_rate[axis][axis]);

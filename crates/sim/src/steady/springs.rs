@@ -92,7 +92,7 @@ impl Springs {
                 for line in 0..lines {
                     (u[line], v[line]) = (motion.deflection[first + line][sample], motion.rate[first + line][sample]);
                 }
-                let at = spring.force.at(u, v);
+                let at = spring.at(u, v, None);
                 for a in 0..lines {
                     rest[first + a][sample] += scale * at.force[a];
                     for b in 0..lines {

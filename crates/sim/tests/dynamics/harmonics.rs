@@ -18,7 +18,7 @@ const RECORD_S: f64 = 0.5;
 
 /// 1x to 5x of all stages at all sensors, by sensor, from steps of `step_s`, every `every`-th of
 /// which is looked at.
-fn harmonics(model: &Arc<TrainModel>, bench: &Bench, step_s: f64, every: usize) -> Vec<Vec<f64>> {
+pub(crate) fn harmonics(model: &Arc<TrainModel>, bench: &Bench, step_s: f64, every: usize) -> Vec<Vec<f64>> {
     let mut etd = Etd::<1>::new([model.clone()], step_s).expect("stepper");
     assert!((etd.step_s() / step_s - 1.0).abs() < 1e-9, "the fastest mode asks for shorter steps");
     let interval = step_s * every as f64;
@@ -43,7 +43,7 @@ fn harmonics(model: &Arc<TrainModel>, bench: &Bench, step_s: f64, every: usize) 
 }
 
 /// Largest change of a line, as a part of it or of 5 % of the sensor's largest.
-fn change(coarse: &[Vec<f64>], fine: &[Vec<f64>]) -> f64 {
+pub(crate) fn change(coarse: &[Vec<f64>], fine: &[Vec<f64>]) -> f64 {
     let of_sensor = |(coarse, fine): (&Vec<f64>, &Vec<f64>)| {
         let largest = fine.iter().copied().fold(0.0, f64::max);
         coarse.iter().zip(fine).map(|(a, b)| (a - b).abs() / b.max(0.05 * largest)).fold(0.0, f64::max)

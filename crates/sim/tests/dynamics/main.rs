@@ -17,6 +17,7 @@ use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::shipped;
 use gearwatch_sim::source::{SimConfig, Simulator};
 
+mod beams;
 mod harmonics;
 mod helical;
 mod oscillator;
