@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_core::source::Source;
 use gearwatch_core::train::Train;
-use gearwatch_core::verdict::HARMONICS;
 use gearwatch_sim::effects::Parameter;
 use gearwatch_sim::scenario::{Course, Scenario};
 use gearwatch_sim::source::{SimConfig, Simulator};
