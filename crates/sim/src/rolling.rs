@@ -288,4 +288,25 @@ mod tests {
         });
         assert!(with > 1e3 * without && with > 1e-3, "{with} {without}");
     }
+
+    /// A clearance takes the springs of the supports away, and rolling elements stand in place of them:
+    /// both would do so twice.
+    #[test]
+    fn conform_a_clearance_beside_rolling_elements_is_refused() {
+        use crate::rotation::Profile;
+        use gearwatch_core::bench::term::{SpringLaw, Term};
+        let mut term = Term::spring(SpringLaw::Clearance, "input.bearing", 0.0);
+        term.parameters = [("gap_m".to_owned(), 1e-5)].into();
+        let model = |bench: &gearwatch_core::bench::Bench| {
+            let mut setup = crate::setup::SimSetup::nominal(bench);
+            crate::terms::apply(&term, &mut setup).expect("a term");
+            crate::model::TrainModel::new(&setup, Profile::constant(25.0), Profile::constant(120.0), 1)
+        };
+        let said = model(&bench(8.0)).err().expect("refused").to_string();
+        assert!(said.contains("rolling.clearance_um"), "{said}");
+        let mut springs = bench(8.0);
+        let beam = springs.shafts[0].beam.as_mut().expect("sections");
+        beam.supports.iter_mut().for_each(|support| support.rolling = None);
+        assert!(model(&springs).is_ok());
+    }
 }

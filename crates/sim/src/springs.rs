@@ -219,6 +219,9 @@ pub(crate) fn of_term(
     Ok(match at {
         term::Spring::Bearing(shaft) => {
             stands_in_space(bench, linear, shaft)?;
+            if law == SpringLaw::Clearance {
+                has_springs(bench, shaft)?;
+            }
             bearings(force, scale, bench, linear, shaft, direction_rad)
         }
         term::Spring::Torsion(shaft) => {
@@ -263,6 +266,19 @@ pub(crate) fn stands_in_space(bench: &Bench, linear: &LinearTrain, shaft: usize)
             bench.shafts[shaft].name, bench.stages[stage].name
         ))),
     }
+}
+
+/// A shaft whose supports are springs, which a clearance takes away within its gap.
+fn has_springs(bench: &Bench, shaft: usize) -> Result<(), ModelError> {
+    let spec = &bench.shafts[shaft];
+    let rolls = spec.beam.iter().flat_map(|beam| &beam.supports).any(|support| support.rolling.is_some());
+    if !rolls {
+        return Ok(());
+    }
+    Err(ModelError::Bench(format!(
+        "shaft {:?} has a term clearance(u) at its bearing and supports with rolling elements, which carry in place of springs; expected one of them: widen rolling.clearance_um, or leave rolling out",
+        spec.name
+    )))
 }
 
 /// A law at the bearing of each gear of a shaft, or at its supports: in all directions alike, or along one line (rad).

@@ -48,8 +48,8 @@ pub struct Reduced {
 }
 
 impl Rotor {
-    /// The shaft in its static deflections under its gears and its modes up to a frequency (Hz), with the damping
-    /// ratio of its own deformation. None where nothing holds it.
+    /// The shaft in its static deflections under its gears and its modes up to a frequency (Hz),
+    /// with the damping ratio of its own deformation. None where nothing holds it.
     pub fn reduced(&self, modes_to_hz: f64, damping_ratio: f64) -> Option<Reduced> {
         let n = self.mass.nrows();
         let factor = self.stiffness.clone().cholesky()?;
