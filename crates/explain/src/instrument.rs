@@ -30,12 +30,10 @@ use crate::read::dsp::{Transforms, median};
 use crate::read::features;
 use crate::read::kinematics;
 use crate::read::ratio::{CREEP, DISPLAY_SIGMA};
+use crate::read::{SAME_SPEED, SAME_TORQUE};
 
 /// Odds beforehand of one certain fault of cables or electronics in a recording: one in a thousand.
 const PRIOR: f64 = 1e-3;
-/// Recording and reference are of one operating point within these relative differences, where both say theirs.
-const SAME_SPEED: f64 = 0.03;
-const SAME_TORQUE: f64 = 0.05;
 /// Below this share of what the other sensors of its unit show a channel is dead: 60 dB.
 const SILENT: f64 = 1e-3;
 /// How much coarser than in the reference steps are that count as another converter or range.

@@ -2,6 +2,11 @@
 
 pub use gearwatch_check::{comb, dsp, integrity, kinematics, lines};
 
+/// Operating points count as one within these relative differences of speed and of torque.
+pub const SAME_SPEED: f64 = 0.03;
+/// See [`SAME_SPEED`].
+pub const SAME_TORQUE: f64 = 0.05;
+
 pub mod displacement;
 pub mod envelope;
 pub mod features;

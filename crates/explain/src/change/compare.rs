@@ -2,6 +2,7 @@
 
 use crate::read::features::{RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;
+use crate::read::{SAME_SPEED, SAME_TORQUE};
 
 /// A line in a recording and in its reference.
 #[derive(Clone, Copy, Debug)]
@@ -83,10 +84,6 @@ impl Comparison {
         }
     }
 }
-
-/// Operating points count as the same within these relative differences.
-const SAME_SPEED: f64 = 0.03;
-const SAME_TORQUE: f64 = 0.05;
 
 /// ln of the ratio of speeds: by the tachos where there are two, whatever the sample clocks say.
 fn speed_gap(recording: &RecordingFeatures, reference: &RecordingFeatures) -> f64 {

@@ -7,14 +7,14 @@
 
 use crate::change::locate::REPEAT_SIGMA;
 use crate::name::{Finding, Question};
+use crate::read::SAME_SPEED;
 use crate::read::dsp::{mean, median};
 use crate::read::lines::{Family, SHAFT_MULTIPLES};
 
 /// Power over noise from which a line tells how it goes with the load.
 const CLEAR: f64 = 4.0;
-/// Ratio of two torques from which their lines are compared, and how near the speeds must be.
+/// Ratio of two torques from which their lines are compared.
 const OTHER_LOAD: f64 = 1.4;
-const SAME_SPEED: f64 = 0.03;
 /// Largest share of one value in χ²: a line beside a resonance shall not decide alone.
 const CAP: f64 = 25.0;
 /// Log odds of "∝ torque" against "the same at every load" at which either is believed, and χ² per value that the law may leave. Of 200 benches without a ripple none

@@ -8,21 +8,19 @@
 use crate::name::alone::{self, Powers};
 use crate::name::direct::gears_on;
 use crate::name::{Finding, Question};
+use crate::read::SAME_SPEED;
 use crate::read::dsp::mean;
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
 use crate::read::lines::SHAFT_MULTIPLES;
 
 /// Neighbours on each side that a multiple of a shaft must lead.
 const BESIDE: usize = 4;
-/// Waves a turn that are looked for: from where all neighbours lie above the low orders of the shaft, below so many times the number of teeth.
+/// Waves a turn that are looked for: from where all neighbours lie above the low orders of the shaft, below what the mesh mixes lines to.
 const FEWEST: usize = SHAFT_MULTIPLES as usize + BESIDE + 1;
-const MOST_BY_TEETH: f64 = 4.0;
 /// Multiples nearer than this to a mesh harmonic of the gear are its low sidebands.
 const LOW: usize = 6;
 /// Lines nearer than this (bins) may be one.
 const ONE_BINS: f64 = 3.0;
-/// Recordings whose speeds differ by less count as at one speed.
-const SAME_SPEED: f64 = 0.03;
 /// ln amplitude (mean over sensors, loads and speeds) by which the own order leads the highest of its neighbours, and by half as much at every speed: a resonance of the
 /// path lifts a line at one. Of 706 benches without a ghost five lead by 1.25 to 1.47, none by more; at one speed one leads by more than 2.5.
 const LEAD: f64 = 1.7;
@@ -195,7 +193,7 @@ fn candidate(q: &Question<'_>, combs: &[Comb], shaft: usize, multiple: usize, re
     let bearer = |gear: String| {
         let teeth = teeth_of(q, &gear)? as usize;
         let mixed = mixed(multiple, teeth).filter_map(|m| comb.at_all_speeds(m)).fold(f64::NEG_INFINITY, f64::max);
-        let fits = remainder(multiple, teeth) >= LOW && (multiple as f64) < MOST_BY_TEETH * teeth as f64;
+        let fits = remainder(multiple, teeth) >= LOW && multiple < (MIXED + 1) * teeth;
         fits.then_some(Bearer { gear, mixed })
     };
     let bearers: Vec<Bearer> = gears_on(q, shaft).into_iter().filter_map(bearer).collect();

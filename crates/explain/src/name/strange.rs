@@ -253,7 +253,6 @@ pub fn add_strange(
     let channels = channels(q.recordings, q.comparison);
     let speeds: Vec<f64> = q.recordings.iter().map(|r| r.input_hz).collect();
     let several = speeds.iter().any(|s| (s / speeds[0] - 1.0).abs() > 0.05);
-    let threshold = if strange.against_reference { NEW_LINE } else { LONE_LINE };
     let gear_changed = findings.iter().any(|f| {
         matches!(
             f.effect,
@@ -285,7 +284,7 @@ pub fn add_strange(
     }
     // Lines at fixed order.
     let off: Vec<&StrangeLine> =
-        strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > threshold && l.least > 1.5).collect();
+        strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > NEW_LINE && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
     let family = if bearing_seen { None } else { family::family(q, &strange.orders) };
     if let Some(e) = &strange.envelope

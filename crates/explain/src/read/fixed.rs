@@ -16,6 +16,7 @@ use num_complex::Complex64;
 
 use self::joint::{About, Cell};
 use self::sham::Shams;
+use crate::read::SAME_SPEED;
 use crate::read::dsp::{self, Transforms};
 use crate::read::features::{RecordingFeatures, Steady};
 
@@ -24,8 +25,6 @@ const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MULTIPLES: u32 = 12;
 /// Deviation of the mains' frequency that is allowed for (relative): 50 mHz in 50 Hz, the standard range of European grids.
 const DEVIATION: f64 = 1e-3;
-/// Input speeds that differ by less are one speed.
-const ONE_SPEED: f64 = 0.03;
 /// Half width of what is known of a line's frequency (bins).
 const PLACE_BINS: f64 = 0.3;
 
@@ -203,7 +202,7 @@ fn line(
     let mut speeds: Vec<(f64, f64)> = Vec::new();
     for (cell, recording) in own.iter().zip(recordings) {
         let gained = cell.map_or(0.0, |c| c.gain(amplitude));
-        match speeds.iter_mut().find(|s| (s.0 / recording.input_hz - 1.0).abs() < ONE_SPEED) {
+        match speeds.iter_mut().find(|s| (s.0 / recording.input_hz - 1.0).abs() < SAME_SPEED) {
             Some(s) => s.1 += gained,
             None => speeds.push((recording.input_hz, gained)),
         }

@@ -12,6 +12,7 @@ use gearwatch_core::train::Train;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
+use crate::read::SAME_SPEED;
 use crate::read::dsp;
 
 /// Spectra of a recording over shaft angle, with the noise of their bins, by channel.
@@ -35,8 +36,7 @@ const USUAL: f64 = 0.3;
 const WORST_PITCH_M: f64 = 125e-6;
 /// Standard deviation of a depth beside its scatter (relative): what the teeth make at the same order.
 const OF_DEPTH: f64 = 0.1;
-/// Recordings of one speed (relative), and of loads that differ (ln).
-const SAME_SPEED: f64 = 0.02;
+/// Loads that differ (ln).
 const LOADS_APART: f64 = 0.3;
 /// Largest phase of a mesh harmonic that the first look believes (rad): its first sidebands are 12 % below what grows with the
 /// swing (`J₁(β)` against `β/2`).

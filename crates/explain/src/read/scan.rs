@@ -7,6 +7,7 @@
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
+use crate::read::SAME_SPEED;
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 
 /// A recording and the reference at its operating point, where there is one.
@@ -240,14 +241,12 @@ pub fn fixed_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Ve
 
 /// Distances (bins) at which the recordings of other speeds are read beside each other: beyond what a line is wide, within what a path is even.
 const BESIDE_BINS: [f64; 8] = [-97.0, -83.0, -59.0, -41.0, 37.0, 53.0, 71.0, 89.0];
-/// Recordings whose speeds differ by less are at one speed.
-const ONE_SPEED: f64 = 0.03;
 
 /// Which of the speeds that occur each recording has, counted as they come.
 fn speeds(twins: &[Twin<'_>]) -> Vec<usize> {
     let mut known: Vec<f64> = Vec::new();
     let mut of = |hz: f64| {
-        known.iter().position(|s| (s / hz - 1.0).abs() < ONE_SPEED).unwrap_or_else(|| {
+        known.iter().position(|s| (s / hz - 1.0).abs() < SAME_SPEED).unwrap_or_else(|| {
             known.push(hz);
             known.len() - 1
         })
@@ -291,6 +290,7 @@ pub fn distance_to_combs(train: &Train, revolutions: f64, order: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::read::integrity::Integrity;
     use gearwatch_core::bench::Bench;
 
     fn pair(pinion: u32, wheel: u32) -> Train {
@@ -312,5 +312,86 @@ mod tests {
         let prime = pair(25, 31);
         assert_eq!(combs(&prime, 100.0).len(), 2);
         assert_eq!(combs(&prime, 400.0).len(), 3);
+    }
+
+    const HZ_PER_BIN: f64 = 0.25;
+    const BINS: usize = 16_384;
+
+    /// A recording of one sensor whose remainder and order spectrum are of noise of power 1 but for lines (bin, power).
+    fn recording(input_hz: f64, fixed: &[(usize, f64)], orders: &[(usize, f64)], taken: &[usize]) -> RecordingFeatures {
+        let spectrum = |lines: &[(usize, f64)]| {
+            let mut out = vec![Complex64::ONE; BINS];
+            lines.iter().for_each(|(bin, power)| out[*bin] = Complex64::from(power.sqrt()));
+            out
+        };
+        let channel = ChannelFeatures {
+            name: "acc".into(),
+            unit: "m/s^2".into(),
+            values: Vec::new(),
+            combs: Vec::new(),
+            floor: Vec::new(),
+            order_spectrum: spectrum(orders),
+            order_floor: vec![1.0; BINS],
+            remainder: spectrum(fixed),
+            remainder_floor: vec![1.0; BINS],
+            angle_signal: Vec::new(),
+            integrity: Integrity { clipped_at: None, frozen: 0, overload: false },
+        };
+        RecordingFeatures {
+            name: String::new(),
+            display_motor_hz: f64::NAN,
+            brake_torque_nm: f64::NAN,
+            input_hz,
+            tacho_input_hz: None,
+            comb_score: 0.0,
+            carriers: 0,
+            revolutions: input_hz / HZ_PER_BIN,
+            start_rev: 0.0,
+            hz_per_bin: HZ_PER_BIN,
+            sample_rate_hz: 8192.0,
+            lines: Vec::new(),
+            taken: (0..BINS).map(|k| taken.contains(&k)).collect(),
+            phase_rev: Vec::new(),
+            swing: None,
+            channels: vec![channel],
+        }
+    }
+
+    fn twins(recordings: &[RecordingFeatures]) -> Vec<Twin<'_>> {
+        recordings.iter().map(|recording| Twin { recording, reference: None, beside_hz: 0.0 }).collect()
+    }
+
+    /// A line at 700 Hz at two speeds is one of fixed frequency. Lines of the machine 53 bins apart are none, and meet in the one scan in which the speeds are read so far beside each other. A
+    /// line that the machine's own cover at one speed is judged at the other alone, which says nothing.
+    #[test]
+    fn analytic_lines_that_meet_by_chance_are_counted() {
+        let slow = recording(20.0, &[(2800, 400.0), (4000, 400.0), (6000, 400.0)], &[], &[]);
+        let fast = recording(31.0, &[(2800, 400.0), (4053, 400.0)], &[], &[5999, 6000, 6001]);
+        let (both, train) = ([slow, fast], pair(23, 57));
+        let channels = ["acc".to_owned()];
+        // Lines that stand out in every recording.
+        let hz = |found: &[StrangeLine]| -> Vec<f64> {
+            found.iter().filter(|l| l.least > 2.0).map(|l| l.position.round()).collect()
+        };
+        assert_eq!(hz(&fixed_lines(&twins(&both), &channels, &train)), [700.0]);
+        let by_chance = fixed_by_chance(&twins(&both), &channels, &train);
+        let met: Vec<usize> = (0..by_chance.len()).filter(|k| !hz(&by_chance[*k]).is_empty()).collect();
+        assert_eq!(met.iter().map(|k| BESIDE_BINS[*k]).collect::<Vec<_>>(), [53.0]);
+        assert_eq!(hz(&by_chance[met[0]]), [1000.0]);
+        assert!(fixed_by_chance(&twins(&both[..1]), &channels, &train).is_empty());
+    }
+
+    /// A line 56 dB above the noise hides one 36 dB below it in the next quarter of a turn, which it may light itself, and not one 20 dB below it, nor one beyond.
+    #[test]
+    fn analytic_a_strong_line_hides_what_it_lights() {
+        let strong = (4000, 400_000.0);
+        let of = |near: (usize, f64)| {
+            let one = [recording(20.0, &[], &[strong, near], &[])];
+            let found = order_lines(&twins(&one), &["acc".to_owned()], &pair(23, 57));
+            found.iter().any(|l| (l.position * one[0].revolutions).round() == near.0 as f64)
+        };
+        assert!(!of((4015, 100.0)));
+        assert!(of((4015, 4000.0)));
+        assert!(of((4035, 100.0)));
     }
 }
