@@ -302,7 +302,7 @@ mod tests {
             crate::terms::apply(&term, &mut setup).expect("a term");
             crate::model::TrainModel::new(&setup, Profile::constant(25.0), Profile::constant(120.0), 1)
         };
-        let said = model(&bench(8.0)).err().expect("refused").to_string();
+        let said = model(&bench(8.0)).expect_err("refused").to_string();
         assert!(said.contains("rolling.clearance_um"), "{said}");
         let mut springs = bench(8.0);
         let beam = springs.shafts[0].beam.as_mut().expect("sections");
