@@ -3,6 +3,7 @@
 pub mod align;
 pub mod comb;
 pub mod compare;
+pub mod frequency;
 pub mod locate;
 pub mod masks;
 pub mod pulse;

@@ -52,6 +52,11 @@ pub fn losses(residuals: &[f64]) -> f64 {
     residuals.iter().map(|r| (TAIL + 1.0) * (r * r / TAIL).ln_1p()).sum()
 }
 
+/// The residual (not negative) of a cost (≥ 0): the inverse of [`losses`] of one.
+pub fn residual_of(cost: f64) -> f64 {
+    (TAIL * (cost / (TAIL + 1.0)).exp_m1()).sqrt()
+}
+
 /// Cost of being off the priors.
 pub fn pulls(x: &DVector<f64>, priors: &[Prior]) -> f64 {
     x.iter().zip(priors).map(|(x, p)| ((x - p.mean) / p.sigma).powi(2)).sum()

@@ -2,6 +2,7 @@
 
 use gearwatch_core::train::Train;
 
+use crate::change::frequency;
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask, OneGear};
 use crate::judge::controls;
@@ -11,7 +12,7 @@ use crate::name::alone;
 use crate::name::gear;
 use crate::name::ghost;
 use crate::name::parting;
-use crate::name::path;
+use crate::name::path::{self, Seen};
 use crate::name::strange;
 use crate::name::subname;
 use crate::name::{Finding, Question};
@@ -237,11 +238,25 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         cells.iter().filter(|c| c.family.is_some()).count(),
         locate::line_misfit(cells, None)
     ));
+    let (paths, leads) = (found.findings.len(), found.nearest.len());
+    let by_background = by_background(q, cells, speeds, found);
+    if found.findings.len() == paths
+        && let Some(clear) = by_lines(q, cells, speeds, found)
+    {
+        // What the background alone would not prove is proved by the lines.
+        found.nearest.truncate(leads);
+        return clear;
+    }
+    by_background
+}
+
+/// The same by the background first: what moved there, and the lines with it.
+fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
     let mut remaining: Vec<Cell> = cells.to_vec();
     let known = found.findings.len();
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
-    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
+    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, Seen::InBackground, found.steps) {
         if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
             if probability < held_out::UNPROVED {
                 found.nearest.push(Finding { probability, ..finding });
@@ -271,6 +286,28 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         }
     });
     (clear.collect(), false)
+}
+
+/// The same by the lines first: a function of frequency, alone (true) or beside what goes with orders.
+fn by_lines(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> Option<(Vec<Cell>, bool)> {
+    if locate::line_misfit(cells, None) < MISFIT {
+        return None;
+    }
+    let by_frequency = frequency::frequency(cells, speeds)?;
+    found.steps.push(format!(
+        "a function of frequency accounts for the change {:.0} nats better than orders, beside them {:.0}",
+        by_frequency.alone, by_frequency.beside
+    ));
+    if !by_frequency.is_there() {
+        return None;
+    }
+    let (path, left) = by_frequency.apart(cells);
+    let (_, mut finding) = path::path(q, &path, speeds, Seen::InLines, found.steps)?;
+    if by_frequency.has_orders_beside() {
+        finding.probability *= SECOND_SURE;
+    }
+    found.findings.push(finding);
+    Some((left, !by_frequency.has_orders_beside()))
 }
 
 /// Whether a cell is read through a changed path.

@@ -153,13 +153,25 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
     Some(f)
 }
 
+/// Least misfit per band of background before a path is believed that the lines have not shown to be
+/// there, and of one that they have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seen {
+    /// In the background first.
+    InBackground,
+    /// In the lines already, as a function of frequency.
+    InLines,
+}
+
 /// The channels whose path or gain changed, and what to call it.
 pub fn path(
     q: &Question<'_>,
     cells: &[Cell],
     speeds: &[f64],
+    seen: Seen,
     steps: &mut Vec<String>,
 ) -> Option<(Vec<usize>, Finding)> {
+    let least = if seen == Seen::InLines { TOGETHER } else { FLOOR_MISFIT };
     let mut best: Option<(usize, f64, f64)> = None;
     let channels = 0..q.comparison.channels.len();
     let floors: Vec<(f64, f64)> = channels.map(|c| locate::floor_account(cells, c, speeds)).collect();
@@ -169,7 +181,7 @@ pub fn path(
             q.comparison.channels[c],
             100.0 * share
         ));
-        if misfit > FLOOR_MISFIT && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
+        if misfit > least && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
             best = Some((c, misfit, share));
         }
     }
@@ -186,7 +198,9 @@ pub fn path(
     steps.push(format!(
         "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
     ));
-    if !follow(follows, sigma) || others > OTHERS_SHARE * own {
+    // A function of frequency is the sensor's own where that of the others is far less.
+    let least = if seen == Seen::InLines { STEADIER.recip() } else { OTHERS_SHARE };
+    if !follow(follows, sigma) || others > least * own {
         return None;
     }
     // One factor for lines and background alike?

@@ -13,7 +13,7 @@ use super::library::{fitted, starts};
 use super::lines::{HARMONICS, Line, lines};
 use super::sheet;
 use crate::change::locate::Cell;
-use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls};
+use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls, residual_of};
 use crate::name::Question;
 use crate::read::features::RecordingFeatures;
 
@@ -139,6 +139,8 @@ pub struct Problem<'a> {
     trend_only: bool,
     effort: Effort,
     term: Option<FreeTerm>,
+    /// Of the changes of the lines (ln, root mean square).
+    spread: f64,
 }
 
 /// Cost and numbers of a point.
@@ -199,6 +201,7 @@ impl<'a> Problem<'a> {
         let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-5, together: false, parting: true };
         let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
+        let spread = (lines.iter().map(|l| l.change * l.change).sum::<f64>() / lines.len() as f64).sqrt();
         Some(Self {
             q,
             specs,
@@ -212,6 +215,7 @@ impl<'a> Problem<'a> {
             trend_only: false,
             effort: THOROUGH,
             term: None,
+            spread,
         })
     }
 
@@ -486,7 +490,7 @@ impl<'a> Problem<'a> {
         Some([plain, with])
     }
 
-    /// Changes of the lines (one each), then the references' trend over load, in standard deviations.
+    /// Changes of the lines (one each; where a recording has no steady state they may be any), then the references' trend over load, in standard deviations.
     pub fn residuals(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
         let setups = self.setups(x)?;
         let sides = if self.trend_only { 1 } else { 2 };
@@ -497,10 +501,18 @@ impl<'a> Problem<'a> {
             let mut both = Vec::with_capacity(sides);
             for side in 0..sides {
                 let solver = &mut self.solver[p][side];
-                let solved = solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]).ok()?;
-                both.push(solved.sensors);
+                match solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
+                    Ok(solved) => both.push(solved.sensors),
+                    // Of one law the sizes beyond a steady state are not tried.
+                    Err(_) if side == 0 || self.term.is_some() => return None,
+                    // Teeth that part without a period: what their lines do is left open.
+                    Err(_) => {}
+                }
             }
             amplitudes.push(both);
+        }
+        if sides == 2 && amplitudes.iter().all(|both| both.len() < 2) {
+            return None;
         }
         let level = |l: &Line, side: usize| amplitudes[l.pair][side][l.sensor][l.at].norm().max(1e-12).ln();
         let mut out = Vec::with_capacity(2 * self.lines.len());
@@ -508,7 +520,10 @@ impl<'a> Problem<'a> {
         for l in &self.lines {
             let before = level(l, 0);
             if sides == 2 {
-                out.push((level(l, 1) - before - l.change) / l.sigma());
+                out.push(match amplitudes[l.pair].len() {
+                    2 => (level(l, 1) - before - l.change) / l.sigma(),
+                    _ => unforeseen(l, self.spread),
+                });
             }
             sums[l.group].0 += before - l.reference;
             sums[l.group].1 += 1;
@@ -521,5 +536,41 @@ impl<'a> Problem<'a> {
             }
         }
         Some(out)
+    }
+}
+
+/// What a line counts whose change the model does not predict: it may be any, with the spread that
+/// the changes have. In standard deviations of a residual that costs as much.
+fn unforeseen(line: &Line, spread: f64) -> f64 {
+    let wider = (1.0 + (spread / line.sigma()).powi(2)).sqrt();
+    residual_of(losses(&[line.change / (line.sigma() * wider)]) + 2.0 * wider.ln())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A change of 0.5 with σ² = 0.08² + (0.25 · 0.5)² counts as itself where changes have no spread.
+    /// With a spread of 0.5 it is within one deviation, and the wider density costs ln(1 + 0.5²/σ²).
+    #[test]
+    fn analytic_a_change_that_is_not_predicted_may_be_any() {
+        let line = Line {
+            stage: 0,
+            harmonic: 1,
+            pair: 0,
+            sensor: 0,
+            at: 0,
+            change: 0.5,
+            variance: 0.0,
+            reference: 0.0,
+            group: 0,
+        };
+        let variance: f64 = 0.0064 + 0.015625;
+        assert!((unforeseen(&line, 0.0) - 0.5 / variance.sqrt()).abs() < 1e-12);
+        let wide = variance + 0.25;
+        let cost = losses(&[0.5 / wide.sqrt()]) + (wide / variance).ln();
+        assert!((losses(&[unforeseen(&line, 0.5)]) - cost).abs() < 1e-12);
+        // Less than what a model costs that says nothing changes.
+        assert!(unforeseen(&line, 0.5) < 0.5 / variance.sqrt());
     }
 }
