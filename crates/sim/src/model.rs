@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+pub(crate) use self::outside::BeltPath;
 pub(crate) use self::passage::PassedForce;
 pub use self::problem::ModelError;
 
