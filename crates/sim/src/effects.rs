@@ -43,7 +43,9 @@ mod lead_error;
 mod load_dependent_stiffness;
 mod looseness;
 mod mesh_stiffness;
+mod micropitting;
 mod misalignment;
+mod motor_ripple;
 mod pitch_error;
 mod pitting;
 mod planet_bearing;
@@ -139,9 +141,11 @@ pub const PLANETARY: &[&dyn Effect] = &[
 pub const FURTHER: &[&dyn Effect] = &[
     &coupling_misalignment::CouplingMisalignment,
     &belt_joint::BeltJoint,
+    &motor_ripple::MotorRipple,
     &lead_error::LeadError,
     &thermal_centre_distance::ThermalCentreDistance,
     &scuffing::Scuffing,
+    &micropitting::Micropitting,
 ];
 
 /// All effects that the simulator can switch on.

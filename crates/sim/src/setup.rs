@@ -57,6 +57,9 @@ pub struct TorqueRipple {
     pub order: f64,
     /// Amplitude / mean torque there (1).
     pub depth: f64,
+    /// What makes it is ahead of that part by this share of the speed at the bench's own torque
+    /// (1), and in proportion to the torque at the start: the field in an induction motor.
+    pub slip: f64,
 }
 
 /// Which coupling.

@@ -211,6 +211,9 @@ pub(super) fn modulated_turns(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, Ste
         }
     }
     for ripple in &setup.torque_ripples {
+        if ripple.slip != 0.0 {
+            return Err(SteadyError::NotPeriodic("a ripple of the motor's field".into()));
+        }
         let shaft = match ripple.at {
             RippleAt::Motor => None,
             RippleAt::Coupling => Some(0),
