@@ -183,9 +183,9 @@ fn mean_approach(bench: &Bench, further: &[EffectSpec]) -> f64 {
 }
 
 /// A slope over the face is what misaligned axes leave there, to the last digit. Where the load
-/// closes the gap of a crown c all over the face, the gears come closer by its mean, `c/3`; slices
+/// closes the gap of a crown c all over the face, the gears come closer by its mean, `c/3`. Slices
 /// at the ends have as many contact lines as those in the middle over a cycle, but not at any time:
-/// 5 %.
+/// measured 2e-4, bound 1e-3.
 #[test]
 fn analytic_lead_and_crown() {
     let mut bench = usual_helical();
@@ -197,7 +197,7 @@ fn analytic_lead_and_crown() {
     let plain = mean_approach(&bench, &[]);
     let crowned = mean_approach(&bench, &[given("lead_error", "stage1", &[("slope_um", 0.0), ("crown_um", 3.0)])]);
     assert!(plain > 3e-6, "{plain}");
-    assert!(((crowned - plain) / 1e-6 - 1.0).abs() < 0.05, "{crowned} {plain}");
+    assert!(((crowned - plain) / 1e-6 - 1.0).abs() < 1e-3, "{crowned} {plain}");
 }
 
 #[test]

@@ -19,11 +19,12 @@
 //!
 //! Of the flexing element, with stiffnesses k₁ and k₂ in bending about two axes that turn with it,
 //! the couple `k̄ β` stands still and `½ (k₁ − k₂) β` turns at 2θ, a quarter of a turn beside that
-//! of the torque. These are the two couples of Gibbons (Coupling Misalignment Forces, Proc. 5th
-//! Turbomachinery Symp. 1976): `T sin β`, and the bending stiffness times β across it. His force on
-//! the shaft is that of both flexing planes by their distance ℓ. Axes that are parallel at the
-//! distance d bend both planes by `d/ℓ` into the form of an S: their elastic couples add up to
-//! `2 k̄ d/ℓ`, while those of the torque cancel, and the shafts turn alike.
+//! of the torque. `T sin β` and, across it, stiffness times β are the couples of Bloch (Improving
+//! Machinery Reliability, 1998, p. 209). The force on the shaft is, after Gibbons (Coupling
+//! Misalignment Forces, Proc. 5th Turbomachinery Symp. 1976), that of both flexing planes by their
+//! distance ℓ. Axes that are parallel at the distance d bend both planes by `d/ℓ` into the form of
+//! an S: their elastic couples add up to `2 k̄ d/ℓ`, while those of the torque cancel, and the
+//! shafts turn alike.
 //!
 //! ```text
 //! F₂ = 1/ℓ · hypot(½ T tan β, ½ (k₁ − k₂) (β + 2 d/ℓ))        turning at 2θ

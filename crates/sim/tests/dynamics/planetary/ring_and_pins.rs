@@ -52,7 +52,8 @@ fn passing(bench: &Bench, lobes: u32, amplitude_um: f64) -> (TrainModel, [nalgeb
 /// leaves all central members where they are, so that each planet stands alone between sun, ring
 /// and pin: `F (1/k_s + 1/k_r + 4 cos² α / k_p) = g`, as of a pin out of place, with the way g of
 /// the ring's flanks alone. Bending without stretching moves them by `w sin α` outwards and
-/// `(w/2) cos α` along the ring. 2 %, as the mean stiffness stands for that over the mesh cycle.
+/// `(w/2) cos α` along the ring. Measured 0.2 %, since the mean stiffness stands for that over the mesh
+/// cycle; bound 1 %.
 #[test]
 fn analytic_two_lobes_load_the_planets_in_turns() {
     let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
@@ -63,20 +64,20 @@ fn analytic_two_lobes_load_the_planets_in_turns() {
     let pin = bench.shafts[1].bearing_n_per_m;
     let expected = way / (1.0 / k_sun + 1.0 / k_ring + 4.0 * cos * cos / pin);
     let alternating = 0.25 * (forces[0] - forces[1] + forces[2] - forces[3]).norm();
-    assert!((alternating / expected - 1.0).abs() < 0.02, "{alternating} {expected}");
+    assert!((alternating / expected - 1.0).abs() < 0.01, "{alternating} {expected}");
     // Nothing of it is left for all planets together.
     assert!(forces.iter().sum::<nalgebra::Complex<f64>>().norm() < 0.02 * alternating, "{forces:?}");
 }
 
 /// Four lobes under four planets: all planets meet one at once, the ring turns a little against the
-/// carrier and no load moves. 2 % of what two lobes do.
+/// carrier and no load moves: measured 6e-6 of what two lobes do, bound 1e-4.
 #[test]
 fn analytic_as_many_lobes_as_planets_move_no_load() {
     let bench = alone([28, 36, 100], 4, ["sun", "carrier"]);
     let two = passing(&bench, 2, 20.0).1;
     let four = passing(&bench, 4, 20.0).1;
     for (two, four) in two.iter().zip(&four) {
-        assert!(four.norm() < 0.02 * two.norm(), "{four} {two}");
+        assert!(four.norm() < 1e-4 * two.norm(), "{four} {two}");
     }
 }
 
