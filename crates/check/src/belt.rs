@@ -169,7 +169,13 @@ mod tests {
         (bench.sensors[0].name, bench.sensors[0].unit) = ("acc_1".into(), "m/s^2".into());
         let recordings = [recording(20.0), recording(30.1)];
         for stated in [2.5, 1.3, 2.0, 3.7] {
-            bench.belt = Some(Belt { ratio: stated, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.2 });
+            bench.belt = Some(Belt {
+                ratio: stated,
+                stiffness_nm_per_rad: 4000.0,
+                damping_nm_s_per_rad: 1.2,
+                length_mm: None,
+                motor_pulley_mm: None,
+            });
             let train = Train::new(&bench);
             let all: Vec<Steady<'_>> = recordings.iter().filter_map(|r| steady(&bench, &train, r).ok()).collect();
             assert_eq!(all.len(), 2, "{stated}");

@@ -99,6 +99,8 @@ fn conform_bad_bench_files_say_what_would_be_right() {
         ("torsion_nm_per_rad = 9000.0", "torsion_nm_per_rad = 0.0", "torsion_nm_per_rad is 0", "above 0 N m/rad"),
         ("bearing_n_per_m = 1.2e8", "bearing_n_per_m = 0.0", "bearing_n_per_m is 0", "above 0 N/m"),
         ("stiffness_nm_per_rad = 4000.0", "stiffness_nm_per_rad = nan", "belt.stiffness_nm_per_rad is NaN", "above 0"),
+        ("ratio = 3.56", "ratio = 3.56\nlength_mm = -1600.0", "belt.length_mm is -1600", "above 0 mm"),
+        ("ratio = 3.56", "ratio = 3.56\nmotor_pulley_mm = 0.01", "belt.motor_pulley_mm is 0.01", "0.1 to 100000 mm"),
         ("mesh_damping_ratio = 0.06", "mesh_damping_ratio = -0.1", "mesh_damping_ratio is -0.1", "0.03 to 0.1"),
         ("frequency_hz = 410.0", "frequency_hz = 0.0", "housing_mode 1: frequency_hz is 0", "above 0 Hz"),
         ("inertia_kg_m2 = 0.03", "inertia_kg_m2 = -1.0", "brake.inertia_kg_m2 is -1", "above 0 kg m²"),

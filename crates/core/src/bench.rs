@@ -148,6 +148,12 @@ pub struct Belt {
     /// Seen at the input shaft (N m s/rad, ≥ 0).
     #[serde(default = "defaults::belt_damping_nm_s_per_rad")]
     pub damping_nm_s_per_rad: f64,
+    /// Length of its pitch line, once round (mm, > 0): how often a place of it comes round.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    /// Pitch diameter of the motor's pulley (mm, > 0); that of the other one is `ratio` times it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motor_pulley_mm: Option<f64>,
 }
 
 /// Material of all gears.
@@ -389,6 +395,9 @@ impl Bench {
         if let Some(belt) = &self.belt {
             positive("belt.ratio".into(), belt.ratio, "");
             positive("belt.stiffness_nm_per_rad".into(), belt.stiffness_nm_per_rad, "N m/rad");
+            for (key, value) in [("length_mm", belt.length_mm), ("motor_pulley_mm", belt.motor_pulley_mm)] {
+                value.into_iter().for_each(|mm| positive(format!("belt.{key}"), mm, "mm"));
+            }
         }
         for shaft in &self.shafts {
             // Of sections that are wrong nothing follows, and they are told.

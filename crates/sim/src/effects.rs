@@ -3,8 +3,8 @@
 //! An effect says how it changes the simulator, its parameters with range and unit, which lines of
 //! the spectrum it moves and how they follow load and speed, and what it is confused with. The
 //! simulator switches it on, the mismatch finder takes it as a hypothesis, and a conformance test
-//! measures it against its own declaration. To add one: write a file, add a line to [`ALL`] or
-//! [`PLANETARY`].
+//! measures it against its own declaration. To add one: write a file, add a line to [`ALL`],
+//! [`PLANETARY`] or [`FURTHER`].
 
 use gearwatch_core::bench::{Bench, EffectSpec};
 
@@ -27,30 +27,39 @@ mod aliasing;
 mod backlash;
 mod bearing_compliance;
 mod bearing_defect;
+mod belt_joint;
 mod belt_slip;
 mod body_coupling;
 mod carrier_eccentricity;
 mod clipping;
 mod clock_offset;
+mod coupling_misalignment;
 mod damping;
 mod eccentricity;
 mod electrical_pickup;
 mod gear;
 mod ghost_component;
+mod lead_error;
 mod load_dependent_stiffness;
 mod looseness;
 mod mesh_stiffness;
+mod micropitting;
 mod misalignment;
+mod motor_ripple;
 mod pitch_error;
 mod pitting;
+mod planet_bearing;
 mod planet_position;
 mod profile_error;
+mod ring_deformation;
 mod root_crack;
 mod scaling;
+mod scuffing;
 mod sensor_mounting;
 mod shaft_torsion;
 mod speed_fluctuation;
 mod structural_resonance;
+mod thermal_centre_distance;
 mod tip_relief;
 mod tooth_breakage;
 mod tooth_friction;
@@ -120,11 +129,28 @@ pub const ALL: &[&dyn Effect] = &[
 ];
 
 /// Effects of planetary stages, beyond the contract: pairs have no place for them.
-pub const PLANETARY: &[&dyn Effect] = &[&planet_position::PlanetPosition, &carrier_eccentricity::CarrierEccentricity];
+pub const PLANETARY: &[&dyn Effect] = &[
+    &planet_position::PlanetPosition,
+    &carrier_eccentricity::CarrierEccentricity,
+    &planet_bearing::PlanetBearing,
+    &ring_deformation::RingDeformation,
+];
+
+/// Effects beyond the contract of explanations: the simulator has them, and no explanation names
+/// them.
+pub const FURTHER: &[&dyn Effect] = &[
+    &coupling_misalignment::CouplingMisalignment,
+    &belt_joint::BeltJoint,
+    &motor_ripple::MotorRipple,
+    &lead_error::LeadError,
+    &thermal_centre_distance::ThermalCentreDistance,
+    &scuffing::Scuffing,
+    &micropitting::Micropitting,
+];
 
 /// All effects that the simulator can switch on.
 pub fn every() -> impl Iterator<Item = &'static dyn Effect> + Clone {
-    ALL.iter().chain(PLANETARY).copied()
+    ALL.iter().chain(PLANETARY).chain(FURTHER).copied()
 }
 
 /// The effect with an id.

@@ -198,6 +198,11 @@ pub struct PairModifications {
     pub stiffness_factor: f64,
     /// Misalignment of the axes in the plane of action (rad).
     pub misalignment_rad: f64,
+    /// Lead slope of both gears (m over the face width), as [`crate::mesh::Lead::slope_m`]; helical
+    /// pairs only. Misaligned axes add to it.
+    pub lead_slope_m: f64,
+    /// Crown of both gears (m), as [`crate::mesh::Lead::crown_m`]; helical pairs only.
+    pub crown_m: f64,
     /// Factor on the coupling of tooth pairs through the bodies.
     pub coupling_factor: f64,
     /// Power of the load in the stiffness, relative to the reference load: `k ~ (F/F_ref)^n`,
@@ -225,6 +230,8 @@ impl Default for PairModifications {
             wear_m: 0.0,
             stiffness_factor: 1.0,
             misalignment_rad: 0.0,
+            lead_slope_m: 0.0,
+            crown_m: 0.0,
             coupling_factor: 1.0,
             load_exponent: 0.0,
             reference_load_n: 1000.0,

@@ -36,6 +36,7 @@ pub(crate) use beams::Hold;
 pub use parts::gear_mass_and_inertia;
 pub(crate) use parts::ring_mass_and_inertia;
 pub use passage::{Heard, Passage, Passed};
+pub use planetary::Pin;
 
 /// Mass that a bearing force moves at its sensor where the bench file knows no housing mode (kg): a
 /// laboratory gearbox.
@@ -179,6 +180,8 @@ pub struct LinearTrain {
     pub on_shaft: Vec<Vec<GearPlace>>,
     /// Idlers.
     pub idlers: Vec<GearPlace>,
+    /// Planets on their pins.
+    pub pins: Vec<Pin>,
     /// Coordinates that follow the reference rotation though they are no shaft's, with their speed
     /// (or way per angle) / the first shaft's.
     pub turning: Vec<(usize, f64)>,
@@ -272,6 +275,7 @@ impl LinearTrain {
             meshes: Vec::new(),
             on_shaft: vec![Vec::new(); bench.shafts.len()],
             idlers: Vec::new(),
+            pins: Vec::new(),
             turning: Vec::new(),
             passage: Passage::default(),
             shaft_orders: Train::new(bench).shafts.into_iter().map(|(_, order)| order).collect(),

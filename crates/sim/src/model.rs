@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+pub(crate) use self::outside::BeltPath;
 pub(crate) use self::passage::PassedForce;
 pub use self::problem::ModelError;
 
@@ -180,7 +181,7 @@ impl TrainModel {
                 &setup.speed_fluctuations,
             ),
             motor_per_brake: last / train.motor_order,
-            ripples: setup.torque_ripples.clone(),
+            ripples: ripples(setup, torque),
             motor_order: train.motor_order,
             rows: SparseRows::new(&linear),
             temperature_c: setup.temperature_c.clone(),
@@ -400,6 +401,13 @@ fn add(out: &mut [f64], vector: &DVector<f64>, value: f64, mass: &DMatrix<f64>) 
 /// Creep follows the torque; a bench file without a nominal torque takes it as it is.
 fn creep_share(torque: f64, nominal: f64) -> f64 {
     if nominal > 0.0 { torque / nominal } else { 1.0 }
+}
+
+/// Ripples with their orders at a torque: what is ahead by a slip s turns 1/(1 − s) times as fast.
+fn ripples(setup: &SimSetup, torque: f64) -> Vec<TorqueRipple> {
+    let share = creep_share(torque, setup.bench.brake.torque_nm);
+    let at_torque = |r: &TorqueRipple| TorqueRipple { order: r.order / (1.0 - r.slip * share).max(0.5), ..*r };
+    setup.torque_ripples.iter().map(at_torque).collect()
 }
 
 /// A gear that runs out, about whose shaft the mesh force has a lever of its own.

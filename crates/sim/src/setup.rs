@@ -57,11 +57,63 @@ pub struct TorqueRipple {
     pub order: f64,
     /// Amplitude / mean torque there (1).
     pub depth: f64,
+    /// What makes it is ahead of that part by this share of the speed at the bench's own torque
+    /// (1), and in proportion to the torque at the start: the field in an induction motor.
+    pub slip: f64,
 }
 
-/// A force on the bearings of a shaft that its rotation brings about.
+/// Which coupling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CouplingAt {
+    /// Between drive and first shaft; behind the belt where there is one.
+    Drive,
+    /// Between last shaft and brake.
+    Brake,
+}
+
+/// A coupling whose shafts are not in line; see [`crate::model::TrainModel`] for what it does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Misaligned {
+    /// Where.
+    pub at: CouplingAt,
+    /// Angle between the axes (rad).
+    pub angle_rad: f64,
+    /// Distance of the axes (m).
+    pub offset_m: f64,
+    /// Between the two planes in which it flexes (m, > 0).
+    pub length_m: f64,
+    /// In bending of one of these planes, the mean over a turn (N m/rad).
+    pub stiffness_nm_per_rad: f64,
+    /// `(k₁ − k₂)/(k₁ + k₂)` of that stiffness about two axes that turn with it (1).
+    pub unlike: f64,
+}
+
+/// A force on the bearings of a shaft that its rotation brings about, or another force on the train
+/// that repeats with a shaft, a planet or the belt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ShaftForce {
+    /// Twice a turn: a radial force on a shaft, and a torque, of a misaligned coupling.
+    Coupling(Misaligned),
+    /// The joint of the belt runs over both pulleys.
+    BeltJoint {
+        /// By which the pitch line of the joint lies farther out than that of the belt (m).
+        raised_m: f64,
+        /// Length of the joint (m).
+        length_m: f64,
+    },
+    /// As [`Self::Impacts`], of the bearing between a planet and its pin.
+    PlanetImpacts {
+        /// Index of the stage.
+        stage: usize,
+        /// From 0.
+        planet: usize,
+        /// Passages per turn of the planet on its pin.
+        order: f64,
+        /// Peak force (N) in the middle of the load zone at the bench's own brake torque.
+        force_n: f64,
+        /// The defect is on the pin, which stands to the load; otherwise it turns with the planet.
+        on_pin: bool,
+    },
     /// `m e Ω²`, rotating with the shaft.
     Unbalance {
         /// Index of the shaft.

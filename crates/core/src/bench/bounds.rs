@@ -27,6 +27,8 @@ const fn range(low: f64, high: f64, unit: &'static str) -> Range {
 
 const SPEED: Range = range(0.0, 1e3, "Hz");
 const BELT_RATIO: Range = range(1e-2, 1e2, "");
+const BELT_LENGTH: Range = range(1.0, 1e6, "mm");
+const PULLEY: Range = range(0.1, 1e5, "mm");
 const SAMPLE_RATE: Range = range(1.0, 1e7, "Hz");
 const TORQUE: Range = range(0.0, 1e6, "N m");
 const INERTIA: Range = range(0.0, 1e6, "kg m²");
@@ -131,6 +133,12 @@ impl Check {
             self.within(|| "belt.ratio".into(), belt.ratio, &BELT_RATIO);
             self.within(|| "belt.stiffness_nm_per_rad".into(), belt.stiffness_nm_per_rad, &TORSION);
             self.within(|| "belt.damping_nm_s_per_rad".into(), belt.damping_nm_s_per_rad, &TORSION_DAMPING);
+            if let Some(mm) = belt.length_mm {
+                self.within(|| "belt.length_mm".into(), mm, &BELT_LENGTH);
+            }
+            if let Some(mm) = belt.motor_pulley_mm {
+                self.within(|| "belt.motor_pulley_mm".into(), mm, &PULLEY);
+            }
         }
         self.within(|| "brake.torque_nm".into(), bench.brake.torque_nm, &TORQUE);
         self.within(|| "brake.inertia_kg_m2".into(), bench.brake.inertia_kg_m2, &INERTIA);

@@ -312,7 +312,13 @@ fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
 #[test]
 fn analytic_slip_grows_with_the_load_and_a_wrong_clock_does_not() {
     let mut belted = bench();
-    belted.belt = Some(Belt { ratio: 2.0, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.2 });
+    belted.belt = Some(Belt {
+        ratio: 2.0,
+        stiffness_nm_per_rad: 4000.0,
+        damping_nm_s_per_rad: 1.2,
+        length_mm: None,
+        motor_pulley_mm: None,
+    });
     let behind = |share: &dyn Fn(f64) -> f64| -> Explanation {
         let mut now = session(1, 23.0, &nothing);
         for point in now.iter_mut().flat_map(|r| &mut r.operating_points) {
@@ -339,7 +345,13 @@ fn regress_a_wrong_belt_ratio_is_named() {
     now.iter_mut().flat_map(|r| &mut r.operating_points).for_each(|point| point.motor_speed_hz *= 2.0);
     for (stated, named) in [(2.5, true), (1.3, true), (2.0, false)] {
         let mut belted = bench();
-        belted.belt = Some(Belt { ratio: stated, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.2 });
+        belted.belt = Some(Belt {
+            ratio: stated,
+            stiffness_nm_per_rad: 4000.0,
+            damping_nm_s_per_rad: 1.2,
+            length_mm: None,
+            motor_pulley_mm: None,
+        });
         let input = Input { bench: &belted, recordings: &now, reference: &[], without: &[] };
         let Answer { explanation, bench } = explain(&input, &mut |_| {}).unwrap();
         let all: Vec<&str> = explanation.effects.iter().map(|e| e.effect.as_str()).collect();

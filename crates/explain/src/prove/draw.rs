@@ -127,6 +127,8 @@ pub fn bench(d: &mut Draw) -> Bench {
         ratio: (d.uniform(1.5, 3.0) * 100.0).round() / 100.0,
         stiffness_nm_per_rad: 4000.0,
         damping_nm_s_per_rad: 1.2,
+        length_mm: None,
+        motor_pulley_mm: None,
     });
     let count = d.whole(1, 3) as usize;
     let sensors = (0..count)

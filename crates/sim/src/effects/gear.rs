@@ -147,6 +147,11 @@ pub(super) fn pair<'a>(values: &Values, setup: &'a mut SimSetup) -> Option<&'a m
 /// Signature of what changes the mesh harmonics of a stage and nothing else.
 pub(super) fn mesh_harmonics(values: &Values, bench: &Bench, load: Law) -> Signature {
     let Place::Stage(stage) = values.place() else { return Signature::nothing() };
+    mesh_harmonics_of(stage, bench, load)
+}
+
+/// As [`mesh_harmonics`], of a stage.
+pub(super) fn mesh_harmonics_of(stage: usize, bench: &Bench, load: Law) -> Signature {
     Signature {
         lines: super::signature::mesh_lines(&Train::new(bench), stage),
         change: Change::Alters,

@@ -13,6 +13,8 @@ pub enum PlaceKind {
     /// `<stage>.planet_<k>` or `<stage>.idler_<k>` with the flanks towards sun or pinion, and the
     /// same with `.ring_side` or `.wheel_side`.
     Gear,
+    /// `<stage>.ring` of a planetary stage.
+    Ring,
     /// A planet's pin: `<stage>.planet_<k>`.
     Planet,
     /// `<stage>.carrier`.
@@ -41,6 +43,7 @@ impl PlaceKind {
         match self {
             Self::Stage => "STAGE",
             Self::Gear => "STAGE.pinion or STAGE.wheel; STAGE.sun, STAGE.ring, STAGE.planet_K, STAGE.idler_K",
+            Self::Ring => "STAGE.ring",
             Self::Planet => "STAGE.planet_K",
             Self::Carrier => "STAGE.carrier",
             Self::Shaft => "SHAFT",
@@ -132,6 +135,9 @@ impl Place {
                     }
                     out
                 })
+                .collect(),
+            PlaceKind::Ring => planetary()
+                .map(|(stage, name, _)| (format!("{name}.ring"), Self::Gear { stage, wheel: true }))
                 .collect(),
             PlaceKind::Planet => planetary()
                 .flat_map(|(stage, name, planets)| {

@@ -138,8 +138,13 @@ pub fn sidebands(train: &Train, stage: usize, spacing: f64, sidebands: u32) -> V
 
 /// What planets that are not alike raise: the lines of their passing.
 pub fn passing(bench: &Bench, stage: usize) -> Signature {
+    passing_up_to(bench, stage, 0)
+}
+
+/// As [`passing`], where something happens up to `most` times a turn of the carrier.
+pub fn passing_up_to(bench: &Bench, stage: usize, most: u32) -> Signature {
     Signature {
-        lines: passing_lines(bench, stage),
+        lines: passing_lines(bench, stage, most),
         change: Change::Rises,
         load: Law::Mixed,
         speed: SpeedLaw::Resonances,
@@ -147,13 +152,13 @@ pub fn passing(bench: &Bench, stage: usize) -> Signature {
 }
 
 /// Harmonics of a planetary stage's mesh, and lines at multiples of its carrier's speed beside them
-/// up to the next passing of planets.
-fn passing_lines(bench: &Bench, stage: usize) -> Vec<Line> {
+/// up to the next passing of planets, or to `most`.
+fn passing_lines(bench: &Bench, stage: usize, most: u32) -> Vec<Line> {
     let train = Train::new(bench);
     let Some(set) = &train.stages[stage].planetary else { return Vec::new() };
-    let mut out = sidebands(&train, stage, set.carrier_order.abs(), set.planets);
+    let mut out = sidebands(&train, stage, set.carrier_order.abs(), set.planets.max(most));
     out.extend(mesh_lines(&train, stage));
-    out.extend((1..=2 * set.planets).map(|k| Line::Order(f64::from(k) * set.carrier_order.abs())));
+    out.extend((1..=2 * set.planets.max(most)).map(|k| Line::Order(f64::from(k) * set.carrier_order.abs())));
     out
 }
 

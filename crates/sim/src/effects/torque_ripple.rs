@@ -41,6 +41,7 @@ impl Effect for TorqueRipple {
             at: at(values),
             order: values.get("order"),
             depth: 1e-2 * values.get("depth_percent"),
+            slip: 0.0,
         });
         Ok(())
     }

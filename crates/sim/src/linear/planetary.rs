@@ -24,6 +24,24 @@ use super::{GearPlace, LinearTrain, MeshGeometry};
 use crate::meshes::{MeshKind, MeshPlace, force_per_torque, senses, sun_drives};
 use crate::planetary::{Bodies, bodies};
 
+/// The bearing between a planet and its pin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pin {
+    /// Position of the stage.
+    pub stage: usize,
+    /// Which planet, from 0.
+    pub planet: usize,
+    /// Generalised forces of a unit force on the planet and its reaction on the pin: away from the
+    /// carrier's axis, and counter-clockwise along its circle.
+    pub forces: [DVector<f64>; 2],
+    /// 1 where the teeth press the planet counter-clockwise, else −1.
+    pub pressed: f64,
+    /// 1 where the planet turns counter-clockwise against the carrier, else −1.
+    pub sense: f64,
+    /// Turns of the planet against the carrier per revolution of the first shaft (> 0).
+    pub order: f64,
+}
+
 /// Where the bodies of a planetary stage sit.
 pub(super) struct Places {
     pub(super) sun: GearPlace,
@@ -234,7 +252,7 @@ impl LinearTrain {
             [shaft.bearing_n_per_m, shaft.bearing_damping_n_s_per_m]
         };
         let n = self.names.len();
-        for (&planet, &psi) in rows.places.planets.iter().zip(&rows.angles) {
+        for (k, (&planet, &psi)) in rows.places.planets.iter().zip(&rows.angles).enumerate() {
             for (axis, mass) in [planet_mass, planet_mass].into_iter().enumerate() {
                 self.mass[(planet.x + axis, planet.x + axis)] += mass;
             }
@@ -252,6 +270,15 @@ impl LinearTrain {
             }
             self.add_spring(&radial, pin[0], pin[1]);
             self.add_spring(&tangential, pin[0], pin[1]);
+            // Both meshes press the planet along its circle: −F row, whose part is −τ cos α.
+            self.pins.push(Pin {
+                stage: rows.at,
+                planet: k,
+                forces: [-radial, -tangential],
+                pressed: rows.torque,
+                sense: -rows.turning,
+                order: rows.order.abs() / f64::from(rows.set.planet.teeth),
+            });
         }
     }
 }

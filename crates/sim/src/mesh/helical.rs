@@ -146,8 +146,9 @@ impl HelicalMesh {
             poisson_ratio: bench.gear_material.poisson_ratio,
         };
         let mut of_sections = teeth.clone();
-        let slope_m = std::mem::take(&mut of_sections.pair.misalignment_rad) * face_width_m;
-        let lead = Lead { slope_m, crown_m: 0.0 };
+        let of_axes_m = std::mem::take(&mut of_sections.pair.misalignment_rad) * face_width_m;
+        let slope_m = of_axes_m + std::mem::take(&mut of_sections.pair.lead_slope_m);
+        let lead = Lead { slope_m, crown_m: std::mem::take(&mut of_sections.pair.crown_m) };
         let overlap = face_width_m * gears.helix_rad.sin() / (std::f64::consts::PI * module_m);
         let a_cycle = if of_sections.repeat_with_the_mesh() { SLICES_OF_A_TABLE } else { SLICES_A_CYCLE };
         let slices = ((a_cycle * overlap).ceil() as usize).clamp(FEWEST_SLICES, 1000);

@@ -1,55 +1,21 @@
 //! Forces that the outside exerts on the train: drive, brake, ripple, unbalance, impacts.
 
-use std::f64::consts::TAU;
-use std::sync::Arc;
+mod belt;
+mod coupling;
+mod passages;
 
 use gearwatch_core::bench::term::{Entry, Harmonic, Turning};
 use nalgebra::DVector;
 use rand_chacha::ChaCha8Rng;
 
+pub(crate) use self::belt::BeltPath;
+
+use self::belt::Joint;
+use self::coupling::{Cardan, TwiceATurn};
+use self::passages::Passages;
 use super::TrainModel;
 use crate::setup::{RippleAt, ShaftForce, SimSetup};
 use crate::terms::{Scale, series};
-
-/// Duration of the push of a rolling element over a defect (s).
-const IMPACT_S: f64 = 0.4e-3;
-/// Random slip of the cage, standard deviation of one passage's period (1).
-const CAGE_SLIP: f64 = 0.01;
-
-/// Where a defect on a race stands against the load of the bearing.
-///
-/// # Formula
-/// An element under the angle ψ from the load carries `cos^1.5 ψ` of the most loaded one, and
-/// nothing in the other half (Stribeck's distribution without clearance and with point contact;
-/// Harris & Kotzalas, Rolling Bearing Analysis). The push is along the radius of the defect and
-/// goes with that load.
-#[derive(Clone, Copy, Debug)]
-struct LoadZone {
-    /// Direction of the load (rad).
-    loaded_rad: f64,
-    /// Revolutions of the defect per revolution of the first shaft: 0 on the race that stands
-    /// still.
-    order: f64,
-    /// 1 where its shaft turns counter-clockwise, seen from the motor.
-    sense: f64,
-    /// Torque at which the push has its nominal size (N m); 0 for any.
-    nominal_nm: f64,
-    /// Turns of the frame in which the force acts, counter-clockwise, per revolution of the first
-    /// shaft.
-    frame_order: f64,
-}
-
-impl LoadZone {
-    /// Component in x or y of a unit push at an angle of the first shaft (rad) and a brake torque
-    /// (N m).
-    fn factor(&self, angle: f64, torque_nm: f64, sine: bool) -> f64 {
-        let from_load = self.sense * self.order * angle;
-        let share = from_load.cos().max(0.0).powf(1.5);
-        let load = if self.nominal_nm > 0.0 { torque_nm / self.nominal_nm } else { 1.0 };
-        let (sin, cos) = (self.loaded_rad + from_load - self.frame_order * angle).sin_cos();
-        share * load * if sine { sin } else { cos }
-    }
-}
 
 /// A force that the outside exerts on the coordinates.
 #[derive(Clone, Debug)]
@@ -71,7 +37,13 @@ enum ExternalKind {
     /// `amount · Ω²` along cos or sin of the shaft's angle.
     Unbalance { amount: f64, order: f64, sine: bool },
     /// Pushes at times that the cage's slip has been drawn for.
-    Impacts { force: f64, angles: Arc<[f64]>, zone: LoadZone, sine: bool },
+    Impacts(Passages),
+    /// Radial force of a misaligned coupling.
+    TwiceATurn(TwiceATurn),
+    /// Torque of a misaligned coupling.
+    Cardan(Cardan),
+    /// Torque of the belt when its joint runs over the pulleys.
+    Joint(Joint),
     /// A series over the turn of something, times how it follows load and speed.
     Series { harmonics: Vec<Harmonic>, order: f64, scale: Box<Scale> },
 }
@@ -86,8 +58,8 @@ impl TrainModel {
         for ripple in setup.torque_ripples.iter().filter(|r| r.at == RippleAt::Coupling) {
             push(&self.linear.coupling, ExternalKind::Coupling { order: ripple.order, depth: ripple.depth });
         }
-        for force in &setup.shaft_forces {
-            match *force {
+        for &force in &setup.shaft_forces {
+            match force {
                 ShaftForce::Unbalance { shaft, amount_kg_m } => {
                     let order = self.linear.shaft_orders[shaft];
                     for frame in &self.linear.at_gears[shaft] {
@@ -99,32 +71,19 @@ impl TrainModel {
                         }
                     }
                 }
-                ShaftForce::Impacts { shaft, order, force_n, inner_race } => {
-                    // Angles of the first shaft at which an element passes, for an hour at 50 Hz;
-                    // the slip is a random walk.
-                    let step = TAU / (order * self.linear.shaft_orders[shaft]);
-                    let count = ((3600.0 * 50.0 * TAU / step) as usize).min(4_000_000);
-                    let mut angle = 0.0;
-                    let angles: Arc<[f64]> = (0..count)
-                        .map(|_| {
-                            let slip: f64 = rand_distr::Distribution::sample(&rand_distr::StandardNormal, random);
-                            angle += step * (1.0 + CAGE_SLIP * slip.clamp(-4.0, 4.0));
-                            angle
-                        })
-                        .collect();
-                    let [x, y] = self.loaded_direction(shaft);
-                    let nominal_nm = setup.bench.brake.torque_nm;
-                    for frame in &self.linear.bearings[shaft] {
-                        for (sine, vector) in [(false, &frame.x), (true, &frame.y)] {
-                            let zone = LoadZone {
-                                loaded_rad: y.atan2(x),
-                                order: if inner_race { self.linear.shaft_orders[shaft] } else { 0.0 },
-                                sense: frame.sense,
-                                nominal_nm,
-                                frame_order: frame.order,
-                            };
-                            push(vector, ExternalKind::Impacts { force: force_n, angles: angles.clone(), zone, sine });
-                        }
+                ShaftForce::Impacts { .. } | ShaftForce::PlanetImpacts { .. } => {
+                    for (vector, passages) in passages::of(&self.linear, &self.force_per_torque, force, setup, random) {
+                        push(&vector, ExternalKind::Impacts(passages));
+                    }
+                }
+                ShaftForce::Coupling(misaligned) => {
+                    for (vector, kind) in coupling::of(&self.linear, misaligned, &setup.bench) {
+                        push(&vector, kind);
+                    }
+                }
+                ShaftForce::BeltJoint { raised_m, length_m } => {
+                    if let Some((vector, joint)) = belt::of(&self.linear, [raised_m, length_m], &setup.bench) {
+                        push(&vector, ExternalKind::Joint(joint));
                     }
                 }
                 // A clearance of the bearing's spring, among the springs.
@@ -169,24 +128,6 @@ impl TrainModel {
         }
     }
 
-    /// Direction in which the mesh forces press a shaft into its bearings (unit vector); x where
-    /// they cancel.
-    fn loaded_direction(&self, shaft: usize) -> [f64; 2] {
-        let mut sum = [0.0; 2];
-        let gears = self.linear.gears_on(shaft);
-        for (stage, force) in self.linear.meshes.iter().zip(&self.force_per_torque) {
-            for (place, sign) in [(stage.pinion, -1.0), (stage.wheel, 1.0)] {
-                // Forces of planets cancel, and turn.
-                if place.carried.is_none() && gears.contains(&place) {
-                    sum[0] += sign * force * stage.normal[0];
-                    sum[1] += sign * force * stage.normal[1];
-                }
-            }
-        }
-        let length = sum[0].hypot(sum[1]);
-        if length > 0.0 { [sum[0] / length, sum[1] / length] } else { [1.0, 0.0] }
-    }
-
     /// Generalised-force vectors of all outside forces.
     pub fn external_vectors(&self) -> impl Iterator<Item = &DVector<f64>> {
         self.externals.iter().map(|external| &external.vector)
@@ -223,18 +164,10 @@ impl TrainModel {
                 let (sin, cos) = (order * angle).sin_cos();
                 amount * omega * omega * if *sine { sin } else { cos }
             }
-            ExternalKind::Impacts { force, angles, zone, sine } => {
-                // The drawn sequence repeats after its hour.
-                let within = angle.rem_euclid(angles.last().copied().unwrap_or(1.0));
-                let i = angles.partition_point(|&passage| passage <= within);
-                let since = i.checked_sub(1).map_or(f64::INFINITY, |i| (within - angles[i]) / omega);
-                if since < IMPACT_S {
-                    let push = 0.5 * force * (1.0 - (TAU * since / IMPACT_S).cos());
-                    push * zone.factor(angle - since * omega, self.torque_nm.at(t), *sine)
-                } else {
-                    0.0
-                }
-            }
+            ExternalKind::Impacts(passages) => passages.value(angle, omega, self.torque_nm.at(t)),
+            ExternalKind::TwiceATurn(force) => force.value(angle, self.torque_nm.at(t)),
+            ExternalKind::Cardan(joint) => joint.value((angle, omega, alpha), self.torque_nm.at(t)),
+            ExternalKind::Joint(joint) => joint.value(angle, omega),
             ExternalKind::Series { harmonics, order, scale } => {
                 let (torque, motor_hz) = (self.torque_nm.at(t), self.rotation.motor_hz(t));
                 scale.at(torque, motor_hz, self.temperature_c.at(t), t) * series(harmonics, order * angle)

@@ -10,7 +10,7 @@ use super::solver::Problem;
 use super::{SteadyError, SteadySolver};
 use crate::faults::GearModifications;
 use crate::meshes;
-use crate::setup::{Rate, RippleAt, ShaftForce, SimSetup};
+use crate::setup::{CouplingAt, Rate, RippleAt, ShaftForce, SimSetup};
 
 /// Most samples of one part.
 const MOST_SAMPLES: usize = 1 << 18;
@@ -184,7 +184,14 @@ pub(super) fn modulated_turns(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, Ste
             ShaftForce::Unbalance { shaft, .. } => add(Turn::Shaft(shaft), false),
             // A clearance is there at any angle.
             ShaftForce::LooseSeat { .. } => {}
-            ShaftForce::Impacts { .. } => return Err(SteadyError::NotPeriodic("a bearing defect".into())),
+            ShaftForce::Coupling(of) if carried(end_of(of.at, bench)) => {
+                return Err(SteadyError::NotPeriodic("a misaligned coupling beside a carrier".into()));
+            }
+            ShaftForce::Coupling(of) => add(Turn::Shaft(end_of(of.at, bench)), true),
+            ShaftForce::BeltJoint { .. } => return Err(SteadyError::NotPeriodic("the joint of the belt".into())),
+            ShaftForce::Impacts { .. } | ShaftForce::PlanetImpacts { .. } => {
+                return Err(SteadyError::NotPeriodic("a bearing defect".into()));
+            }
         }
     }
     let mut rate = |shaft: Option<usize>, order: f64, what: &str| {
@@ -204,6 +211,9 @@ pub(super) fn modulated_turns(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, Ste
         }
     }
     for ripple in &setup.torque_ripples {
+        if ripple.slip != 0.0 {
+            return Err(SteadyError::NotPeriodic("a ripple of the motor's field".into()));
+        }
         let shaft = match ripple.at {
             RippleAt::Motor => None,
             RippleAt::Coupling => Some(0),
@@ -213,6 +223,14 @@ pub(super) fn modulated_turns(setup: &SimSetup) -> Result<Vec<(Turn, bool)>, Ste
     }
     out.sort_unstable();
     Ok(out)
+}
+
+/// The shaft that a coupling turns with.
+fn end_of(at: CouplingAt, bench: &Bench) -> usize {
+    match at {
+        CouplingAt::Drive => 0,
+        CouplingAt::Brake => bench.shafts.len().saturating_sub(1),
+    }
 }
 
 /// What a term repeats with.
@@ -294,6 +312,8 @@ pub(super) fn only(setup: &SimSetup, turn: Option<Turn>) -> SimSetup {
     });
     out.shaft_forces.retain(|force| match *force {
         ShaftForce::Unbalance { shaft: on, .. } | ShaftForce::Impacts { shaft: on, .. } => shaft == Some(on),
+        ShaftForce::Coupling(of) => shaft == Some(end_of(of.at, &setup.bench)),
+        ShaftForce::BeltJoint { .. } | ShaftForce::PlanetImpacts { .. } => false,
         ShaftForce::LooseSeat { .. } => true,
     });
     out.speed_fluctuations.retain(|fluctuation| match fluctuation.rate {

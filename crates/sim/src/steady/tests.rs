@@ -85,7 +85,7 @@ fn oracle_single_stage_by_stepping() {
     let mut bad = healthy;
     bad.teeth[0].pinion.eccentricity_m = 20e-6;
     bad.shaft_forces.push(ShaftForce::Unbalance { shaft: 0, amount_kg_m: 2e-4 });
-    bad.torque_ripples.push(crate::setup::TorqueRipple { at: RippleAt::Coupling, order: 2.0, depth: 0.05 });
+    bad.torque_ripples.push(crate::setup::TorqueRipple { at: RippleAt::Coupling, order: 2.0, depth: 0.05, slip: 0.0 });
     let orders: Vec<f64> = [1.0, 2.0]
         .into_iter()
         .chain((1..=3).flat_map(|h| [-2.0, -1.0, 0.0, 1.0, 2.0].map(|k| 34.0 * f64::from(h) + k)))

@@ -124,7 +124,7 @@ fn analytic_terms_are_what_keys_and_effects_are() {
 
     let mut ripple = SimSetup::nominal(&bench);
     let at = crate::setup::RippleAt::Brake;
-    ripple.torque_ripples.push(crate::setup::TorqueRipple { at, order: 2.0, depth: 0.05 });
+    ripple.torque_ripples.push(crate::setup::TorqueRipple { at, order: 2.0, depth: 0.05, slip: 0.0 });
     // A brake's torque slows, a positive torque drives.
     let mut term = Term::series(Expression::Torque, "brake", &[harmonic(2.0, -0.05 * 60.0, 0.0)]);
     term.load_exponent = 1.0;

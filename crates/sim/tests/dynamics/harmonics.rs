@@ -89,6 +89,8 @@ fn drawn(seed: u64) -> Bench {
         ratio: within(1.5, 4.0),
         stiffness_nm_per_rad: within(1e3, 1e4),
         damping_nm_s_per_rad: within(0.5, 3.0),
+        length_mm: None,
+        motor_pulley_mm: None,
     });
     let sensor = |name: &str, shaft: &str, direction_deg| Sensor {
         name: name.into(),

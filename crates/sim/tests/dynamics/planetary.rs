@@ -21,6 +21,7 @@ use super::{RATE_HZ, bare, model, rms, spread};
 
 mod faults;
 mod refused;
+mod ring_and_pins;
 
 /// Two shafts with a stage between them.
 fn between(stage: &str) -> Bench {

@@ -7,30 +7,30 @@ use super::*;
 
 /// Torque and speed of the second operating points: a factor that a law shows in, small enough to
 /// keep every mesh closed.
-const LOAD_FACTOR: f64 = 1.6;
+pub(crate) const LOAD_FACTOR: f64 = 1.6;
 const SPEED_FACTOR: f64 = 1.2;
 /// Undeclared lines may move by this much of the strongest declared change: a train is one
 /// mechanical system, and what happens at one line leaks a little into all others through the
 /// modulation of the mesh stiffness.
-const LEAK: f64 = 0.25;
+pub(crate) const LEAK: f64 = 0.25;
 /// A law holds when the exponent comes out within this of the declared one.
-const EXPONENT: f64 = 0.3;
+pub(crate) const EXPONENT: f64 = 0.3;
 
-struct Runs {
+pub(crate) struct Runs {
     point: (f64, f64),
-    with: Rendered,
-    without: Rendered,
+    pub(crate) with: Rendered,
+    pub(crate) without: Rendered,
 }
 
 impl Runs {
-    fn new(setup: &SimSetup, base: &SimSetup, motor_hz: f64, torque_nm: f64) -> Self {
+    pub(crate) fn new(setup: &SimSetup, base: &SimSetup, motor_hz: f64, torque_nm: f64) -> Self {
         let with = run(setup, motor_hz, torque_nm);
         let without = run(base, motor_hz, torque_nm);
         Self { point: (motor_hz, torque_nm), with, without }
     }
 
     /// Change of a line in a sensor.
-    fn change(&self, sensor: usize, at: Line) -> f64 {
+    pub(crate) fn change(&self, sensor: usize, at: Line) -> f64 {
         let hz = self.point.0;
         (amplitude(&self.with, sensor, at, hz) - amplitude(&self.without, sensor, at, hz)).norm()
     }
@@ -50,7 +50,7 @@ impl Runs {
 
 /// Lines that a train can have: harmonics of its shafts, mesh harmonics with sidebands, and places
 /// where it should have none.
-fn all_lines(train: &Train) -> Vec<Line> {
+pub(crate) fn all_lines(train: &Train) -> Vec<Line> {
     let mut out = Vec::new();
     for &(_, order) in &train.shafts {
         out.extend((1..=6).map(|k| Line::Order(f64::from(k) * order)));
@@ -70,7 +70,7 @@ fn all_lines(train: &Train) -> Vec<Line> {
 }
 
 /// Sidebands of the mesh lines, eight on each side, at the spacing of the gear that a place names.
-fn comb(train: &Train, place: &str) -> Vec<Line> {
+pub(crate) fn comb(train: &Train, place: &str) -> Vec<Line> {
     let Some(stage) = train.stages.first() else { return Vec::new() };
     let spacing = match place.rsplit('.').next() {
         Some("pinion") => stage.pinion_order,
@@ -82,13 +82,13 @@ fn comb(train: &Train, place: &str) -> Vec<Line> {
     lines.map(|(h, k)| Line::Order(f64::from(h) * stage.mesh_order + f64::from(k) * spacing)).collect()
 }
 
-fn same(a: Line, b: Line, first_shaft_hz: f64) -> bool {
+pub(crate) fn same(a: Line, b: Line, first_shaft_hz: f64) -> bool {
     // Two lines within three bins of the record are one.
     let hz = |at: Line| at.recorded_hz(first_shaft_hz, 16_384.0);
     (hz(a) - hz(b)).abs() < 3.0 / RECORD_S
 }
 
-fn exponent(low: f64, high: f64, factor: f64) -> f64 {
+pub(crate) fn exponent(low: f64, high: f64, factor: f64) -> f64 {
     (high / low).ln() / factor.ln()
 }
 

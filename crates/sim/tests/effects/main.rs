@@ -11,6 +11,7 @@ use gearwatch_sim::shipped;
 use num_complex::Complex;
 
 mod errors;
+mod further;
 mod laws;
 
 const MOTOR_HZ: f64 = 25.0;
@@ -71,7 +72,10 @@ fn conform_the_table_has_the_ids_of_the_contract() {
 
 /// Units by the end of a parameter's name; a name without one has a ratio, a count, an order, or
 /// what its place gives it.
-const UNITS: [(&str, &str); 8] = [
+const UNITS: [(&str, &str); 11] = [
+    ("_ppm_per_k", "1e-6/K"),
+    ("_nm_per_rad", "N m/rad"),
+    ("_k", "K"),
     ("_um", "µm"),
     ("_mm", "mm"),
     ("_hz", "Hz"),
@@ -86,7 +90,7 @@ const UNITS: [(&str, &str); 8] = [
 /// its typical value.
 #[test]
 fn conform_parameters_and_confusions_make_sense() {
-    for effect in effects::ALL {
+    for effect in effects::every() {
         for p in effect.parameters() {
             let id = effect.id();
             assert!(p.min < p.max && p.min <= p.typical && p.typical <= p.max, "{id}: {p:?}");
