@@ -1,6 +1,8 @@
 //! One mesh as the time steppers see it: force and tangent stiffness at a phase and an approach, on
 //! either flank.
 
+use pulp::Arch;
+
 use crate::impact::Impact;
 use crate::mesh::{Face, FaceTable, Joint, LoadPoint, MeshModel, MeshState, Pairs, StageMesh};
 
@@ -50,7 +52,8 @@ pub struct Contact {
     /// out of contact.
     pub touching: u32,
     /// Friction per unit of its coefficient: force on the pinion along the tangent (N), and its
-    /// moments about pinion and wheel (N m), each in the sense of the gear's rotation.
+    /// moments about pinion and wheel (N m), each in the sense of the gear's rotation; 0 where the
+    /// coefficient is.
     pub friction: [f64; 3],
 }
 
@@ -148,6 +151,32 @@ impl StageContact {
             Some(law) => self.impact_contact(law, phase, approach_m, rate_m_per_s, pairs),
             None => self.among(pairs, phase, approach_m),
         }
+    }
+
+    /// [`Self::mean_about`] at many phases and approaches; `each` is told the place in the row, the
+    /// phase and the contact. In the widest arithmetic that the machine has.
+    pub(crate) fn means_about(
+        &self,
+        points: impl Iterator<Item = (f64, f64)>,
+        width: f64,
+        mut each: impl FnMut(usize, f64, Contact),
+    ) {
+        let mut scratch = Pairs::default();
+        if self.face().is_some() || self.impact.is_some() || !self.mesh().options().corner_contact {
+            for (k, (phase, approach_m)) in points.enumerate() {
+                each(k, phase, self.mean_about(phase, width, approach_m, &mut scratch));
+            }
+            return;
+        }
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (k, (phase, approach_m)) in points.enumerate() {
+                    self.pairs(phase, &mut scratch);
+                    each(k, phase, self.among(&scratch, phase, approach_m));
+                }
+            },
+        );
     }
 
     /// The mean of [`Self::at`] over a stretch of `width` mesh cycles about a phase, as far as
@@ -259,7 +288,7 @@ impl StageContact {
     }
 
     /// As [`Self::at`] for pairs that were found before.
-    #[inline]
+    #[inline(always)]
     pub fn among(&self, pairs: &Pairs, phase: f64, approach_m: f64) -> Contact {
         let out = self.pressed(pairs, approach_m);
         if out.touching == 0 && approach_m < -self.backlash_m {
@@ -268,26 +297,32 @@ impl StageContact {
         out
     }
 
-    /// The driving flanks of some pairs.
-    #[inline]
+    /// The driving flanks of some pairs; without a coefficient there is no friction.
+    #[inline(always)]
     fn pressed(&self, pairs: &Pairs, approach_m: f64) -> Contact {
+        if self.friction == 0.0 {
+            let (force_n, stiffness_n_per_m, touching) = pairs.carried(approach_m);
+            return Contact { force_n, stiffness_n_per_m, touching, ..Default::default() };
+        }
         let force = pairs.force(approach_m);
-        let mut out =
-            Contact { force_n: force.force_n, stiffness_n_per_m: force.stiffness_n_per_m, ..Default::default() };
-        for (pair, &share) in pairs.as_slice().iter().zip(&force.pair_forces_n) {
-            if share > 0.0 {
-                out.touching |= 1 << (pair.index & 15);
-                // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the
-                // pinion: before the pitch point the wheel's flank is the faster one and drags the
-                // pinion along +tangent.
-                let ratio = self.mesh().base_radii_m()[0] / self.mesh().base_radii_m()[1];
-                let climb = self.mesh().geometry().climb();
-                let sliding = climb * (pair.pinion_roll_m - ratio * pair.wheel_roll_m);
-                let sign = if sliding > 0.0 { 1.0 } else { -1.0 };
-                out.friction[0] -= sign * share;
-                out.friction[1] -= sign * share * climb * pair.pinion_roll_m;
-                out.friction[2] += sign * share * climb * pair.wheel_roll_m;
-            }
+        let mut out = Contact {
+            force_n: force.force_n,
+            stiffness_n_per_m: force.stiffness_n_per_m,
+            touching: pairs.touching(&force),
+            ..Default::default()
+        };
+        let carrying = pairs.as_slice().iter().zip(&force.pair_forces_n).filter(|(_, share)| **share > 0.0);
+        let ratio = self.mesh().base_radii_m()[0] / self.mesh().base_radii_m()[1];
+        let climb = self.mesh().geometry().climb();
+        for (pair, share) in carrying {
+            // The pinion's flank slides with Ω₁ ξ₁ against the wheel's Ω₂ ξ₂, ξ growing on the
+            // pinion: before the pitch point the wheel's flank is the faster one and drags the
+            // pinion along +tangent.
+            let sliding = climb * (pair.pinion_roll_m - ratio * pair.wheel_roll_m);
+            let sign = if sliding > 0.0 { 1.0 } else { -1.0 };
+            out.friction[0] -= sign * share;
+            out.friction[1] -= sign * share * climb * pair.pinion_roll_m;
+            out.friction[2] += sign * share * climb * pair.wheel_roll_m;
         }
         out
     }
@@ -340,6 +375,33 @@ impl StageContact {
         self.static_point(phase, force_n).map_or(0.0, |(approach, _)| approach)
     }
 
+    /// [`Self::static_approach`] at many phases.
+    pub(crate) fn static_approaches(&self, phases: impl Iterator<Item = f64>, force_n: f64) -> Vec<f64> {
+        if self.impact.is_some() {
+            return phases.map(|phase| self.static_approach(phase, force_n)).collect();
+        }
+        let mut out = Vec::with_capacity(phases.size_hint().0);
+        self.static_points(phases, force_n, |point| out.push(point.map_or(0.0, |(approach, _)| approach)));
+        out
+    }
+
+    /// [`Self::static_point`] at many phases, in the widest arithmetic that the machine has.
+    fn static_points(&self, phases: impl Iterator<Item = f64>, force_n: f64, mut each: impl FnMut(Option<(f64, f64)>)) {
+        if self.face().is_some() {
+            return phases.for_each(|phase| each(self.static_point(phase, force_n)));
+        }
+        let mut pairs = Pairs::default();
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for phase in phases {
+                    self.pairs(phase, &mut pairs);
+                    each(pairs.approach_at(force_n));
+                }
+            },
+        );
+    }
+
     /// Static approach (m) and tangent stiffness (N/m) of elastic teeth under a static force at a
     /// phase.
     fn static_point(&self, phase: f64, force_n: f64) -> Option<(f64, f64)> {
@@ -368,13 +430,10 @@ impl StageContact {
         if let Some(law) = &self.impact {
             return law.tangent_n_per_m(law.penetration_m(force));
         }
-        let sum: f64 = (0..PHASES)
-            .map(|i| {
-                // Another tooth each time: one bad tooth is not the mean.
-                let phase = f64::from(i) * (1.0 + 1.0 / f64::from(PHASES));
-                self.static_point(phase, force).map_or(0.0, |(_, stiffness)| stiffness)
-            })
-            .sum();
+        // Another tooth each time: one bad tooth is not the mean.
+        let phases = (0..PHASES).map(|i| f64::from(i) * (1.0 + 1.0 / f64::from(PHASES)));
+        let mut sum = 0.0;
+        self.static_points(phases, force, |point| sum += point.map_or(0.0, |(_, stiffness)| stiffness));
         sum / f64::from(PHASES)
     }
 }

@@ -40,7 +40,7 @@ use self::made::Made;
 use self::passage::PassageLines;
 use self::periods::{Turn, modulated_turns, only};
 use self::response::{Output, Response};
-use self::solver::{Grid, Linear, Problem, Solution};
+use self::solver::{Grid, Linear, Problem, Solution, Start};
 use crate::linear::LinearTrain;
 use crate::mesh::FlankStore;
 use crate::model::{ModelError, TrainModel};
@@ -241,11 +241,9 @@ impl SteadySolver {
                 has_springs || problem.active.iter().any(of_stage)
             };
             let past = past.next().filter(|part| part.grid.problem == problem);
+            let alike = past.as_ref().is_some_and(|part| part.made.moves_as(now, active));
             let part = match past {
-                Some(part)
-                    if part.made.moves_as(now, active)
-                        && same_laws(&part.seen, &meshes, &problem.active, self.options.tolerance) =>
-                {
+                Some(part) if alike && same_laws(&part.seen, &meshes, &problem.active, self.options.tolerance) => {
                     Part { made: now.clone(), ..part }
                 }
                 past => {
@@ -259,9 +257,10 @@ impl SteadySolver {
                     };
                     grid.see(linear);
                     let solve = |start| grid.solve(model, linear, &self.options, start);
-                    let solution = match solve(start.as_ref()) {
+                    let neighbour = start.as_ref().map(|solution| Start { solution, rests_alike: alike });
+                    let solution = match solve(neighbour) {
                         // A neighbour that is too far off, as a broken tooth is from a pitted one.
-                        Err(SteadyError::NoConvergence) if start.is_some() => solve(None),
+                        Err(SteadyError::NoConvergence) if neighbour.is_some() => solve(None),
                         other => other,
                     }?;
                     lines.iterations += solution.iterations;

@@ -138,6 +138,42 @@ impl Pairs {
         }
     }
 
+    /// Pairs that carry, one bit each by the pair's number modulo 16.
+    #[inline(always)]
+    pub(crate) fn touching(&self, force: &MeshForce) -> u32 {
+        let carrying = self.as_slice().iter().zip(&force.pair_forces_n).filter(|(_, share)| **share > 0.0);
+        carrying.fold(0, |bits, (pair, _)| bits | 1 << (pair.index & 15))
+    }
+
+    /// Force (N), stiffness (N/m) and [`Self::touching`] at an approach. As [`Self::force`] to the
+    /// last bit, without the shares of the pairs where one pair carries or two that both press.
+    #[inline(always)]
+    pub(crate) fn carried(&self, approach_m: f64) -> (f64, f64, u32) {
+        let set = self.met(approach_m);
+        let (first, rest) = (set.trailing_zeros() as usize % MAX_PAIRS, set & set.wrapping_sub(1));
+        let a = &self.items[first];
+        if set != 0 && rest == 0 {
+            let stiffness = 1.0 / a.compliance_m_per_n;
+            let force = stiffness * (approach_m - a.gap_m);
+            return (force, stiffness, u32::from(force > 0.0) << (a.index & 15));
+        }
+        if rest != 0 && rest & rest.wrapping_sub(1) == 0 && self.coupling != 0.0 {
+            let b = &self.items[rest.trailing_zeros() as usize % MAX_PAIRS];
+            let shared = self.coupling * (a.foundation_m_per_n * b.foundation_m_per_n).sqrt();
+            let det = 1.0 / (a.compliance_m_per_n * b.compliance_m_per_n - shared * shared);
+            let (x, y) = (approach_m - a.gap_m, approach_m - b.gap_m);
+            let of_a = (b.compliance_m_per_n * x - shared * y) * det;
+            let of_b = (a.compliance_m_per_n * y - shared * x) * det;
+            if of_a >= 0.0 && of_b >= 0.0 {
+                let stiffness = (b.compliance_m_per_n - shared) * det + (a.compliance_m_per_n - shared) * det;
+                let bits = u32::from(of_a > 0.0) << (a.index & 15) | u32::from(of_b > 0.0) << (b.index & 15);
+                return (of_a + of_b, stiffness, bits);
+            }
+        }
+        let force = self.force(approach_m);
+        (force.force_n, force.stiffness_n_per_m, self.touching(&force))
+    }
+
     /// The force if the pairs of `set` (bits in the order of [`Self::as_slice`]), and no others,
     /// were in contact, even where they would pull.
     #[inline(always)]
@@ -221,6 +257,7 @@ impl Pairs {
 
     /// Approach (m) at which the pairs carry `force_n` together, and the tangent stiffness (N/m)
     /// there; `None` where no pair is near contact.
+    #[inline(always)]
     pub fn approach_at(&self, force_n: f64) -> Option<(f64, f64)> {
         let first = self.as_slice().iter().map(|p| p.gap_m).min_by(f64::total_cmp)?;
         if force_n <= 0.0 {
@@ -241,5 +278,39 @@ impl Pairs {
             }
         }
         Some((approach, stiffness))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MAX_PAIRS, Pair, Pairs};
+
+    /// One, two and three pairs near contact, alone and pressed together, with and without a body
+    /// that they share; one of them is lifted off by its neighbour.
+    #[test]
+    fn conform_the_short_form_is_the_long_one_to_the_last_bit() {
+        let mut lifted = 0;
+        for (len, coupling) in (1..MAX_PAIRS).flat_map(|len| [(len, 0.0), (len, 0.8)]) {
+            let mut pairs = Pairs { len, coupling, ..Pairs::default() };
+            for (i, pair) in pairs.items[..len].iter_mut().enumerate() {
+                *pair = Pair {
+                    index: 41 - i as i64,
+                    compliance_m_per_n: 4e-9 + 1e-9 * i as f64,
+                    foundation_m_per_n: 3e-9 + 0.7e-9 * i as f64,
+                    gap_m: 2e-6 * i as f64 - 1e-6,
+                    ..Pair::default()
+                };
+            }
+            for step in -20..200 {
+                let approach = 1e-7 * f64::from(step);
+                let long = pairs.force(approach);
+                let (force, stiffness, touching) = pairs.carried(approach);
+                assert_eq!(force.to_bits(), long.force_n.to_bits(), "{len} {coupling} {approach}");
+                assert_eq!(stiffness.to_bits(), long.stiffness_n_per_m.to_bits(), "{len} {coupling} {approach}");
+                assert_eq!(touching, pairs.touching(&long));
+                lifted += u32::from(long.set != pairs.met(approach));
+            }
+        }
+        assert!(lifted > 0);
     }
 }

@@ -16,12 +16,14 @@ use super::{SteadyError, SteadyOptions};
 use crate::model::TrainModel;
 use crate::springs::SpringSlope;
 use far::{Ends, Far};
-use misfit::Misfit;
+use misfit::{Misfit, Progress};
+pub(super) use start::Start;
 use trial::{Case, State};
 
 mod far;
 mod misfit;
 mod outside;
+mod start;
 mod trial;
 
 /// Most Newton steps.
@@ -81,8 +83,6 @@ pub(super) struct Solution {
     /// Approach of each active stage and deflection of each spring's line at each sample (m or
     /// rad).
     pub(super) approach: Vec<Vec<f64>>,
-    /// Deviation of each active stage's pinion (rad).
-    angle: Vec<Vec<f64>>,
     /// The same without any vibration.
     resting: Vec<Vec<f64>>,
     /// Products with the linear train that were needed.
@@ -195,12 +195,15 @@ impl Grid {
     }
 
     /// The periodic motion, from `start` where a neighbouring one is known.
+    ///
+    /// The angles, which the phases of the meshes follow, take Newton's step together with the
+    /// approach: left to the next forces they lag one step behind, and each lag costs a step more.
     pub(super) fn solve(
         &self,
         model: &TrainModel,
         linear: Linear<'_>,
         options: &SteadyOptions,
-        start: Option<&Solution>,
+        start: Option<Start<'_>>,
     ) -> Result<Solution, SteadyError> {
         let (n, stages, response) = (self.problem.samples, self.problem.active.len(), linear.response);
         let times: Vec<f64> = (0..n).map(|k| self.problem.period_s * k as f64 / n as f64).collect();
@@ -210,18 +213,9 @@ impl Grid {
         let mut forces = self.outside_forces(model, response, &times)?;
         let mut reactions = self.far.to_forces((&self.problem, response), &forces);
         let outside = self.motion_of(response, [&forces, &reactions])?;
-        let resting = self.resting(&case)?;
-        let start = start.filter(|start| start.resting.len() == resting.len() && start.resting[0].len() == n);
-        // The vibration of the neighbour about its own rest.
-        let mut approach = resting.clone();
-        for (approach, (was, rest)) in
-            approach.iter_mut().zip(start.iter().flat_map(|start| start.approach.iter().zip(&start.resting)))
-        {
-            approach.iter_mut().zip(was.iter().zip(rest)).for_each(|(a, (was, rest))| *a += was - rest);
-        }
-        let angle = start.map_or_else(|| vec![vec![0.0; n]; stages], |start| start.angle.clone());
-        let mut state = State { approach, angle };
+        let (mut state, resting) = self.begin(&case, &outside, start)?;
         let mut iterations = 0;
+        let mut progress = Progress::default();
         for _ in 0..MOST_STEPS {
             let trial = self.trial(&case, &state)?;
             let spectra = self.spectra(&case, &state, &trial)?;
@@ -256,36 +250,18 @@ impl Grid {
                 for spectrum in forces.iter_mut().map(|(_, spectrum)| spectrum).chain(&mut direct) {
                     spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
                 }
-                let State { approach, angle } = state;
-                return Ok(Solution { forces, first_mesh, far, direct, approach, angle, resting, iterations });
+                let State { approach, .. } = state;
+                return Ok(Solution { forces, first_mesh, far, direct, approach, resting, iterations });
+            }
+            if !progress.goes_on(misfit.error()) {
+                return Err(SteadyError::NoConvergence);
             }
             let (step, taken) = self.newton_step(&trial, &misfit, options.tolerance)?;
             iterations += taken;
-            for (approach, step) in state.approach.iter_mut().zip(step.chunks_exact(n)) {
-                approach.iter_mut().zip(step).for_each(|(a, step)| *a += step);
-            }
+            let turned = self.convolve(&self.angle, &self.moved(&trial, &step)?)?;
+            state.add(&State { approach: step.chunks_exact(n).map(<[f64]>::to_vec).collect(), angle: turned });
         }
         Err(SteadyError::NoConvergence)
-    }
-
-    /// Approach and deflections without any vibration.
-    fn resting(&self, case: &Case<'_>) -> Result<Vec<Vec<f64>>, SteadyError> {
-        let Case { model, shaft_rad, .. } = case;
-        let mut out: Vec<Vec<f64>> = self
-            .problem
-            .active
-            .iter()
-            .map(|&s| {
-                let force = model.brake_torque_nm(0.0) * model.force_per_torque[s];
-                let contact = &model.contacts[s];
-                shaft_rad.iter().map(|&a| contact.static_approach(model.phase(s, a, 0.0), force)).collect()
-            })
-            .collect();
-        if self.inputs.len() > out.len() {
-            let rest = model.static_state()?;
-            out.extend(self.springs.deflections(model, &rest).map(|u| vec![u; self.problem.samples]));
-        }
-        Ok(out)
     }
 }
 

@@ -84,25 +84,32 @@ impl Far {
         self.gain = vec![vec![Complex::ZERO; bins]; far * far];
         approach.clone_from(&tables.approach);
         angle.clone_from(&tables.angle);
-        for bin in 0..bins {
-            let omega = std::f64::consts::TAU * bin as f64 / problem.period_s;
-            let more = |f: usize| Complex::new(off[f].0, omega * off[f].1);
-            let left = DMatrix::from_fn(far, far, |f, g| {
-                Complex::new(f64::from(u8::from(f == g)), 0.0) - more(f) * tables.within[f * far + g][bin]
-            });
-            let right = DMatrix::from_fn(far, far, |f, g| if f == g { more(f) } else { Complex::ZERO });
-            // No frequency response has a zero of the determinant at a real frequency.
-            let Some(gain) = left.lu().solve(&right) else { continue };
-            let to = DMatrix::from_fn(far, count, |g, j| tables.to[g * count + j][bin]);
-            let forces = &gain * to;
-            for (table, from) in [(&mut *approach, &tables.approach_from), (&mut *angle, &tables.angle_from)] {
-                for (at, response) in table.iter_mut().enumerate() {
-                    let (i, j) = (at / count, at % count);
-                    response[bin] += (0..far).map(|f| from[i * far + f][bin] * forces[(f, j)]).sum::<Complex<f64>>();
+        let omega = |bin: usize| std::f64::consts::TAU * bin as f64 / problem.period_s;
+        let more = |f: usize, bin: usize| Complex::new(off[f].0, omega(bin) * off[f].1);
+        // No frequency response has a zero of the determinant at a real frequency.
+        if let [gain] = self.gain.as_mut_slice() {
+            for (bin, (gain, within)) in gain.iter_mut().zip(&tables.within[0]).enumerate() {
+                *gain = more(0, bin) / (Complex::<f64>::ONE - more(0, bin) * within);
+            }
+        } else {
+            for bin in 0..bins {
+                let one = |f: usize, g: usize| if f == g { Complex::ONE } else { Complex::ZERO };
+                let left =
+                    DMatrix::from_fn(far, far, |f, g| one(f, g) - more(f, bin) * tables.within[f * far + g][bin]);
+                let right = DMatrix::from_fn(far, far, |f, g| more(f, bin) * one(f, g));
+                let Some(gain) = left.lu().solve(&right) else { continue };
+                for (at, out) in self.gain.iter_mut().enumerate() {
+                    out[bin] = gain[(at / far, at % far)];
                 }
             }
-            for (at, out) in self.gain.iter_mut().enumerate() {
-                out[bin] = gain[(at / far, at % far)];
+        }
+        for j in 0..count {
+            let to: Table = (0..far).map(|g| tables.to[g * count + j].clone()).collect();
+            let forces = convolved(&self.gain, &to);
+            for (table, from) in [(&mut *approach, &tables.approach_from), (&mut *angle, &tables.angle_from)] {
+                for (i, moved) in convolved(from, &forces).into_iter().enumerate() {
+                    table[i * count + j].iter_mut().zip(moved).for_each(|(response, moved)| *response += moved);
+                }
             }
         }
         self.off = off;

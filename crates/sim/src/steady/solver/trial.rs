@@ -4,7 +4,6 @@ use nalgebra::{Complex, DVector};
 
 use super::misfit::Misfit;
 use super::{Force, Grid, Linear};
-use crate::mesh::Pairs;
 use crate::model::TrainModel;
 use crate::steady::response::Input;
 use crate::steady::springs::{Motion, Slope};
@@ -32,9 +31,15 @@ pub(super) struct State {
 impl State {
     /// Adds another motion.
     pub(super) fn add(&mut self, other: &Self) {
-        for (to, from) in [(&mut self.approach, &other.approach), (&mut self.angle, &other.angle)] {
-            to.iter_mut().flatten().zip(from.iter().flatten()).for_each(|(to, from)| *to += from);
-        }
+        add(&mut self.approach, &other.approach);
+        add(&mut self.angle, &other.angle);
+    }
+}
+
+/// Adds signals to others.
+pub(super) fn add(to: &mut [Vec<f64>], from: &[Vec<f64>]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
     }
 }
 
@@ -126,6 +131,21 @@ impl Grid {
         trial.beside.iter().map(|(input, signal)| Ok((input.clone(), self.spectrum(signal)?))).collect()
     }
 
+    /// Spectra by which the force of each channel changes with a step.
+    pub(super) fn moved(&self, trial: &Trial, v: &[f64]) -> Result<Vec<Vec<Complex<f64>>>, SteadyError> {
+        let n = self.problem.samples;
+        let mut parts = vec![vec![0.0; n]; self.inputs.len()];
+        for (to, from, slope) in &trial.slope {
+            let v = &v[from * n..(from + 1) * n];
+            parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, k))| *part += v * k);
+        }
+        for (to, from, slope) in &trial.rate_slope {
+            let v = self.rate(&v[from * n..(from + 1) * n])?;
+            parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, c))| *part += v * c);
+        }
+        parts.iter().map(|part| self.spectrum(part)).collect()
+    }
+
     /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign; with the
     /// products it took.
     pub(super) fn newton_step(
@@ -134,20 +154,7 @@ impl Grid {
         misfit: &Misfit,
         tolerance: f64,
     ) -> Result<(Vec<f64>, usize), SteadyError> {
-        let n = self.problem.samples;
-        let product = |v: &[f64]| {
-            let mut parts = vec![vec![0.0; n]; self.inputs.len()];
-            for (to, from, slope) in &trial.slope {
-                let v = &v[from * n..(from + 1) * n];
-                parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, k))| *part += v * k);
-            }
-            for (to, from, slope) in &trial.rate_slope {
-                let v = self.rate(&v[from * n..(from + 1) * n])?;
-                parts[*to].iter_mut().zip(v.iter().zip(slope)).for_each(|(part, (v, c))| *part += v * c);
-            }
-            let spectra = parts.iter().map(|part| self.spectrum(part)).collect::<Result<Vec<_>, _>>()?;
-            self.convolve(&self.approach, &spectra)
-        };
+        let product = |v: &[f64]| self.convolve(&self.approach, &self.moved(trial, v)?);
         let inner = (0.1 * tolerance / misfit.worst()).clamp(1e-6, 0.03);
         let mut broken = None;
         let solved = gmres::solve(&misfit.residual, inner, |v, out| match product(v) {
@@ -179,12 +186,10 @@ fn mesh_forces(
     let (k_mean, _) = case.linear.meshes[stage];
     let (rubs, runs_out) = (contact.friction != 0.0, contact.mesh().is_eccentric());
     let width = (model.phase(stage, shaft_rad[1], 0.0) - model.phase(stage, shaft_rad[0], 0.0)).abs();
-    let mut scratch = Pairs::default();
     let mut beside = Beside::default();
     let mut parts = false;
-    for sample in 0..approach.len() {
-        let phase = model.phase(stage, shaft_rad[sample], angle[sample]);
-        let now = contact.mean_about(phase, width, approach[sample], &mut scratch);
+    let phase_at = |sample: usize| model.phase(stage, shaft_rad[sample], angle[sample]);
+    contact.means_about((0..approach.len()).map(|k| (phase_at(k), approach[k])), width, |sample, phase, now| {
         parts |= !now.is_driving();
         rest[sample] = now.force_n - k_mean * approach[sample];
         slope[sample] = now.stiffness_n_per_m - k_mean;
@@ -198,6 +203,6 @@ fn mesh_forces(
                 signal.push(contact.friction * value);
             }
         }
-    }
+    });
     (beside, parts)
 }
