@@ -153,8 +153,8 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
     Some(f)
 }
 
-/// Least misfit per band of background before a path is believed that the lines have not shown to be
-/// there, and of one that they have.
+/// Where a path was seen first. In the lines, less change of the background is enough, and a sensor must
+/// stand out from the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
     /// In the background first.
