@@ -76,6 +76,10 @@ campaign-teeth:
 campaign-paths:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_error_of_a_paths_model
 
+# Whether teeth that change pass for a function of frequency, in drawn benches
+campaign-frequency:
+    cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_evidence_of_a_function_of_frequency
+
 # Changes of the instrument in real recordings, and the table in docs/instrument-faults.md
 campaign-drill:
     GEARWATCH_WRITE=1 cargo test --release -p gearwatch-explain --test drill -- --ignored --nocapture campaign_table

@@ -176,6 +176,15 @@ impl GearModifications {
     }
 }
 
+/// Depth at a share of the pair's path of [`GearModifications::worn_m`] (m).
+pub(crate) fn worn_at(worn_m: &[f64], share: f64) -> f64 {
+    let Some(last) = worn_m.len().checked_sub(1) else { return 0.0 };
+    let x = share.clamp(0.0, 1.0) * last as f64;
+    let before = (x as usize).min(last.saturating_sub(1));
+    let after = (before + 1).min(last);
+    worn_m[before] + (x - before as f64) * (worn_m[after] - worn_m[before])
+}
+
 /// What is wrong with the pair as a whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PairModifications {

@@ -75,8 +75,9 @@ impl Run for List {
         }
         if wanted(What::Effects) {
             writeln!(out, "Effects of the simulator")?;
+            let longest = gearwatch_sim::effects::every().map(|effect| effect.id().len()).max().unwrap_or(0);
             for effect in gearwatch_sim::effects::every() {
-                writeln!(out, "  {:22} {}", effect.id(), effect.help())?;
+                writeln!(out, "  {:longest$} {}", effect.id(), effect.help())?;
                 if self.what.is_some() {
                     describe(&mut out, effect)?;
                 }

@@ -171,7 +171,7 @@ pub fn path(
     seen: Seen,
     steps: &mut Vec<String>,
 ) -> Option<(Vec<usize>, Finding)> {
-    let least = if seen == Seen::InLines { TOGETHER } else { FLOOR_MISFIT };
+    let least_misfit = if seen == Seen::InLines { TOGETHER } else { FLOOR_MISFIT };
     let mut best: Option<(usize, f64, f64)> = None;
     let channels = 0..q.comparison.channels.len();
     let floors: Vec<(f64, f64)> = channels.map(|c| locate::floor_account(cells, c, speeds)).collect();
@@ -181,7 +181,7 @@ pub fn path(
             q.comparison.channels[c],
             100.0 * share
         ));
-        if misfit > least && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
+        if misfit > least_misfit && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
             best = Some((c, misfit, share));
         }
     }
@@ -199,8 +199,8 @@ pub fn path(
         "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
     ));
     // A function of frequency is the sensor's own where that of the others is far less.
-    let least = if seen == Seen::InLines { STEADIER.recip() } else { OTHERS_SHARE };
-    if !follow(follows, sigma) || others > least * own {
+    let of_others = if seen == Seen::InLines { STEADIER.recip() } else { OTHERS_SHARE };
+    if !follow(follows, sigma) || others > of_others * own {
         return None;
     }
     // One factor for lines and background alike?

@@ -6,7 +6,7 @@ use gearwatch_core::bench::Bench;
 
 use super::gear::mesh_harmonics_of;
 use super::{Effect, EffectError, EntryPoint, Law, Parameter, Place, PlaceKind, Signature, Values};
-use crate::faults::ToothModifications;
+use crate::faults::{ToothModifications, worn_at};
 use crate::mesh::{FlankStore, StageMesh};
 use crate::setup::SimSetup;
 
@@ -64,7 +64,7 @@ impl Effect for Micropitting {
                 let x = i as f64 / (PLACES - 1) as f64;
                 let within = (x - from) / (to - from);
                 let trough = if (0.0..=1.0).contains(&within) { depth_m * (PI * within).sin().powi(2) } else { 0.0 };
-                trough + at(&before, x)
+                trough + worn_at(&before, x)
             })
             .collect();
         Ok(())
@@ -80,13 +80,4 @@ impl Effect for Micropitting {
     fn confused_with(&self) -> &'static [&'static str] {
         &["tooth_wear", "profile_error", "tip_relief"]
     }
-}
-
-/// Depth at a share of the path of what is worn at equally spaced places of it (m).
-fn at(worn_m: &[f64], x: f64) -> f64 {
-    let Some(last) = worn_m.len().checked_sub(1) else { return 0.0 };
-    let place = x * last as f64;
-    let before = (place as usize).min(last.saturating_sub(1));
-    let after = (before + 1).min(last);
-    worn_m[before] + (place - before as f64) * (worn_m[after] - worn_m[before])
 }

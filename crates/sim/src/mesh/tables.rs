@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use crate::faults::{Breakage, BreakageKind, GearModifications, TipRelief, ToothDamage};
+use crate::faults::{Breakage, BreakageKind, GearModifications, TipRelief, ToothDamage, worn_at};
 use crate::foundation::{Foundation, lever_of};
 use crate::geometry::PairGeometry;
 use crate::hertz::Material;
@@ -407,6 +407,7 @@ impl Builder<'_> {
             _ => 0.0,
         };
         let furthest = pair.pitch_phase().max(pair.contact_ratio - pair.pitch_phase());
+        let worn = |s: f64| worn_at(self.worn_m, s / pair.contact_ratio);
         (0..count)
             .map(|i| {
                 let (s, a) = (positions[i], angles[ascending(i)]);
@@ -416,7 +417,7 @@ impl Builder<'_> {
                 });
                 let (length, depth) = damage.lost_length_m(gear, gear.flank_point_of(a, (sin, cos)).0);
                 let mut lost = broken_width + (1.0 - broken_width) * length / gear.face_width_m;
-                let worn = self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest + self.worn_m(s);
+                let worn = self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest + worn(s);
                 let mut gap = self.relief_m(s) + worn;
                 if lost > 0.999 {
                     // The contact line falls wholly into the recess: full length at its bottom.
@@ -426,15 +427,6 @@ impl Builder<'_> {
                 Flank { compliance: flexure[ascending(i)].total() + foundation, foundation, lost, gap }
             })
             .collect()
-    }
-
-    /// Depth of the worn profile at position s (m).
-    fn worn_m(&self, s: f64) -> f64 {
-        let Some(last) = self.worn_m.len().checked_sub(1) else { return 0.0 };
-        let x = (s / self.pair.contact_ratio).clamp(0.0, 1.0) * last as f64;
-        let before = (x as usize).min(last.saturating_sub(1));
-        let after = (before + 1).min(last);
-        self.worn_m[before] + (x - before as f64) * (self.worn_m[after] - self.worn_m[before])
     }
 
     /// Tip relief at position s (m): on the pinion before its exit, on the wheel after its entry.

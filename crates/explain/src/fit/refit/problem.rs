@@ -490,7 +490,8 @@ impl<'a> Problem<'a> {
         Some([plain, with])
     }
 
-    /// Changes of the lines (one each; where a recording has no steady state they may be any), then the references' trend over load, in standard deviations.
+    /// Changes of the lines (one each; where a recording has no steady state they may be any), then the
+    /// references' trend over load, in standard deviations.
     pub fn residuals(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
         let setups = self.setups(x)?;
         let sides = if self.trend_only { 1 } else { 2 };
