@@ -1,6 +1,8 @@
 //! Values that are held, or so few that they carry nothing: dead channels, stuck ones, staircases,
 //! converters with few codes in use.
 
+use crate::spectral::kernels::kernels;
+
 /// How a signal is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hold {
@@ -43,7 +45,7 @@ pub fn hold(samples: &[f64]) -> Option<Hold> {
     if n < 2 {
         return None;
     }
-    let equal = samples.iter().zip(&samples[1..]).filter(|(a, b)| a == b).count();
+    let equal = equal_pairs(&samples[..n - 1], &samples[1..]) as usize;
     let changes = n - 1 - equal;
     if changes * DEAD_SHARE < n {
         return Some(Hold::Dead);
@@ -67,6 +69,35 @@ pub fn hold(samples: &[f64]) -> Option<Hold> {
         return Some(Hold::Stuck);
     }
     is_staircase(&lengths).then_some(Hold::Staircase)
+}
+
+kernels! {
+    /// Positions at which two arrays of the same length have the same value.
+    fn equal_pairs<'a>(simd; a: &'a [f64], b: &'a [f64]) -> f64 {
+        let ((a, a_rest), (b, b_rest)) = (S::as_simd_f64s(a), S::as_simd_f64s(b));
+        let ((a, a_odd), (b, b_odd)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        // Four counts, so that none waits for the addition before.
+        let mut counts = [zero; 4];
+        for (a, b) in a.iter().zip(b) {
+            for lane in 0..4 {
+                let equal = simd.equal_f64s(a[lane], b[lane]);
+                counts[lane] = simd.add_f64s(counts[lane], simd.select_f64s(equal, one, zero));
+            }
+        }
+        for (a, b) in a_odd.iter().zip(b_odd) {
+            let equal = simd.equal_f64s(*a, *b);
+            counts[0] = simd.add_f64s(counts[0], simd.select_f64s(equal, one, zero));
+        }
+        let mut all = 0.0;
+        for count in counts {
+            all += simd.reduce_sum_f64s(count);
+        }
+        for (a, b) in a_rest.iter().zip(b_rest) {
+            all += f64::from(u8::from(a == b));
+        }
+        all
+    }
 }
 
 /// Nearly all runs are whole multiples of the commonest, which is longer than one sample.
@@ -161,6 +192,20 @@ mod tests {
         stuck[9000..9000 + 2048].fill(3.0);
         assert_eq!(hold(&stuck), Some(Hold::Stuck));
         assert_eq!(hold(&values), None);
+    }
+
+    /// Counted one by one, for every length about the chunks that are counted at a time; a value that
+    /// is not a number equals none.
+    #[test]
+    fn oracle_equal_neighbours_are_counted() {
+        let mut coarse: Vec<f64> = noise(120, 1.0).iter().map(|x| x.round()).collect();
+        coarse[60] = f64::NAN;
+        coarse[61] = f64::NAN;
+        for n in 1..coarse.len() {
+            let (a, b) = (&coarse[..n], &coarse[1..=n]);
+            let one_by_one = a.iter().zip(b).filter(|(a, b)| a == b).count();
+            assert_eq!(equal_pairs(a, b) as usize, one_by_one, "{n}");
+        }
     }
 
     /// Slow sines in few counts stand still for many samples, and in no rhythm.
