@@ -203,6 +203,9 @@ pub struct PairModifications {
     /// Wear depth (m) at the place of fastest sliding; in proportion to sliding along the path, 0
     /// at the pitch point.
     pub wear_m: f64,
+    /// Wear beyond the pitch point over wear as far before it: sliding is as fast, the force and the
+    /// way that a spot slides are not.
+    pub recess_wear: f64,
     /// Factor on the stiffness of every tooth pair.
     pub stiffness_factor: f64,
     /// Misalignment of the axes in the plane of action (rad).
@@ -237,6 +240,7 @@ impl Default for PairModifications {
             profile_error: Vec::new(),
             alternating_m: 0.0,
             wear_m: 0.0,
+            recess_wear: 1.0,
             stiffness_factor: 1.0,
             misalignment_rad: 0.0,
             lead_slope_m: 0.0,

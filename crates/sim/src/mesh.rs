@@ -193,7 +193,7 @@ impl MeshModel {
         });
         let mut warnings = Vec::new();
         // Wear is shared by the two flanks that slide on each other.
-        let wear_m = 0.5 * teeth.pair.wear_m;
+        let (wear_m, recess_wear) = (0.5 * teeth.pair.wear_m, teeth.pair.recess_wear);
         // The wheel's tip makes the entry, the pinion's tip the exit.
         let mut tables = |side, gear, corner| {
             GearTables::new(
@@ -202,7 +202,7 @@ impl MeshModel {
                 &material,
                 options,
                 gear,
-                GapShape { wear_m, corner },
+                GapShape { wear_m, recess_wear, corner },
                 (&mut *flanks, &mut warnings),
             )
         };

@@ -25,7 +25,11 @@ pub struct LineChange {
     pub noise: f64,
     /// ln of the amplitude ratio; lines below their noise count as their noise.
     pub log_ratio: f64,
-    /// Variance of `log_ratio` from noise alone.
+    /// Phase in the recording less phase in the reference (rad): each is of the angle at which its recording began.
+    pub turn: f64,
+    /// Phase in the reference (rad).
+    pub reference_phase: f64,
+    /// Variance of `log_ratio` from noise alone; that of `turn` is as large.
     pub variance: f64,
 }
 
@@ -171,6 +175,8 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                     reference_power: (py - y.noise).max(0.0),
                     noise: x.noise.max(y.noise),
                     log_ratio: 0.5 * (ex / ey).ln(),
+                    turn: (x.amplitude * y.amplitude.conj()).arg(),
+                    reference_phase: y.amplitude.arg(),
                     variance: 0.5 * (x.noise / ex + y.noise / ey),
                 });
             }

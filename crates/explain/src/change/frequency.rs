@@ -142,7 +142,10 @@ impl Frequency {
     pub fn apart(&self, cells: &[Cell]) -> (Vec<Cell>, Vec<Cell>) {
         let split = |c: &Cell| {
             let (change, variance) = self.at(c);
-            (Cell { change, ..*c }, Cell { change: c.change - change, variance: c.variance + variance, ..*c })
+            (
+                Cell { change, turn: None, ..*c },
+                Cell { change: c.change - change, turn: None, variance: c.variance + variance, ..*c },
+            )
         };
         cells.iter().map(split).unzip()
     }
@@ -324,7 +327,7 @@ mod tests {
                     // The logistic map: scatter without a seed.
                     noise = 3.9 * noise * (1.0 - noise);
                     let change = change + 0.1 * (noise - 0.5);
-                    out.push(Cell { pair, channel, family, frequency_hz, change, variance: 0.001 });
+                    out.push(Cell { pair, channel, family, frequency_hz, change, turn: None, variance: 0.001 });
                 };
                 for harmonic in 1..=8u8 {
                     let mesh = Family::Mesh { stage: 0, harmonic };

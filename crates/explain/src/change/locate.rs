@@ -55,7 +55,9 @@ pub struct Cell {
     pub frequency_hz: f64,
     /// ln of the amplitude ratio.
     pub change: f64,
-    /// Of `change`.
+    /// Of a line, phase in the recording less phase in the reference (rad); `None` of the background and where a path was taken off, whose phase nobody knows.
+    pub turn: Option<f64>,
+    /// Of `change`, and of `turn`.
     pub variance: f64,
 }
 
@@ -78,6 +80,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         family: Some(l.family),
         frequency_hz: l.frequency_hz,
         change: l.log_ratio,
+        turn: Some(l.turn),
         variance: l.variance + repetition(comparison.pairs[l.pair].speed_gap),
     });
     let floors = comparison.floors.iter().map(|f| Cell {
@@ -86,6 +89,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         family: None,
         frequency_hz: f.frequency_hz,
         change: f.log_ratio,
+        turn: None,
         variance: f.variance + FLOOR_SIGMA * FLOOR_SIGMA,
     });
     lines.chain(floors).collect()
@@ -182,7 +186,9 @@ pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64
 /// Subtracts what a channel's path predicts from its cells.
 pub fn without_path(all: &[Cell], channel: usize, speeds: &[f64]) -> Vec<Cell> {
     let less = |c: &Cell| match path_prediction(c, all, speeds) {
-        Some((p, v)) if c.channel == channel => Cell { change: c.change - p, variance: c.variance + v, ..*c },
+        Some((p, v)) if c.channel == channel => {
+            Cell { change: c.change - p, turn: None, variance: c.variance + v, ..*c }
+        }
         _ => *c,
     };
     all.iter().map(less).collect()
@@ -247,7 +253,15 @@ mod tests {
             .flat_map(|k| {
                 let frequency_hz = 200.0 * 1.04f64.powi(k);
                 let moved = 0.5 * (0.3 * f64::from(k)).sin();
-                let cell = |family, change| Cell { pair: 0, channel: 0, family, frequency_hz, change, variance: 0.01 };
+                let cell = |family, change| Cell {
+                    pair: 0,
+                    channel: 0,
+                    family,
+                    frequency_hz,
+                    change,
+                    turn: None,
+                    variance: 0.01,
+                };
                 [cell(None, moved), cell(Some(Family::Mesh { stage: 0, harmonic: 1 }), times * moved)]
             })
             .collect()

@@ -300,7 +300,15 @@ mod tests {
                     let quantile = (f64::from(k) - 19.5) / 20.0;
                     let family = Family::Side { stage: 0, harmonic: 1 + k / 10, shaft, offset: (k % 10) as i8 - 5 };
                     let change = 1.7 * spreads[shaft] * quantile;
-                    Cell { pair: 0, channel: 0, family: Some(family), frequency_hz: 500.0, change, variance: 0.0025 }
+                    Cell {
+                        pair: 0,
+                        channel: 0,
+                        family: Some(family),
+                        frequency_hz: 500.0,
+                        change,
+                        turn: None,
+                        variance: 0.0025,
+                    }
                 })
             };
             of(0).chain(of(1)).collect()
@@ -320,7 +328,7 @@ mod tests {
             let of = |k: u8| {
                 let change = 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
                 let family = Some(Family::Shaft { shaft: 0, multiple: k });
-                Cell { pair: 0, channel: 0, family, frequency_hz: 100.0, change, variance }
+                Cell { pair: 0, channel: 0, family, frequency_hz: 100.0, change, turn: None, variance }
             };
             (1..=40).map(of).collect()
         };
@@ -337,7 +345,7 @@ mod tests {
             (1..=30u8).map(move |multiple| {
                 let z = if multiple == loud { z } else { 0.9 * (f64::from(multiple) + pair as f64).sin() };
                 let family = Some(Family::Shaft { shaft: 1, multiple });
-                Cell { pair, channel: 0, family, frequency_hz: 100.0, change: 0.1 * z, variance: 0.01 }
+                Cell { pair, channel: 0, family, frequency_hz: 100.0, change: 0.1 * z, turn: None, variance: 0.01 }
             })
         };
         (0..12).flat_map(of).collect()

@@ -12,6 +12,8 @@ use nalgebra::{DMatrix, DVector};
 const TAIL: f64 = 4.0;
 /// Step of the difference quotients, in standard deviations of the prior.
 const STEP: f64 = 0.05;
+/// Share of that step by which a state is moved along it: states follow the numbers in nearly straight lines, and residuals the states not everywhere.
+const SHARE: f64 = 0.02;
 /// Steps that are tried in one direction, each shorter than the one before.
 const TRIES: usize = 8;
 /// Relative gain at which iterations end.
@@ -62,23 +64,38 @@ pub fn pulls(x: &DVector<f64>, priors: &[Prior]) -> f64 {
     x.iter().zip(priors).map(|(x, p)| ((x - p.mean) / p.sigma).powi(2)).sum()
 }
 
-/// Minimises from a start over the numbers listed in `free`, the others stay; at most so many iterations. `residuals` gives `None` where there is no model at
-/// a point; the search then turns back. The covariance is that of the free numbers, in their order. Numbers that reach different residuals are moved at once for the difference quotients
+/// What is fitted: a model of a point, and what it leaves of the data.
+pub trait Model {
+    /// What a point comes to, before it is held against the data; the costly step.
+    type State;
+
+    /// At a point; `None` where there is no model.
+    fn state(&mut self, x: &DVector<f64>) -> Option<Self::State>;
+
+    /// What a state leaves (standard deviations).
+    fn residuals(&self, state: &Self::State) -> Vec<f64>;
+
+    /// A state with a share of what one number alone did, of one where several were moved that reach different parts of it.
+    fn reached(&self, state: &Self::State, moved: &Self::State, number: usize, share: f64) -> Self::State;
+}
+
+/// Minimises from a start over the numbers listed in `free`, the others stay; at most so many iterations. Where there is no model at
+/// a point the search turns back. The covariance is that of the free numbers, in their order. Numbers that reach different residuals are moved at once for the difference quotients
 /// (Curtis, Powell & Reid 1974).
-pub fn minimise(
+pub fn minimise<M: Model>(
     start: DVector<f64>,
     priors: &[Prior],
     reaches: &[Reach],
     free: &[usize],
     iterations: usize,
-    residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
+    model: &mut M,
 ) -> Option<Solution> {
-    let descent = descend(start, priors, reaches, free, iterations, residuals)?;
-    let Descent { x, r, first, cost, done, normal, groups, .. } = descent;
+    let descent = descend(start, priors, reaches, free, iterations, model)?;
+    let Descent { x, state, r, first, cost, done, normal, groups, .. } = descent;
     let normal = match normal {
         Some(normal) => normal,
         None => {
-            let jacobian = quotients(&x, &r, priors, (free, &groups), residuals)?;
+            let jacobian = quotients(&x, (&state, &r), priors, (free, &groups), model)?;
             equations(&jacobian, &x, &r, priors, free).0
         }
     };
@@ -86,27 +103,28 @@ pub fn minimise(
 }
 
 /// As [`minimise`], without a covariance: the cost and the numbers of where so many iterations lead.
-pub fn approach(
+pub fn approach<M: Model>(
     start: DVector<f64>,
     priors: &[Prior],
     reaches: &[Reach],
     free: &[usize],
     iterations: usize,
-    residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
+    model: &mut M,
 ) -> Option<(f64, DVector<f64>)> {
-    descend(start, priors, reaches, free, iterations, residuals).map(|descent| (descent.cost, descent.x))
+    descend(start, priors, reaches, free, iterations, model).map(|descent| (descent.cost, descent.x))
 }
 
 /// Iterations from a start; `None` where the equations cannot be solved.
-fn descend<'a>(
+fn descend<'a, M: Model>(
     start: DVector<f64>,
     priors: &'a [Prior],
     reaches: &'a [Reach],
     free: &'a [usize],
     iterations: usize,
-    residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
-) -> Option<Descent<'a>> {
-    let r = residuals(&start)?;
+    model: &mut M,
+) -> Option<Descent<'a, M::State>> {
+    let state = model.state(&start)?;
+    let r = model.residuals(&state);
     let cost = losses(&r) + pulls(&start, priors);
     let groups = groups(reaches, free);
     let mut depends = vec![Vec::new(); r.len()];
@@ -117,20 +135,22 @@ fn descend<'a>(
         }
     }
     let (x, jacobian, normal) = (start, DMatrix::zeros(0, 0), None);
+    let (first, done, followed) = (cost, 0, SERVES);
     let mut descent =
-        Descent { priors, free, groups, depends, x, r, first: cost, cost, done: 0, jacobian, followed: SERVES, normal };
-    descent.go(iterations, residuals)?;
+        Descent { priors, free, groups, depends, x, state, r, first, cost, done, jacobian, followed, normal };
+    descent.go(iterations, model)?;
     Some(descent)
 }
 
 /// A search under way.
-struct Descent<'a> {
+struct Descent<'a, S> {
     priors: &'a [Prior],
     free: &'a [usize],
     groups: Vec<Group<'a>>,
     /// The free numbers (positions among them) that each residual depends on.
     depends: Vec<Vec<usize>>,
     x: DVector<f64>,
+    state: S,
     r: Vec<f64>,
     /// At the start, and now.
     first: f64,
@@ -144,13 +164,14 @@ struct Descent<'a> {
     normal: Option<DMatrix<f64>>,
 }
 
-impl Descent<'_> {
+impl<S> Descent<'_, S> {
     /// At most so many iterations.
-    fn go(&mut self, iterations: usize, residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>) -> Option<()> {
+    fn go<M: Model<State = S>>(&mut self, iterations: usize, model: &mut M) -> Option<()> {
         let mut damping = 1e-2;
         for _ in 0..iterations {
             if self.followed >= SERVES {
-                self.jacobian = quotients(&self.x, &self.r, self.priors, (self.free, &self.groups), residuals)?;
+                let here = (&self.state, &*self.r);
+                self.jacobian = quotients(&self.x, here, self.priors, (self.free, &self.groups), model)?;
                 self.followed = 0;
             }
             let fresh = self.followed == 0;
@@ -165,12 +186,13 @@ impl Descent<'_> {
                     let p = self.priors[k];
                     next[k] = (self.x[k] - by).clamp(p.mean - FARTHEST * p.sigma, p.mean + FARTHEST * p.sigma);
                 }
-                if let Some(at) = residuals(&next) {
+                if let Some(state) = model.state(&next) {
+                    let at = model.residuals(&state);
                     let value = losses(&at) + pulls(&next, self.priors);
                     if value < self.cost {
                         // The gain of the quadratic model, whose gradient is halved.
                         let promised = 2.0 * gradient.dot(&step) - step.dot(&(&normal * &step));
-                        better = Some((next, at, value, promised));
+                        better = Some((next, state, at, value, promised));
                         damping = (damping * 0.2).max(1e-6);
                         break;
                     }
@@ -178,7 +200,7 @@ impl Descent<'_> {
                 damping *= 8.0;
             }
             self.normal = fresh.then_some(normal);
-            let Some((next, at, value, promised)) = better else {
+            let Some((next, state, at, value, promised)) = better else {
                 if fresh {
                     break;
                 }
@@ -187,7 +209,7 @@ impl Descent<'_> {
             };
             self.follow(&next, &at);
             let gained = self.cost - value;
-            (self.x, self.r, self.cost) = (next, at, value);
+            (self.x, self.state, self.r, self.cost) = (next, state, at, value);
             self.done += 1;
             let settled = gained < SETTLED * self.cost.max(1.0);
             if settled && fresh {
@@ -236,12 +258,12 @@ fn groups<'a>(reaches: &'a [Reach], free: &[usize]) -> Vec<Group<'a>> {
 }
 
 /// Jacobian by difference quotients.
-fn quotients(
+fn quotients<M: Model>(
     x: &DVector<f64>,
-    r: &[f64],
+    (state, r): (&M::State, &[f64]),
     priors: &[Prior],
     (free, groups): (&[usize], &[Group<'_>]),
-    residuals: &mut dyn FnMut(&DVector<f64>) -> Option<Vec<f64>>,
+    model: &mut M,
 ) -> Option<DMatrix<f64>> {
     let mut jacobian = DMatrix::zeros(r.len(), free.len());
     for group in groups {
@@ -250,18 +272,16 @@ fn quotients(
             group.iter().for_each(|&(column, _)| moved[free[column]] += by * priors[free[column]].sigma);
             moved
         };
-        let (at, by) = match residuals(&moved(STEP)) {
+        let (at, by) = match model.state(&moved(STEP)) {
             Some(at) => (at, STEP),
             // At the edge of what can be solved, the quotient looks back.
-            None => (residuals(&moved(-STEP))?, -STEP),
+            None => (model.state(&moved(-STEP))?, -STEP),
         };
-        for (column, reach) in group {
-            let by = by * priors[free[*column]].sigma;
-            let mut row = |i: usize| jacobian[(i, *column)] = (at[i] - r[i]) / by;
-            match reach {
-                Some(rows) => rows.iter().for_each(|&i| row(i)),
-                None => (0..r.len()).for_each(row),
-            }
+        for &(column, _) in group {
+            let by = by * SHARE * priors[free[column]].sigma;
+            let alone = model.residuals(&model.reached(state, &at, free[column], SHARE));
+            let quotients = alone.iter().zip(r).map(|(a, r)| (a - r) / by);
+            jacobian.column_mut(column).iter_mut().zip(quotients).for_each(|(j, q)| *j = q);
         }
     }
     Some(jacobian)
@@ -294,22 +314,47 @@ fn equations(
 mod tests {
     use super::*;
 
+    /// Residuals by a function, and the rows that each number reaches.
+    struct Rows<'a, F> {
+        of: F,
+        reaches: &'a [Reach],
+    }
+
+    impl<F: FnMut(&DVector<f64>) -> Vec<f64>> Model for Rows<'_, F> {
+        type State = Vec<f64>;
+
+        fn state(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
+            Some((self.of)(x))
+        }
+
+        fn residuals(&self, state: &Vec<f64>) -> Vec<f64> {
+            state.clone()
+        }
+
+        fn reached(&self, state: &Vec<f64>, moved: &Vec<f64>, number: usize, share: f64) -> Vec<f64> {
+            let reach = self.reaches.get(number).and_then(Option::as_ref);
+            let own = |i: &usize| reach.is_none_or(|rows| rows.contains(i));
+            let part = |i: usize| state[i] + share * (moved[i] - state[i]);
+            (0..state.len()).map(|i| if own(&i) { part(i) } else { state[i] }).collect()
+        }
+    }
+
     /// A line through five points with one wild one: the prior is weak, so slope and offset are those of the other four, and the
     /// covariance of a plain fit is `(JᵀJ)⁻¹` but for the weights, which at small residuals are 5/4.
     #[test]
     fn analytic_line_is_found_beside_a_wild_point() {
         let points = [(0.0, 1.0), (1.0, 3.0), (2.0, 5.0), (3.0, 7.0), (4.0, 60.0)];
         let priors = [Prior { mean: 0.0, sigma: 100.0 }; 2];
-        let mut residuals =
-            |x: &DVector<f64>| Some(points.iter().map(|(t, y)| (x[0] + x[1] * t - y) / 0.1).collect::<Vec<f64>>());
-        let found = minimise(DVector::from_vec(vec![1.2, 1.8]), &priors, &[], &[0, 1], 16, &mut residuals).unwrap();
+        let of = |x: &DVector<f64>| points.iter().map(|(t, y)| (x[0] + x[1] * t - y) / 0.1).collect::<Vec<f64>>();
+        let mut model = Rows { of, reaches: &[] };
+        let found = minimise(DVector::from_vec(vec![1.2, 1.8]), &priors, &[], &[0, 1], 16, &mut model).unwrap();
         assert!((found.x[0] - 1.0).abs() < 0.02 && (found.x[1] - 2.0).abs() < 0.02, "{found:?}");
         // Of the four good points: Σt = 6, Σt² = 14, so var(offset) = σ² 14/(4·14 − 36), over 5/4.
         let expected = 0.01 * 14.0 / 20.0 / 1.25;
         assert!((found.covariance[(0, 0)] / expected - 1.0).abs() < 0.05, "{}", found.covariance[(0, 0)]);
         assert!(found.cost.1 < found.cost.0);
         // With the slope held where it is, the offset makes the best of it: the mean of what is left of the four good points, nearly.
-        let held = minimise(DVector::from_vec(vec![0.0, 2.1]), &priors, &[], &[0], 16, &mut residuals).unwrap();
+        let held = minimise(DVector::from_vec(vec![0.0, 2.1]), &priors, &[], &[0], 16, &mut model).unwrap();
         assert!(held.x[1] == 2.1 && (held.x[0] - 0.85).abs() < 0.05, "{held:?}");
         assert_eq!(held.covariance.shape(), (1, 1));
     }
@@ -330,11 +375,12 @@ mod tests {
         assert_eq!(groups(&[], &free).len(), 4);
         let find = |reaches: &[Reach]| {
             let mut calls = 0;
-            let mut residuals = |x: &DVector<f64>| {
+            let of = |x: &DVector<f64>| {
                 calls += 1;
-                Some(data.iter().enumerate().map(|(i, d)| (x[i / 2] + x[3] - d) / 0.1).collect::<Vec<f64>>())
+                data.iter().enumerate().map(|(i, d)| (x[i / 2] + x[3] - d) / 0.1).collect::<Vec<f64>>()
             };
-            let found = minimise(DVector::zeros(4), &priors, reaches, &free, 16, &mut residuals).unwrap();
+            let mut model = Rows { of, reaches };
+            let found = minimise(DVector::zeros(4), &priors, reaches, &free, 16, &mut model).unwrap();
             (found.x, found.iterations, calls)
         };
         let ((together, iterations, fewer), (single, same, more)) = (find(&reaches), find(&[]));
@@ -350,14 +396,15 @@ mod tests {
         let priors = [Prior { mean: 1.0, sigma: 2.0 }, Prior { mean: 1.0, sigma: 0.6 }];
         let times: Vec<f64> = (0..20).map(|k| 0.2 * f64::from(k)).collect();
         let calls = std::cell::Cell::new(0);
-        let mut residuals = |x: &DVector<f64>| {
+        let of = |x: &DVector<f64>| {
             calls.set(calls.get() + 1);
             let off = |t: &f64| (x[0] * (-x[1] * t).exp() - 3.0 * (-0.7 * t).exp()) / 1e-3;
-            Some(times.iter().map(off).collect::<Vec<f64>>())
+            times.iter().map(off).collect::<Vec<f64>>()
         };
         let reaches: Vec<Reach> = vec![None, None];
+        let mut model = Rows { of, reaches: &reaches };
         let start = || DVector::from_vec(vec![1.0, 1.6]);
-        let found = minimise(start(), &priors, &reaches, &[0, 1], 40, &mut residuals).unwrap();
+        let found = minimise(start(), &priors, &reaches, &[0, 1], 40, &mut model).unwrap();
         assert!((found.x[0] - 3.0).abs() < 1e-3 && (found.x[1] - 0.7).abs() < 1e-3, "{found:?}");
         let mut expected = DMatrix::<f64>::zeros(2, 2);
         for t in &times {
@@ -369,7 +416,7 @@ mod tests {
             assert!((found.covariance[(k, k)] / expected[(k, k)] - 1.0).abs() < 0.1, "{found:?}, {expected}");
         }
         assert!(calls.get() < 4 * found.iterations, "{calls:?} models for {} steps", found.iterations);
-        let (cost, x) = approach(start(), &priors, &reaches, &[0, 1], 40, &mut residuals).unwrap();
+        let (cost, x) = approach(start(), &priors, &reaches, &[0, 1], 40, &mut model).unwrap();
         assert!(cost == found.cost.1 && x == found.x);
     }
 
@@ -377,7 +424,8 @@ mod tests {
     #[test]
     fn analytic_prior_stands_without_data() {
         let priors = [Prior { mean: 0.3, sigma: 0.2 }];
-        let found = minimise(DVector::from_vec(vec![0.0]), &priors, &[], &[0], 16, &mut |_| Some(Vec::new())).unwrap();
+        let mut model = Rows { of: |_: &DVector<f64>| Vec::new(), reaches: &[] };
+        let found = minimise(DVector::from_vec(vec![0.0]), &priors, &[], &[0], 16, &mut model).unwrap();
         assert!((found.x[0] - 0.3).abs() < 1e-3);
         assert!((found.covariance[(0, 0)] - 0.04).abs() < 1e-9);
     }

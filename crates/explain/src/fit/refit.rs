@@ -1,7 +1,7 @@
 //! Named effects and the bench's own numbers fitted together, on the steady state of the simulator's full model.
 //!
-//! Data are the mesh harmonics of every pair and channel. The path from bearing to sensor gives each line, channel and speed a gain of its
-//! own; it enters the logarithm of the amplitude as a constant, so it is eliminated exactly (variable projection, Golub & Pereyra 1973): what stays is the *change*
+//! Data are the mesh harmonics of every pair and channel, amplitude and phase. The path from bearing to sensor gives each line, channel and speed a gain and a phase of its
+//! own; they enter the logarithm of the line as a constant, so they are eliminated exactly (variable projection, Golub & Pereyra 1973): what stays is the *change*
 //! of each line between reference and recording, and the *trend* of the reference's line over the loads of one speed, less its mean.
 //! The effect's parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are coupled through their bodies and the
 //! spacing of its teeth scatters (as pairs that alternate), bearings and torsion of every
@@ -9,11 +9,14 @@
 //! Where teeth part at a light load, the motion near that of teeth in contact is taken.
 //! Fits start from the bench's numbers as the references show them, and from the best sizes of the effect, on both sides of no effect.
 
+mod base;
 mod library;
 mod lines;
 mod problem;
 mod publish;
+mod residuals;
 pub mod sheet;
+mod turns;
 mod written;
 
 use gearwatch_core::bench::Bench;
@@ -27,7 +30,7 @@ pub use self::problem::{Base, FreeTerm, Number, Problem, SPACING_UM};
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
 use crate::change::masks;
-use crate::fit::least_squares::losses;
+use crate::fit::least_squares::{Solution, losses};
 use crate::name::{Finding, Question};
 
 /// What a joint refit gave.
@@ -44,7 +47,7 @@ pub struct Refit {
 pub struct Fit {
     /// Log evidence (Laplace, nats): what the fit leaves, less what its freedom would gain by chance.
     pub evidence: f64,
-    /// What is left of the changes, per line: 1 of a fit as good as the stated model error, near 0 of a better one.
+    /// What is left of the changes, per amplitude and phase: 1 of a fit as good as the stated model error, near 0 of a better one.
     pub left: f64,
     /// Lines.
     pub lines: usize,
@@ -64,7 +67,8 @@ pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Opti
     let base = base(q, cells)?;
     let names: Vec<(&str, &str)> = members.iter().map(|&i| (findings[i].effect, findings[i].place.as_str())).collect();
     let mut problem = Problem::new(q, cells, &names)?;
-    let solution = problem.solve(&base)?;
+    let starts = problem.glance(&base)?;
+    let solution = settled(&mut problem, starts)?.solution;
     let widened = problem.profile(&solution);
     for (member, &i) in members.iter().enumerate() {
         problem.publish(&solution, &widened, member, &mut findings[i]);
@@ -82,16 +86,30 @@ pub fn has_form(effect: &str) -> bool {
 pub fn setups(q: &Question<'_>, cells: &[Cell], members: &[(&str, &str)]) -> Option<[SimSetup; 2]> {
     let base = base(q, cells)?;
     let mut problem = Problem::new(q, cells, members)?.with_effort(QUICK);
-    let x = if members.is_empty() { problem.start(&base) } else { problem.solve(&base)?.x };
+    let x = if members.is_empty() {
+        problem.start(&base)
+    } else {
+        let starts = problem.glance(&base)?;
+        settled(&mut problem, starts)?.solution.x
+    };
     problem.setups(&x)
 }
 
 /// How much further from the lines (nats) than the nearest a candidate may be at a first look and still be fitted to the end.
 const OUT_OF_REACH: f64 = 60.0;
+/// Costs that are one point's.
+const SAME: f64 = 1e-6;
 
-/// How well each of some effects (id and place) accounts for the lines with the bench's numbers free; `None` where one has no form on them or no steady
-/// state. What is far out of the others' reach is judged by its first look.
-pub fn fits(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, &str)]) -> Vec<Option<Fit>> {
+/// How well each of some effects (id and place) accounts for the lines with the bench's numbers free, `None` where one has no form on them or no steady state; and how well a change of
+/// unknown form does: the lines of each stage move by a spread of its own, and nothing says which way. An effect of the library has to be better than that.
+pub fn compare(
+    q: &Question<'_>,
+    cells: &[Cell],
+    base: &Base,
+    candidates: &[(&str, &str)],
+) -> (Vec<Option<Fit>>, Option<Fit>) {
+    let none = unchanged(q, cells, base);
+    let freedom = none.as_ref().map_or(0.0, |(_, s)| s.evidence + 0.5 * s.solution.cost.1);
     let glance = |candidate: &(&str, &str)| {
         let mut problem = Problem::new(q, cells, &[*candidate])?;
         let starts = problem.glance(base)?;
@@ -99,33 +117,76 @@ pub fn fits(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, 
     };
     let seen: Vec<_> = candidates.par_iter().map(glance).collect();
     let nearest = seen.iter().flatten().filter_map(|(_, s)| s.first()).map(|s| s.0).fold(f64::INFINITY, f64::min);
-    let settle = |seen: Option<(Problem<'_>, Vec<Start>)>| {
-        let (mut problem, starts) = seen?;
-        let (cost, x) = starts.first()?;
-        if *cost > nearest + 2.0 * OUT_OF_REACH {
-            return fit(&mut problem, x, -0.5 * cost);
+    let settle = |(problem, starts)| followed(problem, starts, nearest, freedom);
+    let first: Vec<Option<Followed<'_>>> = seen.into_par_iter().map(|seen| seen.and_then(settle)).collect();
+    // Each again from the benches that the others ended with: valleys that its own starts did not lead to.
+    let of_bench = |(problem, s): &(Problem<'_>, Settled)| s.solution.x.rows(0, problem.own()).into_owned();
+    let benches: Vec<_> = first.iter().flatten().filter_map(|f| f.as_ref().ok().map(of_bench)).collect();
+    let again = |found: Option<Followed<'_>>| match found? {
+        Err(fit) => Some(fit),
+        Ok((mut problem, mut best)) => {
+            if let Some(other) = crossed(&mut problem, &best, &benches) {
+                best = other;
+            }
+            fit(&mut problem, &best.solution.x, best.evidence)
         }
-        settled(&mut problem, starts)
     };
-    seen.into_par_iter().map(settle).collect()
+    let fits = first.into_par_iter().map(again).collect();
+    (fits, none.map(|(problem, s)| unknown(q, &problem, &s)))
 }
 
-/// How well a change of unknown form accounts for the lines: those of each stage move by a spread of its own, and nothing says which way; a spread of zero is no change at all. An effect of the
-/// library has to be better than that.
-pub fn unknown(q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Fit> {
+/// A problem and its minimum, or what a first look says of one out of reach.
+type Followed<'a> = Result<(Problem<'a>, Settled), Fit>;
+
+/// The minimum from some starts. What is far out of the others' reach is judged by its first look, and has the freedom of no effect.
+fn followed(mut problem: Problem<'_>, starts: Vec<Start>, nearest: f64, freedom: f64) -> Option<Followed<'_>> {
+    let (cost, x) = starts.first()?;
+    if *cost > nearest + 2.0 * OUT_OF_REACH {
+        return Some(Err(fit(&mut problem, x, freedom - 0.5 * cost)?));
+    }
+    let settled = settled(&mut problem, starts)?;
+    Some(Ok((problem, settled)))
+}
+
+/// The bench without an effect, as references and recordings have it.
+fn unchanged<'a>(q: &'a Question<'a>, cells: &[Cell], base: &Base) -> Option<(Problem<'a>, Settled)> {
     let mut problem = Problem::new(q, cells, &[])?;
     let start = problem.start(base);
     let cost = problem.cost(&start)?;
-    let none = settled(&mut problem, vec![(cost, start)])?;
-    let lines = &problem.lines;
+    let settled = settled(&mut problem, vec![(cost, start)])?;
+    Some((problem, settled))
+}
+
+/// A better fit from one of some benches, if there is one.
+fn crossed(problem: &mut Problem<'_>, best: &Settled, benches: &[DVector<f64>]) -> Option<Settled> {
+    let known = &best.solution;
+    let trend_sigma = problem.trend_sigma;
+    let from = |bench: &DVector<f64>| {
+        let mut x = known.x.clone();
+        x.rows_mut(0, bench.len()).copy_from(bench);
+        Some((problem.cost(&x)?, x))
+    };
+    let mut starts: Vec<Start> = benches.iter().filter_map(from).collect();
+    // Its own bench costs what is known already.
+    starts.retain(|s| (s.0 - known.cost.1).abs() > SAME && s.0 < known.cost.1 + 2.0 * OUT_OF_REACH);
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let found = settled(problem, starts);
+    let Some(found) = found.filter(|f| f.evidence > best.evidence) else {
+        problem.trend_sigma = trend_sigma;
+        return None;
+    };
+    Some(found)
+}
+
+/// How well a change of unknown form accounts for the lines, beside the bench without an effect. Without one the changes have no part in what else is fitted.
+fn unknown(q: &Question<'_>, problem: &Problem<'_>, none: &Settled) -> Fit {
     let of_stage = |stage: usize| {
-        let own: Vec<&Line> = lines.iter().filter(|l| l.stage == stage).collect();
+        let own: Vec<&Line> = problem.lines.iter().filter(|l| l.stage == stage).collect();
         least_spread_cost(&own)
     };
     let cost: f64 = (0..q.train.stages.len()).map(of_stage).sum();
-    let count = lines.len() as f64;
-    // Without an effect the changes have no part in what else is fitted.
-    Some(Fit { evidence: none.evidence + 0.5 * (none.left * count - cost), left: cost / count, lines: lines.len() })
+    let left = cost / problem.changes() as f64;
+    Fit { evidence: none.evidence + 0.5 * (none.left - cost), left, lines: problem.lines.len() }
 }
 
 /// The cost of lines at the spread that suits them best, which may be none.
@@ -137,24 +198,40 @@ fn least_spread_cost(lines: &[&Line]) -> f64 {
 /// Twice the negative log likelihood of lines that move by a spread (ln) beside their own error, and half the logarithm of their number for the spread itself (Schwarz 1978).
 fn spread_cost(lines: &[&Line], spread: f64) -> f64 {
     let wider = |l: &Line| (1.0 + (spread / l.sigma()).powi(2)).sqrt();
-    let residuals: Vec<f64> = lines.iter().map(|l| l.change / (l.sigma() * wider(l))).collect();
+    let of = |l: &&Line| losses(&l.moved().map(|m| m / (l.sigma() * wider(l))).collect::<Vec<_>>());
+    let density = |l: &&Line| 2.0 * wider(l).ln() * l.moved().count() as f64;
     let price = if spread > 0.0 && !lines.is_empty() { (lines.len() as f64).ln() } else { 0.0 };
-    losses(&residuals) + lines.iter().map(|l| 2.0 * wider(l).ln()).sum::<f64>() + price
+    lines.iter().map(|l| of(l) + density(l)).sum::<f64>() + price
 }
 
-/// The best fit from some starts, with Laplace's evidence.
-fn settled(problem: &mut Problem<'_>, starts: Vec<Start>) -> Option<Fit> {
-    let s = problem.settle(starts)?;
-    let volume: f64 = s.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
+/// A minimum with Laplace's evidence.
+struct Settled {
+    solution: Solution,
+    evidence: f64,
+    /// Cost of the changes.
+    left: f64,
+}
+
+/// The best fit from some starts.
+fn settled(problem: &mut Problem<'_>, starts: Vec<Start>) -> Option<Settled> {
+    let solution = problem.settle(starts)?;
+    // The model error that it leaves, and the minimum there.
+    let residuals = problem.residuals_at(&solution.x)?;
+    problem.settle_trend(&residuals);
+    let solution = problem.minimise(solution.x, &|_| true, problem.effort.iterations)?;
+    let volume: f64 = solution.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
     let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
-    fit(problem, &s.x, -0.5 * s.cost.1 + volume - prior)
+    let changes = problem.changes();
+    let left = losses(&problem.residuals_at(&solution.x)?[..changes]);
+    let evidence = -0.5 * (solution.cost.1 + problem.price()) + volume - prior;
+    Some(Settled { solution, evidence, left })
 }
 
 /// What a point leaves of the changes.
 fn fit(problem: &mut Problem<'_>, x: &DVector<f64>, evidence: f64) -> Option<Fit> {
-    let lines = problem.lines.len();
-    let left = losses(&problem.residuals(x)?[..lines]);
-    Some(Fit { evidence, left: left / lines as f64, lines })
+    let changes = problem.changes();
+    let left = losses(&problem.residuals_at(x)?[..changes]);
+    Some(Fit { evidence, left: left / changes as f64, lines: problem.lines.len() })
 }
 
 #[cfg(test)]
@@ -168,9 +245,14 @@ mod tests {
             pair: 0,
             sensor: 0,
             at: 0,
+            own: 0,
             change,
+            turn: None,
+            turned: 0.0,
             variance: 0.0,
+            unsure: 0.0,
             reference: 0.0,
+            reference_phase: 0.0,
             group: 0,
         };
         changes.iter().map(line).collect()

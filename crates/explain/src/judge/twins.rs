@@ -140,6 +140,7 @@ mod tests {
                         family: Some(family),
                         frequency_hz,
                         change: 0.06 * scale * z,
+                        turn: None,
                         variance: 0.0036,
                     };
                     out.push(cell);
@@ -175,7 +176,15 @@ mod tests {
                 std::array::from_fn::<Cell, 4, _>(|channel| {
                     let own: f64 = tails.sample(&mut random);
                     let change = 0.06 * 0.5 * (0.9f64.sqrt() * line + 0.1f64.sqrt() * own);
-                    Cell { pair: 0, channel, family: Some(family), frequency_hz: 100.0, change, variance: 0.0036 }
+                    Cell {
+                        pair: 0,
+                        channel,
+                        family: Some(family),
+                        frequency_hz: 100.0,
+                        change,
+                        turn: None,
+                        variance: 0.0036,
+                    }
                 })
             })
             .collect()

@@ -511,6 +511,7 @@ mod tests {
             family: Some(family),
             frequency_hz: 500.0,
             change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
+            turn: None,
             variance: 0.01,
         };
         (1..=8)

@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     fn cell(family: Family, change: f64) -> Cell {
-        Cell { pair: 0, channel: 0, family: Some(family), frequency_hz: 100.0, change, variance: 0.01 }
+        Cell { pair: 0, channel: 0, family: Some(family), frequency_hz: 100.0, change, turn: None, variance: 0.01 }
     }
 
     #[test]

@@ -77,6 +77,7 @@ mod tests {
                 family: None,
                 frequency_hz: 100.0 * f64::from(k + 1),
                 change: 0.1 * z,
+                turn: None,
                 variance: 0.01,
             };
             (0..40).map(band).collect::<Vec<_>>()

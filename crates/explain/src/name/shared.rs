@@ -119,7 +119,7 @@ fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
 fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut Vec<String>) -> Option<f64> {
     let base = refit::base(q, cells)?;
     let names: Vec<(&str, &str)> = scored.iter().map(|s| (s.ranked.effect, s.ranked.place.as_str())).collect();
-    let fits = refit::fits(q, cells, &base, &names);
+    let (fits, unknown) = refit::compare(q, cells, &base, &names);
     for (s, fit) in scored.iter().zip(&fits) {
         let words = fit.map_or("no steady state".to_owned(), |f| {
             format!("{:.1} nats, leaves {:.2} per line of {}", f.evidence, f.left, f.lines)
@@ -137,7 +137,7 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
     for (s, fit) in scored.iter_mut().zip(&fits) {
         s.score = shape::prior(s.ranked.effect).ln() + EVIDENCE_WEIGHT * fit.map_or(least, |f| f.evidence);
     }
-    let unknown = refit::unknown(q, cells, &base)?;
+    let unknown = unknown?;
     steps.push(format!(
         "shape: lines that change each for itself: {:.1} nats, leave {:.2} per line",
         unknown.evidence, unknown.left

@@ -30,6 +30,7 @@ pub(super) fn check(
     within("the alternating pitch", pair.alternating_m, 0.0, 1e-3, " m")?;
     within("the offset of the flanks", pair.offset_m, -1e-3, 1e-3, " m")?;
     within("the wear depth", pair.wear_m, 0.0, 1e-3, " m")?;
+    within("the wear beyond the pitch point over that before it", pair.recess_wear, 0.0, 100.0, "")?;
     for waves in [&pair.stiffness_waves, &teeth.pinion.stiffness_waves, &teeth.wheel.stiffness_waves] {
         let sum: f64 = waves.iter().map(|h| h.cos.hypot(h.sin)).sum();
         within("the sum of the stiffness terms' amplitudes", sum, 0.0, 0.9, "")?;

@@ -132,6 +132,8 @@ pub(super) fn fit(samples: &[[f64; 4]], tolerated: [f64; 4]) -> (Vec<Cell>, f64)
 pub(super) struct GapShape {
     /// Worn depth furthest from the pitch point (m).
     pub(super) wear_m: f64,
+    /// Beyond the pitch point over before it.
+    pub(super) recess_wear: f64,
     /// Beyond the end of the path that this gear's tip makes: lead² (c₀ + c₁ lead) (m).
     pub(super) corner: [f64; 2],
 }
@@ -417,7 +419,9 @@ impl Builder<'_> {
                 });
                 let (length, depth) = damage.lost_length_m(gear, gear.flank_point_of(a, (sin, cos)).0);
                 let mut lost = broken_width + (1.0 - broken_width) * length / gear.face_width_m;
-                let worn = self.gap.wear_m * (s - pair.pitch_phase()).abs() / furthest + worn(s);
+                let recess = if s > pair.pitch_phase() { self.gap.recess_wear } else { 1.0 };
+                let wear_m = self.gap.wear_m * recess;
+                let worn = wear_m * (s - pair.pitch_phase()).abs() / furthest + worn(s);
                 let mut gap = self.relief_m(s) + worn;
                 if lost > 0.999 {
                     // The contact line falls wholly into the recess: full length at its bottom.

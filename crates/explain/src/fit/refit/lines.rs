@@ -1,5 +1,6 @@
 //! Which lines a joint refit takes: the clear mesh harmonics of every pair and channel.
 
+use super::residuals::aligned;
 use crate::change::compare::LineChange;
 use crate::change::locate::Cell;
 use crate::name::Question;
@@ -26,20 +27,37 @@ pub struct Line {
     pub sensor: usize,
     /// Position in the orders of the pair.
     pub at: usize,
+    /// Position among the lines.
+    pub own: usize,
     /// ln of the amplitude ratio of recording and reference.
     pub change: f64,
-    /// Of `change`.
+    /// Phase of the same (rad), of the angles at which both began; `None` where it is not known.
+    pub turn: Option<f64>,
+    /// The same less what the angles at which both began make of it, if the machine had not changed; 0 where it is not known.
+    pub turned: f64,
+    /// Of `change` and `turn`.
     pub variance: f64,
+    /// Variance that a small error of the model's transmission error gives the logarithm of the reference's line: large where its parts cancel.
+    pub unsure: f64,
     /// ln of the reference's amplitude.
     pub reference: f64,
+    /// Phase of the reference (rad).
+    pub reference_phase: f64,
     /// Lines with the same gain.
     pub group: usize,
 }
 
 impl Line {
-    /// Standard deviation of the change: of the line, and of the model.
+    /// Standard deviation of the change and of the turn: of the line, and of the model.
     pub fn sigma(&self) -> f64 {
-        (self.variance + CHANGE_SIGMA.powi(2) + (CHANGE_SHARE * self.change).powi(2)).sqrt()
+        let moved = self.change.hypot(self.turned);
+        let unsure = self.unsure * (1.0 + (-2.0 * self.change).exp());
+        (self.variance + CHANGE_SIGMA.powi(2) + (CHANGE_SHARE * moved).powi(2) + unsure).sqrt()
+    }
+
+    /// By how much the amplitude changed (ln), and the phase turned where it is known (rad).
+    pub fn moved(&self) -> impl Iterator<Item = f64> + use<> {
+        std::iter::once(self.change).chain(self.turn.map(|_| self.turned))
     }
 }
 
@@ -78,11 +96,20 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
             pair: c.pair,
             sensor,
             at,
+            own: out.len(),
             change: c.change,
+            turn: c.turn,
+            turned: 0.0,
             variance: c.variance,
+            unsure: 0.0,
             reference,
+            reference_phase: l.reference_phase,
             group,
         });
+    }
+    let turned = aligned(&out, &|l| (l.stage, l.pair), &Line::sigma, &|i| out[i].turn);
+    for (l, turned) in out.iter_mut().zip(turned) {
+        l.turned = turned.unwrap_or_default();
     }
     (orders, out, keys.len())
 }

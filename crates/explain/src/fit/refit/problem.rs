@@ -9,13 +9,13 @@ use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
 use nalgebra::DVector;
 
-use super::library::{fitted, starts};
+use super::library::{fitted, nearly_none, starts};
 use super::lines::{HARMONICS, Line, lines};
+use super::residuals::{Of, TREND_SIGMA, rows};
 use super::sheet;
 use crate::change::locate::Cell;
-use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls, residual_of};
+use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls};
 use crate::name::Question;
-use crate::read::features::RecordingFeatures;
 
 /// How wrong the numbers of a sheet are (standard deviation of the logarithm): stiffnesses, damping.
 const STIFFNESS_TOLERANCE: f64 = 0.12;
@@ -32,16 +32,14 @@ const SPACING_STARTS_UM: [f64; 3] = [0.4, 1.8, 3.2];
 /// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
 pub const USUAL_ERROR_UM: f64 = 0.5;
 /// Profile harmonics that are fitted: of what is always there, as many as lines take part; of what an effect adds.
-const ERRORS: usize = HARMONICS as usize;
+pub const ERRORS: usize = HARMONICS as usize;
 pub const CHANGED: usize = 5;
 /// Profile harmonics that are large enough to alter the lines of others.
-const LARGE: usize = 3;
+pub const LARGE: usize = 3;
 /// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many phases.
 const CHANGED_ERROR_UM: f64 = 3.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
 const PHASES: usize = 8;
-/// Model error of a trend over load (natural logarithm).
-const TREND_SIGMA: f64 = 0.35;
 /// Lines of one harmonic share the model's error over channels and loads: their number counts by this much in the covariance.
 pub const INDEPENDENT: f64 = 0.4;
 /// Least number of lines.
@@ -54,7 +52,7 @@ pub struct Effort {
     /// Starts that are followed to a minimum.
     starts: usize,
     /// Iterations to a minimum.
-    iterations: usize,
+    pub iterations: usize,
 }
 
 /// For what is named.
@@ -93,6 +91,17 @@ pub enum Number {
     Term,
 }
 
+impl Number {
+    /// The stage, and the harmonic where it is one, whose amplitudes alone a number moves: each mesh sees the others at their mean stiffness, and what is small moves its own harmonic.
+    pub fn reach(&self) -> Option<(usize, Option<usize>)> {
+        match self {
+            Self::Error(stage, h, _) | Self::Changed(stage, h, _) => Some((*stage, (*h >= LARGE).then_some(h + 1))),
+            Self::Spacing(stage) => Some((*stage, None)),
+            _ => None,
+        }
+    }
+}
+
 /// A term without a name, of which one coefficient is fitted.
 #[derive(Clone, Debug)]
 pub struct FreeTerm {
@@ -114,7 +123,7 @@ impl FreeTerm {
 }
 
 /// Whether a number alters more than the lines of one harmonic.
-fn large(number: &Number) -> bool {
+pub fn large(number: &Number) -> bool {
     !matches!(number, Number::Error(_, h, _) if *h >= LARGE)
 }
 
@@ -131,23 +140,37 @@ pub struct Problem<'a> {
     /// What is accounted for.
     pub lines: Vec<Line>,
     /// How many of the numbers are the bench's own.
-    own: usize,
-    orders: Vec<Vec<f64>>,
-    groups: usize,
-    solver: Vec<[SteadySolver; 2]>,
+    pub(super) own: usize,
+    pub(super) orders: Vec<Vec<f64>>,
+    pub(super) groups: usize,
+    /// Of each line the first of its group.
+    pub(super) first: Vec<usize>,
+    /// What the residuals are of.
+    pub(super) rows: Vec<Of>,
+    pub(super) solver: Vec<[SteadySolver; 2]>,
     /// Only the references' trend over load counts.
-    trend_only: bool,
-    effort: Effort,
-    term: Option<FreeTerm>,
-    /// Of the changes of the lines (ln, root mean square).
-    spread: f64,
+    pub(super) trend_only: bool,
+    /// Model error of the trend over load (ln, rad).
+    pub(super) trend_sigma: f64,
+    pub(super) effort: Effort,
+    pub(super) term: Option<FreeTerm>,
+    /// Of the changes and turns of the lines (ln, rad, root mean square).
+    pub(super) spread: f64,
 }
 
 /// Cost and numbers of a point.
 pub type Start = (f64, DVector<f64>);
 
 /// The bench's own numbers as the references alone show them: where fits with an effect start.
-pub struct Base(DVector<f64>);
+#[derive(Debug)]
+pub struct Base {
+    /// The numbers.
+    pub x: DVector<f64>,
+    /// Model error of the trend over load that they leave.
+    pub trend_sigma: f64,
+    /// Of each line, the variance of its logarithm that the model's own error makes.
+    pub unsure: Vec<f64>,
+}
 
 impl<'a> Problem<'a> {
     /// The problem of some effects (id and place); `None` where there are too few lines, or an effect has no form on them.
@@ -160,10 +183,10 @@ impl<'a> Problem<'a> {
         };
         let mut own = 0;
         let profile = sheet::profile(q.bench);
-        for (i, stated) in profile.iter().enumerate() {
+        for (i, (stated, spacing_um)) in profile.iter().zip(sheet::spacing_um(q.bench)).enumerate() {
             add(Number::Stiffness(i), 0.0, STIFFNESS_TOLERANCE);
             add(Number::Coupling(i), COUPLING.0, COUPLING.1);
-            add(Number::Spacing(i), SPACING_UM.0, SPACING_UM.1);
+            add(Number::Spacing(i), if spacing_um > 0.0 { spacing_um } else { SPACING_UM.0 }, SPACING_UM.1);
             add(Number::Damping(i), 0.0, DAMPING_TOLERANCE);
             own += 4 + 2 * ERRORS;
             for h in 0..ERRORS {
@@ -201,7 +224,10 @@ impl<'a> Problem<'a> {
         let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-5, together: false, parting: true };
         let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
-        let spread = (lines.iter().map(|l| l.change * l.change).sum::<f64>() / lines.len() as f64).sqrt();
+        let moved: Vec<f64> = lines.iter().flat_map(Line::moved).collect();
+        let spread = (moved.iter().map(|m| m * m).sum::<f64>() / moved.len() as f64).sqrt();
+        let first = lines.iter().map(|l| lines.iter().position(|m| m.group == l.group).unwrap_or(l.own)).collect();
+        let rows = rows(&lines, false);
         Some(Self {
             q,
             specs,
@@ -211,8 +237,11 @@ impl<'a> Problem<'a> {
             own,
             orders,
             groups,
+            first,
+            rows,
             solver,
             trend_only: false,
+            trend_sigma: TREND_SIGMA,
             effort: THOROUGH,
             term: None,
             spread,
@@ -233,27 +262,21 @@ impl<'a> Problem<'a> {
         Self { effort, ..self }
     }
 
-    /// The bench's own numbers from the trend of the references' lines over load.
-    pub fn base(q: &'a Question<'a>, cells: &[Cell]) -> Option<Base> {
-        let mut problem = Self::new(q, cells, &[])?;
-        problem.trend_only = true;
-        let start = DVector::from_iterator(problem.own, problem.priors.iter().map(|p| p.mean));
-        let all: Vec<usize> = (0..q.bench.stages.len()).collect();
-        let spaced = problem.spaced(vec![start], &all);
-        let (_, start) = problem.turned(spaced, &all).into_iter().next()?;
-        Some(Base(problem.approach(start, &large, problem.effort.iterations)?.1))
-    }
-
     /// Minimises over some of the numbers.
     pub fn minimise(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Solution> {
         let (priors, free) = (self.priors.clone(), self.free(free));
-        minimise(x, &priors, &self.reaches(), &free, iterations, &mut |x| self.residuals(x))
+        minimise(x, &priors, &self.reaches(), &free, iterations, self)
     }
 
     /// A little of the way to the minimum over some of the numbers.
-    fn approach(&mut self, x: DVector<f64>, free: &dyn Fn(&Number) -> bool, iterations: usize) -> Option<Start> {
+    pub(super) fn approach(
+        &mut self,
+        x: DVector<f64>,
+        free: &dyn Fn(&Number) -> bool,
+        iterations: usize,
+    ) -> Option<Start> {
         let (priors, free) = (self.priors.clone(), self.free(free));
-        approach(x, &priors, &self.reaches(), &free, iterations, &mut |x| self.residuals(x))
+        approach(x, &priors, &self.reaches(), &free, iterations, self)
     }
 
     fn free(&self, of: &dyn Fn(&Number) -> bool) -> Vec<usize> {
@@ -264,30 +287,25 @@ impl<'a> Problem<'a> {
     /// of high harmonic, which is small, only those of its own harmonic.
     fn reaches(&self) -> Vec<Reach> {
         let own = |stage: usize, harmonic: Option<usize>| -> Vec<usize> {
-            let line = |l: &Line| l.stage == stage && harmonic.is_none_or(|h| usize::from(l.harmonic) == h + 1);
-            let count = |l: &Line| self.lines.iter().filter(|m| m.group == l.group).count();
-            let changes = self.lines.iter().filter(|_| !self.trend_only).map(line);
-            let trends = self.lines.iter().filter(|l| count(l) > 1).map(line);
-            changes.chain(trends).enumerate().filter(|(_, of)| *of).map(|(i, _)| i).collect()
+            let moved = |l: &Line| l.stage == stage && harmonic.is_none_or(|h| usize::from(l.harmonic) == h);
+            let moves = |(k, of): (usize, &Of)| moved(&self.lines[of.line()]).then_some(k);
+            self.rows.iter().enumerate().filter_map(moves).collect()
         };
-        let reach = |n: &Number| match n {
-            Number::Error(stage, h, _) | Number::Changed(stage, h, _) if *h >= LARGE => Some(own(*stage, Some(*h))),
-            Number::Error(stage, ..) | Number::Changed(stage, ..) | Number::Spacing(stage) => Some(own(*stage, None)),
-            _ => None,
-        };
+        let reach = |n: &Number| n.reach().map(|(stage, h)| own(stage, h));
         self.numbers.iter().map(reach).collect()
     }
 
-    /// The best fit from the most promising starts.
-    pub fn solve(&mut self, base: &Base) -> Option<Solution> {
-        let seen = self.glance(base)?;
-        self.settle(seen)
+    /// How many numbers are the bench's own.
+    pub fn own(&self) -> usize {
+        self.own
     }
 
-    /// The bench's own numbers as the references show them, and the effects' usual ones.
-    pub fn start(&self, base: &Base) -> DVector<f64> {
+    /// The bench's own numbers and the model error as the references show them, and the effects' usual ones.
+    pub fn start(&mut self, base: &Base) -> DVector<f64> {
+        self.trend_sigma = base.trend_sigma;
+        self.lines.iter_mut().zip(&base.unsure).for_each(|(l, unsure)| l.unsure = *unsure);
         let means = self.priors[self.own..].iter().map(|p| p.mean);
-        DVector::from_iterator(self.priors.len(), base.0.iter().copied().chain(means))
+        DVector::from_iterator(self.priors.len(), base.x.iter().copied().chain(means))
     }
 
     /// Promising starts, least cost first. What one is worth shows once the teeth's own numbers have followed it a little.
@@ -378,11 +396,12 @@ impl<'a> Problem<'a> {
             y.rows_mut(first, values.len()).copy_from_slice(&values);
             y
         };
-        starts(fitted(&spec.effect).unwrap_or_default()).into_iter().map(sized).collect()
+        let numbers = fitted(&spec.effect).unwrap_or_default();
+        starts(numbers).into_iter().chain(nearly_none(numbers)).map(sized).collect()
     }
 
     /// Each point as it is, and with the best other scatter of the spacing of some stages' teeth; least cost first. What parts the teeth is left out.
-    fn spaced(&mut self, points: Vec<DVector<f64>>, stages: &[usize]) -> Vec<Start> {
+    pub(super) fn spaced(&mut self, points: Vec<DVector<f64>>, stages: &[usize]) -> Vec<Start> {
         let own = |n: &Number| matches!(n, Number::Spacing(i) if stages.contains(i));
         let spacings: Vec<usize> = (0..self.numbers.len()).filter(|&k| own(&self.numbers[k])).collect();
         let mut out = Vec::with_capacity(2 * points.len());
@@ -405,7 +424,7 @@ impl<'a> Problem<'a> {
 
     /// Each point in the best of some phases of the first profile error of some stages: it adds to what an effect does to the loaded teeth, and no
     /// fit gets from one phase to the opposite. Least cost first.
-    fn turned(&mut self, mut points: Vec<Start>, stages: &[usize]) -> Vec<Start> {
+    pub(super) fn turned(&mut self, mut points: Vec<Start>, stages: &[usize]) -> Vec<Start> {
         for &stage in stages {
             let own = |n: &Number| matches!(n, Number::Error(i, 0, 0) if *i == stage);
             let Some(cosine) = self.numbers.iter().position(own) else { continue };
@@ -427,7 +446,7 @@ impl<'a> Problem<'a> {
 
     /// Cost at a point; `None` where there is no steady state.
     pub fn cost(&mut self, x: &DVector<f64>) -> Option<f64> {
-        let r = self.residuals(x)?;
+        let r = self.residuals_at(x)?;
         Some(losses(&r) + pulls(x, &self.priors))
     }
 
@@ -488,90 +507,5 @@ impl<'a> Problem<'a> {
             gearwatch_sim::terms::apply(&term.sized(size), &mut with).ok()?;
         }
         Some([plain, with])
-    }
-
-    /// Changes of the lines (one each; where a recording has no steady state they may be any), then the
-    /// references' trend over load, in standard deviations.
-    pub fn residuals(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
-        let setups = self.setups(x)?;
-        let sides = if self.trend_only { 1 } else { 2 };
-        let mut amplitudes = Vec::with_capacity(self.orders.len());
-        for (p, pair) in self.q.comparison.pairs.iter().enumerate() {
-            let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
-            let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
-            let mut both = Vec::with_capacity(sides);
-            for side in 0..sides {
-                let solver = &mut self.solver[p][side];
-                match solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
-                    Ok(solved) => both.push(solved.sensors),
-                    // Of one law the sizes beyond a steady state are not tried.
-                    Err(_) if side == 0 || self.term.is_some() => return None,
-                    // Teeth that part without a period: what their lines do is left open.
-                    Err(_) => {}
-                }
-            }
-            amplitudes.push(both);
-        }
-        if sides == 2 && amplitudes.iter().all(|both| both.len() < 2) {
-            return None;
-        }
-        let level = |l: &Line, side: usize| amplitudes[l.pair][side][l.sensor][l.at].norm().max(1e-12).ln();
-        let mut out = Vec::with_capacity(2 * self.lines.len());
-        let mut sums = vec![(0.0, 0usize); self.groups];
-        for l in &self.lines {
-            let before = level(l, 0);
-            if sides == 2 {
-                out.push(match amplitudes[l.pair].len() {
-                    2 => (level(l, 1) - before - l.change) / l.sigma(),
-                    _ => unforeseen(l, self.spread),
-                });
-            }
-            sums[l.group].0 += before - l.reference;
-            sums[l.group].1 += 1;
-        }
-        for l in &self.lines {
-            let (sum, n) = sums[l.group];
-            if n > 1 {
-                let freedom = (1.0 - 1.0 / n as f64).sqrt();
-                out.push((level(l, 0) - l.reference - sum / n as f64) / (TREND_SIGMA * freedom.recip()));
-            }
-        }
-        Some(out)
-    }
-}
-
-/// What a line counts whose change the model does not predict: it may be any, with the spread that
-/// the changes have. In standard deviations of a residual that costs as much.
-fn unforeseen(line: &Line, spread: f64) -> f64 {
-    let wider = (1.0 + (spread / line.sigma()).powi(2)).sqrt();
-    residual_of(losses(&[line.change / (line.sigma() * wider)]) + 2.0 * wider.ln())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A change of 0.5 with σ² = 0.08² + (0.25 · 0.5)² counts as itself where changes have no spread.
-    /// With a spread of 0.5 it is within one deviation, and the wider density costs ln(1 + 0.5²/σ²).
-    #[test]
-    fn analytic_a_change_that_is_not_predicted_may_be_any() {
-        let line = Line {
-            stage: 0,
-            harmonic: 1,
-            pair: 0,
-            sensor: 0,
-            at: 0,
-            change: 0.5,
-            variance: 0.0,
-            reference: 0.0,
-            group: 0,
-        };
-        let variance: f64 = 0.0064 + 0.015625;
-        assert!((unforeseen(&line, 0.0) - 0.5 / variance.sqrt()).abs() < 1e-12);
-        let wide = variance + 0.25;
-        let cost = losses(&[0.5 / wide.sqrt()]) + (wide / variance).ln();
-        assert!((losses(&[unforeseen(&line, 0.5)]) - cost).abs() < 1e-12);
-        // Less than what a model costs that says nothing changes.
-        assert!(unforeseen(&line, 0.5) < 0.5 / variance.sqrt());
     }
 }

@@ -22,6 +22,18 @@ pub fn profile(bench: &Bench) -> Vec<Vec<[f64; 2]>> {
     with(bench, |e| e.effect == PROFILE).map_or_else(|| vec![Vec::new(); bench.stages.len()], of)
 }
 
+/// By how much the spacing of each stage's teeth scatters between neighbours (µm, of both gears) by the pitch errors that the sheet states; 0 of even teeth.
+pub fn spacing_um(bench: &Bench) -> Vec<f64> {
+    let even = vec![0.0; bench.stages.len()];
+    let Ok(setup) = effects::setup(bench, &[]) else { return even };
+    let step = |e: &[f64]| {
+        let next = e.iter().cycle().skip(1);
+        e.iter().zip(next).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / e.len().max(1) as f64
+    };
+    let scatter = |errors: [&[f64]; 2]| 1e6 * errors.map(step).iter().sum::<f64>().sqrt();
+    setup.teeth.iter().map(|t| scatter([&t.pinion.pitch_error_m, &t.wheel.pitch_error_m])).collect()
+}
+
 /// Leaves the profile errors of a sheet out, for another account of them.
 pub fn drop_profile(bench: &mut Bench) {
     bench.effects.retain(|e| e.effect != PROFILE);

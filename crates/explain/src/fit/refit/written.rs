@@ -1,7 +1,8 @@
 //! The fitted model as a bench file holds it.
 //!
 //! Shafts, bearings and damping are numbers of the file. Stiffness and coupling of tooth pairs have effects of the library, the profile error that every pair has is a `[[term]]` over the mesh
-//! cycle. The scatter of tooth spacing is not written: it is a mean over teeth that nobody measured, and no form of theirs.
+//! cycle. The scatter of tooth spacing is not written: it is a mean over teeth that nobody measured, and no form of theirs. So the bench of the file has the pitch errors of the sheet, and its
+//! other numbers are those that fit the lines best beside them.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +14,26 @@ use super::problem::{CHANGED, COUPLING_RANGE, Number, Problem};
 use super::sheet;
 
 impl Problem<'_> {
+    /// The bench's own numbers that fit best where teeth are spaced as the sheet says, beside what was named; as they are where no fit gets there.
+    pub fn as_spaced(&mut self, fitted: &DVector<f64>) -> DVector<f64> {
+        let mut x = fitted.clone();
+        let stated = sheet::spacing_um(self.q.bench);
+        for (number, um) in self.numbers.iter().zip(x.iter_mut()) {
+            if let Number::Spacing(i) = number {
+                *um = stated[*i];
+            }
+        }
+        let own =
+            |n: &Number| !matches!(n, Number::Spacing(_) | Number::Effect(..) | Number::Changed(..) | Number::Term);
+        let iterations = self.effort.iterations;
+        let found = self.approach(x, &own, iterations);
+        found.map_or_else(|| fitted.clone(), |(_, x)| x)
+    }
+
     /// The sheet with the numbers as fitted; what was named is not in it. A profile error that was named holds what every pair has in its harmonics.
-    pub fn written(&self, x: &DVector<f64>) -> Bench {
-        let mut bench = self.bench(x);
+    pub fn written(&mut self, fitted: &DVector<f64>) -> Bench {
+        let x = self.as_spaced(fitted);
+        let mut bench = self.bench(&x);
         sheet::drop_profile(&mut bench);
         let named = |stage: &str| self.specs.iter().any(|s| s.effect == "profile_error" && s.place == stage);
         let mut errors: BTreeMap<(usize, usize), [f64; 2]> = BTreeMap::new();
