@@ -235,42 +235,4 @@ fn fit(problem: &mut Problem<'_>, x: &DVector<f64>, evidence: f64) -> Option<Fit
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn lines(changes: &[f64]) -> Vec<Line> {
-        let line = |&change: &f64| Line {
-            stage: 0,
-            harmonic: 1,
-            pair: 0,
-            sensor: 0,
-            at: 0,
-            own: 0,
-            change,
-            turn: None,
-            turned: 0.0,
-            variance: 0.0,
-            unsure: 0.0,
-            reference: 0.0,
-            reference_phase: 0.0,
-            group: 0,
-        };
-        changes.iter().map(line).collect()
-    }
-
-    /// Lines that stay cost nothing, and no spread suits them better. Forty that move by 0.3 cost at that spread each twice the logarithm of how much wider they are than their own error and what a change of
-    /// `0.3/wider` does, and all together the logarithm of their number; the best of the grid costs no more than a nat beyond that, and none costs more.
-    #[test]
-    fn analytic_lines_that_move_each_for_itself_have_a_spread() {
-        let cost = |changes: &[f64], spread: f64| spread_cost(&lines(changes).iter().collect::<Vec<_>>(), spread);
-        let least = |changes: &[f64]| least_spread_cost(&lines(changes).iter().collect::<Vec<_>>());
-        assert_eq!((cost(&[0.0; 40], 0.0), least(&[0.0; 40])), (0.0, 0.0));
-        let sigma = lines(&[0.3])[0].sigma();
-        let wider = (sigma * sigma + 0.09).sqrt();
-        let moved: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 0.3 } else { -0.3 }).collect();
-        let expected = 40.0 * (losses(&[0.3 / wider]) + 2.0 * (wider / sigma).ln()) + 40f64.ln();
-        assert!((cost(&moved, 0.3) - expected).abs() < 1e-9);
-        // The grid of spreads is a quarter apart: near its best a cost is flat.
-        assert!(least(&moved) < expected + 1.0 && expected < cost(&moved, 0.0));
-    }
-}
+mod tests;

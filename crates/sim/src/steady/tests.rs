@@ -18,6 +18,19 @@ fn stepped(
     steps: usize,
     orders: &[f64],
 ) -> Vec<Vec<f64>> {
+    let lines = stepped_lines(setup, torque, settle_s, revolutions, steps, orders);
+    lines.iter().map(|lines| lines.iter().map(|z| z.norm()).collect()).collect()
+}
+
+/// The same with their phases.
+fn stepped_lines(
+    setup: &SimSetup,
+    torque: f64,
+    settle_s: f64,
+    revolutions: f64,
+    steps: usize,
+    orders: &[f64],
+) -> Vec<Vec<Complex<f64>>> {
     let model = TrainModel::new(setup, Profile::constant(30.0), Profile::constant(torque), 5).unwrap();
     let period = revolutions / (model.rotation.at(0.0).1 / std::f64::consts::TAU);
     let step = period / steps as f64;
@@ -37,7 +50,7 @@ fn stepped(
         }
         rk4.step_located().unwrap();
     }
-    sums.iter().map(|sums| sums.iter().map(|z| z.norm()).collect()).collect()
+    sums
 }
 
 /// Largest error of the lines; below 5 % of the largest, relative to that.
@@ -101,6 +114,40 @@ fn oracle_single_stage_by_stepping() {
             assert!(found < allowed, "order {order}: {found:.1e}");
         }
     }
+}
+
+/// Flanks worn less beyond the pitch point than before it: by stepping the lines change in amplitude and phase as the steady state has it, with one angle for where the record began. The wear itself
+/// turns them by more than a tenth of a radian, and worn as deep on both sides they turn otherwise.
+#[test]
+fn oracle_worn_flanks_turn_lines_as_by_stepping() {
+    let even = SimSetup::nominal(&test_bench::single_stage());
+    let worn = |recess_wear: f64| {
+        let mut setup = even.clone();
+        (setup.teeth[0].pair.wear_m, setup.teeth[0].pair.recess_wear) = (8e-6, recess_wear);
+        setup
+    };
+    let orders: Vec<f64> = mesh_orders(34.0).collect();
+    let by_steady = |setup: &SimSetup| solved(setup, SteadyOptions::default(), 60.0, &orders).sensors[0].clone();
+    let by_steps = |setup: &SimSetup| stepped_lines(setup, 60.0, 1.0, 1.0, 8192, &orders)[0].clone();
+    let ratios =
+        |a: &[Complex<f64>], b: &[Complex<f64>]| -> Vec<Complex<f64>> { a.iter().zip(b).map(|(a, b)| a / b).collect() };
+    let steady = ratios(&by_steady(&worn(0.4)), &by_steady(&even));
+    let steps = ratios(&by_steps(&worn(0.4)), &by_steps(&even));
+    // The second harmonic of what is left goes with twice the angle of the first.
+    let apart = ratios(&steps, &steady);
+    let began = apart[0].arg();
+    for (h, z) in apart.iter().enumerate() {
+        let left = z * Complex::from_polar(1.0, -began * (h + 1) as f64);
+        assert!((left - 1.0).norm() < 5e-3, "{}x: {left}", h + 1);
+    }
+    let both = ratios(&by_steady(&worn(1.0)), &by_steady(&even));
+    let turned = |ratios: &[Complex<f64>]| {
+        let began = ratios[0].arg();
+        (1..5).map(|h| (ratios[h] * Complex::from_polar(1.0, -began * (h + 1) as f64)).arg()).collect::<Vec<f64>>()
+    };
+    let (one, other) = (turned(&steady), turned(&both));
+    assert!(one.iter().any(|t| t.abs() > 0.1), "{one:?}");
+    assert!(one.iter().zip(&other).any(|(a, b)| (a - b).abs() > 0.1), "{one:?} {other:?}");
 }
 
 /// The classical form, whose pairs come and go at once: the mean over a sample takes the place of a
