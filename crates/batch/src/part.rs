@@ -12,13 +12,14 @@ use std::sync::Arc;
 
 use arrow_array::cast::AsArray;
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
-use arrow_schema::SchemaRef;
+use arrow_schema::{DataType, SchemaRef};
 use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::schema::types::ColumnPath;
 use sha2::{Digest, Sha256};
 use tempfile::NamedTempFile;
 
@@ -173,12 +174,12 @@ impl Workshop {
     /// # Errors
     /// When no file can be made.
     pub fn begin(&self, of: &Identity) -> Result<PieceWriter, PartError> {
-        self.writer(self.piece(of))
+        self.writer(self.piece(of), piece_properties(&self.table.schema))
     }
 
     /// What is unfinished lies among the pieces, where the next run clears it away.
-    fn writer(&self, target: PathBuf) -> Result<PieceWriter, PartError> {
-        PieceWriter::new(&self.pieces, target, &self.settings, self.table.schema.clone())
+    fn writer(&self, target: PathBuf, properties: WriterProperties) -> Result<PieceWriter, PartError> {
+        PieceWriter::new(&self.pieces, target, properties, self.table.schema.clone())
     }
 
     /// Joins the pieces of these items, in this order, to the part, and clears all pieces of this
@@ -188,7 +189,8 @@ impl Workshop {
     /// When a piece is missing or damaged, or the part cannot be written; then the part that was
     /// there before stays.
     pub fn finish(self, items: &[Identity]) -> Result<PathBuf, PartError> {
-        let mut writer = self.writer(self.part.clone())?;
+        let properties = part_properties(&self.settings).map_err(parquet_at(&self.part))?;
+        let mut writer = self.writer(self.part.clone(), properties)?;
         for item in items {
             let piece = self.piece(item);
             for batch in reader(&piece)? {
@@ -291,7 +293,7 @@ pub struct PieceWriter {
 }
 
 impl PieceWriter {
-    fn new(folder: &Path, target: PathBuf, settings: &str, schema: SchemaRef) -> Result<Self, PartError> {
+    fn new(folder: &Path, target: PathBuf, properties: WriterProperties, schema: SchemaRef) -> Result<Self, PartError> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".unfinished-");
         // Temporary files are private by default; parts are for others to read, as far as the umask
@@ -299,7 +301,7 @@ impl PieceWriter {
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let temporary = builder.tempfile_in(folder).map_err(io_at(folder))?;
-        let writer = arrow_writer(temporary, settings, schema).map_err(parquet_at(&target))?;
+        let writer = ArrowWriter::try_new(temporary, schema, Some(properties)).map_err(parquet_at(&target))?;
         Ok(Self { writer, target })
     }
 
@@ -328,7 +330,7 @@ impl PieceWriter {
 /// # Errors
 /// When `out` does not take the bytes.
 pub fn write_table(out: impl io::Write + Send, batch: &RecordBatch) -> Result<(), ParquetError> {
-    let mut writer = arrow_writer(out, "", batch.schema())?;
+    let mut writer = ArrowWriter::try_new(out, batch.schema(), Some(part_properties("")?))?;
     writer.write(batch)?;
     writer.close().map(|_| ())
 }
@@ -351,18 +353,29 @@ pub fn write_columns(
     write_table(out, &RecordBatch::try_from_iter_with_nullable(texts.chain(numbers))?)
 }
 
-fn arrow_writer<W: io::Write + Send>(
-    out: W,
-    settings: &str,
-    schema: SchemaRef,
-) -> Result<ArrowWriter<W>, ParquetError> {
-    let properties = WriterProperties::builder()
+/// How a part is written: small.
+fn part_properties(settings: &str) -> Result<WriterProperties, ParquetError> {
+    Ok(WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::try_new(3)?))
         .set_max_row_group_row_count(Some(GROUP_ROWS))
         .set_created_by(concat!("gearwatch ", env!("CARGO_PKG_VERSION")).to_owned())
         .set_key_value_metadata(Some(vec![KeyValue::new(SETTINGS_KEY.to_owned(), settings.to_owned())]))
-        .build();
-    ArrowWriter::try_new(out, schema, Some(properties))
+        .build())
+}
+
+/// How a piece is written, which is read once and then goes: fast. A compressor and a
+/// decompressor for each of some hundred columns cost more than the rows of a recording, as do
+/// dictionaries of numbers that hardly repeat; texts repeat in every row.
+fn piece_properties(schema: &SchemaRef) -> WriterProperties {
+    let mut properties = WriterProperties::builder()
+        .set_compression(Compression::UNCOMPRESSED)
+        .set_dictionary_enabled(false)
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_max_row_group_row_count(Some(GROUP_ROWS));
+    for field in schema.fields().iter().filter(|field| *field.data_type() == DataType::Utf8) {
+        properties = properties.set_column_dictionary_enabled(ColumnPath::from(field.name().as_str()), true);
+    }
+    properties.build()
 }
 
 /// Lower-case hexadecimal.
