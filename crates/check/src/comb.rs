@@ -1,6 +1,5 @@
 //! Speed of a recording from its own mesh lines by a comb search.
 
-use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -28,31 +27,57 @@ pub struct CombField {
 impl CombField {
     /// From the Hann spectra of all channels of one recording (equal lengths and rates).
     pub fn new<T: Precision>(transforms: &mut Transforms, channels: &[&[T]], sample_rate_hz: f64) -> Self {
+        Self::gather(transforms, channels, sample_rate_hz, |_, _| {})
+    }
+
+    /// The same, and that of each channel alone for the work of one; of none where they would take
+    /// too much memory.
+    pub(crate) fn with_each<T: Precision>(
+        transforms: &mut Transforms,
+        channels: &[&[T]],
+        sample_rate_hz: f64,
+    ) -> (Self, Vec<Self>) {
+        let bins: usize = channels.iter().map(|channel| channel.len() / 2 + 1).sum();
+        if size_of::<f32>() * bins > MOST_EACH_BYTES {
+            return (Self::new(transforms, channels, sample_rate_hz), Vec::new());
+        }
+        let mut each: Vec<Vec<f32>> = vec![Vec::new(); channels.len()];
+        let all = Self::gather(transforms, channels, sample_rate_hz, |channel, excess| {
+            each[channel].extend(excess.iter().map(|excess| *excess as f32));
+        });
+        let each = each.into_iter().map(|log_excess| Self::of(log_excess, all.bin_hz)).collect();
+        (all, each)
+    }
+
+    /// Tells the log excess of each channel, some bins at a time.
+    fn gather<T: Precision>(
+        transforms: &mut Transforms,
+        channels: &[&[T]],
+        sample_rate_hz: f64,
+        mut tell: impl FnMut(usize, &[f64]),
+    ) -> Self {
         let len = channels.iter().map(|c| c.len()).min().unwrap_or(0);
         let mut log_excess = vec![0.0_f32; len / 2 + 1];
-        let mut turns = Turns::new(TOGETHER);
-        for channel in channels {
-            let mut signal = Paired::<T>::with_capacity(len);
-            for first in (0..len).step_by(TOGETHER) {
-                let samples = &channel[first..len.min(first + TOGETHER)];
-                turns.fill(first, 1.0 / len as f64);
-                // Hann's window.
-                let weights = turns.re.iter().map(|re| 0.5 - 0.5 * re);
-                signal.extend(samples.iter().zip(weights).map(|(x, weight)| (*x).into() * weight));
-            }
-            let power = transforms.powers(signal);
+        for (number, channel) in channels.iter().enumerate() {
+            let power = transforms.powers(hann(&channel[..len]));
             let floor = local_floor(&power, 60);
-            let mut power = power.from(0);
-            for (of_step, ends) in log_excess.chunks_mut(floor.step).zip(floor.values.windows(2)) {
-                for (t, (sum, power)) in of_step.iter_mut().zip(&mut power).enumerate() {
+            let mut some = vec![0.0; floor.step];
+            let steps = log_excess.chunks_mut(floor.step).zip(power.amplitudes().chunks(floor.step));
+            for ((sums, amplitudes), ends) in steps.zip(floor.values.windows(2)) {
+                let some = &mut some[..sums.len()];
+                for (t, (excess, amplitude)) in some.iter_mut().zip(amplitudes).enumerate() {
                     let t = t as f64 / floor.step as f64;
                     let floor = ends[0] * (1.0 - t) + ends[1] * t;
+                    let amplitude: f64 = (*amplitude).into();
                     // Capped: one huge line must not outvote a whole comb. Where little noise hides
                     // them, orders of pitch errors reach 30 dB too.
-                    let ratio = power / floor.max(f64::MIN_POSITIVE);
-                    let excess = if ratio > 1.0 { ratio.ln().min(MOST_EXCESS) } else { 0.0 };
+                    let ratio = amplitude * amplitude / floor.max(f64::MIN_POSITIVE);
+                    *excess = if ratio > 1.0 { ratio.ln().min(MOST_EXCESS) } else { 0.0 };
+                }
+                for (sum, excess) in sums.iter_mut().zip(&*some) {
                     *sum += (excess / channels.len() as f64) as f32;
                 }
+                tell(number, some);
             }
         }
         Self::of(log_excess, if len > 0 { sample_rate_hz / len as f64 } else { 1.0 })
@@ -199,39 +224,47 @@ impl Steps {
     }
 }
 
+/// Bytes of the fields of single channels that are kept beside that of all: four channels of half a
+/// minute at 16 384 Hz.
+const MOST_EACH_BYTES: usize = 4 << 20;
+
 /// Samples that are weighted at a time.
 const TOGETHER: usize = 512;
 
+/// A signal through Hann's window.
+fn hann<T: Precision>(signal: &[T]) -> Paired<T> {
+    let mut out = Paired::with_capacity(signal.len());
+    let mut turns = Turns::new(TOGETHER);
+    for (piece, samples) in signal.chunks(TOGETHER).enumerate() {
+        turns.fill(piece * TOGETHER, 1.0 / signal.len() as f64);
+        let weights = turns.re.iter().map(|re| 0.5 - 0.5 * re);
+        out.extend(samples.iter().zip(weights).map(|(x, weight)| (*x).into() * weight));
+    }
+    out
+}
+
 /// Median of the neighbouring `half` bins on each side.
-fn local_floor(power: &Powers<impl Precision>, half: usize) -> Knots {
+fn local_floor<T: Precision>(power: &Powers<T>, half: usize) -> Knots {
     let step = (half / 2).max(1);
-    let mut values = Vec::new();
-    // Powers are not negative: as whole numbers, their bits are in the order of the powers.
-    let mut bits = power.from(0).map(f64::to_bits);
-    let mut near: VecDeque<u64> = VecDeque::with_capacity(2 * half + 1 + step);
+    let amplitudes = power.amplitudes();
+    let mut values = Vec::with_capacity(amplitudes.len() / step + 2);
     let mut window = Vec::with_capacity(2 * half + 1);
-    near.extend(bits.by_ref().take(half + 1));
-    let mut centre = 0;
-    while centre < power.len() + step {
+    for centre in (0..amplitudes.len() + step).step_by(step) {
+        let near = centre.saturating_sub(half)..(centre + half + 1).min(amplitudes.len());
         window.clear();
-        window.extend(near.iter());
-        let value = median_bits(&mut window) / std::f64::consts::LN_2;
+        // Amplitudes are not negative: as whole numbers, their bits are in their order, which is
+        // that of the powers.
+        window.extend(amplitudes[near.start.min(near.end)..near.end].iter().map(|amplitude| amplitude.bits()));
+        let value = median(&mut window).map_or(f64::NAN, |bits| T::power_of(bits)) / std::f64::consts::LN_2;
         values.push(if value.is_finite() { value } else { values.last().copied().unwrap_or(1.0) });
-        let gone = (centre + step).saturating_sub(half) - centre.saturating_sub(half);
-        near.drain(..gone.min(near.len()));
-        near.extend(bits.by_ref().take(step));
-        centre += step;
     }
     Knots { values, step }
 }
 
-/// As [`crate::dsp::median`], of bits of numbers that are not negative.
-fn median_bits(values: &mut [u64]) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
+/// The one in the middle; none of nothing.
+fn median<B: Ord + Copy>(values: &mut [B]) -> Option<B> {
     let middle = values.len() / 2;
-    f64::from_bits(*values.select_nth_unstable(middle).1)
+    (!values.is_empty()).then(|| *values.select_nth_unstable(middle).1)
 }
 
 #[cfg(test)]
@@ -276,6 +309,24 @@ mod tests {
                 assert!((f64::from(*excess) - expected).abs() < 1e-3, "{len}: bin {k}, {excess} {expected}");
             }
         }
+    }
+
+    /// The fields that come with that of all channels are those of each alone, bit for bit, and so
+    /// is that of all; where they would take too much memory there are none.
+    #[test]
+    fn oracle_the_fields_of_each_channel_are_those_of_it_alone() {
+        let one = signal(40_000);
+        let other: Vec<f32> = one.iter().rev().map(|x| 0.3 * x + 1.0).collect();
+        let channels = [&one[..], &other, &one[..]];
+        let mut transforms = Transforms::default();
+        let (all, each) = CombField::with_each(&mut transforms, &channels, 1000.0);
+        assert_eq!(all.log_excess, CombField::new(&mut transforms, &channels, 1000.0).log_excess);
+        for (channel, field) in channels.iter().zip(&each) {
+            let alone = CombField::new(&mut transforms, &[*channel], 1000.0);
+            assert_eq!((&field.log_excess, field.bin_hz), (&alone.log_excess, alone.bin_hz));
+        }
+        let many = vec![&one[..]; MOST_EACH_BYTES / (2 * one.len()) + 1];
+        assert!(CombField::with_each(&mut transforms, &many, 1000.0).1.is_empty());
     }
 
     /// Every speed of the range scored, as [`CombField::search`] and [`CombField::speed`] were once

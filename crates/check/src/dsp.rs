@@ -1,10 +1,11 @@
 //! Transforms that the features share: window, spectra, resampling to shaft angle.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use gearwatch_core::fourier::{ComplexPlans, RealPlans};
 use num_complex::Complex64;
-use rustfft::FftPlanner;
+use rustfft::{Fft, FftPlannerAvx};
 
 /// Coefficients of the four-term Blackman–Harris window (Harris 1978, −92 dB side lobes).
 const BLACKMAN_HARRIS: [f64; 4] = [0.35875, 0.48829, 0.14128, 0.01168];
@@ -23,12 +24,40 @@ pub const WINDOW_NOISE_BINS: f64 = 2.0044;
 pub struct Transforms {
     real: RealPlans,
     pub(crate) complex: ComplexPlans,
-    pub(crate) single: FftPlanner<f32>,
+    pub(crate) single: SinglePlans,
 }
 
 impl Default for Transforms {
     fn default() -> Self {
-        Self { real: RealPlans::default(), complex: ComplexPlans::default(), single: FftPlanner::new() }
+        Self { real: RealPlans::default(), complex: ComplexPlans::default(), single: SinglePlans::new() }
+    }
+}
+
+/// What plans transforms where there is no AVX. The library's own choice has a third set for SSE,
+/// half a megabyte of the program, for processors that are older than 2011 or have AVX left out; of
+/// them only checks and explanations take longer.
+#[cfg(target_arch = "x86_64")]
+type WithoutAvx = rustfft::FftPlannerScalar<f32>;
+#[cfg(not(target_arch = "x86_64"))]
+type WithoutAvx = rustfft::FftPlanner<f32>;
+
+/// Plans of transforms in single precision.
+pub(crate) enum SinglePlans {
+    Avx(FftPlannerAvx<f32>),
+    WithoutAvx(WithoutAvx),
+}
+
+impl SinglePlans {
+    fn new() -> Self {
+        FftPlannerAvx::new().map_or_else(|()| Self::WithoutAvx(WithoutAvx::new()), Self::Avx)
+    }
+
+    /// Plan of a forward transform of this length.
+    pub(crate) fn forward(&mut self, len: usize) -> Arc<dyn Fft<f32>> {
+        match self {
+            Self::Avx(planner) => planner.plan_fft_forward(len),
+            Self::WithoutAvx(planner) => planner.plan_fft_forward(len),
+        }
     }
 }
 

@@ -15,13 +15,29 @@ use crate::dsp::Transforms;
 pub trait Precision: FftNum + Into<f64> {
     /// Rounded.
     fn of(x: f64) -> Self;
+    /// The number's bits, in the order of numbers that are not negative.
+    type Bits: Ord + Copy;
+    /// Those of this one.
+    fn bits(self) -> Self::Bits;
+    /// Square of the number that has these bits.
+    fn power_of(bits: Self::Bits) -> f64;
     /// Plan of its forward transform of this length.
     fn forward(transforms: &mut Transforms, len: usize) -> Arc<dyn Fft<Self>>;
 }
 
 impl Precision for f64 {
+    type Bits = u64;
+
     fn of(x: f64) -> Self {
         x
+    }
+
+    fn bits(self) -> u64 {
+        self.to_bits()
+    }
+
+    fn power_of(bits: u64) -> f64 {
+        squared(f64::from_bits(bits))
     }
 
     fn forward(transforms: &mut Transforms, len: usize) -> Arc<dyn Fft<Self>> {
@@ -30,12 +46,22 @@ impl Precision for f64 {
 }
 
 impl Precision for f32 {
+    type Bits = u32;
+
     fn of(x: f64) -> Self {
         x as f32
     }
 
+    fn bits(self) -> u32 {
+        self.to_bits()
+    }
+
+    fn power_of(bits: u32) -> f64 {
+        squared(f32::from_bits(bits))
+    }
+
     fn forward(transforms: &mut Transforms, len: usize) -> Arc<dyn Fft<Self>> {
-        transforms.single.plan_fft_forward(len)
+        transforms.single.forward(len)
     }
 }
 
@@ -50,8 +76,7 @@ impl Transforms {
                 let values = signal.pairs.iter().flat_map(|pair| [pair.re.into(), pair.im.into()]);
                 let mut signal: Vec<f64> = values.take(len).collect();
                 let bins = self.forward_real(&mut signal);
-                let bins: Vec<_> = bins.iter().map(|b| Complex::new(T::of(b.norm()), T::zero())).collect();
-                Powers { rows: bins.len(), columns: 1, bins, last: None }
+                Powers { amplitudes: bins.iter().map(|b| T::of(b.norm())).collect() }
             }
         }
     }
@@ -91,9 +116,7 @@ impl Transforms {
         for row in bins.chunks_exact_mut(columns) {
             of_row.process_with_scratch(row, &mut scratch);
         }
-        let mut powers = Powers { bins, columns, rows, last: None };
-        powers.part(half);
-        powers
+        Table { bins, columns, rows }.parted()
     }
 }
 
@@ -131,7 +154,17 @@ impl<T: Precision> Paired<T> {
 
 impl<T: Precision> Extend<f64> for Paired<T> {
     fn extend<I: IntoIterator<Item = f64>>(&mut self, samples: I) {
-        samples.into_iter().for_each(|x| self.push(x));
+        let mut samples = samples.into_iter();
+        if !self.len.is_multiple_of(2)
+            && let Some(x) = samples.next()
+        {
+            self.push(x);
+        }
+        while let Some(x) = samples.next() {
+            let next = samples.next();
+            self.pairs.push(Complex::new(T::of(x), next.map_or(T::zero(), T::of)));
+            self.len += 1 + usize::from(next.is_some());
+        }
     }
 }
 
@@ -189,59 +222,61 @@ impl WithSimd for Fill<'_> {
 
 /// Powers of the bins of a spectrum.
 pub struct Powers<T> {
-    /// The amplitudes as real parts, row by row.
-    bins: Vec<Complex<T>>,
-    columns: usize,
-    rows: usize,
-    /// The last one, where the table has no place for it.
-    last: Option<T>,
+    /// The bins' amplitudes, one after the other.
+    amplitudes: Vec<T>,
 }
 
 impl<T: Precision> Powers<T> {
-    fn place(&self, k: usize) -> usize {
-        (k % self.rows) * self.columns + k / self.rows
-    }
-
     /// Number of bins.
     pub fn len(&self) -> usize {
-        self.bins.len() + usize::from(self.last.is_some())
+        self.amplitudes.len()
     }
 
     /// There is no bin.
     pub fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.amplitudes.is_empty()
+    }
+
+    /// The amplitudes, whose squares are the powers.
+    pub fn amplitudes(&self) -> &[T] {
+        &self.amplitudes
     }
 
     /// Power of a bin.
     pub fn at(&self, k: usize) -> f64 {
-        let amplitude = match self.last {
-            Some(last) if k == self.bins.len() => last,
-            _ => self.bins[self.place(k)].re,
-        };
-        amplitude.into() * amplitude.into()
+        squared(self.amplitudes[k])
     }
 
-    /// Powers of the bins from one on, up to the last: down the columns of the table.
+    /// Powers of the bins from one on, up to the last.
     pub fn from(&self, first: usize) -> impl Iterator<Item = f64> + '_ {
-        let mut place = Place { row: first % self.rows, column: first / self.rows };
-        (first..self.len()).map(move |k| {
-            let amplitude = match self.last {
-                Some(last) if k == self.bins.len() => last,
-                _ => self.bins[place.next(self)].re,
-            };
-            amplitude.into() * amplitude.into()
-        })
+        self.amplitudes[first..].iter().map(|amplitude| squared(*amplitude))
     }
+}
 
+fn squared<T: Precision>(amplitude: T) -> f64 {
+    let amplitude: f64 = amplitude.into();
+    amplitude * amplitude
+}
+
+/// A spectrum in a table: bin `k` lies in row `k mod rows` and column `k / rows`.
+struct Table<T> {
+    bins: Vec<Complex<T>>,
+    columns: usize,
+    rows: usize,
+}
+
+impl<T: Precision> Table<T> {
     /// From the spectrum of even samples as real and odd samples as imaginary parts to the
     /// amplitudes of the spectrum of all.
-    fn part(&mut self, half: usize) {
+    fn parted(&self) -> Powers<T> {
+        let half = self.bins.len();
         let wide = |bin: Complex<T>| Complex64::new(bin.re.into(), bin.im.into());
         // Squares of single precision do not overflow in double, nor do those of any signal.
-        let of = |bin: Complex64| Complex::new(T::of(bin.norm_sqr().sqrt()), T::zero());
+        let of = |bin: Complex64| T::of(bin.norm_sqr().sqrt());
+        let mut amplitudes = vec![T::zero(); half + 1];
         let zero = wide(self.bins[0]);
-        self.last = Some(T::of((zero.re - zero.im).abs()));
-        self.bins[0] = Complex::new(T::of((zero.re + zero.im).abs()), T::zero());
+        amplitudes[0] = T::of((zero.re + zero.im).abs());
+        amplitudes[half] = T::of((zero.re - zero.im).abs());
         let mut turns = Turns::new(self.rows);
         let (mut up, mut down) = (Place { row: 0, column: 0 }, Place { row: 0, column: self.columns });
         up.next(self);
@@ -255,9 +290,10 @@ impl<T: Precision> Powers<T> {
             let turn = Complex64::new(turns.re[at], turns.im[at]);
             let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turn);
             // The bin at half − k is the conjugate of the difference.
-            self.bins[low] = of(even + odd);
-            self.bins[high] = of(even - odd);
+            amplitudes[k] = of(even + odd);
+            amplitudes[half - k] = of(even - odd);
         }
+        Powers { amplitudes }
     }
 }
 
@@ -269,7 +305,7 @@ struct Place {
 
 impl Place {
     /// Index of this one; steps on to the next bin.
-    fn next<T>(&mut self, of: &Powers<T>) -> usize {
+    fn next<T>(&mut self, of: &Table<T>) -> usize {
         let index = self.row * of.columns + self.column;
         self.row += 1;
         if self.row == of.rows {
@@ -279,7 +315,7 @@ impl Place {
     }
 
     /// Steps back to the bin before; its index.
-    fn previous<T>(&mut self, of: &Powers<T>) -> usize {
+    fn previous<T>(&mut self, of: &Table<T>) -> usize {
         if self.row == 0 {
             (self.row, self.column) = (of.rows, self.column - 1);
         }

@@ -65,6 +65,9 @@ pub(crate) struct Heard<'a> {
     pub(crate) look: &'a Look,
     pub(crate) steady: Steady<'a, LookRun>,
     pub(crate) field: CombField,
+    /// Channels that do not show the lines that the others show, and how well the sheet's comb fits
+    /// each of them.
+    blind: Vec<(&'a str, f64)>,
     /// Expected input-shaft speed (Hz), and how far it may be off (relative).
     pub(crate) expected_hz: f64,
     reach: f64,
@@ -134,6 +137,19 @@ pub(crate) fn hear<'a>(bench: &Bench, looks: &'a [Look]) -> Vec<Heard<'a>> {
 
 fn hear_one<'a>(bench: &Bench, train: &Train, look: &'a Look, transforms: &mut Transforms) -> Option<Heard<'a>> {
     let steady = steady(bench, look)?;
+    let (mut heard, each) = hear_all(bench, train, look, steady, transforms)?;
+    heard.blind = blind(train, &heard, each, transforms);
+    Some(heard)
+}
+
+/// The lines of all channels together; beside them the comb field of each alone.
+fn hear_all<'a>(
+    bench: &Bench,
+    train: &Train,
+    look: &'a Look,
+    steady: Steady<'a, LookRun>,
+    transforms: &mut Transforms,
+) -> Option<(Heard<'a>, Vec<CombField>)> {
     let (expected_hz, reach, from) = expected(bench, train, &steady);
     let shortest = steady.channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
     let seconds = shortest as f64 / steady.sample_rate_hz;
@@ -142,13 +158,14 @@ fn hear_one<'a>(bench: &Bench, train: &Train, look: &'a Look, transforms: &mut T
     if seconds * slowest < REVOLUTIONS || seconds < 1.0 {
         return None;
     }
-    let field = steady.comb_field(transforms);
+    let (field, each) = CombField::with_each(transforms, &steady.signals(), steady.sample_rate_hz);
     let (input_hz, score) = best(train, &field, &steady, expected_hz, reach).unwrap_or((expected_hz, 0.0));
     let (other, slips, stated_score) = (None, false, score);
     let mut heard = Heard {
         look,
         steady,
         field,
+        blind: Vec::new(),
         expected_hz,
         reach,
         from,
@@ -172,14 +189,14 @@ fn hear_one<'a>(bench: &Bench, train: &Train, look: &'a Look, transforms: &mut T
         let lines = best(train, &heard.field, &heard.steady, hz, SAME).map_or(0.0, |(_, score)| score);
         if at_sheet > as_stated + DECIDES && lines > FITS {
             heard.other = Some(Other { cause: Cause::Rate(sheet), input_hz: hz, score: lines });
-            return Some(heard);
+            return Some((heard, each));
         }
     }
     heard.other = self::other(bench, train, &heard, transforms);
     if from == From::Stated && bench.belt.is_none() && !heard.is_explained() {
         heard.slip(train);
     }
-    Some(heard)
+    Some((heard, each))
 }
 
 impl Heard<'_> {
@@ -363,7 +380,7 @@ pub(crate) fn findings(bench: &Bench, heard: &[Heard<'_>], baseline: Option<&Bas
             ));
         }
         out.append(&mut of_it);
-        out.extend(deaf(&train, one));
+        out.extend(deaf(one));
     }
     out
 }
@@ -486,27 +503,42 @@ fn no_lines(train: &Train, heard: &Heard<'_>) -> Option<Finding> {
     })
 }
 
-/// Sensors that do not hear what the others hear.
-fn deaf(train: &Train, heard: &Heard<'_>) -> Vec<Finding> {
-    if !heard.is_settled() || heard.steady.channels.len() < 2 {
+/// Channels that do not show what the others show, and the score of each, by its own comb field.
+fn blind<'a>(
+    train: &Train,
+    heard: &Heard<'a>,
+    each: Vec<CombField>,
+    transforms: &mut Transforms,
+) -> Vec<(&'a str, f64)> {
+    let steady = &heard.steady;
+    if !heard.is_settled() || steady.channels.len() < 2 {
         return Vec::new();
     }
-    let mut transforms = Transforms::default();
-    let mut out = Vec::new();
-    for (name, _, run) in &heard.steady.channels {
-        let field = CombField::new(&mut transforms, &[&run.samples[..]], heard.steady.sample_rate_hz);
-        let score = best(train, &field, &heard.steady, heard.input_hz, CLOCK).map_or(0.0, |(_, score)| score);
-        if score < FITS {
-            out.push(finding(
-                heard,
-                "sensor_blind",
-                name,
-                Severity::Doubtful,
-                format!("it sees nothing of the gears ({score:.1} nats a mesh line; noise alone reaches 1.3)"),
-                format!("mesh lines, as the other sensors show them at {:.3} Hz", heard.input_hz),
-                "check cable, mounting and range; a sensor that cannot see the gears judges nothing".into(),
-            ));
-        }
-    }
-    out
+    let shortest = steady.channels.iter().map(|c| c.2.samples.len()).min().unwrap_or(0);
+    let mut each = each.into_iter();
+    let score = |(name, _, run): &(&'a str, &str, &LookRun)| {
+        // What the others do not have of a channel counts for it alone.
+        let field = each
+            .next()
+            .filter(|_| run.samples.len() == shortest)
+            .unwrap_or_else(|| CombField::new(transforms, &[&run.samples[..]], steady.sample_rate_hz));
+        let score = best(train, &field, steady, heard.input_hz, CLOCK).map_or(0.0, |(_, score)| score);
+        (*name, score)
+    };
+    steady.channels.iter().map(score).filter(|(_, score)| *score < FITS).collect()
+}
+
+/// Sensors that do not hear what the others hear.
+fn deaf(heard: &Heard<'_>) -> impl Iterator<Item = Finding> {
+    heard.blind.iter().map(|(name, score)| {
+        finding(
+            heard,
+            "sensor_blind",
+            name,
+            Severity::Doubtful,
+            format!("it sees nothing of the gears ({score:.1} nats a mesh line; noise alone reaches 1.3)"),
+            format!("mesh lines, as the other sensors show them at {:.3} Hz", heard.input_hz),
+            "check cable, mounting and range; a sensor that cannot see the gears judges nothing".into(),
+        )
+    })
 }
