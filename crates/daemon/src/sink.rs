@@ -40,7 +40,7 @@ pub use broker::{Desk, HandedOut, Position};
 pub use standing::{Missed, Remembered, Standing, Voice};
 
 /// All kinds of sinks.
-pub const KINDS: &[Kind<dyn SinkConfig>] =
+pub static KINDS: &[Kind<dyn SinkConfig>] =
     &[stdout::KIND, mcap_log::KIND, nats::KIND, mqtt::KIND, webhook::KIND, foxglove::KIND];
 
 /// A line of [`KINDS`].

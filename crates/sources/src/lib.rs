@@ -91,7 +91,7 @@ pub use readings::{Quantity, Readings};
 pub use socket::is_timeout;
 
 /// All kinds of sources.
-pub const KINDS: &[Kind<dyn SourceConfig>] = &[
+pub static KINDS: &[Kind<dyn SourceConfig>] = &[
     simulator::KIND,
     test_signal::KIND,
     file::KIND,
