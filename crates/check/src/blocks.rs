@@ -35,7 +35,7 @@ pub(crate) fn demodulate<T: Copy + Into<f64>>(
     while first < len {
         let block = block_of(first, len, blocks);
         let samples = first..end_of(block, first, len, blocks).min(first + MOST);
-        stretch.take(channels, samples.clone(), block, (len, blocks));
+        arch.dispatch(Take { stretch: &mut stretch, channels, samples: samples.clone(), block, of: (len, blocks) });
         angle(&mut stretch.angle[..samples.len()]);
         arch.dispatch(Gather { stretch: &mut stretch, combs, sums: &mut sums });
         // The record counts as going round, as it does to the transform.
@@ -99,6 +99,7 @@ impl Stretch {
     }
 
     /// Weighs samples of a block.
+    #[inline(always)]
     fn take<T: Copy + Into<f64>>(
         &mut self,
         channels: &[&[T]],
@@ -106,21 +107,50 @@ impl Stretch {
         block: usize,
         (len, blocks): (usize, usize),
     ) {
-        let count = samples.len();
+        let (count, first) = (samples.len(), samples.start as f64);
         self.len = count.next_multiple_of(VECTOR);
         self.angle[count..self.len].fill(0.0);
-        for (channel, [before, own, after]) in channels.iter().zip(&mut self.weighted) {
-            let weighted = before.iter_mut().zip(own.iter_mut()).zip(after.iter_mut());
-            for (((before, own), after), (n, x)) in weighted.zip(samples.clone().zip(&channel[samples.clone()])) {
-                let t = position(n, len, blocks) - block as f64;
-                let x: f64 = (*x).into();
-                (*before, *own, *after) =
-                    (x * (0.5 * (1.0 - t) * (1.0 - t)), x * (0.5 + t * (1.0 - t)), x * (0.5 * t * t));
-            }
-            for weighted in [before, own, after] {
+        // The weights lie where the phasors will.
+        let [[before, own], [after, _]] = [&mut self.first, &mut self.power].map(|two| two.each_mut());
+        let (before, own, after) = (&mut before[..count], &mut own[..count], &mut after[..count]);
+        for i in 0..count {
+            // As `position` has it.
+            let t = (first + f64::from(i as u32) + 0.5) * blocks as f64 / len as f64 - block as f64;
+            (before[i], own[i], after[i]) = (0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t);
+        }
+        for (channel, weighted) in channels.iter().zip(&mut self.weighted) {
+            let channel = &channel[samples.clone()];
+            for (weighted, weight) in weighted.iter_mut().zip([&*before, &*own, &*after]) {
+                weigh(channel, weight, &mut weighted[..count]);
                 weighted[count..self.len].fill(0.0);
             }
         }
+    }
+}
+
+/// Weighing of samples.
+struct Take<'a, T> {
+    stretch: &'a mut Stretch,
+    channels: &'a [&'a [T]],
+    samples: Range<usize>,
+    block: usize,
+    of: (usize, usize),
+}
+
+impl<T: Copy + Into<f64>> WithSimd for Take<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.stretch.take(self.channels, self.samples, self.block, self.of);
+    }
+}
+
+/// Samples times weights.
+#[inline(always)]
+fn weigh<T: Copy + Into<f64>>(samples: &[T], weights: &[f64], out: &mut [f64]) {
+    for ((out, x), weight) in out.iter_mut().zip(samples).zip(weights) {
+        *out = (*x).into() * weight;
     }
 }
 

@@ -1,7 +1,7 @@
 //! The angle of a shaft through a recording: from tacho pulses or an even speed, with what the mesh
 //! lines correct.
 
-use std::ops::Range;
+use pulp::{Arch, Simd, WithSimd};
 
 /// The angle of a shaft through a recording, worked out where it is asked for: written down it
 /// would take as much memory as a channel of the recording, or two.
@@ -103,25 +103,40 @@ impl Walk<'_> {
     pub fn fill(&mut self, out: &mut [f64]) {
         let first = self.sample;
         self.sample += out.len();
+        Arch::new().dispatch(Fill { walk: self, first, out });
+    }
+
+    /// The same from a sample on.
+    #[inline(always)]
+    fn fill_from(&mut self, first: usize, out: &mut [f64]) {
         match &self.turning.start {
             Start::Even { input_hz, sample_rate_hz } => {
-                for (n, angle) in (first..).zip(&mut *out) {
-                    *angle = input_hz * n as f64 / sample_rate_hz;
+                let begin = first as f64;
+                for (i, angle) in out.iter_mut().enumerate() {
+                    *angle = input_hz * (begin + f64::from(i as u32)) / sample_rate_hz;
                 }
             }
             Start::Pulses { angle: by_pulses, input_hz, tacho_input_hz, len } => {
                 // Where the sample clock is off, sample `n` was not taken at `n` steps of the
                 // tacho's time.
-                let position = |n: usize| n as f64 * input_hz / tacho_input_hz;
+                let begin = first as f64;
+                for (i, position) in out.iter_mut().enumerate() {
+                    *position = (begin + f64::from(i as u32)) * input_hz / tacho_input_hz;
+                }
                 let whole = |position: f64| (position as usize).min(len - 2);
-                let (begin, end) = (whole(position(first)), whole(position(self.sample.saturating_sub(1))) + 2);
+                let (low, high) = (out.first().copied().unwrap_or(0.0), out.last().copied().unwrap_or(0.0));
+                let (begin, end) = (whole(low), whole(high) + 2);
                 self.samples.resize(end - begin, 0.0);
                 self.pulse = by_pulses.fill(begin, self.pulse, &mut self.samples);
-                for (n, angle) in (first..).zip(&mut *out) {
-                    let position = position(n);
-                    let k = whole(position);
-                    let (a, b) = (self.samples[k - begin], self.samples[k - begin + 1]);
-                    *angle = a + (b - a) * (position - k as f64);
+                // Positions rise by about one, so that the whole number below is stepped to.
+                let (mut at, mut below, last) = (0, begin as f64, end - begin - 2);
+                for angle in out.iter_mut() {
+                    let position = *angle;
+                    while at < last && below + 1.0 <= position {
+                        (at, below) = (at + 1, below + 1.0);
+                    }
+                    let (a, b) = (self.samples[at], self.samples[at + 1]);
+                    *angle = a + (b - a) * (position - below);
                 }
             }
         }
@@ -132,12 +147,29 @@ impl Walk<'_> {
     }
 }
 
+/// Work for the processor's vectors.
+struct Fill<'a, 'b> {
+    walk: &'a mut Walk<'b>,
+    first: usize,
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Fill<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.walk.fill_from(self.first, self.out);
+    }
+}
+
 /// Adds to the values at samples from `first` on what [`between`] gives at each of `len` samples:
 /// samples between the same two middles of blocks together.
+#[inline(always)]
 fn add_between(values: &[f64], len: usize, first: usize, out: &mut [f64]) {
     let (blocks, last) = (values.len() as f64, values.len() - 2);
-    let position = |n: usize| (n as f64 + 0.5) * blocks / len as f64 - 0.5;
-    let knot = |n: usize| (position(n).max(0.0) as usize).min(last);
+    let position = |n: f64| (n + 0.5) * blocks / len as f64 - 0.5;
+    let knot = |n: usize| (position(n as f64).max(0.0) as usize).min(last);
     let mut done = 0;
     while done < out.len() {
         let begin = first + done;
@@ -151,22 +183,25 @@ fn add_between(values: &[f64], len: usize, first: usize, out: &mut [f64]) {
         while end > begin + 1 && knot(end - 1) != k {
             end -= 1;
         }
-        add_span(values, k, begin..end, position, &mut out[done..end - first]);
+        add_span(values, k, begin, position, &mut out[done..end - first]);
         done = end - first;
     }
 }
 
-/// The same between the middles of blocks `k` and `k + 1`.
-fn add_span(values: &[f64], k: usize, samples: Range<usize>, position: impl Fn(usize) -> f64, out: &mut [f64]) {
+/// The same between the middles of blocks `k` and `k + 1`, from a sample on.
+#[inline(always)]
+fn add_span(values: &[f64], k: usize, begin: usize, position: impl Fn(f64) -> f64, out: &mut [f64]) {
     let (b, c) = (values[k], values[k + 1]);
+    let (begin, middle) = (begin as f64, k as f64);
+    let at = |i: usize| position(begin + f64::from(i as u32)) - middle;
     if k == 0 || k == values.len() - 2 {
-        for (n, out) in samples.zip(out) {
-            *out += straight(b, c, position(n) - k as f64);
+        for (i, out) in out.iter_mut().enumerate() {
+            *out += straight(b, c, at(i));
         }
     } else {
         let (a, d) = (values[k - 1], values[k + 2]);
-        for (n, out) in samples.zip(out) {
-            *out += cubic([a, b, c, d], position(n) - k as f64);
+        for (i, out) in out.iter_mut().enumerate() {
+            *out += cubic([a, b, c, d], at(i));
         }
     }
 }
@@ -197,6 +232,7 @@ impl PulseAngle {
 
     /// Angles at samples from `first` on (revolutions); `pulse` is one near them, 0 to begin with,
     /// and the one before the last of them is returned.
+    #[inline(always)]
     fn fill(&self, first: usize, mut pulse: usize, out: &mut [f64]) -> usize {
         let time = |sample: usize| sample as f64 / self.sample_rate_hz;
         let mut done = 0;
@@ -211,11 +247,13 @@ impl PulseAngle {
                 end += 1;
             }
             let (begin_s, end_s) = (time(first + done), time(first + end - 1));
-            let of_it = (first + done..).zip(&mut out[done..end]);
+            let begin = (first + done) as f64;
+            let time_of = |i: usize| (begin + f64::from(i as u32)) / self.sample_rate_hz;
+            let of_it = out[done..end].iter_mut().enumerate();
             if begin_s > self.pulse_s[0] && end_s < self.pulse_s[self.pulse_s.len() - 1] {
-                of_it.for_each(|(n, angle)| *angle = span.at(time(n)) * self.rev_per_pulse);
+                of_it.for_each(|(i, angle)| *angle = span.at(time_of(i)) * self.rev_per_pulse);
             } else {
-                of_it.for_each(|(n, angle)| *angle = self.within(&span, time(n)));
+                of_it.for_each(|(i, angle)| *angle = self.within(&span, time_of(i)));
             }
             done = end;
         }
@@ -223,6 +261,7 @@ impl PulseAngle {
     }
 
     /// The last pulse before a time, or the last but one, sought from one near it.
+    #[inline(always)]
     fn pulse_at(&self, t: f64, mut pulse: usize) -> usize {
         while pulse > 0 && t < self.pulse_s[pulse] {
             pulse -= 1;
@@ -234,6 +273,7 @@ impl PulseAngle {
     }
 
     /// From a pulse to the next.
+    #[inline(always)]
     fn span(&self, pulse: usize) -> Span {
         let (pulse_s, n) = (&self.pulse_s, self.pulse_s.len());
         let slope = |i: usize| {
@@ -248,6 +288,7 @@ impl PulseAngle {
     }
 
     /// Angle at a time within a span, or beyond the ends of all (revolutions).
+    #[inline(always)]
     fn within(&self, span: &Span, t: f64) -> f64 {
         let n = self.pulse_s.len();
         let pulses = if t <= self.pulse_s[0] {
@@ -296,10 +337,12 @@ pub(crate) fn between(values: &[f64], position: f64) -> f64 {
     if k == 0 || k == last { straight(b, c, t) } else { cubic([values[k - 1], b, c, values[k + 2]], t) }
 }
 
+#[inline(always)]
 fn straight(b: f64, c: f64, t: f64) -> f64 {
     b + (c - b) * t
 }
 
+#[inline(always)]
 fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
 }
