@@ -127,10 +127,13 @@ impl Problem<'_> {
     }
 }
 
+/// Amplitudes of one side of a pair, by sensor and order.
+type Side = Vec<Vec<Complex64>>;
+
 /// Amplitudes of two, one by one.
 fn combined(a: &Amplitudes, b: &Amplitudes, of: &dyn Fn(Complex64, Complex64) -> Complex64) -> Amplitudes {
     let sensors = |(a, b): (&Vec<Complex64>, &Vec<Complex64>)| a.iter().zip(b).map(|(a, b)| of(*a, *b)).collect();
-    let sides = |(a, b): (&Vec<Vec<Complex64>>, &Vec<Vec<Complex64>>)| a.iter().zip(b).map(sensors).collect();
-    let pairs = |(a, b): (&Vec<Vec<Vec<Complex64>>>, &Vec<Vec<Vec<Complex64>>>)| a.iter().zip(b).map(sides).collect();
+    let sides = |(a, b): (&Side, &Side)| a.iter().zip(b).map(sensors).collect();
+    let pairs = |(a, b): (&Vec<Side>, &Vec<Side>)| a.iter().zip(b).map(sides).collect();
     a.iter().zip(b).map(pairs).collect()
 }
