@@ -26,7 +26,7 @@ use rayon::prelude::*;
 
 use self::library::fitted;
 use self::lines::Line;
-pub use self::problem::{Base, FreeTerm, Number, Problem, SPACING_UM};
+pub use self::problem::{Base, FreeTerm, Number, PITCH_ERROR, Problem, SPACING_UM};
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
 use crate::change::masks;

@@ -3,9 +3,13 @@
 //! SHAPE ranks all of them over drawn benches; the best few are then fitted jointly with the bench's own numbers, each by itself. The evidence of
 //! that fit decides. What the fit leaves of the changes tells whether the library has the effect at all.
 
+use std::collections::BTreeMap;
+
 use crate::change::locate::{Cell, Place};
-use crate::fit::refit;
+use crate::change::masks::OneGear;
+use crate::fit::refit::{self, PITCH_ERROR};
 use crate::fit::shape;
+use crate::name::gear::gear_name;
 use crate::name::{Finding, Question};
 
 /// How closely effects are compared.
@@ -58,7 +62,12 @@ pub fn finding(
         .take(REFITTED)
         .map(|r| Scored { score: r.probability.max(LEAST_SHARE).ln(), ranked: r })
         .collect();
-    let unknown = if depth == Depth::Refit { fit_all(q, cells, &mut scored, steps) } else { None };
+    let unknown = if depth == Depth::Refit {
+        scored.extend(single_teeth(q, place));
+        fit_all(q, cells, &mut scored, steps)
+    } else {
+        None
+    };
     scored.sort_by(|a, b| b.score.total_cmp(&a.score));
     let (probabilities, of_unknown) = probabilities(&scored, unknown);
     let Some(&probability) = probabilities.first() else { return Err(Vec::new()) };
@@ -115,6 +124,34 @@ fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
     }
 }
 
+/// Errors of the teeth of each gear of the stages that a mask holds. How their spacing scatters alters the mesh harmonics too, so where these changed it stands beside what alters all teeth.
+fn single_teeth<'a>(q: &'a Question<'_>, mask: Place) -> impl Iterator<Item = Scored> + use<'a> {
+    let stages = (0..q.train.stages.len()).filter(move |&i| match mask {
+        Place::Mesh(stage) | Place::Stage(stage) => i == stage,
+        _ => true,
+    });
+    let asked = move |_: &usize| !q.without.contains(&PITCH_ERROR);
+    let gears = stages.filter(asked).flat_map(|i| [(i, i), (i, i + 1)]);
+    gears.map(move |(i, j)| {
+        let place = gear_name(q, i, j);
+        let ranked = shape::Ranked {
+            effect: PITCH_ERROR,
+            place,
+            probability: 0.0,
+            log_evidence: 0.0,
+            parameters: BTreeMap::new(),
+        };
+        Scored { score: LEAST_SHARE.ln(), ranked }
+    })
+}
+
+/// How much likelier the sidebands are if the teeth of one gear differ than if all teeth of the mesh do (nats); 0 of what alters all teeth.
+fn by_sidebands(q: &Question<'_>, cells: &[Cell], ranked: &shape::Ranked) -> f64 {
+    let gears = (0..q.train.stages.len()).flat_map(|i| [(i, i), (i, i + 1)]);
+    let own = gears.filter(|_| ranked.effect == PITCH_ERROR).find(|&(i, j)| gear_name(q, i, j) == ranked.place);
+    own.map_or(0.0, |(i, j)| OneGear::of(q.train, cells, i, j).gain())
+}
+
 /// Fits every candidate and scores it by its evidence. Gives the score of a change of unknown form.
 fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut Vec<String>) -> Option<f64> {
     let base = refit::base(q, cells)?;
@@ -124,10 +161,11 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
         let words = fit.map_or("no steady state".to_owned(), |f| {
             format!("{:.1} nats, leaves {:.2} per line of {}", f.evidence, f.left, f.lines)
         });
-        steps.push(format!(
-            "shape: {} at {}: {:.2} by drawn benches, joint refit {words}",
-            s.ranked.effect, s.ranked.place, s.ranked.probability
-        ));
+        let before = match by_sidebands(q, cells, &s.ranked) {
+            0.0 => format!("{:.2} by drawn benches", s.ranked.probability),
+            nats => format!("{nats:.1} nats by sidebands"),
+        };
+        steps.push(format!("shape: {} at {}: {before}, joint refit {words}", s.ranked.effect, s.ranked.place));
     }
     // What cannot be fitted is taken to fit as badly as the worst.
     let least = fits.iter().flatten().map(|f| f.evidence).fold(f64::INFINITY, f64::min);
@@ -135,7 +173,8 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
         return None;
     }
     for (s, fit) in scored.iter_mut().zip(&fits) {
-        s.score = shape::prior(s.ranked.effect).ln() + EVIDENCE_WEIGHT * fit.map_or(least, |f| f.evidence);
+        let evidence = EVIDENCE_WEIGHT * fit.map_or(least, |f| f.evidence);
+        s.score = shape::prior(s.ranked.effect).ln() + evidence + by_sidebands(q, cells, &s.ranked);
     }
     let unknown = unknown?;
     steps.push(format!(
@@ -158,7 +197,7 @@ mod tests {
                 place: "stage1".to_owned(),
                 probability: 0.5,
                 log_evidence: 0.0,
-                parameters: std::collections::BTreeMap::new(),
+                parameters: BTreeMap::new(),
             };
             Scored { score, ranked }
         };

@@ -27,6 +27,11 @@ pub const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
 /// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
 /// relieved and worn flanks most.
 pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
+/// An effect of the teeth of one gear. All that mesh lines know of it is how far the spacing scatters.
+pub const PITCH_ERROR: &str = "pitch_error";
+/// Scatter that it adds: usual (µm), standard deviation of its logarithm, and where searches start.
+const ADDED_SCATTER_UM: (f64, f64) = (4.0, 0.8);
+const ADDED_STARTS_UM: [f64; 5] = [0.3, 1.5, 3.0, 6.0, 12.0];
 /// Scatters from which fits start: nearly none has no slope towards more, and teeth that scatter far part at light loads.
 const SPACING_STARTS_UM: [f64; 3] = [0.4, 1.8, 3.2];
 /// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
@@ -85,6 +90,8 @@ pub enum Number {
     Error(usize, usize, usize),
     /// The same, added by the effect.
     Changed(usize, usize, usize),
+    /// ln of the scatter of tooth spacing (µm) that the effect adds to a mesh.
+    Scatter(usize),
     /// ln of a parameter of a member.
     Effect(usize, &'static str),
     /// Size of the free term, by its scale.
@@ -96,7 +103,7 @@ impl Number {
     pub fn reach(&self) -> Option<(usize, Option<usize>)> {
         match self {
             Self::Error(stage, h, _) | Self::Changed(stage, h, _) => Some((*stage, (*h >= LARGE).then_some(h + 1))),
-            Self::Spacing(stage) => Some((*stage, None)),
+            Self::Spacing(stage) | Self::Scatter(stage) => Some((*stage, None)),
             _ => None,
         }
     }
@@ -203,8 +210,14 @@ impl<'a> Problem<'a> {
         }
         let mut specs = Vec::new();
         for (member, (effect, place)) in members.iter().enumerate() {
-            for number in fitted(effect)? {
+            let form = if *effect == PITCH_ERROR { &[][..] } else { fitted(effect)? };
+            for number in form {
                 add(Number::Effect(member, number.name), number.usual.ln(), number.spread);
+            }
+            if *effect == PITCH_ERROR {
+                let (stage, _) = place.split_once('.')?;
+                let stage = q.bench.stages.iter().position(|s| s.name == stage)?;
+                add(Number::Scatter(stage), ADDED_SCATTER_UM.0.ln(), ADDED_SCATTER_UM.1);
             }
             if *effect == "profile_error" {
                 let stage = q.bench.stages.iter().position(|s| s.name == *place)?;
@@ -313,7 +326,8 @@ impl<'a> Problem<'a> {
         let mut x = self.start(base);
         let mut tried = Vec::new();
         // The teeth concerned; of what sits on a shaft, all.
-        let own = |i: &usize| self.specs.iter().any(|s| s.place == self.q.bench.stages[*i].name);
+        let of_stage = |s: &EffectSpec| s.place.split('.').next().unwrap_or_default().to_owned();
+        let own = |i: &usize| self.specs.iter().any(|s| of_stage(s) == self.q.bench.stages[*i].name);
         let all: Vec<usize> = (0..self.q.bench.stages.len()).collect();
         let mut concerned: Vec<usize> = all.iter().copied().filter(own).collect();
         if concerned.is_empty() {
@@ -389,6 +403,14 @@ impl<'a> Problem<'a> {
                 x.clone_from(&best.1);
             }
             return tried.into_iter().map(|(_, y)| y).collect();
+        }
+        if let Some(added) = self.numbers.iter().position(|n| matches!(n, Number::Scatter(_))) {
+            let sized = |um: &f64| {
+                let mut y = x.clone();
+                y[added] = um.ln();
+                y
+            };
+            return ADDED_STARTS_UM.iter().map(sized).collect();
         }
         let Some(first) = self.numbers.iter().position(own) else { return Vec::new() };
         let sized = |values: Vec<f64>| {
@@ -499,7 +521,13 @@ impl<'a> Problem<'a> {
         let mut with = plain.clone();
         profile(&mut plain, &|i, h, p| errors[i][h][p]);
         profile(&mut with, &|i, h, p| errors[i][h][p] + changed[i][h][p]);
-        for spec in specs.iter().filter(|s| s.effect != "profile_error") {
+        for (number, value) in self.numbers.iter().zip(x.iter()) {
+            if let Number::Scatter(i) = number {
+                let alternating_m = &mut with.teeth[*i].pair.alternating_m;
+                *alternating_m = alternating_m.hypot(1e-6 * value.exp());
+            }
+        }
+        for spec in specs.iter().filter(|s| !["profile_error", PITCH_ERROR].contains(&&*s.effect)) {
             effects::apply(spec, &mut with).ok()?;
         }
         if let Some(term) = &self.term {
