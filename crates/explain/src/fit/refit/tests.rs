@@ -2,48 +2,81 @@
 
 use super::residuals::Of;
 use super::*;
-use crate::change::locate;
+use crate::change::compare::LineChange;
+use crate::change::locate::{self, Cell};
 use crate::explain::Input;
 use crate::fit::least_squares::losses;
 use crate::measure::{Measured, measure};
 use crate::prove;
 
-/// What the phases of a drawn case cost at the fit of its own effect, if nothing were predicted of them, and at the fit where they run backwards.
-fn phases(effect: &'static str, index: u64) -> Option<[f64; 3]> {
-    let case = prove::case(2_026_112_701, index, Some(effect))?;
-    let place = &case.truth.effects.iter().find(|e| e.effect == effect)?.place;
-    let (recordings, reference) = (&case.recordings, &case.reference);
-    let input = Input { bench: &case.bench, recordings, reference, without: &[] };
-    let Measured { bench, train, teeth, recordings, references, comparison, ratios, .. } =
-        measure(&input, &mut Vec::new(), &mut |_| {}).ok()?;
-    let cost = |sense: f64| {
-        let mut comparison = comparison.without(&[]);
-        for line in &mut comparison.lines {
-            (line.turn, line.reference_phase) = (sense * line.turn, sense * line.reference_phase);
-        }
+/// A drawn case of an effect, measured: the place of the effect, and what is asked of it.
+struct Drawn {
+    place: String,
+    measured: Measured,
+}
+
+impl Drawn {
+    fn new(effect: &str, index: u64) -> Option<Self> {
+        let case = prove::case(2_026_112_701, index, Some(effect))?;
+        let place = case.truth.effects.iter().find(|e| e.effect == effect)?.place.clone();
+        let (recordings, reference) = (&case.recordings, &case.reference);
+        let input = Input { bench: &case.bench, recordings, reference, without: &[] };
+        Some(Self { place, measured: measure(&input, &mut Vec::new(), &mut |_| {}).ok()? })
+    }
+
+    /// Asks something of it, with its lines as they are or changed.
+    fn ask<T>(&self, line: impl Fn(&mut LineChange), ask: impl FnOnce(&Question<'_>, &[Cell]) -> T) -> T {
+        let m = &self.measured;
+        let mut comparison = m.comparison.without(&[]);
+        comparison.lines.iter_mut().for_each(line);
         let question = Question {
-            bench: &bench,
-            train: &train,
-            recordings: &recordings,
-            references: &references,
+            bench: &m.bench,
+            train: &m.train,
+            recordings: &m.recordings,
+            references: &m.references,
             comparison: &comparison,
-            ratios: &ratios,
-            teeth: teeth.as_ref(),
+            ratios: &m.ratios,
+            teeth: m.teeth.as_ref(),
             without: &[],
         };
-        let cells = locate::cells(&comparison);
-        let base = base(&question, &cells)?;
-        let mut problem = Problem::new(&question, &cells, &[(effect, place)])?;
-        let starts = problem.glance(&base)?;
-        let solution = settled(&mut problem, starts)?.solution;
-        let residuals = problem.residuals_at(&solution.x)?;
-        let of_turns = problem.rows.iter().zip(&residuals).filter(|(of, _)| matches!(of, Of::Turn(_)));
-        let left: Vec<f64> = of_turns.map(|(_, r)| *r).collect();
-        let moved = problem.lines.iter().filter(|l| l.turn.is_some()).map(|l| l.turned / l.sigma());
-        Some([losses(&left), losses(&moved.collect::<Vec<_>>())])
+        ask(&question, &locate::cells(&comparison))
+    }
+}
+
+/// What the phases of a drawn case cost at the fit of its own effect, if nothing were predicted of them, and at the fit where they run backwards.
+fn phases(effect: &str, index: u64) -> Option<[f64; 3]> {
+    let drawn = Drawn::new(effect, index)?;
+    let cost = |sense: f64| {
+        let turned = |l: &mut LineChange| (l.turn, l.reference_phase) = (sense * l.turn, sense * l.reference_phase);
+        drawn.ask(turned, |q, cells| {
+            let base = base(q, cells)?;
+            let mut problem = Problem::new(q, cells, &[(effect, &drawn.place)])?;
+            let starts = problem.glance(&base)?;
+            let solution = settled(&mut problem, starts)?.solution;
+            let residuals = problem.residuals_at(&solution.x)?;
+            let of_turns = problem.rows.iter().zip(&residuals).filter(|(of, _)| matches!(of, Of::Turn(_)));
+            let left: Vec<f64> = of_turns.map(|(_, r)| *r).collect();
+            let moved = problem.lines.iter().filter(|l| l.turn.is_some()).map(|l| l.turned / l.sigma());
+            Some([losses(&left), losses(&moved.collect::<Vec<_>>())])
+        })
     };
     let ([left, moved], [backwards, _]) = (cost(1.0)?, cost(-1.0)?);
     Some([left, moved, backwards])
+}
+
+/// Pitch errors of one gear, every tooth simulated: pairs whose spacing scatters account for what they do to the mesh harmonics by odds of a hundred over what alters all teeth, and leave next to
+/// nothing of it. Of twelve draws seven have a steady state; in each the pitch error had the best evidence.
+#[test]
+fn oracle_errors_of_single_teeth_alter_mesh_lines() {
+    let drawn = Drawn::new(PITCH_ERROR, 2).expect("a bench with a steady state");
+    let stage = drawn.place.split('.').next().unwrap();
+    let asked = [(PITCH_ERROR, &*drawn.place), ("misalignment", stage), ("tooth_wear", stage)];
+    let compared =
+        |q: &Question<'_>, cells: &[Cell]| compare(q, cells, &base(q, cells)?, &asked).0.into_iter().collect();
+    let fits: Option<Vec<Fit>> = drawn.ask(|_| {}, compared);
+    let [own, others @ ..] = &fits.expect("steady states")[..] else { panic!("three effects") };
+    assert!(own.left < 0.1, "{own:?} {others:?}");
+    assert!(others.iter().all(|other| own.evidence > other.evidence + 100f64.ln()), "{own:?} {others:?}");
 }
 
 /// Tip relief on benches whose sheet is wrong within its tolerance, simulated step by step: the model that fits the lines leaves less of their phases than there was, and phases
