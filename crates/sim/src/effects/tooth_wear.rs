@@ -30,7 +30,7 @@ impl Effect for ToothWear {
         &[
             Parameter { name: "depth_um", unit: "µm", min: 0.0, typical: 15.0, max: 500.0 },
             // Of the recess over the approach: 1 by sliding alone, 0.42 by Archard at the ends of 25 on 50 teeth.
-            Parameter { name: "recess_ratio", unit: "", min: 0.1, typical: 1.0, max: 10.0 },
+            Parameter { name: "recess_ratio", unit: "1", min: 0.1, typical: 1.0, max: 10.0 },
         ]
     }
 

@@ -76,18 +76,18 @@ impl Problem<'_> {
 
     /// What the fit leaves per residual, where that is more than the priors expect: the uncertainties grow with it.
     fn misfit(&self, s: &Solution) -> f64 {
-        (s.cost.1 / (2 * self.lines.len()) as f64).max(1.0).sqrt()
+        (s.cost.1 / self.rows.len() as f64).max(1.0).sqrt()
     }
 
     /// The fit in words.
     pub fn report(&self, s: &Solution) -> Vec<String> {
         let mut out = vec![format!(
-            "joint refit: {} lines and their trend over load, {} free numbers, {} iterations; cost {:.0} with the sheet's numbers, {:.0} fitted",
+            "joint refit: {} lines, amplitudes and phases, and their trend over load (model error {:.2}), {} free numbers; cost {:.0} for {} residuals",
             self.lines.len(),
+            self.trend_sigma,
             self.numbers.len(),
-            s.iterations,
-            s.cost.0,
-            s.cost.1
+            s.cost.1,
+            self.rows.len()
         )];
         let mut moved = Vec::new();
         for (k, number) in self.numbers.iter().enumerate() {
