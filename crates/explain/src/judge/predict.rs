@@ -76,7 +76,9 @@ pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &
     let mut out = vec![0.0; all.lines.len()];
     if let Some(machine) = machine {
         let both = |m: &Machine| Some((m.states(fitted, all)?, m.states(fitted, fitted.comparison)?));
-        let (states, known) = both(&machine).or_else(|| both(&Machine::usual(fitted, cells, named)?))?;
+        let usual = || both(&Machine::usual(fitted, cells, named)?);
+        let of_sheet = || both(&Machine::of_sheet(fitted, named)?);
+        let (states, known) = both(&machine).or_else(usual).or_else(of_sheet)?;
         let law = Law::read(fitted.comparison, &known);
         out.iter_mut().enumerate().for_each(|(i, o)| *o = law.change(all, &states, i));
     }
@@ -141,6 +143,20 @@ impl Machine {
             false => Named::usual(&n.spec.effect, &n.spec.place),
         };
         Self::fitted(q, cells, &named.iter().map(of).collect::<Vec<_>>())
+    }
+
+    /// Errors of single teeth on the bench of the sheet, where with the fitted scatter of spacing beside them the teeth part.
+    fn of_sheet(q: &Question<'_>, named: &[Named]) -> Option<Self> {
+        if named.iter().any(|n| refit::has_form(&n.spec.effect)) {
+            return None;
+        }
+        let plain = refit::sheet::setup(q.bench)?;
+        let mut with = plain.clone();
+        let mut any = false;
+        for n in named.iter().filter(|n| !is_path(&n.spec.effect, &n.spec.place)) {
+            any |= apply(&Named::usual(&n.spec.effect, &n.spec.place).spec, &mut with);
+        }
+        any.then_some(Self { setups: [plain, with] })
     }
 
     /// The states at the points of a comparison; `None` where there is none at one of them.
