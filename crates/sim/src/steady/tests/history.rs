@@ -18,8 +18,7 @@ fn walk(sound: &SimSetup, options: SteadyOptions, orders: &[f64], cases: &[(Chan
         change(&mut setup);
         let found = walked.solve(&setup, *motor_hz, *torque_nm, 5, orders).unwrap();
         let new = SteadySolver::new(options).solve(&setup, *motor_hz, *torque_nm, 5, orders).unwrap();
-        let new: Vec<Vec<f64>> = new.sensors.iter().map(|s| s.iter().map(|z| z.norm()).collect()).collect();
-        let off = error(&found, &new);
+        let off = error(&found, &new.sensors);
         assert!(off < 10.0 * options.tolerance, "state {i} at {motor_hz} Hz and {torque_nm} N m: {off:.1e}");
     }
 }
