@@ -128,7 +128,8 @@ pub fn compare(
             if let Some(other) = crossed(&mut problem, &best, &benches) {
                 best = other;
             }
-            fit(&mut problem, &best.solution.x, best.evidence)
+            let left = best.left / problem.changes() as f64;
+            Some(Fit { evidence: best.evidence, left, lines: problem.lines.len() })
         }
     };
     let fits = first.into_par_iter().map(again).collect();
@@ -142,7 +143,8 @@ type Followed<'a> = Result<(Problem<'a>, Settled), Fit>;
 fn followed(mut problem: Problem<'_>, starts: Vec<Start>, nearest: f64, freedom: f64) -> Option<Followed<'_>> {
     let (cost, x) = starts.first()?;
     if *cost > nearest + 2.0 * OUT_OF_REACH {
-        return Some(Err(fit(&mut problem, x, freedom - 0.5 * cost)?));
+        let left = problem.cost_of_changes(x)? / problem.changes() as f64;
+        return Some(Err(Fit { evidence: freedom - 0.5 * cost, left, lines: problem.lines.len() }));
     }
     let settled = settled(&mut problem, starts)?;
     Some(Ok((problem, settled)))
@@ -221,17 +223,9 @@ fn settled(problem: &mut Problem<'_>, starts: Vec<Start>) -> Option<Settled> {
     let solution = problem.minimise(solution.x, &|_| true, problem.effort.iterations)?;
     let volume: f64 = solution.covariance.clone().cholesky()?.l().diagonal().iter().map(|d| d.ln()).sum();
     let prior: f64 = problem.priors.iter().map(|p| p.sigma.ln()).sum();
-    let changes = problem.changes();
-    let left = losses(&problem.residuals_at(&solution.x)?[..changes]);
+    let left = problem.cost_of_changes(&solution.x)?;
     let evidence = -0.5 * (solution.cost.1 + problem.price()) + volume - prior;
     Some(Settled { solution, evidence, left })
-}
-
-/// What a point leaves of the changes.
-fn fit(problem: &mut Problem<'_>, x: &DVector<f64>, evidence: f64) -> Option<Fit> {
-    let changes = problem.changes();
-    let left = losses(&problem.residuals_at(x)?[..changes]);
-    Some(Fit { evidence, left: left / changes as f64, lines: problem.lines.len() })
 }
 
 #[cfg(test)]

@@ -145,7 +145,7 @@ impl Machine {
         Self::fitted(q, cells, &named.iter().map(of).collect::<Vec<_>>())
     }
 
-    /// Errors of single teeth on the bench of the sheet, where with the fitted scatter of spacing beside them the teeth part.
+    /// Effects that add lines on the bench of the sheet, where the fitted bench has no steady state with them.
     fn of_sheet(q: &Question<'_>, named: &[Named]) -> Option<Self> {
         if named.iter().any(|n| refit::has_form(&n.spec.effect)) {
             return None;

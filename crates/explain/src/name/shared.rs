@@ -42,6 +42,10 @@ const SET_SHARE: f64 = 0.05;
 struct Scored {
     score: f64,
     ranked: shape::Ranked,
+    /// Place by which the joint refit knows it.
+    fitted_at: String,
+    /// What speaks for it beside the mesh lines (nats).
+    beside: f64,
 }
 
 /// The effect that accounts for the changes of a mask. Where a change of unknown form does so better, or several fit alike, what comes nearest (which may be nothing), most probable first.
@@ -60,10 +64,15 @@ pub fn finding(
     let mut scored: Vec<Scored> = ranked
         .into_iter()
         .take(REFITTED)
-        .map(|r| Scored { score: r.probability.max(LEAST_SHARE).ln(), ranked: r })
+        .map(|r| Scored {
+            score: r.probability.max(LEAST_SHARE).ln(),
+            fitted_at: r.place.clone(),
+            beside: 0.0,
+            ranked: r,
+        })
         .collect();
     let unknown = if depth == Depth::Refit {
-        scored.extend(single_teeth(q, place));
+        scored.extend(single_teeth(q, place, cells));
         fit_all(q, cells, &mut scored, steps)
     } else {
         None
@@ -124,46 +133,48 @@ fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
     }
 }
 
-/// Errors of the teeth of each gear of the stages that a mask holds. How their spacing scatters alters the mesh harmonics too, so where these changed it stands beside what alters all teeth.
-fn single_teeth<'a>(q: &'a Question<'_>, mask: Place) -> impl Iterator<Item = Scored> + use<'a> {
-    let stages = (0..q.train.stages.len()).filter(move |&i| match mask {
+/// Errors of the teeth of each gear of the stages that a mask holds. How their spacing scatters alters the mesh harmonics too, so where these changed it stands beside what alters all teeth; which
+/// gear it is, the sidebands say.
+fn single_teeth(q: &Question<'_>, mask: Place, cells: &[Cell]) -> Vec<Scored> {
+    if q.without.contains(&PITCH_ERROR) {
+        return Vec::new();
+    }
+    let stages = (0..q.train.stages.len()).filter(|&i| match mask {
         Place::Mesh(stage) | Place::Stage(stage) => i == stage,
         _ => true,
     });
-    let asked = move |_: &usize| !q.without.contains(&PITCH_ERROR);
-    let gears = stages.filter(asked).flat_map(|i| [(i, i), (i, i + 1)]);
-    gears.map(move |(i, j)| {
-        let place = gear_name(q, i, j);
-        let ranked = shape::Ranked {
+    let gears = stages.flat_map(|i| [(i, i), (i, i + 1)]);
+    let scored = |(stage, shaft): (usize, usize)| Scored {
+        score: LEAST_SHARE.ln(),
+        ranked: shape::Ranked {
             effect: PITCH_ERROR,
-            place,
+            place: gear_name(q, stage, shaft),
             probability: 0.0,
             log_evidence: 0.0,
             parameters: BTreeMap::new(),
-        };
-        Scored { score: LEAST_SHARE.ln(), ranked }
-    })
-}
-
-/// How much likelier the sidebands are if the teeth of one gear differ than if all teeth of the mesh do (nats); 0 of what alters all teeth.
-fn by_sidebands(q: &Question<'_>, cells: &[Cell], ranked: &shape::Ranked) -> f64 {
-    let gears = (0..q.train.stages.len()).flat_map(|i| [(i, i), (i, i + 1)]);
-    let own = gears.filter(|_| ranked.effect == PITCH_ERROR).find(|&(i, j)| gear_name(q, i, j) == ranked.place);
-    own.map_or(0.0, |(i, j)| OneGear::of(q.train, cells, i, j).gain())
+        },
+        fitted_at: q.train.stages[stage].name.clone(),
+        beside: OneGear::of(q.train, cells, stage, shaft).gain(),
+    };
+    gears.map(scored).collect()
 }
 
 /// Fits every candidate and scores it by its evidence. Gives the score of a change of unknown form.
 fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut Vec<String>) -> Option<f64> {
     let base = refit::base(q, cells)?;
-    let names: Vec<(&str, &str)> = scored.iter().map(|s| (s.ranked.effect, s.ranked.place.as_str())).collect();
-    let (fits, unknown) = refit::compare(q, cells, &base, &names);
+    // Two gears of a mesh are one to its lines.
+    let mut asked: Vec<(&str, &str)> = scored.iter().map(|s| (s.ranked.effect, s.fitted_at.as_str())).collect();
+    asked.dedup();
+    let (found, unknown) = refit::compare(q, cells, &base, &asked);
+    let fit_of = |s: &Scored| asked.iter().position(|a| *a == (s.ranked.effect, &s.fitted_at)).and_then(|k| found[k]);
+    let fits: Vec<_> = scored.iter().map(fit_of).collect();
     for (s, fit) in scored.iter().zip(&fits) {
         let words = fit.map_or("no steady state".to_owned(), |f| {
             format!("{:.1} nats, leaves {:.2} per line of {}", f.evidence, f.left, f.lines)
         });
-        let before = match by_sidebands(q, cells, &s.ranked) {
-            0.0 => format!("{:.2} by drawn benches", s.ranked.probability),
-            nats => format!("{nats:.1} nats by sidebands"),
+        let before = match s.ranked.effect {
+            PITCH_ERROR => format!("{:.1} nats by sidebands", s.beside),
+            _ => format!("{:.2} by drawn benches", s.ranked.probability),
         };
         steps.push(format!("shape: {} at {}: {before}, joint refit {words}", s.ranked.effect, s.ranked.place));
     }
@@ -174,7 +185,7 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
     }
     for (s, fit) in scored.iter_mut().zip(&fits) {
         let evidence = EVIDENCE_WEIGHT * fit.map_or(least, |f| f.evidence);
-        s.score = shape::prior(s.ranked.effect).ln() + evidence + by_sidebands(q, cells, &s.ranked);
+        s.score = shape::prior(s.ranked.effect).ln() + evidence + s.beside;
     }
     let unknown = unknown?;
     steps.push(format!(
@@ -199,7 +210,7 @@ mod tests {
                 log_evidence: 0.0,
                 parameters: BTreeMap::new(),
             };
-            Scored { score, ranked }
+            Scored { score, ranked, fitted_at: "stage1".to_owned(), beside: 0.0 }
         };
         let all = [scored("tooth_wear", -40.0), scored("tip_relief", -41.0)];
         let e = std::f64::consts::E;

@@ -29,7 +29,7 @@ impl Effect for ToothWear {
     fn parameters(&self) -> &'static [Parameter] {
         &[
             Parameter { name: "depth_um", unit: "µm", min: 0.0, typical: 15.0, max: 500.0 },
-            // Of the recess over the approach: 1 by sliding alone, 0.42 by Archard at the ends of 25 on 50 teeth.
+            // Of the recess over the approach: 1 by sliding alone, less by Archard.
             Parameter { name: "recess_ratio", unit: "1", min: 0.1, typical: 1.0, max: 10.0 },
         ]
     }

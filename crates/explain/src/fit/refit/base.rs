@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::DVector;
 use num_complex::Complex64;
 
-use super::problem::{Base, ERRORS, Number, Problem, Start, USUAL_ERROR_UM, large};
+use super::problem::{Base, ERRORS, Number, PHASES, Problem, Start, USUAL_ERROR_UM, large};
 use super::residuals::{Amplitudes, rows};
 use crate::change::locate::Cell;
 use crate::fit::least_squares::{Model, losses, pulls};
@@ -16,9 +16,8 @@ use crate::name::Question;
 
 /// Rounds of slopes and fits.
 const ROUNDS: usize = 3;
-/// Sizes of a profile error, in its usual ones, and phases that are tried.
+/// Sizes of a profile error that are tried, in its usual ones.
 const SIZES: [f64; 3] = [0.4, 1.0, 2.0];
-const PHASES: usize = 8;
 /// Passes over all harmonics.
 const PASSES: usize = 2;
 /// Error of the model's own transmission error at the first mesh harmonic (µm), falling as 1/h: a few per cent of that of usual teeth under load.
@@ -64,8 +63,9 @@ impl<'a> Problem<'a> {
         self.doubt(&slopes, &middle);
         let mut at = middle;
         let mut y = x.clone();
-        let cost =
-            |problem: &Self, at: &Amplitudes, y: &DVector<f64>| losses(&problem.left(at)) + pulls(y, &problem.priors);
+        let cost = |problem: &Self, at: &Amplitudes, y: &DVector<f64>| {
+            losses(&problem.residuals(at)) + pulls(y, &problem.priors)
+        };
         let mut least = cost(self, &at, &y);
         for _ in 0..PASSES {
             for pair in 0..slopes.len() / 2 {
@@ -118,7 +118,10 @@ impl Problem<'_> {
     /// How unsure each line is: what the model's own error of the transmission error does to it beside its amplitude.
     fn doubt(&mut self, slopes: &Slopes, middle: &Amplitudes) {
         for line in &mut self.lines {
-            let own = |k: usize| matches!(self.numbers[k], Number::Error(i, h, 0) if (i, h + 1) == (line.stage, usize::from(line.harmonic)));
+            let own = |k: usize| match self.numbers[k] {
+                Number::Error(i, h, 0) => (i, h + 1) == (line.stage, usize::from(line.harmonic)),
+                _ => false,
+            };
             let Some((_, slope)) = slopes.iter().find(|(k, _)| own(*k)) else { continue };
             let at = |a: &Amplitudes| a[line.pair][0][line.sensor][line.at].norm();
             let error = MODEL_ERROR_UM / f64::from(line.harmonic) * at(slope);

@@ -22,7 +22,7 @@ const RELIEF: &[Free] = &[
     free("depth_um", 15.0, 0.8, 1.0, &[3.0, 6.0, 10.0, 16.0, 25.0, 40.0]),
     free("length_fraction", 0.27, 0.35, 0.27, &[0.15, 0.22, 0.3, 0.4]),
 ];
-// By Archard the recess wears less, where one pair carries as where two do: 0.42 at the ends of 25 on 50 teeth, 1 by sliding alone.
+// By Archard the recess wears less than the approach; by sliding alone both wear alike.
 const WEAR: &[Free] = &[
     free("recess_ratio", 0.65, 0.4, 1.0, &[0.5, 1.0]),
     free("depth_um", 20.0, 1.0, 1.0, &[5.0, 10.0, 20.0, 40.0, 80.0]),

@@ -1,6 +1,6 @@
 //! Which lines a joint refit takes: the clear mesh harmonics of every pair and channel.
 
-use super::residuals::aligned;
+use super::turns;
 use crate::change::compare::LineChange;
 use crate::change::locate::Cell;
 use crate::name::Question;
@@ -27,8 +27,6 @@ pub struct Line {
     pub sensor: usize,
     /// Position in the orders of the pair.
     pub at: usize,
-    /// Position among the lines.
-    pub own: usize,
     /// ln of the amplitude ratio of recording and reference.
     pub change: f64,
     /// Phase of the same (rad), of the angles at which both began; `None` where it is not known.
@@ -96,7 +94,6 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
             pair: c.pair,
             sensor,
             at,
-            own: out.len(),
             change: c.change,
             turn: c.turn,
             turned: 0.0,
@@ -107,7 +104,7 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
             group,
         });
     }
-    let turned = aligned(&out, &|l| (l.stage, l.pair), &Line::sigma, &|i| out[i].turn);
+    let turned = turns::of_lines(&out, &|i| (out[i].stage, out[i].pair), &|i| out[i].sigma(), &|i| out[i].turn);
     for (l, turned) in out.iter_mut().zip(turned) {
         l.turned = turned.unwrap_or_default();
     }

@@ -27,7 +27,7 @@ pub const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
 /// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
 /// relieved and worn flanks most.
 pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
-/// An effect of the teeth of one gear. All that mesh lines know of it is how far the spacing scatters.
+/// An effect of the teeth of one gear. All that mesh lines know of it is how far the spacing scatters, so here its place is the stage.
 pub const PITCH_ERROR: &str = "pitch_error";
 /// Scatter that it adds: usual (µm), standard deviation of its logarithm, and where searches start.
 const ADDED_SCATTER_UM: (f64, f64) = (4.0, 0.8);
@@ -44,7 +44,7 @@ pub const LARGE: usize = 3;
 /// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many phases.
 const CHANGED_ERROR_UM: f64 = 3.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
-const PHASES: usize = 8;
+pub const PHASES: usize = 8;
 /// Lines of one harmonic share the model's error over channels and loads: their number counts by this much in the covariance.
 pub const INDEPENDENT: f64 = 0.4;
 /// Least number of lines.
@@ -215,8 +215,7 @@ impl<'a> Problem<'a> {
                 add(Number::Effect(member, number.name), number.usual.ln(), number.spread);
             }
             if *effect == PITCH_ERROR {
-                let (stage, _) = place.split_once('.')?;
-                let stage = q.bench.stages.iter().position(|s| s.name == stage)?;
+                let stage = q.bench.stages.iter().position(|s| s.name == *place)?;
                 add(Number::Scatter(stage), ADDED_SCATTER_UM.0.ln(), ADDED_SCATTER_UM.1);
             }
             if *effect == "profile_error" {
@@ -239,7 +238,8 @@ impl<'a> Problem<'a> {
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
         let moved: Vec<f64> = lines.iter().flat_map(Line::moved).collect();
         let spread = (moved.iter().map(|m| m * m).sum::<f64>() / moved.len() as f64).sqrt();
-        let first = lines.iter().map(|l| lines.iter().position(|m| m.group == l.group).unwrap_or(l.own)).collect();
+        let first_of = |(i, l): (usize, &Line)| lines[..i].iter().position(|m| m.group == l.group).unwrap_or(i);
+        let first = lines.iter().enumerate().map(first_of).collect();
         let rows = rows(&lines, false);
         Some(Self {
             q,
@@ -326,8 +326,7 @@ impl<'a> Problem<'a> {
         let mut x = self.start(base);
         let mut tried = Vec::new();
         // The teeth concerned; of what sits on a shaft, all.
-        let of_stage = |s: &EffectSpec| s.place.split('.').next().unwrap_or_default().to_owned();
-        let own = |i: &usize| self.specs.iter().any(|s| of_stage(s) == self.q.bench.stages[*i].name);
+        let own = |i: &usize| self.specs.iter().any(|s| s.place == self.q.bench.stages[*i].name);
         let all: Vec<usize> = (0..self.q.bench.stages.len()).collect();
         let mut concerned: Vec<usize> = all.iter().copied().filter(own).collect();
         if concerned.is_empty() {

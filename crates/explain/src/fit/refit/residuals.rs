@@ -3,13 +3,12 @@
 //! A line's ratio to its reference is one complex number: its logarithm is how the amplitude changed, and the phase that it turned by. The same holds for the reference's lines over the loads of
 //! one speed. Where a session began is eliminated ([`super::turns`]), the path's gain and phase of a line by their mean over the loads.
 
-use gearwatch_sim::setup::SimSetup;
 use nalgebra::DVector;
 use num_complex::Complex64;
 
 use super::lines::Line;
 use super::problem::Problem;
-use super::turns::{self, Turn, wrapped};
+use super::turns::{self, wrapped};
 use crate::fit::least_squares::{Model, losses, residual_of};
 use crate::read::features::RecordingFeatures;
 
@@ -65,13 +64,75 @@ pub fn rows(lines: &[Line], trend_only: bool) -> Vec<Of> {
 impl Model for Problem<'_> {
     type State = Amplitudes;
 
+    /// The steady states of the references and, unless only their trend counts, of the recordings. `None` where a reference has none.
     fn state(&mut self, x: &DVector<f64>) -> Option<Amplitudes> {
         let setups = self.setups(x)?;
-        self.amplitudes(&setups)
+        let sides = if self.trend_only { 1 } else { 2 };
+        let mut out = Vec::with_capacity(self.orders.len());
+        for (p, pair) in self.q.comparison.pairs.iter().enumerate() {
+            let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
+            let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
+            let mut both = Vec::with_capacity(sides);
+            for side in 0..sides {
+                let solver = &mut self.solver[p][side];
+                match solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
+                    Ok(solved) => both.push(solved.sensors),
+                    // Of one law the sizes beyond a steady state are not tried.
+                    Err(_) if side == 0 || self.term.is_some() => return None,
+                    // Teeth that part without a period: what their lines do is left open.
+                    Err(_) => {}
+                }
+            }
+            out.push(both);
+        }
+        let solved = sides == 1 || out.iter().any(|both| both.len() == sides);
+        solved.then_some(out)
     }
 
-    fn residuals(&self, state: &Amplitudes) -> Vec<f64> {
-        self.left(state)
+    /// Changes of the lines (where a recording has no steady state they may be any), then the references' trend over load.
+    fn residuals(&self, amplitudes: &Amplitudes) -> Vec<f64> {
+        let lines = &self.lines;
+        let state = |l: &Line, side: usize| amplitudes[l.pair].get(side).map(|s| s[l.sensor][l.at]);
+        let level = |z: Complex64| z.norm().max(NOTHING).ln();
+        // Of each line the reference's amplitude in the model, and its ratio to it.
+        let before: Vec<Complex64> = self.lines.iter().map(|l| state(l, 0).unwrap_or_default()).collect();
+        let mut out = Vec::with_capacity(self.rows.len());
+        if !self.trend_only {
+            let changed: Vec<Option<(f64, f64)>> = self
+                .lines
+                .iter()
+                .zip(&before)
+                .map(|(l, &a)| {
+                    let b = state(l, 1)?;
+                    Some((level(b) - level(a), (b * a.conj()).arg()))
+                })
+                .collect();
+            for (l, change) in self.lines.iter().zip(&changed) {
+                out.push(match change {
+                    Some((ln, _)) => (ln - l.change) / l.sigma(),
+                    None => unforeseen(l.change, l.sigma(), self.spread),
+                });
+            }
+            let turn = |i: usize| changed[i].and_then(|(_, turn)| Some(turn - self.lines[i].turn?));
+            let turned = turns::of_lines(lines, &|i| (lines[i].stage, lines[i].pair), &|i| lines[i].sigma(), &turn);
+            for (i, l) in self.lines.iter().enumerate().filter(|(_, l)| l.turn.is_some()) {
+                out.push(match turned[i] {
+                    Some(rad) => rad / l.sigma(),
+                    None => unforeseen(l.turned, l.sigma(), self.spread),
+                });
+            }
+        }
+        let levels: Vec<f64> = self.lines.iter().zip(&before).map(|(l, &a)| level(a) - l.reference).collect();
+        self.trend(&levels, &mut out);
+        // Phases of a line over load against the first of its group.
+        let phase = |i: usize| before[i].arg() - self.lines[i].reference_phase;
+        let beside = |i: usize| wrapped(phase(i) - phase(self.first[i]));
+        let mesh = |i: usize| (lines[i].stage, lines[i].pair, lines[self.first[i]].pair);
+        let sigma = |i: usize| trend_sigma(&lines[i], self.trend_sigma);
+        let turned = turns::of_lines(lines, &mesh, &sigma, &|i| Some(beside(i)));
+        let turned: Vec<f64> = turned.into_iter().map(Option::unwrap_or_default).collect();
+        self.trend(&turned, &mut out);
+        out
     }
 
     fn reached(&self, state: &Amplitudes, moved: &Amplitudes, number: usize, share: f64) -> Amplitudes {
@@ -92,6 +153,11 @@ impl Problem<'_> {
     /// How many residuals are of changes between reference and recording; they come first.
     pub fn changes(&self) -> usize {
         self.rows.iter().filter(|of| matches!(of, Of::Change(_) | Of::Turn(_))).count()
+    }
+
+    /// What the model of a point leaves of the changes alone.
+    pub fn cost_of_changes(&mut self, x: &DVector<f64>) -> Option<f64> {
+        Some(losses(&self.residuals_at(x)?[..self.changes()]))
     }
 
     /// What a model error of the trend costs by itself: its prior, and the density of what it is shared by.
@@ -125,83 +191,10 @@ impl Problem<'_> {
         self.trend_sigma = sigmas.min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(now);
     }
 
-    /// Changes of the lines (where a recording has no steady state they may be any), then the references' trend over load, in
-    /// standard deviations.
+    /// What the model of a point leaves, in the order of the rows.
     pub fn residuals_at(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
         let state = self.state(x)?;
-        Some(self.left(&state))
-    }
-
-    /// The steady states of the references and, unless only their trend counts, of the recordings. `None` where a reference has none.
-    pub fn amplitudes(&mut self, setups: &[SimSetup; 2]) -> Option<Amplitudes> {
-        let sides = if self.trend_only { 1 } else { 2 };
-        let mut out = Vec::with_capacity(self.orders.len());
-        for (p, pair) in self.q.comparison.pairs.iter().enumerate() {
-            let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
-            let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
-            let mut both = Vec::with_capacity(sides);
-            for side in 0..sides {
-                let solver = &mut self.solver[p][side];
-                match solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
-                    Ok(solved) => both.push(solved.sensors),
-                    // Of one law the sizes beyond a steady state are not tried.
-                    Err(_) if side == 0 || self.term.is_some() => return None,
-                    // Teeth that part without a period: what their lines do is left open.
-                    Err(_) => {}
-                }
-            }
-            out.push(both);
-        }
-        let solved = sides == 1 || out.iter().any(|both| both.len() == sides);
-        solved.then_some(out)
-    }
-
-    /// What amplitudes of the model leave, in the order of the rows.
-    pub fn left(&self, amplitudes: &Amplitudes) -> Vec<f64> {
-        let state = |l: &Line, side: usize| amplitudes[l.pair].get(side).map(|s| s[l.sensor][l.at]);
-        let level = |z: Complex64| z.norm().max(NOTHING).ln();
-        // Of each line the reference's amplitude in the model, and its ratio to it.
-        let before: Vec<Complex64> = self.lines.iter().map(|l| state(l, 0).unwrap_or_default()).collect();
-        let mut out = Vec::with_capacity(self.rows.len());
-        if !self.trend_only {
-            let changed: Vec<Option<(f64, f64)>> = self
-                .lines
-                .iter()
-                .zip(&before)
-                .map(|(l, &a)| {
-                    let b = state(l, 1)?;
-                    Some((level(b) - level(a), (b * a.conj()).arg()))
-                })
-                .collect();
-            for (l, change) in self.lines.iter().zip(&changed) {
-                out.push(match change {
-                    Some((ln, _)) => (ln - l.change) / l.sigma(),
-                    None => unforeseen(l.change, l.sigma(), self.spread),
-                });
-            }
-            let turn = |i: usize| changed[i].and_then(|(_, turn)| Some(turn - self.lines[i].turn?));
-            let turned = aligned(&self.lines, &|l| (l.stage, l.pair, 0), &|l| l.sigma(), &turn);
-            for (i, l) in self.lines.iter().enumerate().filter(|(_, l)| l.turn.is_some()) {
-                out.push(match turned[i] {
-                    Some(rad) => rad / l.sigma(),
-                    None => unforeseen(l.turned, l.sigma(), self.spread),
-                });
-            }
-        }
-        let levels: Vec<f64> = self.lines.iter().zip(&before).map(|(l, &a)| level(a) - l.reference).collect();
-        self.trend(&levels, &mut out);
-        // Phases of a line over load against the first of its group.
-        let phase = |i: usize| before[i].arg() - self.lines[i].reference_phase;
-        let beside = |i: usize| wrapped(phase(i) - phase(self.first[i]));
-        let turned = aligned(
-            &self.lines,
-            &|l| (l.stage, l.pair, self.lines[self.first[l.own]].pair),
-            &|l| trend_sigma(l, self.trend_sigma),
-            &|i| Some(beside(i)),
-        );
-        let turned: Vec<f64> = turned.into_iter().map(Option::unwrap_or_default).collect();
-        self.trend(&turned, &mut out);
-        out
+        Some(self.residuals(&state))
     }
 
     /// Values of the lines over the loads of one speed, less their mean, in standard deviations.
@@ -224,33 +217,6 @@ impl Problem<'_> {
 /// Standard deviation of a line's trend over load.
 fn trend_sigma(line: &Line, model: f64) -> f64 {
     line.unsure.sqrt().hypot(model)
-}
-
-/// What is left of phases of lines (rad), each group of them as its beginning leaves least; `None` where a line has none.
-pub fn aligned<K: PartialEq>(
-    lines: &[Line],
-    key: &dyn Fn(&Line) -> K,
-    sigma: &dyn Fn(&Line) -> f64,
-    phase: &dyn Fn(usize) -> Option<f64>,
-) -> Vec<Option<f64>> {
-    let mut out = vec![None; lines.len()];
-    let mut done = vec![false; lines.len()];
-    for first in 0..lines.len() {
-        if done[first] {
-            continue;
-        }
-        let of = key(&lines[first]);
-        let members: Vec<usize> = (first..lines.len()).filter(|&i| key(&lines[i]) == of).collect();
-        members.iter().for_each(|&i| done[i] = true);
-        let with: Vec<(usize, f64)> = members.iter().filter_map(|&i| Some((i, phase(i)?))).collect();
-        let turn =
-            |&(i, rad): &(usize, f64)| Turn { harmonic: f64::from(lines[i].harmonic), rad, sigma: sigma(&lines[i]) };
-        let turns: Vec<Turn> = with.iter().map(turn).collect();
-        for ((i, _), left) in with.iter().zip(turns::aligned(&turns)) {
-            out[*i] = Some(left);
-        }
-    }
-    out
 }
 
 /// What a value counts that the model does not predict: it may be any, with the spread that the

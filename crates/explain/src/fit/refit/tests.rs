@@ -70,7 +70,7 @@ fn phases(effect: &str, index: u64) -> Option<[f64; 3]> {
 fn oracle_errors_of_single_teeth_alter_mesh_lines() {
     let drawn = Drawn::new(PITCH_ERROR, 2).expect("a bench with a steady state");
     let stage = drawn.place.split('.').next().unwrap();
-    let asked = [(PITCH_ERROR, &*drawn.place), ("misalignment", stage), ("tooth_wear", stage)];
+    let asked = [(PITCH_ERROR, stage), ("misalignment", stage), ("tooth_wear", stage)];
     let compared =
         |q: &Question<'_>, cells: &[Cell]| compare(q, cells, &base(q, cells)?, &asked).0.into_iter().collect();
     let fits: Option<Vec<Fit>> = drawn.ask(|_| {}, compared);
@@ -98,7 +98,6 @@ fn lines(changes: &[f64]) -> Vec<Line> {
         pair: 0,
         sensor: 0,
         at: 0,
-        own: 0,
         change,
         turn: None,
         turned: 0.0,

@@ -5,6 +5,7 @@
 
 use std::f64::consts::{PI, TAU};
 
+use super::lines::Line;
 use crate::fit::least_squares::losses;
 
 /// Places between turns of the highest harmonic from which a search starts.
@@ -14,13 +15,13 @@ const STEPS: usize = 4;
 
 /// A phase that stands beside others of its mesh and pair.
 #[derive(Clone, Copy, Debug)]
-pub struct Turn {
+struct Turn {
     /// Mesh harmonic.
-    pub harmonic: f64,
+    harmonic: f64,
     /// (rad).
-    pub rad: f64,
+    rad: f64,
     /// Standard deviation (rad).
-    pub sigma: f64,
+    sigma: f64,
 }
 
 /// An angle within ± π.
@@ -29,7 +30,7 @@ pub fn wrapped(rad: f64) -> f64 {
 }
 
 /// What is left of phases of one mesh and pair (rad, within ± π) at the beginning that leaves least.
-pub fn aligned(turns: &[Turn]) -> Vec<f64> {
+fn aligned(turns: &[Turn]) -> Vec<f64> {
     let highest = turns.iter().map(|t| t.harmonic).fold(0.0, f64::max);
     let left = |delta: f64| turns.iter().map(move |t| wrapped(t.rad - t.harmonic * delta));
     let cost = |delta: f64| -> f64 { left(delta).zip(turns).map(|(r, t)| losses(&[r / t.sigma])).sum() };
@@ -53,6 +54,29 @@ pub fn aligned(turns: &[Turn]) -> Vec<f64> {
         (least, delta) = (value, next);
     }
     left(delta).collect()
+}
+
+/// The same of lines, each group of one `key` by itself; `None` where a line has no phase.
+pub fn of_lines<K: PartialEq>(
+    lines: &[Line],
+    key: &dyn Fn(usize) -> K,
+    sigma: &dyn Fn(usize) -> f64,
+    phase: &dyn Fn(usize) -> Option<f64>,
+) -> Vec<Option<f64>> {
+    let mut out = vec![None; lines.len()];
+    let mut open: Vec<usize> = (0..lines.len()).collect();
+    while let Some(&first) = open.first() {
+        let of = key(first);
+        let (group, rest): (Vec<usize>, Vec<usize>) = open.into_iter().partition(|&i| key(i) == of);
+        open = rest;
+        let known: Vec<(usize, f64)> = group.into_iter().filter_map(|i| Some((i, phase(i)?))).collect();
+        let turn = |&(i, rad): &(usize, f64)| Turn { harmonic: f64::from(lines[i].harmonic), rad, sigma: sigma(i) };
+        let turns: Vec<Turn> = known.iter().map(turn).collect();
+        for ((i, _), left) in known.iter().zip(aligned(&turns)) {
+            out[*i] = Some(left);
+        }
+    }
+    out
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use super::sheet;
 
 impl Problem<'_> {
     /// The bench's own numbers that fit best where teeth are spaced as the sheet says, beside what was named; as they are where no fit gets there.
-    pub fn as_spaced(&mut self, fitted: &DVector<f64>) -> DVector<f64> {
+    fn as_spaced(&mut self, fitted: &DVector<f64>) -> DVector<f64> {
         let mut x = fitted.clone();
         let stated = sheet::spacing_um(self.q.bench);
         for (number, um) in self.numbers.iter().zip(x.iter_mut()) {
