@@ -63,7 +63,8 @@ pub struct Effort {
 /// `L` runs of trains with the same stages and sensors, stepped side by side.
 pub struct Etd<const L: usize> {
     plans: [Plan; L],
-    lanes: [Lane; L],
+    /// One a run; on the heap, for eight of them are a good part of a thread's stack.
+    lanes: Vec<Lane>,
     bank: Bank<L>,
     /// Steps without pair changes, all runs together; `None` for trains that need the general
     /// solver throughout.
@@ -165,15 +166,15 @@ impl<const L: usize> Etd<L> {
         let to_array = || ModelError::Bench("internal count of runs".into());
         let plans: [Plan; L] = plans.try_into().map_err(|_| to_array())?;
         let mut bank = Bank::new(&plans, readings);
-        let lanes: [Lane; L] = std::array::from_fn(|l| {
-            let plan = &plans[l];
+        let mut lanes = Vec::with_capacity(L);
+        for (l, plan) in plans.iter().enumerate() {
             let mut z = Split::zeros(plan.len);
             for (m, value) in plan.modes.project(&states[l]).into_iter().enumerate() {
                 (z.re[m], z.im[m]) = (value.re, value.im);
             }
             bank.z.set(l, &z);
             let start = node_of_state(plan, &states[l], 0.0);
-            Lane {
+            lanes.push(Lane {
                 start,
                 solver: Solver::default(),
                 kinks: kink::Kinks::default(),
@@ -189,8 +190,8 @@ impl<const L: usize> Etd<L> {
                 scratch: Scratch::new(&plan.model),
                 state: states[l].clone(),
                 effort: Effort::default(),
-            }
-        });
+            });
+        }
         let mut nodes = Nodes::new(&plans);
         if let Some(nodes) = &mut nodes {
             for (l, lane) in lanes.iter().enumerate() {
