@@ -23,6 +23,8 @@ pub struct LineChange {
     pub reference_power: f64,
     /// Noise power of the stronger of both.
     pub noise: f64,
+    /// Amplitudes in the recording and in the reference, in root mean squares of the noise of both.
+    pub amplitudes: [f64; 2],
     /// ln of the amplitude ratio; lines below their noise count as their noise.
     pub log_ratio: f64,
     /// Phase in the recording less phase in the reference (rad): each is of the angle at which its recording began.
@@ -174,6 +176,7 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                     power: (px - x.noise).max(0.0),
                     reference_power: (py - y.noise).max(0.0),
                     noise: x.noise.max(y.noise),
+                    amplitudes: [px, py].map(|p| (2.0 * p / (x.noise + y.noise)).sqrt()),
                     log_ratio: 0.5 * (ex / ey).ln(),
                     turn: (x.amplitude * y.amplitude.conj()).arg(),
                     reference_phase: y.amplitude.arg(),

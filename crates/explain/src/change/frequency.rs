@@ -144,7 +144,13 @@ impl Frequency {
             let (change, variance) = self.at(c);
             (
                 Cell { change, turn: None, ..*c },
-                Cell { change: c.change - change, turn: None, variance: c.variance + variance, ..*c },
+                Cell {
+                    change: c.change - change,
+                    turn: None,
+                    variance: c.variance + variance,
+                    unchanged: c.unchanged + variance,
+                    ..*c
+                },
             )
         };
         cells.iter().map(split).unzip()
@@ -327,7 +333,16 @@ mod tests {
                     // The logistic map: scatter without a seed.
                     noise = 3.9 * noise * (1.0 - noise);
                     let change = change + 0.1 * (noise - 0.5);
-                    out.push(Cell { pair, channel, family, frequency_hz, change, turn: None, variance: 0.001 });
+                    out.push(Cell {
+                        pair,
+                        channel,
+                        family,
+                        frequency_hz,
+                        change,
+                        turn: None,
+                        variance: 0.001,
+                        unchanged: 0.001,
+                    });
                 };
                 for harmonic in 1..=8u8 {
                     let mesh = Family::Mesh { stage: 0, harmonic };

@@ -36,8 +36,8 @@ pub enum Place {
     ShaftOrder(usize, u8),
     /// One multiple of the motor.
     MotorOrder(u8),
-    /// First order of a shaft alone.
-    ShaftOnce(usize),
+    /// One multiple of a shaft alone.
+    ShaftLine(usize, u8),
     /// All orders of a shaft, no sidebands.
     ShaftOrders(usize),
 }
@@ -59,9 +59,17 @@ pub struct Cell {
     pub turn: Option<f64>,
     /// Of `change`, and of `turn`.
     pub variance: f64,
+    /// Of `change` on a bench that did not change. Less than `variance` where a line rises out of the noise: how far it rose is not known, but that it was below
+    /// the noise is.
+    pub unchanged: f64,
 }
 
 impl Cell {
+    /// Change in standard deviations of an unchanged bench.
+    pub fn score(&self) -> f64 {
+        self.change / self.unchanged.sqrt()
+    }
+
     fn misfit(&self, predicted: f64, extra: f64) -> f64 {
         ((self.change - predicted).powi(2) / (self.variance + extra)).min(CAP)
     }
@@ -72,16 +80,29 @@ pub fn repetition(speed_gap: f64) -> f64 {
     REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * speed_gap).powi(2)
 }
 
+/// Difference of two amplitudes (in root mean squares of their noise), in standard deviations of an unchanged line whose logarithm repeats with a variance.
+///
+/// An amplitude `a` scatters by `√(½ + ½ r a²)`, `r` the repetition of a ratio; `asinh(a √r) √2/√(2r)` scatters by one whatever `a` is (variance-stabilising transform: Bartlett 1947).
+fn score([recording, reference]: [f64; 2], repetition: f64) -> f64 {
+    let root = repetition.sqrt();
+    ((recording * root).asinh() - (reference * root).asinh()) / root
+}
+
 /// All cells of a comparison.
 pub fn cells(comparison: &Comparison) -> Vec<Cell> {
-    let lines = comparison.lines.iter().map(|l| Cell {
-        pair: l.pair,
-        channel: l.channel,
-        family: Some(l.family),
-        frequency_hz: l.frequency_hz,
-        change: l.log_ratio,
-        turn: Some(l.turn),
-        variance: l.variance + repetition(comparison.pairs[l.pair].speed_gap),
+    let lines = comparison.lines.iter().map(|l| {
+        let repetition = repetition(comparison.pairs[l.pair].speed_gap);
+        let variance = l.variance + repetition;
+        Cell {
+            pair: l.pair,
+            channel: l.channel,
+            family: Some(l.family),
+            frequency_hz: l.frequency_hz,
+            change: l.log_ratio,
+            turn: Some(l.turn),
+            variance,
+            unchanged: variance.min((l.log_ratio / score(l.amplitudes, repetition)).powi(2)),
+        }
     });
     let floors = comparison.floors.iter().map(|f| Cell {
         pair: f.pair,
@@ -91,6 +112,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         change: f.log_ratio,
         turn: None,
         variance: f.variance + FLOOR_SIGMA * FLOOR_SIGMA,
+        unchanged: f.variance + FLOOR_SIGMA * FLOOR_SIGMA,
     });
     lines.chain(floors).collect()
 }
@@ -127,7 +149,9 @@ pub fn covers(place: Place, family: Option<Family>) -> bool {
             _ => false,
         },
         (Place::MotorOrder(k), Some(f)) => matches!(f, Family::Motor { multiple } if multiple == k),
-        (Place::ShaftOnce(j), Some(f)) => matches!(f, Family::Shaft { shaft, multiple: 1 } if shaft == j),
+        (Place::ShaftLine(j, k), Some(f)) => {
+            matches!(f, Family::Shaft { shaft, multiple } if shaft == j && multiple == k)
+        }
         (Place::ShaftOrders(j), Some(f)) => matches!(f, Family::Shaft { shaft, .. } if shaft == j),
     }
 }
@@ -142,8 +166,9 @@ pub fn places(stages: usize, has_belt: bool) -> Vec<Place> {
         }
     }
     for j in 0..=stages {
-        out.extend([Place::ShaftOnce(j), Place::ShaftOrders(j)]);
-        out.extend((1..=crate::read::lines::SHAFT_MULTIPLES).map(|k| Place::ShaftOrder(j, k)));
+        out.push(Place::ShaftOrders(j));
+        let multiples = 1..=crate::read::lines::SHAFT_MULTIPLES;
+        out.extend(multiples.flat_map(|k| [Place::ShaftLine(j, k), Place::ShaftOrder(j, k)]));
     }
     if has_belt {
         out.extend((1..=crate::read::lines::MOTOR_MULTIPLES).map(Place::MotorOrder));
@@ -187,7 +212,7 @@ pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64
 pub fn without_path(all: &[Cell], channel: usize, speeds: &[f64]) -> Vec<Cell> {
     let less = |c: &Cell| match path_prediction(c, all, speeds) {
         Some((p, v)) if c.channel == channel => {
-            Cell { change: c.change - p, turn: None, variance: c.variance + v, ..*c }
+            Cell { change: c.change - p, turn: None, variance: c.variance + v, unchanged: c.unchanged + v, ..*c }
         }
         _ => *c,
     };
@@ -245,7 +270,32 @@ pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_1_SQRT_2;
+
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
     use super::*;
+
+    /// Of lines that repeat to 6 % the score scatters by one where they stand out of the noise, and by less within it, where an amplitude cannot fall below 0. One of ten times the noise where
+    /// there was none before scores `asinh(0.6) / 0.06 = 9.5`, while its logarithm alone, of which half a neper is noise, comes to 3.3.
+    #[test]
+    fn analytic_scores_of_an_unchanged_line_scatter_by_one() {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        for (amplitude, least) in [(0.0, 0.6), (1.0, 0.75), (3.0, 0.95), (10.0, 0.95), (100.0, 0.95)] {
+            let mut measured = || {
+                let real = amplitude * (1.0 + 0.06 * FRAC_1_SQRT_2 * normal()) + FRAC_1_SQRT_2 * normal();
+                real.hypot(FRAC_1_SQRT_2 * normal())
+            };
+            let scores: Vec<f64> = (0..4000).map(|_| score([measured(), measured()], 0.0036)).collect();
+            let scatter = (scores.iter().map(|s| s * s).sum::<f64>() / 4000.0).sqrt();
+            // 4000 draws know it to 1.1 %.
+            assert!((least..1.05).contains(&scatter), "{amplitude}: {scatter}");
+        }
+        assert!((score([10.0, 0.0], 0.0036) - 0.6f64.asinh() / 0.06).abs() < 1e-12);
+    }
 
     /// Bands of background 4 % apart that change by a wave over frequency, and a line beside each that changes by so many times as much.
     fn beside(times: f64) -> Vec<Cell> {
@@ -261,6 +311,7 @@ mod tests {
                     change,
                     turn: None,
                     variance: 0.01,
+                    unchanged: 0.01,
                 };
                 [cell(None, moved), cell(Some(Family::Mesh { stage: 0, harmonic: 1 }), times * moved)]
             })

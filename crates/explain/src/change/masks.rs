@@ -37,7 +37,7 @@ pub(crate) const INDEPENDENT: f64 = 0.4;
 /// Median change of a mask's lines (standard deviations); 0 of none.
 pub fn median_change(cells: &[Cell], place: Place) -> f64 {
     let inside = |c: &&Cell| c.family.is_some() && covers(place, c.family);
-    let mut all: Vec<f64> = cells.iter().filter(inside).map(|c| c.change.abs() / c.variance.sqrt()).collect();
+    let mut all: Vec<f64> = cells.iter().filter(inside).map(|c| c.score().abs()).collect();
     if all.is_empty() { 0.0 } else { median(&mut all) }
 }
 
@@ -76,7 +76,7 @@ fn at_a_usual_scale(sums: &[f64; SCALES]) -> f64 {
 /// is a tenth of the amplitude. An unchanged bench may change them together by that much (`gaps`: ln of the speed ratio of each pair).
 pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
-    let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c.change * c.change / c.variance)).collect();
+    let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c.score().powi(2))).collect();
     let mut all = [0.0; SCALES];
     for t in &tables {
         all.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
@@ -137,7 +137,7 @@ const CAUSE_STANDS_OUT: f64 = 4.0;
 /// The one order within a wider mask whose lines rise far above the rest of it: a strong ripple drags all lines of its shaft along.
 pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mask> {
     let inside: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some() && covers(wide.place, c.family)).collect();
-    let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c.change * c.change / c.variance)).collect();
+    let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c.score().powi(2))).collect();
     let sum = |of: &dyn Fn(&Cell) -> bool| {
         let mut sums = [0.0; SCALES];
         for (_, t) in inside.iter().zip(&tables).filter(|(c, _)| of(c)) {
@@ -178,7 +178,7 @@ pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place]) -> Option<M
     let most = places.iter().filter(kinds).map(|p| median_change(cells, *p)).fold(USUAL_SCALE, f64::max);
     let once = |m: &&Mask| {
         let change = median_change(cells, m.place);
-        matches!(m.place, Place::ShaftOnce(_)) && change > ONCE_CLEAR && change > ONCE_ALONE * most
+        matches!(m.place, Place::ShaftLine(_, 1)) && change > ONCE_CLEAR && change > ONCE_ALONE * most
     };
     ranked.iter().find(once).copied()
 }
@@ -264,7 +264,7 @@ pub(crate) const RESONANT_SHARE: f64 = 0.1;
 const RESONANT_PRICE: f64 = 2.3;
 
 fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together> {
-    if !matches!(place, Place::FirstSide(..) | Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_)) {
+    if !matches!(place, Place::FirstSide(..) | Place::ShaftLine(..) | Place::ShaftOrder(..) | Place::MotorOrder(_)) {
         return None;
     }
     let mut out = Together { likelihood: [0.0; SCALES], price: 0.0 };
@@ -277,7 +277,7 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
         let price = |sigma: f64| 0.5 * (shared / sigma).powi(2);
         out.price += price(usual).min(price(resonant) + (resonant / usual).ln() + RESONANT_PRICE);
         for c in inside {
-            let t = densities((c.change - shared).powi(2) / c.variance);
+            let t = densities((c.change - shared).powi(2) / c.unchanged);
             out.likelihood.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
         }
     }
@@ -308,6 +308,7 @@ mod tests {
                         change,
                         turn: None,
                         variance: 0.0025,
+                        unchanged: 0.0025,
                     }
                 })
             };
@@ -328,7 +329,16 @@ mod tests {
             let of = |k: u8| {
                 let change = 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
                 let family = Some(Family::Shaft { shaft: 0, multiple: k });
-                Cell { pair: 0, channel: 0, family, frequency_hz: 100.0, change, turn: None, variance }
+                Cell {
+                    pair: 0,
+                    channel: 0,
+                    family,
+                    frequency_hz: 100.0,
+                    change,
+                    turn: None,
+                    variance,
+                    unchanged: variance,
+                }
             };
             (1..=40).map(of).collect()
         };
@@ -345,7 +355,16 @@ mod tests {
             (1..=30u8).map(move |multiple| {
                 let z = if multiple == loud { z } else { 0.9 * (f64::from(multiple) + pair as f64).sin() };
                 let family = Some(Family::Shaft { shaft: 1, multiple });
-                Cell { pair, channel: 0, family, frequency_hz: 100.0, change: 0.1 * z, turn: None, variance: 0.01 }
+                Cell {
+                    pair,
+                    channel: 0,
+                    family,
+                    frequency_hz: 100.0,
+                    change: 0.1 * z,
+                    turn: None,
+                    variance: 0.01,
+                    unchanged: 0.01,
+                }
             })
         };
         (0..12).flat_map(of).collect()
@@ -371,12 +390,12 @@ mod tests {
     /// and beside a mesh harmonic that changes by 3 it is not alone.
     #[test]
     fn analytic_a_first_order_alone_is_the_cause() {
-        let places = [Place::ShaftOnce(1), Place::ShaftOrders(1), Place::Mesh(0), Place::Gear(0, 1)];
+        let places = [Place::ShaftLine(1, 1), Place::ShaftOrders(1), Place::Mesh(0), Place::Gear(0, 1)];
         let ask = |cells: &[Cell]| once_alone(cells, &masks(cells, &places, &[0.0; 12]), &places).map(|m| m.place);
         let mut loud = cells(1, 20.0);
         assert!((0.5..0.75).contains(&median_change(&loud, Place::ShaftOrders(1))));
         assert_eq!(median_change(&loud, Place::Mesh(0)), 0.0);
-        assert_eq!(ask(&loud), Some(Place::ShaftOnce(1)));
+        assert_eq!(ask(&loud), Some(Place::ShaftLine(1, 1)));
         assert_eq!(ask(&cells(1, 4.0)), None);
         let mesh = Some(Family::Mesh { stage: 0, harmonic: 1 });
         loud.push(Cell { family: mesh, change: 0.3, ..loud[0] });

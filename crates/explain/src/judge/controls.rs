@@ -41,12 +41,11 @@ fn decoy_and_ceiling(cells: &[Cell], mask: &Mask) -> (f64, f64) {
     let ceiling: f64 = lines
         .iter()
         .map(|c| {
-            let t = densities(c.change * c.change / c.variance);
+            let t = densities(c.score().powi(2));
             t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t[usual]
         })
         .sum();
-    let rest: Vec<f64> =
-        lines.iter().filter(|c| !covers(mask.place, c.family)).map(|c| c.change * c.change / c.variance).collect();
+    let rest: Vec<f64> = lines.iter().filter(|c| !covers(mask.place, c.family)).map(|c| c.score().powi(2)).collect();
     let step = (rest.len() / mask.cells.max(1)).max(1);
     let decoy: Vec<f64> = rest.into_iter().step_by(step).take(mask.cells).collect();
     (one_scale(&decoy, usual), INDEPENDENT * ceiling)

@@ -85,7 +85,7 @@ const LEAST_NEAR: f64 = 0.1;
 const LISTED: usize = 20;
 
 fn mismatch(q: &Question<'_>, cells: &[Cell]) -> Vec<Mismatch> {
-    let total: f64 = cells.iter().map(|c| c.change * c.change / c.variance).sum();
+    let total: f64 = cells.iter().map(|c| c.score().powi(2)).sum();
     let mut out: Vec<Mismatch> = q
         .comparison
         .lines

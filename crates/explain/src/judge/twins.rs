@@ -1,7 +1,9 @@
 //! Twins of a case: comparisons of an unchanged bench with the very lines of the case, drawn and sent through the same search.
 //!
-//! The share of twins in which the best mask gains as much as in the case is the probability `p_null` of such a gain where nothing changed (a Monte Carlo test:
-//! Barnard 1963). Scale, lines and settings are the case's own, so that no other bench and no other generator has a part in it.
+//! Masks are not alike: what a pair of settings does to all lines of a shaft makes wide masks gain tens of nats by chance, and one line alone none. So each mask's gain is counted from the
+//! median of its own gains in the twins, in units of their mean excess over it, and the largest of all masks stands for the comparison (the minimum of p values, with its own distribution:
+//! Westfall and Young 1993). The share of twins in which it is as large as in the case is the probability `p_null` that an unchanged bench comes to as much (a Monte Carlo test: Barnard
+//! 1963). Scale, lines and settings are the case's own, so that no other bench and no other generator has a part in it.
 
 use rand::RngExt;
 use rand::SeedableRng;
@@ -18,21 +20,55 @@ use crate::read::lines::Family;
 const TWINS: u64 = 99;
 
 /// What the twins of a case say of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Twins {
-    /// Probability that an unchanged bench gains as much, the case itself counted: 0.01 at least.
+    /// Probability that an unchanged bench comes to as much, the case itself counted: 0.01 at least.
     pub p_null: f64,
-    /// Gain of the mask in the case, and the median and largest of those in its twins (nats).
-    pub gains: [f64; 3],
-    /// Mean excess over their median of the twins that gain more (nats).
+    /// What the case comes to, and the median and largest of what its twins do (mean excesses over the median gain).
+    pub standing: [f64; 3],
+    /// By mask.
+    masks: Vec<(Place, Tail)>,
+    /// Of what the twins come to.
+    all: Tail,
+}
+
+/// The upper half of a distribution, taken to be exponential.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Tail {
+    median: f64,
+    /// Mean excess over it.
     excess: f64,
 }
 
+impl Tail {
+    /// A likelihood ratio of noise alone falls by one in e a nat (Wilks 1938): one more value of that kind, so that few are not believed too much.
+    fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let median = values[values.len() / 2];
+        let beyond: Vec<f64> = values.iter().map(|g| g - median).filter(|g| *g > 0.0).collect();
+        Self { median, excess: (1.0 + beyond.iter().sum::<f64>()) / (1.0 + beyond.len() as f64) }
+    }
+
+    fn standing(self, value: f64) -> f64 {
+        (value - self.median) / self.excess
+    }
+}
+
 impl Twins {
-    /// Chance that the best mask of an unchanged bench gains so much: beyond the median the twins' gains are taken to be exponentially distributed.
-    pub fn chance(&self, gain: f64) -> f64 {
-        let over = gain - self.gains[1];
-        if over <= 0.0 { 1.0 } else { 0.5 * (-over / self.excess).exp() }
+    /// What a mask that gains so much comes to; of a mask without lines in the case, nothing.
+    fn standing(masks: &[(Place, Tail)], mask: &Mask) -> f64 {
+        let of = masks.iter().find(|(place, _)| *place == mask.place);
+        of.map_or(f64::NEG_INFINITY, |(_, tail)| tail.standing(mask.gain))
+    }
+
+    /// Chance that an unchanged bench comes to as much as this mask does.
+    pub fn chance(&self, mask: &Mask) -> f64 {
+        self.chance_of(Self::standing(&self.masks, mask))
+    }
+
+    fn chance_of(&self, standing: f64) -> f64 {
+        let over = self.all.standing(standing);
+        if over <= 0.0 { 1.0 } else { 0.5 * (-over).exp() }
     }
 }
 
@@ -74,23 +110,35 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
                 let (line, own): (f64, f64) = (tails.sample(&mut random), tails.sample(&mut random));
                 let line = *of_line.entry((c.pair, c.family?)).or_insert(line);
                 let t = rho.sqrt() * line + (1.0 - rho).sqrt() * own;
-                Some(Cell { change: common + found.outside * c.variance.sqrt() * t, ..*c })
+                let change = common + found.outside * c.variance.sqrt() * t;
+                Some(Cell { change, unchanged: c.variance, ..*c })
             })
             .collect();
-        masks::masks(&twin, places, gaps).first().map_or(f64::NEG_INFINITY, |m| m.gain)
+        masks::masks(&twin, places, gaps)
     };
-    let mut gains: Vec<f64> = (0..TWINS).into_par_iter().map(drawn).collect();
-    let above = gains.iter().filter(|g| **g >= found.gain).count();
-    gains.sort_by(f64::total_cmp);
-    let middle = gains[gains.len() / 2];
-    let beyond: Vec<f64> = gains.iter().map(|g| g - middle).filter(|g| *g > 0.0).collect();
-    // A likelihood ratio of noise alone falls by one in e a nat (Wilks 1938): one more twin of that kind.
-    let excess = (1.0 + beyond.iter().sum::<f64>()) / (1.0 + beyond.len() as f64);
-    Some(Twins {
-        excess,
-        p_null: (1 + above) as f64 / (1 + TWINS) as f64,
-        gains: [found.gain, middle, gains[gains.len() - 1]],
-    })
+    let drawn: Vec<Vec<Mask>> = (0..TWINS).into_par_iter().map(drawn).collect();
+    let mut gains: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    for m in drawn.iter().flatten() {
+        if let Some(at) = places.iter().position(|p| *p == m.place) {
+            gains.entry(at).or_default().push(m.gain);
+        }
+    }
+    let tails: Vec<(Place, Tail)> = gains
+        .into_iter()
+        .map(|(at, gains)| {
+            let tail = Tail::of(gains);
+            // The gain of a mask is a likelihood ratio itself.
+            (places[at], Tail { excess: tail.excess.max(1.0), ..tail })
+        })
+        .collect();
+    let most = |masks: &[Mask]| masks.iter().map(|m| Twins::standing(&tails, m)).fold(f64::NEG_INFINITY, f64::max);
+    let own = most(&masks::masks(cells, places, gaps));
+    let standings: Vec<f64> = drawn.iter().map(|masks| most(masks)).collect();
+    let above = standings.iter().filter(|s| **s >= own).count();
+    let largest = standings.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let all = Tail::of(standings);
+    let standing = [own, all.median, largest];
+    Some(Twins { p_null: (1 + above) as f64 / (1 + TWINS) as f64, standing, masks: tails, all })
 }
 
 /// Correlation of the changes of one line between channels, by how often they have the same sign: `ρ = sin π(p − ½)` (Sheppard 1899), which single large changes do not decide; 0 where
@@ -142,6 +190,7 @@ mod tests {
                         change: 0.06 * scale * z,
                         turn: None,
                         variance: 0.0036,
+                        unchanged: 0.0036,
                     };
                     out.push(cell);
                 }
@@ -184,6 +233,7 @@ mod tests {
                         change,
                         turn: None,
                         variance: 0.0036,
+                        unchanged: 0.0036,
                     }
                 })
             })
@@ -203,7 +253,7 @@ mod tests {
         let rho = all.iter().map(|(rho, _)| rho).sum::<f64>() / 100.0;
         assert!((rho - 0.9).abs() < 0.05, "{rho}");
         let below = |p: f64, of: &dyn Fn(&Twins) -> f64| all.iter().filter(|(_, t)| of(t) < p).count();
-        assert_eq!(below(1e-3, &|t| t.chance(t.gains[0])), 0);
+        assert_eq!(below(1e-3, &|t| t.chance_of(t.standing[0])), 0);
         assert!(below(0.1, &|t| t.p_null) <= 19, "{}", below(0.1, &|t| t.p_null));
         assert_eq!(between_channels(cells(1, 0.0).iter().filter(|c| c.channel == 0)), 0.0);
     }

@@ -126,7 +126,7 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     let before = remaining.clone();
     // What is believed is held against a bench whose lines outside that very mask are as they are.
     let beyond_chance =
-        |m: &Mask| twins::twins_beside(&before, &places, &gaps, m).is_some_and(|t| t.chance(m.gain) < CHANCE);
+        |m: &Mask| twins::twins_beside(&before, &places, &gaps, m).is_some_and(|t| t.chance(m) < CHANCE);
     let mut named: Vec<Mask> = Vec::new();
     for round in 0..MOST {
         let mut ranked = masks::masks(&remaining, &places, &gaps);
@@ -134,13 +134,12 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
         ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
         let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
-        let Some(best) = alone.or_else(|| choose(&ranked)) else { break };
-        let leading = of_single_teeth(q.train, &best, &ranked, &remaining);
-        let led = leading.is_some();
-        let mut chosen = leading.unwrap_or(best);
-        found.steps.extend(ranked.iter().take(3).map(|m| in_words(q, m)));
         let later = round > 0 || under_path || tooth_found || ghost_found;
-        let believed = if later { believed_beside(&chosen, tooth_found) } else { beyond_chance(&chosen) };
+        let is_believed = |m: &Mask| if later { believed_beside(m, tooth_found) } else { beyond_chance(m) };
+        let Some((best, chosen, believed)) = leading(q, alone, &ranked, &remaining, &is_believed) else { break };
+        let led = chosen.place != best.place;
+        let mut chosen = chosen;
+        found.steps.extend(ranked.iter().take(3).map(|m| in_words(q, m)));
         if alone.is_none() && !believed {
             if round > 0 {
                 found.steps.push("stop: no further mask gains enough beside what was named".into());
@@ -221,9 +220,9 @@ fn gaps(q: &Question<'_>) -> Vec<f64> {
 /// What twins of the case say: how far an unchanged bench misfits its reference as much.
 pub fn twins_of(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> Option<Twins> {
     let twins = twins::twins(cells, &places(q), &gaps(q))?;
-    let [found, usual, most] = twins.gains;
+    let [found, usual, most] = twins.standing;
     steps.push(format!(
-        "twins: the best mask gains {found:.1} nats; in drawn comparisons of an unchanged bench with these very lines {usual:.1} in the middle, {most:.1} at most (p {:.2})",
+        "twins: the mask that is furthest beyond chance gains {found:.1} times what it usually gains beyond its median; in drawn comparisons of an unchanged bench with these very lines {usual:.1} in the middle, {most:.1} at most (p {:.2})",
         twins.p_null
     ));
     Some(twins)
@@ -328,16 +327,17 @@ fn is_rather_the_machine(
         return false;
     }
     let (places, gaps) = (places(q), gaps(q));
-    let wide_gain = |cells: &[Cell]| {
-        let best = masks::masks(cells, &places, &gaps).into_iter().find(|m| wide(m.place));
-        best.map_or(0.0, |m| m.gain.max(0.0))
-    };
+    let wide_gain =
+        |cells: &[Cell]| masks::masks(cells, &places, &gaps).into_iter().find(|m| wide(m.place) && m.gain > 0.0);
+    let gain = |best: Option<Mask>| best.map_or(0.0, |m| m.gain);
     // A path costs a number for each of its bands.
     let bands = cells.iter().filter(|c| c.family.is_none() && c.pair == 0).count() as f64;
-    let path = masks::unchanged(remaining) - masks::unchanged(cells) + wide_gain(remaining) - NUMBER * bands;
-    let machine = wide_gain(cells);
+    let path = masks::unchanged(remaining) - masks::unchanged(cells) + gain(wide_gain(remaining)) - NUMBER * bands;
+    let best = wide_gain(cells);
+    let machine = gain(best);
     // Meshes that changed bring more into the background; meshes whose lines are what they were do not.
-    let changed = || twins::twins(cells, &places, &gaps).is_some_and(|t| t.chance(machine) < MAY_CHANGE);
+    let changed =
+        || best.is_some_and(|m| twins::twins(cells, &places, &gaps).is_some_and(|t| t.chance(&m) < MAY_CHANGE));
     let rather_the_machine = path < machine && changed();
     if rather_the_machine {
         steps.push(format!(
@@ -345,6 +345,35 @@ fn is_rather_the_machine(
         ));
     }
     rather_the_machine
+}
+
+/// Masks that are asked whether chance makes them.
+const ASKED: usize = 4;
+
+/// The mask to name: best, chosen, whether it is believed. One that chance makes is passed over, for a wide mask that gains most may say nothing where one line
+/// of it says all; where none is believed, the first.
+fn leading(
+    q: &Question<'_>,
+    alone: Option<Mask>,
+    ranked: &[Mask],
+    cells: &[Cell],
+    believed: &dyn Fn(&Mask) -> bool,
+) -> Option<(Mask, Mask, bool)> {
+    let mut left = ranked.to_vec();
+    let mut first = None;
+    for _ in 0..ASKED {
+        let Some(best) = alone.or_else(|| choose(&left)) else { break };
+        let chosen = of_single_teeth(q.train, &best, &left, cells).unwrap_or(best);
+        if believed(&chosen) {
+            return Some((best, chosen, true));
+        }
+        first = first.or(Some((best, chosen, false)));
+        left.retain(|m| m.place != best.place);
+        if alone.is_some() {
+            break;
+        }
+    }
+    first
 }
 
 /// Among masks that gain nearly as much as the best, the simplest.
@@ -449,7 +478,7 @@ fn swap(
 /// Places by what they would be called, simplest first.
 fn simplicity(place: Place) -> u8 {
     match place {
-        Place::ShaftOnce(_) | Place::ShaftOrder(..) | Place::MotorOrder(_) => 0,
+        Place::ShaftLine(..) | Place::ShaftOrder(..) | Place::MotorOrder(_) => 0,
         Place::FirstSide(..) | Place::Mesh(_) => 1,
         Place::ShaftOrders(_) => 2,
         Place::LowSide(..) => 3,
@@ -463,7 +492,9 @@ fn simplicity(place: Place) -> u8 {
 /// order of a ripple's train.
 fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
     let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect, &f.place)) else { return false };
-    let ripple = |p: Place| matches!(p, Place::ShaftOrder(_, k) if k > 1) || matches!(p, Place::MotorOrder(_));
+    let ripple = |p: Place| {
+        matches!(p, Place::ShaftOrder(_, k) | Place::ShaftLine(_, k) if k > 1) || matches!(p, Place::MotorOrder(_))
+    };
     match (found, shaft_of(found), shaft_of(place)) {
         (_, Some(a), Some(b)) => a == b || (ripple(found) && ripple(place)),
         (Place::Mesh(i) | Place::Stage(i), None, Some(b)) => b == i || b == i + 1,
@@ -488,7 +519,7 @@ fn shaft_of(place: Place) -> Option<usize> {
         | Place::LowSide(_, j)
         | Place::Gear(_, j)
         | Place::ShaftOrder(j, _)
-        | Place::ShaftOnce(j)
+        | Place::ShaftLine(j, _)
         | Place::ShaftOrders(j) => Some(j),
         // Orders of the motor are those of the first shaft where no belt is between them.
         Place::MotorOrder(_) => Some(0),
@@ -513,6 +544,7 @@ mod tests {
             change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
             turn: None,
             variance: 0.01,
+            unchanged: 0.01,
         };
         (1..=8)
             .flat_map(|harmonic| {

@@ -27,7 +27,7 @@ fn orders(cells: &[Cell], shaft: usize) -> (usize, f64, f64) {
     let (mut all, mut clear, mut up) = (0usize, 0usize, 0usize);
     for c in cells.iter().filter(of_shaft) {
         all += 1;
-        if c.change * c.change > CLEAR * CLEAR * c.variance {
+        if c.score().abs() > CLEAR {
             clear += 1;
             up += usize::from(c.change > 0.0);
         }
@@ -68,7 +68,16 @@ mod tests {
     use super::*;
 
     fn cell(family: Family, change: f64) -> Cell {
-        Cell { pair: 0, channel: 0, family: Some(family), frequency_hz: 100.0, change, turn: None, variance: 0.01 }
+        Cell {
+            pair: 0,
+            channel: 0,
+            family: Some(family),
+            frequency_hz: 100.0,
+            change,
+            turn: None,
+            variance: 0.01,
+            unchanged: 0.01,
+        }
     }
 
     #[test]

@@ -79,6 +79,7 @@ mod tests {
                 change: 0.1 * z,
                 turn: None,
                 variance: 0.01,
+                unchanged: 0.01,
             };
             (0..40).map(band).collect::<Vec<_>>()
         };

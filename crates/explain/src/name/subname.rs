@@ -30,7 +30,7 @@ pub fn describe(q: &Question<'_>, place: Place) -> String {
         Place::Stage(i) => format!("mesh harmonics and all sidebands of {}", stage(i)),
         Place::ShaftOrder(j, k) => format!("order {k} of {} and sidebands at that distance", shaft(j)),
         Place::MotorOrder(k) => format!("order {k} of the motor"),
-        Place::ShaftOnce(j) => format!("first order of {}", shaft(j)),
+        Place::ShaftLine(j, k) => format!("order {k} of {} alone", shaft(j)),
         Place::ShaftOrders(j) => format!("orders of {}", shaft(j)),
     }
 }
@@ -164,10 +164,10 @@ fn of_place(
             }
             f
         }
-        Place::ShaftOnce(j) => Finding::new("unbalance", q.train.shafts[j].0.clone(), 0.8),
+        Place::ShaftLine(j, 1) => Finding::new("unbalance", q.train.shafts[j].0.clone(), 0.8),
         Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
         Place::ShaftOrders(_) => shared::finding(q, Place::Dynamics, cells, depth, steps)?,
-        Place::ShaftOrder(j, k) => ripple(q, j, k, exponent),
+        Place::ShaftOrder(j, k) | Place::ShaftLine(j, k) => ripple(q, j, k, exponent),
         Place::MotorOrder(k) => ripple(q, 0, k, exponent),
         // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
         Place::LowSide(i, j)
@@ -198,7 +198,7 @@ const ONCE_MORE: f64 = 1.6;
 /// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its dynamics moves them either way.
 fn rises(cells: &[Cell], place: Place) -> bool {
     let inside = || cells.iter().filter(|c| c.family.is_some() && locate::covers(place, c.family));
-    let clear = inside().filter(|c| c.change * c.change > 4.0 * c.variance);
+    let clear = inside().filter(|c| c.score().abs() > 2.0);
     let (up, all) = clear.fold((0, 0), |(u, n), c| (u + usize::from(c.change > 0.0), n + 1));
     all > 0 && up * 5 >= all * 4
 }
@@ -233,7 +233,7 @@ pub fn mask_of(q: &Question<'_>, f: &Finding) -> Option<Place> {
     match f.effect {
         "eccentricity" => gear().map(|(i, j)| Place::FirstSide(i, j)),
         "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" => gear().map(|(i, j)| Place::Gear(i, j)),
-        "unbalance" => shaft_at(&f.place).map(Place::ShaftOnce),
+        "unbalance" => shaft_at(&f.place).map(|j| Place::ShaftLine(j, 1)),
         "looseness" => shaft_at(&f.place).map(Place::ShaftOrders),
         "torque_ripple" | "speed_fluctuation" => {
             let j = match f.place.as_str() {
