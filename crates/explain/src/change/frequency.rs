@@ -148,7 +148,7 @@ impl Frequency {
                     change: c.change - change,
                     turn: None,
                     variance: c.variance + variance,
-                    unchanged: c.unchanged + variance,
+                    noise: c.noise + variance,
                     ..*c
                 },
             )
@@ -341,7 +341,8 @@ mod tests {
                         change,
                         turn: None,
                         variance: 0.001,
-                        unchanged: 0.001,
+                        noise: 0.0,
+                        repetition: 0.001,
                     });
                 };
                 for harmonic in 1..=8u8 {

@@ -59,15 +59,22 @@ pub struct Cell {
     pub turn: Option<f64>,
     /// Of `change`, and of `turn`.
     pub variance: f64,
-    /// Of `change` on a bench that did not change. Less than `variance` where a line rises out of the noise: how far it rose is not known, but that it was below
-    /// the noise is.
-    pub unchanged: f64,
+    /// Of `change` on a bench that did not change, by noise and by what was taken off. Less than noise has in `variance` where a line rises out of it: how far it
+    /// rose is not known, but that it was below the noise is.
+    pub noise: f64,
+    /// The same by repetition of the setting.
+    pub repetition: f64,
 }
 
 impl Cell {
     /// Change in standard deviations of an unchanged bench.
     pub fn score(&self) -> f64 {
-        self.change / self.unchanged.sqrt()
+        self.change / self.unchanged(1.0).sqrt()
+    }
+
+    /// Variance of `change` on a bench that did not change and repeats by so many times the usual.
+    pub fn unchanged(&self, scale: f64) -> f64 {
+        self.noise + scale * scale * self.repetition
     }
 
     fn misfit(&self, predicted: f64, extra: f64) -> f64 {
@@ -80,19 +87,16 @@ pub fn repetition(speed_gap: f64) -> f64 {
     REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * speed_gap).powi(2)
 }
 
-/// Difference of two amplitudes (in root mean squares of their noise), in standard deviations of an unchanged line whose logarithm repeats with a variance.
-///
-/// An amplitude `a` scatters by `√(½ + ½ r a²)`, `r` the repetition of a ratio; `asinh(a √r) √2/√(2r)` scatters by one whatever `a` is (variance-stabilising transform: Bartlett 1947).
-fn score([recording, reference]: [f64; 2], repetition: f64) -> f64 {
-    let root = repetition.sqrt();
-    ((recording * root).asinh() - (reference * root).asinh()) / root
+/// Variance that noise gives the change of an unchanged line: that of the logarithm, or less where the amplitudes (in root mean squares of their noise), whose difference scatters by one,
+/// are further apart.
+pub fn known_noise(change: f64, amplitudes: [f64; 2], variance: f64) -> f64 {
+    variance.min((change / (amplitudes[0] - amplitudes[1])).powi(2))
 }
 
 /// All cells of a comparison.
 pub fn cells(comparison: &Comparison) -> Vec<Cell> {
     let lines = comparison.lines.iter().map(|l| {
         let repetition = repetition(comparison.pairs[l.pair].speed_gap);
-        let variance = l.variance + repetition;
         Cell {
             pair: l.pair,
             channel: l.channel,
@@ -100,8 +104,9 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
             frequency_hz: l.frequency_hz,
             change: l.log_ratio,
             turn: Some(l.turn),
-            variance,
-            unchanged: variance.min((l.log_ratio / score(l.amplitudes, repetition)).powi(2)),
+            variance: l.variance + repetition,
+            noise: known_noise(l.log_ratio, l.amplitudes, l.variance),
+            repetition,
         }
     });
     let floors = comparison.floors.iter().map(|f| Cell {
@@ -112,7 +117,8 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         change: f.log_ratio,
         turn: None,
         variance: f.variance + FLOOR_SIGMA * FLOOR_SIGMA,
-        unchanged: f.variance + FLOOR_SIGMA * FLOOR_SIGMA,
+        noise: f.variance,
+        repetition: FLOOR_SIGMA * FLOOR_SIGMA,
     });
     lines.chain(floors).collect()
 }
@@ -212,7 +218,7 @@ pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64
 pub fn without_path(all: &[Cell], channel: usize, speeds: &[f64]) -> Vec<Cell> {
     let less = |c: &Cell| match path_prediction(c, all, speeds) {
         Some((p, v)) if c.channel == channel => {
-            Cell { change: c.change - p, turn: None, variance: c.variance + v, unchanged: c.unchanged + v, ..*c }
+            Cell { change: c.change - p, turn: None, variance: c.variance + v, noise: c.noise + v, ..*c }
         }
         _ => *c,
     };
@@ -277,24 +283,48 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
+    use crate::change::compare::{LineChange, Pair};
 
     /// Of lines that repeat to 6 % the score scatters by one where they stand out of the noise, and by less within it, where an amplitude cannot fall below 0. One of ten times the noise where
-    /// there was none before scores `asinh(0.6) / 0.06 = 9.5`, while its logarithm alone, of which half a neper is noise, comes to 3.3.
+    /// there was none before scores `ln 10 / √((ln 10 / 10)² + 0.06²) = 9.7`, while its logarithm alone, of which half a neper is noise, comes to 3.2.
     #[test]
     fn analytic_scores_of_an_unchanged_line_scatter_by_one() {
+        let cell = |amplitudes: [f64; 2]| {
+            let [px, py] = amplitudes.map(|a| (a * a).max(1.0));
+            let log_ratio = 0.5 * (px / py).ln();
+            let line = LineChange {
+                pair: 0,
+                channel: 0,
+                family: Family::Shaft { shaft: 0, multiple: 3 },
+                order: 3.0,
+                frequency_hz: 60.0,
+                power: px,
+                reference_power: py,
+                noise: 1.0,
+                amplitudes,
+                log_ratio,
+                turn: 0.0,
+                reference_phase: 0.0,
+                variance: 0.5 * (1.0 / px + 1.0 / py),
+            };
+            let pair = Pair { recording: 0, reference: 0, speed_hz: 20.0, torque_nm: 10.0, speed_gap: 0.0 };
+            let comparison =
+                Comparison { pairs: vec![pair], channels: vec!["a".into()], lines: vec![line], floors: Vec::new() };
+            cells(&comparison)[0]
+        };
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        for (amplitude, least) in [(0.0, 0.6), (1.0, 0.75), (3.0, 0.95), (10.0, 0.95), (100.0, 0.95)] {
+        for (amplitude, least) in [(0.0, 0.4), (1.0, 0.6), (3.0, 0.9), (10.0, 0.95), (100.0, 0.95)] {
             let mut measured = || {
                 let real = amplitude * (1.0 + 0.06 * FRAC_1_SQRT_2 * normal()) + FRAC_1_SQRT_2 * normal();
                 real.hypot(FRAC_1_SQRT_2 * normal())
             };
-            let scores: Vec<f64> = (0..4000).map(|_| score([measured(), measured()], 0.0036)).collect();
+            let scores: Vec<f64> = (0..4000).map(|_| cell([measured(), measured()]).score()).collect();
             let scatter = (scores.iter().map(|s| s * s).sum::<f64>() / 4000.0).sqrt();
             // 4000 draws know it to 1.1 %.
             assert!((least..1.05).contains(&scatter), "{amplitude}: {scatter}");
         }
-        assert!((score([10.0, 0.0], 0.0036) - 0.6f64.asinh() / 0.06).abs() < 1e-12);
+        assert!((cell([10.0, 0.0]).score() - 9.68).abs() < 0.01);
     }
 
     /// Bands of background 4 % apart that change by a wave over frequency, and a line beside each that changes by so many times as much.
@@ -311,7 +341,8 @@ mod tests {
                     change,
                     turn: None,
                     variance: 0.01,
-                    unchanged: 0.01,
+                    noise: 0.0,
+                    repetition: 0.01,
                 };
                 [cell(None, moved), cell(Some(Family::Mesh { stage: 0, harmonic: 1 }), times * moved)]
             })

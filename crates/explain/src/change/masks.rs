@@ -23,6 +23,8 @@ pub struct Mask {
 
 /// Degrees of freedom of the t distribution of changes: lines at resonances and near cancellation change far more than others.
 pub(crate) const TAIL: f64 = 4.0;
+/// The same of noise, whose power at a line is read from its neighbours: `2/σ²` of the logarithm of a power that is known to a third.
+const NOISE_TAIL: f64 = 18.0;
 /// Grid of scales: first, ratio, number.
 const FIRST_SCALE: f64 = 0.2;
 const SCALE_RATIO: f64 = 1.15;
@@ -46,11 +48,16 @@ pub(crate) fn scale(k: usize) -> f64 {
     FIRST_SCALE * SCALE_RATIO.powi(k as i32)
 }
 
-/// Log density of a change at each scale.
-pub(crate) fn densities(z2: f64) -> [f64; SCALES] {
+/// Log density of a change that is off by so much, at each scale of repetition, up to a constant. Noise is known, and has no scale: lines that it alone moves tell nothing of how settings
+/// repeat. The sum of both has a t distribution whose degrees of freedom are those of Welch (1947) and Satterthwaite (1946).
+pub(crate) fn densities(cell: &Cell, off: f64) -> [f64; SCALES] {
     std::array::from_fn(|k| {
-        let s = scale(k);
-        -s.ln() - 0.5 * (TAIL + 1.0) * (z2 / (TAIL * s * s)).ln_1p()
+        let variance = cell.unchanged(scale(k));
+        let noise = cell.noise / variance;
+        let tail = (noise * noise / NOISE_TAIL + (1.0 - noise).powi(2) / TAIL).recip();
+        // ln Γ((ν + 1)/2) − ln Γ(ν/2) − ½ ln πν, to 1/ν.
+        let peak = -0.25 / tail;
+        peak - 0.5 * variance.ln() - 0.5 * (tail + 1.0) * (off * off / (tail * variance)).ln_1p()
     })
 }
 
@@ -76,7 +83,7 @@ fn at_a_usual_scale(sums: &[f64; SCALES]) -> f64 {
 /// is a tenth of the amplitude. An unchanged bench may change them together by that much (`gaps`: ln of the speed ratio of each pair).
 pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
-    let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c.score().powi(2))).collect();
+    let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c, c.change)).collect();
     let mut all = [0.0; SCALES];
     for t in &tables {
         all.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
@@ -120,13 +127,10 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
 /// Log likelihood of all lines of an unchanged bench, whose changes have one usual scale; variances count, so that cells with a prediction of their own can be compared with the same without.
 pub fn unchanged(cells: &[Cell]) -> f64 {
     let mut all = [0.0; SCALES];
-    let mut widths = 0.0;
     for c in cells.iter().filter(|c| c.family.is_some()) {
-        let table = densities(c.change * c.change / c.variance);
-        all.iter_mut().zip(table).for_each(|(a, v)| *a += INDEPENDENT * v);
-        widths -= INDEPENDENT * 0.5 * c.variance.ln();
+        all.iter_mut().zip(densities(c, c.change)).for_each(|(a, v)| *a += INDEPENDENT * v);
     }
-    widths + at_a_usual_scale(&all)
+    at_a_usual_scale(&all)
 }
 
 /// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider mask to be its cause: gears and bearings that change came to 28 nats
@@ -137,7 +141,7 @@ const CAUSE_STANDS_OUT: f64 = 4.0;
 /// The one order within a wider mask whose lines rise far above the rest of it: a strong ripple drags all lines of its shaft along.
 pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mask> {
     let inside: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some() && covers(wide.place, c.family)).collect();
-    let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c.score().powi(2))).collect();
+    let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c, c.change)).collect();
     let sum = |of: &dyn Fn(&Cell) -> bool| {
         let mut sums = [0.0; SCALES];
         for (_, t) in inside.iter().zip(&tables).filter(|(c, _)| of(c)) {
@@ -277,7 +281,7 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
         let price = |sigma: f64| 0.5 * (shared / sigma).powi(2);
         out.price += price(usual).min(price(resonant) + (resonant / usual).ln() + RESONANT_PRICE);
         for c in inside {
-            let t = densities((c.change - shared).powi(2) / c.unchanged);
+            let t = densities(c, c.change - shared);
             out.likelihood.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
         }
     }
@@ -308,7 +312,8 @@ mod tests {
                         change,
                         turn: None,
                         variance: 0.0025,
-                        unchanged: 0.0025,
+                        noise: 0.0,
+                        repetition: 0.0025,
                     }
                 })
             };
@@ -322,7 +327,7 @@ mod tests {
     }
 
     /// Lines that change by their own scale are as an unchanged bench has them; by ten times that they are not, and a prediction that takes the changes off gains it back, less what its own variance costs:
-    /// half of ln 2 a line where it doubles the variance.
+    /// half the logarithm of by how much it is more than repetition, which is a fifth to 0.85 of the usual, alone.
     #[test]
     fn analytic_a_prediction_gains_what_it_takes_off() {
         let with = |z: f64, variance: f64| -> Vec<Cell> {
@@ -337,7 +342,8 @@ mod tests {
                     change,
                     turn: None,
                     variance,
-                    unchanged: variance,
+                    noise: variance - 0.01,
+                    repetition: 0.01,
                 }
             };
             (1..=40).map(of).collect()
@@ -346,7 +352,8 @@ mod tests {
             (unchanged(&with(0.3, 0.01)), unchanged(&with(5.0, 0.01)), unchanged(&with(0.0, 0.02)));
         assert!(usual > moved + INDEPENDENT * 40.0);
         let narrow = unchanged(&with(0.0, 0.01));
-        assert!((narrow - wide - INDEPENDENT * 40.0 * 0.5 * 2f64.ln()).abs() < 1e-9);
+        let price = |scale: f64| INDEPENDENT * 40.0 * 0.5 * (1.0 + scale.powi(-2)).ln();
+        assert!((price(LARGEST_USUAL)..price(FIRST_SCALE)).contains(&(narrow - wide)));
     }
 
     /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard deviations; the others by less than one.
@@ -363,7 +370,8 @@ mod tests {
                     change: 0.1 * z,
                     turn: None,
                     variance: 0.01,
-                    unchanged: 0.01,
+                    noise: 0.0,
+                    repetition: 0.01,
                 }
             })
         };

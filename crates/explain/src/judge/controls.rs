@@ -5,7 +5,7 @@
 //!   from the same spectra. What an unchanged bench gains is in [`super::twins`].
 
 use crate::change::compare::Pair;
-use crate::change::locate::{Cell, Place, covers};
+use crate::change::locate::{self, Cell, Place, covers};
 use crate::change::masks::{self, INDEPENDENT, Mask, SCALES, densities, scale};
 use crate::name::Question;
 use crate::read::dsp::{self, LINE_FIT_NOISE_GAIN};
@@ -41,13 +41,13 @@ fn decoy_and_ceiling(cells: &[Cell], mask: &Mask) -> (f64, f64) {
     let ceiling: f64 = lines
         .iter()
         .map(|c| {
-            let t = densities(c.score().powi(2));
+            let t = densities(c, c.change);
             t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t[usual]
         })
         .sum();
-    let rest: Vec<f64> = lines.iter().filter(|c| !covers(mask.place, c.family)).map(|c| c.score().powi(2)).collect();
+    let rest: Vec<&Cell> = lines.into_iter().filter(|c| !covers(mask.place, c.family)).collect();
     let step = (rest.len() / mask.cells.max(1)).max(1);
-    let decoy: Vec<f64> = rest.into_iter().step_by(step).take(mask.cells).collect();
+    let decoy: Vec<&Cell> = rest.into_iter().step_by(step).take(mask.cells).collect();
     (one_scale(&decoy, usual), INDEPENDENT * ceiling)
 }
 
@@ -55,14 +55,14 @@ fn nearest(s: f64) -> usize {
     (0..SCALES).min_by(|a, b| (scale(*a) / s).ln().abs().total_cmp(&(scale(*b) / s).ln().abs())).unwrap_or(0)
 }
 
-/// Gain of one scale of their own for some squared changes (in variances) over the usual one.
-fn one_scale(squares: &[f64], usual: usize) -> f64 {
+/// Gain of one scale of their own for some lines over the usual one.
+fn one_scale(lines: &[&Cell], usual: usize) -> f64 {
     let mut sums = [0.0; SCALES];
-    for z2 in squares {
-        sums.iter_mut().zip(densities(*z2)).for_each(|(a, v)| *a += v);
+    for c in lines {
+        sums.iter_mut().zip(densities(c, c.change)).for_each(|(a, v)| *a += v);
     }
     let best = sums[usual..].iter().copied().fold(f64::NEG_INFINITY, f64::max) - sums[usual];
-    INDEPENDENT * best - 0.5 * (1.0 + squares.len() as f64).ln()
+    INDEPENDENT * best - 0.5 * (1.0 + lines.len() as f64).ln()
 }
 
 /// Gain (nats) of the best mask that shares no line with another.
@@ -83,7 +83,7 @@ pub struct Sham {
 
 /// Moves the lines of a mask by a part of its shaft's order; `None` where no spectrum is at hand or the mask has no shaft.
 pub fn sham_order(q: &Question<'_>, mask: &Mask) -> Option<Sham> {
-    let mut squares = Vec::new();
+    let mut clear = Vec::new();
     let mut count = 0;
     for pair in &q.comparison.pairs {
         let (rec, reference) = (&q.recordings[pair.recording], &q.references[pair.reference]);
@@ -102,11 +102,15 @@ pub fn sham_order(q: &Question<'_>, mask: &Mask) -> Option<Sham> {
                     continue;
                 }
                 count += 1;
-                squares.extend(change_at(rec, reference, (a, b), order, pair));
+                clear.extend(change_at(rec, reference, (a, b), order, pair));
             }
         }
     }
-    (count > 0).then(|| Sham { lines: count, clear: squares.len(), gain: one_scale(&squares, nearest(mask.outside)) })
+    (count > 0).then(|| Sham {
+        lines: count,
+        clear: clear.len(),
+        gain: one_scale(&clear.iter().collect::<Vec<_>>(), nearest(mask.outside)),
+    })
 }
 
 /// Order of the shaft that modulates a line; of a mesh harmonic that of its slower shaft.
@@ -118,14 +122,14 @@ fn step_of(q: &Question<'_>, family: Family) -> f64 {
     }
 }
 
-/// Squared change (in variances) of what lies at an order, where it stands above the noise in either spectrum.
+/// Change of what lies at an order, where it stands above the noise in either spectrum.
 fn change_at(
     rec: &RecordingFeatures,
     reference: &RecordingFeatures,
     (a, b): (&ChannelFeatures, &ChannelFeatures),
     order: f64,
     pair: &Pair,
-) -> Option<f64> {
+) -> Option<Cell> {
     let read = |r: &RecordingFeatures, c: &ChannelFeatures| {
         let position = order * r.revolutions;
         let bin = position.round() as usize;
@@ -142,6 +146,18 @@ fn change_at(
         return None;
     }
     let (x, y) = (p.max(n), p2.max(n2));
-    let variance = 0.5 * (n / x + n2 / y) + crate::change::locate::repetition(pair.speed_gap);
-    Some((0.5 * (x / y).ln()).powi(2) / variance)
+    let (change, variance) = (0.5 * (x / y).ln(), 0.5 * (n / x + n2 / y));
+    let repetition = locate::repetition(pair.speed_gap);
+    let amplitudes = [p, p2].map(|p| (2.0 * p / (n + n2)).sqrt());
+    Some(Cell {
+        pair: 0,
+        channel: 0,
+        family: None,
+        frequency_hz: rec.order_hz(order),
+        change,
+        turn: None,
+        variance: variance + repetition,
+        noise: locate::known_noise(change, amplitudes, variance),
+        repetition,
+    })
 }

@@ -80,9 +80,9 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
 
 /// Draws the twins of some cells as the lines outside a mask are: those that an unchanged bench would make if the mask were one by chance.
 ///
-/// A change is `c + s σ t`: `c` common to the lines of one order in a pair, by as much as settings repeat and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`);
-/// `σ` of the cell; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside the mask. All sensors hear one source: of
-/// `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask, or in all
+/// A change is `c + n + s σ t`: `c` common to the lines of one order in a pair, by as much as settings repeat and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`);
+/// `n` the line's noise; `σ` its repetition; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside the mask. All sensors hear one source: of
+/// `n` and `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask, or in all
 /// where it covers all.
 pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask) -> Option<Twins> {
     let lines: Vec<Cell> = cells.iter().filter(|c| c.family.is_some()).copied().collect();
@@ -97,6 +97,7 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
         random.set_stream(twin);
         let mut common: BTreeMap<(usize, (u8, usize, u8)), f64> = BTreeMap::new();
         let mut of_line: BTreeMap<(usize, Family), f64> = BTreeMap::new();
+        let mut noise_of: BTreeMap<(usize, Family), f64> = BTreeMap::new();
         let twin: Vec<Cell> = lines
             .iter()
             .filter_map(|c| {
@@ -110,8 +111,12 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
                 let (line, own): (f64, f64) = (tails.sample(&mut random), tails.sample(&mut random));
                 let line = *of_line.entry((c.pair, c.family?)).or_insert(line);
                 let t = rho.sqrt() * line + (1.0 - rho).sqrt() * own;
-                let change = common + found.outside * c.variance.sqrt() * t;
-                Some(Cell { change, unchanged: c.variance, ..*c })
+                let noise: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(&mut random));
+                let heard = *noise_of.entry((c.pair, c.family?)).or_insert(noise[0]);
+                let noise =
+                    (c.variance - c.repetition).max(0.0).sqrt() * (rho.sqrt() * heard + (1.0 - rho).sqrt() * noise[1]);
+                let change = common + noise + found.outside * c.repetition.sqrt() * t;
+                Some(Cell { change, noise: c.variance - c.repetition, ..*c })
             })
             .collect();
         masks::masks(&twin, places, gaps)
@@ -190,7 +195,8 @@ mod tests {
                         change: 0.06 * scale * z,
                         turn: None,
                         variance: 0.0036,
-                        unchanged: 0.0036,
+                        noise: 0.0,
+                        repetition: 0.0036,
                     };
                     out.push(cell);
                 }
@@ -233,7 +239,8 @@ mod tests {
                         change,
                         turn: None,
                         variance: 0.0036,
-                        unchanged: 0.0036,
+                        noise: 0.0,
+                        repetition: 0.0036,
                     }
                 })
             })

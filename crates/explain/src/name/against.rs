@@ -544,7 +544,8 @@ mod tests {
             change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
             turn: None,
             variance: 0.01,
-            unchanged: 0.01,
+            noise: 0.0,
+            repetition: 0.01,
         };
         (1..=8)
             .flat_map(|harmonic| {

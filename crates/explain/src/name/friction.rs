@@ -76,7 +76,8 @@ mod tests {
             change,
             turn: None,
             variance: 0.01,
-            unchanged: 0.01,
+            noise: 0.0,
+            repetition: 0.01,
         }
     }
 

@@ -79,7 +79,8 @@ mod tests {
                 change: 0.1 * z,
                 turn: None,
                 variance: 0.01,
-                unchanged: 0.01,
+                noise: 0.0,
+                repetition: 0.01,
             };
             (0..40).map(band).collect::<Vec<_>>()
         };

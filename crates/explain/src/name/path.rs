@@ -97,7 +97,7 @@ pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<
         for (i, by) in corrected {
             cells[*i].change -= by;
             cells[*i].variance += BAND_SIGMA * BAND_SIGMA;
-            cells[*i].unchanged += BAND_SIGMA * BAND_SIGMA;
+            cells[*i].noise += BAND_SIGMA * BAND_SIGMA;
         }
     }
     out.into_iter().map(|(f, _)| f).collect()
