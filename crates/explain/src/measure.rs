@@ -129,7 +129,7 @@ pub fn measure(
     }
     let ratios = ratio::ratios(&steady, &all, &train);
     progress("lines folded about half the sample rate");
-    let folded = folded::scan(&mut transforms, &steady, &all, judged);
+    let folded = folded::scan(&mut transforms, &steady, &all, judged, bench.belt.is_some());
     let references = all.split_off(judged);
     limits.extend(limits::settings(&all));
     limits.extend(limits::overloads(&all));

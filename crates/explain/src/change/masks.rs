@@ -82,14 +82,26 @@ fn at_a_usual_scale(sums: &[f64; SCALES]) -> f64 {
 /// Lines that one order of a shaft modulates share what the settings do to it: near a torsional resonance a part in a thousand of speed
 /// is a tenth of the amplitude. An unchanged bench may change them together by that much (`gaps`: ln of the speed ratio of each pair).
 pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
+    let usual: Vec<(usize, f64)> = usual_scales().map(|k| (k, prior(k))).collect();
+    masks_over(cells, places, gaps, &usual)
+}
+
+/// The same beside an effect that was named: what that does elsewhere in the train is not known, so the lines outside a mask may have any scale.
+pub fn masks_beside(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
+    let any: Vec<(usize, f64)> = (0..SCALES).map(|k| (k, 0.0)).collect();
+    masks_over(cells, places, gaps, &any)
+}
+
+/// Masks over lines outside whose scales have these ln prior densities.
+fn masks_over(cells: &[Cell], places: &[Place], gaps: &[f64], outside: &[(usize, f64)]) -> Vec<Mask> {
     let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
     let tables: Vec<[f64; SCALES]> = lines.iter().map(|c| densities(c, c.change)).collect();
     let mut all = [0.0; SCALES];
     for t in &tables {
         all.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
     }
-    let usual: Vec<usize> = usual_scales().collect();
-    let null = at_a_usual_scale(&all);
+    let changed = usual_scales().count();
+    let null = outside.iter().map(|(k, prior)| all[*k] + prior).fold(f64::NEG_INFINITY, f64::max);
     let mut out: Vec<Mask> = places
         .iter()
         .filter_map(|&place| {
@@ -103,10 +115,10 @@ pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
             }
             let together = common_change(&lines, place, gaps);
             let mut best: Option<(f64, usize, usize)> = None;
-            for &k0 in &usual {
+            for &(k0, prior) in outside {
                 // What lies within the usual scales is no change, however quiet the rest is.
-                for k1 in usual.len().max(k0 + 1)..SCALES {
-                    let log = all[k0] - inside[k0] + prior(k0) + inside[k1];
+                for k1 in changed.max(k0 + 1)..SCALES {
+                    let log = all[k0] - inside[k0] + prior + inside[k1];
                     if best.is_none_or(|b| log > b.0) {
                         best = Some((log, k0, k1));
                     }

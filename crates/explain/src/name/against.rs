@@ -129,12 +129,13 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         |m: &Mask| twins::twins_beside(&before, &places, &gaps, m).is_some_and(|t| t.chance(m) < CHANCE);
     let mut named: Vec<Mask> = Vec::new();
     for round in 0..MOST {
-        let mut ranked = masks::masks(&remaining, &places, &gaps);
+        let later = round > 0 || under_path || tooth_found || ghost_found;
+        let all = if later { masks::masks_beside } else { masks::masks };
+        let mut ranked = all(&remaining, &places, &gaps);
         // What was named alters other lines of its shaft a little too.
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
         ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
         let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
-        let later = round > 0 || under_path || tooth_found || ghost_found;
         let is_believed = |m: &Mask| if later { believed_beside(m, tooth_found) } else { beyond_chance(m) };
         let Some((best, chosen, believed)) = leading(q, alone, &ranked, &remaining, &is_believed) else { break };
         let led = chosen.place != best.place;

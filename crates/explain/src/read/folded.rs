@@ -3,13 +3,14 @@
 //! A component locked to the shaft at order `o` moves, once folded, against the speed. Read at the sample times, `exp(−2πi o φ[n])` folds exactly as the
 //! component does; so orders between half the sample rate and the rate itself are scanned by turning the samples back by `o φ[n]`. What wanders
 //! with the speed in its own direction smears there: such a line must be about as sharp as its mirror image below half the rate is as an ordinary order. It must
-//! stand at this order in every recording in which that lies above half the rate (its image would be at another order in each), and be new.
+//! stand at this order in every recording, folded where that lies above half the rate and as it is where it lies below (its image would be at another order in each), and be new.
 
 use num_complex::Complex64;
-use std::f64::consts::TAU;
+use std::f64::consts::{SQRT_2, TAU};
 
 use crate::read::dsp::{self, Transforms, median};
 use crate::read::features::{RecordingFeatures, Steady};
+use crate::read::ratio::DISPLAY_SIGMA;
 
 /// Power over the floor beside it from which a peak is a candidate: a million bins of noise stay below 17.
 const CANDIDATE: f64 = 30.0;
@@ -29,6 +30,8 @@ const NEW: f64 = 4.0;
 const ABOVE: f64 = 5.0;
 /// Turn (revolutions of the component) by which the steady part of a scan may be out of focus.
 const FOCUS: f64 = 0.08;
+/// Difference of two displays (in their usual error, of which the creep that they show is part) within which the order of what turns with the motor is sought.
+const DISPLAYS: f64 = SQRT_2;
 /// Bins about the mirror image that its smeared power may fill.
 const SMEAR: usize = 40;
 /// Bins of one floor.
@@ -59,7 +62,9 @@ pub fn scan(
     steady: &[Steady<'_>],
     features: &[RecordingFeatures],
     recordings: usize,
+    has_belt: bool,
 ) -> Option<FoldedLine> {
+    let locks: &[Lock] = if has_belt { &[Lock::Input, Lock::Motor] } else { &[Lock::Input] };
     // The recording with the most revolutions fixes the order best.
     let first = (0..recordings).max_by(|a, b| features[*a].revolutions.total_cmp(&features[*b].revolutions))?;
     let mut best: Option<FoldedLine> = None;
@@ -73,30 +78,21 @@ pub fn scan(
         let mut orders = candidates(transforms, &steady[first], &features[first], name);
         orders.truncate(FOLLOWED);
         for (order, sharper) in orders {
-            let mut at = |i: usize| -> Option<Demodulated> {
-                let (s, f) = (&steady[i], &features[i]);
-                let run = s.channels.iter().find(|c| c.0 == *name)?.2;
-                if order * f.input_hz <= 0.5 * f.sample_rate_hz || order * f.input_hz >= f.sample_rate_hz {
-                    return None;
-                }
-                let mut line = demodulated(transforms, &run.samples, &f.phase_rev, order);
-                let spectrum = &f.channels.iter().find(|c| c.name == *name)?.order_spectrum;
-                let image = mirrored(spectrum, (f.sample_rate_hz / f.input_hz - order) * f.revolutions);
-                // A line that lies at the image is sharper there: a chance meeting, however strong.
-                if line.amplitude.powi(2) <= SHARPER * image {
-                    line.ratio = 0.0;
-                }
-                Some(line)
+            let mut at = |i: usize, lock: Lock| -> Option<Demodulated> {
+                let (order, reach) = lock.order(order, &features[first], &features[i]);
+                read(transforms, &steady[i], &features[i], name, order, reach)
             };
-            let own: Vec<Demodulated> = (0..recordings).filter_map(&mut at).collect();
-            let before = (recordings..steady.len()).filter_map(&mut at).map(|x| x.ratio).fold(0.0, f64::max);
-            let least = own.iter().map(|x| x.ratio).fold(f64::INFINITY, f64::min);
-            let above = own.iter().map(|x| x.above).fold(f64::INFINITY, f64::min);
-            let images: Vec<f64> = features[..recordings]
+            let least_of = |own: &[Demodulated]| own.iter().map(|x| x.ratio).fold(f64::INFINITY, f64::min);
+            let (lock, own) = locks
                 .iter()
-                .filter(|f| order * f.input_hz > 0.5 * f.sample_rate_hz)
-                .map(|f| f.sample_rate_hz / f.input_hz * features[first].revolutions)
-                .collect();
+                .map(|&lock| (lock, (0..recordings).filter_map(|i| at(i, lock)).collect::<Vec<_>>()))
+                .max_by(|a, b| least_of(&a.1).total_cmp(&least_of(&b.1)))?;
+            let before = (recordings..steady.len()).filter_map(|i| at(i, lock)).map(|x| x.ratio).fold(0.0, f64::max);
+            let least = least_of(&own);
+            let above = own.iter().map(|x| x.above).fold(f64::INFINITY, f64::min);
+            let folded = || features[..recordings].iter().filter(|f| is_folded(f, order));
+            let images: Vec<f64> =
+                folded().map(|f| f.sample_rate_hz / f.input_hz * features[first].revolutions).collect();
             let range = images.iter().fold((f64::INFINITY, 0.0f64), |(l, h), i| (l.min(*i), h.max(*i)));
             if range.1 - range.0 < APART_BINS && sharper < SHARPER_ALONE {
                 continue;
@@ -113,7 +109,7 @@ pub fn scan(
                     order,
                     channel: (*name).to_owned(),
                     least,
-                    seen_in: own.len(),
+                    seen_in: folded().filter(|f| order * f.input_hz < f.sample_rate_hz).count(),
                     amplitude,
                     above,
                 });
@@ -121,6 +117,57 @@ pub fn scan(
         }
     }
     best
+}
+
+/// What a component turns with.
+#[derive(Clone, Copy)]
+enum Lock {
+    Input,
+    /// Through a belt, which creeps by more the more it carries.
+    Motor,
+}
+
+impl Lock {
+    /// Order of the input shaft in another recording, and by how much (relatively) it may be off.
+    fn order(self, order: f64, first: &RecordingFeatures, other: &RecordingFeatures) -> (f64, f64) {
+        let ratio = |r: &RecordingFeatures| r.display_motor_hz / r.input_hz;
+        let creep = ratio(other) / ratio(first);
+        match self {
+            Self::Motor if creep.is_finite() => (order * creep, DISPLAYS * DISPLAY_SIGMA),
+            _ => (order, 0.0),
+        }
+    }
+}
+
+/// What stands at an order of one channel, as the samples show it; `None` above the sample rate.
+fn read(
+    transforms: &mut Transforms,
+    steady: &Steady<'_>,
+    features: &RecordingFeatures,
+    channel: &str,
+    order: f64,
+    reach: f64,
+) -> Option<Demodulated> {
+    let run = steady.channels.iter().find(|c| c.0 == channel)?.2;
+    if order * features.input_hz >= features.sample_rate_hz {
+        return None;
+    }
+    let bins = (reach * order * features.revolutions).round() as usize;
+    let mut line = demodulated(transforms, &run.samples, &features.phase_rev, order, bins.max(1));
+    if is_folded(features, order) {
+        let spectrum = &features.channels.iter().find(|c| c.name == channel)?.order_spectrum;
+        let image = mirrored(spectrum, (features.sample_rate_hz / features.input_hz - order) * features.revolutions);
+        // A line that lies at the image is sharper there: a chance meeting, however strong.
+        if line.amplitude.powi(2) <= SHARPER * image {
+            line.ratio = 0.0;
+        }
+    }
+    Some(line)
+}
+
+/// Whether an order lies above half the sample rate.
+fn is_folded(features: &RecordingFeatures, order: f64) -> bool {
+    order * features.input_hz > 0.5 * features.sample_rate_hz
 }
 
 /// Orders between half the sample rate and the rate at which something stands sharply in one channel, the sharpest against its image first.
@@ -195,7 +242,13 @@ struct Demodulated {
 }
 
 /// `exp(−2πi o φ[n])` at the sample times folds exactly as the line does, so the mean of the demodulated samples is the folded line.
-fn demodulated(transforms: &mut Transforms, samples: &[f64], phase_rev: &[f64], order: f64) -> Demodulated {
+fn demodulated(
+    transforms: &mut Transforms,
+    samples: &[f64],
+    phase_rev: &[f64],
+    order: f64,
+    reach: usize,
+) -> Demodulated {
     let len = samples.len().min(phase_rev.len());
     let mut bins: Vec<Complex64> = samples[..len]
         .iter()
@@ -208,10 +261,11 @@ fn demodulated(transforms: &mut Transforms, samples: &[f64], phase_rev: &[f64], 
         })
         .collect();
     transforms.forward(&mut bins);
-    let mut ring: Vec<f64> = (8..60).flat_map(|k| [bins[k].norm_sqr(), bins[len - k].norm_sqr()]).collect();
+    let mut ring: Vec<f64> =
+        (reach + 7..reach + 59).flat_map(|k| [bins[k].norm_sqr(), bins[len - k].norm_sqr()]).collect();
     let largest = ring.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let floor = median(&mut ring) / std::f64::consts::LN_2;
-    let line = bins[0].norm_sqr().max(bins[1].norm_sqr()).max(bins[len - 1].norm_sqr());
+    let line = (0..=reach).flat_map(|k| [k, (len - k) % len]).map(|k| bins[k].norm_sqr()).fold(0.0, f64::max);
     Demodulated {
         ratio: line / floor.max(f64::MIN_POSITIVE),
         above: line / largest,
