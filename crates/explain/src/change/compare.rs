@@ -4,6 +4,9 @@ use crate::read::features::{RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;
 use crate::read::{SAME_SPEED, SAME_TORQUE};
 
+/// Power over noise from which a line is compared, in the recording or in the reference.
+pub const CLEAR: f64 = 6.0;
+
 /// A line in a recording and in its reference.
 #[derive(Clone, Copy, Debug)]
 pub struct LineChange {
@@ -163,7 +166,7 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                 let Some(j) = reference.lines.iter().position(|l| l.family == line.family) else { continue };
                 let (Some(x), Some(y)) = (a.values[i], b.values[j]) else { continue };
                 let (px, py) = (x.amplitude.norm_sqr(), y.amplitude.norm_sqr());
-                if px.max(py) < 6.0 * x.noise.max(y.noise) {
+                if px.max(py) < CLEAR * x.noise.max(y.noise) {
                     continue;
                 }
                 let (ex, ey) = (px.max(x.noise), py.max(y.noise));

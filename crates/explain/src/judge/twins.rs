@@ -5,19 +5,27 @@
 //! Westfall and Young 1993). The share of twins in which it is as large as in the case is the probability `p_null` that an unchanged bench comes to as much (a Monte Carlo test: Barnard
 //! 1963). Scale, lines and settings are the case's own, so that no other bench and no other generator has a part in it.
 
+use num_complex::Complex64;
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::f64::consts::FRAC_1_SQRT_2;
 
+use crate::change::compare;
 use crate::change::locate::{self, Cell, Place};
-use crate::change::masks::{self, Mask, RESONANT_SHARE, RESONANT_SLOPE, SHARED_CHANGE, SHARED_SLOPE, TAIL};
+use crate::change::masks::{
+    self, Mask, RESONANT_SHARE, RESONANT_SLOPE, SHARED_CHANGE, SHARED_SLOPE, TAIL, USUAL_SCALE,
+};
 use crate::read::lines::Family;
 
 /// Twins that are drawn: `p_null` is a multiple of a hundredth.
 const TWINS: u64 = 99;
+
+/// Least variance of the logarithm that noise gives a line, so that one without noise has an amplitude.
+const LEAST_NOISE: f64 = 1e-9;
 
 /// What the twins of a case say of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,7 +88,7 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
 
 /// Draws the twins of some cells as the lines outside a mask are: those that an unchanged bench would make if the mask were one by chance.
 ///
-/// A change is `c + n + s σ t`: `c` common to the lines of one order in a pair, by as much as settings repeat and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`);
+/// A line of the case has the amplitude `a` over noise that its variance says. In a twin it is `|a + n|` in the reference and `|a exp(c + s σ t) + n|` in the recording: `c` common to the lines of one order in a pair, by as much as settings repeat, in proportion to `s`, and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`);
 /// `n` the line's noise; `σ` its repetition; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside the mask. All sensors hear one source: of
 /// `n` and `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask, or in all
 /// where it covers all.
@@ -92,31 +100,35 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
         true => between_channels(lines.iter().filter(outside)),
         false => between_channels(lines.iter()),
     };
+    // Settings that repeat better than usual move lines less together, too.
+    let settings = found.outside / USUAL_SCALE;
     let drawn = |twin: u64| {
         let mut random = ChaCha8Rng::seed_from_u64(0x7477_696e);
         random.set_stream(twin);
         let mut common: BTreeMap<(usize, (u8, usize, u8)), f64> = BTreeMap::new();
         let mut of_line: BTreeMap<(usize, Family), f64> = BTreeMap::new();
-        let mut noise_of: BTreeMap<(usize, Family), f64> = BTreeMap::new();
+        let mut noise_of: BTreeMap<(usize, Family), [Complex64; 2]> = BTreeMap::new();
         let twin: Vec<Cell> = lines
             .iter()
             .filter_map(|c| {
                 let order = (c.pair, order_of(c.family?));
-                let z: f64 = StandardNormal.sample(&mut random);
-                let shared = SHARED_CHANGE.hypot(SHARED_SLOPE * gaps[c.pair]);
+                let z = normal(&mut random);
                 // Some pairs of recordings stand on the flank of a torsional resonance.
                 let resonant = random.random::<f64>() < RESONANT_SHARE;
-                let shared = if resonant { SHARED_CHANGE.hypot(RESONANT_SLOPE * gaps[c.pair]) } else { shared };
+                let slope = if resonant { RESONANT_SLOPE } else { settings * SHARED_SLOPE };
+                let shared = (settings * SHARED_CHANGE).hypot(slope * gaps[c.pair]);
                 let common = *common.entry(order).or_insert(shared * z);
                 let (line, own): (f64, f64) = (tails.sample(&mut random), tails.sample(&mut random));
                 let line = *of_line.entry((c.pair, c.family?)).or_insert(line);
                 let t = rho.sqrt() * line + (1.0 - rho).sqrt() * own;
-                let noise: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(&mut random));
-                let heard = *noise_of.entry((c.pair, c.family?)).or_insert(noise[0]);
-                let noise =
-                    (c.variance - c.repetition).max(0.0).sqrt() * (rho.sqrt() * heard + (1.0 - rho).sqrt() * noise[1]);
-                let change = common + noise + found.outside * c.repetition.sqrt() * t;
-                Some(Cell { change, noise: c.variance - c.repetition, ..*c })
+                let mut noise = || Complex64::new(normal(&mut random), normal(&mut random)) * FRAC_1_SQRT_2;
+                let own = [noise(), noise()];
+                let heard = *noise_of.entry((c.pair, c.family?)).or_insert(own);
+                let noise = |k: usize| rho.sqrt() * heard[k] + (1.0 - rho).sqrt() * own[k];
+                let change = common + found.outside * c.repetition.sqrt() * t;
+                let amplitude = ((c.variance - c.repetition).max(LEAST_NOISE).recip() - 1.0).max(0.0).sqrt();
+                let measured = [amplitude * change.exp(), amplitude];
+                seen(c, [(measured[0] + noise(0)).norm(), (measured[1] + noise(1)).norm()])
             })
             .collect();
         masks::masks(&twin, places, gaps)
@@ -144,6 +156,21 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
     let all = Tail::of(standings);
     let standing = [own, all.median, largest];
     Some(Twins { p_null: (1 + above) as f64 / (1 + TWINS) as f64, standing, masks: tails, all })
+}
+
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
+/// A line as it is measured with these amplitudes (in root mean squares of its noise) in recording and reference; `None` where neither stands out.
+fn seen(c: &Cell, amplitudes: [f64; 2]) -> Option<Cell> {
+    let [x, y] = amplitudes.map(|a| (a * a).max(1.0));
+    if x.max(y) < compare::CLEAR {
+        return None;
+    }
+    let (change, variance) = (0.5 * (x / y).ln(), 0.5 * (1.0 / x + 1.0 / y));
+    let noise = locate::known_noise(change, amplitudes, variance);
+    Some(Cell { change, variance: variance + c.repetition, noise, ..*c })
 }
 
 /// Correlation of the changes of one line between channels, by how often they have the same sign: `ρ = sin π(p − ½)` (Sheppard 1899), which single large changes do not decide; 0 where
