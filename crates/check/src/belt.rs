@@ -40,6 +40,14 @@ pub struct OtherRatio {
     pub sheet: f64,
 }
 
+/// Why the mesh lines are not where the sheet puts them.
+pub enum Elsewhere {
+    /// The belt has another ratio.
+    Ratio(OtherRatio),
+    /// A gear has another tooth number, as likely or likelier: that of the rival.
+    Teeth,
+}
+
 /// The bench with this ratio.
 pub fn with_ratio(bench: &Bench, other: &OtherRatio) -> Bench {
     let mut out = bench.clone();
@@ -52,14 +60,14 @@ pub fn with_ratio(bench: &Bench, other: &OtherRatio) -> Bench {
 /// Another ratio, by the tacho of a shaft behind the belt or by where the mesh lines lie, the same
 /// in all recordings with a stated motor speed.
 ///
-/// `rival` is the bench with another tooth number that fits, if one does: whichever puts more lines
-/// where there are some is the better explanation.
+/// `rival` is the bench with the likeliest other tooth number: whichever puts more lines where there
+/// are some is the better explanation.
 pub fn other_ratio(
     bench: &Bench,
     rival: Option<&Bench>,
     all: &[Steady<'_, impl Run>],
     fields: &[CombField],
-) -> Option<OtherRatio> {
+) -> Option<Elsewhere> {
     let sheet = bench.belt.as_ref()?.ratio;
     let train = Train::new(bench);
     let known: Vec<(&Steady<'_, _>, &CombField)> =
@@ -85,10 +93,10 @@ pub fn other_ratio(
         let rivals: Vec<f64> =
             known.iter().map(|(steady, field)| own_speed(rival, &train, steady, field, &comb, SAME).0).collect();
         if score(rival, &|i| rivals[i]) >= score(bench, &|i| speeds[i]) {
-            return None;
+            return Some(Elsewhere::Teeth);
         }
     }
-    Some(OtherRatio { ratio: (mean, mean * CREEP.hypot(most)), sheet })
+    Some(Elsewhere::Ratio(OtherRatio { ratio: (mean, mean * CREEP.hypot(most)), sheet }))
 }
 
 /// Speed of the input shaft (Hz) where the sheet's ratio does not put it.
@@ -180,10 +188,12 @@ mod tests {
             let all: Vec<Steady<'_>> = recordings.iter().filter_map(|r| steady(&bench, &train, r).ok()).collect();
             assert_eq!(all.len(), 2, "{stated}");
             let fields: Vec<CombField> = all.iter().map(|s| s.comb_field(&mut Transforms::default())).collect();
-            let teeth = crate::kinematics::other_teeth(&bench, &all, &fields);
-            let found = other_ratio(&bench, teeth.as_ref().map(|t| &t.1), &all, &fields);
-            match found {
-                Some(found) => assert!((found.ratio.0 / 2.0 - 1.0).abs() < 0.01, "{stated}: {found:?}"),
+            let teeth = crate::kinematics::likeliest_teeth(&bench, &all, &fields);
+            match other_ratio(&bench, teeth.as_ref().map(|t| &t.bench), &all, &fields) {
+                Some(Elsewhere::Ratio(found)) => {
+                    assert!((found.ratio.0 / 2.0 - 1.0).abs() < 0.01, "{stated}: {found:?}");
+                }
+                Some(Elsewhere::Teeth) => panic!("{stated}: other teeth"),
                 None => assert_eq!(stated, 2.0),
             }
         }

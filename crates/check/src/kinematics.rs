@@ -335,6 +335,22 @@ fn against_display(bench: &Bench, steady: &Steady<'_, impl Run>) -> bool {
 /// pinion's teeth move nothing but the input shaft's own lines. So candidates are ranked by all
 /// lines and believed by those that move.
 pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
+    likeliest_teeth(bench, all, fields).filter(|likeliest| likeliest.told).map(|one| (one.teeth, one.bench))
+}
+
+/// The one tooth number whose change fits all recordings best, if any fits better than the sheet.
+pub struct LikeliestTeeth {
+    /// The gear.
+    pub teeth: OtherTeeth,
+    /// The bench with that number.
+    pub bench: Bench,
+    /// Whether it is believed where the sheet's lines may be there.
+    pub told: bool,
+}
+
+/// The likeliest other tooth number, believed or not: where it is known that the sheet's lines are not
+/// there, it stands beside what else may have moved them.
+pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<LikeliestTeeth> {
     let sheet = Fit::of(bench, all, fields, true);
     let mut best: Option<Candidate> = None;
     let mut faint: Option<Candidate> = None;
@@ -387,7 +403,8 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombFi
         // The sheet's own lines must not stand out as well.
         !few && stands_out(one.score, &scores, OF_NOBODY) && sheet.score < middle + 0.5 * (one.score - middle)
     };
-    (told && !sheet_has_lines(&one.moved, &nobody)).then_some((one.gear, one.bench))
+    let told = told && !sheet_has_lines(&one.moved, &nobody);
+    Some(LikeliestTeeth { teeth: one.gear, bench: one.bench, told })
 }
 
 /// A sheet with another tooth number that fits better.

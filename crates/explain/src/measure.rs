@@ -1,6 +1,6 @@
 //! Everything that recordings show, before any cause is considered.
 
-use gearwatch_check::belt::{self, OtherRatio};
+use gearwatch_check::belt::{self, Elsewhere, OtherRatio};
 use gearwatch_check::last_wheel;
 use gearwatch_core::bench::Bench;
 use gearwatch_core::recording::Recording;
@@ -66,15 +66,20 @@ pub fn measure(
     let mut transforms = Transforms::default();
     progress("speeds and tooth numbers");
     let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
-    let other = kinematics::other_teeth(input.bench, &steady, &fields);
-    let ratio = belt::other_ratio(input.bench, other.as_ref().map(|o| &o.1), &steady, &fields);
-    faults.extend(ratio.as_ref().map(wrong_ratio));
-    let (mut bench, mut teeth) = match (&ratio, other) {
-        (Some(ratio), _) => (belt::with_ratio(input.bench, ratio), None),
-        (None, Some((teeth, bench))) => (bench, Some(teeth)),
-        (None, None) => (input.bench.clone(), None),
+    let other = kinematics::likeliest_teeth(input.bench, &steady, &fields);
+    let elsewhere = belt::other_ratio(input.bench, other.as_ref().map(|o| &o.bench), &steady, &fields);
+    let is_told = other.as_ref().is_some_and(|o| o.told);
+    let (mut bench, mut teeth, sheet) = match (elsewhere, other) {
+        (Some(Elsewhere::Ratio(ratio)), _) => {
+            faults.push(wrong_ratio(&ratio));
+            let bench = belt::with_ratio(input.bench, &ratio);
+            let train = Train::new(&bench);
+            (bench, None, train)
+        }
+        // Where it is known that the sheet's mesh lines are not there, the likeliest tooth number needs no other proof.
+        (elsewhere, Some(o)) if is_told || elsewhere.is_some() => (o.bench, Some(o.teeth), sheet),
+        _ => (input.bench.clone(), None, sheet),
     };
-    let sheet = if ratio.is_some() { Train::new(&bench) } else { sheet };
     let mut train = Train::new(&bench);
     let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
     // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.

@@ -25,6 +25,9 @@ pub struct Mask {
 pub(crate) const TAIL: f64 = 4.0;
 /// The same of noise, whose power at a line is read from its neighbours: `2/σ²` of the logarithm of a power that is known to a third.
 const NOISE_TAIL: f64 = 18.0;
+/// Share of lines that are not what they seem, since they meet another line or nearly cancel, and how far their changes spread (ln).
+pub(crate) const STRAY: f64 = 0.005;
+pub(crate) const STRAY_SPREAD: f64 = 1.0;
 /// Grid of scales: first, ratio, number.
 const FIRST_SCALE: f64 = 0.2;
 const SCALE_RATIO: f64 = 1.15;
@@ -49,7 +52,8 @@ pub(crate) fn scale(k: usize) -> f64 {
 }
 
 /// Log density of a change that is off by so much, at each scale of repetition, up to a constant. Noise is known, and has no scale: lines that it alone moves tell nothing of how settings
-/// repeat. The sum of both has a t distribution whose degrees of freedom are those of Welch (1947) and Satterthwaite (1946).
+/// repeat. The sum of both has a t distribution whose degrees of freedom are those of Welch (1947) and Satterthwaite (1946). Few lines stray, however well the others repeat (a contaminated
+/// distribution: Tukey 1960), so that two or three of them make no mask.
 pub(crate) fn densities(cell: &Cell, off: f64) -> [f64; SCALES] {
     std::array::from_fn(|k| {
         let variance = cell.unchanged(scale(k));
@@ -57,7 +61,10 @@ pub(crate) fn densities(cell: &Cell, off: f64) -> [f64; SCALES] {
         let tail = (noise * noise / NOISE_TAIL + (1.0 - noise).powi(2) / TAIL).recip();
         // ln Γ((ν + 1)/2) − ln Γ(ν/2) − ½ ln πν, to 1/ν.
         let peak = -0.25 / tail;
-        peak - 0.5 * variance.ln() - 0.5 * (tail + 1.0) * (off * off / (tail * variance)).ln_1p()
+        let own = peak - 0.5 * variance.ln() - 0.5 * (tail + 1.0) * (off * off / (tail * variance)).ln_1p();
+        let wide = variance + STRAY_SPREAD * STRAY_SPREAD;
+        let stray = STRAY.ln() - 0.5 * wide.ln() - 0.5 * off * off / wide;
+        own.max(stray) + (-(own - stray).abs()).exp().ln_1p()
     })
 }
 

@@ -213,7 +213,7 @@ fn candidates(
                 let peak = i > 0 && i + 1 < power.len() && power[i - 1] < *p && power[i + 1] <= *p;
                 let order = centre + (i as f64 - half as f64) / features.revolutions;
                 let image = mirrored(&own.order_spectrum, (top - order) * features.revolutions);
-                if peak && *p > CANDIDATE * floor && *p > SHARPER * image {
+                if peak && order < top && *p > CANDIDATE * floor && *p > SHARPER * image {
                     out.push((order, p / image.max(floor)));
                 }
             }
