@@ -25,8 +25,9 @@ pub struct Mask {
 pub(crate) const TAIL: f64 = 4.0;
 /// The same of noise, whose power at a line is read from its neighbours: `2/σ²` of the logarithm of a power that is known to a third.
 const NOISE_TAIL: f64 = 18.0;
-/// Share of lines that are not what they seem, since they meet another line or nearly cancel, and how far their changes spread (ln).
-pub(crate) const STRAY: f64 = 0.005;
+/// Share of lines that are not what they seem, since they meet another line or nearly cancel, and how far their changes spread (ln). Of 7717 lines in 17 comparisons of unchanged benches of the
+/// independent generator two changed by more than four standard deviations.
+pub(crate) const STRAY: f64 = 0.001;
 pub(crate) const STRAY_SPREAD: f64 = 1.0;
 /// Grid of scales: first, ratio, number.
 const FIRST_SCALE: f64 = 0.2;
