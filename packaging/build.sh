@@ -14,6 +14,8 @@ for place in "${places[@]}"; do
   RUSTFLAGS="${RUSTFLAGS:-} --remap-path-prefix=$place"
   CFLAGS="${CFLAGS:-} -ffile-prefix-map=$place"
 done
+# It starts on machines with an older C library, too (crates/cli/build.rs).
+export GEARWATCH_PORTABLE=1
 export SOURCE_DATE_EPOCH RUSTFLAGS CFLAGS CXXFLAGS="${CXXFLAGS:-} $CFLAGS"
 
 build=(cargo build)
