@@ -78,14 +78,7 @@ pub fn scan(
         let mut orders = candidates(transforms, &steady[first], &features[first], name);
         orders.truncate(FOLLOWED);
         for (order, sharper) in orders {
-            // Where two show it folded, the others, in which gear lines may lie on it, are not asked.
-            let folds =
-                |i: usize| is_folded(&features[i], order) && order * features[i].input_hz < features[i].sample_rate_hz;
-            let folded = (0..recordings).filter(|i| folds(*i)).count();
             let mut at = |i: usize, lock: Lock| -> Option<Demodulated> {
-                if folded >= 2 && !folds(i) {
-                    return None;
-                }
                 let (order, reach) = lock.order(order, &features[first], &features[i]);
                 read(transforms, &steady[i], &features[i], name, order, reach)
             };
@@ -97,10 +90,9 @@ pub fn scan(
             let before = (recordings..steady.len()).filter_map(|i| at(i, lock)).map(|x| x.ratio).fold(0.0, f64::max);
             let least = least_of(&own);
             let above = own.iter().map(|x| x.above).fold(f64::INFINITY, f64::min);
-            let images: Vec<f64> = (0..recordings)
-                .filter(|i| folds(*i))
-                .map(|i| features[i].sample_rate_hz / features[i].input_hz * features[first].revolutions)
-                .collect();
+            let folded = || features[..recordings].iter().filter(|f| is_folded(f, order));
+            let images: Vec<f64> =
+                folded().map(|f| f.sample_rate_hz / f.input_hz * features[first].revolutions).collect();
             let range = images.iter().fold((f64::INFINITY, 0.0f64), |(l, h), i| (l.min(*i), h.max(*i)));
             if range.1 - range.0 < APART_BINS && sharper < SHARPER_ALONE {
                 continue;
@@ -113,8 +105,14 @@ pub fn scan(
             }
             if best.as_ref().is_none_or(|b| least > b.least) {
                 let amplitude = own.iter().map(|x| x.amplitude).sum::<f64>() / own.len() as f64;
-                best =
-                    Some(FoldedLine { order, channel: (*name).to_owned(), least, seen_in: folded, amplitude, above });
+                best = Some(FoldedLine {
+                    order,
+                    channel: (*name).to_owned(),
+                    least,
+                    seen_in: folded().filter(|f| order * f.input_hz < f.sample_rate_hz).count(),
+                    amplitude,
+                    above,
+                });
             }
         }
     }
