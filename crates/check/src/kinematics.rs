@@ -335,7 +335,7 @@ fn against_display(bench: &Bench, steady: &Steady<'_, impl Run>) -> bool {
 /// pinion's teeth move nothing but the input shaft's own lines. So candidates are ranked by all
 /// lines and believed by those that move.
 pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<(OtherTeeth, Bench)> {
-    likeliest_teeth(bench, all, fields).filter(|likeliest| likeliest.told).map(|one| (one.teeth, one.bench))
+    likeliest_teeth(bench, all, fields).filter(|likeliest| likeliest.believed).map(|one| (one.teeth, one.bench))
 }
 
 /// The one tooth number whose change fits all recordings best, if any fits better than the sheet.
@@ -345,7 +345,7 @@ pub struct LikeliestTeeth {
     /// The bench with that number.
     pub bench: Bench,
     /// Whether it is believed where the sheet's lines may be there.
-    pub told: bool,
+    pub believed: bool,
 }
 
 /// The likeliest other tooth number, believed or not: where it is known that the sheet's lines are not
@@ -403,8 +403,8 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
         // The sheet's own lines must not stand out as well.
         !few && stands_out(one.score, &scores, OF_NOBODY) && sheet.score < middle + 0.5 * (one.score - middle)
     };
-    let told = told && !sheet_has_lines(&one.moved, &nobody);
-    Some(LikeliestTeeth { teeth: one.gear, bench: one.bench, told })
+    let believed = told && !sheet_has_lines(&one.moved, &nobody);
+    Some(LikeliestTeeth { teeth: one.gear, bench: one.bench, believed })
 }
 
 /// A sheet with another tooth number that fits better.

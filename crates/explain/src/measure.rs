@@ -68,7 +68,6 @@ pub fn measure(
     let fields: Vec<_> = steady.iter().map(|s| s.comb_field(&mut transforms)).collect();
     let other = kinematics::likeliest_teeth(input.bench, &steady, &fields);
     let elsewhere = belt::other_ratio(input.bench, other.as_ref().map(|o| &o.bench), &steady, &fields);
-    let is_told = other.as_ref().is_some_and(|o| o.told);
     let (mut bench, mut teeth, sheet) = match (elsewhere, other) {
         (Some(Elsewhere::Ratio(ratio)), _) => {
             faults.push(wrong_ratio(&ratio));
@@ -77,7 +76,7 @@ pub fn measure(
             (bench, None, train)
         }
         // Where it is known that the sheet's mesh lines are not there, the likeliest tooth number needs no other proof.
-        (elsewhere, Some(o)) if is_told || elsewhere.is_some() => (o.bench, Some(o.teeth), sheet),
+        (elsewhere, Some(o)) if o.believed || elsewhere.is_some() => (o.bench, Some(o.teeth), sheet),
         _ => (input.bench.clone(), None, sheet),
     };
     let mut train = Train::new(&bench);
