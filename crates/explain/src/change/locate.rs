@@ -59,8 +59,7 @@ pub struct Cell {
     pub turn: Option<f64>,
     /// Of `change`, and of `turn`.
     pub variance: f64,
-    /// Of `change` on a bench that did not change, by noise and by what was taken off. Less than noise has in `variance` where a line rises out of it: how far it
-    /// rose is not known, but that it was below the noise is.
+    /// Of `change` on a bench that did not change, by noise and by what was taken off.
     pub noise: f64,
     /// The same by repetition of the setting.
     pub repetition: f64,
@@ -87,12 +86,6 @@ pub fn repetition(speed_gap: f64) -> f64 {
     REPEAT_SIGMA * REPEAT_SIGMA + (SPEED_SLOPE * speed_gap).powi(2)
 }
 
-/// Variance that noise gives the change of an unchanged line: that of the logarithm, or less where the amplitudes (in root mean squares of their noise), whose difference scatters by one,
-/// are further apart.
-pub fn known_noise(change: f64, amplitudes: [f64; 2], variance: f64) -> f64 {
-    variance.min((change / (amplitudes[0] - amplitudes[1])).powi(2))
-}
-
 /// All cells of a comparison.
 pub fn cells(comparison: &Comparison) -> Vec<Cell> {
     let lines = comparison.lines.iter().map(|l| {
@@ -105,7 +98,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
             change: l.log_ratio,
             turn: Some(l.turn),
             variance: l.variance + repetition,
-            noise: known_noise(l.log_ratio, l.amplitudes, l.variance),
+            noise: l.unchanged,
             repetition,
         }
     });
@@ -276,56 +269,7 @@ pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::FRAC_1_SQRT_2;
-
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
-
     use super::*;
-    use crate::change::compare::{LineChange, Pair};
-
-    /// Of lines that repeat to 6 % the score scatters by one where they stand out of the noise, and by less within it, where an amplitude cannot fall below 0. One of ten times the noise where
-    /// there was none before scores `ln 10 / √((ln 10 / 10)² + 0.06²) = 9.7`, while its logarithm alone, of which half a neper is noise, comes to 3.2.
-    #[test]
-    fn analytic_scores_of_an_unchanged_line_scatter_by_one() {
-        let cell = |amplitudes: [f64; 2]| {
-            let [px, py] = amplitudes.map(|a| (a * a).max(1.0));
-            let log_ratio = 0.5 * (px / py).ln();
-            let line = LineChange {
-                pair: 0,
-                channel: 0,
-                family: Family::Shaft { shaft: 0, multiple: 3 },
-                order: 3.0,
-                frequency_hz: 60.0,
-                power: px,
-                reference_power: py,
-                noise: 1.0,
-                amplitudes,
-                log_ratio,
-                turn: 0.0,
-                reference_phase: 0.0,
-                variance: 0.5 * (1.0 / px + 1.0 / py),
-            };
-            let pair = Pair { recording: 0, reference: 0, speed_hz: 20.0, torque_nm: 10.0, speed_gap: 0.0 };
-            let comparison =
-                Comparison { pairs: vec![pair], channels: vec!["a".into()], lines: vec![line], floors: Vec::new() };
-            cells(&comparison)[0]
-        };
-        let mut random = ChaCha8Rng::seed_from_u64(7);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        for (amplitude, least) in [(0.0, 0.4), (1.0, 0.6), (3.0, 0.9), (10.0, 0.95), (100.0, 0.95)] {
-            let mut measured = || {
-                let real = amplitude * (1.0 + 0.06 * FRAC_1_SQRT_2 * normal()) + FRAC_1_SQRT_2 * normal();
-                real.hypot(FRAC_1_SQRT_2 * normal())
-            };
-            let scores: Vec<f64> = (0..4000).map(|_| cell([measured(), measured()]).score()).collect();
-            let scatter = (scores.iter().map(|s| s * s).sum::<f64>() / 4000.0).sqrt();
-            // 4000 draws know it to 1.1 %.
-            assert!((least..1.05).contains(&scatter), "{amplitude}: {scatter}");
-        }
-        assert!((cell([10.0, 0.0]).score() - 9.68).abs() < 0.01);
-    }
 
     /// Bands of background 4 % apart that change by a wave over frequency, and a line beside each that changes by so many times as much.
     fn beside(times: f64) -> Vec<Cell> {

@@ -4,7 +4,7 @@
 //!   a scale of its own, the most that any model of sizes can gain. - *Sham order*: the lines of the mask moved to orders that nothing makes, read
 //!   from the same spectra. What an unchanged bench gains is in [`super::twins`].
 
-use crate::change::compare::Pair;
+use crate::change::compare::{Pair, Ratio};
 use crate::change::locate::{self, Cell, Place, covers};
 use crate::change::masks::{self, INDEPENDENT, Mask, SCALES, densities, scale};
 use crate::name::Question;
@@ -145,19 +145,17 @@ fn change_at(
     if p.max(p2) < CLEAR * n.max(n2) {
         return None;
     }
-    let (x, y) = (p.max(n), p2.max(n2));
-    let (change, variance) = (0.5 * (x / y).ln(), 0.5 * (n / x + n2 / y));
+    let ratio = Ratio::of([p, p2], [n, n2]);
     let repetition = locate::repetition(pair.speed_gap);
-    let amplitudes = [p, p2].map(|p| (2.0 * p / (n + n2)).sqrt());
     Some(Cell {
         pair: 0,
         channel: 0,
         family: None,
         frequency_hz: rec.order_hz(order),
-        change,
+        change: ratio.log,
         turn: None,
-        variance: variance + repetition,
-        noise: locate::known_noise(change, amplitudes, variance),
+        variance: ratio.variance + repetition,
+        noise: ratio.unchanged,
         repetition,
     })
 }

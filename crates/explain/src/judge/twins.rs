@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use crate::change::compare;
+use crate::change::compare::{self, Ratio};
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{
     self, Mask, RESONANT_SHARE, RESONANT_SLOPE, SHARED_CHANGE, SHARED_SLOPE, STRAY, STRAY_SPREAD, TAIL, USUAL_SCALE,
@@ -57,21 +57,28 @@ impl Tail {
         Self { median, excess: (1.0 + beyond.iter().sum::<f64>()) / (1.0 + beyond.len() as f64) }
     }
 
+    /// Of what a mask gains in twins: nothing in one in which none of its lines stands out. The gain is a likelihood ratio itself.
+    fn of_mask(place: Place, twins: &[Vec<Mask>]) -> Self {
+        let gain = |masks: &Vec<Mask>| masks.iter().find(|m| m.place == place).map_or(0.0, |m| m.gain);
+        let tail = Self::of(twins.iter().map(gain).collect());
+        Self { excess: tail.excess.max(1.0), ..tail }
+    }
+
     fn standing(self, value: f64) -> f64 {
         (value - self.median) / self.excess
     }
 }
 
-impl Twins {
-    /// What a mask that gains so much comes to; of a mask without lines in the case, nothing.
-    fn standing(masks: &[(Place, Tail)], mask: &Mask) -> f64 {
-        let of = masks.iter().find(|(place, _)| *place == mask.place);
-        of.map_or(f64::NEG_INFINITY, |(_, tail)| tail.standing(mask.gain))
-    }
+/// What a mask that gains so much comes to.
+fn standing(tails: &[(Place, Tail)], mask: &Mask) -> f64 {
+    let own = tails.iter().find(|(place, _)| *place == mask.place);
+    own.map_or(f64::NEG_INFINITY, |(_, tail)| tail.standing(mask.gain))
+}
 
+impl Twins {
     /// Chance that an unchanged bench comes to as much as this mask does.
     pub fn chance(&self, mask: &Mask) -> f64 {
-        self.chance_of(Self::standing(&self.masks, mask))
+        self.chance_of(standing(&self.masks, mask))
     }
 
     fn chance_of(&self, standing: f64) -> f64 {
@@ -86,12 +93,33 @@ pub fn twins(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Option<Twins> {
     twins_beside(cells, places, gaps, &best)
 }
 
+/// What a line of a pair does in one twin.
+struct Source {
+    /// Change by repetition, before its scale.
+    repetition: f64,
+    /// Noise in the recording and in the reference, of a power of one.
+    noise: [Complex64; 2],
+    /// What it strays by, if it does (ln).
+    stray: f64,
+}
+
+impl Source {
+    fn drawn(random: &mut ChaCha8Rng, tails: &StudentT<f64>) -> Self {
+        let mut normal = || -> f64 { StandardNormal.sample(random) };
+        let noise = [(); 2].map(|()| Complex64::new(normal(), normal()) * FRAC_1_SQRT_2);
+        let stray = STRAY_SPREAD * normal();
+        let strays = random.random::<f64>() < STRAY;
+        Self { repetition: tails.sample(random), noise, stray: if strays { stray } else { 0.0 } }
+    }
+}
+
 /// Draws the twins of some cells as the lines outside a mask are: those that an unchanged bench would make if the mask were one by chance.
 ///
-/// A line of the case has the amplitude `a` over noise that its variance says. In a twin it is `|a + n|` in the reference and `|a exp(c + s σ t) + n|` in the recording: `c` common to the lines of one order in a pair, by as much as settings repeat, in proportion to `s`, and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`), and by what a few lines stray (`masks::STRAY`);
-/// `n` the line's noise; `σ` its repetition; `t` of a t distribution with the tails that masks take changes to have; `s` the scale of the case's own lines outside the mask. All sensors hear one source: of
-/// `n` and `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask, or in all
-/// where it covers all.
+/// A line of the case has the amplitude `a` over noise that its variance says. In a twin it is `|a + n|` in the reference and `|a exp(c + x + s σ t) + n|` in the recording. `c` is common to
+/// the lines of one order in a pair: as much as settings repeat, in proportion to `s`, and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`). `x` is what a few lines stray by
+/// (`masks::STRAY`), `n` the noise, `σ` the line's repetition, `t` of a t distribution with the tails that masks take changes to have, `s` the scale of the case's own lines outside the mask. All
+/// sensors hear one source: of `n` and `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask,
+/// or in all where it covers all.
 pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask) -> Option<Twins> {
     let lines: Vec<Cell> = cells.iter().filter(|c| c.family.is_some()).copied().collect();
     let tails = StudentT::new(TAIL).ok()?;
@@ -105,53 +133,34 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
     let drawn = |twin: u64| {
         let mut random = ChaCha8Rng::seed_from_u64(0x7477_696e);
         random.set_stream(twin);
-        let mut common: BTreeMap<(usize, (u8, usize, u8)), f64> = BTreeMap::new();
-        let mut of_line: BTreeMap<(usize, Family), f64> = BTreeMap::new();
-        let mut stray_of: BTreeMap<(usize, Family), f64> = BTreeMap::new();
-        let mut noise_of: BTreeMap<(usize, Family), [Complex64; 2]> = BTreeMap::new();
+        let mut of_order: BTreeMap<(usize, (u8, usize, u8)), f64> = BTreeMap::new();
+        let mut of_line: BTreeMap<(usize, Family), Source> = BTreeMap::new();
         let twin: Vec<Cell> = lines
             .iter()
             .filter_map(|c| {
-                let order = (c.pair, order_of(c.family?));
-                let z = normal(&mut random);
-                // Some pairs of recordings stand on the flank of a torsional resonance.
-                let resonant = random.random::<f64>() < RESONANT_SHARE;
-                let slope = if resonant { RESONANT_SLOPE } else { settings * SHARED_SLOPE };
-                let shared = (settings * SHARED_CHANGE).hypot(slope * gaps[c.pair]);
-                let common = *common.entry(order).or_insert(shared * z);
-                let (line, own): (f64, f64) = (tails.sample(&mut random), tails.sample(&mut random));
-                let line = *of_line.entry((c.pair, c.family?)).or_insert(line);
-                let t = rho.sqrt() * line + (1.0 - rho).sqrt() * own;
-                let mut complex = || Complex64::new(normal(&mut random), normal(&mut random)) * FRAC_1_SQRT_2;
-                let own = [complex(), complex()];
-                let heard = *noise_of.entry((c.pair, c.family?)).or_insert(own);
-                let noise = |k: usize| rho.sqrt() * heard[k] + (1.0 - rho).sqrt() * own[k];
-                let strays = if random.random::<f64>() < STRAY { STRAY_SPREAD * normal(&mut random) } else { 0.0 };
-                let stray = *stray_of.entry((c.pair, c.family?)).or_insert(strays);
-                let change = common + stray + found.outside * c.repetition.sqrt() * t;
+                let family = c.family?;
+                let common = *of_order.entry((c.pair, order_of(family))).or_insert_with(|| {
+                    // Some pairs of recordings stand on the flank of a torsional resonance.
+                    let resonant = random.random::<f64>() < RESONANT_SHARE;
+                    let slope = if resonant { RESONANT_SLOPE } else { settings * SHARED_SLOPE };
+                    let normal: f64 = StandardNormal.sample(&mut random);
+                    (settings * SHARED_CHANGE).hypot(slope * gaps[c.pair]) * normal
+                });
+                let own = Source::drawn(&mut random, &tails);
+                let line = of_line.entry((c.pair, family)).or_insert_with(|| Source::drawn(&mut random, &tails));
+                let (shared, alone) = (rho.sqrt(), (1.0 - rho).sqrt());
+                let repetition = shared * line.repetition + alone * own.repetition;
+                let change = common + line.stray + found.outside * c.repetition.sqrt() * repetition;
                 let amplitude = ((c.variance - c.repetition).max(LEAST_NOISE).recip() - 1.0).max(0.0).sqrt();
-                let measured = [amplitude * change.exp(), amplitude];
-                seen(c, [(measured[0] + noise(0)).norm(), (measured[1] + noise(1)).norm()])
+                let noise = |k: usize| shared * line.noise[k] + alone * own.noise[k];
+                as_measured(c, [amplitude * change.exp() + noise(0), amplitude + noise(1)].map(|z| z.norm_sqr()))
             })
             .collect();
         masks::masks(&twin, places, gaps)
     };
     let drawn: Vec<Vec<Mask>> = (0..TWINS).into_par_iter().map(drawn).collect();
-    let mut gains: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    for m in drawn.iter().flatten() {
-        if let Some(at) = places.iter().position(|p| *p == m.place) {
-            gains.entry(at).or_default().push(m.gain);
-        }
-    }
-    let tails: Vec<(Place, Tail)> = gains
-        .into_iter()
-        .map(|(at, gains)| {
-            let tail = Tail::of(gains);
-            // The gain of a mask is a likelihood ratio itself.
-            (places[at], Tail { excess: tail.excess.max(1.0), ..tail })
-        })
-        .collect();
-    let most = |masks: &[Mask]| masks.iter().map(|m| Twins::standing(&tails, m)).fold(f64::NEG_INFINITY, f64::max);
+    let tails: Vec<(Place, Tail)> = places.iter().map(|&place| (place, Tail::of_mask(place, &drawn))).collect();
+    let most = |masks: &[Mask]| masks.iter().map(|m| standing(&tails, m)).fold(f64::NEG_INFINITY, f64::max);
     let own = most(&masks::masks(cells, places, gaps));
     let standings: Vec<f64> = drawn.iter().map(|masks| most(masks)).collect();
     let above = standings.iter().filter(|s| **s >= own).count();
@@ -161,19 +170,16 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
     Some(Twins { p_null: (1 + above) as f64 / (1 + TWINS) as f64, standing, masks: tails, all })
 }
 
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(random)
-}
-
-/// A line as it is measured with these amplitudes (in root mean squares of its noise) in recording and reference; `None` where neither stands out.
-fn seen(c: &Cell, amplitudes: [f64; 2]) -> Option<Cell> {
-    let [x, y] = amplitudes.map(|a| (a * a).max(1.0));
-    if x.max(y) < compare::CLEAR {
-        return None;
-    }
-    let (change, variance) = (0.5 * (x / y).ln(), 0.5 * (1.0 / x + 1.0 / y));
-    let noise = locate::known_noise(change, amplitudes, variance);
-    Some(Cell { change, variance: variance + c.repetition, noise, ..*c })
+/// A line as it is measured with these powers (over its noise) in recording and reference; `None` where neither stands out.
+fn as_measured(c: &Cell, powers: [f64; 2]) -> Option<Cell> {
+    let ratio = Ratio::of(powers, [1.0; 2]);
+    let variance = ratio.variance + c.repetition;
+    (powers[0].max(powers[1]) >= compare::CLEAR).then_some(Cell {
+        change: ratio.log,
+        variance,
+        noise: ratio.unchanged,
+        ..*c
+    })
 }
 
 /// Correlation of the changes of one line between channels, by how often they have the same sign: `ρ = sin π(p − ½)` (Sheppard 1899), which single large changes do not decide; 0 where
@@ -296,10 +302,11 @@ mod tests {
     }
 
     /// The third order of a shaft rises out of the noise to a hundred times it, in two pairs and three channels, among three hundred sidebands that repeat to 2 %. That line alone is beyond chance by far;
-    /// the mask with the sidebands at its distance gains less.
+    /// the mask with the sidebands at its distance gains less. A line that stands out in none of the twins gains nothing there.
     #[test]
     fn regress_one_line_out_of_the_noise_is_beyond_chance_among_many_that_stay() {
         let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
         let mut all = Vec::new();
         for (pair, channel) in (0..2).flat_map(|p| (0..3).map(move |c| (p, c))) {
             let mut push = |family, amplitudes: [f64; 2]| {
@@ -314,11 +321,11 @@ mod tests {
                     noise: 0.0,
                     repetition: 0.0036,
                 };
-                all.extend(seen(&cell, amplitudes));
+                all.extend(as_measured(&cell, amplitudes.map(|a| a * a)));
             };
             for harmonic in 1..=5u8 {
                 for (shaft, offset) in (1..=5i8).flat_map(|k| [(0, k), (0, -k), (1, k), (1, -k)]) {
-                    let amplitude = 10.0 * (1.0 + 0.02 * normal(&mut random));
+                    let amplitude = 10.0 * (1.0 + 0.02 * normal());
                     push(Family::Side { stage: 0, harmonic, shaft, offset }, [amplitude, 10.0]);
                 }
             }
@@ -330,5 +337,6 @@ mod tests {
         assert_eq!(ranked[0].place, Place::ShaftLine(0, 3));
         let twins = twins_beside(&all, &places, &gaps, &ranked[0]).unwrap();
         assert!(twins.chance(&ranked[0]) < 1e-6, "{}", twins.chance(&ranked[0]));
+        assert_eq!(Tail::of_mask(ranked[0].place, &[Vec::new(), Vec::new()]), Tail { median: 0.0, excess: 1.0 });
     }
 }
