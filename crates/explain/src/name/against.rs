@@ -137,9 +137,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
         let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
         let is_believed = |m: &Mask| if later { believed_beside(m, tooth_found) } else { beyond_chance(m) };
-        let Some((best, chosen, believed)) = leading(q, alone, &ranked, &remaining, &is_believed) else { break };
+        let Some((best, mut chosen, believed)) = leading(q, alone, &ranked, &remaining, &is_believed) else { break };
         let led = chosen.place != best.place;
-        let mut chosen = chosen;
         found.steps.extend(ranked.iter().take(3).map(|m| in_words(q, m)));
         if alone.is_none() && !believed {
             if round > 0 {
@@ -365,7 +364,8 @@ fn leading(
     for _ in 0..ASKED {
         let Some(best) = alone.or_else(|| choose(&left)) else { break };
         let chosen = of_single_teeth(q.train, &best, &left, cells).unwrap_or(best);
-        if believed(&chosen) {
+        // What gains nothing needs no twins.
+        if chosen.gain > 0.0 && believed(&chosen) {
             return Some((best, chosen, true));
         }
         first = first.or(Some((best, chosen, false)));

@@ -31,7 +31,7 @@ const ABOVE: f64 = 5.0;
 /// Turn (revolutions of the component) by which the steady part of a scan may be out of focus.
 const FOCUS: f64 = 0.08;
 /// Difference of two displays (in their usual error, of which the creep that they show is part) within which the order of what turns with the motor is sought.
-const DISPLAYS: f64 = SQRT_2;
+const CREEP_REACH: f64 = SQRT_2;
 /// Bins about the mirror image that its smeared power may fill.
 const SMEAR: usize = 40;
 /// Bins of one floor.
@@ -64,7 +64,7 @@ pub fn scan(
     recordings: usize,
     has_belt: bool,
 ) -> Option<FoldedLine> {
-    let locks: &[Lock] = if has_belt { &[Lock::Input, Lock::Motor] } else { &[Lock::Input] };
+    let shafts: &[TurnsWith] = if has_belt { &[TurnsWith::Input, TurnsWith::Motor] } else { &[TurnsWith::Input] };
     // The recording with the most revolutions fixes the order best.
     let first = (0..recordings).max_by(|a, b| features[*a].revolutions.total_cmp(&features[*b].revolutions))?;
     let mut best: Option<FoldedLine> = None;
@@ -78,16 +78,16 @@ pub fn scan(
         let mut orders = candidates(transforms, &steady[first], &features[first], name);
         orders.truncate(FOLLOWED);
         for (order, sharper) in orders {
-            let mut at = |i: usize, lock: Lock| -> Option<Demodulated> {
-                let (order, reach) = lock.order(order, &features[first], &features[i]);
-                read(transforms, &steady[i], &features[i], name, order, reach)
+            let mut at = |i: usize, with: TurnsWith| -> Option<Demodulated> {
+                let (order, reach) = with.order(order, &features[first], &features[i]);
+                line_at(transforms, &steady[i], &features[i], name, order, reach)
             };
             let least_of = |own: &[Demodulated]| own.iter().map(|x| x.ratio).fold(f64::INFINITY, f64::min);
-            let (lock, own) = locks
+            let (with, own) = shafts
                 .iter()
-                .map(|&lock| (lock, (0..recordings).filter_map(|i| at(i, lock)).collect::<Vec<_>>()))
+                .map(|&with| (with, (0..recordings).filter_map(|i| at(i, with)).collect::<Vec<_>>()))
                 .max_by(|a, b| least_of(&a.1).total_cmp(&least_of(&b.1)))?;
-            let before = (recordings..steady.len()).filter_map(|i| at(i, lock)).map(|x| x.ratio).fold(0.0, f64::max);
+            let before = (recordings..steady.len()).filter_map(|i| at(i, with)).map(|x| x.ratio).fold(0.0, f64::max);
             let least = least_of(&own);
             let above = own.iter().map(|x| x.above).fold(f64::INFINITY, f64::min);
             let folded = || features[..recordings].iter().filter(|f| is_folded(f, order));
@@ -121,26 +121,26 @@ pub fn scan(
 
 /// What a component turns with.
 #[derive(Clone, Copy)]
-enum Lock {
+enum TurnsWith {
     Input,
     /// Through a belt, which creeps by more the more it carries.
     Motor,
 }
 
-impl Lock {
+impl TurnsWith {
     /// Order of the input shaft in another recording, and by how much (relatively) it may be off.
     fn order(self, order: f64, first: &RecordingFeatures, other: &RecordingFeatures) -> (f64, f64) {
         let ratio = |r: &RecordingFeatures| r.display_motor_hz / r.input_hz;
         let creep = ratio(other) / ratio(first);
         match self {
-            Self::Motor if creep.is_finite() => (order * creep, DISPLAYS * DISPLAY_SIGMA),
+            Self::Motor if creep.is_finite() => (order * creep, CREEP_REACH * DISPLAY_SIGMA),
             _ => (order, 0.0),
         }
     }
 }
 
 /// What stands at an order of one channel, as the samples show it; `None` above the sample rate.
-fn read(
+fn line_at(
     transforms: &mut Transforms,
     steady: &Steady<'_>,
     features: &RecordingFeatures,
