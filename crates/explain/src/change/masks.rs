@@ -347,10 +347,11 @@ mod tests {
     }
 
     /// Lines that change by their own scale are as an unchanged bench has them; by ten times that they are not, and a prediction that takes the changes off gains it back, less what its own variance costs:
-    /// half the logarithm of by how much it is more than repetition, which is a fifth to 0.85 of the usual, alone.
+    /// half of ln 2 a line where it doubles the variance. Of noise as large as the usual repetition it costs half the logarithm of by how much both are more than repetition, a fifth to 0.85 of the
+    /// usual, alone.
     #[test]
     fn analytic_a_prediction_gains_what_it_takes_off() {
-        let with = |z: f64, variance: f64| -> Vec<Cell> {
+        let with = |z: f64, noise: f64, repetition: f64| -> Vec<Cell> {
             let of = |k: u8| {
                 let change = 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
                 let family = Some(Family::Shaft { shaft: 0, multiple: k });
@@ -361,19 +362,22 @@ mod tests {
                     frequency_hz: 100.0,
                     change,
                     turn: None,
-                    variance,
-                    noise: variance - 0.01,
-                    repetition: 0.01,
+                    variance: noise + repetition,
+                    noise,
+                    repetition,
                 }
             };
             (1..=40).map(of).collect()
         };
-        let (usual, moved, wide) =
-            (unchanged(&with(0.3, 0.01)), unchanged(&with(5.0, 0.01)), unchanged(&with(0.0, 0.02)));
+        let (usual, moved) = (unchanged(&with(0.3, 0.0, 0.01)), unchanged(&with(5.0, 0.0, 0.01)));
         assert!(usual > moved + INDEPENDENT * 40.0);
-        let narrow = unchanged(&with(0.0, 0.01));
+        let (narrow, wide) = (unchanged(&with(0.0, 0.0, 0.01)), unchanged(&with(0.0, 0.0, 0.02)));
+        // What strays add to the density at 0, over that of lines as wide as they may be (0.85 of the usual).
+        let strays = INDEPENDENT * 40.0 * STRAY * LARGEST_USUAL * 0.02f64.sqrt() / STRAY_SPREAD;
+        assert!((narrow - wide - INDEPENDENT * 40.0 * 0.5 * 2f64.ln()).abs() < strays);
+        let noisy = unchanged(&with(0.0, 0.01, 0.01));
         let price = |scale: f64| INDEPENDENT * 40.0 * 0.5 * (1.0 + scale.powi(-2)).ln();
-        assert!((price(LARGEST_USUAL)..price(FIRST_SCALE)).contains(&(narrow - wide)));
+        assert!((price(LARGEST_USUAL)..price(FIRST_SCALE)).contains(&(narrow - noisy)));
     }
 
     /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard deviations; the others by less than one.

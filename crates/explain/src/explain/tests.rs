@@ -51,6 +51,13 @@ fn bench() -> Bench {
     }
 }
 
+/// The same with a belt of this ratio between motor and input shaft.
+fn belted(ratio: f64) -> Bench {
+    let belt =
+        Belt { ratio, stiffness_nm_per_rad: 4000.0, damping_nm_s_per_rad: 1.2, length_mm: None, motor_pulley_mm: None };
+    Bench { belt: Some(belt), ..bench() }
+}
+
 /// What a recording holds: mesh harmonics, sidebands, shaft orders, white noise, and something more.
 fn record(speed_hz: f64, torque_nm: f64, seed: u64, teeth: f64, more: &dyn Fn(usize, f64, f64) -> f64) -> Recording {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
@@ -314,14 +321,7 @@ fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
 /// slips. The recordings' speeds scatter by ±0.1 % as those of a drive do.
 #[test]
 fn analytic_slip_grows_with_the_load_and_a_wrong_clock_does_not() {
-    let mut belted = bench();
-    belted.belt = Some(Belt {
-        ratio: 2.0,
-        stiffness_nm_per_rad: 4000.0,
-        damping_nm_s_per_rad: 1.2,
-        length_mm: None,
-        motor_pulley_mm: None,
-    });
+    let belted = belted(2.0);
     let behind = |share: &dyn Fn(f64) -> f64| -> Explanation {
         let mut now = session(1, 23.0, &nothing);
         for point in now.iter_mut().flat_map(|r| &mut r.operating_points) {
@@ -347,14 +347,7 @@ fn regress_a_wrong_belt_ratio_is_named() {
     let mut now = session(1, 23.0, &nothing);
     now.iter_mut().flat_map(|r| &mut r.operating_points).for_each(|point| point.motor_speed_hz *= 2.0);
     for (stated, named) in [(2.5, true), (1.3, true), (2.0, false)] {
-        let mut belted = bench();
-        belted.belt = Some(Belt {
-            ratio: stated,
-            stiffness_nm_per_rad: 4000.0,
-            damping_nm_s_per_rad: 1.2,
-            length_mm: None,
-            motor_pulley_mm: None,
-        });
+        let belted = belted(stated);
         let input = Input { bench: &belted, recordings: &now, reference: &[], without: &[] };
         let Answer { explanation, bench } = explain(&input, &mut |_| {}).unwrap();
         let all: Vec<&str> = explanation.effects.iter().map(|e| e.effect.as_str()).collect();
@@ -372,14 +365,7 @@ fn regress_a_wrong_belt_ratio_is_named() {
 fn analytic_other_teeth_behind_a_belt_are_no_other_ratio() {
     let mut now = session(1, 24.0, &nothing);
     now.iter_mut().flat_map(|r| &mut r.operating_points).for_each(|point| point.motor_speed_hz *= 2.0);
-    let mut belted = bench();
-    belted.belt = Some(Belt {
-        ratio: 2.0,
-        stiffness_nm_per_rad: 4000.0,
-        damping_nm_s_per_rad: 1.2,
-        length_mm: None,
-        motor_pulley_mm: None,
-    });
+    let belted = belted(2.0);
     let input = Input { bench: &belted, recordings: &now, reference: &[], without: &[] };
     let answer = explain(&input, &mut |_| {}).unwrap().explanation;
     assert_eq!(first(&answer), ("wrong_tooth_count", "stage1.pinion"), "{:?}", answer.steps);
