@@ -1,6 +1,7 @@
 //! The crates may only look downward: core ← sim ← explain, core ← io, then runtime, sources, log,
 //! history, daemon, cli.
 
+mod comments;
 mod knots;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -60,8 +60,8 @@ pub fn with_ratio(bench: &Bench, other: &OtherRatio) -> Bench {
 /// Another ratio, by the tacho of a shaft behind the belt or by where the mesh lines lie, the same
 /// in all recordings with a stated motor speed.
 ///
-/// `rival` is the bench with the likeliest other tooth number: whichever puts more lines where there
-/// are some is the better explanation.
+/// `rival` is the bench with the likeliest other tooth number: whichever puts more lines where
+/// there are some is the better explanation.
 pub fn other_ratio(
     bench: &Bench,
     rival: Option<&Bench>,

@@ -348,8 +348,8 @@ pub struct LikeliestTeeth {
     pub believed: bool,
 }
 
-/// The likeliest other tooth number, believed or not: where it is known that the sheet's lines are not
-/// there, it stands beside what else may have moved them.
+/// The likeliest other tooth number, believed or not: where it is known that the sheet's lines are
+/// not there, it stands beside what else may have moved them.
 pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<LikeliestTeeth> {
     let sheet = Fit::of(bench, all, fields, true);
     let mut best: Option<Candidate> = None;

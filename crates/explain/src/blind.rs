@@ -1,11 +1,15 @@
-//! What a campaign of recordings could not show: for each effect of the library the smallest size that stands out, told without any data.
+//! What a campaign of recordings could not show: for each effect of the library the smallest size
+//! that stands out, told without any data.
 //!
-//! A bench with the usual errors (`prove`) is solved at every operating point, once as it is, once at settings that are off by as much as settings
-//! repeat, and once with an effect. The change of a group of lines (ln, root mean square) over what repetition changes, `0.04` at least, is how plain
-//! the effect is; from four on the finder names effects reliably. Sizes are searched for that figure.
+//! A bench with the usual errors (`prove`) is solved at every operating point, once as it is, once
+//! at settings that are off by as much as settings repeat, and once with an effect. The change of a
+//! group of lines (ln, root mean square) over what repetition changes, `0.04` at least, is how
+//! plain the effect is; from four on the finder names effects reliably. Sizes are searched for that
+//! figure.
 //!
-//! Without a reference each line has a gain of its own that nobody knows, the same at all loads of one speed. What is left of the change when
-//! the mean over loads is taken off is given beside: effects with nothing left are invisible without a reference, however large.
+//! Without a reference each line has a gain of its own that nobody knows, the same at all loads of
+//! one speed. What is left of the change when the mean over loads is taken off is given beside:
+//! effects with nothing left are invisible without a reference, however large.
 
 mod campaign;
 
@@ -85,7 +89,8 @@ const WORDS: &[(&str, &str)] = &[
     ("scaling", "needs a reference: a factor beyond 1.16 or below 0.86"),
 ];
 
-/// The settings of a campaign when none are given: nominal and six tenths of the speed, nominal and four tenths of the load.
+/// The settings of a campaign when none are given: nominal and six tenths of the speed, nominal and
+/// four tenths of the load.
 pub fn usual_points(bench: &Bench) -> Vec<Point> {
     let (speed, torque) = (bench.motor.speed_hz, bench.brake.torque_nm);
     [0.6 * speed, speed]
@@ -94,7 +99,8 @@ pub fn usual_points(bench: &Bench) -> Vec<Point> {
         .collect()
 }
 
-/// What recordings at these settings show of every effect of the library for which `wanted` holds, in the library's order.
+/// What recordings at these settings show of every effect of the library for which `wanted` holds,
+/// in the library's order.
 ///
 /// # Errors
 /// When the bench cannot be used, or has no steady state at these settings.

@@ -1,4 +1,5 @@
-//! Where recordings differ from their reference: line by line, by masks of lines, within one turn of a gear.
+//! Where recordings differ from their reference: line by line, by masks of lines, within one turn
+//! of a gear.
 
 pub mod align;
 pub mod comb;

@@ -1,6 +1,8 @@
-//! The bench's own proof: known changes in the user's own recordings, and from which size on the finder shows them.
+//! The bench's own proof: known changes in the user's own recordings, and from which size on the
+//! finder shows them.
 //!
-//! Real carriers, known truth. Without a reference the first half of each recording stands for it, and the change is made in the second.
+//! Real carriers, known truth. Without a reference the first half of each recording stands for it,
+//! and the change is made in the second.
 
 pub mod change;
 
@@ -87,7 +89,8 @@ struct Carrier {
     input_hz: f64,
 }
 
-/// Makes all changes in all recordings, on all cores. `done` hears how many of how many are through.
+/// Makes all changes in all recordings, on all cores. `done` hears how many of how many are
+/// through.
 ///
 /// # Errors
 /// When no recording can carry a change.

@@ -22,7 +22,8 @@ pub enum ExplainError {
         /// One sentence each.
         reasons: String,
     },
-    /// A reference was given, and none of its recordings can be judged: nothing can be said to be as before.
+    /// A reference was given, and none of its recordings can be judged: nothing can be said to be
+    /// as before.
     #[error(
         "none of the {count} recordings of the reference can be judged; give others, or leave the reference out. {reasons}"
     )]

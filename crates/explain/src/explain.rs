@@ -19,7 +19,8 @@ pub struct Input<'a> {
     pub recordings: &'a [Recording],
     /// The same bench before, empty where there is none.
     pub reference: &'a [Recording],
-    /// Effects that are taken out of the library, to try what is said of physics that nobody thought of.
+    /// Effects that are taken out of the library, to try what is said of physics that nobody
+    /// thought of.
     pub without: &'a [&'a str],
 }
 
@@ -31,7 +32,8 @@ pub struct Answer {
     pub bench: Bench,
 }
 
-/// Explains recordings: the instrument first, then the physics of what is left. `progress` hears one sentence before each long step.
+/// Explains recordings: the instrument first, then the physics of what is left. `progress` hears
+/// one sentence before each long step.
 ///
 /// # Errors
 /// When bench file and recordings cannot be compared at all; the message says why.

@@ -1,8 +1,10 @@
-//! Faults of sensors, cables, converters and clocks: asked before any physics, and taken out before physics is asked.
+//! Faults of sensors, cables, converters and clocks: asked before any physics, and taken out before
+//! physics is asked.
 //!
-//! Without a reference the samples of each channel say whether it is dead, held, clipped, coarse or repeated, and the phases of the recording's own lines whether samples
-//! are missing. Against a reference the cross-spectra of all channels say which channel is which, which way round, and how loud; and what is new exactly at the
-//! mains' frequencies entered behind the machine.
+//! Without a reference the samples of each channel say whether it is dead, held, clipped, coarse or
+//! repeated, and the phases of the recording's own lines whether samples are missing. Against a
+//! reference the cross-spectra of all channels say which channel is which, which way round, and how
+//! loud; and what is new exactly at the mains' frequencies entered behind the machine.
 
 pub mod cross;
 pub mod gain;
@@ -38,7 +40,8 @@ const PRIOR: f64 = 1e-3;
 const SILENT: f64 = 1e-3;
 /// How much coarser than in the reference steps are that count as another converter or range.
 const COARSER: f64 = 3.0;
-/// Share of the background that the noise of the steps makes from which they matter without a reference: half.
+/// Share of the background that the noise of the steps makes from which they matter without a
+/// reference: half.
 const STEP_NOISE: f64 = 0.5;
 /// What is believed of a fault that the samples themselves show.
 const SEEN: f64 = 0.98;
@@ -157,7 +160,8 @@ fn dead(seen: &Channels) -> Vec<String> {
     seen.facts.iter().filter(|(_, f)| f.is_dead() || f.rms < SILENT * usual).map(|(name, _)| name.clone()).collect()
 }
 
-/// Coarsest spacing of values of each channel in the references: what was there before is not new, however many levels were in use.
+/// Coarsest spacing of values of each channel in the references: what was there before is not new,
+/// however many levels were in use.
 fn usual(before: &[Channels]) -> BTreeMap<String, f64> {
     let mut out: BTreeMap<String, f64> = BTreeMap::new();
     for (name, facts) in before.iter().flat_map(|c| &c.facts) {
@@ -225,7 +229,8 @@ impl Asked<'_> {
         self.recording.channels.get(name).map_or(0, |c| c.segments.iter().map(|s| s.samples.len()).max().unwrap_or(0))
     }
 
-    /// The noise of the steps, `q²/12` over the whole band (Bennett 1948), is most of the background.
+    /// The noise of the steps, `q²/12` over the whole band (Bennett 1948), is most of the
+    /// background.
     fn is_noisy(&mut self, name: &str, step: f64) -> bool {
         let run = common_run(self.recording, &[name]);
         let Some((_, x)) = run.first() else { return false };
@@ -330,7 +335,8 @@ impl Asked<'_> {
         best.map(|b| (b.1, b.2, b.3))
     }
 
-    /// Channels that lost all relation to the others: cable off, transducer gone, whatever they pick up instead.
+    /// Channels that lost all relation to the others: cable off, transducer gone, whatever they
+    /// pick up instead.
     fn unrelated(&mut self, eligible: &[&Recording]) {
         let Some((now, before, _)) = self.nearest(eligible) else { return };
         let n = now.channels.len();
@@ -338,7 +344,8 @@ impl Asked<'_> {
             return;
         }
         let beyond_chance = |cross: &Cross, c: usize| {
-            // The largest of n − 1 squared coherences of noise is the harmonic number over the averages on the mean.
+            // The largest of n − 1 squared coherences of noise is the harmonic number over the
+            // averages on the mean.
             cross.coherence(c) - (1..n).map(|k| (k as f64).recip()).sum::<f64>() / cross.averages
         };
         let lost: Vec<usize> = (0..n)
@@ -401,7 +408,8 @@ impl Asked<'_> {
         repair::rewire(self.recording, names, wiring);
     }
 
-    /// Lines of the mains that the reference has not. Many benches always had some: without a reference they are said, and are no fault.
+    /// Lines of the mains that the reference has not. Many benches always had some: without a
+    /// reference they are said, and are no fault.
     fn hum(&mut self, reference: Option<&Recording>) {
         // Without a speed a line of the mains is not told from one of a shaft.
         let Ok(input_hz) = speed(self.bench, self.train, self.recording) else { return };

@@ -1,4 +1,5 @@
-//! What the answer is worth and what is said: controls, held-out recordings, what is left over, the report.
+//! What the answer is worth and what is said: controls, held-out recordings, what is left over, the
+//! report.
 
 pub mod controls;
 pub mod free_term;

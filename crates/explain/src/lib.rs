@@ -6,8 +6,9 @@
 //! sheet      ─►    and converters                 the model and sizes  held out
 //! ```
 //!
-//! [`explain`](mod@explain) goes the whole way. Beside it: what sensors could not show (`blind`), the concealed benchmark (`prove`), and amplitude
-//! tables instead of recordings (`tables`, `paper`).
+//! [`explain`](mod@explain) goes the whole way. Beside it: what sensors could not show (`blind`),
+//! the concealed benchmark (`prove`), and amplitude tables instead of recordings (`tables`,
+//! `paper`).
 //!
 //! ```
 //! use gearwatch_core::bench::Bench;

@@ -45,7 +45,8 @@ pub struct Measured {
     pub steps: Vec<String>,
 }
 
-/// Measures recordings whose instrument is in order. The ratio of the belt is checked here, since the speeds depend on it; a wrong one joins `faults`.
+/// Measures recordings whose instrument is in order. The ratio of the belt is checked here, since
+/// the speeds depend on it; a wrong one joins `faults`.
 ///
 /// # Errors
 /// When bench file and recordings cannot be compared at all; the message says why.
@@ -75,13 +76,15 @@ pub fn measure(
             let train = Train::new(&bench);
             (bench, None, train)
         }
-        // Where it is known that the sheet's mesh lines are not there, the likeliest tooth number needs no other proof.
+        // Where it is known that the sheet's mesh lines are not there, the likeliest tooth number
+        // needs no other proof.
         (elsewhere, Some(o)) if o.believed || elsewhere.is_some() => (o.bench, Some(o.teeth), sheet),
         _ => (input.bench.clone(), None, sheet),
     };
     let mut train = Train::new(&bench);
     let speeds = kinematics::speeds(&bench, &train, &steady, &fields);
-    // A recording without the bench's mesh lines has no speed that could be trusted: another bench, another speed, or no vibration.
+    // A recording without the bench's mesh lines has no speed that could be trusted: another bench,
+    // another speed, or no vibration.
     let strangers: Vec<Option<String>> = steady
         .iter()
         .zip(&fields)
@@ -195,7 +198,8 @@ fn choose<'a>(input: &Input<'a>, sheet: &Train) -> Result<Choice<'a>, ExplainErr
         }
         return Err(ExplainError::NothingUsable { count: input.recordings.len(), reasons: reasons.join("; ") });
     }
-    // A reference of other sensors is left out below; one of this bench that holds nothing to judge would make everything look as before.
+    // A reference of other sensors is left out below; one of this bench that holds nothing to judge
+    // would make everything look as before.
     let of_this_bench = |r: &Recording| input.bench.sensors.iter().any(|s| r.channels.contains_key(&s.name));
     if references.is_empty() && input.reference.iter().any(of_this_bench) {
         if reasons.is_empty() {

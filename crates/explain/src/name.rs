@@ -1,4 +1,5 @@
-//! From evidence to names: direct findings first (data, teeth, speeds), then sensor paths, then masks of lines, then strange lines.
+//! From evidence to names: direct findings first (data, teeth, speeds), then sensor paths, then
+//! masks of lines, then strange lines.
 
 pub mod against;
 pub mod alone;
@@ -94,14 +95,18 @@ impl Finding {
     }
 }
 
-/// Misfit per band of background above which it changed, and the least share of that, on the best channel, which is the same function of frequency at all speeds: of 34
-/// benches with noise of another kind at least 46 %; two unchanged ones of 186 moved by 3.2 and 4.0 per band, of which 11 and 21 %.
+/// Misfit per band of background above which it changed, and the least share of that, on the best
+/// channel, which is the same function of frequency at all speeds: of 34 benches with noise of
+/// another kind at least 46 %; two unchanged ones of 186 moved by 3.2 and 4.0 per band, of which 11
+/// and 21 %.
 const BACKGROUND: f64 = 2.5;
 const BACKGROUND_SHARE: f64 = 0.33;
-/// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours' noise is not theirs.
+/// Half width of what a folded line covers (Hz): it wanders with the speed, and its neighbours'
+/// noise is not theirs.
 const FOLDED_HZ: f64 = 10.0;
 
-/// Whether a folded line, or the same line at a speed at which it lies in the band, falls on a cell.
+/// Whether a folded line, or the same line at a speed at which it lies in the band, falls on a
+/// cell.
 fn folded_onto(q: &Question<'_>, l: &FoldedLine, c: &Cell) -> bool {
     let recording = &q.recordings[q.comparison.pairs[c.pair].recording];
     let hz = l.order * recording.input_hz;
@@ -179,7 +184,8 @@ pub fn answer(
         }
     }
     if !q.comparison.pairs.is_empty() && direct::slips(&findings) {
-        // Speeds that part by the slip move lines on the flanks of resonances; the phases of one damaged tooth stay even.
+        // Speeds that part by the slip move lines on the flanks of resonances; the phases of one
+        // damaged tooth stay even.
         findings.extend(gear::local_faults(q, &cells, &mut steps).into_iter().map(|f| f.2));
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {

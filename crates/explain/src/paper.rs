@@ -1,7 +1,8 @@
-//! The paper's tables, recomputed: "The Absolute Deviation Rank Diagnostic Approach to Gear Tooth Composite Fault".
+//! The paper's tables, recomputed: "The Absolute Deviation Rank Diagnostic Approach to Gear Tooth
+//! Composite Fault".
 //!
-//! Tables 2 (simulated amplitudes) and 5 (measured amplitudes) are the data; tables 3 (deviations), 4 and 6 (ranks) follow
-//! from them and are set beside what was printed.
+//! Tables 2 (simulated amplitudes) and 5 (measured amplitudes) are the data; tables 3 (deviations),
+//! 4 and 6 (ranks) follow from them and are set beside what was printed.
 
 use gearwatch_core::rank::RankConfig;
 use gearwatch_core::verdict::Rank;
@@ -9,7 +10,8 @@ use serde::Serialize;
 
 use crate::tables::{AmplitudeTable, Relation, TableError, relate};
 
-/// A printed deviation may differ by this from the recomputed one (percentage points): one unit of its last digit.
+/// A printed deviation may differ by this from the recomputed one (percentage points): one unit of
+/// its last digit.
 const PRINTED_TOLERANCE: f64 = 0.01;
 
 /// The data and what was printed of it.
@@ -145,7 +147,8 @@ fn beside_print(
     Ok(Recomputed { number, title, rows })
 }
 
-/// Ranks that differ between simulation and experiment, both recomputed: state, harmonic counted from 1, the two ranks.
+/// Ranks that differ between simulation and experiment, both recomputed: state, harmonic counted
+/// from 1, the two ranks.
 pub fn rank_differences(relation: &Relation) -> Vec<(String, usize, Rank, Rank)> {
     let ranks = RankConfig::default();
     let mut out = Vec::new();

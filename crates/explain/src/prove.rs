@@ -1,11 +1,14 @@
 //! Concealed cases drawn by seed, and how often the finder is right about them.
 //!
-//! The generator uses the simulator in another configuration than the finder: classical tooth stiffness (linear Hertz contact, straight root,
-//! no body coupling), every number of the sheet off by its tolerance, teeth of grade 5 (pitch, run-out, profile), a little unbalance and
-//! ripple, a housing of six modes that the sheet does not know, coloured noise, drifting speed, and settings that repeat to tenths of a
-//! per cent only. Gears sit on their shafts the same way in all recordings, the train starts anywhere. Signals are put together from the
-//! lines of the periodic steady state, up to twenty sidebands of each mesh harmonic. What changes the machine is sized so that it changes one
-//! group of its lines four to forty times as much as repetition does; what changes the signal is drawn as it is.
+//! The generator uses the simulator in another configuration than the finder: classical tooth
+//! stiffness (linear Hertz contact, straight root, no body coupling), every number of the sheet off
+//! by its tolerance, teeth of grade 5 (pitch, run-out, profile), a little unbalance and ripple, a
+//! housing of six modes that the sheet does not know, coloured noise, drifting speed, and settings
+//! that repeat to tenths of a per cent only. Gears sit on their shafts the same way in all
+//! recordings, the train starts anywhere. Signals are put together from the lines of the periodic
+//! steady state, up to twenty sidebands of each mesh harmonic. What changes the machine is sized so
+//! that it changes one group of its lines four to forty times as much as repetition does; what
+//! changes the signal is drawn as it is.
 
 pub mod draw;
 pub mod machine;
@@ -65,8 +68,8 @@ pub struct Truth {
     pub alien: Option<Alien>,
     /// There is a reference.
     pub reference: bool,
-    /// How much more the fainter effect changes the machine's lines than repetition does, in the best group of lines; `None` for what changes
-    /// only the signal.
+    /// How much more the fainter effect changes the machine's lines than repetition does, in the
+    /// best group of lines; `None` for what changes only the signal.
     pub visibility: Option<f64>,
 }
 
@@ -82,19 +85,21 @@ pub struct Case {
     pub truth: Truth,
 }
 
-/// Tries for a bench whose teeth stay in contact at all settings: share of the usual tooth errors, factor on the loads.
+/// Tries for a bench whose teeth stay in contact at all settings: share of the usual tooth errors,
+/// factor on the loads.
 const TRIES: [(f64, f64); 3] = [(1.0, 1.0), (0.6, 1.6), (0.35, 2.5)];
 /// Visibility within which effects are sized, and how much a try changes the size.
 const VISIBLE: (f64, f64) = (4.0, 40.0);
-/// Least scatter of a line between two recordings of a bench (ln): what the settings alone do not give, noise and temperature do.
+/// Least scatter of a line between two recordings of a bench (ln): what the settings alone do not
+/// give, noise and temperature do.
 const REPEAT: f64 = 0.04;
 const STRONGER: f64 = 1.7;
 const SIZE_TRIES: usize = 5;
 /// Effects that are drawn, at most, until one can be seen.
 const EFFECT_TRIES: usize = 8;
 
-/// Case number `index` of a seed; `None` where the drawn bench has no steady state (the next index is another). With `effect`, the case
-/// conceals that one and has a reference.
+/// Case number `index` of a seed; `None` where the drawn bench has no steady state (the next index
+/// is another). With `effect`, the case conceals that one and has a reference.
 pub fn case(seed: u64, index: u64, effect: Option<&str>) -> Option<Case> {
     TRIES.iter().find_map(|&(errors, load)| attempt(seed, index, effect, errors, load))
 }
@@ -161,7 +166,8 @@ fn changes(
     sums.into_iter().filter(|(k, s)| s.1 >= 4 || k.0 == 3).map(|(k, s)| (k, (s.0 / s.1 as f64).sqrt())).collect()
 }
 
-/// The effect at a size that can be seen and does not cry out, with its visibility; `None` where there is none.
+/// The effect at a size that can be seen and does not cry out, with its visibility; `None` where
+/// there is none.
 fn sized(
     mut e: EffectSpec,
     bench: &Bench,

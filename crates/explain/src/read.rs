@@ -1,4 +1,5 @@
-//! What was measured: speed and teeth, complex lines with their noise, and what is heard beside them.
+//! What was measured: speed and teeth, complex lines with their noise, and what is heard beside
+//! them.
 
 pub use gearwatch_check::{comb, dsp, integrity, kinematics, lines};
 

@@ -1,9 +1,11 @@
-//! Two tables of amplitudes, simulation and experiment: what relates them, and whether anything may be concluded from it.
+//! Two tables of amplitudes, simulation and experiment: what relates them, and whether anything may
+//! be concluded from it.
 //!
-//! A table has one row for each state of the machine, the first of them the normal one, and one column for each mesh
-//! harmonic. Without phases, noise or a second operating point no physics can be named from such tables. What can be told
-//! is whether the experiment is the simulation through a linear path, whether some signs or rows contradict that, and
-//! whether the experiment is independent of the simulation at all.
+//! A table has one row for each state of the machine, the first of them the normal one, and one
+//! column for each mesh harmonic. Without phases, noise or a second operating point no physics can
+//! be named from such tables. What can be told is whether the experiment is the simulation through
+//! a linear path, whether some signs or rows contradict that, and whether the experiment is
+//! independent of the simulation at all.
 
 use serde::Serialize;
 use statrs::distribution::{Binomial, DiscreteCDF};
@@ -70,11 +72,13 @@ pub enum TableError {
 const LEAST_STATES: usize = 4;
 
 impl AmplitudeTable {
-    /// Reads comma-separated values: a header, then one line per state, the normal state first. A column named `number` is
-    /// left out, the column `state` holds the name, all others are amplitudes. `table` is named in errors.
+    /// Reads comma-separated values: a header, then one line per state, the normal state first. A
+    /// column named `number` is left out, the column `state` holds the name, all others are
+    /// amplitudes. `table` is named in errors.
     ///
     /// # Errors
-    /// When a line has another number of columns, an amplitude is not a number above 0, or there are too few rows.
+    /// When a line has another number of columns, an amplitude is not a number above 0, or there
+    /// are too few rows.
     pub fn parse(text: &str, table: &str) -> Result<Self, TableError> {
         let syntax = |line: u64, message: String| TableError::Syntax { table: table.to_owned(), line, message };
         let csv_error = |e: csv::Error| syntax(e.position().map_or(1, csv::Position::line), e.to_string());
@@ -163,7 +167,8 @@ pub struct StraightLine {
 pub struct Relation {
     /// Names of the states, the normal one first.
     pub states: Vec<String>,
-    /// Signed deviations of the simulation (percent), by state without the normal one, and harmonic.
+    /// Signed deviations of the simulation (percent), by state without the normal one, and
+    /// harmonic.
     pub simulation_percent: Vec<Vec<f64>>,
     /// Signed deviations of the experiment.
     pub experiment_percent: Vec<Vec<f64>>,
@@ -179,7 +184,8 @@ pub struct Relation {
     pub same_sign: usize,
     /// Two-sided probability of that many or that few equal signs by the toss of a coin.
     pub same_sign_p: f64,
-    /// Two-sided probability of that many or that few positive signs in the experiment by the toss of a coin.
+    /// Two-sided probability of that many or that few positive signs in the experiment by the toss
+    /// of a coin.
     pub experiment_positive_p: f64,
     /// Cells with the same rank by the paper's steps.
     pub same_rank: usize,

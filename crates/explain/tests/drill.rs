@@ -1,4 +1,5 @@
-//! Known changes in real recordings of a two-stage box (`../shared/data/gfd_spectraquest` beside the checkout; skipped where it is missing).
+//! Known changes in real recordings of a two-stage box (`../shared/data/gfd_spectraquest` beside
+//! the checkout; skipped where it is missing).
 
 #![allow(
     clippy::print_stdout,
@@ -32,7 +33,8 @@ const SHEET_LOADS: [u32; 3] = [0, 50, 90];
 /// Where the drive display stands: the motor turns at 29.6 to 29.8 Hz.
 const MOTOR_HZ: f64 = 29.7;
 
-/// The shipped bench of that kind with the four sensors of the recordings, whose unit and places nobody stated.
+/// The shipped bench of that kind with the four sensors of the recordings, whose unit and places
+/// nobody stated.
 fn bench() -> Bench {
     let shipped = gearwatch_sim::shipped::BENCHES.iter().find(|b| b.name == "spectraquest-like").unwrap().text;
     let mut bench: Bench = toml::from_str(shipped).unwrap();
@@ -91,7 +93,8 @@ fn run(recordings: &[Recording], kinds: &[Kind]) -> Vec<Outcome> {
     outcomes
 }
 
-/// Parts of one recording that nobody changed, and what each is compared with: from so far to so far.
+/// Parts of one recording that nobody changed, and what each is compared with: from so far to so
+/// far.
 const SPLITS: [[(f64, f64); 2]; 4] =
     [[(0.5, 1.0), (0.0, 0.5)], [(0.0, 0.5), (0.5, 1.0)], [(0.6, 1.0), (0.0, 0.6)], [(0.0, 0.4), (0.4, 1.0)]];
 
@@ -156,7 +159,8 @@ fn lines(outcomes: &[Outcome], beside: &str) -> String {
     text
 }
 
-/// The changes that go through the whole of `explain`, one size of each, and all that are asked of the instrument's part alone.
+/// The changes that go through the whole of `explain`, one size of each, and all that are asked of
+/// the instrument's part alone.
 const WHOLE: [(Kind, f64); 6] = [
     (Kind::Gain, 3.0),
     (Kind::Swap, 1.0),
@@ -253,7 +257,8 @@ fn campaign_table_of_undisturbed_parts() {
     assert!(40 * named.len() <= runs, "{named:?}");
 }
 
-/// Every change of the instrument but the clock, which takes a tacho, at every size and place in every recording, asked of the instrument's part alone.
+/// Every change of the instrument but the clock, which takes a tacho, at every size and place in
+/// every recording, asked of the instrument's part alone.
 #[test]
 #[ignore = "minutes: just campaign-drill"]
 fn campaign_table_of_the_instruments_part() {
@@ -273,7 +278,8 @@ fn campaign_table_of_the_instruments_part() {
     most_are_right(&level);
 }
 
-/// One size of six changes, at every place and load (`GEARWATCH_LOADS`), through the whole of `explain`: no run names anything of the machine.
+/// One size of six changes, at every place and load (`GEARWATCH_LOADS`), through the whole of
+/// `explain`: no run names anything of the machine.
 #[test]
 #[ignore = "an hour of one core: just campaign-drill"]
 fn campaign_table_of_the_whole() {
@@ -287,8 +293,9 @@ fn campaign_table_of_the_whole() {
     assert_eq!(outcomes.iter().map(Outcome::physics).sum::<usize>(), 0);
 }
 
-/// One tooth more in the sheet, on each gear, through the whole of `explain`: named, or nothing is. A tooth of the last wheel moves no mesh line, and shows in sidebands that a box without
-/// load hardly has.
+/// One tooth more in the sheet, on each gear, through the whole of `explain`: named, or nothing is.
+/// A tooth of the last wheel moves no mesh line, and shows in sidebands that a box without load
+/// hardly has.
 #[test]
 #[ignore = "minutes: just campaign-drill"]
 fn campaign_table_of_the_sheet() {
@@ -309,7 +316,8 @@ fn asked_loads() -> Vec<u32> {
     std::env::var("GEARWATCH_LOADS").map_or(LOADS.to_vec(), asked)
 }
 
-/// Kinds by name from `GEARWATCH_KINDS`, recordings from `GEARWATCH_LOADS` and `GEARWATCH_STATES`; all without.
+/// Kinds by name from `GEARWATCH_KINDS`, recordings from `GEARWATCH_LOADS` and `GEARWATCH_STATES`;
+/// all without.
 #[test]
 #[ignore = "minutes: GEARWATCH_KINDS=Swap,Lost cargo test -p gearwatch-explain --test drill -- --ignored --nocapture"]
 fn campaign_changes_in_real_recordings() {
@@ -324,8 +332,10 @@ fn campaign_changes_in_real_recordings() {
     }
 }
 
-/// Other benches: each folder of `GEARWATCH_CASES` holds `bench.toml` and `recordings/`. Every change but the clock is put into the second half of each recording and asked of the instrument's
-/// part alone; at least 95 % of each kind are named right. Halves that nobody changed get no name of it.
+/// Other benches: each folder of `GEARWATCH_CASES` holds `bench.toml` and `recordings/`. Every
+/// change but the clock is put into the second half of each recording and asked of the instrument's
+/// part alone; at least 95 % of each kind are named right. Halves that nobody changed get no name
+/// of it.
 #[test]
 #[ignore = "minutes: GEARWATCH_CASES=folder cargo test -p gearwatch-explain --test drill -- --ignored --nocapture other_benches"]
 fn campaign_changes_in_recordings_of_other_benches() {
@@ -356,7 +366,8 @@ fn campaign_changes_in_recordings_of_other_benches() {
     assert!(all.iter().filter(|o| o.change.kind == Kind::Nothing).all(Outcome::is_right));
 }
 
-/// What the instrument's part alone names of one change in the second half of a recording: effects and places.
+/// What the instrument's part alone names of one change in the second half of a recording: effects
+/// and places.
 fn examined(sheet: &Bench, recording: &Recording, change: Change) -> Vec<(String, String)> {
     let mut sheet = sheet.clone();
     let (mut changed, reference) = halves(recording).remove(0);
@@ -365,7 +376,8 @@ fn examined(sheet: &Bench, recording: &Recording, change: Change) -> Vec<(String
     found.into_iter().map(|f| (f.effect.to_owned(), f.place)).collect()
 }
 
-/// One change of each kind at one load, in every run of the tests: each is named, at its place, and nothing beside; halves that nobody changed get no name.
+/// One change of each kind at one load, in every run of the tests: each is named, at its place, and
+/// nothing beside; halves that nobody changed get no name.
 #[test]
 fn literature_instrument_changes_of_a_real_recording_are_named() {
     let recordings = recordings("h", &[30]);
@@ -384,8 +396,9 @@ fn literature_instrument_changes_of_a_real_recording_are_named() {
     }
 }
 
-/// A file says the nominal speed, the motor turns slower: without a reference nothing of it is named, neither teeth nor a clock nor a bearing at the sum of two shafts' orders
-/// (1.400 of the healthy box; 2.6, three of the input less one of the intermediate shaft, of the broken one).
+/// A file says the nominal speed, the motor turns slower: without a reference nothing of it is
+/// named, neither teeth nor a clock nor a bearing at the sum of two shafts' orders (1.400 of the
+/// healthy box; 2.6, three of the input less one of the intermediate shaft, of the broken one).
 #[test]
 fn regress_a_nominal_speed_is_no_fault_of_the_machine() {
     for states in ["h", "b"] {
@@ -402,7 +415,8 @@ fn regress_a_nominal_speed_is_no_fault_of_the_machine() {
     }
 }
 
-/// A recording as it is looked at before the first verdict, at a rate and a motor speed that are stated.
+/// A recording as it is looked at before the first verdict, at a rate and a motor speed that are
+/// stated.
 fn look(recording: &Recording, sample_rate_hz: f64, motor_speed_hz: f64) -> Look {
     let mut look = Look::new(&recording.name);
     for point in &recording.operating_points {
@@ -424,8 +438,9 @@ fn look(recording: &Recording, sample_rate_hz: f64, motor_speed_hz: f64) -> Look
     look
 }
 
-/// The motor of the real box slips by 0.8 to 1.3 % behind the nominal 30 Hz: that is noted, and no doubt of speed, lines or teeth. At twice and half the true rate each
-/// recording is refused for its rate, with the speed stated and without, or doubted at least: none is silent.
+/// The motor of the real box slips by 0.8 to 1.3 % behind the nominal 30 Hz: that is noted, and no
+/// doubt of speed, lines or teeth. At twice and half the true rate each recording is refused for
+/// its rate, with the speed stated and without, or doubted at least: none is silent.
 #[test]
 fn regress_slip_and_rate_of_a_real_motor_are_told_apart() {
     let recordings = recordings("h", &LOADS);
@@ -459,7 +474,8 @@ fn regress_slip_and_rate_of_a_real_motor_are_told_apart() {
     assert!(10 * refused >= 9 * all);
 }
 
-/// The second stage's mesh is faint beside the first's: one tooth more or fewer on its pinion is told all the same, and the right number is left alone.
+/// The second stage's mesh is faint beside the first's: one tooth more or fewer on its pinion is
+/// told all the same, and the right number is left alone.
 #[test]
 fn literature_a_tooth_off_in_a_faint_stage_is_counted() {
     for recording in recordings("hb", &[30]) {
@@ -474,8 +490,10 @@ fn literature_a_tooth_off_in_a_faint_stage_is_counted() {
     }
 }
 
-/// A tooth more or fewer on one gear, where the nominal speed is stated, behind which the motor slips by about as much as a tooth is: each is told at its gear by recordings of three loads, and by
-/// one of them alone in 23 of 24 at least (33 teeth for 32 at 30 % load may pass: with 3.9 % of slip that sheet meets as many lines). No other gear is named.
+/// A tooth more or fewer on one gear, where the nominal speed is stated, behind which the motor
+/// slips by about as much as a tooth is: each is told at its gear by recordings of three loads, and
+/// by one of them alone in 23 of 24 at least (33 teeth for 32 at 30 % load may pass: with 3.9 % of
+/// slip that sheet meets as many lines). No other gear is named.
 #[test]
 fn regress_a_tooth_off_is_told_at_the_nominal_speed() {
     let recordings = recordings("h", &[0, 30, 90]);

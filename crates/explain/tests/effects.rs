@@ -1,7 +1,9 @@
-//! Each effect of the library, concealed in simulated recordings by a simulator that is configured otherwise than the finder's.
+//! Each effect of the library, concealed in simulated recordings by a simulator that is configured
+//! otherwise than the finder's.
 //!
-//! Always: a few effects, one of each kind of evidence. As a campaign (`just campaign-effects`): all of them, three cases each, as a table for
-//! the documentation. Which effects count as one is said in one place, `prove::score::is_right`, with the reason in `docs/effects-found.md`.
+//! Always: a few effects, one of each kind of evidence. As a campaign (`just campaign-effects`):
+//! all of them, three cases each, as a table for the documentation. Which effects count as one is
+//! said in one place, `prove::score::is_right`, with the reason in `docs/effects-found.md`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "the campaign prints its table, and how far it is")]
 
@@ -13,7 +15,8 @@ use gearwatch_explain::prove::{draw, prove};
 use gearwatch_sim::effects;
 use rayon::prelude::*;
 
-/// The first cases of an effect under a seed that conceal it at a size that shows; fewer where the numbers run out.
+/// The first cases of an effect under a seed that conceal it at a size that shows; fewer where the
+/// numbers run out.
 fn cases(seed: u64, effect: &str, count: usize, most: u64) -> Vec<Scored> {
     let answers = (0..most).filter_map(|index| prove(seed, index, Some(effect)));
     answers.map(|answer| answer.unwrap_or_else(|refusal| panic!("{effect}: {refusal}"))).take(count).collect()
@@ -30,7 +33,8 @@ fn conform_effects_of_each_kind_are_found() {
     }
 }
 
-/// The benchmark draws every effect of the library but the one that has no lines while the teeth are loaded.
+/// The benchmark draws every effect of the library but the one that has no lines while the teeth
+/// are loaded.
 #[test]
 fn conform_every_effect_is_drawn() {
     let missing: Vec<&str> = effects::ALL

@@ -1,5 +1,7 @@
-//! The instrument's part on recordings that no part of this project had a hand in: real ones of other formats and machines (`../shared/data/readers` beside the checkout; skipped where they are
-//! missing), and concealed cases of other generators (`GEARWATCH_CASES`, truth beside them in a folder that ends in `.truth`).
+//! The instrument's part on recordings that no part of this project had a hand in: real ones of
+//! other formats and machines (`../shared/data/readers` beside the checkout; skipped where they are
+//! missing), and concealed cases of other generators (`GEARWATCH_CASES`, truth beside them in a
+//! folder that ends in `.truth`).
 
 #![allow(
     clippy::print_stdout,
@@ -35,7 +37,8 @@ fn truth(file: &Path) -> (String, Named) {
     (kind, effects.iter().map(|e| (text(e, "effect"), text(e, "where"))).collect())
 }
 
-/// Each case by itself: whatever the instrument's part names must be what was concealed. Machines that change are not told from instruments that do in one case of forty at most.
+/// Each case by itself: whatever the instrument's part names must be what was concealed. Machines
+/// that change are not told from instruments that do in one case of forty at most.
 #[test]
 #[ignore = "minutes: GEARWATCH_CASES=folder cargo test -p gearwatch-explain --test cases -- --ignored --nocapture"]
 fn campaign_what_the_instruments_part_names_was_concealed() {
@@ -92,7 +95,8 @@ fn bench(recording: &Recording) -> Bench {
     bench
 }
 
-/// Accelerometers on a structure (four, 69 s), a bearing rig, and a microphone: halves that nobody changed get no name, and what the samples themselves show is named at its place, with nothing
+/// Accelerometers on a structure (four, 69 s), a bearing rig, and a microphone: halves that nobody
+/// changed get no name, and what the samples themselves show is named at its place, with nothing
 /// beside.
 #[test]
 fn literature_changes_of_other_machines_recordings_are_named() {
@@ -105,7 +109,8 @@ fn literature_changes_of_other_machines_recordings_are_named() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// All changes but mains and the clock, which take a speed: what is missed and misnamed is printed. Lost samples take four narrow lines, which a bearing and a microphone have not.
+/// All changes but mains and the clock, which take a speed: what is missed and misnamed is printed.
+/// Lost samples take four narrow lines, which a bearing and a microphone have not.
 #[test]
 #[ignore = "minutes: cargo test -p gearwatch-explain --test foreign -- --ignored --nocapture other_machines"]
 fn campaign_all_changes_of_other_machines_recordings() {

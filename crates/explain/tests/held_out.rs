@@ -1,4 +1,5 @@
-//! The model that is written beside an answer, held against recordings that took no part in its fit.
+//! The model that is written beside an answer, held against recordings that took no part in its
+//! fit.
 
 use gearwatch_explain::explain::{Answer, Input, explain};
 use gearwatch_explain::prove;
@@ -17,8 +18,10 @@ fn named(seed: u64, effect: &str) -> Answer {
     answers.into_iter().find(of_it).unwrap_or_else(|| panic!("{effect} was named in none of twelve cases"))
 }
 
-/// A profile error of a bench that differs from its sheet: the model that was fitted without the recordings that are held out leaves less of their change than the same effect on another stage or no
-/// effect does, and the bench file that is written holds it: its lines are those of the effects that it names, not those of the sheet.
+/// A profile error of a bench that differs from its sheet: the model that was fitted without the
+/// recordings that are held out leaves less of their change than the same effect on another stage
+/// or no effect does, and the bench file that is written holds it: its lines are those of the
+/// effects that it names, not those of the sheet.
 #[test]
 fn conform_the_written_model_predicts_what_was_held_out() {
     for effect in ["tooth_wear", "bearing_compliance"] {

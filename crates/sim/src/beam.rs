@@ -27,8 +27,8 @@ pub use self::element::Element;
 use self::element::{INNER, SIZE};
 pub use self::reduced::Reduced;
 
-/// Elements along a shaft, at least: frequencies of up to four half waves along it are right to 2e-5
-/// (`analytic_simply_supported_timoshenko_beam`).
+/// Elements along a shaft, at least: frequencies of up to four half waves along it are right to
+/// 2e-5 (`analytic_simply_supported_timoshenko_beam`).
 const ELEMENTS: f64 = 10.0;
 
 /// A gear as a rigid disc.

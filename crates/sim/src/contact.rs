@@ -153,8 +153,8 @@ impl StageContact {
         }
     }
 
-    /// [`Self::mean_about`] at many phases and approaches; `each` gets the place in the row, the phase
-    /// and the contact. In the widest arithmetic that the machine has.
+    /// [`Self::mean_about`] at many phases and approaches; `each` gets the place in the row, the
+    /// phase and the contact. In the widest arithmetic that the machine has.
     pub(crate) fn means_about(
         &self,
         points: impl Iterator<Item = (f64, f64)>,

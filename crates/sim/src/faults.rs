@@ -203,8 +203,8 @@ pub struct PairModifications {
     /// Wear depth (m) at the place of fastest sliding; in proportion to sliding along the path, 0
     /// at the pitch point.
     pub wear_m: f64,
-    /// Wear beyond the pitch point over wear as far before it: sliding is as fast, the force and the
-    /// way that a spot slides are not.
+    /// Wear beyond the pitch point over wear as far before it: sliding is as fast, the force and
+    /// the way that a spot slides are not.
     pub recess_wear: f64,
     /// Factor on the stiffness of every tooth pair.
     pub stiffness_factor: f64,

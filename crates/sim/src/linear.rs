@@ -60,8 +60,8 @@ pub struct GearPlace {
     /// Its angle; `None` where it cannot turn.
     pub angle: Option<usize>,
     /// Its lateral x; y is the next one. Of a planet the distance from the carrier's axis, then the
-    /// way along its circle. Of a gear with a seat the first coordinate of its shaft: where the gear
-    /// is says [`LinearTrain::lateral`].
+    /// way along its circle. Of a gear with a seat the first coordinate of its shaft: where the
+    /// gear is says [`LinearTrain::lateral`].
     pub x: usize,
     /// Which of the gears it is on a shaft that bends.
     pub seat: Option<usize>,

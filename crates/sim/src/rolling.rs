@@ -1,8 +1,8 @@
 //! Rolling elements under a shaft: Hertzian contacts that carry where the rings come near enough.
 //!
 //! # Formula
-//! T. A. Harris, M. N. Kotzalas, Rolling Bearing Analysis (2007), chapter 7: the inner ring displaced
-//! by u brings the rings together by `δ_i = u · e_i − P_d/2` at the element i, and
+//! T. A. Harris, M. N. Kotzalas, Rolling Bearing Analysis (2007), chapter 7: the inner ring
+//! displaced by u brings the rings together by `δ_i = u · e_i − P_d/2` at the element i, and
 //!
 //! ```text
 //! F = Σ K δ_i^n e_i over δ_i > 0        n = 3/2 for balls, 10/9 for rollers        K = (K_i^{−1/n} + K_o^{−1/n})^{−n}
@@ -18,7 +18,8 @@
 //! R_x = d (1 ∓ γ)/2, γ = d/D_p at the inner and outer ring,    R_y = f d/(2f − 1)
 //! ```
 //!
-//! and a roller's that of G. Lundberg and A. Palmgren in Harris's form: `8.06e4 l^{8/9}` N/mm^{10/9}.
+//! and a roller's that of G. Lundberg and A. Palmgren in Harris's form: `8.06e4 l^{8/9}`
+//! N/mm^{10/9}.
 
 use std::f64::consts::{PI, TAU};
 
@@ -202,8 +203,8 @@ mod tests {
     }
 
     /// The slope is the derivative of the force, and the force repeats when the cage turns by one
-    /// element. Differences of 1e-11 m have the root at the edge of the load zone to 1e-6 and lose no
-    /// more by rounding.
+    /// element. Differences of 1e-11 m have the root at the edge of the load zone to 1e-6 and lose
+    /// no more by rounding.
     #[test]
     fn analytic_slope_and_passage() {
         let bearing = elements(9, 6.0, None);
@@ -289,8 +290,8 @@ mod tests {
         assert!(with > 1e3 * without && with > 1e-3, "{with} {without}");
     }
 
-    /// A clearance takes the springs of the supports away, and rolling elements stand in place of them:
-    /// both would do so twice.
+    /// A clearance takes the springs of the supports away, and rolling elements stand in place of
+    /// them: both would do so twice.
     #[test]
     fn conform_a_clearance_beside_rolling_elements_is_refused() {
         use crate::rotation::Profile;

@@ -155,8 +155,8 @@ impl Spring {
         (u, v)
     }
 
-    /// The force in a motion at an angle of the first shaft (rad); that of rolling elements is their
-    /// mean over a passage where none is given.
+    /// The force in a motion at an angle of the first shaft (rad); that of rolling elements is
+    /// their mean over a passage where none is given.
     pub(crate) fn at(&self, u: Pair, v: Pair, reference_rad: Option<f64>) -> Force {
         let Some(rolling) = &self.rolling else { return self.force.at(u, v) };
         let mut out = rolling.at(u, reference_rad);
@@ -281,7 +281,8 @@ fn has_springs(bench: &Bench, shaft: usize) -> Result<(), ModelError> {
     )))
 }
 
-/// A law at the bearing of each gear of a shaft, or at its supports: in all directions alike, or along one line (rad).
+/// A law at the bearing of each gear of a shaft, or at its supports: in all directions alike, or
+/// along one line (rad).
 pub(crate) fn bearings(
     force: ForceLaw,
     scale: &Scale,
@@ -330,8 +331,8 @@ pub(crate) fn bearings(
     linear.holds(bench, shaft, linear.gears_on(shaft)).into_iter().map(of_hold).collect()
 }
 
-/// The rolling elements of all supports that have some; `wider_m` is what seats with play add to the
-/// clearance of each shaft's.
+/// The rolling elements of all supports that have some; `wider_m` is what seats with play add to
+/// the clearance of each shaft's.
 pub(crate) fn rolling(scale: &Scale, bench: &Bench, linear: &LinearTrain, wider_m: &[f64]) -> Vec<Spring> {
     let mut out = Vec::new();
     for (at, shaft) in bench.shafts.iter().enumerate() {

@@ -35,7 +35,8 @@ enum Seen {
     Stalled(Duration),
 }
 
-/// How long the machine stood still at most: a thread brings a few bytes to the disk again and again.
+/// How long the machine stood still at most: a thread brings a few bytes to the disk again and
+/// again.
 struct Stalls {
     most: Arc<Mutex<Duration>>,
     begun: Arc<Mutex<Instant>>,

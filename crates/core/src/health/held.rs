@@ -194,8 +194,8 @@ mod tests {
         assert_eq!(hold(&values), None);
     }
 
-    /// Counted one by one, for every length about the chunks that are counted at a time; a value that
-    /// is not a number equals none.
+    /// Counted one by one, for every length about the chunks that are counted at a time; a value
+    /// that is not a number equals none.
     #[test]
     fn oracle_equal_neighbours_are_counted() {
         let mut coarse: Vec<f64> = noise(120, 1.0).iter().map(|x| x.round()).collect();

@@ -221,8 +221,8 @@ mod tests {
         }
     }
 
-    /// Looked at one by one, for every length about the words of a piece, and a whole one. Some one place
-    /// in sixteen is kept: of 2048 the number has a standard deviation of 11.
+    /// Looked at one by one, for every length about the words of a piece, and a whole one. Some one
+    /// place in sixteen is kept: of 2048 the number has a standard deviation of 11.
     #[test]
     fn oracle_places_are_picked() {
         let samples = noise(PIECE);

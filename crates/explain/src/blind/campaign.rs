@@ -1,4 +1,5 @@
-//! A bench solved at the settings of a campaign, as it is and with an effect: how plain the effect is, and from which size on.
+//! A bench solved at the settings of a campaign, as it is and with an effect: how plain the effect
+//! is, and from which size on.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +26,8 @@ const NOISE: f64 = 0.03;
 /// Steps of the search for a size, and largest factor of one step.
 const STEPS: usize = 4;
 const STRIDE: f64 = 6.0;
-/// Share of the usual tooth errors with which a steady state is tried: teeth of a low load are pressed together by less than usual errors, and would part.
+/// Share of the usual tooth errors with which a steady state is tried: teeth of a low load are
+/// pressed together by less than usual errors, and would part.
 const ERRORS: [f64; 6] = [1.0, 0.6, 0.35, 0.2, 0.1, 0.05];
 
 /// A group of lines that are judged together: kind, stage or shaft, shaft.
@@ -99,7 +101,8 @@ impl<'a> Campaign<'a> {
             .collect()
     }
 
-    /// Root mean square change by group of lines, and the share of it that is not the same at all loads of a speed.
+    /// Root mean square change by group of lines, and the share of it that is not the same at all
+    /// loads of a speed.
     fn changes(&self, other: &Lines) -> (BTreeMap<Group, f64>, Option<f64>) {
         let mut sums: BTreeMap<Group, (f64, usize)> = BTreeMap::new();
         let (mut all, mut left) = (0.0, 0.0);
@@ -215,7 +218,8 @@ mod tests {
         toml::from_str(include_str!("../../../sim/src/shipped/single-pair.toml")).unwrap()
     }
 
-    /// At the light loads of this bench teeth with the usual errors part, and so did its campaign; better teeth do not.
+    /// At the light loads of this bench teeth with the usual errors part, and so did its campaign;
+    /// better teeth do not.
     #[test]
     fn regress_a_lightly_loaded_bench_has_a_campaign() {
         let bench: Bench = toml::from_str(include_str!("../../../sim/src/shipped/spectraquest-like.toml")).unwrap();
@@ -224,7 +228,8 @@ mod tests {
         assert!(campaign.is_some_and(|campaign| campaign.errors < 0.35));
     }
 
-    /// An effect at the size that is given as the smallest is as plain as it must be, and twice as plain at twice the size or nearly so.
+    /// An effect at the size that is given as the smallest is as plain as it must be, and twice as
+    /// plain at twice the size or nearly so.
     #[test]
     fn analytic_the_smallest_size_is_just_plain() {
         let bench = bench();

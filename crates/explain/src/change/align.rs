@@ -10,11 +10,12 @@ use crate::read::features::{ChannelFeatures, LineValue, RecordingFeatures};
 
 /// Power over noise from which a line's phase is used.
 pub const CLEAR: f64 = 5.0;
-/// Nats by which an agreement of phases must lie beyond what the best of all turns comes to by chance: in 1 of 150 recordings. Phases without order agree by
-/// `a` at one turn with probability `exp(−lines a²)`, and there are as many independent turns as the highest line has waves.
+/// Nats by which an agreement of phases must lie beyond what the best of all turns comes to by
+/// chance: in 1 of 150 recordings. Phases without order agree by `a` at one turn with probability
+/// `exp(−lines a²)`, and there are as many independent turns as the highest line has waves.
 const NO_CHANCE: f64 = 5.0;
-/// Turns that are looked at, and the share of the best agreement that they need. A damaged tooth turns the phases of so many lines that the phases
-/// alone may agree best a tooth off.
+/// Turns that are looked at, and the share of the best agreement that they need. A damaged tooth
+/// turns the phases of so many lines that the phases alone may agree best a tooth off.
 const TURNS: usize = 8;
 const NEARLY: f64 = 0.6;
 /// Share of a line's power above which what another line leaks into it spoils its phase.
@@ -65,7 +66,8 @@ impl Twin {
 
 /// Turn `ψ` (revolutions) of the shaft between two recordings, and the agreement of phases there.
 ///
-/// Of the turns at which the phases agree nearly best it is the one that leaves the least change (Cauchy's likelihood: few lines may change much).
+/// Of the turns at which the phases agree nearly best it is the one that leaves the least change
+/// (Cauchy's likelihood: few lines may change much).
 pub fn turn(lines: &[&Twin]) -> Option<(f64, f64)> {
     let phases: Vec<(usize, Complex64)> = lines
         .iter()
@@ -79,7 +81,8 @@ pub fn turn(lines: &[&Twin]) -> Option<(f64, f64)> {
         phases.iter().map(|(n, u)| (u * Complex64::from_polar(1.0, -TAU * *n as f64 * psi)).re).sum::<f64>()
             / phases.len() as f64
     };
-    // All turns at once: the agreement over an even grid is a transform of the phases gathered by line.
+    // All turns at once: the agreement over an even grid is a transform of the phases gathered by
+    // line.
     let count = 4 * highest_line;
     let mut grid = vec![Complex64::ZERO; count];
     for (n, u) in &phases {
@@ -127,7 +130,8 @@ mod tests {
         LineValue { amplitude, noise: 1e-4 }
     }
 
-    /// Eight mesh harmonics of teeth with random errors through a path of random phases, the recording turned by `psi`, one of its teeth off by `damage`.
+    /// Eight mesh harmonics of teeth with random errors through a path of random phases, the
+    /// recording turned by `psi`, one of its teeth off by `damage`.
     fn twins(seed: u64, psi: f64, damage: f64) -> Vec<Twin> {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let errors: Vec<f64> = (0..TEETH).map(|_| random.random::<f64>() - 0.5).collect();
@@ -142,8 +146,8 @@ mod tests {
             .collect()
     }
 
-    /// The turn is found to a tenth of the shortest wave, without damage and with a tooth that is off by half as much as all others together
-    /// (root of 31 times 0.29 is 1.6).
+    /// The turn is found to a tenth of the shortest wave, without damage and with a tooth that is
+    /// off by half as much as all others together (root of 31 times 0.29 is 1.6).
     #[test]
     fn analytic_a_turn_is_found_beside_a_damaged_tooth() {
         for (seed, damage) in (0..12).flat_map(|seed| [0.0, 0.8].map(|d| (seed, d))) {

@@ -1,10 +1,13 @@
-//! What changed within one revolution of a gear: recording minus reference, line by line and with phase.
+//! What changed within one revolution of a gear: recording minus reference, line by line and with
+//! phase.
 //!
-//! The train starts anywhere, so the lines `n` of a shaft's comb turn by `exp(2πi n ψ)` between a recording and its reference. `ψ` is where
-//! the phases of all lines agree best: mesh harmonics fix it to a tooth, the usual differences between teeth say which. The difference
-//! `Δ_n` that is left belongs to the change alone. A fault of one tooth gives neighbouring lines phases that advance evenly (the Fourier
-//! transform of a pulse), whatever the path does to their amplitudes; errors of all teeth give phases without order. How `|Δ_n|` follows
-//! the torque at one speed needs no model: the path is the same (PHYSICS 4: L04; stiffness lost goes with the load, geometry does not).
+//! The train starts anywhere, so the lines `n` of a shaft's comb turn by `exp(2πi n ψ)` between a
+//! recording and its reference. `ψ` is where the phases of all lines agree best: mesh harmonics fix
+//! it to a tooth, the usual differences between teeth say which. The difference `Δ_n` that is left
+//! belongs to the change alone. A fault of one tooth gives neighbouring lines phases that advance
+//! evenly (the Fourier transform of a pulse), whatever the path does to their amplitudes; errors of
+//! all teeth give phases without order. How `|Δ_n|` follows the torque at one speed needs no model:
+//! the path is the same (PHYSICS 4: L04; stiffness lost goes with the load, geometry does not).
 
 use num_complex::Complex64;
 
@@ -15,7 +18,8 @@ use crate::read::features::{ChannelFeatures, RecordingFeatures};
 
 /// Lines on each side of a mesh harmonic that count as beside it.
 const BESIDE: usize = 5;
-/// Lines over which a gain is alike (standard deviation of the weights), where they end, and the usual gain between two loads.
+/// Lines over which a gain is alike (standard deviation of the weights), where they end, and the
+/// usual gain between two loads.
 const GAIN_LINES: f64 = 3.0;
 const GAIN_REACH: usize = 9;
 const USUAL_GAIN: f64 = 0.1;
@@ -33,17 +37,19 @@ pub struct Difference {
     pub pair: usize,
     /// Position of the channel in the recording.
     pub channel: usize,
-    /// `Δ_n` and its noise power, from `n` = 1; `None` at mesh harmonics and where there is nothing to see.
+    /// `Δ_n` and its noise power, from `n` = 1; `None` at mesh harmonics and where there is nothing
+    /// to see.
     pub lines: Vec<Option<Change>>,
 }
 
-/// The changes of everything that repeats with a shaft, where recording and reference could be aligned.
+/// The changes of everything that repeats with a shaft, where recording and reference could be
+/// aligned.
 pub fn changes(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
     differences(q, shaft, false).0
 }
 
-/// The same without what a gain that is smooth over the comb accounts for: another load or stiffness changes all lines of a bench without damage in common
-/// with their neighbours.
+/// The same without what a gain that is smooth over the comb accounts for: another load or
+/// stiffness changes all lines of a bench without damage in common with their neighbours.
 pub fn changes_beyond_gain(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
     differences(q, shaft, true).0
 }
@@ -51,19 +57,23 @@ pub fn changes_beyond_gain(q: &Question<'_>, shaft: usize) -> Vec<Difference> {
 /// What the change of a gear's comb is like.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GearChange {
-    /// Even advance of the phases of neighbouring lines, 0 (none) to 1 (one pulse a revolution), chance taken off.
+    /// Even advance of the phases of neighbouring lines, 0 (none) to 1 (one pulse a revolution),
+    /// chance taken off.
     pub coherence: f64,
     /// Neighbouring lines that it rests on.
     pub neighbours: usize,
-    /// Exponent of the change over the torque, with its standard error; needs two loads at one speed.
+    /// Exponent of the change over the torque, with its standard error; needs two loads at one
+    /// speed.
     pub exponent: Option<(f64, f64)>,
-    /// How many times more often than by chance clear lines lie beside the mesh harmonics of the stage.
+    /// How many times more often than by chance clear lines lie beside the mesh harmonics of the
+    /// stage.
     pub near: f64,
     /// Operating points that could be aligned.
     pub aligned: usize,
 }
 
-/// Recordings that are compared: each with its reference, or without any reference at all each high load with the lowest at its speed.
+/// Recordings that are compared: each with its reference, or without any reference at all each high
+/// load with the lowest at its speed.
 pub fn twins<'a>(q: &'a Question<'a>) -> Vec<(usize, &'a RecordingFeatures, &'a RecordingFeatures)> {
     if !q.comparison.pairs.is_empty() {
         let pair = |(p, pair): (usize, &crate::change::compare::Pair)| {
@@ -102,8 +112,9 @@ fn own_lines(
         .collect()
 }
 
-/// Takes `g_n R_n` from each line's change, `R` the reference and `g_n` the gain that fits the changes of the lines beside it (least squares with noise, the usual
-/// gain as prior); a line has no say in its own.
+/// Takes `g_n R_n` from each line's change, `R` the reference and `g_n` the gain that fits the
+/// changes of the lines beside it (least squares with noise, the usual gain as prior); a line has
+/// no say in its own.
 fn take_out_gain(own: &[Twin], changes: &mut [(usize, Change)]) {
     let seen: Vec<(usize, Complex64, Complex64, f64)> = own
         .iter()
@@ -171,7 +182,8 @@ fn clear(l: &Option<(Complex64, f64)>) -> Option<(Complex64, f64)> {
     l.filter(|(d, n)| d.norm_sqr() > CLEAR * n)
 }
 
-/// Looks at the change of everything that repeats with a shaft; `stage` says about which mesh harmonics "near" is meant.
+/// Looks at the change of everything that repeats with a shaft; `stage` says about which mesh
+/// harmonics "near" is meant.
 pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
     let (differences, aligned) = differences(q, shaft, false);
     let z =
@@ -215,18 +227,22 @@ pub fn change(q: &Question<'_>, stage: usize, shaft: usize) -> GearChange {
 
 /// How the change of a gear's comb goes from tooth to tooth.
 ///
-/// Whatever differs from tooth to tooth gives lines `n` the discrete Fourier transform of its values over the `z` teeth, which repeats with `n`
-/// modulo `z` and is conjugate at `−n`, times what one tooth's contact and the path make of a line (Mark 1978). So products of neighbouring lines
-/// hold `(z − 1)/2` phases at most, however many lines there are: errors of all teeth give phases without order, one tooth the same for all.
+/// Whatever differs from tooth to tooth gives lines `n` the discrete Fourier transform of its
+/// values over the `z` teeth, which repeats with `n` modulo `z` and is conjugate at `−n`, times
+/// what one tooth's contact and the path make of a line (Mark 1978). So products of neighbouring
+/// lines hold `(z − 1)/2` phases at most, however many lines there are: errors of all teeth give
+/// phases without order, one tooth the same for all.
 #[derive(Clone, Copy, Debug)]
 pub struct ToothPattern {
     /// Resultant of the phases of the residues, 0 to 1.
     pub even: f64,
     /// Residues that it rests on, by their weights.
     pub residues: f64,
-    /// Phases without order reach a score of `s` with probability `exp(−s)` (Rayleigh's test: residues × resultant²), mean over pairs.
+    /// Phases without order reach a score of `s` with probability `exp(−s)` (Rayleigh's test:
+    /// residues × resultant²), mean over pairs.
     pub score: f64,
-    /// Share of the products that lines of one residue have in common; low where the change is not one of this gear's teeth.
+    /// Share of the products that lines of one residue have in common; low where the change is not
+    /// one of this gear's teeth.
     pub shared: f64,
     /// Products of neighbouring lines.
     pub neighbours: usize,
@@ -313,7 +329,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use std::f64::consts::TAU;
 
-    /// A comb of 8 mesh harmonics as teeth with these values make it, through a path whose phase wanders slowly from line to line.
+    /// A comb of 8 mesh harmonics as teeth with these values make it, through a path whose phase
+    /// wanders slowly from line to line.
     fn comb_of(values: &[f64], seed: u64) -> Vec<Difference> {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let z = values.len();
@@ -330,8 +347,9 @@ mod tests {
         vec![Difference { pair: 0, channel: 0, lines }]
     }
 
-    /// One tooth of 31 gives all 15 phases alike. Errors of all teeth do not, however many lines there are: the mean score of phases without
-    /// order is 1, and over forty gears the highest stays below ln 40 + 2.
+    /// One tooth of 31 gives all 15 phases alike. Errors of all teeth do not, however many lines
+    /// there are: the mean score of phases without order is 1, and over forty gears the highest
+    /// stays below ln 40 + 2.
     #[test]
     fn analytic_one_tooth_has_even_phases_and_errors_of_all_teeth_have_not() {
         let mut broken = vec![0.0; 31];

@@ -28,7 +28,8 @@ pub struct LineChange {
     pub noise: f64,
     /// ln of the amplitude ratio; lines below their noise count as their noise.
     pub log_ratio: f64,
-    /// Phase in the recording less phase in the reference (rad): each is of the angle at which its recording began.
+    /// Phase in the recording less phase in the reference (rad): each is of the angle at which its
+    /// recording began.
     pub turn: f64,
     /// Phase in the reference (rad).
     pub reference_phase: f64,
@@ -45,7 +46,8 @@ pub struct Ratio {
     pub log: f64,
     /// Variance of `log`.
     pub variance: f64,
-    /// The same if the line did not change. Less where it rises out of the noise: how far it rose is not known, but that it was below the noise is.
+    /// The same if the line did not change. Less where it rises out of the noise: how far it rose
+    /// is not known, but that it was below the noise is.
     pub unchanged: f64,
 }
 
@@ -54,7 +56,8 @@ impl Ratio {
     pub fn of(powers: [f64; 2], noises: [f64; 2]) -> Self {
         let [x, y] = [0, 1].map(|k| powers[k].max(noises[k]));
         let (log, variance) = (0.5 * (x / y).ln(), 0.5 * (noises[0] / x + noises[1] / y));
-        // The difference of two amplitudes scatters by the root mean square of their noise, whatever they are.
+        // The difference of two amplitudes scatters by the root mean square of their noise,
+        // whatever they are.
         let [a, b] = powers.map(|p| (2.0 * p / (noises[0] + noises[1])).sqrt());
         Self { log, variance, unchanged: variance.min((log / (a - b)).powi(2)) }
     }
@@ -86,7 +89,8 @@ pub struct Pair {
     pub speed_hz: f64,
     /// Brake torque (N m).
     pub torque_nm: f64,
-    /// ln of the speed in the recording over that in the reference: settings repeat to tenths of a per cent.
+    /// ln of the speed in the recording over that in the reference: settings repeat to tenths of a
+    /// per cent.
     pub speed_gap: f64,
 }
 
@@ -213,8 +217,9 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                 if bins < 12.0 || !(x.power > 0.0 && y.power > 0.0) {
                     continue;
                 }
-                // The logarithm of the lower quartile of n exponentials varies by p/((1 − p) n ln²(1 − p)) = 4.03/n, in each of both
-                // recordings; neighbouring bins of this window go in pairs.
+                // The logarithm of the lower quartile of n exponentials varies by p/((1 − p) n
+                // ln²(1 − p)) = 4.03/n, in each of both recordings; neighbouring bins of this
+                // window go in pairs.
                 let variance = 0.25 * 2.0 * 4.03 / (bins / 2.0);
                 out.floors.push(FloorChange {
                     pair: p,
@@ -239,8 +244,10 @@ mod tests {
 
     use super::*;
 
-    /// Of lines that repeat to 6 % the score scatters by one where they stand out of the noise, and by less within it, where an amplitude cannot fall below 0. One of ten times the noise where
-    /// there was none before scores `ln 10 / √((ln 10 / 10)² + 0.06²) = 9.7`, while its logarithm alone, of which half a neper is noise, comes to 3.2.
+    /// Of lines that repeat to 6 % the score scatters by one where they stand out of the noise, and
+    /// by less within it, where an amplitude cannot fall below 0. One of ten times the noise where
+    /// there was none before scores `ln 10 / √((ln 10 / 10)² + 0.06²) = 9.7`, while its logarithm
+    /// alone, of which half a neper is noise, comes to 3.2.
     #[test]
     fn analytic_scores_of_an_unchanged_line_scatter_by_one() {
         let score = |amplitudes: [f64; 2]| {

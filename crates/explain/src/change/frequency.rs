@@ -1,11 +1,11 @@
 //! Whether a change is a function of frequency, or goes with the orders of the train, or both.
 //!
-//! What lies between mesh and sensor (a mode, a mounting, what carries a shaft) changes every line by
-//! what it does at the line's own frequency, at any speed and load, and each sensor by a function of
-//! its own. What the teeth do goes with orders: a line keeps its change at another speed, and all
-//! sensors show the same. Both are Gaussian processes over the lines and the background (Rasmussen &
-//! Williams, *Gaussian Processes for Machine Learning*, 2006, ch. 2 and 5); the marginal likelihoods
-//! of the two alone and of their sum are compared.
+//! What lies between mesh and sensor (a mode, a mounting, what carries a shaft) changes every line
+//! by what it does at the line's own frequency, at any speed and load, and each sensor by a
+//! function of its own. What the teeth do goes with orders: a line keeps its change at another
+//! speed, and all sensors show the same. Both are Gaussian processes over the lines and the
+//! background (Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, ch. 2 and 5);
+//! the marginal likelihoods of the two alone and of their sum are compared.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -15,12 +15,13 @@ use crate::read::lines::Family;
 
 /// Lines that take part at most, evenly out of all. The cost grows with the third power.
 const LINES: usize = 220;
-/// Largest variance of a line that takes part (ln): of a change by a quarter, which is what is sought.
+/// Largest variance of a line that takes part (ln): of a change by a quarter, which is what is
+/// sought.
 const CLEAR: f64 = 0.06;
 /// Least number of lines.
 const LEAST: usize = 20;
-/// Distance (ln) over which a function of frequency forgets: the half-power width 2ζ of a mode of 3 %
-/// damping.
+/// Distance (ln) over which a function of frequency forgets: the half-power width 2ζ of a mode of 3
+/// % damping.
 const REACH: f64 = 0.06;
 /// What the functions of two stages, or of a stage and the background, have in common: each drives
 /// the modes at other places. A belief, between 0 (nothing in common) and 1.
@@ -84,10 +85,10 @@ struct Key {
     speed: usize,
 }
 
-/// Evidence (nats) from which a part of a change is believed: the odds against two effects at once, and
-/// what a search for the best sizes gains by chance. Of 112 comparisons without such an effect in the
-/// looked-at sets of the independent generator none came beyond 5; `just campaign-frequency` holds it
-/// against drawn benches.
+/// Evidence (nats) from which a part of a change is believed: the odds against two effects at once,
+/// and what a search for the best sizes gains by chance. Of 112 comparisons without such an effect
+/// in the looked-at sets of the independent generator none came beyond 5; `just campaign-frequency`
+/// holds it against drawn benches.
 const BELIEVED: f64 = 8.0;
 
 /// How far changes are a function of frequency.
@@ -271,7 +272,8 @@ impl Data<'_> {
         sum
     }
 
-    /// The best sizes by single steps from a start, with the log evidence and the prior of the sizes.
+    /// The best sizes by single steps from a start, with the log evidence and the prior of the
+    /// sizes.
     fn climb(&self, parts: &[Part], start: Vec<u8>) -> (f64, Vec<u8>) {
         let matrices: Vec<DMatrix<f64>> = parts.iter().map(|p| self.matrix(*p)).collect();
         let own = DMatrix::from_diagonal(&DVector::from_column_slice(self.variances));
@@ -321,8 +323,8 @@ mod tests {
     use crate::measure::measure;
     use crate::prove::{self, Case};
 
-    /// Eight mesh harmonics with four sidebands at two speeds and two loads on two sensors, and bands of
-    /// background, that change by what a rule says.
+    /// Eight mesh harmonics with four sidebands at two speeds and two loads on two sensors, and
+    /// bands of background, that change by what a rule says.
     fn cells(line: &dyn Fn(Family, f64, usize) -> f64, floor: &dyn Fn(f64, usize) -> f64) -> (Vec<Cell>, [f64; 4]) {
         let speeds = [20.0, 31.0, 20.0, 31.0];
         let mut out = Vec::new();
@@ -378,8 +380,8 @@ mod tests {
         }
     }
 
-    /// A path is a function of frequency; what stays with a line at another speed is none; their sum is
-    /// both, and what is taken off for the path is the path to within its own deviation.
+    /// A path is a function of frequency; what stays with a line at another speed is none; their
+    /// sum is both, and what is taken off for the path is the path to within its own deviation.
     #[test]
     fn analytic_a_function_of_frequency_stands_apart_from_orders() {
         let ask = |line: &dyn Fn(Family, f64, usize) -> f64, floor: &dyn Fn(f64, usize) -> f64| {
@@ -412,8 +414,8 @@ mod tests {
         assert!(frequency(&cells, &[20.0; 4]).is_none());
     }
 
-    /// Drawn benches: teeth that change go with orders, paths that change do not. Drawn by a generator
-    /// that the threshold was not chosen on.
+    /// Drawn benches: teeth that change go with orders, paths that change do not. Drawn by a
+    /// generator that the threshold was not chosen on.
     #[test]
     #[ignore = "minutes: just campaign-frequency"]
     #[expect(clippy::print_stdout, reason = "the figures are for people")]

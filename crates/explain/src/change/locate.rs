@@ -1,16 +1,21 @@
-//! Where the recordings leave their reference: masks of lines, each with the misfit that it accounts for.
+//! Where the recordings leave their reference: masks of lines, each with the misfit that it
+//! accounts for.
 //!
-//! Every line and every band of background is a cell with a log amplitude ratio `d` and a variance: noise plus the scatter with
-//! which operating points repeat. `min(d² / variance, cap)` summed over cells is the misfit. Masks are named sets of lines. A sensor path is none: it must predict a cell
-//! from cells at the same frequency at *other speeds*, so that what is locked to orders cannot pass for a path.
+//! Every line and every band of background is a cell with a log amplitude ratio `d` and a variance:
+//! noise plus the scatter with which operating points repeat. `min(d² / variance, cap)` summed over
+//! cells is the misfit. Masks are named sets of lines. A sensor path is none: it must predict a
+//! cell from cells at the same frequency at *other speeds*, so that what is locked to orders cannot
+//! pass for a path.
 
 use crate::change::compare::Comparison;
 use crate::read::lines::Family;
 
-/// Scatter of log amplitudes between two recordings of the same bench at the same setting: load and speed repeat to tenths of a
-/// per cent, which lines near a resonance of 2 % damping turn into several per cent.
+/// Scatter of log amplitudes between two recordings of the same bench at the same setting: load and
+/// speed repeat to tenths of a per cent, which lines near a resonance of 2 % damping turn into
+/// several per cent.
 pub const REPEAT_SIGMA: f64 = 0.06;
-/// Change of a line (ln) over change of speed (ln), standard deviation: `1/2ζ` at the flank of a resonance of 2 to 4 % damping, far less elsewhere.
+/// Change of a line (ln) over change of speed (ln), standard deviation: `1/2ζ` at the flank of a
+/// resonance of 2 to 4 % damping, far less elsewhere.
 const SPEED_SLOPE: f64 = 8.0;
 /// The same for the background.
 pub const FLOOR_SIGMA: f64 = 0.04;
@@ -24,7 +29,8 @@ pub enum Place {
     Dynamics,
     /// Mesh harmonics of a stage.
     Mesh(usize),
-    /// Sidebands ±1 about the mesh harmonics of a stage at a shaft's spacing, and that shaft's first order.
+    /// Sidebands ±1 about the mesh harmonics of a stage at a shaft's spacing, and that shaft's
+    /// first order.
     FirstSide(usize, usize),
     /// Sidebands ±1 and ±2, and mesh harmonics.
     LowSide(usize, usize),
@@ -55,7 +61,8 @@ pub struct Cell {
     pub frequency_hz: f64,
     /// ln of the amplitude ratio.
     pub change: f64,
-    /// Of a line, phase in the recording less phase in the reference (rad); `None` of the background and where a path was taken off, whose phase nobody knows.
+    /// Of a line, phase in the recording less phase in the reference (rad); `None` of the
+    /// background and where a path was taken off, whose phase nobody knows.
     pub turn: Option<f64>,
     /// Of `change`, and of `turn`.
     pub variance: f64,
@@ -180,7 +187,8 @@ const NEAR: f64 = 1.06;
 /// Pairs count as at another speed from this relative difference on.
 const OTHER_SPEED: f64 = 0.1;
 
-/// Prediction of a cell from cells of the same channel at the same frequency and another speed, and its variance.
+/// Prediction of a cell from cells of the same channel at the same frequency and another speed, and
+/// its variance.
 pub fn path_prediction(cell: &Cell, all: &[Cell], speeds: &[f64]) -> Option<(f64, f64)> {
     let (mut sum, mut weight, mut square) = (0.0, 0.0, 0.0);
     for other in all {
@@ -218,7 +226,8 @@ pub fn without_path(all: &[Cell], channel: usize, speeds: &[f64]) -> Vec<Cell> {
     all.iter().map(less).collect()
 }
 
-/// How much of a channel's change in background a path accounts for, and the misfit per band before.
+/// How much of a channel's change in background a path accounts for, and the misfit per band
+/// before.
 pub fn floor_account(all: &[Cell], channel: usize, speeds: &[f64]) -> (f64, f64) {
     let (mut before, mut after, mut count) = (0.0, 0.0, 0usize);
     for cell in all.iter().filter(|c| c.family.is_none() && c.channel == channel) {
@@ -243,8 +252,10 @@ pub fn line_misfit(all: &[Cell], channel: Option<usize>) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// How far the lines of a channel follow its background: the factor on the background's change at each line's frequency that predicts the change of the line best, and its standard
-/// deviation. 1 of a path, which lines and background share; 0 of noise that was added. `None` without lines beside moved background.
+/// How far the lines of a channel follow its background: the factor on the background's change at
+/// each line's frequency that predicts the change of the line best, and its standard deviation. 1
+/// of a path, which lines and background share; 0 of noise that was added. `None` without lines
+/// beside moved background.
 pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
     let own = |c: &&Cell| c.channel == channel;
     let floors: Vec<&Cell> = all.iter().filter(own).filter(|c| c.family.is_none()).collect();
@@ -271,7 +282,8 @@ pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// Bands of background 4 % apart that change by a wave over frequency, and a line beside each that changes by so many times as much.
+    /// Bands of background 4 % apart that change by a wave over frequency, and a line beside each
+    /// that changes by so many times as much.
     fn beside(times: f64) -> Vec<Cell> {
         (0..60)
             .flat_map(|k| {
@@ -293,8 +305,9 @@ mod tests {
             .collect()
     }
 
-    /// A path moves lines as the background (1), noise leaves them (0), gears move them more. Three bands make a neighbourhood, whose mean is less than its middle
-    /// by (1 + 2 cos 0.3)/3 = 0.97 of it: the factor comes out 3 % too large.
+    /// A path moves lines as the background (1), noise leaves them (0), gears move them more. Three
+    /// bands make a neighbourhood, whose mean is less than its middle by (1 + 2 cos 0.3)/3 = 0.97
+    /// of it: the factor comes out 3 % too large.
     #[test]
     fn analytic_lines_follow_the_background_of_a_path() {
         for times in [0.0, 1.0, 3.0] {

@@ -21,11 +21,14 @@ pub struct Mask {
     pub cells: usize,
 }
 
-/// Degrees of freedom of the t distribution of changes: lines at resonances and near cancellation change far more than others.
+/// Degrees of freedom of the t distribution of changes: lines at resonances and near cancellation
+/// change far more than others.
 pub(crate) const TAIL: f64 = 4.0;
-/// The same of noise, whose power at a line is read from its neighbours: `2/σ²` of the logarithm of a power that is known to a third.
+/// The same of noise, whose power at a line is read from its neighbours: `2/σ²` of the logarithm of
+/// a power that is known to a third.
 const NOISE_TAIL: f64 = 18.0;
-/// Share of lines that are not what they seem, since they meet another line or nearly cancel, and how far their changes spread (ln). Of 7717 lines in 17 comparisons of unchanged benches of the
+/// Share of lines that are not what they seem, since they meet another line or nearly cancel, and
+/// how far their changes spread (ln). Of 7717 lines in 17 comparisons of unchanged benches of the
 /// independent generator two changed by more than four standard deviations.
 pub(crate) const STRAY: f64 = 0.001;
 pub(crate) const STRAY_SPREAD: f64 = 1.0;
@@ -37,7 +40,8 @@ pub(crate) const SCALES: usize = 36;
 pub const USUAL_SCALE: f64 = 0.5;
 const USUAL_SPREAD: f64 = 0.3;
 const LARGEST_USUAL: f64 = 0.85;
-/// Lines of one order in several channels and recordings share their errors: this share of them counts.
+/// Lines of one order in several channels and recordings share their errors: this share of them
+/// counts.
 pub(crate) const INDEPENDENT: f64 = 0.4;
 
 /// Median change of a mask's lines (standard deviations); 0 of none.
@@ -52,8 +56,10 @@ pub(crate) fn scale(k: usize) -> f64 {
     FIRST_SCALE * SCALE_RATIO.powi(k as i32)
 }
 
-/// Log density of a change that is off by so much, at each scale of repetition, up to a constant. Noise is known, and has no scale: lines that it alone moves tell nothing of how settings
-/// repeat. The sum of both has a t distribution whose degrees of freedom are those of Welch (1947) and Satterthwaite (1946). Few lines stray, however well the others repeat (a contaminated
+/// Log density of a change that is off by so much, at each scale of repetition, up to a constant.
+/// Noise is known, and has no scale: lines that it alone moves tell nothing of how settings repeat.
+/// The sum of both has a t distribution whose degrees of freedom are those of Welch (1947) and
+/// Satterthwaite (1946). Few lines stray, however well the others repeat (a contaminated
 /// distribution: Tukey 1960), so that two or three of them make no mask.
 pub(crate) fn densities(cell: &Cell, off: f64) -> [f64; SCALES] {
     std::array::from_fn(|k| {
@@ -84,17 +90,20 @@ fn at_a_usual_scale(sums: &[f64; SCALES]) -> f64 {
     usual_scales().map(|k| sums[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Masks of the machine, best first: inside, changes have one scale, outside the usual one. The wider a mask, the more its quiet lines
-/// speak against it; the narrower, the more the changes that it leaves.
+/// Masks of the machine, best first: inside, changes have one scale, outside the usual one. The
+/// wider a mask, the more its quiet lines speak against it; the narrower, the more the changes that
+/// it leaves.
 ///
-/// Lines that one order of a shaft modulates share what the settings do to it: near a torsional resonance a part in a thousand of speed
-/// is a tenth of the amplitude. An unchanged bench may change them together by that much (`gaps`: ln of the speed ratio of each pair).
+/// Lines that one order of a shaft modulates share what the settings do to it: near a torsional
+/// resonance a part in a thousand of speed is a tenth of the amplitude. An unchanged bench may
+/// change them together by that much (`gaps`: ln of the speed ratio of each pair).
 pub fn masks(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     let usual: Vec<(usize, f64)> = usual_scales().map(|k| (k, prior(k))).collect();
     masks_over(cells, places, gaps, &usual)
 }
 
-/// The same beside an effect that was named: what that does elsewhere in the train is not known, so the lines outside a mask may have any scale.
+/// The same beside an effect that was named: what that does elsewhere in the train is not known, so
+/// the lines outside a mask may have any scale.
 pub fn masks_beside(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask> {
     let any: Vec<(usize, f64)> = (0..SCALES).map(|k| (k, 0.0)).collect();
     masks_over(cells, places, gaps, &any)
@@ -144,7 +153,8 @@ fn masks_over(cells: &[Cell], places: &[Place], gaps: &[f64], outside: &[(usize,
     out
 }
 
-/// Log likelihood of all lines of an unchanged bench, whose changes have one usual scale; variances count, so that cells with a prediction of their own can be compared with the same without.
+/// Log likelihood of all lines of an unchanged bench, whose changes have one usual scale; variances
+/// count, so that cells with a prediction of their own can be compared with the same without.
 pub fn unchanged(cells: &[Cell]) -> f64 {
     let mut all = [0.0; SCALES];
     for c in cells.iter().filter(|c| c.family.is_some()) {
@@ -153,12 +163,14 @@ pub fn unchanged(cells: &[Cell]) -> f64 {
     at_a_usual_scale(&all)
 }
 
-/// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider mask to be its cause: gears and bearings that change came to 28 nats
-/// and four times at most, not both.
+/// How much an order must gain (nats) and stand out (ratio of scales) among the lines of a wider
+/// mask to be its cause: gears and bearings that change came to 28 nats and four times at most, not
+/// both.
 const CAUSE_GAIN: f64 = 40.0;
 const CAUSE_STANDS_OUT: f64 = 4.0;
 
-/// The one order within a wider mask whose lines rise far above the rest of it: a strong ripple drags all lines of its shaft along.
+/// The one order within a wider mask whose lines rise far above the rest of it: a strong ripple
+/// drags all lines of its shaft along.
 pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mask> {
     let inside: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some() && covers(wide.place, c.family)).collect();
     let tables: Vec<[f64; SCALES]> = inside.iter().map(|c| densities(c, c.change)).collect();
@@ -190,12 +202,15 @@ pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mas
     candidates.max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
-/// First order of a shaft over every other kind of line (medians) from which it is the cause, whatever else moved: a rotor out of balance shakes the whole
-/// train, and a wide mask gains by that. Unbalance comes to 8.8 to 40 on 9 benches, anything else that moves it by five standard deviations to 5.5 at most on 430.
+/// First order of a shaft over every other kind of line (medians) from which it is the cause,
+/// whatever else moved: a rotor out of balance shakes the whole train, and a wide mask gains by
+/// that. Unbalance comes to 8.8 to 40 on 9 benches, anything else that moves it by five standard
+/// deviations to 5.5 at most on 430.
 const ONCE_ALONE: f64 = 7.0;
 const ONCE_CLEAR: f64 = 5.0;
 
-/// The first order of a shaft, where it changed far more than the mesh harmonics, gears and rows of orders, which may follow it.
+/// The first order of a shaft, where it changed far more than the mesh harmonics, gears and rows of
+/// orders, which may follow it.
 pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place]) -> Option<Mask> {
     let kinds =
         |p: &&Place| matches!(p, Place::Mesh(_) | Place::Gear(..) | Place::FirstSide(..) | Place::ShaftOrders(_));
@@ -217,9 +232,11 @@ pub(crate) fn spread(k: usize) -> f64 {
     FIRST_SPREAD * SPREAD_RATIO.powi(k as i32)
 }
 
-/// How much likelier (nats) it is that the changes of some lines spread further than those of others than that both spread alike; 0 where they do not, or where either is empty.
+/// How much likelier (nats) it is that the changes of some lines spread further than those of
+/// others than that both spread alike; 0 where they do not, or where either is empty.
 ///
-/// A change is of a t distribution whose variance is that of the spread and of its own noise and repetition, so that faint lines count for what they show.
+/// A change is of a t distribution whose variance is that of the spread and of its own noise and
+/// repetition, so that faint lines count for what they show.
 pub fn spreads_further(cells: &[Cell], of: &dyn Fn(Family) -> bool, than: &dyn Fn(Family) -> bool) -> f64 {
     let table = |set: &dyn Fn(Family) -> bool| {
         let mut sums = [0.0; SPREADS];
@@ -252,7 +269,8 @@ pub struct OneGear {
 }
 
 impl OneGear {
-    /// Of the gear of a stage that is on a shaft. Sidebands of the mate that lie on the comb of this gear are its own too.
+    /// Of the gear of a stage that is on a shaft. Sidebands of the mate that lie on the comb of
+    /// this gear are its own too.
     pub fn of(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> Self {
         let side = |f: Family| matches!(f, Family::Side { stage: i, .. } if i == stage);
         let own = |f: Family| side(f) && f.is_on_comb(train, shaft);
@@ -265,21 +283,23 @@ impl OneGear {
         }
     }
 
-    /// How much likelier it is that the teeth of this gear differ from what they were than that the mesh as a whole does. What concerns all teeth alters the sidebands of both gears through the
+    /// How much likelier it is that the teeth of this gear differ from what they were than that the
+    /// mesh as a whole does. What concerns all teeth alters the sidebands of both gears through the
     /// mesh harmonics that they stand beside.
     pub fn gain(&self) -> f64 {
         self.over_mate - self.below_mesh
     }
 }
 
-/// Lines of a mask when what they have in common in each pair is taken off: log likelihood by scale, and the price of it.
+/// Lines of a mask when what they have in common in each pair is taken off: log likelihood by
+/// scale, and the price of it.
 struct Together {
     likelihood: [f64; SCALES],
     price: f64,
 }
 
-/// Change that lines of one order share by chance (ln): at equal speed, per change of speed away from torsional resonances, and (1/2ζ at
-/// 0.5 %) on the flank of one.
+/// Change that lines of one order share by chance (ln): at equal speed, per change of speed away
+/// from torsional resonances, and (1/2ζ at 0.5 %) on the flank of one.
 pub(crate) const SHARED_CHANGE: f64 = 0.04;
 pub(crate) const SHARED_SLOPE: f64 = 15.0;
 pub(crate) const RESONANT_SLOPE: f64 = 100.0;
@@ -313,8 +333,10 @@ mod tests {
     use super::*;
     use crate::read::lines::Family;
 
-    /// Changes of two sets drawn evenly with spreads of 0.3 and 0.1 over noise of 0.05: the first spreads further by as much evidence as a t distribution of four degrees gives (more than 3 nats for
-    /// forty of each), the second by none; sets of one spread by less than a nat, and none where one is empty.
+    /// Changes of two sets drawn evenly with spreads of 0.3 and 0.1 over noise of 0.05: the first
+    /// spreads further by as much evidence as a t distribution of four degrees gives (more than 3
+    /// nats for forty of each), the second by none; sets of one spread by less than a nat, and none
+    /// where one is empty.
     #[test]
     fn analytic_a_set_that_changes_more_spreads_further() {
         let side = |shaft| move |f: Family| matches!(f, Family::Side { shaft: s, .. } if s == shaft);
@@ -346,9 +368,11 @@ mod tests {
         assert_eq!(spreads_further(&apart, &side(0), &side(2)), 0.0);
     }
 
-    /// Lines that change by their own scale are as an unchanged bench has them; by ten times that they are not, and a prediction that takes the changes off gains it back, less what its own variance costs:
-    /// half of ln 2 a line where it doubles the variance. Of noise as large as the usual repetition it costs half the logarithm of by how much both are more than repetition, a fifth to 0.85 of the
-    /// usual, alone.
+    /// Lines that change by their own scale are as an unchanged bench has them; by ten times that
+    /// they are not, and a prediction that takes the changes off gains it back, less what its own
+    /// variance costs: half of ln 2 a line where it doubles the variance. Of noise as large as the
+    /// usual repetition it costs half the logarithm of by how much both are more than repetition, a
+    /// fifth to 0.85 of the usual, alone.
     #[test]
     fn analytic_a_prediction_gains_what_it_takes_off() {
         let with = |z: f64, noise: f64, repetition: f64| -> Vec<Cell> {
@@ -372,7 +396,8 @@ mod tests {
         let (usual, moved) = (unchanged(&with(0.3, 0.0, 0.01)), unchanged(&with(5.0, 0.0, 0.01)));
         assert!(usual > moved + INDEPENDENT * 40.0);
         let (narrow, wide) = (unchanged(&with(0.0, 0.0, 0.01)), unchanged(&with(0.0, 0.0, 0.02)));
-        // What strays add to the density at 0, over that of lines as wide as they may be (0.85 of the usual).
+        // What strays add to the density at 0, over that of lines as wide as they may be (0.85 of
+        // the usual).
         let strays = INDEPENDENT * 40.0 * STRAY * LARGEST_USUAL * 0.02f64.sqrt() / STRAY_SPREAD;
         assert!((narrow - wide - INDEPENDENT * 40.0 * 0.5 * 2f64.ln()).abs() < strays);
         let noisy = unchanged(&with(0.0, 0.01, 0.01));
@@ -380,7 +405,8 @@ mod tests {
         assert!((price(LARGEST_USUAL)..price(FIRST_SCALE)).contains(&(narrow - noisy)));
     }
 
-    /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard deviations; the others by less than one.
+    /// Thirty multiples of a shaft in twelve pairs, one of which changes by so many standard
+    /// deviations; the others by less than one.
     fn cells(loud: u8, z: f64) -> Vec<Cell> {
         let of = |pair: usize| {
             (1..=30u8).map(move |multiple| {
@@ -402,8 +428,10 @@ mod tests {
         (0..12).flat_map(of).collect()
     }
 
-    /// At the others' scale of 0.5 a change of 200 costs 5 ln(200 / 2 · 0.5) nats, at one of its own ln(200 / 0.5): twelve such lines gain 0.4 · 12 · 20, and the
-    /// order is the cause. One that falls is not added to the machine, and one that rises by 2 is no ripple that drags others along.
+    /// At the others' scale of 0.5 a change of 200 costs 5 ln(200 / 2 · 0.5) nats, at one of its
+    /// own ln(200 / 0.5): twelve such lines gain 0.4 · 12 · 20, and the order is the cause. One
+    /// that falls is not added to the machine, and one that rises by 2 is no ripple that drags
+    /// others along.
     #[test]
     fn analytic_an_order_far_above_its_mask_is_the_cause() {
         let places: Vec<Place> = (1..=6).map(|k| Place::ShaftOrder(1, k)).collect();
@@ -418,8 +446,9 @@ mod tests {
         assert_eq!(ask(&cells(1, 200.0)), None);
     }
 
-    /// Of thirty multiples that change by 0.6 standard deviations (median) the first changes by 20, more than seven times the others; by 4 it may be repetition,
-    /// and beside a mesh harmonic that changes by 3 it is not alone.
+    /// Of thirty multiples that change by 0.6 standard deviations (median) the first changes by 20,
+    /// more than seven times the others; by 4 it may be repetition, and beside a mesh harmonic that
+    /// changes by 3 it is not alone.
     #[test]
     fn analytic_a_first_order_alone_is_the_cause() {
         let places = [Place::ShaftLine(1, 1), Place::ShaftOrders(1), Place::Mesh(0), Place::Gear(0, 1)];

@@ -1,9 +1,12 @@
-//! One event a turn in the change of a shaft's comb, told from noise line by line and summed over all lines.
+//! One event a turn in the change of a shaft's comb, told from noise line by line and summed over
+//! all lines.
 //!
-//! Where one tooth at angle `θ` changed, line `n` of the change is `Δ_n = G_n exp(−2πi n θ)`, and `G` (the pulse and the path) is smooth in `n` but
-//! for resonances. So products `Δ_{n+l} Δ*_n` have the phase `−2π l θ` over the whole comb and in every channel, and their sum, turned back by the best `θ`,
-//! grows with the number of lines while noise grows with its root: lines far below the noise each take part. Each line counts by what
-//! its neighbours show (Wiener's weight), so that parts of the comb with nothing in them add no noise.
+//! Where one tooth at angle `θ` changed, line `n` of the change is `Δ_n = G_n exp(−2πi n θ)`, and
+//! `G` (the pulse and the path) is smooth in `n` but for resonances. So products `Δ_{n+l} Δ*_n`
+//! have the phase `−2π l θ` over the whole comb and in every channel, and their sum, turned back by
+//! the best `θ`, grows with the number of lines while noise grows with its root: lines far below
+//! the noise each take part. Each line counts by what its neighbours show (Wiener's weight), so
+//! that parts of the comb with nothing in them add no noise.
 
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -11,10 +14,11 @@ use std::f64::consts::TAU;
 use crate::change::comb::Difference;
 use crate::read::lines::SHAFT_MULTIPLES;
 
-/// Longest distance of two lines that are multiplied. Every second line of a comb may lie under another shaft's; beyond eight lines a path's
-/// phase has turned.
+/// Longest distance of two lines that are multiplied. Every second line of a comb may lie under
+/// another shaft's; beyond eight lines a path's phase has turned.
 const LAGS: usize = 8;
-/// Lines on each side whose power says how much a line counts, how many of them must be there, and the most that one of them says (power over noise).
+/// Lines on each side whose power says how much a line counts, how many of them must be there, and
+/// the most that one of them says (power over noise).
 const BESIDE: usize = 5;
 const MOST: f64 = 30.0;
 /// Power over its expectation from which a line counts no more: one line shall not decide.
@@ -27,9 +31,11 @@ const LEAST_LINES: usize = 20;
 /// What one pulse a turn makes of a change.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pulse {
-    /// The sum over its standard deviation in noise alone, mean over pairs times root of their number.
+    /// The sum over its standard deviation in noise alone, mean over pairs times root of their
+    /// number.
     pub score: f64,
-    /// The sum over what lines of this power would make of one pulse: 1 for one tooth, less where the change is of another kind.
+    /// The sum over what lines of this power would make of one pulse: 1 for one tooth, less where
+    /// the change is of another kind.
     pub share: f64,
 }
 
@@ -88,7 +94,8 @@ impl Sums {
     }
 }
 
-/// How far the change of a shaft's comb is one pulse a turn. The first orders take no part: what loosens or drags a shaft makes a row of them with even phases too.
+/// How far the change of a shaft's comb is one pulse a turn. The first orders take no part: what
+/// loosens or drags a shaft makes a row of them with even phases too.
 pub fn pulse(changes: &[Difference]) -> Pulse {
     let mut pairs: Vec<usize> = changes.iter().map(|d| d.pair).collect();
     pairs.dedup();
@@ -115,7 +122,8 @@ mod tests {
 
     const LINES: usize = 300;
 
-    /// A change of four pairs in noise of power 1: `pattern` gives line `n` its amplitude and phase, every second line lies under another shaft's.
+    /// A change of four pairs in noise of power 1: `pattern` gives line `n` its amplitude and
+    /// phase, every second line lies under another shaft's.
     fn changes(seed: u64, pattern: &dyn Fn(usize) -> Complex64) -> Vec<Difference> {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut normal = move || {
@@ -130,14 +138,16 @@ mod tests {
         (0..4).map(pair).collect()
     }
 
-    /// A tooth whose every line stands at the noise and is clear nowhere: 148 products a lag of power 1 in noise of power 1.
+    /// A tooth whose every line stands at the noise and is clear nowhere: 148 products a lag of
+    /// power 1 in noise of power 1.
     #[test]
     fn analytic_a_pulse_is_found_in_lines_that_are_no_stronger_than_noise() {
         let found = pulse(&changes(1, &|n| Complex64::from_polar(1.0, -TAU * 0.37 * n as f64)));
         assert!(found.score > 20.0 && (0.6..1.5).contains(&found.share), "{found:?}");
     }
 
-    /// Noise alone: four pairs, each the largest of some twenty independent sums, come to about 2 √4 and not beyond the bound of belief.
+    /// Noise alone: four pairs, each the largest of some twenty independent sums, come to about 2
+    /// √4 and not beyond the bound of belief.
     #[test]
     fn analytic_noise_holds_no_pulse() {
         let scores: Vec<f64> = (0..40).map(|seed| pulse(&changes(seed, &|_| Complex64::ZERO)).score).collect();

@@ -1,6 +1,7 @@
 //! Known changes, and how they are put into recordings.
 //!
-//! The changes are made by plain operations on samples; no code of the finder takes part, but for the shaft angle, without which no machine change can follow a shaft.
+//! The changes are made by plain operations on samples; no code of the finder takes part, but for
+//! the shaft angle, without which no machine change can follow a shaft.
 
 use std::f64::consts::TAU;
 
@@ -218,7 +219,8 @@ pub struct Change {
 }
 
 impl Change {
-    /// Makes it, in the longest run of each sensor's channel. `input_hz` is the speed of the input shaft, `seed` that of what is drawn.
+    /// Makes it, in the longest run of each sensor's channel. `input_hz` is the speed of the input
+    /// shaft, `seed` that of what is drawn.
     pub fn make(&self, bench: &mut Bench, recording: &mut Recording, input_hz: f64, seed: u64) {
         let sensors: Vec<String> =
             bench.sensors.iter().map(|s| s.name.clone()).filter(|s| recording.channels.contains_key(s)).collect();
@@ -391,7 +393,8 @@ fn resampled(x: &[f64], rate: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Response of one mode, its peak gain 1/(2ζ) as of an acceleration on a base (recursive filter, bilinear).
+/// Response of one mode, its peak gain 1/(2ζ) as of an acceleration on a base (recursive filter,
+/// bilinear).
 fn ring(x: &[f64], hz: f64, damping: f64, rate: f64) -> Vec<f64> {
     let w = (std::f64::consts::PI * hz / rate).tan();
     let norm = 1.0 / (1.0 + 2.0 * damping * w + w * w);

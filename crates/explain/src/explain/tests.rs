@@ -58,7 +58,8 @@ fn belted(ratio: f64) -> Bench {
     Bench { belt: Some(belt), ..bench() }
 }
 
-/// What a recording holds: mesh harmonics, sidebands, shaft orders, white noise, and something more.
+/// What a recording holds: mesh harmonics, sidebands, shaft orders, white noise, and something
+/// more.
 fn record(speed_hz: f64, torque_nm: f64, seed: u64, teeth: f64, more: &dyn Fn(usize, f64, f64) -> f64) -> Recording {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = move || -> f64 { random.random() };
@@ -120,7 +121,8 @@ fn first(answer: &Explanation) -> (&str, &str) {
     answer.effects.first().map_or(("", ""), |e| (e.effect.as_str(), e.place.as_str()))
 }
 
-/// Two sessions of one bench, other phases and other noise: nothing to explain, and the same words each time.
+/// Two sessions of one bench, other phases and other noise: nothing to explain, and the same words
+/// each time.
 #[test]
 fn conform_unchanged_bench_is_consistent_and_answers_repeat() {
     let (now, before) = (session(1, 23.0, &nothing), session(50, 23.0, &nothing));
@@ -129,7 +131,8 @@ fn conform_unchanged_bench_is_consistent_and_answers_repeat() {
     assert_eq!(format!("{answer:?}"), format!("{:?}", ask(&now, &before)));
 }
 
-/// A reference half as long, of the same bench: noise has less power in a finer bin, and that is no change of the background.
+/// A reference half as long, of the same bench: noise has less power in a finer bin, and that is no
+/// change of the background.
 #[test]
 fn regress_a_shorter_reference_is_no_change_of_the_background() {
     let (now, mut before) = (session(1, 23.0, &nothing), session(50, 23.0, &nothing));
@@ -158,7 +161,8 @@ fn analytic_first_sidebands_are_eccentricity() {
     assert_eq!(first(&answer), ("eccentricity", "stage1.wheel"), "{:?}", answer.steps);
 }
 
-/// 33 waves on the flanks of 23 teeth: new lines at order 33 of the pinion and where the mesh mixes it to, all of remainder 10.
+/// 33 waves on the flanks of 23 teeth: new lines at order 33 of the pinion and where the mesh mixes
+/// it to, all of remainder 10.
 #[test]
 fn analytic_new_lines_of_one_remainder_are_a_ghost() {
     let more = |_: usize, _: f64, angle: f64| {
@@ -182,8 +186,9 @@ fn analytic_orders_of_both_shafts_without_the_mesh_are_friction() {
     assert_eq!(first(&answer), ("tooth_friction", "stage1"), "{:?}", answer.steps);
 }
 
-/// A line that keeps its 250 Hz at both speeds on one sensor is picked up from the mains. (60 Hz would be order 3 of 20 Hz and order
-/// 2 of 30 Hz: no recording at these speeds tells it from the shaft.)
+/// A line that keeps its 250 Hz at both speeds on one sensor is picked up from the mains. (60 Hz
+/// would be order 3 of 20 Hz and order 2 of 30 Hz: no recording at these speeds tells it from the
+/// shaft.)
 #[test]
 fn analytic_fixed_line_on_one_sensor_is_pickup() {
     let more = |c: usize, t: f64, _: f64| if c == 1 { 0.6 * (TAU * 250.0 * t).cos() } else { 0.0 };
@@ -194,7 +199,8 @@ fn analytic_fixed_line_on_one_sensor_is_pickup() {
     assert!((amplitude.value() - 0.6).abs() < 2.0 * amplitude.sigma(), "{amplitude:?}");
 }
 
-/// Without any reference a wrong tooth number shows: mesh lines, sidebands and shaft orders fit 24 teeth.
+/// Without any reference a wrong tooth number shows: mesh lines, sidebands and shaft orders fit 24
+/// teeth.
 #[test]
 fn analytic_other_teeth_are_counted() {
     let answer = ask(&session(1, 24.0, &nothing), &[]);
@@ -202,8 +208,8 @@ fn analytic_other_teeth_are_counted() {
     assert!((answer.effects[0].parameters["teeth"].value() - 24.0).abs() < 0.5);
 }
 
-/// The last wheel moves no mesh line. Two teeth more on the sheet than in the recordings show in the sidebands of its shaft alone; as many as there
-/// are, and nothing is said.
+/// The last wheel moves no mesh line. Two teeth more on the sheet than in the recordings show in
+/// the sidebands of its shaft alone; as many as there are, and nothing is said.
 #[test]
 fn analytic_other_teeth_of_the_last_wheel_are_counted_by_its_sidebands() {
     let mut sheet = bench();
@@ -230,7 +236,8 @@ fn analytic_one_factor_for_everything_is_scaling() {
     assert!((factor.value() - 2.0).abs() < 2.0 * factor.sigma(), "{factor:?}");
 }
 
-/// Recordings that cannot be judged are refused in sentences that name the recording and what would be right.
+/// Recordings that cannot be judged are refused in sentences that name the recording and what would
+/// be right.
 #[test]
 fn conform_bad_recordings_are_refused_in_words() {
     let refuse = |recordings: &[Recording]| {
@@ -253,8 +260,9 @@ fn conform_bad_recordings_are_refused_in_words() {
     assert!(refuse(&[names]).contains("none of its channels"));
 }
 
-/// Order 5 of the output shaft, 2.8 of the input and so of no other row: in proportion to the torque it is the brake's, the same at both loads a
-/// speed that fluctuates. No reference is needed.
+/// Order 5 of the output shaft, 2.8 of the input and so of no other row: in proportion to the
+/// torque it is the brake's, the same at both loads a speed that fluctuates. No reference is
+/// needed.
 #[test]
 fn analytic_one_order_of_a_shaft_is_named_by_its_law_over_torque() {
     let points = [(20.0, 20.0), (20.0, 40.0), (30.0, 20.0), (30.0, 40.0)];
@@ -279,7 +287,8 @@ fn analytic_one_order_of_a_shaft_is_named_by_its_law_over_torque() {
     assert!(new.effects[0].evidence.support.contains("row"), "{:?}", new.effects[0].evidence);
 }
 
-/// 33 waves on the flanks of 23 teeth, without a reference: order 33 of the pinion stands above all that lies between the mesh harmonics.
+/// 33 waves on the flanks of 23 teeth, without a reference: order 33 of the pinion stands above all
+/// that lies between the mesh harmonics.
 #[test]
 fn analytic_one_order_between_the_mesh_harmonics_is_a_ghost() {
     let more = |_: usize, _: f64, angle: f64| 0.3 * (TAU * 33.0 * angle).cos();
@@ -296,7 +305,8 @@ fn analytic_one_order_between_the_mesh_harmonics_is_a_ghost() {
     assert!(answer.effects.iter().all(|e| e.effect != "ghost_component"), "{:?}", answer.steps);
 }
 
-/// A push 3.72 times a turn of the input shaft, 6.63 of the output: both are usual races, and the sensor that hears it more tells which.
+/// A push 3.72 times a turn of the input shaft, 6.63 of the output: both are usual races, and the
+/// sensor that hears it more tells which.
 #[test]
 fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
     let place = |loud: usize| {
@@ -317,8 +327,9 @@ fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
     assert_eq!((place(0).as_str(), place(1).as_str()), ("input", "output"));
 }
 
-/// All speeds behind the display, without a tacho: by the same share at both loads the sample clock is off, in proportion to the torque the belt
-/// slips. The recordings' speeds scatter by ±0.1 % as those of a drive do.
+/// All speeds behind the display, without a tacho: by the same share at both loads the sample clock
+/// is off, in proportion to the torque the belt slips. The recordings' speeds scatter by ±0.1 % as
+/// those of a drive do.
 #[test]
 fn analytic_slip_grows_with_the_load_and_a_wrong_clock_does_not() {
     let belted = belted(2.0);
@@ -341,7 +352,8 @@ fn analytic_slip_grows_with_the_load_and_a_wrong_clock_does_not() {
     assert!((ppm.value() - 1e6 * 0.006 / 0.994).abs() < 3.0 * ppm.sigma(), "{ppm:?}");
 }
 
-/// A sheet that says 2.5 for a belt of 2: named with the ratio that fits, and nothing else, without a tacho. The sheet's own ratio gets no name.
+/// A sheet that says 2.5 for a belt of 2: named with the ratio that fits, and nothing else, without
+/// a tacho. The sheet's own ratio gets no name.
 #[test]
 fn regress_a_wrong_belt_ratio_is_named() {
     let mut now = session(1, 23.0, &nothing);
@@ -360,7 +372,8 @@ fn regress_a_wrong_belt_ratio_is_named() {
     }
 }
 
-/// A sheet of 23 teeth for a pinion of 24, behind a belt of 2 that the sheet has right: another ratio puts the mesh lines as well, but not the sidebands and orders of the input shaft.
+/// A sheet of 23 teeth for a pinion of 24, behind a belt of 2 that the sheet has right: another
+/// ratio puts the mesh lines as well, but not the sidebands and orders of the input shaft.
 #[test]
 fn analytic_other_teeth_behind_a_belt_are_no_other_ratio() {
     let mut now = session(1, 24.0, &nothing);
@@ -372,7 +385,8 @@ fn analytic_other_teeth_behind_a_belt_are_no_other_ratio() {
     assert_eq!(answer.effects.len(), 1, "{:?}", answer.steps);
 }
 
-/// A component of order 200.37 lies below half the sample rate at 20 Hz and is folded at 30 Hz, in one channel and without a reference.
+/// A component of order 200.37 lies below half the sample rate at 20 Hz and is folded at 30 Hz, in
+/// one channel and without a reference.
 #[test]
 fn analytic_a_line_that_folds_at_one_speed_is_aliasing() {
     let folds = |channel: usize, _: f64, angle: f64| {
@@ -382,11 +396,14 @@ fn analytic_a_line_that_folds_at_one_speed_is_aliasing() {
     assert_eq!(first(&answer), ("aliasing", "acc_2"), "{:?}", answer.steps);
 }
 
-/// The angle of the whole train swings at 3.7 Hz, at every speed and on both sensors: a speed that fluctuates by 0.4 %, with and without a reference; a reference that swings alike says that nothing is new.
+/// The angle of the whole train swings at 3.7 Hz, at every speed and on both sensors: a speed that
+/// fluctuates by 0.4 %, with and without a reference; a reference that swings alike says that
+/// nothing is new.
 #[test]
 fn analytic_a_swing_of_fixed_frequency_is_a_speed_that_fluctuates() {
     let (hz, depth) = (3.7, 4e-3);
-    // Samples are taken at the times at which a train that turns evenly has the angle of the one that swings.
+    // Samples are taken at the times at which a train that turns evenly has the angle of the one
+    // that swings.
     let swung = |seed: u64| -> Vec<Recording> {
         let mut all = session(seed, 23.0, &nothing);
         for recording in &mut all {
@@ -416,7 +433,8 @@ fn analytic_a_swing_of_fixed_frequency_is_a_speed_that_fluctuates() {
     assert_eq!(ask(&swung(1), &swung(50)).status, Status::Consistent);
 }
 
-/// Without a reference: the first order of the output shaft far above its row is unbalance, the first sidebands of the wheel far above the others run-out; a sound bench is neither.
+/// Without a reference: the first order of the output shaft far above its row is unbalance, the
+/// first sidebands of the wheel far above the others run-out; a sound bench is neither.
 #[test]
 fn analytic_what_happens_once_a_turn_needs_no_reference() {
     let shaft = 23.0 / 41.0;

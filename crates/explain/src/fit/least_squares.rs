@@ -1,10 +1,13 @@
 //! Levenberg–Marquardt for a few dozen numbers with Gaussian priors and heavy-tailed residuals.
 //!
-//! Minimises `Σ (ν + 1) ln(1 + r²/ν) + Σ ((x − μ)/s)²`: residuals `r` in standard deviations follow a t distribution with ν = 4, taken by
-//! iterated weights `(ν + 1)/(ν + r²)` (Lange, Little & Taylor 1989); the damped normal equations are Marquardt's (1963), scaled by the diagonal. Between
-//! difference quotients, which take a model a number, the Jacobian follows the steps themselves by Broyden's update (1965), row by row over the numbers that the row
-//! depends on (Schubert 1970). The covariance is Laplace's: the inverse of the weighted normal matrix at fresh quotients, priors included. No crate is used: `levenberg-marquardt` 0.15 is
-//! tied to an older `nalgebra` than this workspace has, and knows neither heavy tails nor a point without a model.
+//! Minimises `Σ (ν + 1) ln(1 + r²/ν) + Σ ((x − μ)/s)²`: residuals `r` in standard deviations follow
+//! a t distribution with ν = 4, taken by iterated weights `(ν + 1)/(ν + r²)` (Lange, Little &
+//! Taylor 1989); the damped normal equations are Marquardt's (1963), scaled by the diagonal.
+//! Between difference quotients, which take a model a number, the Jacobian follows the steps
+//! themselves by Broyden's update (1965), row by row over the numbers that the row depends on
+//! (Schubert 1970). The covariance is Laplace's: the inverse of the weighted normal matrix at fresh
+//! quotients, priors included. No crate is used: `levenberg-marquardt` 0.15 is tied to an older
+//! `nalgebra` than this workspace has, and knows neither heavy tails nor a point without a model.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,13 +15,15 @@ use nalgebra::{DMatrix, DVector};
 const TAIL: f64 = 4.0;
 /// Step of the difference quotients, in standard deviations of the prior.
 const STEP: f64 = 0.05;
-/// Share of that step by which a state is moved along it: states follow the numbers in nearly straight lines, and residuals the states not everywhere.
+/// Share of that step by which a state is moved along it: states follow the numbers in nearly
+/// straight lines, and residuals the states not everywhere.
 const SHARE: f64 = 0.02;
 /// Steps that are tried in one direction, each shorter than the one before.
 const TRIES: usize = 8;
 /// Relative gain at which iterations end.
 const SETTLED: f64 = 1e-3;
-/// Steps that one Jacobian by difference quotients serves, and the share of the gain that it promises below which it serves no longer.
+/// Steps that one Jacobian by difference quotients serves, and the share of the gain that it
+/// promises below which it serves no longer.
 const SERVES: usize = 4;
 const KEEPS: f64 = 0.3;
 /// How far a number may go from its prior (standard deviations).
@@ -49,7 +54,8 @@ pub struct Solution {
     pub iterations: usize,
 }
 
-/// Cost of residuals: twice their negative log likelihood but for a constant; 1 each, on average (0.97), where they are Gaussian of deviation 1.
+/// Cost of residuals: twice their negative log likelihood but for a constant; 1 each, on average
+/// (0.97), where they are Gaussian of deviation 1.
 pub fn losses(residuals: &[f64]) -> f64 {
     residuals.iter().map(|r| (TAIL + 1.0) * (r * r / TAIL).ln_1p()).sum()
 }
@@ -75,13 +81,15 @@ pub trait Model {
     /// What a state leaves (standard deviations).
     fn residuals(&self, state: &Self::State) -> Vec<f64>;
 
-    /// A state with a share of what one number alone did, of one where several were moved that reach different parts of it.
+    /// A state with a share of what one number alone did, of one where several were moved that
+    /// reach different parts of it.
     fn reached(&self, state: &Self::State, moved: &Self::State, number: usize, share: f64) -> Self::State;
 }
 
-/// Minimises from a start over the numbers listed in `free`, the others stay; at most so many iterations. Where there is no model at
-/// a point the search turns back. The covariance is that of the free numbers, in their order. Numbers that reach different residuals are moved at once for the difference quotients
-/// (Curtis, Powell & Reid 1974).
+/// Minimises from a start over the numbers listed in `free`, the others stay; at most so many
+/// iterations. Where there is no model at a point the search turns back. The covariance is that of
+/// the free numbers, in their order. Numbers that reach different residuals are moved at once for
+/// the difference quotients (Curtis, Powell & Reid 1974).
 pub fn minimise<M: Model>(
     start: DVector<f64>,
     priors: &[Prior],
@@ -102,7 +110,8 @@ pub fn minimise<M: Model>(
     Some(Solution { x, covariance: normal.cholesky()?.inverse(), cost: (first, cost), iterations: done })
 }
 
-/// As [`minimise`], without a covariance: the cost and the numbers of where so many iterations lead.
+/// As [`minimise`], without a covariance: the cost and the numbers of where so many iterations
+/// lead.
 pub fn approach<M: Model>(
     start: DVector<f64>,
     priors: &[Prior],
@@ -158,7 +167,8 @@ struct Descent<'a, S> {
     /// Iterations that improved.
     done: usize,
     jacobian: DMatrix<f64>,
-    /// Steps that the Jacobian has followed since it was taken by difference quotients; from [`SERVES`] on it is taken again.
+    /// Steps that the Jacobian has followed since it was taken by difference quotients; from
+    /// [`SERVES`] on it is taken again.
     followed: usize,
     /// The normal matrix of the last iteration, where its Jacobian was fresh.
     normal: Option<DMatrix<f64>>,
@@ -223,7 +233,8 @@ impl<S> Descent<'_, S> {
         Some(())
     }
 
-    /// Makes each row of the Jacobian agree with what a step did to its residual, by the least change in the numbers that it depends on, each in standard deviations of its prior.
+    /// Makes each row of the Jacobian agree with what a step did to its residual, by the least
+    /// change in the numbers that it depends on, each in standard deviations of its prior.
     fn follow(&mut self, next: &DVector<f64>, at: &[f64]) {
         self.followed += 1;
         let sigmas: Vec<f64> = self.free.iter().map(|&k| self.priors[k].sigma).collect();
@@ -339,8 +350,9 @@ mod tests {
         }
     }
 
-    /// A line through five points with one wild one: the prior is weak, so slope and offset are those of the other four, and the
-    /// covariance of a plain fit is `(JᵀJ)⁻¹` but for the weights, which at small residuals are 5/4.
+    /// A line through five points with one wild one: the prior is weak, so slope and offset are
+    /// those of the other four, and the covariance of a plain fit is `(JᵀJ)⁻¹` but for the weights,
+    /// which at small residuals are 5/4.
     #[test]
     fn analytic_line_is_found_beside_a_wild_point() {
         let points = [(0.0, 1.0), (1.0, 3.0), (2.0, 5.0), (3.0, 7.0), (4.0, 60.0)];
@@ -353,13 +365,15 @@ mod tests {
         let expected = 0.01 * 14.0 / 20.0 / 1.25;
         assert!((found.covariance[(0, 0)] / expected - 1.0).abs() < 0.05, "{}", found.covariance[(0, 0)]);
         assert!(found.cost.1 < found.cost.0);
-        // With the slope held where it is, the offset makes the best of it: the mean of what is left of the four good points, nearly.
+        // With the slope held where it is, the offset makes the best of it: the mean of what is
+        // left of the four good points, nearly.
         let held = minimise(DVector::from_vec(vec![0.0, 2.1]), &priors, &[], &[0], 16, &mut model).unwrap();
         assert!(held.x[1] == 2.1 && (held.x[0] - 0.85).abs() < 0.05, "{held:?}");
         assert_eq!(held.covariance.shape(), (1, 1));
     }
 
-    /// Three offsets of two points each and one of all six: the offsets are moved at once, in two calls an iteration instead of four, and found where single steps find them.
+    /// Three offsets of two points each and one of all six: the offsets are moved at once, in two
+    /// calls an iteration instead of four, and found where single steps find them.
     #[test]
     fn analytic_numbers_that_reach_other_rows_are_moved_at_once() {
         let data = [1.0, 1.2, -2.0, -2.2, 0.5, 0.7];
@@ -389,7 +403,8 @@ mod tests {
         assert!(2 * fewer < more + 3 * iterations, "{fewer} {more}");
     }
 
-    /// A decay `a exp(−b t)` without noise, far from where the search starts: the steps that share a Jacobian end at the same numbers, with the covariance of the Jacobian there, whose
+    /// A decay `a exp(−b t)` without noise, far from where the search starts: the steps that share
+    /// a Jacobian end at the same numbers, with the covariance of the Jacobian there, whose
     /// difference quotients over 5 % of a wide prior are good to some per cent.
     #[test]
     fn analytic_a_jacobian_that_follows_its_steps_leads_to_the_minimum() {

@@ -1,13 +1,18 @@
-//! Named effects and the bench's own numbers fitted together, on the steady state of the simulator's full model.
+//! Named effects and the bench's own numbers fitted together, on the steady state of the
+//! simulator's full model.
 //!
-//! Data are the mesh harmonics of every pair and channel, amplitude and phase. The path from bearing to sensor gives each line, channel and speed a gain and a phase of its
-//! own; they enter the logarithm of the line as a constant, so they are eliminated exactly (variable projection, Golub & Pereyra 1973): what stays is the *change*
-//! of each line between reference and recording, and the *trend* of the reference's line over the loads of one speed, less its mean.
-//! The effect's parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are coupled through their bodies and the
-//! spacing of its teeth scatters (as pairs that alternate), bearings and torsion of every
-//! shaft, and a profile error that every pair of teeth has, of each mesh harmonic that takes part, are fitted with priors as wide as a sheet is wrong. Recordings see the effect, references do not.
-//! Where teeth part at a light load, the motion near that of teeth in contact is taken.
-//! Fits start from the bench's numbers as the references show them, and from the best sizes of the effect, on both sides of no effect.
+//! Data are the mesh harmonics of every pair and channel, amplitude and phase. The path from
+//! bearing to sensor gives each line, channel and speed a gain and a phase of its own; they enter
+//! the logarithm of the line as a constant, so they are eliminated exactly (variable projection,
+//! Golub & Pereyra 1973): what stays is the *change* of each line between reference and recording,
+//! and the *trend* of the reference's line over the loads of one speed, less its mean. The effect's
+//! parameters (as logarithms), stiffness and damping of every mesh, how far its tooth pairs are
+//! coupled through their bodies and the spacing of its teeth scatters (as pairs that alternate),
+//! bearings and torsion of every shaft, and a profile error that every pair of teeth has, of each
+//! mesh harmonic that takes part, are fitted with priors as wide as a sheet is wrong. Recordings
+//! see the effect, references do not. Where teeth part at a light load, the motion near that of
+//! teeth in contact is taken. Fits start from the bench's numbers as the references show them, and
+//! from the best sizes of the effect, on both sides of no effect.
 
 mod base;
 mod library;
@@ -45,9 +50,11 @@ pub struct Refit {
 /// How well one effect accounts for the lines.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    /// Log evidence (Laplace, nats): what the fit leaves, less what its freedom would gain by chance.
+    /// Log evidence (Laplace, nats): what the fit leaves, less what its freedom would gain by
+    /// chance.
     pub evidence: f64,
-    /// What is left of the changes, per amplitude and phase: 1 of a fit as good as the stated model error, near 0 of a better one.
+    /// What is left of the changes, per amplitude and phase: 1 of a fit as good as the stated model
+    /// error, near 0 of a better one.
     pub left: f64,
     /// Lines.
     pub lines: usize,
@@ -58,7 +65,8 @@ pub fn base(q: &Question<'_>, cells: &[Cell]) -> Option<Base> {
     if q.comparison.pairs.is_empty() { None } else { Problem::base(q, cells) }
 }
 
-/// Fits the findings that have a form on mesh lines together with the bench's numbers, and puts what came out into them.
+/// Fits the findings that have a form on mesh lines together with the bench's numbers, and puts
+/// what came out into them.
 pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Option<Refit> {
     let members: Vec<usize> = (0..findings.len()).filter(|&i| fitted(findings[i].effect).is_some()).collect();
     if members.is_empty() {
@@ -82,7 +90,8 @@ pub fn has_form(effect: &str) -> bool {
     fitted(effect).is_some()
 }
 
-/// The bench without and with some effects (id and place), all numbers as the lines have them; without effects as the references show it.
+/// The bench without and with some effects (id and place), all numbers as the lines have them;
+/// without effects as the references show it.
 pub fn setups(q: &Question<'_>, cells: &[Cell], members: &[(&str, &str)]) -> Option<[SimSetup; 2]> {
     let base = base(q, cells)?;
     let mut problem = Problem::new(q, cells, members)?.with_effort(QUICK);
@@ -95,13 +104,16 @@ pub fn setups(q: &Question<'_>, cells: &[Cell], members: &[(&str, &str)]) -> Opt
     problem.setups(&x)
 }
 
-/// How much further from the lines (nats) than the nearest a candidate may be at a first look and still be fitted to the end.
+/// How much further from the lines (nats) than the nearest a candidate may be at a first look and
+/// still be fitted to the end.
 const OUT_OF_REACH: f64 = 60.0;
 /// Costs that are one point's.
 const SAME: f64 = 1e-6;
 
-/// How well each of some effects (id and place) accounts for the lines with the bench's numbers free, `None` where one has no form on them or no steady state; and how well a change of
-/// unknown form does: the lines of each stage move by a spread of its own, and nothing says which way. An effect of the library has to be better than that.
+/// How well each of some effects (id and place) accounts for the lines with the bench's numbers
+/// free, `None` where one has no form on them or no steady state; and how well a change of unknown
+/// form does: the lines of each stage move by a spread of its own, and nothing says which way. An
+/// effect of the library has to be better than that.
 pub fn compare(
     q: &Question<'_>,
     cells: &[Cell],
@@ -119,7 +131,8 @@ pub fn compare(
     let nearest = seen.iter().flatten().filter_map(|(_, s)| s.first()).map(|s| s.0).fold(f64::INFINITY, f64::min);
     let settle = |(problem, starts)| followed(problem, starts, nearest, freedom);
     let first: Vec<Option<Followed<'_>>> = seen.into_par_iter().map(|seen| seen.and_then(settle)).collect();
-    // Each again from the benches that the others ended with: valleys that its own starts did not lead to.
+    // Each again from the benches that the others ended with: valleys that its own starts did not
+    // lead to.
     let of_bench = |(problem, s): &(Problem<'_>, Settled)| s.solution.x.rows(0, problem.own()).into_owned();
     let benches: Vec<_> = first.iter().flatten().filter_map(|f| f.as_ref().ok().map(of_bench)).collect();
     let again = |found: Option<Followed<'_>>| match found? {
@@ -139,7 +152,8 @@ pub fn compare(
 /// A problem and its minimum, or what a first look says of one out of reach.
 type Followed<'a> = Result<(Problem<'a>, Settled), Fit>;
 
-/// The minimum from some starts. What is far out of the others' reach is judged by its first look, and has the freedom of no effect.
+/// The minimum from some starts. What is far out of the others' reach is judged by its first look,
+/// and has the freedom of no effect.
 fn followed(mut problem: Problem<'_>, starts: Vec<Start>, nearest: f64, freedom: f64) -> Option<Followed<'_>> {
     let (cost, x) = starts.first()?;
     if *cost > nearest + 2.0 * OUT_OF_REACH {
@@ -180,7 +194,8 @@ fn crossed(problem: &mut Problem<'_>, best: &Settled, benches: &[DVector<f64>]) 
     Some(found)
 }
 
-/// How well a change of unknown form accounts for the lines, beside the bench without an effect. Without one the changes have no part in what else is fitted.
+/// How well a change of unknown form accounts for the lines, beside the bench without an effect.
+/// Without one the changes have no part in what else is fitted.
 fn unknown(q: &Question<'_>, problem: &Problem<'_>, none: &Settled) -> Fit {
     let of_stage = |stage: usize| {
         let own: Vec<&Line> = problem.lines.iter().filter(|l| l.stage == stage).collect();
@@ -197,7 +212,8 @@ fn least_spread_cost(lines: &[&Line]) -> f64 {
     spreads.map(|spread| spread_cost(lines, spread)).fold(f64::INFINITY, f64::min)
 }
 
-/// Twice the negative log likelihood of lines that move by a spread (ln) beside their own error, and half the logarithm of their number for the spread itself (Schwarz 1978).
+/// Twice the negative log likelihood of lines that move by a spread (ln) beside their own error,
+/// and half the logarithm of their number for the spread itself (Schwarz 1978).
 fn spread_cost(lines: &[&Line], spread: f64) -> f64 {
     let wider = |l: &Line| (1.0 + (spread / l.sigma()).powi(2)).sqrt();
     let of = |l: &&Line| losses(&l.moved().map(|m| m / (l.sigma() * wider(l))).collect::<Vec<_>>());

@@ -1,10 +1,14 @@
-//! SHAPE: what the simulator's own model says an effect does to the lines of a stage, against what was seen.
+//! SHAPE: what the simulator's own model says an effect does to the lines of a stage, against what
+//! was seen.
 //!
-//! A mesh line is `A_h(T) = |H(f) k (U_h(T) + E_h)|`: `U` the static transmission error of the loaded pair by its harmonics, `E` the
-//! unknown profile error that every pair of teeth has, `k` the mean mesh stiffness, `H` the train's frequency response from
-//! mesh to sensor. In the ratio of a recording to its reference at the same speed and load all of the path behind the train cancels.
-//! Base parameters and the scatter of tooth spacing are drawn within the tolerance of a sheet, `E_h` at the size of ISO 1328 grade 5; an effect's evidence is its likelihood averaged
-//! over the draws and over a grid of its sizes, with a model error in proportion to the predicted change.
+//! A mesh line is `A_h(T) = |H(f) k (U_h(T) + E_h)|`: `U` the static transmission error of the
+//! loaded pair by its harmonics, `E` the unknown profile error that every pair of teeth has, `k`
+//! the mean mesh stiffness, `H` the train's frequency response from mesh to sensor. In the ratio of
+//! a recording to its reference at the same speed and load all of the path behind the train
+//! cancels. Base parameters and the scatter of tooth spacing are drawn within the tolerance of a
+//! sheet, `E_h` at the size of ISO 1328 grade 5; an effect's evidence is its likelihood averaged
+//! over the draws and over a grid of its sizes, with a model error in proportion to the predicted
+//! change.
 
 mod candidates;
 mod model;
@@ -34,8 +38,8 @@ const BASES: usize = 6;
 const ERRORS: usize = 32;
 /// Mesh harmonics that are modelled.
 const HARMONICS: usize = 12;
-/// Profile error of the first harmonic that is usual (m), falling as 1/h: ISO 1328 grade 5 allows 6 to 8 µm over a flank of one tooth;
-/// what all pairs have in common is a part of it.
+/// Profile error of the first harmonic that is usual (m), falling as 1/h: ISO 1328 grade 5 allows 6
+/// to 8 µm over a flank of one tooth; what all pairs have in common is a part of it.
 const USUAL_ERROR_M: f64 = 0.7e-6;
 /// Model error of a predicted log change: a constant part and one in proportion.
 const MODEL_SIGMA: f64 = 0.12;
@@ -84,7 +88,8 @@ fn drawn(bench: &Bench, rng: &mut ChaCha8Rng) -> SimSetup {
         teeth.pair.stiffness_factor *= off(0.12);
     }
     for teeth in &mut setup.teeth {
-        // Models in use couple tooth pairs through their bodies anywhere between not at all and as here.
+        // Models in use couple tooth pairs through their bodies anywhere between not at all and as
+        // here.
         teeth.pair.coupling_factor *= rng.random::<f64>();
         teeth.pair.alternating_m = 1e-6 * (SPACING_UM.0 + SPACING_UM.1 * normal(rng)).max(0.0);
     }
@@ -99,12 +104,14 @@ fn log_mean_exp(values: &[f64]) -> f64 {
     largest + (values.iter().map(|v| (v - largest).exp()).sum::<f64>() / values.len() as f64).ln()
 }
 
-/// Shares of the change of a mesh harmonic that its sidebands may follow, all of them alike: what modulates the harmonic's excitation changes with it, what adds to it does not.
-/// Each line may follow half the step of these shares more or less.
+/// Shares of the change of a mesh harmonic that its sidebands may follow, all of them alike: what
+/// modulates the harmonic's excitation changes with it, what adds to it does not. Each line may
+/// follow half the step of these shares more or less.
 const FOLLOWS: [f64; 3] = [0.0, 0.5, 1.0];
 const FOLLOWS_SPREAD: f64 = 0.25;
 
-/// Log likelihood of one change, with limits: a single line does not decide. `dynamics` is what the train's response does, `teeth` what the mesh harmonic's excitation does.
+/// Log likelihood of one change, with limits: a single line does not decide. `dynamics` is what the
+/// train's response does, `teeth` what the mesh harmonic's excitation does.
 fn log_likelihood(seen: &Seen, dynamics: f64, teeth: f64, follows: f64) -> f64 {
     let (share, spread) = if seen.beside { (follows, FOLLOWS_SPREAD) } else { (1.0, 0.0) };
     let predicted = dynamics + share * teeth;
@@ -209,9 +216,11 @@ pub fn prior(effect: &str) -> f64 {
     match effect {
         "mesh_stiffness" | "tip_relief" | "profile_error" => 2.0,
         "load_dependent_stiffness" => 0.5,
-        // A matter of the gears' bodies: between a reference and a recording only another gear changes it.
+        // A matter of the gears' bodies: between a reference and a recording only another gear
+        // changes it.
         "body_coupling" => 0.2,
-        // Free in form, so that it follows anything; and across the line of action, where few sensors look.
+        // Free in form, so that it follows anything; and across the line of action, where few
+        // sensors look.
         "tooth_friction" => 0.3,
         _ => 1.0,
     }
@@ -219,7 +228,8 @@ pub fn prior(effect: &str) -> f64 {
 
 type Draws = Vec<Vec<[Complex64; ERRORS]>>;
 
-/// Log likelihood of all lines: orders of shafts by the dynamics alone, mesh harmonics and their sidebands averaged over the unknown profile errors of each.
+/// Log likelihood of all lines: orders of shafts by the dynamics alone, mesh harmonics and their
+/// sidebands averaged over the unknown profile errors of each.
 fn total(
     seen: &[Seen],
     candidate: &Candidate,
@@ -314,19 +324,23 @@ mod tests {
         Seen { pair: 0, sensor: 0, stage: 0, harmonic: Some(1), beside, frequency_hz: 500.0, change, variance: 0.01 }
     }
 
-    /// A mesh harmonic takes all of the teeth's change, whatever its sidebands follow; a sideband that stood still agrees with what adds to the harmonic, one that came along with what modulates it.
+    /// A mesh harmonic takes all of the teeth's change, whatever its sidebands follow; a sideband
+    /// that stood still agrees with what adds to the harmonic, one that came along with what
+    /// modulates it.
     #[test]
     fn analytic_a_sideband_follows_its_harmonic_by_the_share() {
         let of = |beside, change, follows| log_likelihood(&line(beside, change), 0.1, 0.8, follows);
         assert_eq!(of(false, 0.9, 0.0), of(false, 0.9, 1.0));
         assert!(of(true, 0.1, 0.0) > of(true, 0.1, 1.0));
         assert!(of(true, 0.9, 1.0) > of(true, 0.9, 0.0));
-        // Where the sideband does what was predicted only the normal density's own width is left: σ² = 0.01 + 0.12² + (0.45·0.9)² + (0.25·0.8)².
+        // Where the sideband does what was predicted only the normal density's own width is left:
+        // σ² = 0.01 + 0.12² + (0.45·0.9)² + (0.25·0.8)².
         let variance: f64 = 0.01 + 0.0144 + 0.405 * 0.405 + 0.04;
         assert!((of(true, 0.9, 1.0) + 0.5 * variance.ln()).abs() < 1e-12);
     }
 
-    /// A line four standard deviations off and one a hundred off cost the same 8 nats: a single line does not decide.
+    /// A line four standard deviations off and one a hundred off cost the same 8 nats: a single
+    /// line does not decide.
     #[test]
     fn analytic_one_line_costs_eight_nats_at_most() {
         let cost = |change: f64| {

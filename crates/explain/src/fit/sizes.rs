@@ -1,9 +1,11 @@
-//! Sizes of named effects: how large the simulator's own effect must be to give the power that came up in its lines.
+//! Sizes of named effects: how large the simulator's own effect must be to give the power that came
+//! up in its lines.
 //!
-//! The steady state of the sheet's bench is solved with and without the effect at its typical size; the difference `J` is what the effect adds to
-//! each line ahead of the unknown path. The path's level is read from the mesh harmonics of the reference against the model's. With
-//! unknown phases between old and new parts of a line, powers add on average: `s² Σ|J g|² = Σ (P − P_ref)`. What the lumped
-//! path leaves open is a factor of about 1.6, and it stays in the sigma.
+//! The steady state of the sheet's bench is solved with and without the effect at its typical size;
+//! the difference `J` is what the effect adds to each line ahead of the unknown path. The path's
+//! level is read from the mesh harmonics of the reference against the model's. With unknown phases
+//! between old and new parts of a line, powers add on average: `s² Σ|J g|² = Σ (P − P_ref)`. What
+//! the lumped path leaves open is a factor of about 1.6, and it stays in the sigma.
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,12 @@
-//! Physics without a name: laws of springs and dampers at every place of the train, fitted through the simulator's full model.
+//! Physics without a name: laws of springs and dampers at every place of the train, fitted through
+//! the simulator's full model.
 //!
-//! Where no effect of the library accounts for what changed, or the model of the one that was named predicts badly, a law is sought that the equations of motion lack: `|u| u`, `u³`, `|v| v`,
-//! `sgn v` or a further spring beyond a dead zone, at every bearing, shaft, belt and mesh. The coefficient of each is fitted to the mesh lines with the bench's own numbers as the references show
-//! them, then together with these; candidates are ranked by their evidence (Laplace), and judged on recordings that took no part.
+//! Where no effect of the library accounts for what changed, or the model of the one that was named
+//! predicts badly, a law is sought that the equations of motion lack: `|u| u`, `u³`, `|v| v`, `sgn
+//! v` or a further spring beyond a dead zone, at every bearing, shaft, belt and mesh. The
+//! coefficient of each is fitted to the mesh lines with the bench's own numbers as the references
+//! show them, then together with these; candidates are ranked by their evidence (Laplace), and
+//! judged on recordings that took no part.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::bench::Term;
@@ -17,7 +21,8 @@ use crate::change::locate::Cell;
 use crate::fit::refit::{self, Base, FreeTerm, Number, Problem};
 use crate::name::Question;
 
-/// Sizes that are tried, in scales, either way from no law; dampers take energy, so that theirs are positive.
+/// Sizes that are tried, in scales, either way from no law; dampers take energy, so that theirs are
+/// positive.
 const SPRING_SIZES: [&[f64]; 2] = [&[-0.1, -0.5], &[0.03, 0.1, 0.4, 1.5]];
 const DAMPER_SIZES: [&[f64]; 2] = [&[], &[0.1, 0.4, 1.5, 4.0]];
 /// Edges of a dead zone, by the deflection under the mean load.
@@ -77,14 +82,16 @@ pub fn tried(q: &Question<'_>) -> f64 {
 pub enum Search {
     /// Laws by their evidence, best first, and the evidence of no law at all.
     Found(Vec<Fitted>, f64),
-    /// The train has no steady state with its meshes solved together: laws of springs cannot be tried.
+    /// The train has no steady state with its meshes solved together: laws of springs cannot be
+    /// tried.
     Unsteady,
     /// No law leaves less than none.
     Nothing,
 }
 
-/// Laws by their evidence, and the evidence of no law at all. Of the laws that leave least at some size those are followed that are wanted by `odds` as they are: what the bench's own
-/// numbers can make up for is no law.
+/// Laws by their evidence, and the evidence of no law at all. Of the laws that leave least at some
+/// size those are followed that are wanted by `odds` as they are: what the bench's own numbers can
+/// make up for is no law.
 pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<Search> {
     let base = refit::base(q, cells)?;
     let all = candidates(q)?;
@@ -151,7 +158,8 @@ fn sized(start: &DVector<f64>, size: f64) -> DVector<f64> {
     x
 }
 
-/// A law and the bench's numbers from a size on; `None` where the law alone leaves a cost above `enough`.
+/// A law and the bench's numbers from a size on; `None` where the law alone leaves a cost above
+/// `enough`.
 fn follow(
     q: &Question<'_>,
     cells: &[Cell],
@@ -211,7 +219,8 @@ fn candidates(q: &Question<'_>) -> Option<Vec<FreeTerm>> {
     Some(out)
 }
 
-/// Stiffness, load (SI units, along the line or about the axis) and frequency of the motion of a spring; `None` of what has no static load.
+/// Stiffness, load (SI units, along the line or about the axis) and frequency of the motion of a
+/// spring; `None` of what has no static load.
 fn loaded(
     bench: &Bench,
     train: &Train,
@@ -248,7 +257,8 @@ fn loaded(
 mod tests {
     use super::*;
 
-    /// Static loads of the shipped pair at 60 N m, by hand: 24.2 N m on the pinion's shaft, and 747 N between flanks whose base radius is 32.4 mm, which both shafts' bearings carry.
+    /// Static loads of the shipped pair at 60 N m, by hand: 24.2 N m on the pinion's shaft, and 747
+    /// N between flanks whose base radius is 32.4 mm, which both shafts' bearings carry.
     #[test]
     fn analytic_springs_carry_the_static_load() {
         let bench = gearwatch_sim::shipped::bench("single-pair").unwrap();

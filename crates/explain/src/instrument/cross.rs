@@ -1,7 +1,8 @@
 //! Cross-spectra of all channels of a recording, and how far two sets of them are apart.
 //!
-//! One machine drives all sensors: at each frequency the matrix of cross-spectra holds how much each channel hears, and how it leads or lags the others. It says
-//! which channel is which, and which way round, without a phase reference and without the sheet.
+//! One machine drives all sensors: at each frequency the matrix of cross-spectra holds how much
+//! each channel hears, and how it leads or lags the others. It says which channel is which, and
+//! which way round, without a phase reference and without the sheet.
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -11,12 +12,15 @@ use crate::read::dsp::{Transforms, median};
 
 /// Width of a bin (Hz) that is aimed at: below the slowest shafts of small boxes.
 const BIN_HZ: f64 = 6.25;
-/// Averages per channel that a matrix of cross-spectra needs to be told from its neighbours, and at least.
+/// Averages per channel that a matrix of cross-spectra needs to be told from its neighbours, and at
+/// least.
 const AVERAGES: usize = 8;
-/// Band that is looked at: above what cables and mountings drift, below the anti-alias corner (share of the sample rate).
+/// Band that is looked at: above what cables and mountings drift, below the anti-alias corner
+/// (share of the sample rate).
 const LOWEST_HZ: f64 = 40.0;
 const HIGHEST: f64 = 0.42;
-/// Power of each channel that no other shares, whatever the averages say (relative): sensors and converters have noise of their own.
+/// Power of each channel that no other shares, whatever the averages say (relative): sensors and
+/// converters have noise of their own.
 const OWN: f64 = 1e-4;
 /// Half-overlapping Hann windows count as so many independent ones each (Welch 1967).
 const INDEPENDENT: f64 = 0.72;
@@ -34,7 +38,8 @@ pub struct Cross {
 }
 
 impl Cross {
-    /// Samples of the windows that a run of `len` samples allows for so many channels; `None` where it is too short.
+    /// Samples of the windows that a run of `len` samples allows for so many channels; `None` where
+    /// it is too short.
     pub fn resolved(channels: usize, len: usize, sample_rate_hz: f64) -> Option<usize> {
         let wanted = AVERAGES * channels.max(3);
         let mut window = ((sample_rate_hz / BIN_HZ).max(64.0) as usize).next_power_of_two();
@@ -111,7 +116,8 @@ impl Cross {
     }
 }
 
-/// How the channels of a recording may have come to their places: channel `from[i]` of the recording is what the reference calls `i`, `sign[i]` times.
+/// How the channels of a recording may have come to their places: channel `from[i]` of the
+/// recording is what the reference calls `i`, `sign[i]` times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
     /// By place.
@@ -146,8 +152,10 @@ impl<'a> Against<'a> {
         Some(Self { reference, inverse, ln_det })
     }
 
-    /// By frequency the divergence `tr(R⁻¹ S) − ln det(R⁻¹ S) − n` of the recording, wired so, from the reference: the complex Wishart log likelihood per average, over
-    /// its largest value (Goodman 1963). One factor for each channel is free, so that gains do not decide; a swap or a turned sensor is not made by gains.
+    /// By frequency the divergence `tr(R⁻¹ S) − ln det(R⁻¹ S) − n` of the recording, wired so, from
+    /// the reference: the complex Wishart log likelihood per average, over its largest value
+    /// (Goodman 1963). One factor for each channel is free, so that gains do not decide; a swap or
+    /// a turned sensor is not made by gains.
     pub fn divergence(&self, recording: &Cross, wiring: &Wiring) -> Vec<f64> {
         let n = wiring.from.len();
         let factor: Vec<f64> = (0..n)

@@ -1,8 +1,11 @@
-//! One factor for lines and background alike: an amplifier, a sensitivity, a range that was set otherwise.
+//! One factor for lines and background alike: an amplifier, a sensitivity, a range that was set
+//! otherwise.
 //!
-//! The change of a channel against the reference, ln of the amplitude ratio by band, is drawn from one of three: the channel is as it was, but for a drift of a per cent;
-//! it has another gain, the same in all bands, lines and background; or it changed over frequency, as paths and machines do. Their evidences are Gaussian and in
-//! closed form; what all channels have in common is integrated out. So a gain is told at one speed too.
+//! The change of a channel against the reference, ln of the amplitude ratio by band, is drawn from
+//! one of three: the channel is as it was, but for a drift of a per cent; it has another gain, the
+//! same in all bands, lines and background; or it changed over frequency, as paths and machines do.
+//! Their evidences are Gaussian and in closed form; what all channels have in common is integrated
+//! out. So a gain is told at one speed too.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -18,7 +21,8 @@ const BINS: usize = 4;
 const CHANGED: f64 = 0.7;
 /// Scatter of single bands beyond their noise (ln) on a bench that changed.
 const UNSTEADY: [f64; 2] = [0.15, 0.4];
-/// Sizes of a change over frequency (ln) that a path or a machine may make, and the distance over which it is the same (ln of frequency), a third of an octave and more.
+/// Sizes of a change over frequency (ln) that a path or a machine may make, and the distance over
+/// which it is the same (ln of frequency), a third of an octave and more.
 const SIZES: [f64; 3] = [0.1, 0.25, 0.6];
 const REACH: f64 = 0.35;
 /// What is thought of a channel beforehand: another gain, or a change over frequency.
@@ -51,8 +55,9 @@ pub struct Gain {
     pub all: bool,
 }
 
-/// Changes by band; the louder and the fainter half of the bins of each, so that lines and background stand for themselves. Which half a bin belongs to is
-/// said by both recordings alike, so that chance draws neither.
+/// Changes by band; the louder and the fainter half of the bins of each, so that lines and
+/// background stand for themselves. Which half a bin belongs to is said by both recordings alike,
+/// so that chance draws neither.
 fn bands(recording: &Cross, reference: &Cross, channel: usize) -> Vec<Band> {
     let ratio = 2f64.powf(1.0 / BANDS);
     let power: Vec<(f64, f64, f64)> = recording
@@ -80,7 +85,8 @@ fn bands(recording: &Cross, reference: &Cross, channel: usize) -> Vec<Band> {
         let ln_hz = (band[0].0 * band[band.len() - 1].0).sqrt().ln();
         for half in [&sorted[..count / 2], &sorted[count / 2..]] {
             let mut changes: Vec<f64> = half.iter().map(|p| 0.5 * (p.1 / p.2).ln()).collect();
-            // A median has π/2 of the variance of a mean; Hann bins are correlated with their neighbours.
+            // A median has π/2 of the variance of a mean; Hann bins are correlated with their
+            // neighbours.
             let of_bin = 0.25 * (1.0 / recording.averages + 1.0 / reference.averages);
             let variance = of_bin * 1.57 * 1.5 / half.len() as f64;
             out.push(Band { ln_hz, change: median(&mut changes), variance });
@@ -96,7 +102,8 @@ struct Evidence {
     other: f64,
 }
 
-/// Log evidence of the bands of one channel under each state, given what all channels have in common.
+/// Log evidence of the bands of one channel under each state, given what all channels have in
+/// common.
 struct Channel {
     changes: DVector<f64>,
     /// Factors of covariances: log weight, `L⁻¹ 1`, `L⁻¹ d`, log determinant.
@@ -182,7 +189,8 @@ impl Channel {
     fn level(&self) -> (f64, f64) {
         let best = self.gain.iter().max_by(|a, b| a.ln_evidence(0.0).total_cmp(&b.ln_evidence(0.0)));
         match best {
-            // The covariance has the scatter of levels in it: what is left of 1ᵀC⁻¹1 is that of the bands.
+            // The covariance has the scatter of levels in it: what is left of 1ᵀC⁻¹1 is that of the
+            // bands.
             Some(f) => (f.mixed / f.ones, (1.0 / f.ones - CHANGED * CHANGED).max(0.0).sqrt().hypot(OF_A_SENSOR)),
             None => (self.changes.mean(), f64::NAN),
         }

@@ -1,7 +1,10 @@
-//! Samples that are missing without a mark: every line's phase steps by its frequency times the time that is missing, all at one instant.
+//! Samples that are missing without a mark: every line's phase steps by its frequency times the
+//! time that is missing, all at one instant.
 //!
-//! The lines are the narrow peaks of the recording itself, so that a wrong sheet cannot make a gap. Before and after each instant the phase of each line is read over
-//! half a second. A wander of the speed turns all phases in proportion to frequency too, but slowly: as if some few samples were missing, everywhere a little.
+//! The lines are the narrow peaks of the recording itself, so that a wrong sheet cannot make a gap.
+//! Before and after each instant the phase of each line is read over half a second. A wander of the
+//! speed turns all phases in proportion to frequency too, but slowly: as if some few samples were
+//! missing, everywhere a little.
 
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -14,7 +17,8 @@ use crate::read::dsp::{self, Transforms, median};
 const SIDE_S: f64 = 0.4;
 /// Samples gathered at a time (s): the grid of instants.
 const BLOCK_S: f64 = 0.005;
-/// Lines of a channel that are used, their least power over the background, and their least distance (Hz): the window tells them apart.
+/// Lines of a channel that are used, their least power over the background, and their least
+/// distance (Hz): the window tells them apart.
 const LINES: usize = 24;
 const ABOVE: f64 = 30.0;
 const APART_HZ: f64 = 6.0;
@@ -27,7 +31,8 @@ const TEMPER: f64 = 0.5;
 /// Most that the phase of one line counts, and nats within which two lengths of a gap are the same.
 const MOST_SURE: f64 = 30.0;
 const AS_WELL: f64 = 5.0;
-/// Least power about an instant, over the usual, of a line that is used there: two lines that nearly coincide beat, and where they cancel their phase turns round by itself.
+/// Least power about an instant, over the usual, of a line that is used there: two lines that
+/// nearly coincide beat, and where they cancel their phase turns round by itself.
 const PRESENT: f64 = 0.5;
 /// Instants that are looked at closely, each farther than a side from the others.
 const LOOKED_AT: usize = 6;
@@ -37,7 +42,8 @@ const LOOKED_AT: usize = 6;
 pub struct Gap {
     /// First sample after it, within [`Gap::within`] samples.
     pub at: usize,
-    /// How far off `at` may be: phases are read over a side, so the instant is known to a fifth of it.
+    /// How far off `at` may be: phases are read over a side, so the instant is known to a fifth of
+    /// it.
     pub within: usize,
     /// Samples that are missing, and the standard deviation of that.
     pub samples: (f64, f64),
@@ -119,7 +125,8 @@ impl Steps {
         if count < 4 * side {
             return None;
         }
-        // Half a Hann window that falls to nothing away from the instant: neighbours 2.5 Hz off are told apart, and what is near the instant counts most.
+        // Half a Hann window that falls to nothing away from the instant: neighbours 2.5 Hz off are
+        // told apart, and what is near the instant counts most.
         let window: Vec<f64> = (0..side).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / side as f64).cos()).collect();
         let sum = |blocks: &[Complex64]| blocks.iter().zip(&window).map(|(b, w)| b * w).sum::<Complex64>();
         let turn = |l: &Line, at: usize| sum(&l.blocks[at..at + side]) * sum(&l.blocks[at - side..at]).conj();
@@ -135,8 +142,9 @@ impl Steps {
         let phases = turns.iter().map(|t| t.iter().map(|z| z.arg()).collect()).collect();
         let mut out =
             Self { hz: lines.iter().map(|l| l.hz).collect(), weight: vec![1.0; lines.len()], phases, presence };
-        // Beside a gap the peak of a line is not at its frequency: what its steps have in common is that error, and is taken off. Weights by what is left, in the
-        // median, so that the instants about a gap do not count; both again with the wander that they give.
+        // Beside a gap the peak of a line is not at its frequency: what its steps have in common is
+        // that error, and is taken off. Weights by what is left, in the median, so that the
+        // instants about a gap do not count; both again with the wander that they give.
         for _ in 0..3 {
             let wander: Vec<f64> = (0..out.phases.len()).map(|k| out.best(k, 0.0, wander_s()).0).collect();
             for l in 0..out.hz.len() {
@@ -159,8 +167,8 @@ impl Steps {
         self.weight.iter().zip(&self.presence[at]).map(|(w, presence)| w * presence).sum()
     }
 
-    /// The time that is missing (s), from `least` on, and its log likelihood; from 0 on either way. Of times that agree as well, the machine's own period apart, the
-    /// shortest.
+    /// The time that is missing (s), from `least` on, and its log likelihood; from 0 on either way.
+    /// Of times that agree as well, the machine's own period apart, the shortest.
     fn best(&self, at: usize, least_s: f64, most_s: f64) -> (f64, f64) {
         let highest = self.hz.iter().copied().fold(1.0, f64::max);
         let step = 1.0 / (10.0 * highest);
@@ -236,7 +244,8 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
             looked.push(k);
         }
     }
-    // Instants and lengths that were tried, against the probability that any of them wins by chance.
+    // Instants and lengths that were tried, against the probability that any of them wins by
+    // chance.
     let tried = steps.phases.len() as f64 * LONGEST_S * rate;
     let needed = (tried / BY_CHANCE).ln();
     let mut out: Vec<Gap> = Vec::new();
@@ -306,7 +315,8 @@ mod tests {
             .collect()
     }
 
-    /// Lines of 400 and 400.5 Hz of amplitudes 1 and 0.9 cancel to a tenth once in two seconds, at 1 s: there they have no vote, and half a period on they have a whole one.
+    /// Lines of 400 and 400.5 Hz of amplitudes 1 and 0.9 cancel to a tenth once in two seconds, at
+    /// 1 s: there they have no vote, and half a period on they have a whole one.
     #[test]
     fn analytic_lines_that_cancel_have_no_vote() {
         let beating = |n: usize| {
@@ -322,8 +332,10 @@ mod tests {
         assert_eq!(presence(2.0), 1.0);
     }
 
-    /// Sidebands of two shafts that nearly coincide (12 and 6.476 Hz: 7 and 13 of them are 0.19 Hz apart) cancel every five seconds, about all mesh harmonics at one instant, and turn their phases
-    /// round: nothing is missing there. The same run with 300 samples cut out where they do not cancel has lost them.
+    /// Sidebands of two shafts that nearly coincide (12 and 6.476 Hz: 7 and 13 of them are 0.19 Hz
+    /// apart) cancel every five seconds, about all mesh harmonics at one instant, and turn their
+    /// phases round: nothing is missing there. The same run with 300 samples cut out where they do
+    /// not cancel has lost them.
     #[test]
     fn regress_lines_that_beat_have_lost_nothing() {
         let beating = |seed: u64| -> Vec<f64> {
@@ -353,7 +365,8 @@ mod tests {
         }
     }
 
-    /// Cut out of the middle, 40 to 3000 samples are counted, and found to a quarter of the 0.4 s over which phases are read; nothing is cut out of a run that wanders.
+    /// Cut out of the middle, 40 to 3000 samples are counted, and found to a quarter of the 0.4 s
+    /// over which phases are read; nothing is cut out of a run that wanders.
     #[test]
     fn regress_lost_samples_are_counted_and_placed() {
         for lost in [40usize, 300, 512, 3000] {

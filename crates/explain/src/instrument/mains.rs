@@ -1,4 +1,5 @@
-//! Mains that entered behind the machine, at one speed too: narrow lines exactly at multiples of 50 or 60 Hz that the reference has not.
+//! Mains that entered behind the machine, at one speed too: narrow lines exactly at multiples of 50
+//! or 60 Hz that the reference has not.
 
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -10,7 +11,8 @@ use crate::read::dsp::{self, MAIN_LOBE_BINS, Transforms, median};
 /// Public mains (Hz), and the multiples that are looked at.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MULTIPLES: u32 = 8;
-/// Standard deviation of the grid's frequency over minutes, and of slow sample clocks (relative): 20 mHz in 50 Hz, of a standard range of ±50 mHz (ENTSO-E 2017, SOGL annex III).
+/// Standard deviation of the grid's frequency over minutes, and of slow sample clocks (relative):
+/// 20 mHz in 50 Hz, of a standard range of ±50 mHz (ENTSO-E 2017, SOGL annex III).
 const DEVIATION: f64 = 4e-4;
 /// A line is new where it has so many times the power that the reference has there.
 const NEW: f64 = 4.0;
@@ -75,7 +77,8 @@ impl Spectrum {
         (first..=last).map(|k| self.power[k]).fold(0.0, f64::max)
     }
 
-    /// Peaks that stand out of the background beyond chance and that the reference, if there is one, has not.
+    /// Peaks that stand out of the background beyond chance and that the reference, if there is
+    /// one, has not.
     fn new_peaks(&self, reference: Option<&Self>, highest_hz: f64) -> Vec<Peak> {
         let last = ((highest_hz / self.bin_hz) as usize).min(self.power.len().saturating_sub(2));
         let needed = (last as f64 / BY_CHANCE).ln();
@@ -95,7 +98,8 @@ impl Spectrum {
             let (a, b, c) = (self.power[k - 1].ln(), self.power[k].ln(), self.power[k + 1].ln());
             let shift = (0.5 * (a - c) / (a - 2.0 * b + c)).clamp(-0.5, 0.5);
             let position = k as f64 + if shift.is_finite() { shift } else { 0.0 };
-            // Runs of the machine differ in speed by some per mille; lines of the mains do not move.
+            // Runs of the machine differ in speed by some per mille; lines of the mains do not
+            // move.
             let was = reference.map_or(0.0, |r| {
                 let reach = (2e-3 * position * self.bin_hz).max(2.0 * self.bin_hz.max(r.bin_hz));
                 louder * r.most_about(position * self.bin_hz, reach)
@@ -116,10 +120,13 @@ fn multiple(hz: f64, base: f64) -> Option<f64> {
 
 /// New lines of the mains in a run and the probability that they are, the strongest first.
 ///
-/// Each new line is the machine's or the mains'. The machine may put one anywhere in the band: the density of its lines is that of the new ones at least as strong that lie elsewhere. One
-/// of the mains lies within the grid's deviation of a multiple, a lower multiple more likely than a higher one. What lies on a multiple of a shaft is the machine's.
+/// Each new line is the machine's or the mains'. The machine may put one anywhere in the band: the
+/// density of its lines is that of the new ones at least as strong that lie elsewhere. One of the
+/// mains lies within the grid's deviation of a multiple, a lower multiple more likely than a higher
+/// one. What lies on a multiple of a shaft is the machine's.
 ///
-/// All multiples of what turns, motor and shafts, are the machine's. Without a reference every line is new.
+/// All multiples of what turns, motor and shafts, are the machine's. Without a reference every line
+/// is new.
 pub fn hum(
     transforms: &mut Transforms,
     samples: &[f64],
@@ -194,7 +201,8 @@ pub fn take_out(samples: &mut [f64], lines: &[Hum], rate: f64) {
     }
 }
 
-/// Frequency, amplitude and phase of a line by the phases of the two halves of the run (Hann windows), twice.
+/// Frequency, amplitude and phase of a line by the phases of the two halves of the run (Hann
+/// windows), twice.
 fn refine(samples: &[f64], l: &Hum, rate: f64) -> (f64, f64, f64) {
     let (mut hz, mut amplitude, mut phase) = (l.hz.0, l.amplitude.0, l.phase);
     let len = samples.len();
@@ -244,7 +252,8 @@ mod tests {
             .collect()
     }
 
-    /// 50 and 100 Hz that are new are named, the strongest first, and taken out to the noise; none of an unchanged run, none where the reference has them.
+    /// 50 and 100 Hz that are new are named, the strongest first, and taken out to the noise; none
+    /// of an unchanged run, none where the reference has them.
     #[test]
     fn regress_mains_at_one_speed_are_named_and_taken_out() {
         let mut transforms = Transforms::default();
@@ -266,7 +275,8 @@ mod tests {
         }
     }
 
-    /// New lines at 150 and 300 Hz are of the mains beside a shaft of 29.7 Hz and a motor of 24.5 Hz; they are of a motor before a belt that turns at 25 Hz, give or take its slip.
+    /// New lines at 150 and 300 Hz are of the mains beside a shaft of 29.7 Hz and a motor of 24.5
+    /// Hz; they are of a motor before a belt that turns at 25 Hz, give or take its slip.
     #[test]
     fn analytic_multiples_of_the_motor_are_the_machines() {
         let mut transforms = Transforms::default();

@@ -2,19 +2,23 @@
 
 use std::collections::BTreeMap;
 
-/// Probability by chance below which a pile, a recurrence or a lattice is believed: one in a million channels.
+/// Probability by chance below which a pile, a recurrence or a lattice is believed: one in a
+/// million channels.
 pub const BY_CHANCE: f64 = 1e-6;
-/// Share of samples that differ from the one before below which a channel stands still: a converter whose sensor moves changes its code at most samples.
+/// Share of samples that differ from the one before below which a channel stands still: a converter
+/// whose sensor moves changes its code at most samples.
 const MOVES: f64 = 0.02;
 /// Least run of equal samples that the values of a held converter show on the mean.
 const HELD: f64 = 1.9;
-/// Samples that recur exactly at least: drivers repeat whole blocks, and 64 samples of 2 bits are 128 bits, beyond chance in any recording.
+/// Samples that recur exactly at least: drivers repeat whole blocks, and 64 samples of 2 bits are
+/// 128 bits, beyond chance in any recording.
 const BLOCK: usize = 64;
 /// Values in use above which steps are too fine to matter: 10 bits.
 const LEVELS: usize = 1024;
 /// Samples a level holds on the mean before a lattice is told from sparse values.
 const PER_LEVEL: usize = 8;
-/// Width of the band below an extreme whose levels say how many samples one level holds (share of the range).
+/// Width of the band below an extreme whose levels say how many samples one level holds (share of
+/// the range).
 const BAND: f64 = 0.02;
 /// The outermost level of a sampled sine holds at most so many times what the levels below it hold.
 const EDGE: f64 = 2.4;
@@ -76,7 +80,8 @@ impl Facts {
         stands_still(self.moving, self.rms)
     }
 
-    /// Samples for which each value is held, where it is: a slower converter behind a faster clock. A coarse one stays on its codes too, but its codes are few.
+    /// Samples for which each value is held, where it is: a slower converter behind a faster clock.
+    /// A coarse one stays on its codes too, but its codes are few.
     pub fn held(&self) -> Option<f64> {
         let held = self.moving.recip();
         (!self.is_dead() && held > HELD && self.distinct > LEVELS).then_some(held)
@@ -99,14 +104,15 @@ fn levels(samples: &[f64]) -> Vec<(f64, usize)> {
     sorted.chunk_by(|a, b| a == b).map(|same| (same[0], same.len())).collect()
 }
 
-/// The usual distance of neighbouring levels. Levels that the signal passes over make some gaps wider, never narrower.
+/// The usual distance of neighbouring levels. Levels that the signal passes over make some gaps
+/// wider, never narrower.
 fn spacing(levels: &[(f64, usize)]) -> f64 {
     let mut gaps: Vec<f64> = levels.windows(2).map(|w| w[1].0 - w[0].0).collect();
     crate::read::dsp::median(&mut gaps)
 }
 
-/// A pile at an end of the range that chance does not make: by Chernoff's bound `P(X ≥ k) ≤ exp(k − λ − k ln(k / λ))` for a level that holds `λ` samples
-/// on the mean, as the levels beside it do.
+/// A pile at an end of the range that chance does not make: by Chernoff's bound `P(X ≥ k) ≤ exp(k −
+/// λ − k ln(k / λ))` for a level that holds `λ` samples on the mean, as the levels beside it do.
 fn clipped(samples: &[f64], levels: &[(f64, usize)]) -> Option<(f64, usize)> {
     let (first, last) = (levels.first()?, levels.last()?);
     let band = BAND * (last.0 - first.0);
@@ -118,7 +124,8 @@ fn clipped(samples: &[f64], levels: &[(f64, usize)]) -> Option<(f64, usize)> {
         let beside: Vec<usize> =
             levels.iter().filter(|l| !at_end(l) && (l.0 - end.0).abs() <= band).map(|l| l.1).collect();
         let (Some(most), false) = (beside.iter().max(), beside.is_empty()) else {
-            // Nothing beside it: a converter with fewer levels than the band has, or a square wave; no clipping can be told.
+            // Nothing beside it: a converter with fewer levels than the band has, or a square wave;
+            // no clipping can be told.
             return None;
         };
         let mean = beside.iter().sum::<usize>() as f64 / beside.len() as f64;
@@ -133,7 +140,8 @@ fn clipped(samples: &[f64], levels: &[(f64, usize)]) -> Option<(f64, usize)> {
     }
 }
 
-/// A limit holds a signal for more than one sample now and then, or the samples at it are not evenly spaced as the peaks of a periodic signal are.
+/// A limit holds a signal for more than one sample now and then, or the samples at it are not
+/// evenly spaced as the peaks of a periodic signal are.
 fn held_there(samples: &[f64], level: f64, grain: f64) -> bool {
     let at: Vec<usize> =
         samples.iter().enumerate().filter(|(_, x)| (**x - level).abs() <= grain).map(|(n, _)| n).collect();
@@ -143,7 +151,8 @@ fn held_there(samples: &[f64], level: f64, grain: f64) -> bool {
     gaps.first() == Some(&1) || gaps.len() > at.len() / 3
 }
 
-/// Runs that recur exactly, longest first found; a signal that recurs throughout is periodic, not repeated.
+/// Runs that recur exactly, longest first found; a signal that recurs throughout is periodic, not
+/// repeated.
 fn repeats(samples: &[f64]) -> Vec<Repeat> {
     if samples.len() < 2 * BLOCK {
         return Vec::new();
@@ -173,7 +182,8 @@ fn repeats(samples: &[f64]) -> Vec<Repeat> {
     if 2 * copied > samples.len() { Vec::new() } else { out }
 }
 
-/// Rolling hash of each run of [`BLOCK`] samples by their bits (Rabin & Karp 1987, modulo 2⁶⁴ after mixing each sample).
+/// Rolling hash of each run of [`BLOCK`] samples by their bits (Rabin & Karp 1987, modulo 2⁶⁴ after
+/// mixing each sample).
 fn hashes(samples: &[f64]) -> Vec<u64> {
     const BASE: u64 = 0x9e37_79b9_7f4a_7c15;
     let mixed: Vec<u64> = samples
@@ -214,7 +224,8 @@ mod tests {
         assert!(!Facts::of(&noise(16_384, 1)).is_dead());
     }
 
-    /// 110 samples of noise at each of two limits far inside any full scale pile up there; the same noise unclipped, coarse or not, does not.
+    /// 110 samples of noise at each of two limits far inside any full scale pile up there; the same
+    /// noise unclipped, coarse or not, does not.
     #[test]
     fn regress_a_few_hundred_samples_at_a_limit_are_clipping() {
         let x = noise(45_000, 2);
@@ -247,7 +258,8 @@ mod tests {
         assert!(facts.is_coarse() && (facts.step - 0.125).abs() < 1e-9, "{facts:?}");
     }
 
-    /// A block that is written twice is found with its length and place, also where it overwrote what came; a sine is periodic.
+    /// A block that is written twice is found with its length and place, also where it overwrote
+    /// what came; a sine is periodic.
     #[test]
     fn regress_a_block_written_twice_is_found() {
         let mut x = noise(20_000, 4);

@@ -3,11 +3,13 @@
 use super::cross::{Against, Cross, Wiring};
 use super::{PRIOR, repetition};
 
-/// Share of frequencies that must agree with the reference, once the cables are put right: most. What changed besides, a path or a gear, spoils the rest.
+/// Share of frequencies that must agree with the reference, once the cables are put right: most.
+/// What changed besides, a path or a gear, spoils the rest.
 const MOST: f64 = 0.5;
 /// Neighbouring bins of Hann windows are not independent.
 const TEMPER: f64 = 0.5;
-/// Parts of the band whose scatter says how far one wiring being better than another is more than what changed besides: enough for a standard deviation, each wider than a resonance.
+/// Parts of the band whose scatter says how far one wiring being better than another is more than
+/// what changed besides: enough for a standard deviation, each wider than a resonance.
 const PARTS: usize = 20;
 
 /// Another wiring than the reference has.
@@ -19,7 +21,8 @@ pub struct Rewired {
     pub probability: f64,
     /// Share of the frequencies that agree with the reference as recorded, and wired so.
     pub agrees: (f64, f64),
-    /// Wirings that cannot be told from it: two channels have one relation, whichever of them was turned.
+    /// Wirings that cannot be told from it: two channels have one relation, whichever of them was
+    /// turned.
     pub same: Vec<Wiring>,
 }
 
@@ -33,8 +36,10 @@ struct Judged {
 }
 
 impl Judged {
-    /// Log odds against another wiring that the parts of the band allow: as many nats as their sum has, and no more than the likelihood ratio of a mean beside zero with the
-    /// scatter of the parts (`m/2 ln(1 + t²/(m − 1))`, Student's). Cables that were exchanged are so at all frequencies; a resonance or a gear that changed favours one wiring here and another there.
+    /// Log odds against another wiring that the parts of the band allow: as many nats as their sum
+    /// has, and no more than the likelihood ratio of a mean beside zero with the scatter of the
+    /// parts (`m/2 ln(1 + t²/(m − 1))`, Student's). Cables that were exchanged are so at all
+    /// frequencies; a resonance or a gear that changed favours one wiring here and another there.
     fn ln_odds(&self, other: &Self) -> f64 {
         let gains: Vec<f64> = self.parts.iter().zip(&other.parts).map(|(a, b)| a - b).collect();
         let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
@@ -71,8 +76,9 @@ fn candidates(n: usize) -> Vec<Wiring> {
     out
 }
 
-/// Judges one recording against its reference. Each frequency either agrees, by the Wishart likelihood of its cross-spectra, or is anything, which costs the
-/// `n²/2 ln K` of its free numbers (Schwarz 1978): what changed at some frequencies outvotes nothing.
+/// Judges one recording against its reference. Each frequency either agrees, by the Wishart
+/// likelihood of its cross-spectra, or is anything, which costs the `n²/2 ln K` of its free numbers
+/// (Schwarz 1978): what changed at some frequencies outvotes nothing.
 fn judge(recording: &Cross, against: &Against<'_>, averages: f64) -> Vec<Judged> {
     let n = recording.channels.len();
     let counted =
@@ -129,7 +135,8 @@ mod tests {
         Judged { wiring: Wiring::straight(2), agrees: 1.0, ln_likelihood: parts.iter().sum(), parts: parts.to_vec() }
     }
 
-    /// Twenty parts that gain 10 ± 1 nats each: mean² m / Σ(g − mean)² = 100 · 20 / 20, and 10 ln 101 nats are left of 200. One part that gains all 200 has a mean of one standard error:
+    /// Twenty parts that gain 10 ± 1 nats each: mean² m / Σ(g − mean)² = 100 · 20 / 20, and 10 ln
+    /// 101 nats are left of 200. One part that gains all 200 has a mean of one standard error:
     /// mean² m / Σ(g − mean)² = 100 · 20 / (190² + 19 · 10²) = 1/19.
     #[test]
     fn analytic_odds_are_no_surer_than_the_parts_scatter_allows() {

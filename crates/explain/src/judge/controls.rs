@@ -1,8 +1,9 @@
 //! Controls beside each name: what the same procedure finds where there is nothing to find.
 //!
-//! - *Decoy*: as many lines spread evenly over the rest of the comb. - *Elsewhere*: the best mask without a line in common. - *Ceiling*: every line with
-//!   a scale of its own, the most that any model of sizes can gain. - *Sham order*: the lines of the mask moved to orders that nothing makes, read
-//!   from the same spectra. What an unchanged bench gains is in [`super::twins`].
+//! - *Decoy*: as many lines spread evenly over the rest of the comb. - *Elsewhere*: the best mask
+//!   without a line in common. - *Ceiling*: every line with a scale of its own, the most that any
+//!   model of sizes can gain. - *Sham order*: the lines of the mask moved to orders that nothing
+//!   makes, read from the same spectra. What an unchanged bench gains is in [`super::twins`].
 
 use crate::change::compare::{Pair, Ratio};
 use crate::change::locate::{self, Cell, Place, covers};
@@ -12,7 +13,8 @@ use crate::read::dsp::{self, LINE_FIT_NOISE_GAIN};
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;
 
-/// How far a sham line lies from the line that it stands for, in revolutions of the mask's shaft: no multiple of anything.
+/// How far a sham line lies from the line that it stands for, in revolutions of the mask's shaft:
+/// no multiple of anything.
 const SHAM: f64 = 0.381_966;
 /// Power over noise from which a line takes part in a comparison.
 const CLEAR: f64 = 6.0;
@@ -34,7 +36,8 @@ pub fn report(q: &Question<'_>, cells: &[Cell], places: &[Place], gaps: &[f64], 
     }
 }
 
-/// Gain (nats) of a decoy of equal flexibility, as many lines spread evenly over the rest, and the ceiling: every line with a scale of its own.
+/// Gain (nats) of a decoy of equal flexibility, as many lines spread evenly over the rest, and the
+/// ceiling: every line with a scale of its own.
 fn decoy_and_ceiling(cells: &[Cell], mask: &Mask) -> (f64, f64) {
     let usual = nearest(mask.outside);
     let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
@@ -81,7 +84,8 @@ pub struct Sham {
     pub gain: f64,
 }
 
-/// Moves the lines of a mask by a part of its shaft's order; `None` where no spectrum is at hand or the mask has no shaft.
+/// Moves the lines of a mask by a part of its shaft's order; `None` where no spectrum is at hand or
+/// the mask has no shaft.
 pub fn sham_order(q: &Question<'_>, mask: &Mask) -> Option<Sham> {
     let mut clear = Vec::new();
     let mut count = 0;

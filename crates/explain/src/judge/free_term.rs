@@ -1,8 +1,11 @@
 //! Whether a law without a name accounts for what changed better than what was named.
 //!
-//! It is asked where nothing is named, or where the model of what is named leaves most of the misfit of recordings that took no part in its fit. The laws are fitted without these recordings,
-//! as every name is ([`crate::judge::held_out`]), and predict them. A law is shown when the lines want it by odds of a thousand, all laws that were tried counted, and when it predicts what was held out better than
-//! the name and than no law at all by the same odds; a name that it beats so is not what changed.
+//! It is asked where nothing is named, or where the model of what is named leaves most of the
+//! misfit of recordings that took no part in its fit. The laws are fitted without these recordings,
+//! as every name is ([`crate::judge::held_out`]), and predict them. A law is shown when the lines
+//! want it by odds of a thousand, all laws that were tried counted, and when it predicts what was
+//! held out better than the name and than no law at all by the same odds; a name that it beats so
+//! is not what changed.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::bench::term::{Expression, SpringLaw};
@@ -18,7 +21,8 @@ use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
 use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
 
-/// Misfit of held-out lines (variances) from which a name's model is poor, and the share of what was there that it must leave.
+/// Misfit of held-out lines (variances) from which a name's model is poor, and the share of what
+/// was there that it must leave.
 const POOR: f64 = 2.0;
 const POOR_SHARE: f64 = 0.6;
 /// Odds at which a law is believed.

@@ -1,8 +1,10 @@
 //! Whether what was named predicts recordings that took no part in its fit.
 //!
-//! Some operating points are left out. The model is fitted to the others and simulated at those; what it leaves of the measured changes stands beside what no effect at all leaves, the
-//! runner-up, the same effect at a place where nothing was found, and the mean change of each line at the other points, which needs no physics. Between explanations that the lines left open
-//! the better prediction decides.
+//! Some operating points are left out. The model is fitted to the others and simulated at those;
+//! what it leaves of the measured changes stands beside what no effect at all leaves, the
+//! runner-up, the same effect at a place where nothing was found, and the mean change of each line
+//! at the other points, which needs no physics. Between explanations that the lines left open the
+//! better prediction decides.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -35,13 +37,16 @@ const SUREST: f64 = 0.95;
 const LEAST: f64 = 0.02;
 /// Most that is believed of a name whose model predicts nothing: as much for it as against it.
 pub const UNPROVED: f64 = 0.5;
-/// What the model of a changed path leaves of held-out lines over repetition where a path is what changed: root mean square of its logarithm in the 26 drawn benches of
-/// `gearwatch prove --effect structural_resonance` and `--effect sensor_mounting`, cases 1 to 6 of seed 4400 and 1 to 12 of seed 7300; `just campaign-paths` measures it again.
+/// What the model of a changed path leaves of held-out lines over repetition where a path is what
+/// changed: root mean square of its logarithm in the 26 drawn benches of `gearwatch prove --effect
+/// structural_resonance` and `--effect sensor_mounting`, cases 1 to 6 of seed 4400 and 1 to 12 of
+/// seed 7300; `just campaign-paths` measures it again.
 const PATH_ERROR: f64 = 0.48;
 /// dB of a factor of e.
 const DB: f64 = 8.685_889_638;
 
-/// The pairs that are left out: in the middle of all, ordered by speed and load, so that what is fitted surrounds them.
+/// The pairs that are left out: in the middle of all, ordered by speed and load, so that what is
+/// fitted surrounds them.
 pub fn left_out(comparison: &Comparison) -> Vec<usize> {
     let pairs = &comparison.pairs;
     let mut order: Vec<usize> = (0..pairs.len()).collect();
@@ -62,8 +67,10 @@ fn fitted<'a>(q: &Question<'a>, comparison: &'a Comparison) -> Question<'a> {
     Question { comparison, ..*q }
 }
 
-/// How much better (nats) one prediction is than another. Lines share their errors, so that a part of them counts, and no model of a bench is right to within its repetition: the scale of what
-/// remains is unknown, with Jeffreys' prior (Gelman et al., *Bayesian Data Analysis*, 3rd ed., 2.8 and 3.2), which leaves the ratio of the two misfits; below repetition nothing is better.
+/// How much better (nats) one prediction is than another. Lines share their errors, so that a part
+/// of them counts, and no model of a bench is right to within its repetition: the scale of what
+/// remains is unknown, with Jeffreys' prior (Gelman et al., *Bayesian Data Analysis*, 3rd ed., 2.8
+/// and 3.2), which leaves the ratio of the two misfits; below repetition nothing is better.
 pub fn nats(lines: usize, misfit: f64, other: f64) -> f64 {
     INDEPENDENT * lines as f64 * (other.max(1.0) / misfit.max(1.0)).ln()
 }
@@ -73,20 +80,23 @@ pub fn loss(residuals: &Residuals) -> f64 {
     nats(residuals.lines, 1.0, residuals.held)
 }
 
-/// Whether what was held out leaves the name unproved: its model predicts no better than the bench as it was, or than the same effect at a place where nothing was found. Recordings within
+/// Whether what was held out leaves the name unproved: its model predicts no better than the bench
+/// as it was, or than the same effect at a place where nothing was found. Recordings within
 /// repetition of their references prove nothing and refute nothing.
 pub fn unproved(fit: &Fit) -> bool {
     let others = [Some(fit.held_out_before), fit.sham];
     fit.held_out_before > 1.0 && others.into_iter().flatten().any(|other| fit.held_out_after.max(1.0) >= other)
 }
 
-/// Whether a path accounts for all that its lines do. One factor leaves room for a change of the machine: it is taken off, and what it leaves is asked for more.
+/// Whether a path accounts for all that its lines do. One factor leaves room for a change of the
+/// machine: it is taken off, and what it leaves is asked for more.
 fn accounts_for_all(f: &Finding) -> bool {
     is_path(f.effect, &f.place) && f.effect != "scaling"
 }
 
-/// How probable a changed path is by what its model leaves of the recordings that are held out; `None` where nothing is held out, what was is within repetition of its reference, or the path
-/// is one factor.
+/// How probable a changed path is by what its model leaves of the recordings that are held out;
+/// `None` where nothing is held out, what was is within repetition of its reference, or the path is
+/// one factor.
 pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> Option<f64> {
     let held = left_out(q.comparison);
     if held.is_empty() || !accounts_for_all(finding) {
@@ -105,10 +115,13 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
     Some(probability)
 }
 
-/// Probability of a path, which was `stated` before, whose model leaves so much of the held-out lines, where no effect leaves `none` (both over repetition); `None` where that is within repetition.
+/// Probability of a path, which was `stated` before, whose model leaves so much of the held-out
+/// lines, where no effect leaves `none` (both over repetition); `None` where that is within
+/// repetition.
 ///
-/// A path has nothing that its model leaves out: the same function of frequency predicts every line at every speed and load, to within its own error ([`PATH_ERROR`]). Under anything else
-/// it may leave all between repetition and what no effect leaves, evenly in the logarithm.
+/// A path has nothing that its model leaves out: the same function of frequency predicts every line
+/// at every speed and load, to within its own error ([`PATH_ERROR`]). Under anything else it may
+/// leave all between repetition and what no effect leaves, evenly in the logarithm.
 fn path_probability(stated: f64, left: f64, none: f64) -> Option<f64> {
     if none <= 1.0 {
         return None;
@@ -119,7 +132,8 @@ fn path_probability(stated: f64, left: f64, none: f64) -> Option<f64> {
     Some(stated * of_path / (stated * of_path + (1.0 - stated) * of_else))
 }
 
-/// Figures of a fit to all points but some; `None` where what was named has no model. Where the most probable finding has rivals, the one whose model predicts best comes first.
+/// Figures of a fit to all points but some; `None` where what was named has no model. Where the
+/// most probable finding has rivals, the one whose model predicts best comes first.
 pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>) -> Option<Fit> {
     let held = left_out(q.comparison);
     if held.is_empty() || findings.is_empty() {
@@ -203,9 +217,12 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     Some(fit)
 }
 
-/// Weighs a finding against its rivals by what each leaves of the recordings that were held out (`misfits`, its own first, `None` without a model), and puts the most probable one first.
-/// Returns its index. Without a model of the finding nothing is weighed, and a rival without one stays as probable as it was. Effects that the joint refit has ranked stay so: its evidence of all
-/// recordings holds what those left out add to the others, by the chain rule of probability, and would count twice.
+/// Weighs a finding against its rivals by what each leaves of the recordings that were held out
+/// (`misfits`, its own first, `None` without a model), and puts the most probable one first.
+/// Returns its index. Without a model of the finding nothing is weighed, and a rival without one
+/// stays as probable as it was. Effects that the joint refit has ranked stay so: its evidence of
+/// all recordings holds what those left out add to the others, by the chain rule of probability,
+/// and would count twice.
 fn decide(finding: &mut Finding, misfits: &[Option<f64>], lines: usize, steps: &mut Vec<String>) -> usize {
     let Some(own) = misfits[0] else { return 0 };
     let count = finding.alternatives.len();
@@ -268,7 +285,8 @@ fn words(spec: &EffectSpec) -> String {
     format!("{} at {}", spec.effect, spec.place)
 }
 
-/// Whether a model is of what all teeth of a mesh do alike. It has the mesh harmonics; sidebands come of errors of single teeth, which no sheet has, and it says nothing of them.
+/// Whether a model is of what all teeth of a mesh do alike. It has the mesh harmonics; sidebands
+/// come of errors of single teeth, which no sheet has, and it says nothing of them.
 pub fn of_all_teeth(named: &Named) -> bool {
     refit::has_form(&named.spec.effect)
 }
@@ -370,7 +388,9 @@ mod tests {
     use super::*;
     use crate::prove;
 
-    /// Half a normal distribution against an even one: where both densities are equal the probability is what it was before; within repetition it has grown, and it falls with what is left.
+    /// Half a normal distribution against an even one: where both densities are equal the
+    /// probability is what it was before; within repetition it has grown, and it falls with what is
+    /// left.
     #[test]
     fn analytic_a_path_is_as_probable_as_its_model_predicts() {
         let none = 5.0_f64;
@@ -384,7 +404,8 @@ mod tests {
         assert!(path_probability(0.8, 3.3, none).unwrap() < at(3.3));
     }
 
-    /// A rival that leaves a third of the misfit takes the place of a gear fault, which nothing else has weighed; what the joint refit has ranked stays as it was.
+    /// A rival that leaves a third of the misfit takes the place of a gear fault, which nothing
+    /// else has weighed; what the joint refit has ranked stays as it was.
     #[test]
     fn analytic_what_the_refit_ranked_is_not_weighed_again() {
         let decided = |effect: &'static str, rival: &'static str| {

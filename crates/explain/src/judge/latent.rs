@@ -1,9 +1,13 @@
-//! What is left without a name: the force that would account for it, over one turn of whatever makes it.
+//! What is left without a name: the force that would account for it, over one turn of whatever
+//! makes it.
 //!
-//! The lines that nothing in the library makes are gathered into the comb that explains most of them, else the comb of the shaft that changed
-//! most is taken. A line at multiple `n` is `y = H F_n + noise` in every channel, `H` the simulator's response from mesh force to sensor. `F_n` gets a Gaussian prior with
-//! the spectrum of a Matérn-3/2 process over angle, whose size the data choose (marginal likelihood); what the unknown path does to `H` is noise in proportion. The
-//! force over angle is the posterior mean with a band of two standard deviations; how it follows load and speed needs no model: powers of lines.
+//! The lines that nothing in the library makes are gathered into the comb that explains most of
+//! them, else the comb of the shaft that changed most is taken. A line at multiple `n` is `y = H
+//! F_n + noise` in every channel, `H` the simulator's response from mesh force to sensor. `F_n`
+//! gets a Gaussian prior with the spectrum of a Matérn-3/2 process over angle, whose size the data
+//! choose (marginal likelihood); what the unknown path does to `H` is noise in proportion. The
+//! force over angle is the posterior mean with a band of two standard deviations; how it follows
+//! load and speed needs no model: powers of lines.
 
 use num_complex::Complex64;
 use serde::Serialize;
@@ -29,7 +33,8 @@ const CORNER: f64 = 12.0;
 const EXCESS: f64 = 3.0;
 /// Distance from the train's own orders, in line widths, from which a line is nobody's.
 const NOBODYS: f64 = 4.0;
-/// Standard deviations that the largest value must reach: below, the band that is drawn holds zero everywhere.
+/// Standard deviations that the largest value must reach: below, the band that is drawn holds zero
+/// everywhere.
 const TOLD: f64 = 2.0;
 /// Tolerance of a period (relative).
 const SAME: f64 = 0.004;
@@ -76,7 +81,8 @@ struct Comb {
     power: f64,
 }
 
-/// The force without a name; `None` where what is left has no lines over shaft angle. `steps` hears what lines at fixed frequencies say.
+/// The force without a name; `None` where what is left has no lines over shaft angle. `steps` hears
+/// what lines at fixed frequencies say.
 pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Option<LatentForce> {
     let (order, combs) = match fundamental(&strange.orders) {
         Some(order) => (order, q.recordings.iter().enumerate().map(|(i, r)| strangers(q, r, i, order)).collect()),
@@ -135,13 +141,15 @@ pub fn force(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Op
     })
 }
 
-/// The largest value of a force stands out of its own standard deviation; one that is zero throughout is none.
+/// The largest value of a force stands out of its own standard deviation; one that is zero
+/// throughout is none.
 fn is_told(force: &[f64], sigma: f64) -> bool {
     let largest = force.iter().map(|f| f.abs()).fold(0.0, f64::max);
     largest > 0.0 && largest >= TOLD * sigma
 }
 
-/// The order whose multiples account for most of the lines that are nobody's: the largest of those that account for nearly as much.
+/// The order whose multiples account for most of the lines that are nobody's: the largest of those
+/// that account for nearly as much.
 fn fundamental(orders: &[StrangeLine]) -> Option<f64> {
     let lines: Vec<(f64, f64)> =
         orders.iter().filter(|l| l.off_comb > NOBODYS && l.excess > EXCESS).map(|l| (l.position, l.excess)).collect();
@@ -347,7 +355,8 @@ mod tests {
         }
     }
 
-    /// Multiples 2, 3, 5 and 9 of 0.37, and one line that is no multiple: the period is that of 0.37, not of a part of it.
+    /// Multiples 2, 3, 5 and 9 of 0.37, and one line that is no multiple: the period is that of
+    /// 0.37, not of a part of it.
     #[test]
     fn analytic_period_is_the_largest_that_accounts_for_most_lines() {
         let lines: Vec<StrangeLine> = [0.74, 1.11, 1.85, 3.33, 2.618].map(line).to_vec();
@@ -364,15 +373,16 @@ mod tests {
         assert!(is_told(&[229.0, -10.0], 88.0));
     }
 
-    /// A force of one harmonic through a response of 2 with little noise comes back at its size; a harmonic that was not seen gets the
-    /// prior's width and no mean.
+    /// A force of one harmonic through a response of 2 with little noise comes back at its size; a
+    /// harmonic that was not seen gets the prior's width and no mean.
     #[test]
     fn analytic_posterior_of_one_harmonic() {
         let seen =
             |multiple: usize, a: f64| Seen { multiple, sensor: None, amplitude: Complex64::new(a, 0.0), noise: 1e-6 };
         let lines: Vec<Seen> = (0..6).flat_map(|_| [seen(1, 6.0), seen(3, 4.0)]).collect();
         let (means, variances) = posterior(&lines, 3, &|_| Complex64::new(2.0, 0.0));
-        // Six channels, each off by its own 0.6: the prior, chosen by the data, draws the mean in by a tenth at most.
+        // Six channels, each off by its own 0.6: the prior, chosen by the data, draws the mean in
+        // by a tenth at most.
         assert!((means[0].re - 3.0).abs() < 0.3 && means[0].im.abs() < 1e-12, "{means:?}");
         assert!(means[1].norm() == 0.0 && variances[1] > variances[2]);
     }

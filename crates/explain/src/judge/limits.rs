@@ -1,4 +1,5 @@
-//! What the recordings keep from being told: settings that are missing, channels and recordings that could not be used.
+//! What the recordings keep from being told: settings that are missing, channels and recordings
+//! that could not be used.
 
 use gearwatch_core::recording::Recording;
 
@@ -81,7 +82,8 @@ pub fn dead_channels(recording: &Recording, steady: &Steady<'_>, sensors: &[Stri
         .collect()
 }
 
-/// Channels whose source flagged an overload although no samples pile up at a limit: an amplifier ahead of the converter, or a filter behind it.
+/// Channels whose source flagged an overload although no samples pile up at a limit: an amplifier
+/// ahead of the converter, or a filter behind it.
 pub fn overloads(recordings: &[RecordingFeatures]) -> Vec<String> {
     let mut out = Vec::new();
     for r in recordings {

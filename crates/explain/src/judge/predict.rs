@@ -1,10 +1,15 @@
-//! What a model of the bench says that the lines of a recording do, at an operating point that took no part in its fit.
+//! What a model of the bench says that the lines of a recording do, at an operating point that took
+//! no part in its fit.
 //!
-//! The model is the simulator's, with the bench's own numbers and the effects as fitted; its steady state is solved with and without the effects. A line that the bench has
-//! without them changes as the two amplitudes do: the path of the sensor cancels. A line that the effects add, such as a sideband beside perfect teeth, comes to what the reference shows:
-//! `P = P_ref + κ |J|²` on average over the phase between both, with `J` the difference of the two states at the sensor of the model and `κ` what the unknown path makes of it,
-//! a function of frequency that is read from the recordings that were fitted. A changed path is no machine: it is a function of frequency, the same at every load and speed, and is read
-//! from the lines and the background of the recordings that were fitted.
+//! The model is the simulator's, with the bench's own numbers and the effects as fitted; its steady
+//! state is solved with and without the effects. A line that the bench has without them changes as
+//! the two amplitudes do: the path of the sensor cancels. A line that the effects add, such as a
+//! sideband beside perfect teeth, comes to what the reference shows: `P = P_ref + κ |J|²` on
+//! average over the phase between both, with `J` the difference of the two states at the sensor of
+//! the model and `κ` what the unknown path makes of it, a function of frequency that is read from
+//! the recordings that were fitted. A changed path is no machine: it is a function of frequency,
+//! the same at every load and speed, and is read from the lines and the background of the
+//! recordings that were fitted.
 
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_sim::effects;
@@ -22,12 +27,14 @@ use crate::name::subname::is_path;
 use crate::read::features::RecordingFeatures;
 use crate::read::lines::Family;
 
-/// Width over which a path is alike (standard deviation of ln Hz): half the bandwidth of a mode of 2 % damping. Where no line lies so near, as wide as a background is smooth.
+/// Width over which a path is alike (standard deviation of ln Hz): half the bandwidth of a mode of
+/// 2 % damping. Where no line lies so near, as wide as a background is smooth.
 const PATH_WIDTH: f64 = 0.02;
 const PATH_WIDE: f64 = 0.15;
 /// Least weight of neighbours, in lines, from which the narrow width is taken.
 const LEAST_WEIGHT: f64 = 1.0;
-/// Added amplitude over that of the reference, in the model, below which a line is not one that the effect adds.
+/// Added amplitude over that of the reference, in the model, below which a line is not one that the
+/// effect adds.
 const NOTHING: f64 = 1e-9;
 
 /// An effect at a place, with what is known of its sizes.
@@ -52,7 +59,8 @@ struct Machine {
     setups: [SimSetup; 2],
 }
 
-/// Predicts the line changes of `all` from the bench without and with something, as the pairs of `fitted` have it. `None` where there is no steady state.
+/// Predicts the line changes of `all` from the bench without and with something, as the pairs of
+/// `fitted` have it. `None` where there is no steady state.
 pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2]) -> Option<Predicted> {
     let machine = Machine { setups };
     let (states, known) = (machine.states(fitted, all)?, machine.states(fitted, fitted.comparison)?);
@@ -60,7 +68,8 @@ pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2])
     Some(Predicted((0..all.lines.len()).map(|i| law.change(all, &states, i)).collect()))
 }
 
-/// Predicts the line changes of `all`, from the pairs of `fitted`, whose cells are `cells`. `None` where nothing that is named has a model.
+/// Predicts the line changes of `all`, from the pairs of `fitted`, whose cells are `cells`. `None`
+/// where nothing that is named has a model.
 pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Predicted> {
     let of_path = |channel: usize| {
         let on = |n: &&Named| {
@@ -109,7 +118,8 @@ fn path_change(cells: &[Cell], channel: usize, frequency_hz: Option<f64>) -> f64
     if weight > 0.0 { sum / weight } else { 0.0 }
 }
 
-/// Amplitudes of each line of a comparison without and with the effects; `None` for sensors that the bench has not.
+/// Amplitudes of each line of a comparison without and with the effects; `None` for sensors that
+/// the bench has not.
 type States = Vec<Option<[Complex64; 2]>>;
 
 impl Machine {
@@ -136,7 +146,8 @@ impl Machine {
         any.then_some(Self { setups })
     }
 
-    /// The same with the usual sizes of effects that add lines, where those of a large one part the teeth: their pattern is the same, and their size is read from the lines.
+    /// The same with the usual sizes of effects that add lines, where those of a large one part the
+    /// teeth: their pattern is the same, and their size is read from the lines.
     fn usual(q: &Question<'_>, cells: &[Cell], named: &[Named]) -> Option<Self> {
         let of = |n: &Named| match refit::has_form(&n.spec.effect) {
             true => n.clone(),
@@ -145,7 +156,8 @@ impl Machine {
         Self::fitted(q, cells, &named.iter().map(of).collect::<Vec<_>>())
     }
 
-    /// Effects that add lines on the bench of the sheet, where the fitted bench has no steady state with them.
+    /// Effects that add lines on the bench of the sheet, where the fitted bench has no steady state
+    /// with them.
     fn of_sheet(q: &Question<'_>, named: &[Named]) -> Option<Self> {
         if named.iter().any(|n| refit::has_form(&n.spec.effect)) {
             return None;
@@ -189,7 +201,8 @@ impl Machine {
     }
 }
 
-/// Puts an effect with its sizes, as far as the library allows them, into a setup; whether that was possible.
+/// Puts an effect with its sizes, as far as the library allows them, into a setup; whether that was
+/// possible.
 fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> bool {
     let Ok(effect) = effects::find(&spec.effect) else { return false };
     let mut spec = spec.clone();
@@ -202,7 +215,8 @@ fn apply(spec: &EffectSpec, setup: &mut SimSetup) -> bool {
     effects::apply(&spec, setup).is_ok()
 }
 
-/// Power of the effect's own lines over that of the reference in the model, of a line that the bench would not have; `None` of one that it has.
+/// Power of the effect's own lines over that of the reference in the model, of a line that the
+/// bench would not have; `None` of one that it has.
 fn added(line: &LineChange, state: &[Complex64; 2]) -> Option<f64> {
     let own = state[0].norm_sqr();
     let new = (state[1] - state[0]).norm_sqr();
@@ -240,7 +254,8 @@ impl Law {
         out
     }
 
-    /// What the path makes of an added line: of lines nearby, with all lines of the channel as one more.
+    /// What the path makes of an added line: of lines nearby, with all lines of the channel as one
+    /// more.
     fn path(&self, channel: usize, frequency_hz: f64) -> f64 {
         let own = || self.added.iter().filter(|a| a.0 == channel);
         let (squares, products) = own().fold((0.0, 0.0), |s, a| (s.0 + a.2, s.1 + a.3));

@@ -22,21 +22,25 @@ pub struct Explanation {
     pub status: Status,
     /// Most probable first.
     pub effects: Vec<NamedEffect>,
-    /// Where nothing in the library accounts for the mismatch: what comes nearest, with what probability, most probable first. In JSON it stands among the effects, marked `nearest`.
+    /// Where nothing in the library accounts for the mismatch: what comes nearest, with what
+    /// probability, most probable first. In JSON it stands among the effects, marked `nearest`.
     pub nearest: Vec<NamedEffect>,
-    /// A law that accounts for what has no name; in JSON it stands among the effects, whose `effect` is then null.
+    /// A law that accounts for what has no name; in JSON it stands among the effects, whose
+    /// `effect` is then null.
     pub free_term: Option<FreeTerm>,
     /// Largest first.
     pub mismatch: Vec<Mismatch>,
     /// How much better the model is with the effects in it.
     pub fit: Option<Fit>,
-    /// Probability that an unchanged bench misfits its reference as much as these recordings do; absent without a reference.
+    /// Probability that an unchanged bench misfits its reference as much as these recordings do;
+    /// absent without a reference.
     pub p_null: Option<f64>,
     /// Of what has no name: the force that would account for it.
     pub latent_force: Option<LatentForce>,
     /// What to record next, and why.
     pub advice: Vec<String>,
-    /// What these recordings keep from being told: settings that are missing, channels and recordings that could not be used.
+    /// What these recordings keep from being told: settings that are missing, channels and
+    /// recordings that could not be used.
     pub limits: Vec<String>,
     /// What was found on the way, in order: data, calibration, tests.
     pub steps: Vec<String>,
@@ -190,8 +194,10 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// Of an effect, its probability and what cannot be told from it. What the name leaves open is taken as shared evenly by these and by what is not in the set: those that enter at
-    /// the same place speak for the entry point, though not for the name. Names of the instrument, which no simulation has, are of the data.
+    /// Of an effect, its probability and what cannot be told from it. What the name leaves open is
+    /// taken as shared evenly by these and by what is not in the set: those that enter at the same
+    /// place speak for the entry point, though not for the name. Names of the instrument, which no
+    /// simulation has, are of the data.
     pub fn of(effect: &str, place: &str, probability: f64, others: &[Candidate]) -> Self {
         let kind = |effect: &str| effects::find(effect).map_or(EntryPoint::Data, |e| e.entry_point());
         let own = kind(effect);
@@ -300,7 +306,8 @@ pub struct Fit {
     /// What else was tried on the recordings that were not fitted.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub beside: Vec<Beside>,
-    /// Misfit of these recordings with the same effect at a place where nothing was found, which stands in `beside` too.
+    /// Misfit of these recordings with the same effect at a place where nothing was found, which
+    /// stands in `beside` too.
     #[serde(skip)]
     pub sham: Option<f64>,
 }
@@ -329,8 +336,9 @@ mod tests {
         Candidate { effect: effect.to_owned(), place: place.to_owned() }
     }
 
-    /// Of 0.4 that a name leaves open, three others and the unknown have 0.1 each; wear and a profile error of the same stage are geometry as relief is, friction is not, and
-    /// another stage is another place.
+    /// Of 0.4 that a name leaves open, three others and the unknown have 0.1 each; wear and a
+    /// profile error of the same stage are geometry as relief is, friction is not, and another
+    /// stage is another place.
     #[test]
     fn analytic_what_enters_alike_speaks_for_the_entry_point() {
         let others = [

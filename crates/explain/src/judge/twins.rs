@@ -1,9 +1,14 @@
-//! Twins of a case: comparisons of an unchanged bench with the very lines of the case, drawn and sent through the same search.
+//! Twins of a case: comparisons of an unchanged bench with the very lines of the case, drawn and
+//! sent through the same search.
 //!
-//! Masks are not alike: what a pair of settings does to all lines of a shaft makes wide masks gain tens of nats by chance, and one line alone none. So each mask's gain is counted from the
-//! median of its own gains in the twins, in units of their mean excess over it, and the largest of all masks stands for the comparison (the minimum of p values, with its own distribution:
-//! Westfall and Young 1993). The share of twins in which it is as large as in the case is the probability `p_null` that an unchanged bench comes to as much (a Monte Carlo test: Barnard
-//! 1963). Scale, lines and settings are the case's own, so that no other bench and no other generator has a part in it.
+//! Masks are not alike: what a pair of settings does to all lines of a shaft makes wide masks gain
+//! tens of nats by chance, and one line alone none. So each mask's gain is counted from the median
+//! of its own gains in the twins, in units of their mean excess over it, and the largest of all
+//! masks stands for the comparison (the minimum of p values, with its own distribution: Westfall
+//! and Young 1993). The share of twins in which it is as large as in the case is the probability
+//! `p_null` that an unchanged bench comes to as much (a Monte Carlo test: Barnard 1963). Scale,
+//! lines and settings are the case's own, so that no other bench and no other generator has a part
+//! in it.
 
 use num_complex::Complex64;
 use rand::RngExt;
@@ -24,15 +29,18 @@ use crate::read::lines::Family;
 /// Twins that are drawn: `p_null` is a multiple of a hundredth.
 const TWINS: u64 = 99;
 
-/// Least variance of the logarithm that noise gives a line, so that one without noise has an amplitude.
+/// Least variance of the logarithm that noise gives a line, so that one without noise has an
+/// amplitude.
 const LEAST_NOISE: f64 = 1e-9;
 
 /// What the twins of a case say of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Twins {
-    /// Probability that an unchanged bench comes to as much, the case itself counted: 0.01 at least.
+    /// Probability that an unchanged bench comes to as much, the case itself counted: 0.01 at
+    /// least.
     pub p_null: f64,
-    /// What the case comes to, and the median and largest of what its twins do (mean excesses over the median gain).
+    /// What the case comes to, and the median and largest of what its twins do (mean excesses over
+    /// the median gain).
     pub standing: [f64; 3],
     /// By mask.
     masks: Vec<(Place, Tail)>,
@@ -49,7 +57,8 @@ struct Tail {
 }
 
 impl Tail {
-    /// A likelihood ratio of noise alone falls by one in e a nat (Wilks 1938): one more value of that kind, so that few are not believed too much.
+    /// A likelihood ratio of noise alone falls by one in e a nat (Wilks 1938): one more value of
+    /// that kind, so that few are not believed too much.
     fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
         let median = values[values.len() / 2];
@@ -57,7 +66,8 @@ impl Tail {
         Self { median, excess: (1.0 + beyond.iter().sum::<f64>()) / (1.0 + beyond.len() as f64) }
     }
 
-    /// Of what a mask gains in twins: nothing in one in which none of its lines stands out. The gain is a likelihood ratio itself.
+    /// Of what a mask gains in twins: nothing in one in which none of its lines stands out. The
+    /// gain is a likelihood ratio itself.
     fn of_mask(place: Place, twins: &[Vec<Mask>]) -> Self {
         let gain = |masks: &Vec<Mask>| masks.iter().find(|m| m.place == place).map_or(0.0, |m| m.gain);
         let tail = Self::of(twins.iter().map(gain).collect());
@@ -113,12 +123,17 @@ impl Source {
     }
 }
 
-/// Draws the twins of some cells as the lines outside a mask are: those that an unchanged bench would make if the mask were one by chance.
+/// Draws the twins of some cells as the lines outside a mask are: those that an unchanged bench
+/// would make if the mask were one by chance.
 ///
-/// A line of the case has the amplitude `a` over noise that its variance says. In a twin it is `|a + n|` in the reference and `|a exp(c + x + s σ t) + n|` in the recording. `c` is common to
-/// the lines of one order in a pair: as much as settings repeat, in proportion to `s`, and speeds differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`). `x` is what a few lines stray by
-/// (`masks::STRAY`), `n` the noise, `σ` the line's repetition, `t` of a t distribution with the tails that masks take changes to have, `s` the scale of the case's own lines outside the mask. All
-/// sensors hear one source: of `n` and `t` a share `√ρ` is that of the line, the same in all channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask,
+/// A line of the case has the amplitude `a` over noise that its variance says. In a twin it is
+/// `|a + n|` in the reference and `|a exp(c + x + s σ t) + n|` in the recording. `c` is common to
+/// the lines of one order in a pair: as much as settings repeat, in proportion to `s`, and speeds
+/// differ (`masks::SHARED_CHANGE`, `masks::SHARED_SLOPE`). `x` is what a few lines stray by
+/// (`masks::STRAY`), `n` the noise, `σ` the line's repetition, `t` of a t distribution with the
+/// tails that masks take changes to have, `s` the scale of the case's own lines outside the mask.
+/// All sensors hear one source: of `n` and `t` a share `√ρ` is that of the line, the same in all
+/// channels, and `√(1 − ρ)` that of the channel, `ρ` as in the case's own lines outside the mask,
 /// or in all where it covers all.
 pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask) -> Option<Twins> {
     let lines: Vec<Cell> = cells.iter().filter(|c| c.family.is_some()).copied().collect();
@@ -170,7 +185,8 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
     Some(Twins { p_null: (1 + above) as f64 / (1 + TWINS) as f64, standing, masks: tails, all })
 }
 
-/// A line as it is measured with these powers (over its noise) in recording and reference; `None` where neither stands out.
+/// A line as it is measured with these powers (over its noise) in recording and reference; `None`
+/// where neither stands out.
 fn as_measured(c: &Cell, powers: [f64; 2]) -> Option<Cell> {
     let ratio = Ratio::of(powers, [1.0; 2]);
     let variance = ratio.variance + c.repetition;
@@ -182,8 +198,9 @@ fn as_measured(c: &Cell, powers: [f64; 2]) -> Option<Cell> {
     })
 }
 
-/// Correlation of the changes of one line between channels, by how often they have the same sign: `ρ = sin π(p − ½)` (Sheppard 1899), which single large changes do not decide; 0 where
-/// they have it by chance at most, or where there is one channel.
+/// Correlation of the changes of one line between channels, by how often they have the same sign:
+/// `ρ = sin π(p − ½)` (Sheppard 1899), which single large changes do not decide; 0 where they have
+/// it by chance at most, or where there is one channel.
 fn between_channels<'a>(lines: impl Iterator<Item = &'a Cell>) -> f64 {
     let mut rising: BTreeMap<(usize, Family), (f64, f64)> = BTreeMap::new();
     for c in lines {
@@ -210,7 +227,8 @@ fn order_of(f: Family) -> (u8, usize, u8) {
 mod tests {
     use super::*;
 
-    /// Mesh lines and sidebands of a stage in four pairs and two channels, changed by normal deviates of half a standard deviation; the first sidebands of the pinion by more.
+    /// Mesh lines and sidebands of a stage in four pairs and two channels, changed by normal
+    /// deviates of half a standard deviation; the first sidebands of the pinion by more.
     fn cells(seed: u64, moved: f64) -> Vec<Cell> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut out = Vec::new();
@@ -245,8 +263,10 @@ mod tests {
         twins(cells, &locate::places(1, false), &[0.0; 4]).unwrap().p_null
     }
 
-    /// Normal changes have lighter tails than those of the twins and nothing in common, so that p of an unchanged bench is even or larger: of 40 at most 6 below a tenth (four are
-    /// expected, binomial, two standard deviations above: 7.8). Four standard deviations on one mask are the least p that there is.
+    /// Normal changes have lighter tails than those of the twins and nothing in common, so that p
+    /// of an unchanged bench is even or larger: of 40 at most 6 below a tenth (four are expected,
+    /// binomial, two standard deviations above: 7.8). Four standard deviations on one mask are the
+    /// least p that there is.
     #[test]
     fn analytic_p_is_not_small_without_a_change_and_least_with_one() {
         let all: Vec<f64> = (0..40).map(|seed| p(&cells(seed, 0.0))).collect();
@@ -256,7 +276,8 @@ mod tests {
         assert_eq!(p(&cells(1, 3.5)), 0.01);
     }
 
-    /// Lines of one pair in four channels that all hear the same: heavy-tailed changes of the line, of which the channels' own part is a tenth of the power.
+    /// Lines of one pair in four channels that all hear the same: heavy-tailed changes of the line,
+    /// of which the channels' own part is a tenth of the power.
     fn heard_alike(seed: u64) -> Vec<Cell> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let tails = StudentT::new(TAIL).unwrap();
@@ -283,8 +304,10 @@ mod tests {
             .collect()
     }
 
-    /// Four channels that hear one source are no four witnesses. The sign test finds the correlation, 0.9, within five standard deviations (0.03 of 36 lines, whose six pairs of channels
-    /// are one and a half); no chance of 100 unchanged benches is below a thousandth, and at most 19 p below a tenth (ten are expected, three standard deviations above).
+    /// Four channels that hear one source are no four witnesses. The sign test finds the
+    /// correlation, 0.9, within five standard deviations (0.03 of 36 lines, whose six pairs of
+    /// channels are one and a half); no chance of 100 unchanged benches is below a thousandth, and
+    /// at most 19 p below a tenth (ten are expected, three standard deviations above).
     #[test]
     fn regress_channels_that_hear_one_source_are_one_witness() {
         let all: Vec<(f64, Twins)> = (0..100)
@@ -301,8 +324,10 @@ mod tests {
         assert_eq!(between_channels(cells(1, 0.0).iter().filter(|c| c.channel == 0)), 0.0);
     }
 
-    /// The third order of a shaft rises out of the noise to a hundred times it, in two pairs and three channels, among three hundred sidebands that repeat to 2 %. That line alone is beyond chance by far;
-    /// the mask with the sidebands at its distance gains less. A line that stands out in none of the twins gains nothing there.
+    /// The third order of a shaft rises out of the noise to a hundred times it, in two pairs and
+    /// three channels, among three hundred sidebands that repeat to 2 %. That line alone is beyond
+    /// chance by far; the mask with the sidebands at its distance gains less. A line that stands
+    /// out in none of the twins gains nothing there.
     #[test]
     fn regress_one_line_out_of_the_noise_is_beyond_chance_among_many_that_stay() {
         let mut random = ChaCha8Rng::seed_from_u64(3);

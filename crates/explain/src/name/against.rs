@@ -1,4 +1,5 @@
-//! What changed against the reference: sensor paths first, then one tooth, then masks of lines, one effect after the other.
+//! What changed against the reference: sensor paths first, then one tooth, then masks of lines, one
+//! effect after the other.
 
 use gearwatch_core::train::Train;
 
@@ -17,16 +18,20 @@ use crate::name::strange;
 use crate::name::subname;
 use crate::name::{Finding, Question};
 
-/// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is believed.
+/// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
+/// believed.
 const CHANCE: f64 = 1e-3;
-/// The same below which the lines may have changed: enough to prefer one change of the machine to a path that has to be fitted band by band.
+/// The same below which the lines may have changed: enough to prefer one change of the machine to a
+/// path that has to be fitted band by band.
 const MAY_CHANGE: f64 = 0.05;
-/// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
+/// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches
+/// 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
 const MISFIT: f64 = 1.2;
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
 const SIMPLER: f64 = 0.97;
 const NEARLY: f64 = 2.0;
-/// A second effect must gain this much, and change its lines this many times more than the others change.
+/// A second effect must gain this much, and change its lines this many times more than the others
+/// change.
 const SECOND_GAIN: f64 = 25.0;
 const CONCENTRATED: f64 = 2.0;
 /// Factor on the probability of a second effect: it may be what the first does elsewhere.
@@ -35,14 +40,16 @@ const SECOND_SURE: f64 = 0.7;
 const BESIDE_TOOTH: f64 = 60.0;
 /// Beside another machine's lines only a change this plain counts as the bench's own.
 const FOREIGN_GAIN: f64 = 60.0;
-/// A mask is a rival of another from this share of its gain on; so many rivals are asked, and so many names stand in a set; a name
-/// this probable has none.
+/// A mask is a rival of another from this share of its gain on; so many rivals are asked, and so
+/// many names stand in a set; a name this probable has none.
 const RIVAL: f64 = 0.85;
 const RIVALS: usize = 2;
 const LONGEST: usize = 5;
 const RIVALLED: f64 = 0.91;
-/// Nats by which the comb of one gear must lead its mate's and the mesh harmonics for the gear to be the cause, however much else moves: of 22 drawn gears with pitch errors 16 lead by more, and of 557
-/// drawn benches nothing else but ripples, which have masks of their own, comes beyond 13; another machine's chip came to 15.
+/// Nats by which the comb of one gear must lead its mate's and the mesh harmonics for the gear to
+/// be the cause, however much else moves: of 22 drawn gears with pitch errors 16 lead by more, and
+/// of 557 drawn benches nothing else but ripples, which have masks of their own, comes beyond 13;
+/// another machine's chip came to 15.
 const LEADS_MATE: f64 = 20.0;
 const LEADS_MESH: f64 = 3.0;
 /// Effects that masks may name, one after the other.
@@ -63,7 +70,8 @@ pub struct Found<'a> {
 }
 
 impl Found<'_> {
-    /// Something changed that has no name. What comes nearest shares what earlier leads leave of the probability.
+    /// Something changed that has no name. What comes nearest shares what earlier leads leave of
+    /// the probability.
     fn leave_unexplained(&mut self, nearest: Vec<Finding>) {
         *self.unexplained = true;
         let left = 1.0 - self.nearest.iter().map(|f| f.probability).sum::<f64>();
@@ -120,7 +128,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         let hz = |c: &Cell| q.recordings[q.comparison.pairs[c.pair].recording].input_hz;
         remaining.retain(|c| c.family.is_none() || !ghost::explains(q, ghost, c.frequency_hz / hz(c)));
     }
-    // One order that leads its row tells a ripple where the sidebands in its mask tell nothing, or pass for a gear's.
+    // One order that leads its row tells a ripple where the sidebands in its mask tell nothing, or
+    // pass for a gear's.
     let ripple = if tooth_found || ghost_found { None } else { alone::ripple(q, found.steps) };
     let ripple_place = ripple.as_ref().and_then(|f| subname::mask_of(q, f));
     let before = remaining.clone();
@@ -144,7 +153,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             if round > 0 {
                 found.steps.push("stop: no further mask gains enough beside what was named".into());
             }
-            // Changes of a few lines each, all over the train: no mask gains by them, and repetition does not make them.
+            // Changes of a few lines each, all over the train: no mask gains by them, and
+            // repetition does not make them.
             let whole = ranked.iter().find(|m| m.place == Place::Dynamics);
             match whole.filter(|_| !later && locate::line_misfit(&remaining, None) > MISFIT) {
                 Some(whole) => chosen = *whole,
@@ -158,7 +168,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             *found.unexplained = true;
             break;
         }
-        // A strong ripple drags all lines of its shaft along; what gains as much as they do together is then no rival of it.
+        // A strong ripple drags all lines of its shaft along; what gains as much as they do
+        // together is then no rival of it.
         let within = if matches!(chosen.place, Place::Gear(..)) || wide(chosen.place) {
             masks::cause_within(&remaining, &chosen, &places)
         } else {
@@ -228,8 +239,10 @@ pub fn twins_of(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> Op
     Some(twins)
 }
 
-/// Cells that a changed sensor path has no part in: those of the other channels, and where the path is one factor its own less that. Without another channel the path is
-/// taken off as the background tells it, and what else changed lies under it (true): a wide mask would take up what that leaves.
+/// Cells that a changed sensor path has no part in: those of the other channels, and where the path
+/// is one factor its own less that. Without another channel the path is taken off as the background
+/// tells it, and what else changed lies under it (true): a wide mask would take up what that
+/// leaves.
 fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
     found.steps.push(format!(
         "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
@@ -287,7 +300,8 @@ fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     (clear.collect(), false)
 }
 
-/// The same by the lines first: a function of frequency, alone (true) or beside what goes with orders.
+/// The same by the lines first: a function of frequency, alone (true) or beside what goes with
+/// orders.
 fn by_lines(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> Option<(Vec<Cell>, bool)> {
     if locate::line_misfit(cells, None) < MISFIT {
         return None;
@@ -314,7 +328,9 @@ fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
     path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
 }
 
-/// Whether one change of the machine, which meshes bring into the background too, accounts for all lines better than a changed path of all sensors, or of the only one, together with what that leaves.
+/// Whether one change of the machine, which meshes bring into the background too, accounts for all
+/// lines better than a changed path of all sensors, or of the only one, together with what that
+/// leaves.
 fn is_rather_the_machine(
     q: &Question<'_>,
     cells: &[Cell],
@@ -335,7 +351,8 @@ fn is_rather_the_machine(
     let path = masks::unchanged(remaining) - masks::unchanged(cells) + gain(wide_gain(remaining)) - NUMBER * bands;
     let best = wide_gain(cells);
     let machine = gain(best);
-    // Meshes that changed bring more into the background; meshes whose lines are what they were do not.
+    // Meshes that changed bring more into the background; meshes whose lines are what they were do
+    // not.
     let changed =
         || best.is_some_and(|m| twins::twins(cells, &places, &gaps).is_some_and(|t| t.chance(&m) < MAY_CHANGE));
     let rather_the_machine = path < machine && changed();
@@ -350,8 +367,9 @@ fn is_rather_the_machine(
 /// Masks that are asked whether chance makes them.
 const ASKED: usize = 4;
 
-/// The mask to name: best, chosen, whether it is believed. One that chance makes is passed over, for a wide mask that gains most may say nothing where one line
-/// of it says all; where none is believed, the first.
+/// The mask to name: best, chosen, whether it is believed. One that chance makes is passed over,
+/// for a wide mask that gains most may say nothing where one line of it says all; where none is
+/// believed, the first.
 fn leading(
     q: &Question<'_>,
     alone: Option<Mask>,
@@ -388,8 +406,10 @@ fn choose(ranked: &[Mask]) -> Option<Mask> {
         .copied()
 }
 
-/// The gear to which a wide mask comes down: large errors of single teeth move every line of the train a little, and those of their own gear most. Either what the gear's mask gains and what
-/// says that it is one gear together exceed what the wide mask gains, or the gear's comb plainly leads the train.
+/// The gear to which a wide mask comes down: large errors of single teeth move every line of the
+/// train a little, and those of their own gear most. Either what the gear's mask gains and what
+/// says that it is one gear together exceed what the wide mask gains, or the gear's comb plainly
+/// leads the train.
 fn of_single_teeth(train: &Train, wide_one: &Mask, ranked: &[Mask], cells: &[Cell]) -> Option<Mask> {
     let meshes = (0..train.stages.len()).map(Place::Mesh);
     let gears = (0..train.stages.len()).flat_map(|i| [Place::Gear(i, i), Place::Gear(i, i + 1)]);
@@ -412,7 +432,8 @@ fn believed_beside(m: &Mask, tooth_found: bool) -> bool {
     m.gain > enough && !wide(m.place) && m.inside > CONCENTRATED * m.outside
 }
 
-/// Adds the names of masks that share lines with the chosen one and gain nearly as much: where the lines alone do not say which.
+/// Adds the names of masks that share lines with the chosen one and gain nearly as much: where the
+/// lines alone do not say which.
 fn with_rivals(q: &Question<'_>, mut f: Finding, chosen: &Mask, ranked: &[Mask], cells: &[Cell]) -> Finding {
     if f.probability > RIVALLED {
         return f;
@@ -442,7 +463,8 @@ fn with_rivals(q: &Question<'_>, mut f: Finding, chosen: &Mask, ranked: &[Mask],
     f
 }
 
-/// Asks again for the first effect once the second is known: taken one after the other, two effects may pass for a third.
+/// Asks again for the first effect once the second is known: taken one after the other, two effects
+/// may pass for a third.
 fn swap(
     q: &Question<'_>,
     cells: &[Cell],
@@ -489,8 +511,8 @@ fn simplicity(place: Place) -> u8 {
     }
 }
 
-/// Whether a mask may only show what a finding does besides: other orders of the same shaft, or of the shafts of a pair whose teeth changed, or another
-/// order of a ripple's train.
+/// Whether a mask may only show what a finding does besides: other orders of the same shaft, or of
+/// the shafts of a pair whose teeth changed, or another order of a ripple's train.
 fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
     let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect, &f.place)) else { return false };
     let ripple = |p: Place| {
@@ -503,7 +525,8 @@ fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
     }
 }
 
-/// Whether the sidebands of a gear may only follow the mesh harmonics, which the teeth of its mate changed: they do not move further than these.
+/// Whether the sidebands of a gear may only follow the mesh harmonics, which the teeth of its mate
+/// changed: they do not move further than these.
 fn follows(train: &Train, cells: &[Cell], named: Place, place: Place) -> bool {
     match (named, place) {
         (Place::Gear(i, j), Place::Gear(k, mate) | Place::LowSide(k, mate)) if i == k && j != mate => {
@@ -535,7 +558,8 @@ mod tests {
     use super::*;
     use crate::read::lines::Family;
 
-    /// Mesh harmonics, and sidebands of input and output shaft about them, which change by so many standard deviations of 0.1, with signs that alternate.
+    /// Mesh harmonics, and sidebands of input and output shaft about them, which change by so many
+    /// standard deviations of 0.1, with signs that alternate.
     fn cells(mesh: f64, input: f64, output: f64) -> Vec<Cell> {
         let of = |family, z: f64, k: usize| Cell {
             pair: 0,
@@ -566,8 +590,10 @@ mod tests {
         Train { motor_order: 1.0, shafts, stages: vec![stage], nominal_input_hz: 20.0 }
     }
 
-    /// A comb that moves six times as much as all else leads, also where its mask gains far less than the wide one, since the rest moves too; its mate's sidebands then follow the mesh harmonics, which move as
-    /// much. Of 28 on 98 teeth every second sideband of the pinion is a multiple of the wheel's revolution, and counts as the wheel's.
+    /// A comb that moves six times as much as all else leads, also where its mask gains far less
+    /// than the wide one, since the rest moves too; its mate's sidebands then follow the mesh
+    /// harmonics, which move as much. Of 28 on 98 teeth every second sideband of the pinion is a
+    /// multiple of the wheel's revolution, and counts as the wheel's.
     #[test]
     fn analytic_a_comb_that_leads_the_train_is_the_cause() {
         let stage = Mask { place: Place::Stage(0), gain: 1500.0, inside: 6.0, outside: 0.5, cells: 72 };
@@ -588,8 +614,9 @@ mod tests {
         assert!(second.is_on_comb(&train(28, 98), 1) && !second.is_on_comb(&train(33, 61), 1));
     }
 
-    /// Where the sidebands of one gear change and those of its mate do not, a stage's mask comes down to that gear, also where the mesh harmonics come along; not where both gears' sidebands follow mesh
-    /// harmonics that change more, nor from a mask that is narrow.
+    /// Where the sidebands of one gear change and those of its mate do not, a stage's mask comes
+    /// down to that gear, also where the mesh harmonics come along; not where both gears' sidebands
+    /// follow mesh harmonics that change more, nor from a mask that is narrow.
     #[test]
     fn analytic_a_wide_mask_comes_down_to_the_gear_whose_sidebands_move() {
         let mask = |place| Mask { place, gain: 100.0, inside: 2.0, outside: 0.5, cells: 25 };

@@ -1,9 +1,10 @@
 //! Without a reference: only what stands out from what every bench has.
 //!
-//! Errors of pitch give every shaft a row of orders. Accumulated over the teeth they are a random walk and fall as 1/k, acceleration grows as k²: a
-//! row rises as k, and its lines scatter about that like Rayleigh amplitudes through a path. A ripple is one order: of a torque, it
-//! grows with the torque, while geometry stays as it is at any load (the path is the same at one speed, and cancels); of a speed, it stays and stands
-//! far above its row.
+//! Errors of pitch give every shaft a row of orders. Accumulated over the teeth they are a random
+//! walk and fall as 1/k, acceleration grows as k²: a row rises as k, and its lines scatter about
+//! that like Rayleigh amplitudes through a path. A ripple is one order: of a torque, it grows with
+//! the torque, while geometry stays as it is at any load (the path is the same at one speed, and
+//! cancels); of a speed, it stays and stands far above its row.
 
 use crate::change::locate::REPEAT_SIGMA;
 use crate::name::{Finding, Question};
@@ -17,12 +18,14 @@ const CLEAR: f64 = 4.0;
 const OTHER_LOAD: f64 = 1.4;
 /// Largest share of one value in χ²: a line beside a resonance shall not decide alone.
 const CAP: f64 = 25.0;
-/// Log odds of "∝ torque" against "the same at every load" at which either is believed, and χ² per value that the law may leave. Of 200 benches without a ripple none
-/// comes above −2; where an order grows, the pitch error's share of it, which does not, bends the law.
+/// Log odds of "∝ torque" against "the same at every load" at which either is believed, and χ² per
+/// value that the law may leave. Of 200 benches without a ripple none comes above −2; where an
+/// order grows, the pitch error's share of it, which does not, bends the law.
 const LAW_ODDS: f64 = 8.0;
 const LAW_MISFIT: f64 = 2.0;
 const GROWTH_MISFIT: f64 = 4.0;
-/// ln amplitude over noise, mean over recordings, and height over its row (nats) of an order that grows with the torque.
+/// ln amplitude over noise, mean over recordings, and height over its row (nats) of an order that
+/// grows with the torque.
 const RIPPLE_CLEAR: f64 = 3.0;
 const RIPPLE_HEIGHT: f64 = 1.5;
 /// What an order must reach to be named without growing.
@@ -35,12 +38,14 @@ struct Standing {
     least: f64,
 }
 
-/// With one sensor and no reference a resonance of its path may lift one order: of 200 benches without a ripple (and their references) four lead by 1.5 to 2.0 nats,
-/// none as high as this.
+/// With one sensor and no reference a resonance of its path may lift one order: of 200 benches
+/// without a ripple (and their references) four lead by 1.5 to 2.0 nats, none as high as this.
 const ON_ONE_SENSOR: Standing = Standing { lead: 1.8, height: 3.0, least: 2.0 };
-/// On several sensors, whose paths differ, the same benches lead by up to 1.43 nats, by 1.40 where they are as high as this; over a reference it must be new besides.
+/// On several sensors, whose paths differ, the same benches lead by up to 1.43 nats, by 1.40 where
+/// they are as high as this; over a reference it must be new besides.
 const ON_SEVERAL: Standing = Standing { lead: 1.5, height: 2.5, least: 1.2 };
-/// Least rise over the reference (ln amplitude) of an order that is new: on the median of its lines, and of each.
+/// Least rise over the reference (ln amplitude) of an order that is new: on the median of its
+/// lines, and of each.
 const RISEN: f64 = 0.7;
 const RISEN_EVERYWHERE: f64 = 0.3;
 /// Orders that a row must show.
@@ -73,7 +78,8 @@ struct Order {
 /// Power and noise by recording and channel.
 pub type Powers = Vec<Vec<Option<(f64, f64)>>>;
 
-/// Power and noise of one multiple of a shaft by recording and channel; what clips shows its own lines.
+/// Power and noise of one multiple of a shaft by recording and channel; what clips shows its own
+/// lines.
 fn powers(q: &Question<'_>, shaft: usize, multiple: u8) -> Powers {
     let clipped = |name: &str| {
         q.recordings.iter().flat_map(|r| &r.channels).any(|c| c.name == name && c.integrity.clipped_at.is_some())
@@ -161,7 +167,8 @@ fn row(q: &Question<'_>, shaft: usize) -> Vec<Order> {
     out
 }
 
-/// Whether an order has risen over the reference, and the first order of its shaft has not risen as much: looseness raises a row from its first on.
+/// Whether an order has risen over the reference, and the first order of its shaft has not risen as
+/// much: looseness raises a row from its first on.
 fn risen(q: &Question<'_>, o: &Order) -> bool {
     let changes = |multiple: u8| -> Vec<f64> {
         let own = Family::Shaft { shaft: o.shaft, multiple };
@@ -175,8 +182,8 @@ fn risen(q: &Question<'_>, o: &Order) -> bool {
     rise > RISEN && (first.is_empty() || median(&mut first) < 0.5 * rise)
 }
 
-/// A single multiple of a shaft that grows with the torque, or that stands out from its row in every recording: ripple of a torque or a speed. Where there is
-/// a reference, it must be new.
+/// A single multiple of a shaft that grows with the torque, or that stands out from its row in
+/// every recording: ripple of a torque or a speed. Where there is a reference, it must be new.
 pub fn ripple(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let orders: Vec<Order> = (0..q.train.shafts.len()).flat_map(|j| row(q, j)).collect();
     let new = |o: &&Order| q.comparison.pairs.is_empty() || risen(q, o);

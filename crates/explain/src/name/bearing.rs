@@ -1,8 +1,10 @@
 //! Which shaft a defective bearing sits on.
 //!
-//! An envelope order alone does not tell: 3.1 passages per turn of the input are 5.2 per turn of a shaft at 0.6 of its speed. Two things do. Races of usual
-//! bearings lie in a band of orders of their own shaft, and the same band is narrower on the axis of the input shaft the slower the shaft turns. And the impacts
-//! leave through one bearing's seat: sensors at that shaft's bearing hear them further above the background than the others do.
+//! An envelope order alone does not tell: 3.1 passages per turn of the input are 5.2 per turn of a
+//! shaft at 0.6 of its speed. Two things do. Races of usual bearings lie in a band of orders of
+//! their own shaft, and the same band is narrower on the axis of the input shaft the slower the
+//! shaft turns. And the impacts leave through one bearing's seat: sensors at that shaft's bearing
+//! hear them further above the background than the others do.
 
 use gearwatch_core::train::Train;
 
@@ -11,18 +13,22 @@ use crate::name::family::Family;
 use crate::name::{Finding, Question};
 use crate::read::envelope::EnvelopeLine;
 
-/// Rolling elements of usual bearings, and their diameter over that of their pitch circle, by the cosine of the contact angle. A defect is passed
-/// `Z/2 (1 ∓ d cos α / D)` times a turn on the outer and on the inner race (Randall & Antoni 2011, eq. 1-2); 0.4 and 0.6 of `Z` is the rule of thumb of the same.
+/// Rolling elements of usual bearings, and their diameter over that of their pitch circle, by the
+/// cosine of the contact angle. A defect is passed `Z/2 (1 ∓ d cos α / D)` times a turn on the
+/// outer and on the inner race (Randall & Antoni 2011, eq. 1-2); 0.4 and 0.6 of `Z` is the rule of
+/// thumb of the same.
 const ELEMENTS: std::ops::RangeInclusive<u32> = 7..=12;
 const DIAMETERS: (f64, f64) = (0.1, 0.3);
 /// Share of other orders (balls, cages, larger bearings), spread evenly in ln over this range.
 const OTHER: f64 = 0.1;
 const OTHER_RANGE: (f64, f64) = (0.3, 30.0);
-/// What the own shaft's sensor hears more (ln of envelope power over noise; the envelope saturates), and the scatter of one sensor by its path: over 13 drawn
-/// cases with sensors on two shafts it is about 1.2, with a deviation of 0.8 to 1.
+/// What the own shaft's sensor hears more (ln of envelope power over noise; the envelope
+/// saturates), and the scatter of one sensor by its path: over 13 drawn cases with sensors on two
+/// shafts it is about 1.2, with a deviation of 0.8 to 1.
 const NEARER: f64 = 1.2;
 const SCATTER: f64 = 0.9;
-/// Most that is believed of a bearing and its shaft, and the least share of a shaft that stands in the set.
+/// Most that is believed of a bearing and its shaft, and the least share of a shaft that stands in
+/// the set.
 const SUREST: f64 = 0.95;
 const IN_SET: f64 = 0.04;
 
@@ -40,7 +46,8 @@ fn density(order: f64) -> f64 {
     (1.0 - OTHER) * races / (2 * ELEMENTS.count()) as f64 + OTHER * other
 }
 
-/// ln likelihood (up to a constant) of what the sensors hear (ln; `None` of one that hears nothing to go by) when those marked sit at the bearing.
+/// ln likelihood (up to a constant) of what the sensors hear (ln; `None` of one that hears nothing
+/// to go by) when those marked sit at the bearing.
 fn heard(levels: &[Option<f64>], own: &[bool]) -> f64 {
     let left: Vec<f64> =
         levels.iter().zip(own).filter_map(|(l, own)| l.map(|l| l - if *own { NEARER } else { 0.0 })).collect();
@@ -70,7 +77,8 @@ fn shares(q: &Question<'_>, line: &EnvelopeLine, channels: &[String]) -> Vec<f64
     logs.iter().map(|l| (l - most).exp() / sum).collect()
 }
 
-/// How much likelier (nats) an order is where a bearing on any shaft makes it than where it is the highest of a scan over `range` orders, all alike.
+/// How much likelier (nats) an order is where a bearing on any shaft makes it than where it is the
+/// highest of a scan over `range` orders, all alike.
 pub fn usual(train: &Train, order: f64, range: f64) -> f64 {
     let shafts = train.shafts.len() as f64;
     let of_bearing: f64 = train.shafts.iter().map(|(_, turns)| density(order / turns) / turns / shafts).sum();
@@ -125,7 +133,8 @@ mod tests {
         assert!(density(3.6).min(density(5.4)) > 5.0 * density(1.5).max(density(15.0)));
     }
 
-    /// Of one shaft that turns with the input: order 3.6 is the usual one of several races, 15 of hardly any, by more than three nats; a range twice as wide is one of ln 2.
+    /// Of one shaft that turns with the input: order 3.6 is the usual one of several races, 15 of
+    /// hardly any, by more than three nats; a range twice as wide is one of ln 2.
     #[test]
     fn analytic_usual_orders_are_likelier_than_any() {
         let text = r#"{"format":"gearwatch-bench/1","name":"t","motor":{"speed_hz":25.0},"brake":{"torque_nm":10.0},
@@ -138,7 +147,8 @@ mod tests {
         assert!((usual(&train, 3.6, 28.0) - usual(&train, 3.6, 14.0) - 2f64.ln()).abs() < 1e-12);
     }
 
-    /// Two sensors, of which one hears `NEARER` more: at its shaft the levels fit, at the other's they are off by twice that, ±NEARER about the mean.
+    /// Two sensors, of which one hears `NEARER` more: at its shaft the levels fit, at the other's
+    /// they are off by twice that, ±NEARER about the mean.
     #[test]
     fn analytic_the_nearer_sensor_tells_the_shaft() {
         let levels = [Some(5.0), Some(5.0 + NEARER)];

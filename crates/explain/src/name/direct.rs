@@ -16,7 +16,8 @@ const MOST_SLIP: f64 = 0.05;
 /// Log odds of belt slip against a wrong clock from which the other is not kept in the set.
 const LARGE_ODDS: f64 = 4.5;
 
-/// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before it.
+/// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before
+/// it.
 pub fn gears_on(q: &Question<'_>, shaft: usize) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(s) = q.train.stages.get(shaft) {
@@ -78,13 +79,15 @@ fn mean_finite(values: impl Iterator<Item = f64>) -> Option<(f64, usize)> {
     (!kept.is_empty()).then(|| (kept.iter().sum::<f64>() / kept.len() as f64, kept.len()))
 }
 
-/// How much a sample clock runs fast by which all speeds appear this much too low: `1/(1 + ε) = 1 − d`.
+/// How much a sample clock runs fast by which all speeds appear this much too low: `1/(1 + ε) = 1 −
+/// d`.
 fn fast(low: f64) -> f64 {
     low / (1.0 - low)
 }
 
-/// Slip of the recordings of one session less what their sample clock is off, which must not pass for slip. A clock is one for a session: recordings whose own lines do not
-/// show it against the tacho have the error of the others.
+/// Slip of the recordings of one session less what their sample clock is off, which must not pass
+/// for slip. A clock is one for a session: recordings whose own lines do not show it against the
+/// tacho have the error of the others.
 fn without_clock(slip: &[f64], clock: &[f64]) -> Vec<f64> {
     let mut seen: Vec<f64> = clock.iter().copied().filter(|c| c.is_finite()).collect();
     let session = if seen.is_empty() { 0.0 } else { median(&mut seen) };
@@ -170,7 +173,8 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
         if out.iter().any(|f| f.effect == "clock_offset") {
             return;
         }
-        // Behind the display without a reference: a motor that slips, in proportion to its torque, unless the loads say that it does not.
+        // Behind the display without a reference: a motor that slips, in proportion to its torque,
+        // unless the loads say that it does not.
         if q.bench.belt.is_none() && excess > 0.0 && excess < MOST_SLIP && reference.is_none() {
             let odds = 0.5 * (law(q, slip, base, true).misfit - law(q, slip, base, false).misfit);
             steps.push(format!("behind the display by {:.2} %: the slip of the motor, unless the clock is likelier by {LARGE_ODDS} nats; it is by {odds:.1}", 100.0 * excess));
@@ -193,8 +197,9 @@ struct SpeedLaw {
     misfit: f64,
 }
 
-/// Fits the speeds behind the display: in proportion to the torque (a belt slips more the more it carries: PHYSICS 4) or all the same (a clock).
-/// Both laws have one number, so that their likelihoods may be compared as they are.
+/// Fits the speeds behind the display: in proportion to the torque (a belt slips more the more it
+/// carries: PHYSICS 4) or all the same (a clock). Both laws have one number, so that their
+/// likelihoods may be compared as they are.
 fn law(q: &Question<'_>, slip: &[f64], base: f64, with_torque: bool) -> SpeedLaw {
     let highest = q.recordings.iter().map(|r| r.brake_torque_nm).fold(0.0, f64::max);
     // An unknown torque counts as the highest.
@@ -212,8 +217,8 @@ fn law(q: &Question<'_>, slip: &[f64], base: f64, with_torque: bool) -> SpeedLaw
     SpeedLaw { value, sigma: DISPLAY_SIGMA / xx.sqrt(), misfit }
 }
 
-/// Whether lines may be compared one by one: not at another speed, and not where every channel is clipped. A wrong sample clock
-/// moves no line over shaft angle.
+/// Whether lines may be compared one by one: not at another speed, and not where every channel is
+/// clipped. A wrong sample clock moves no line over shaft angle.
 pub fn comparable(q: &Question<'_>, findings: &[Finding]) -> bool {
     let clipped = |c: &String| findings.iter().any(|f| f.effect == "clipping" && f.place == *c);
     !slips(findings) && q.comparison.channels.iter().any(|c| !clipped(c))
@@ -226,7 +231,8 @@ pub fn slips(findings: &[Finding]) -> bool {
 
 /// What can be said without a reference beyond the direct findings.
 pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &mut Vec<String>) {
-    // A limit spoils phases. Slip moves the speeds apart that are subtracted, by less than what a resonance is wide; the phases of one damaged tooth stay even.
+    // A limit spoils phases. Slip moves the speeds apart that are subtracted, by less than what a
+    // resonance is wide; the phases of one damaged tooth stay even.
     let spoilt = findings.iter().any(|f| f.effect == "clipping");
     if !spoilt && let Some(f) = crate::name::gear::lone_tooth(q, steps) {
         findings.push(f);
@@ -234,7 +240,8 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
     }
     let known = findings.len();
     findings.extend(crate::name::ghost::ghost(q, steps));
-    // A ripple leaves the first order as it is, while what happens once a turn may lift others of the row.
+    // A ripple leaves the first order as it is, while what happens once a turn may lift others of
+    // the row.
     if !spoilt && findings.len() == known {
         findings.extend(crate::name::first::once_a_turn(q, steps));
     }
@@ -287,7 +294,9 @@ pub fn ratio_fit(q: &Question<'_>, findings: &[Finding]) -> Option<Fit> {
 mod tests {
     use super::*;
 
-    /// A clock that is fast by 5400 ppm takes as much off the speeds of all recordings of its session, also of the one whose lines do not show it; one that is right to 20 ppm takes nothing.
+    /// A clock that is fast by 5400 ppm takes as much off the speeds of all recordings of its
+    /// session, also of the one whose lines do not show it; one that is right to 20 ppm takes
+    /// nothing.
     #[test]
     fn analytic_a_session_has_one_clock() {
         let fast = without_clock(&[5.9e-3, 5.9e-3, 6.0e-3], &[-5.4e-3, f64::NAN, -5.4e-3]);

@@ -1,9 +1,13 @@
-//! New lines at multiples of one order that no shaft makes: what passes so often a turn, rolling elements over a defect.
+//! New lines at multiples of one order that no shaft makes: what passes so often a turn, rolling
+//! elements over a defect.
 //!
-//! A defect on an inner race turns through the load zone once a turn of its shaft, which gives each multiple a sideband at that distance on either side (Randall & Antoni 2011, section 2).
+//! A defect on an inner race turns through the load zone once a turn of its shaft, which gives each
+//! multiple a sideband at that distance on either side (Randall & Antoni 2011, section 2).
 //!
-//! Each line is a multiple of the order, or such a sideband of one, or lies anywhere. Lines of a family lie within the slip of rolling elements of a multiple; others are even over the band. The evidence of
-//! an order is the sum over the lines, less what so many orders that could have been tried would find by chance.
+//! Each line is a multiple of the order, or such a sideband of one, or lies anywhere. Lines of a
+//! family lie within the slip of rolling elements of a multiple; others are even over the band. The
+//! evidence of an order is the sum over the lines, less what so many orders that could have been
+//! tried would find by chance.
 
 use std::f64::consts::TAU;
 
@@ -14,7 +18,8 @@ use crate::read::scan::StrangeLine;
 
 /// Highest multiple of a family; its lines are alike before they are heard.
 const MULTIPLES: u32 = 16;
-/// Standard deviation of a passage's order over a recording (relative): elements slip by a part in a thousand, and more at low load (Randall & Antoni 2011, 1 to 2 % at most).
+/// Standard deviation of a passage's order over a recording (relative): elements slip by a part in
+/// a thousand, and more at low load (Randall & Antoni 2011, 1 to 2 % at most).
 const SLIP: f64 = 1e-3;
 /// How well the place of a faint line is known (bins of the order spectrum).
 const PLACE_BINS: f64 = 0.3;
@@ -24,7 +29,8 @@ const OFF_COMB: f64 = 2.0;
 const HIGHEST: f64 = 16.0;
 /// Share of new lines that may be something else's.
 const OTHERS: f64 = 0.3;
-/// Share of lines of no family that stand beside a comb's, and how far they reach (bins): what is left where a shaft's speed wanders faster than its lines are followed.
+/// Share of lines of no family that stand beside a comb's, and how far they reach (bins): what is
+/// left where a shaft's speed wanders faster than its lines are followed.
 const SKIRTS: f64 = 0.5;
 const SKIRT_BINS: f64 = 5.0;
 /// Odds that a bench with a new line has such a family, before it is looked for.
@@ -39,7 +45,8 @@ pub struct Family {
     pub lines: Vec<f64>,
     /// Of which multiple each is a line, and which sideband of it (−1, 0, 1).
     pub multiples: Vec<(f64, f64)>,
-    /// The shaft at whose spacing sidebands stand: a defect that turns with it through the load zone, on an inner race.
+    /// The shaft at whose spacing sidebands stand: a defect that turns with it through the load
+    /// zone, on an inner race.
     pub shaft: Option<usize>,
     /// ln of the odds against lines that lie anywhere.
     pub nats: f64,
@@ -70,15 +77,16 @@ pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
     let positions: Vec<f64> = off_comb.map(|l| l.position).collect();
     let revolutions = q.recordings.iter().map(|r| r.revolutions).fold(f64::INFINITY, f64::min);
     let slowest = q.train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
-    // Lowest passage: balls, cages and larger bearings lie below, and in every bench's modulations too.
-    // Two shafts together make families of their own.
+    // Lowest passage: balls, cages and larger bearings lie below, and in every bench's modulations
+    // too. Two shafts together make families of their own.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
     let stray = |order: f64| stray(&scan::combs(q.train, revolutions), revolutions, order);
     of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed, &stray)
 }
 
-/// Density of lines that are of no family, over that of lines that are even over the band: some lie anywhere, some beside the strong lines of a comb, whose speed is not followed wholly.
+/// Density of lines that are of no family, over that of lines that are even over the band: some lie
+/// anywhere, some beside the strong lines of a comb, whose speed is not followed wholly.
 fn stray(combs: &[f64], revolutions: f64, order: f64) -> f64 {
     let off = combs.iter().map(|c| (order - (order / c).round() * c).abs()).fold(f64::INFINITY, f64::min);
     // Mean distance between neighbours of all combs together.
@@ -152,7 +160,8 @@ fn of_positions(
             let family = Passage { order, turns_with };
             (family, positions.iter().map(|p| odds(*p, &family)).sum::<f64>() - of_shafts.ln())
         });
-        // Of an order and its parts, which have the same lines as higher multiples, it is the whole.
+        // Of an order and its parts, which have the same lines as higher multiples, it is the
+        // whole.
         scored.reduce(|best, x| {
             let better = x.1 > best.1 + 1.0 || (x.1 > best.1 - 1.0 && x.0.order > 1.5 * best.0.order);
             let finer = x.1 > best.1 && (x.0.order / best.0.order - 1.0).abs() < 0.01;
@@ -184,7 +193,8 @@ mod tests {
         of_positions(positions, 200.0, &[1.0, 0.35], 0.6, &|order| (order - order.round()).abs() < 0.03, &|_| 1.0)
     }
 
-    /// Multiples of 3.169 within their slip, beside two lines of something else: the order to a part in a thousand, the others left out.
+    /// Multiples of 3.169 within their slip, beside two lines of something else: the order to a
+    /// part in a thousand, the others left out.
     #[test]
     fn analytic_multiples_of_one_order_are_a_family() {
         let slip = [1.0002, 0.9997, 1.0005, 0.9999, 1.0001];
@@ -194,8 +204,9 @@ mod tests {
         assert!((found.order / 3.169 - 1.0).abs() < 1e-3 && found.lines.len() == 5, "{found:?}");
     }
 
-    /// A defect of order 5.423 that turns with the shaft of 0.35 turns: two multiples and five sidebands of others, each within the slip. The shaft and the order are found; without sidebands no shaft is
-    /// said.
+    /// A defect of order 5.423 that turns with the shaft of 0.35 turns: two multiples and five
+    /// sidebands of others, each within the slip. The shaft and the order are found; without
+    /// sidebands no shaft is said.
     #[test]
     fn analytic_sidebands_of_an_inner_race_belong_to_the_family() {
         let (order, turn) = (5.423, 0.35);
@@ -209,7 +220,8 @@ mod tests {
         assert_eq!(ask(&plain).unwrap().shaft, None);
     }
 
-    /// Lines anywhere are no family: of 300 sets of eight at most one (a chance of 1 in 1000 before what they say).
+    /// Lines anywhere are no family: of 300 sets of eight at most one (a chance of 1 in 1000 before
+    /// what they say).
     #[test]
     fn analytic_lines_anywhere_are_no_family() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
@@ -225,7 +237,8 @@ mod tests {
         assert_eq!(ask(&[]), None);
     }
 
-    /// Five bins from a comb of one turn, in 100 turns: half of the stray lines stand there, `100 e^-1 / (2 · 5)` times as dense as over the band; far from it half as dense.
+    /// Five bins from a comb of one turn, in 100 turns: half of the stray lines stand there, `100
+    /// e^-1 / (2 · 5)` times as dense as over the band; far from it half as dense.
     #[test]
     fn analytic_stray_lines_stand_beside_combs() {
         let near = 0.5 + 0.5 * 10.0 * (-1.0f64).exp();

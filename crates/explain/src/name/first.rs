@@ -1,7 +1,9 @@
 //! What happens once a turn, without a reference: run-out and unbalance.
 //!
-//! The errors of a sound gear's teeth put something on every sideband of its shaft, and accumulated pitch errors a row of orders. Run-out raises the first sidebands of its own
-//! gear above the second and third, through a path that all of them share; unbalance raises the shaft's own first order above its row and leaves the sidebands as they are.
+//! The errors of a sound gear's teeth put something on every sideband of its shaft, and accumulated
+//! pitch errors a row of orders. Run-out raises the first sidebands of its own gear above the
+//! second and third, through a path that all of them share; unbalance raises the shaft's own first
+//! order above its row and leaves the sidebands as they are.
 
 use crate::name::direct::gears_on;
 use crate::name::gear::gear_name;
@@ -10,10 +12,12 @@ use crate::read::dsp::{mean, median};
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
 use crate::read::lines::{Family, SHAFT_MULTIPLES};
 
-/// ln amplitude by which the first sidebands of a gear must lead the second and third (median over mesh harmonics, sensors and recordings): of 148 sound gears of another generator the
-/// largest lead was 0.82.
+/// ln amplitude by which the first sidebands of a gear must lead the second and third (median over
+/// mesh harmonics, sensors and recordings): of 148 sound gears of another generator the largest
+/// lead was 0.82.
 const SIDES_LEAD: f64 = 1.2;
-/// ln amplitude by which the first order of a shaft must lead the highest of its row: of 121 sound shafts of that generator the largest lead was 2.83.
+/// ln amplitude by which the first order of a shaft must lead the highest of its row: of 121 sound
+/// shafts of that generator the largest lead was 2.83.
 const ONCE_LEADS: f64 = 3.9;
 /// Mesh harmonics whose sidebands are compared, and values that a lead needs.
 const HARMONICS: u8 = 8;
@@ -71,7 +75,8 @@ fn once_lead(q: &Question<'_>, shaft: usize) -> Option<f64> {
         .then(|| mean(first) - rest.into_iter().fold(f64::NEG_INFINITY, f64::max))
 }
 
-/// Run-out of the gear whose first sidebands lead most, else unbalance of the shaft whose first order does, where no sound machine's would.
+/// Run-out of the gear whose first sidebands lead most, else unbalance of the shaft whose first
+/// order does, where no sound machine's would.
 pub fn once_a_turn(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let stages = 0..q.train.stages.len();
     let gears = stages.flat_map(|i| [(i, i), (i, i + 1)]);

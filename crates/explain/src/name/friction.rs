@@ -1,9 +1,11 @@
 //! Tooth friction where the sensors see it: across the line of action.
 //!
-//! The friction force of a pair of teeth is its normal force times a coefficient that turns its sign at the pitch point (PHYSICS 4: sliding friction). Errors
-//! of the teeth modulate the normal force once and a few times a turn of *both* gears, and so friction raises the orders of both shafts of its stage, across the line of
-//! action, where little else does; the mesh harmonics, which lie along it, move no more than they do. What takes material off the flanks raises such orders too, but
-//! moves the mesh harmonics far more; looseness raises the orders of one shaft.
+//! The friction force of a pair of teeth is its normal force times a coefficient that turns its
+//! sign at the pitch point (PHYSICS 4: sliding friction). Errors of the teeth modulate the normal
+//! force once and a few times a turn of *both* gears, and so friction raises the orders of both
+//! shafts of its stage, across the line of action, where little else does; the mesh harmonics,
+//! which lie along it, move no more than they do. What takes material off the flanks raises such
+//! orders too, but moves the mesh harmonics far more; looseness raises the orders of one shaft.
 
 use crate::change::locate::{Cell, Place};
 use crate::change::masks;
@@ -17,8 +19,9 @@ const SHARE: f64 = 0.3;
 const RISES: f64 = 0.85;
 /// Least number of orders of each shaft.
 const ORDERS: usize = 8;
-/// Least median change of the orders of either shaft, of that of the mesh harmonics: 0.7 to 20 times on 13 benches with more friction (once 0.2), 0.1 times
-/// where tips were relieved; no other of 430 benches raised the orders of both shafts so clearly.
+/// Least median change of the orders of either shaft, of that of the mesh harmonics: 0.7 to 20
+/// times on 13 benches with more friction (once 0.2), 0.1 times where tips were relieved; no other
+/// of 430 benches raised the orders of both shafts so clearly.
 const OVER_MESH: f64 = 0.4;
 
 /// Orders of a shaft in a comparison: how many, share of clear changes, share of rises among these.
@@ -35,7 +38,8 @@ fn orders(cells: &[Cell], shaft: usize) -> (usize, f64, f64) {
     (all, clear as f64 / all.max(1) as f64, up as f64 / clear.max(1) as f64)
 }
 
-/// The stage whose friction changed, where the orders of both its shafts rise and its mesh harmonics move no more.
+/// The stage whose friction changed, where the orders of both its shafts rise and its mesh
+/// harmonics move no more.
 pub fn friction(q: &Question<'_>, cells: &[Cell]) -> Option<Finding> {
     let clear = |(all, share, up): (usize, f64, f64)| all >= ORDERS && share >= SHARE && up >= RISES;
     let quieter = |i: usize| {

@@ -1,4 +1,5 @@
-//! Names for what changed within one revolution of a gear: one damaged tooth, run-out, errors of all teeth.
+//! Names for what changed within one revolution of a gear: one damaged tooth, run-out, errors of
+//! all teeth.
 
 use crate::change::comb::{self, Difference, GearChange};
 use crate::change::locate::{Cell, Place};
@@ -7,24 +8,30 @@ use crate::change::pulse::{self, Pulse};
 use crate::name::gear_side;
 use crate::name::{Finding, Question};
 
-/// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it needs in each recording: changes of all teeth and of
-/// the train's dynamics stay below 0.7. A pulse lights the whole comb (22 lines a recording at the faintest, mostly hundreds); a few lines on the skirt of a strong
-/// one advance evenly too.
+/// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it
+/// needs in each recording: changes of all teeth and of the train's dynamics stay below 0.7. A
+/// pulse lights the whole comb (22 lines a recording at the faintest, mostly hundreds); a few lines
+/// on the skirt of a strong one advance evenly too.
 const ONE_TOOTH: f64 = 0.9;
 const NEIGHBOURS: usize = 16;
-/// Score and share of one pulse a turn from which a damaged tooth is believed whose lines are too faint one by one. Of 858 shafts without such damage
-/// none with that score had a larger share than 0.51 (friction), on unchanged ones the score stayed below 7; teeth that were told so come to a share of 0.60 to 0.92.
+/// Score and share of one pulse a turn from which a damaged tooth is believed whose lines are too
+/// faint one by one. Of 858 shafts without such damage none with that score had a larger share than
+/// 0.51 (friction), on unchanged ones the score stayed below 7; teeth that were told so come to a
+/// share of 0.60 to 0.92.
 const PULSE_SCORE: f64 = 12.0;
 const PULSE_SHARE: f64 = 0.55;
 /// Above this, one tooth is likelier than errors of all.
 const RATHER_ONE: f64 = 0.6;
 
-/// Median change of the first sidebands over that of all lines of the gear from which the change happens once a revolution, and below which errors of all teeth
-/// stay in the set: of 21 eccentric gears 18 came to 2.9 to 7.4, the faintest three to 1.8 to 2.3; of 17 with pitch errors 16 to 0.4 to 1.5, one to 2.1.
+/// Median change of the first sidebands over that of all lines of the gear from which the change
+/// happens once a revolution, and below which errors of all teeth stay in the set: of 21 eccentric
+/// gears 18 came to 2.9 to 7.4, the faintest three to 1.8 to 2.3; of 17 with pitch errors 16 to 0.4
+/// to 1.5, one to 2.1.
 const ONCE: f64 = 2.2;
 const SURELY_ONCE: f64 = 3.0;
-/// A pulse that only all lines together show is one tooth's where the gear's lines change more than the mesh harmonics, to which one of `z` teeth gives a part in
-/// `z`: 1.7 to 9 times as much where a tooth was damaged, 0.3 times where friction made the pulse.
+/// A pulse that only all lines together show is one tooth's where the gear's lines change more than
+/// the mesh harmonics, to which one of `z` teeth gives a part in `z`: 1.7 to 9 times as much where
+/// a tooth was damaged, 0.3 times where friction made the pulse.
 const OVER_MESH: f64 = 1.0;
 
 /// Place of a gear: stage and shaft.
@@ -52,12 +59,13 @@ fn pulse_support(pulse: &Pulse) -> String {
     )
 }
 
-/// Nats a line by which a change must rather be heard from one mesh than from the other for its gear to be sure. On 13 shafts with damage the mesh was
-/// right each time, with 0.1 to 3.1.
+/// Nats a line by which a change must rather be heard from one mesh than from the other for its
+/// gear to be sure. On 13 shafts with damage the mesh was right each time, with 0.1 to 3.1.
 const HEARD: f64 = 0.5;
 
-/// Of the gears on a shaft (by their stages) the one that a pulse belongs to, which suits any number of teeth, and how sure that is: where two sensors hear it from, else
-/// the one about whose mesh harmonics it gathers.
+/// Of the gears on a shaft (by their stages) the one that a pulse belongs to, which suits any
+/// number of teeth, and how sure that is: where two sensors hear it from, else the one about whose
+/// mesh harmonics it gathers.
 fn which(q: &Question<'_>, shaft: usize, stages: &[usize], changes: &[Difference]) -> Option<(usize, f64)> {
     match gear_side::stage_of(q, shaft, changes) {
         _ if stages.len() < 2 => stages.first().map(|i| (*i, 1.0)),
@@ -98,28 +106,36 @@ pub fn local_faults(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -
     out
 }
 
-/// Score of a pattern of teeth from which one tooth is believed without a reference, and the share that its lines must have in common. By chance
-/// a gear reaches the score in one of 600; on benches without damage single gears came to 4.
+/// Score of a pattern of teeth from which one tooth is believed without a reference, and the share
+/// that its lines must have in common. By chance a gear reaches the score in one of 600; on benches
+/// without damage single gears came to 4.
 const LONE_SCORE: f64 = 6.4;
 const LONE_SHARED: f64 = 0.55;
-/// One tooth leaves nothing but the path to part the phases: the resultant that it comes to at least (0.93 to 0.98 where a tooth is broken). Of a wheel with
-/// many teeth a resultant far below reaches the score too, but that is a few teeth or none; two sound gears of other benches came to 0.87.
+/// One tooth leaves nothing but the path to part the phases: the resultant that it comes to at
+/// least (0.93 to 0.98 where a tooth is broken). Of a wheel with many teeth a resultant far below
+/// reaches the score too, but that is a few teeth or none; two sound gears of other benches came to
+/// 0.87.
 const LONE_EVEN: f64 = 0.9;
 
-/// Score and share of one pulse a turn, beyond the gain that another load makes, from which a damaged tooth is believed without a reference. Of 590 gears on 200 benches of the own
-/// generator whose teeth are whole none with that score had a larger share than 0.29; benches of another one, whose teeth differ in stiffness by a per cent, come to 0.48, and a ripple of the brake, which
-/// the load scales too, to 0.55 with a score of 27, so that ripples come first. Damaged teeth that were found come to 0.44 to 0.84.
+/// Score and share of one pulse a turn, beyond the gain that another load makes, from which a
+/// damaged tooth is believed without a reference. Of 590 gears on 200 benches of the own generator
+/// whose teeth are whole none with that score had a larger share than 0.29; benches of another one,
+/// whose teeth differ in stiffness by a per cent, come to 0.48, and a ripple of the brake, which
+/// the load scales too, to 0.55 with a score of 27, so that ripples come first. Damaged teeth that
+/// were found come to 0.44 to 0.84.
 const LONE_PULSE: f64 = 28.0;
 const LONE_SHARE: f64 = 0.53;
 
-/// A damaged tooth without a reference, whose lines are clear one by one: high load minus low load at one speed. Geometry stays as it is under load
-/// (PHYSICS 4, L04) and is gone from the difference, while stiffness that one tooth lost gives deflection in proportion to the torque.
+/// A damaged tooth without a reference, whose lines are clear one by one: high load minus low load
+/// at one speed. Geometry stays as it is under load (PHYSICS 4, L04) and is gone from the
+/// difference, while stiffness that one tooth lost gives deflection in proportion to the torque.
 pub fn lone_tooth(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let (j, support) = lone_pattern(q, steps)?;
     lone(q, j, support)
 }
 
-/// The same of a tooth that only all lines together show; where no ripple was found, which the load scales too.
+/// The same of a tooth that only all lines together show; where no ripple was found, which the load
+/// scales too.
 pub fn faint_lone_tooth(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let (j, support) = lone_pulse(q, steps)?;
     lone(q, j, support)
@@ -129,7 +145,8 @@ fn lone(q: &Question<'_>, j: usize, support: String) -> Option<Finding> {
     let stages: Vec<usize> = (0..q.train.stages.len()).filter(|i| *i == j || *i + 1 == j).collect();
     let (at, sure) = which(q, j, &stages, &comb::changes(q, j))?;
     let name = gear_name(q, at, j);
-    // A tooth that stands out of its place by more than the teeth give way takes its load by the torque too.
+    // A tooth that stands out of its place by more than the teeth give way takes its load by the
+    // torque too.
     let mut f = Finding::new("tooth_breakage", name.clone(), f64::min(sure, 0.6));
     f.alternatives.extend([("root_crack", name.clone()), ("pitting", name.clone()), ("pitch_error", name)]);
     f.alternatives.extend(stages.iter().filter(|i| **i != at).map(|&i| ("tooth_breakage", gear_name(q, i, j))));

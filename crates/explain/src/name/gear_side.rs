@@ -1,8 +1,10 @@
 //! Of two gears on one shaft, the one whose mesh the sensors hear.
 //!
-//! A pulse at a mesh reaches two sensors through the same paths as everything else of that mesh does, so the ratio of its lines between two sensors is that of other
-//! lines of the mesh near their frequency, whatever made them. Such lines are those of the shafts on either side: of the one before only the first of
-//! the two meshes lies on the combs, of the one behind only the second.
+//! A pulse at a mesh reaches two sensors through the same paths as everything else of that mesh
+//! does, so the ratio of its lines between two sensors is that of other lines of the mesh near
+//! their frequency, whatever made them. Such lines are those of the shafts on either side: of the
+//! one before only the first of the two meshes lies on the combs, of the one behind only the
+//! second.
 
 use crate::change::align::{self, CLEAR};
 use crate::change::comb::{self, Difference};
@@ -10,7 +12,8 @@ use crate::name::Question;
 use crate::read::dsp::median;
 use crate::read::features::RecordingFeatures;
 
-/// Distance (Hz) within which lines share a path's ratio, and how many must lie there: half the width of the modes of a housing and the spacing of shaft orders.
+/// Distance (Hz) within which lines share a path's ratio, and how many must lie there: half the
+/// width of the modes of a housing and the spacing of shaft orders.
 const NEAR_HZ: f64 = 80.0;
 const LEAST_NEAR: usize = 3;
 /// Usual difference of ln ratios of two lines near each other.
@@ -18,7 +21,8 @@ const RATIO_SIGMA: f64 = 0.5;
 /// Lines that must tell.
 const LEAST_LINES: usize = 10;
 
-/// ln of the ratio of two amplitudes, each counted as its noise at least; `None` where neither is clear.
+/// ln of the ratio of two amplitudes, each counted as its noise at least; `None` where neither is
+/// clear.
 fn log_ratio(a: (f64, f64), b: (f64, f64)) -> Option<f64> {
     let clear = a.0 > CLEAR * a.1 || b.0 > CLEAR * b.1;
     clear.then(|| 0.5 * (a.0.max(a.1) / b.0.max(b.1).max(f64::MIN_POSITIVE)).ln()).filter(|r| r.is_finite())
@@ -45,7 +49,8 @@ fn ratio_at(ratios: &[(f64, f64)], hz: f64) -> Option<f64> {
     (near.len() >= LEAST_NEAR).then(|| median(&mut near))
 }
 
-/// Stage of the gear on a shaft between two stages that the change belongs to, and by how many nats a line it does; `None` with one sensor.
+/// Stage of the gear on a shaft between two stages that the change belongs to, and by how many nats
+/// a line it does; `None` with one sensor.
 pub fn stage_of(q: &Question<'_>, shaft: usize, changes: &[Difference]) -> Option<(usize, f64)> {
     let before = shaft.checked_sub(1)?;
     let sides = [before, shaft + 1];
@@ -82,7 +87,8 @@ pub fn stage_of(q: &Question<'_>, shaft: usize, changes: &[Difference]) -> Optio
 mod tests {
     use super::*;
 
-    /// An amplitude of 2 against 1 is ln 2; what is below its noise counts as its noise, and two such lines say nothing.
+    /// An amplitude of 2 against 1 is ln 2; what is below its noise counts as its noise, and two
+    /// such lines say nothing.
     #[test]
     fn analytic_ratio_of_two_sensors() {
         let ratio = |a, b| log_ratio((a, 0.01), (b, 0.01));

@@ -1,9 +1,11 @@
 //! Ghost components: an undulation of the flanks with a wave number that is no tooth number.
 //!
-//! `n` waves a turn make a line at order `n` of the gear's shaft; the mesh, which repeats `z` times a turn, mixes it to `n + h z` and `h z − n`.
-//! Errors of the teeth are there on every multiple of the shaft: their spectrum repeats about every harmonic of the mesh (Mark 1978) and runs through
-//! a path that neighbours share, like Rayleigh amplitudes. The ghost's own order alone leads its neighbours, at every speed and on all sensors, and those that it is
-//! mixed to as well. Against a reference the same is asked of what changed.
+//! `n` waves a turn make a line at order `n` of the gear's shaft; the mesh, which repeats `z` times
+//! a turn, mixes it to `n + h z` and `h z − n`. Errors of the teeth are there on every multiple of
+//! the shaft: their spectrum repeats about every harmonic of the mesh (Mark 1978) and runs through
+//! a path that neighbours share, like Rayleigh amplitudes. The ghost's own order alone leads its
+//! neighbours, at every speed and on all sensors, and those that it is mixed to as well. Against a
+//! reference the same is asked of what changed.
 
 use crate::name::alone::{self, Powers};
 use crate::name::direct::gears_on;
@@ -15,27 +17,35 @@ use crate::read::lines::SHAFT_MULTIPLES;
 
 /// Neighbours on each side that a multiple of a shaft must lead.
 const BESIDE: usize = 4;
-/// Waves a turn that are looked for: from where all neighbours lie above the low orders of the shaft, below what the mesh mixes lines to.
+/// Waves a turn that are looked for: from where all neighbours lie above the low orders of the
+/// shaft, below what the mesh mixes lines to.
 const FEWEST: usize = SHAFT_MULTIPLES as usize + BESIDE + 1;
 /// Multiples nearer than this to a mesh harmonic of the gear are its low sidebands.
 const LOW: usize = 6;
 /// Lines nearer than this (bins) may be one.
 const ONE_BINS: f64 = 3.0;
-/// ln amplitude (mean over sensors, loads and speeds) by which the own order leads the highest of its neighbours, and by half as much at every speed: a resonance of the
-/// path lifts a line at one. Of 706 benches without a ghost five lead by 1.25 to 1.47, none by more; at one speed one leads by more than 2.5.
+/// ln amplitude (mean over sensors, loads and speeds) by which the own order leads the highest of
+/// its neighbours, and by half as much at every speed: a resonance of the path lifts a line at one.
+/// Of 706 benches without a ghost five lead by 1.25 to 1.47, none by more; at one speed one leads
+/// by more than 2.5.
 const LEAD: f64 = 1.7;
 const LEAD_AT_ONE_SPEED: f64 = 2.5;
-/// From this lead of the change against a reference on, nothing but a ghost is known. Below it, bearings light single lines too: of 527 comparisons without a ghost three lead by 1.5 to 2.1, which makes a
-/// ghost, one effect of some thirty, several times as probable.
+/// From this lead of the change against a reference on, nothing but a ghost is known. Below it,
+/// bearings light single lines too: of 527 comparisons without a ghost three lead by 1.5 to 2.1,
+/// which makes a ghost, one effect of some thirty, several times as probable.
 const SURE_LEAD_OF_CHANGE: f64 = 2.3;
-/// ln amplitude by which that lead exceeds that of every other multiple of the shaft, what the mesh mixes the waves to among them: a component of the pitch error that stands
-/// out does so about every mesh harmonic, and a bearing lights a family of lines. Ghosts that lead enough exceed by 1.4 at least.
+/// ln amplitude by which that lead exceeds that of every other multiple of the shaft, what the mesh
+/// mixes the waves to among them: a component of the pitch error that stands out does so about
+/// every mesh harmonic, and a bearing lights a family of lines. Ghosts that lead enough exceed by
+/// 1.4 at least.
 const LONE: f64 = 1.0;
 /// Mesh harmonics up to which mixed lines are looked at.
 const MIXED: usize = 3;
-/// ln amplitude by which a line is lower where another shaft's multiple is taken for its own: a third of a bin off.
+/// ln amplitude by which a line is lower where another shaft's multiple is taken for its own: a
+/// third of a bin off.
 const OFF: f64 = 0.1;
-/// Scale (nats) on which the lead of the lines that a gear's teeth mix tells of two gears on a shaft.
+/// Scale (nats) on which the lead of the lines that a gear's teeth mix tells of two gears on a
+/// shaft.
 const MIXED_SCALE: f64 = 0.5;
 /// What is believed of a ripple of the brake at a high multiple of its shaft.
 const OF_BRAKE: f64 = 0.8;
@@ -50,7 +60,8 @@ struct Comb {
     order: f64,
     /// Mean ln amplitude, from the first.
     level: Vec<f64>,
-    /// Lead of that over the highest neighbour, and the least at one speed; `None` on mesh harmonics and where neighbours are missing.
+    /// Lead of that over the highest neighbour, and the least at one speed; `None` on mesh
+    /// harmonics and where neighbours are missing.
     lead: Vec<Option<(f64, f64)>>,
     /// Lead that makes a ghost.
     needed: f64,
@@ -93,7 +104,8 @@ fn level(channel: &ChannelFeatures, shaft: usize) -> Vec<f64> {
     channel.combs[shaft].iter().map(|l| 0.5 * l.amplitude.norm_sqr().max(l.noise).max(f64::MIN_POSITIVE).ln()).collect()
 }
 
-/// Speed and ln amplitudes of the multiples of a shaft, by recording and sensor that does not clip, each over its reference where there is one.
+/// Speed and ln amplitudes of the multiples of a shaft, by recording and sensor that does not clip,
+/// each over its reference where there is one.
 fn levels(q: &Question<'_>, shaft: usize) -> Vec<(f64, Vec<f64>)> {
     let clips = |c: &ChannelFeatures| c.integrity.clipped_at.is_some();
     let one = |recording: &RecordingFeatures, reference: Option<&RecordingFeatures>| {
@@ -174,7 +186,8 @@ fn mixed(multiple: usize, teeth: usize) -> impl Iterator<Item = usize> {
 fn candidate(q: &Question<'_>, combs: &[Comb], shaft: usize, multiple: usize, reach: f64) -> Option<Candidate> {
     let comb = &combs[shaft];
     let (mut lead, mut least) = comb.lead(multiple)?;
-    // Where the line may lie on another shaft's multiple as well, it must lead there too, and be none of the low orders that ripples make.
+    // Where the line may lie on another shaft's multiple as well, it must lead there too, and be
+    // none of the low orders that ripples make.
     for other in combs.iter().enumerate().filter(|(j, _)| *j != shaft).map(|(_, c)| c) {
         let near = (multiple as f64 * comb.order / other.order).round() as usize;
         let one = near >= 1 && (near as f64 * other.order - multiple as f64 * comb.order).abs() < reach;

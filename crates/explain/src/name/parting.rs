@@ -1,23 +1,30 @@
 //! Teeth that part at light load: what the background shows at light loads alone.
 //!
-//! Under load the teeth of a mesh stay on one flank, and the clearance between the others is never felt. Where the load is so light that they part, they hammer, and each impact depends on the one before:
-//! the motion has no period, and what it adds is background rather than lines (Kahraman & Singh 1990, gear pair with clearance). The width of the clearance decides how they hammer.
-//! So a background that changed at the light loads, at every speed, and is what it was at the heavy ones, is that of a clearance. Noise of another source, a path and a bearing change it at all loads.
+//! Under load the teeth of a mesh stay on one flank, and the clearance between the others is never
+//! felt. Where the load is so light that they part, they hammer, and each impact depends on the one
+//! before: the motion has no period, and what it adds is background rather than lines (Kahraman &
+//! Singh 1990, gear pair with clearance). The width of the clearance decides how they hammer. So a
+//! background that changed at the light loads, at every speed, and is what it was at the heavy
+//! ones, is that of a clearance. Noise of another source, a path and a bearing change it at all
+//! loads.
 
 use crate::change::locate::{Cell, floor_misfit};
 use crate::name::{BACKGROUND, Finding, Question};
 
-/// Torques within this ratio of the lightest are light, and those within the next of the heaviest heavy.
+/// Torques within this ratio of the lightest are light, and those within the next of the heaviest
+/// heavy.
 const LIGHT: f64 = 1.1;
 const HEAVY: f64 = 1.5;
 /// Least ratio of heavy and light torque.
 const APART: f64 = 3.0;
-/// Misfit per band of background below which a pair is what it was: of 58 pairs of unchanged benches of another generator 57 stay below it, one comes to 1.35.
+/// Misfit per band of background below which a pair is what it was: of 58 pairs of unchanged
+/// benches of another generator 57 stay below it, one comes to 1.35.
 const UNCHANGED: f64 = 1.25;
 /// What is believed: a clearance of a bearing seat is felt at light loads too.
 const CLEARANCE: f64 = 0.7;
 
-/// Misfit per band of background at the light and at the heavy loads, each the value that speaks most against a clearance; `None` without such loads.
+/// Misfit per band of background at the light and at the heavy loads, each the value that speaks
+/// most against a clearance; `None` without such loads.
 fn by_load(cells: &[Cell], torques: &[f64]) -> Option<(f64, f64)> {
     let (least, most) = torques.iter().fold((f64::INFINITY, 0.0f64), |(a, b), t| (a.min(*t), b.max(*t)));
     if most.is_nan() || least.is_nan() || most < APART * least {
@@ -46,7 +53,8 @@ pub fn clearance(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> O
         "the background changed at the light loads ({light:.1} per band at least) and not at the heavy ones ({heavy:.1} at most)"
     );
     steps.push(format!("teeth that part: {support}"));
-    // Forces that part the teeth are alike along the train; the mesh that the least force holds together parts first.
+    // Forces that part the teeth are alike along the train; the mesh that the least force holds
+    // together parts first.
     let mut stages: Vec<(f64, &str)> = Vec::new();
     let mut torque = 1.0;
     for (sheet, stage) in q.bench.stages.iter().zip(&q.train.stages) {
@@ -68,7 +76,8 @@ pub fn clearance(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> O
 mod tests {
     use super::*;
 
-    /// Forty bands of background in a pair for each torque, which changed by so many standard deviations.
+    /// Forty bands of background in a pair for each torque, which changed by so many standard
+    /// deviations.
     fn cells(changes: &[f64]) -> Vec<Cell> {
         let of = |(pair, z): (usize, &f64)| {
             let band = |k: u8| Cell {
@@ -87,7 +96,8 @@ mod tests {
         changes.iter().enumerate().flat_map(of).collect()
     }
 
-    /// The square of the least change at the light loads and of the largest at the heavy ones; nothing where the loads are alike, and what lies between them has no say.
+    /// The square of the least change at the light loads and of the largest at the heavy ones;
+    /// nothing where the loads are alike, and what lies between them has no say.
     #[test]
     fn analytic_light_and_heavy_loads_speak_for_themselves() {
         let torques = [2.0, 2.0, 20.0, 30.0, 30.0];

@@ -1,18 +1,22 @@
-//! A changed sensor path, gain or mounting: the same function of frequency for lines and background at every speed.
+//! A changed sensor path, gain or mounting: the same function of frequency for lines and background
+//! at every speed.
 
 use crate::change::locate::{self, Cell};
 use crate::name::path_form::{damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit};
 use crate::name::{Finding, Question};
 use crate::read::dsp::median;
 
-/// Least misfit per background band, and least share that a path must account for, before a path is believed: on an unchanged bench
-/// background changes by less than 1 per band, by 2.05 at most.
+/// Least misfit per background band, and least share that a path must account for, before a path is
+/// believed: on an unchanged bench background changes by less than 1 per band, by 2.05 at most.
 const FLOOR_MISFIT: f64 = 2.5;
 const FLOOR_SHARE: f64 = 0.55;
-/// Misfit per band that a path accounts for, from which a sensor is one of those that moved together: unchanged sensors reach 0.33, those beside one whose path changed 0.12.
+/// Misfit per band that a path accounts for, from which a sensor is one of those that moved
+/// together: unchanged sensors reach 0.33, those beside one whose path changed 0.12.
 const TOGETHER: f64 = 0.8;
-/// How far the lines may go with the background, and how clearly (standard deviations). A path takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what
-/// the background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the background, or against it).
+/// How far the lines may go with the background, and how clearly (standard deviations). A path
+/// takes both along by the same factor, but for the sensor's own noise: 0.5 to 1.7 of what the
+/// background does. Noise leaves the lines (0 ± 0.04), gears move them first (2.4 to 4.3 times the
+/// background, or against it).
 const FOLLOWS: std::ops::RangeInclusive<f64> = 0.4..=1.9;
 const CLEARLY: f64 = 5.0;
 /// How much worse per band one factor may fit than a resonance and still be the simpler answer.
@@ -20,12 +24,15 @@ const ONE_FACTOR: f64 = 1.5;
 /// Largest misfit per line of the quietest other channel over that of the channel.
 const OTHERS_SHARE: f64 = 1.0;
 
-/// The same at one speed, where only the background tells a path from the gears: least misfit per band, least share of the misfit of the
-/// lines that the background's own change accounts for. How many times less the background of other channels must have moved, at one speed or several: meshes that make noise move it on all.
+/// The same at one speed, where only the background tells a path from the gears: least misfit per
+/// band, least share of the misfit of the lines that the background's own change accounts for. How
+/// many times less the background of other channels must have moved, at one speed or several:
+/// meshes that make noise move it on all.
 const FLOOR_MISFIT_ALONE: f64 = 6.0;
 const LINE_SHARE_ALONE: f64 = 0.3;
 const STEADIER: f64 = 3.0;
-/// Where there is no other channel: gears that change move the background by 2.7 per band at most, and do not take two thirds of the lines' misfit along.
+/// Where there is no other channel: gears that change move the background by 2.7 per band at most,
+/// and do not take two thirds of the lines' misfit along.
 const FLOOR_MISFIT_LONE: f64 = 12.0;
 const LINE_SHARE_LONE: f64 = 0.66;
 /// Place of what all sensors have in common.
@@ -44,8 +51,9 @@ fn floor_beside(cell: &Cell, cells: &[Cell]) -> Option<f64> {
         .map(|(_, change)| change)
 }
 
-/// Changed paths where all recordings were made at one speed: channels whose background moved, whose lines moved along with it, while the
-/// background of another channel stayed. Takes what the background says off the lines of these channels.
+/// Changed paths where all recordings were made at one speed: channels whose background moved,
+/// whose lines moved along with it, while the background of another channel stayed. Takes what the
+/// background says off the lines of these channels.
 pub fn paths_at_one_speed(q: &Question<'_>, cells: &mut [Cell], steps: &mut Vec<String>) -> Vec<Finding> {
     let misfit = |c: usize| {
         let bands = cells.iter().filter(|x| x.channel == c && x.family.is_none());
@@ -108,12 +116,14 @@ fn follow(follows: f64, sigma: f64) -> bool {
     FOLLOWS.contains(&follows) && follows > CLEARLY * sigma
 }
 
-/// Whether the background of a sensor (share of its misfit that a path accounts for, misfit per band) moved as that of one did whose path changed.
+/// Whether the background of a sensor (share of its misfit that a path accounts for, misfit per
+/// band) moved as that of one did whose path changed.
 fn moved_together(&(share, misfit): &(f64, f64)) -> bool {
     share > FLOOR_SHARE && share * misfit > TOGETHER
 }
 
-/// A changed path that all sensors have in common: on each of several the background moved as the same function of frequency at every speed, and the lines with it.
+/// A changed path that all sensors have in common: on each of several the background moved as the
+/// same function of frequency at every speed, and the lines with it.
 fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Option<Finding> {
     if floors.len() < 2 || !floors.iter().all(moved_together) {
         return None;
@@ -154,8 +164,8 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
     Some(f)
 }
 
-/// Where a path was seen first. In the lines, less change of the background is enough, and a sensor must
-/// stand out from the others.
+/// Where a path was seen first. In the lines, less change of the background is enough, and a sensor
+/// must stand out from the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
     /// In the background first.
@@ -223,7 +233,8 @@ pub fn path(
         "change of {name} over frequency: misfit of one factor {one_factor:.2} per band, of a mounting resonance {:.2}, of a resonance of the structure {:.2}",
         mounting.left, resonance.left
     ));
-    // Above its frequency a resonance of the structure is one factor too; what it does about its frequency tells.
+    // Above its frequency a resonance of the structure is one factor too; what it does about its
+    // frequency tells.
     if flat < 0.12 && middle.abs() > 0.15 && one_factor < ONE_FACTOR + mounting.left.min(resonance.left) {
         let mut f = Finding::new("scaling", name, 0.97).with("factor", middle.exp(), 0.02 * middle.exp());
         f.evidence.law = evidence_law;
@@ -255,7 +266,8 @@ pub fn path(
             .with("damping_ratio", resonance.damping, 0.4 * resonance.damping);
     }
     f.alternatives.push((second, name));
-    // The only sensor cannot tell its own way from the housing's, which no mounting has below its resonance.
+    // The only sensor cannot tell its own way from the housing's, which no mounting has below its
+    // resonance.
     if floors.len() == 1 && first == "structural_resonance" {
         f.alternatives.push((first, HOUSING.to_owned()));
         f.probability = 0.6;

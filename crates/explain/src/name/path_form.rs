@@ -1,4 +1,5 @@
-//! What a changed path does over frequency: one factor, a sensor on a spring, a mode that came or moved, modes that are damped otherwise.
+//! What a changed path does over frequency: one factor, a sensor on a spring, a mode that came or
+//! moved, modes that are damped otherwise.
 
 use num_complex::Complex64;
 
@@ -108,11 +109,13 @@ pub struct DampingFit {
     pub nats: f64,
 }
 
-/// Modes that are sought, at most, and must be found: damping of a structure changes at all of its modes, and one alone may have moved.
+/// Modes that are sought, at most, and must be found: damping of a structure changes at all of its
+/// modes, and one alone may have moved.
 const MOST_MODES: usize = 6;
 const LEAST_MODES: usize = 2;
 
-/// How well the form at a mode is known, in proportion to its change: bands of a sixth of an octave smear modes of a few per cent, and neighbours overlap.
+/// How well the form at a mode is known, in proportion to its change: bands of a sixth of an octave
+/// smear modes of a few per cent, and neighbours overlap.
 const FORM: f64 = 0.25;
 /// Factors on the damping of a mode that are tried (ln).
 const FACTORS: [f64; 10] = [-1.8, -1.3, -0.9, -0.6, -0.35, 0.35, 0.6, 0.9, 1.3, 1.8];
@@ -125,7 +128,8 @@ struct AtModes {
     modes: usize,
 }
 
-/// Modes are added one by one, each where it leaves least, as long as they gain more than their numbers cost: a frequency and a damping ratio, and each a factor of its own out of several.
+/// Modes are added one by one, each where it leaves least, as long as they gain more than their
+/// numbers cost: a frequency and a damping ratio, and each a factor of its own out of several.
 fn at_modes(profile: &[(f64, f64, f64)], factors: &[f64]) -> AtModes {
     let bands = profile.len();
     let numbers = if factors.len() > 1 { 3 } else { 2 };
@@ -151,9 +155,12 @@ fn at_modes(profile: &[(f64, f64, f64)], factors: &[f64]) -> AtModes {
     out
 }
 
-/// A structure whose modes are damped otherwise than before: `Σ −½ ln[((1 − r²)² + (2kζr)²) / ((1 − r²)² + (2ζr)²)]`, `r = f/f0`, with one factor `k` for all modes. Each falls at its own frequency
-/// where it is damped more and rises where it is damped less, by `ln k`; between them nothing changes. A mode that came or moved raises one side and lowers the other, so the same
-/// sum with a factor of its own for each mode stands for that, beside one resonance. `None` where that accounts better for the profile, numbers paid for.
+/// A structure whose modes are damped otherwise than before: `Σ −½ ln[((1 − r²)² + (2kζr)²) / ((1 −
+/// r²)² + (2ζr)²)]`, `r = f/f0`, with one factor `k` for all modes. Each falls at its own frequency
+/// where it is damped more and rises where it is damped less, by `ln k`; between them nothing
+/// changes. A mode that came or moved raises one side and lowers the other, so the same sum with a
+/// factor of its own for each mode stands for that, beside one resonance. `None` where that
+/// accounts better for the profile, numbers paid for.
 pub fn damping_fit(profile: &[(f64, f64, f64)], resonance: &PathFit) -> Option<DampingFit> {
     let bands = profile.len();
     let rough: Vec<_> = profile.iter().map(|p| (p.0, p.1, p.2 + (FORM * p.1).powi(2))).collect();
@@ -192,8 +199,9 @@ mod tests {
         (0..42).map(|k| 60.0 * 2f64.powf(f64::from(k) / 6.0)).map(|hz| (hz, change(hz), 0.0025)).collect()
     }
 
-    /// Four modes of 3 % that are damped two and a half times as much: the factor to a step of the grid, and by many nats rather than one resonance. A mode that moved by 13 % is none of it, and a factor for
-    /// all frequencies has no modes.
+    /// Four modes of 3 % that are damped two and a half times as much: the factor to a step of the
+    /// grid, and by many nats rather than one resonance. A mode that moved by 13 % is none of it,
+    /// and a factor for all frequencies has no modes.
     #[test]
     fn analytic_damping_changes_at_all_modes_alike() {
         let modes = [210.0, 600.0, 1400.0, 4800.0];

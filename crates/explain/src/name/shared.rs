@@ -1,7 +1,9 @@
-//! Effects that change the same lines of a train: which of them it is, by the simulator's own signatures, and whether it is any.
+//! Effects that change the same lines of a train: which of them it is, by the simulator's own
+//! signatures, and whether it is any.
 //!
-//! SHAPE ranks all of them over drawn benches; the best few are then fitted jointly with the bench's own numbers, each by itself. The evidence of
-//! that fit decides. What the fit leaves of the changes tells whether the library has the effect at all.
+//! SHAPE ranks all of them over drawn benches; the best few are then fitted jointly with the
+//! bench's own numbers, each by itself. The evidence of that fit decides. What the fit leaves of
+//! the changes tells whether the library has the effect at all.
 
 use std::collections::BTreeMap;
 
@@ -23,16 +25,20 @@ pub enum Depth {
 
 /// Effects that are fitted.
 const REFITTED: usize = 8;
-/// Weight of the fit's log evidence (nats) in the score: conditional logistic regression of the right effect over 32 drawn cases. It is below 1 since lines share the model's errors. SHAPE has no
-/// vote beside it: it is a rougher look at the same mesh lines, which would count twice.
+/// Weight of the fit's log evidence (nats) in the score: conditional logistic regression of the
+/// right effect over 32 drawn cases. It is below 1 since lines share the model's errors. SHAPE has
+/// no vote beside it: it is a rougher look at the same mesh lines, which would count twice.
 const EVIDENCE_WEIGHT: f64 = 0.25;
-/// Least share of SHAPE that is believed: it knows neither the coupling of tooth pairs nor how their errors share the load, and is wrong at times however sure.
+/// Least share of SHAPE that is believed: it knows neither the coupling of tooth pairs nor how
+/// their errors share the load, and is wrong at times however sure.
 const LEAST_SHARE: f64 = 1e-6;
-/// How usual a change is that the library does not have, beside its effects (1 each): a belief, read from no data.
+/// How usual a change is that the library does not have, beside its effects (1 each): a belief,
+/// read from no data.
 const UNKNOWN: f64 = 2.0;
 /// What remains to doubt: models that fit for another reason.
 const SUREST: f64 = 0.95;
-/// Least probability of a name: below it several effects fit alike, and an unchanged bench that moved by chance does too.
+/// Least probability of a name: below it several effects fit alike, and an unchanged bench that
+/// moved by chance does too.
 const LEAST_NAMED: f64 = 0.4;
 /// Effects that stand in a set, and the least share that they have, of the best.
 const IN_SET: usize = 4;
@@ -48,7 +54,8 @@ struct Scored {
     beside: f64,
 }
 
-/// The effect that accounts for the changes of a mask. Where a change of unknown form does so better, or several fit alike, what comes nearest (which may be nothing), most probable first.
+/// The effect that accounts for the changes of a mask. Where a change of unknown form does so
+/// better, or several fit alike, what comes nearest (which may be nothing), most probable first.
 ///
 /// # Errors
 /// What comes nearest where no name is justified.
@@ -114,7 +121,8 @@ fn named(scored: &Scored, probability: f64) -> Finding {
     f
 }
 
-/// Probability of each effect, and of a change that the library does not have, by their scores (nats).
+/// Probability of each effect, and of a change that the library does not have, by their scores
+/// (nats).
 fn probabilities(scored: &[Scored], unknown: Option<f64>) -> (Vec<f64>, f64) {
     let scores = || scored.iter().map(|s| s.score).chain(unknown);
     let most = scores().fold(f64::NEG_INFINITY, f64::max);
@@ -123,8 +131,8 @@ fn probabilities(scored: &[Scored], unknown: Option<f64>) -> (Vec<f64>, f64) {
     (scored.iter().map(|s| SUREST * share(s.score)).collect(), unknown.map_or(0.0, share))
 }
 
-/// Whether an effect at a place can be what changed a mask: where only the mesh harmonics of one stage moved, what sits elsewhere or
-/// moves every line is out.
+/// Whether an effect at a place can be what changed a mask: where only the mesh harmonics of one
+/// stage moved, what sits elsewhere or moves every line is out.
 fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
     match mask {
         Place::Mesh(i) => place == q.train.stages[i].name,
@@ -133,8 +141,9 @@ fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
     }
 }
 
-/// Errors of the teeth of each gear of the stages that a mask holds. How their spacing scatters alters the mesh harmonics too, so where these changed it stands beside what alters all teeth; which
-/// gear it is, the sidebands say.
+/// Errors of the teeth of each gear of the stages that a mask holds. How their spacing scatters
+/// alters the mesh harmonics too, so where these changed it stands beside what alters all teeth;
+/// which gear it is, the sidebands say.
 fn single_teeth(q: &Question<'_>, mask: Place, cells: &[Cell]) -> Vec<Scored> {
     if q.without.contains(&PITCH_ERROR) {
         return Vec::new();
@@ -199,7 +208,8 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
 mod tests {
     use super::*;
 
-    /// Two effects a nat apart and an unknown change as likely as the better one: e, 1 and e parts of what is not left to doubt. Without fits nothing is unknown.
+    /// Two effects a nat apart and an unknown change as likely as the better one: e, 1 and e parts
+    /// of what is not left to doubt. Without fits nothing is unknown.
     #[test]
     fn analytic_an_unknown_change_has_its_share() {
         let scored = |effect: &'static str, score: f64| {

@@ -33,7 +33,8 @@ fn channels(recordings: &[RecordingFeatures], comparison: &Comparison) -> Vec<St
 pub struct Strange {
     /// At fixed frequency.
     pub fixed: Vec<StrangeLine>,
-    /// What the machine's lines look like that meet at a frequency by chance, from several scans; empty where there is one speed only.
+    /// What the machine's lines look like that meet at a frequency by chance, from several scans;
+    /// empty where there is one speed only.
     pub by_chance: Vec<Vec<StrangeLine>>,
     /// At fixed order.
     pub orders: Vec<StrangeLine>,
@@ -60,7 +61,8 @@ pub struct Strange {
 /// Least mean excess (nats) of a line that is named, against a reference and without.
 const NEW_LINE: f64 = 3.0;
 const LONE_LINE: f64 = 4.5;
-/// Least excess in any recording of a line that is called foreign without a reference, and its distance (bins) from all combs.
+/// Least excess in any recording of a line that is called foreign without a reference, and its
+/// distance (bins) from all combs.
 const LONE_LEAST: f64 = 4.0;
 const LONE_OFF: f64 = 5.0;
 /// Least ln(power over floor) in every recording of lines that tell what chance does.
@@ -72,25 +74,32 @@ const FITTED: usize = 8;
 const FITTED_OFF: f64 = 3.0;
 /// What the amplitude of a line loses at most where its frequency is known to half a bin, relative.
 const WINDOWED: f64 = 0.1;
-/// Standard scores of the envelope scan above which a bearing is named, where its order is as usual as any that was scanned: the highest score of benches without one falls by a factor of e
-/// from score to score, so that each nat by which bearings make an order more or less than others counts as one score. A hundred benches without one, some of other makers, reach 7.0 at an
-/// order to which the most usual one would add 1.2.
+/// Standard scores of the envelope scan above which a bearing is named, where its order is as usual
+/// as any that was scanned: the highest score of benches without one falls by a factor of e from
+/// score to score, so that each nat by which bearings make an order more or less than others counts
+/// as one score. A hundred benches without one, some of other makers, reach 7.0 at an order to
+/// which the most usual one would add 1.2.
 const ENVELOPE_SCORE: f64 = 8.2;
 /// The same against a reference, where the scans of 220 benches reach 7.2.
 const ENVELOPE_SCORE_AGAINST: f64 = 8.5;
 
-/// What a line in the swing of all recordings is believed to be worth: a torque that fluctuates at a fixed frequency swings the train as well.
+/// What a line in the swing of all recordings is believed to be worth: a torque that fluctuates at
+/// a fixed frequency swings the train as well.
 const FLUCTUATES: f64 = 0.95;
-/// Probability of one at a multiple of a shaft: a belief, read from no data. Whether torque or speed drives it, and where, is less sure than that it is there.
+/// Probability of one at a multiple of a shaft: a belief, read from no data. Whether torque or
+/// speed drives it, and where, is less sure than that it is there.
 const SWINGS: f64 = 0.8;
 
-/// ln of the share of energy in the highest hundredth of short blocks, over that in the reference or over a hundredth, from which something bursts that no gear does. Unchanged
-/// benches of another generator reach 0.34 against their reference; without one the pulses of sound meshes reach 2.2.
+/// ln of the share of energy in the highest hundredth of short blocks, over that in the reference
+/// or over a hundredth, from which something bursts that no gear does. Unchanged benches of another
+/// generator reach 0.34 against their reference; without one the pulses of sound meshes reach 2.2.
 const BURSTS: f64 = 0.8;
 const BURSTS_ALONE: f64 = 2.5;
 
-/// How many times the band that fell most a band must grow to be a line that wanders, and what the former counts at least (standard scores). Chance and small changes of the path make
-/// bands grow and fall alike: on unchanged benches the two differ by a factor of 1.3. The largest of some thousand normal scores comes to 3.2 on the mean.
+/// How many times the band that fell most a band must grow to be a line that wanders, and what the
+/// former counts at least (standard scores). Chance and small changes of the path make bands grow
+/// and fall alike: on unchanged benches the two differ by a factor of 1.3. The largest of some
+/// thousand normal scores comes to 3.2 on the mean.
 const WANDERS: f64 = 2.0;
 const LEAST_FALLEN: f64 = 5.0;
 
@@ -125,7 +134,8 @@ impl Strange {
         self.fixed.iter().filter(|l| may_be_of_one_sensor(l)).filter(new).take(FITTED).map(|l| l.position).collect()
     }
 
-    /// How many lines of the machine that meet at a frequency by chance may be expected to stand out as much in every recording. Their heights over the least that is listed are taken to be
+    /// How many lines of the machine that meet at a frequency by chance may be expected to stand
+    /// out as much in every recording. Their heights over the least that is listed are taken to be
     /// exponentially distributed, as those of noise are; infinite where nothing tells chance.
     fn chance_of(&self, line: &StrangeLine) -> f64 {
         if self.by_chance.is_empty() {
@@ -139,7 +149,8 @@ impl Strange {
         count / self.by_chance.len() as f64 * (-(line.least - LISTED) / mean).exp()
     }
 
-    /// Several lines at fixed frequencies that are not mains, on several sensors, and more of them than lines of the bench's own gears that meet at two speeds by chance.
+    /// Several lines at fixed frequencies that are not mains, on several sensors, and more of them
+    /// than lines of the bench's own gears that meet at two speeds by chance.
     pub fn foreign_machine(&self) -> bool {
         let lone = |l: &StrangeLine| l.excess > LONE_LINE && l.least > LONE_LEAST && l.off_comb > LONE_OFF;
         let counts = |l: &&StrangeLine| is_foreign(l) && (self.against_reference || lone(l));
@@ -411,8 +422,8 @@ mod tests {
         assert_eq!(poisson_tail(0, 2.0), 1.0);
     }
 
-    /// A line of one sensor, 4 nats above the noise in every recording, is asked for where chance brings lines of 2.3, and not where it brings
-    /// lines of 4, nor where there is one speed only.
+    /// A line of one sensor, 4 nats above the noise in every recording, is asked for where chance
+    /// brings lines of 2.3, and not where it brings lines of 4, nor where there is one speed only.
     #[test]
     fn analytic_a_line_of_one_sensor_stands_out_of_chance() {
         let own = || vec![line(3663.5, 4.0, &[5.0, 0.0])];
@@ -422,7 +433,8 @@ mod tests {
         assert!(found(own(), Vec::new()).beside_mains().is_empty());
     }
 
-    /// Three lines of several sensors are another machine's where chance brings none, and the gears' own where it brings as many.
+    /// Three lines of several sensors are another machine's where chance brings none, and the
+    /// gears' own where it brings as many.
     #[test]
     fn analytic_more_lines_than_by_chance_are_another_machines() {
         let three = || (1..=3).map(|k| line(43.0 * f64::from(k), 5.0, &[6.0, 6.0])).collect::<Vec<_>>();

@@ -35,7 +35,8 @@ pub fn describe(q: &Question<'_>, place: Place) -> String {
     }
 }
 
-/// Power exponent of amplitude changes over load, from pairs at one speed: `ln(ΔA₂/ΔA₁)/ln(T₂/T₁)`; `None` without two loads.
+/// Power exponent of amplitude changes over load, from pairs at one speed: `ln(ΔA₂/ΔA₁)/ln(T₂/T₁)`;
+/// `None` without two loads.
 pub fn load_exponent(q: &Question<'_>, place: Place, against_reference: bool) -> Option<f64> {
     let mut points: Vec<(f64, f64, f64)> = Vec::new();
     if against_reference {
@@ -76,7 +77,8 @@ pub fn load_exponent(q: &Question<'_>, place: Place, against_reference: bool) ->
     (!slopes.is_empty()).then(|| median(&mut slopes))
 }
 
-/// Lines whose power tells the law: of a ripple the order itself, since sidebands follow their carrier; else all but the mesh harmonics.
+/// Lines whose power tells the law: of a ripple the order itself, since sidebands follow their
+/// carrier; else all but the mesh harmonics.
 fn exponent_line(place: Place, family: Family) -> bool {
     let kind = match place {
         Place::ShaftOrder(_, k) if k > 1 => matches!(family, Family::Shaft { .. }),
@@ -169,7 +171,8 @@ fn of_place(
         Place::ShaftOrders(_) => shared::finding(q, Place::Dynamics, cells, depth, steps)?,
         Place::ShaftOrder(j, k) | Place::ShaftLine(j, k) => ripple(q, j, k, exponent),
         Place::MotorOrder(k) => ripple(q, 0, k, exponent),
-        // Once a revolution: the first sidebands change more than the mesh harmonics that they stand beside.
+        // Once a revolution: the first sidebands change more than the mesh harmonics that they
+        // stand beside.
         Place::LowSide(i, j)
             if masks::median_change(cells, Place::FirstSide(i, j))
                 > ONCE_MORE * masks::median_change(cells, Place::Mesh(i)) =>
@@ -179,8 +182,9 @@ fn of_place(
             f
         }
         Place::LowSide(i, _) => shared::finding(q, Place::Mesh(i), cells, depth, steps)?,
-        // Errors of single teeth have no mean over a gear: the mesh harmonics change less than the sidebands (0.1 to 0.6 times on drawn benches). What concerns
-        // all teeth changes the mesh harmonics, and the sidebands follow, those of the gear with clearer lines first.
+        // Errors of single teeth have no mean over a gear: the mesh harmonics change less than the
+        // sidebands (0.1 to 0.6 times on drawn benches). What concerns all teeth changes the mesh
+        // harmonics, and the sidebands follow, those of the gear with clearer lines first.
         Place::Gear(i, j)
             if masks::median_change(cells, Place::Mesh(i)) > masks::median_change(cells, place)
                 && masks::OneGear::of(q.train, cells, i, j).gain() <= 0.0 =>
@@ -192,10 +196,12 @@ fn of_place(
     })
 }
 
-/// First sidebands that change this many times as much as the mesh harmonics are the cause, not the echo.
+/// First sidebands that change this many times as much as the mesh harmonics are the cause, not the
+/// echo.
 const ONCE_MORE: f64 = 1.6;
 
-/// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its dynamics moves them either way.
+/// Whether the lines of a mask mostly rise: what is added to a machine raises them, what alters its
+/// dynamics moves them either way.
 fn rises(cells: &[Cell], place: Place) -> bool {
     let inside = || cells.iter().filter(|c| c.family.is_some() && locate::covers(place, c.family));
     let clear = inside().filter(|c| c.score().abs() > 2.0);

@@ -1,4 +1,5 @@
-//! What a case is drawn from: benches of laboratory size, effects with their sizes, what no library knows.
+//! What a case is drawn from: benches of laboratory size, effects with their sizes, what no library
+//! knows.
 
 use std::collections::BTreeMap;
 
@@ -44,7 +45,8 @@ pub const EFFECTS: &[&str] = &[
     "aliasing",
 ];
 
-/// Effects of cases without a reference: those that recordings can show against a sheet whose housing is unknown.
+/// Effects of cases without a reference: those that recordings can show against a sheet whose
+/// housing is unknown.
 pub const ALONE: &[&str] = &[
     "torque_ripple",
     "speed_fluctuation",

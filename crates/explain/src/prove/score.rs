@@ -18,7 +18,8 @@ pub struct Scored {
     pub named: Vec<(String, String, f64, bool)>,
     /// By concealed effect: 1 where it stands among the first, ½ where only in their sets.
     pub first: Vec<f64>,
-    /// By concealed effect: it stands among the named effects, one more than there are, or in their sets.
+    /// By concealed effect: it stands among the named effects, one more than there are, or in their
+    /// sets.
     pub in_set: Vec<bool>,
     /// Candidates that the answer lists: named effects and what stands in their sets.
     pub candidates: usize,
@@ -30,7 +31,8 @@ pub struct Scored {
     pub p_null: Option<f64>,
 }
 
-/// Effects that recordings of vibration cannot tell apart, on physical grounds: one damaged tooth; a mode on the way to the sensor; material that is missing from the flanks.
+/// Effects that recordings of vibration cannot tell apart, on physical grounds: one damaged tooth;
+/// a mode on the way to the sensor; material that is missing from the flanks.
 const CLASSES: &[&[&str]] = &[
     &["tooth_breakage", "root_crack", "pitting"],
     &["sensor_mounting", "structural_resonance"],
@@ -46,7 +48,8 @@ fn is_ripple(effect: &str) -> bool {
     matches!(effect, "torque_ripple" | "speed_fluctuation")
 }
 
-/// Whether naming this effect at this place is naming the truth, or what no recording tells from it.
+/// Whether naming this effect at this place is naming the truth, or what no recording tells from
+/// it.
 pub fn is_right(truth: &EffectSpec, effect: &str, place: &str) -> bool {
     if is_ripple(&truth.effect) && is_ripple(effect) {
         return true;
@@ -80,7 +83,8 @@ pub fn score(index: u64, truth: &Truth, answer: &Explanation) -> Scored {
     for t in &truth.effects {
         for e in answer.effects.iter().filter(|e| e.effect == t.effect && e.place == t.place) {
             for (name, p) in &e.parameters {
-                // Amplitudes and levels of the generator are relative to the noise; the published ones are not.
+                // Amplitudes and levels of the generator are relative to the noise; the published
+                // ones are not.
                 if let Some(true_value) = t.parameters.get(name)
                     && !matches!(name.as_str(), "amplitude" | "level")
                 {

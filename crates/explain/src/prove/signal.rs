@@ -1,4 +1,5 @@
-//! Recordings of a drawn machine: lines of its steady state through housing and sensors, noise, and what enters on the way.
+//! Recordings of a drawn machine: lines of its steady state through housing and sensors, noise, and
+//! what enters on the way.
 
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::block::{OperatingPoint, Quality, TachoBlock};
@@ -14,7 +15,8 @@ use super::machine::{Housing, sensor_factor};
 
 /// Length of a recording (s).
 const SECONDS: f64 = 6.0;
-/// Amplitude over the standard deviation of the noise below which a line is left out: noise alone gives 0.008.
+/// Amplitude over the standard deviation of the noise below which a line is left out: noise alone
+/// gives 0.008.
 const FAINTEST: f64 = 0.002;
 /// Samples within which the speed counts as steady.
 const BLOCK: usize = 32;
@@ -29,9 +31,11 @@ pub struct Session<'a> {
     pub setup: SimSetup,
     /// By sensor.
     pub housings: &'a [Housing],
-    /// Noise by sensor, standard deviation at the nominal speed; the machine's, whatever is wrong with it.
+    /// Noise by sensor, standard deviation at the nominal speed; the machine's, whatever is wrong
+    /// with it.
     pub noise: Vec<f64>,
-    /// Root mean square of the lines by sensor at the nominal setting, before anything was concealed.
+    /// Root mean square of the lines by sensor at the nominal setting, before anything was
+    /// concealed.
     pub level: Vec<f64>,
     /// What is concealed.
     pub effects: &'a [EffectSpec],
@@ -46,7 +50,8 @@ pub struct Session<'a> {
 pub struct Alien {
     /// One of [`super::draw::ALIENS`].
     pub kind: &'static str,
-    /// Speed of the other machine (Hz), order of the belt, lower edge of the band (Hz), or knocks per second.
+    /// Speed of the other machine (Hz), order of the belt, lower edge of the band (Hz), or knocks
+    /// per second.
     pub rate: f64,
     /// Teeth of the other machine; upper edge of the band over its lower.
     pub ratio: f64,
@@ -59,7 +64,8 @@ pub struct Alien {
 /// A line: order of the input shaft, and the group of lines that it is compared in.
 pub type Order = (f64, (u8, usize, usize));
 
-/// Sidebands of a mesh harmonic, on each side, that recordings hold: a ghost's own order lies up to 14 beside the first, and its neighbours on the comb are there as well.
+/// Sidebands of a mesh harmonic, on each side, that recordings hold: a ghost's own order lies up to
+/// 14 beside the first, and its neighbours on the comb are there as well.
 const SIDEBANDS: u32 = 20;
 
 /// The lines that a machine can make, ascending.
@@ -162,7 +168,8 @@ pub fn record(
             .collect();
         // Lines far below the noise of a six-second spectrum are left out.
         for (o, a) in amplitudes.iter().filter(|a| a.1.norm() > FAINTEST * s.noise[c]) {
-            // Set exactly at the start of every block, turned at the mean speed within: the speed wanders far more slowly.
+            // Set exactly at the start of every block, turned at the mean speed within: the speed
+            // wanders far more slowly.
             let turns: [Complex64; BLOCK] =
                 std::array::from_fn(|k| Complex64::from_polar(1.0, TAU * o * mean_hz * k as f64 / (RATE_HZ * clock)));
             for (block, start) in x.chunks_mut(BLOCK).zip(angle.iter().step_by(BLOCK)) {
@@ -247,7 +254,8 @@ fn alter(effect: &EffectSpec, s: &Session<'_>, channel: usize, angle: &[f64], x:
             }
         }
         "aliasing" => {
-            // A component far up that keeps its order; taken at the sample times it folds by itself.
+            // A component far up that keeps its order; taken at the sample times it folds by
+            // itself.
             let size = value("amplitude") * s.noise[channel];
             let order = value("frequency_hz") / (s.sheet.motor.speed_hz / Train::new(s.sheet).motor_order);
             for (v, a) in x.iter_mut().zip(angle) {
@@ -346,7 +354,8 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    /// Whatever ghost is drawn, its own order is among the lines that are put into the recordings, and so are its neighbours.
+    /// Whatever ghost is drawn, its own order is among the lines that are put into the recordings,
+    /// and so are its neighbours.
     #[test]
     fn conform_recordings_hold_the_order_of_every_ghost() {
         let mut d = Draw(ChaCha8Rng::seed_from_u64(1));

@@ -1,7 +1,8 @@
 //! Displacement that a channel shows at the lowest frequencies, where no bench moves so far.
 //!
-//! Integrated twice, `x(f) = a(f) / (2π f)²`, the jumps and recoveries of a cable that lets go now and then are tenths of a millimetre and more. A bench on soft mounts rocks too, and then
-//! every sensor on it shows that: a channel is asked against the steadiest of the others.
+//! Integrated twice, `x(f) = a(f) / (2π f)²`, the jumps and recoveries of a cable that lets go now
+//! and then are tenths of a millimetre and more. A bench on soft mounts rocks too, and then every
+//! sensor on it shows that: a channel is asked against the steadiest of the others.
 
 use std::f64::consts::TAU;
 
@@ -12,8 +13,10 @@ use crate::read::features::{ChannelFeatures, RecordingFeatures};
 
 /// From here on (Hz): below it the drift of a sensor's supply counts for displacement.
 const FIRST_HZ: f64 = 1.5;
-/// rms from which a channel is asked (mm), how many times the steadiest other channel's it must be, and what the only one must show: the sound channels of 71 benches of another generator show 0.27 at
-/// most, one on a loose cable 0.55 at least. What rocks a bench on soft mounts by so much as 2 mm at 1.5 Hz is seen by eye.
+/// rms from which a channel is asked (mm), how many times the steadiest other channel's it must be,
+/// and what the only one must show: the sound channels of 71 benches of another generator show 0.27
+/// at most, one on a loose cable 0.55 at least. What rocks a bench on soft mounts by so much as 2
+/// mm at 1.5 Hz is seen by eye.
 const MOVES_MM: f64 = 0.5;
 const STEADIER: f64 = 5.0;
 const LONE_MM: f64 = 2.0;

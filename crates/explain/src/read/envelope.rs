@@ -1,7 +1,8 @@
 //! Envelope orders of what the gears do not make: rolling bearings with a defect.
 //!
-//! The train's lines are cut out of the spectrum over shaft angle, the rest is whitened (each bin divided by the local
-//! floor), and the spectrum of its squared envelope is read at orders that no gear explains (Antoni & Randall 2002; whitening: Sawalhi & Randall 2011).
+//! The train's lines are cut out of the spectrum over shaft angle, the rest is whitened (each bin
+//! divided by the local floor), and the spectrum of its squared envelope is read at orders that no
+//! gear explains (Antoni & Randall 2002; whitening: Sawalhi & Randall 2011).
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
@@ -21,7 +22,8 @@ const HIGHEST_ORDER: f64 = 60.0;
 const LOWEST: f64 = 1.6;
 const HIGHEST: f64 = 16.0;
 
-/// Half width that is cut out about a line of a comb, in spacings, up to which a long comb leaves most orders.
+/// Half width that is cut out about a line of a comb, in spacings, up to which a long comb leaves
+/// most orders.
 const APART: f64 = 0.1;
 /// Bins from a shaft's comb at which a line of the window that is used has fallen to nothing.
 const CLEAR_OF_COMB: f64 = 2.0;
@@ -29,7 +31,8 @@ const CLEAR_OF_COMB: f64 = 2.0;
 /// Share of the strongest multiple's power from which an order is heard.
 const HEARD: f64 = 0.3;
 
-/// Squared-envelope spectrum of one channel, power over local floor per bin; bin `k` is order `k / revolutions`.
+/// Squared-envelope spectrum of one channel, power over local floor per bin; bin `k` is order `k /
+/// revolutions`.
 pub fn spectrum(transforms: &mut Transforms, recording: &RecordingFeatures, channel: &ChannelFeatures) -> Vec<f64> {
     let len = recording.phase_rev.len();
     let bins = &channel.order_spectrum;
@@ -41,7 +44,8 @@ pub fn spectrum(transforms: &mut Transforms, recording: &RecordingFeatures, chan
     for k in low..high {
         if !recording.taken[k] && channel.order_floor[k] > 0.0 {
             let value = bins[k] / channel.order_floor[k].sqrt();
-            // What still stands far above its floor is a line that nobody listed; it is limited, not trusted.
+            // What still stands far above its floor is a line that nobody listed; it is limited,
+            // not trusted.
             analytic[k] = if value.norm() > LIMIT { value * (LIMIT / value.norm()) } else { value };
         }
     }
@@ -49,7 +53,8 @@ pub fn spectrum(transforms: &mut Transforms, recording: &RecordingFeatures, chan
     let mut squared: Vec<f64> = analytic.iter().map(|z| z.norm_sqr()).collect();
     let mean = squared.iter().sum::<f64>() / len as f64;
     squared.iter_mut().for_each(|v| *v -= mean);
-    // The signal was windowed before it was squared, so its envelope falls to zero at the ends by itself.
+    // The signal was windowed before it was squared, so its envelope falls to zero at the ends by
+    // itself.
     let envelope = transforms.forward_real(&mut squared);
     let end = ((HIGHEST_ORDER * revs) as usize).min(envelope.len());
     let power: Vec<f64> = envelope[..end].iter().map(|b| b.norm_sqr()).collect();
@@ -70,7 +75,8 @@ pub struct EnvelopeLine {
     pub score: f64,
     /// Orders among which it stands out most.
     pub range: f64,
-    /// By channel: envelope power of the order beyond the noise, in units of a bin of noise, sum over recordings; `None` of channels that were left out.
+    /// By channel: envelope power of the order beyond the noise, in units of a bin of noise, sum
+    /// over recordings; `None` of channels that were left out.
     pub by_channel: Vec<Option<f64>>,
     /// What noise alone scatters such a sum by.
     pub noise: f64,
@@ -90,7 +96,8 @@ pub struct EnvelopeSpectrum {
     pub power: Vec<f64>,
 }
 
-/// Bins about an order, over a part in 200 of it and `least` bins at least on each side: rolling elements slip.
+/// Bins about an order, over a part in 200 of it and `least` bins at least on each side: rolling
+/// elements slip.
 fn around(spectrum: &EnvelopeSpectrum, order: f64, least: f64) -> &[f64] {
     let centre = order * spectrum.revolutions;
     let reach = (centre * 0.0025).max(least).round() as usize;
@@ -109,8 +116,9 @@ fn at(spectrum: &EnvelopeSpectrum, order: f64) -> f64 {
     mean.max(0.05).ln().min(3.0)
 }
 
-/// Whether two shafts modulate at an order: what they do beats at the sums and differences of their orders and of their first multiples, four together; a sum over harmonics shows that of
-/// the first orders at their half too.
+/// Whether two shafts modulate at an order: what they do beats at the sums and differences of their
+/// orders and of their first multiples, four together; a sum over harmonics shows that of the first
+/// orders at their half too.
 pub fn is_mixed(train: &Train, order: f64, tolerance: f64) -> bool {
     let mixed = |a: f64, b: f64| {
         let both = |m: u32, n: u32| [1.0, -1.0].map(|s| (f64::from(m) * a + s * f64::from(n) * b).abs());
@@ -122,7 +130,8 @@ pub fn is_mixed(train: &Train, order: f64, tolerance: f64) -> bool {
     pairs.any(|(a, b)| mixed(a, b))
 }
 
-/// Whether a train makes an order of its own: shafts, meshes and what two shafts modulate. `revolutions` of the shortest recording give how sharp orders are.
+/// Whether a train makes an order of its own: shafts, meshes and what two shafts modulate.
+/// `revolutions` of the shortest recording give how sharp orders are.
 fn is_of_train(train: &Train, order: f64, revolutions: f64) -> bool {
     let tolerance = (3.0 / revolutions).max(0.004 * order);
     let comb = |o: f64| {
@@ -130,7 +139,8 @@ fn is_of_train(train: &Train, order: f64, revolutions: f64) -> bool {
         // A comb whose lines the tolerance leaves apart is cut out to its end.
         m >= 1.0 && (order - m * o).abs() < tolerance && (m <= 14.0 || tolerance < APART * o)
     };
-    // Lines of a mesh beat at its order whatever is cut out, and the sum over harmonics shows that at a half and a third of it too.
+    // Lines of a mesh beat at its order whatever is cut out, and the sum over harmonics shows that
+    // at a half and a third of it too.
     let mesh = |o: f64| {
         (1..=3).any(|k| {
             let own = f64::from(k) * order;
@@ -144,8 +154,8 @@ fn is_of_train(train: &Train, order: f64, revolutions: f64) -> bool {
         || train.stages.iter().any(|s| mesh(s.mesh_order))
 }
 
-/// The envelope order that stands out most over all recordings: sum over its first three harmonics, in standard scores of
-/// the same sum over all orders that were scanned.
+/// The envelope order that stands out most over all recordings: sum over its first three harmonics,
+/// in standard scores of the same sum over all orders that were scanned.
 pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Option<EnvelopeLine> {
     let revolutions = spectra.iter().map(|s| s.revolutions).fold(0.0, f64::max);
     let least_revs = spectra.iter().map(|s| s.revolutions).fold(f64::INFINITY, f64::min);
@@ -194,8 +204,8 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
         own.map(|s| excess(s, order)).reduce(|a, b| (a.0 + b.0, a.1 + b.1))
     };
     let strength = |order: f64| (0..channels).filter_map(|c| heard(c, order)).map(|x| x.0).sum::<f64>();
-    // The order itself may lie too near a shaft's comb to be scanned, and its harmonics not: passages are strongest at their own order. What lies on the comb
-    // is the gears'.
+    // The order itself may lie too near a shaft's comb to be scanned, and its harmonics not:
+    // passages are strongest at their own order. What lies on the comb is the gears'.
     let apart = |o: &f64| *o > low && scan::distance_to_combs(train, revolutions, *o) * revolutions > CLEAR_OF_COMB;
     let parts = [2.0, 3.0].map(|m| order / m).into_iter().filter(apart);
     // Impacts light their own order and its multiples: the lowest that is heard at all is theirs.
@@ -212,7 +222,8 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
     })
 }
 
-/// Envelope power of an order beyond what noise gives its bins, in units of a bin of noise, and the number of bins.
+/// Envelope power of an order beyond what noise gives its bins, in units of a bin of noise, and the
+/// number of bins.
 fn excess(spectrum: &EnvelopeSpectrum, order: f64) -> (f64, usize) {
     let bins = around(spectrum, order, 1.5);
     (bins.iter().map(|p| p - 1.0).sum(), bins.len())

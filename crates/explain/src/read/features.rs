@@ -1,4 +1,5 @@
-//! What explain reads from a recording: speed, complex order lines with their local noise, floors, and the spectra they came from.
+//! What explain reads from a recording: speed, complex order lines with their local noise, floors,
+//! and the spectra they came from.
 
 mod background;
 mod line_fit;
@@ -29,7 +30,8 @@ use self::line_fit::{LineFit, comb};
 
 /// Bins between neighbours of a comb above which the whole comb is taken out.
 const COMB_SPACING: f64 = 40.0;
-/// A denser comb is taken out where it is seen: where half of its lines have so many times the power of the noise, whose own median is below 1.
+/// A denser comb is taken out where it is seen: where half of its lines have so many times the
+/// power of the noise, whose own median is below 1.
 const SEEN: f64 = 2.0;
 
 /// One channel of one recording.
@@ -38,9 +40,11 @@ pub struct ChannelFeatures {
     pub name: String,
     /// Unit of the samples.
     pub unit: String,
-    /// In the order of [`RecordingFeatures::lines`]; `None` where the line lies outside the usable band.
+    /// In the order of [`RecordingFeatures::lines`]; `None` where the line lies outside the usable
+    /// band.
     pub values: Vec<Option<LineValue>>,
-    /// All multiples of each shaft's speed, from 1, in the order of the train's shafts: what repeats with one revolution of it.
+    /// All multiples of each shaft's speed, from 1, in the order of the train's shafts: what
+    /// repeats with one revolution of it.
     pub combs: Vec<Vec<LineValue>>,
     /// Background.
     pub floor: Vec<FloorBand>,
@@ -48,7 +52,8 @@ pub struct ChannelFeatures {
     pub order_spectrum: Vec<Complex64>,
     /// Mean noise power per bin of `order_spectrum`.
     pub order_floor: Vec<f64>,
-    /// Spectrum over time of what stays when the train's lines are taken out over angle; bin `k` is `k × hz_per_bin`.
+    /// Spectrum over time of what stays when the train's lines are taken out over angle; bin `k` is
+    /// `k × hz_per_bin`.
     pub remainder: Vec<Complex64>,
     /// Mean noise power per bin of `remainder`.
     pub remainder_floor: Vec<f64>,
@@ -76,7 +81,8 @@ pub struct RecordingFeatures {
     pub carriers: usize,
     /// Revolutions of the input shaft in the recording.
     pub revolutions: f64,
-    /// Revolution of the input shaft at the first sample as counted from the first tacho pulse; 0 without a tacho.
+    /// Revolution of the input shaft at the first sample as counted from the first tacho pulse; 0
+    /// without a tacho.
     pub start_rev: f64,
     /// Width of a bin of the time spectrum (Hz).
     pub hz_per_bin: f64,
@@ -84,11 +90,13 @@ pub struct RecordingFeatures {
     pub sample_rate_hz: f64,
     /// The lines that were read.
     pub lines: Vec<Line>,
-    /// Bins that the train's lines take, in order spectra and (as near as the speed is steady) in time spectra.
+    /// Bins that the train's lines take, in order spectra and (as near as the speed is steady) in
+    /// time spectra.
     pub taken: Vec<bool>,
     /// Input-shaft angle at each sample (revolutions).
     pub phase_rev: Vec<f64>,
-    /// How the input shaft swings about its even turning; `None` where no mesh harmonic is clear enough.
+    /// How the input shaft swings about its even turning; `None` where no mesh harmonic is clear
+    /// enough.
     pub swing: Option<Swing>,
     /// By channel.
     pub channels: Vec<ChannelFeatures>,
@@ -221,7 +229,8 @@ pub fn read(
     }
 }
 
-/// Whether the lines of a comb (bins between neighbours) that no line of the train takes stand out, on the mean of all channels, up to a bin.
+/// Whether the lines of a comb (bins between neighbours) that no line of the train takes stand out,
+/// on the mean of all channels, up to a bin.
 fn is_seen(spectra: &[(Vec<f64>, OrderSpectrum)], taken: &[bool], spacing: f64, highest_bin: f64) -> bool {
     let count = (highest_bin / spacing) as usize;
     let bins = (1..=count).map(|m| (m as f64 * spacing).round() as usize).filter(|k| taken.get(*k) == Some(&false));
@@ -237,7 +246,8 @@ fn is_seen(spectra: &[(Vec<f64>, OrderSpectrum)], taken: &[bool], spacing: f64, 
 mod tests {
     use super::*;
 
-    /// A comb whose lines stand at twice the amplitude of the noise is seen where they are, and not between them.
+    /// A comb whose lines stand at twice the amplitude of the noise is seen where they are, and not
+    /// between them.
     #[test]
     fn analytic_a_comb_that_stands_out_is_seen() {
         let (spacing, bins) = (20.0, 4000);

@@ -1,12 +1,15 @@
-//! Lines at fixed frequencies, fitted where they must lie: the mains and their multiples, and whatever a scan points at.
+//! Lines at fixed frequencies, fitted where they must lie: the mains and their multiples, and
+//! whatever a scan points at.
 //!
-//! Each is fitted by least squares over the bins about it, together with every multiple of every shaft that reaches into them. The shafts' lines are laid in as
-//! they wander with the speed: what a shaft does is told from what stays, down to a fraction of a bin, and where they cannot be told apart the noise of
-//! the fit says so. A line that enters behind the machine has one amplitude in all recordings, at any phase; its gain is the log likelihood
-//! ratio of that (Rice), against nothing and against the same line in the reference.
+//! Each is fitted by least squares over the bins about it, together with every multiple of every
+//! shaft that reaches into them. The shafts' lines are laid in as they wander with the speed: what
+//! a shaft does is told from what stays, down to a fraction of a bin, and where they cannot be told
+//! apart the noise of the fit says so. A line that enters behind the machine has one amplitude in
+//! all recordings, at any phase; its gain is the log likelihood ratio of that (Rice), against
+//! nothing and against the same line in the reference.
 //!
-//! A machine has lines that nobody listed. How many, and how large, is read from the recordings themselves: the same is asked at frequencies beside the mains, where
-//! none enters.
+//! A machine has lines that nobody listed. How many, and how large, is read from the recordings
+//! themselves: the same is asked at frequencies beside the mains, where none enters.
 
 mod joint;
 mod sham;
@@ -20,18 +23,22 @@ use crate::read::SAME_SPEED;
 use crate::read::dsp::{self, Transforms};
 use crate::read::features::{RecordingFeatures, Steady};
 
-/// Frequencies of public mains (Hz), and their multiples that are looked at: what a six-pulse rectifier draws.
+/// Frequencies of public mains (Hz), and their multiples that are looked at: what a six-pulse
+/// rectifier draws.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 const MULTIPLES: u32 = 12;
-/// Deviation of the mains' frequency that is allowed for (relative): 50 mHz in 50 Hz, the standard range of European grids.
+/// Deviation of the mains' frequency that is allowed for (relative): 50 mHz in 50 Hz, the standard
+/// range of European grids.
 const DEVIATION: f64 = 1e-3;
 /// Half width of what is known of a line's frequency (bins).
 const PLACE_BINS: f64 = 0.3;
 
-/// Lines of the machine that may be expected to gain as much, among all places asked, where a line is taken for one that enters behind it.
+/// Lines of the machine that may be expected to gain as much, among all places asked, where a line
+/// is taken for one that enters behind it.
 const EXPECTED: f64 = 1e-3;
-/// The least gain of two speeds. Among all the multiples a line of the machine that nobody listed may lie at one speed (94 nats at 240 Hz); 50 and 60 Hz
-/// themselves may be seen at one speed, where at the others a shaft's line lies on them.
+/// The least gain of two speeds. Among all the multiples a line of the machine that nobody listed
+/// may lie at one speed (94 nats at 240 Hz); 50 and 60 Hz themselves may be seen at one speed,
+/// where at the others a shaft's line lies on them.
 const GAIN_EACH: f64 = 5.0;
 /// Gain of a speed below which it speaks against one amplitude.
 const AGAINST: f64 = -3.0;
@@ -62,7 +69,8 @@ pub struct FixedLine {
     pub by_speed: Vec<f64>,
     /// Largest gain of the same line on another sensor.
     pub elsewhere: f64,
-    /// Lines of the machine that may be expected to gain as much on this sensor, among all places asked.
+    /// Lines of the machine that may be expected to gain as much on this sensor, among all places
+    /// asked.
     pub expected: f64,
 }
 
@@ -115,7 +123,8 @@ fn in_common(cells: &[&Cell]) -> (f64, f64) {
     (0..=114).map(|k| top * 0.98f64.powi(k)).map(|a| (a, sum(a))).fold((0.0, 0.0), |b, x| if x.1 > b.1 { x } else { b })
 }
 
-/// Lines of the mains, and at the other frequencies that are asked (Hz), the plainest first. `steady` holds the recordings, then the references.
+/// Lines of the mains, and at the other frequencies that are asked (Hz), the plainest first.
+/// `steady` holds the recordings, then the references.
 pub fn fit(
     transforms: &mut Transforms,
     train: &Train,
@@ -184,7 +193,8 @@ pub fn fit(
     out
 }
 
-/// A line of one channel from its cells in the recordings and before; `None` where nothing is gained.
+/// A line of one channel from its cells in the recordings and before; `None` where nothing is
+/// gained.
 fn line(
     place: &Place,
     channel: &str,
@@ -303,7 +313,8 @@ mod tests {
         Train::new(&serde_json::from_str::<Bench>(text).unwrap())
     }
 
-    /// The cell of 50 Hz in a machine whose first shaft's line is fifty times as large, beside a pick-up of this amplitude in noise of deviation 1.
+    /// The cell of 50 Hz in a machine whose first shaft's line is fifty times as large, beside a
+    /// pick-up of this amplitude in noise of deviation 1.
     fn cell(input_hz: f64, pickup: f64, seed: u64) -> Cell {
         let f = turning(input_hz);
         let mut noise = Draw(ChaCha8Rng::seed_from_u64(seed));
@@ -336,8 +347,10 @@ mod tests {
         }
     }
 
-    /// A quarter of a hertz (1.5 bins) from a shaft's line fifty times as large the pick-up is read within its noise; at the very frequency only the wander of
-    /// the speed tells them apart, and the noise says how far. Far from it the noise is that of two bins of a Blackman-Harris spectrum, 1.38 of `4 · 2.0 / n`.
+    /// A quarter of a hertz (1.5 bins) from a shaft's line fifty times as large the pick-up is read
+    /// within its noise; at the very frequency only the wander of the speed tells them apart, and
+    /// the noise says how far. Far from it the noise is that of two bins of a Blackman-Harris
+    /// spectrum, 1.38 of `4 · 2.0 / n`.
     #[test]
     fn analytic_a_line_beside_a_shafts_is_read_within_its_noise() {
         let clear = (1.379 * 8.0 / (SECONDS * RATE_HZ)).sqrt();
@@ -350,7 +363,8 @@ mod tests {
         }
     }
 
-    /// A pick-up of a fifth of the noise is one at two speeds, is none where the reference has it, and noise alone, or a line at one speed only, is none.
+    /// A pick-up of a fifth of the noise is one at two speeds, is none where the reference has it,
+    /// and noise alone, or a line at one speed only, is none.
     #[test]
     fn analytic_one_amplitude_at_all_speeds_is_picked_up() {
         let four = |pickup: [f64; 2], seed: u64| -> Vec<(f64, Cell)> {

@@ -1,8 +1,12 @@
-//! A speed that fluctuates at a fixed frequency, read from how the input shaft swings about its even turning.
+//! A speed that fluctuates at a fixed frequency, read from how the input shaft swings about its
+//! even turning.
 //!
-//! A fluctuation `Ω(t) = Ω₀ (1 + d cos 2πft)` swings the angle by `d Ω₀ / (2πf)`: sidebands at `±f` about every line of the train, whatever the speed. In the spectrum of the
-//! swing it is one line at the same frequency in all recordings. What belongs to the shafts lies at multiples of their speeds, which move with it. The wander of a drive is
-//! noise that falls with frequency; its level at `f` is the geometric mean of the medians below and above `f`, which is free of bias for any power law.
+//! A fluctuation `Ω(t) = Ω₀ (1 + d cos 2πft)` swings the angle by `d Ω₀ / (2πf)`: sidebands at `±f`
+//! about every line of the train, whatever the speed. In the spectrum of the swing it is one line
+//! at the same frequency in all recordings. What belongs to the shafts lies at multiples of their
+//! speeds, which move with it. The wander of a drive is noise that falls with frequency; its level
+//! at `f` is the geometric mean of the medians below and above `f`, which is free of bias for any
+//! power law.
 
 use gearwatch_check::carriers::Swing;
 use num_complex::Complex64;
@@ -13,7 +17,8 @@ use crate::read::features::RecordingFeatures;
 
 /// Frequencies that are scanned (Hz), and the highest that the swing is read to.
 const SCANNED_HZ: (f64, f64) = (0.8, 10.0);
-/// The highest frequency of the swing (Hz): the level above the highest line that is scanned is read there.
+/// The highest frequency of the swing (Hz): the level above the highest line that is scanned is
+/// read there.
 pub const HIGHEST_HZ: f64 = 20.0;
 /// Zero padding of the spectra.
 const PADDED: usize = 4;
@@ -23,13 +28,16 @@ const BESIDE: (f64, f64) = (1.25, 2.2);
 const LEAST: usize = 3;
 /// Most that one recording counts, in powers of its level: no single one decides.
 const MOST: f64 = 12.0;
-/// Bins on each side of a multiple of a shaft that are left out, and multiples for which that is done: higher ones are faint, and move with the speed.
+/// Bins on each side of a multiple of a shaft that are left out, and multiples for which that is
+/// done: higher ones are faint, and move with the speed.
 const TAKEN_BINS: f64 = 2.2;
 const MULTIPLES: f64 = 3.0;
-/// Chance of such a line among all frequencies in a swing without one, below which it is believed, and above which a reference does not show it.
+/// Chance of such a line among all frequencies in a swing without one, below which it is believed,
+/// and above which a reference does not show it.
 const CHANCE: f64 = 1e-8;
 const USUAL: f64 = 1e-2;
-/// Depth of a fluctuation (relative) below which nothing is named: converters and the mains leave a speed no more even than that.
+/// Depth of a fluctuation (relative) below which nothing is named: converters and the mains leave a
+/// speed no more even than that.
 const SHALLOWEST: f64 = 6e-4;
 /// Least depth of one recording over the mean of all.
 const ALIKE: f64 = 0.3;
@@ -81,7 +89,8 @@ impl Spectrum {
         }
     }
 
-    /// Median of the logarithm of the power between two frequencies, shafts left out, turned into a mean level.
+    /// Median of the logarithm of the power between two frequencies, shafts left out, turned into a
+    /// mean level.
     fn level(&self, low_hz: f64, high_hz: f64) -> Option<f64> {
         let range =
             (low_hz / self.step_hz).ceil() as usize..((high_hz / self.step_hz) as usize + 1).min(self.rev.len());
@@ -162,7 +171,8 @@ pub fn scan(
         return None;
     }
     let spread = (depths.iter().map(|d| (d - depth).powi(2)).sum::<f64>() / depths.len() as f64).sqrt();
-    // The Cramér-Rao bound of a line in noise: √(6 / SNR) / (π T) of a record, with the power over its level that counts at most.
+    // The Cramér-Rao bound of a line in noise: √(6 / SNR) / (π T) of a record, with the power over
+    // its level that counts at most.
     let bin_hz = PADDED as f64 * step_hz;
     let sigma_hz = 6f64.sqrt() / std::f64::consts::PI * bin_hz / found.0.sqrt();
     Some(Fluctuation {
@@ -200,8 +210,10 @@ mod tests {
         )
     }
 
-    /// A fluctuation of 0.2 % at 4.3 Hz in the wander of four recordings comes out at its frequency, at its depth to 5 % (a half step of the frequency 1 %, the wander beside it 3 %), with less than the chance that is
-    /// believed; without it none of forty sets of four has a chance below one in a million.
+    /// A fluctuation of 0.2 % at 4.3 Hz in the wander of four recordings comes out at its
+    /// frequency, at its depth to 5 % (a half step of the frequency 1 %, the wander beside it 3 %),
+    /// with less than the chance that is believed; without it none of forty sets of four has a
+    /// chance below one in a million.
     #[test]
     fn analytic_a_line_of_fixed_frequency_stands_out_of_the_wander() {
         let all: Vec<Spectrum> =

@@ -1,9 +1,12 @@
 //! Lines above half the sample rate that a missing filter let fold back.
 //!
-//! A component locked to the shaft at order `o` moves, once folded, against the speed. Read at the sample times, `exp(−2πi o φ[n])` folds exactly as the
-//! component does; so orders between half the sample rate and the rate itself are scanned by turning the samples back by `o φ[n]`. What wanders
-//! with the speed in its own direction smears there: such a line must be about as sharp as its mirror image below half the rate is as an ordinary order. It must
-//! stand at this order in every recording, folded where that lies above half the rate and as it is where it lies below (its image would be at another order in each), and be new.
+//! A component locked to the shaft at order `o` moves, once folded, against the speed. Read at the
+//! sample times, `exp(−2πi o φ[n])` folds exactly as the component does; so orders between half the
+//! sample rate and the rate itself are scanned by turning the samples back by `o φ[n]`. What
+//! wanders with the speed in its own direction smears there: such a line must be about as sharp as
+//! its mirror image below half the rate is as an ordinary order. It must stand at this order in
+//! every recording, folded where that lies above half the rate and as it is where it lies below
+//! (its image would be at another order in each), and be new.
 
 use num_complex::Complex64;
 use std::f64::consts::{SQRT_2, TAU};
@@ -12,25 +15,30 @@ use crate::read::dsp::{self, Transforms, median};
 use crate::read::features::{RecordingFeatures, Steady};
 use crate::read::ratio::DISPLAY_SIGMA;
 
-/// Power over the floor beside it from which a peak is a candidate: a million bins of noise stay below 17.
+/// Power over the floor beside it from which a peak is a candidate: a million bins of noise stay
+/// below 17.
 const CANDIDATE: f64 = 30.0;
 /// The same in every recording.
 const EVERYWHERE: f64 = 15.0;
-/// Power of the peak over that of its mirror image; equal where the speed does not wander, and then other recordings decide.
+/// Power of the peak over that of its mirror image; equal where the speed does not wander, and then
+/// other recordings decide.
 const SHARPER: f64 = 0.5;
-/// The same where the recordings' speeds are too near each other to decide: their images must lie this many bins apart.
+/// The same where the recordings' speeds are too near each other to decide: their images must lie
+/// this many bins apart.
 const SHARPER_ALONE: f64 = 2.0;
 const APART_BINS: f64 = 4.0;
 /// Ratio of the amplitudes in the recordings.
 const ALIKE: f64 = 2.0;
 /// Power over that in a reference.
 const NEW: f64 = 4.0;
-/// Power over the largest beside it (8 to 60 bins off): of a crowd of lines some meet by chance in two recordings, one folded component stands alone.
-/// It stood 12 to 530 times above on 15 drawn benches, the one chance meeting among them twice.
+/// Power over the largest beside it (8 to 60 bins off): of a crowd of lines some meet by chance in
+/// two recordings, one folded component stands alone. It stood 12 to 530 times above on 15 drawn
+/// benches, the one chance meeting among them twice.
 const ABOVE: f64 = 5.0;
 /// Turn (revolutions of the component) by which the steady part of a scan may be out of focus.
 const FOCUS: f64 = 0.08;
-/// Difference of two displays (in their usual error, of which the creep that they show is part) within which the order of what turns with the motor is sought.
+/// Difference of two displays (in their usual error, of which the creep that they show is part)
+/// within which the order of what turns with the motor is sought.
 const CREEP_REACH: f64 = SQRT_2;
 /// Bins about the mirror image that its smeared power may fill.
 const SMEAR: usize = 40;
@@ -56,7 +64,8 @@ pub struct FoldedLine {
     pub above: f64,
 }
 
-/// The clearest folded line of recordings, which the references do not have. `steady` and `features` hold the recordings, then the references.
+/// The clearest folded line of recordings, which the references do not have. `steady` and
+/// `features` hold the recordings, then the references.
 pub fn scan(
     transforms: &mut Transforms,
     steady: &[Steady<'_>],
@@ -69,7 +78,8 @@ pub fn scan(
     let first = (0..recordings).max_by(|a, b| features[*a].revolutions.total_cmp(&features[*b].revolutions))?;
     let mut best: Option<FoldedLine> = None;
     for (name, _, _) in &steady[first].channels {
-        // A limit that cuts the peaks makes harmonics without end, and they fold too: clipping's own echo.
+        // A limit that cuts the peaks makes harmonics without end, and they fold too: clipping's
+        // own echo.
         let clipped =
             |f: &RecordingFeatures| f.channels.iter().any(|c| c.name == *name && c.integrity.clipped_at.is_some());
         if features[..recordings].iter().any(clipped) {
@@ -170,7 +180,8 @@ fn is_folded(features: &RecordingFeatures, order: f64) -> bool {
     order * features.input_hz > 0.5 * features.sample_rate_hz
 }
 
-/// Orders between half the sample rate and the rate at which something stands sharply in one channel, the sharpest against its image first.
+/// Orders between half the sample rate and the rate at which something stands sharply in one
+/// channel, the sharpest against its image first.
 fn candidates(
     transforms: &mut Transforms,
     steady: &Steady<'_>,
@@ -241,7 +252,8 @@ struct Demodulated {
     amplitude: f64,
 }
 
-/// `exp(−2πi o φ[n])` at the sample times folds exactly as the line does, so the mean of the demodulated samples is the folded line.
+/// `exp(−2πi o φ[n])` at the sample times folds exactly as the line does, so the mean of the
+/// demodulated samples is the folded line.
 fn demodulated(
     transforms: &mut Transforms,
     samples: &[f64],

@@ -1,10 +1,11 @@
 //! A turning that swings at a multiple of a shaft: a motor, brake or joint that drives unevenly.
 //!
-//! The angle swings by `ε = Re(E e^{2πi o θ})` about even turning. Every line of the train at order `q`, of complex
-//! amplitude `C`, then has sidebands `X(q + o) = iπqE C` and `X(q − o) = iπqE* C`, as long as `2πq|E|` is small. One `E`
-//! fits all mesh harmonics of all stages on all channels, since they share the angle. What the teeth make beside a
-//! harmonic has no such law: it is the scatter that `E` has to stand out of. Once the angle follows, the lines are those of the
-//! even turning again, and larger swings come out in a few passes.
+//! The angle swings by `ε = Re(E e^{2πi o θ})` about even turning. Every line of the train at order
+//! `q`, of complex amplitude `C`, then has sidebands `X(q + o) = iπqE C` and `X(q − o) = iπqE* C`,
+//! as long as `2πq|E|` is small. One `E` fits all mesh harmonics of all stages on all channels,
+//! since they share the angle. What the teeth make beside a harmonic has no such law: it is the
+//! scatter that `E` has to stand out of. Once the angle follows, the lines are those of the even
+//! turning again, and larger swings come out in a few passes.
 
 use gearwatch_check::last_wheel::OrderSpectra;
 use gearwatch_core::bench::Bench;
@@ -21,25 +22,28 @@ type Spectra<'a> = OrderSpectra<(&'a [Complex64], &'a [f64])>;
 /// Multiples of each shaft that are looked at, and mesh harmonics.
 const MULTIPLES: u8 = 12;
 const HARMONICS: u8 = 8;
-/// Least amplitude of a mesh harmonic, of the largest of its stage and channel, and its least power over noise: beside a
-/// weaker one stand the sidebands of its neighbours, and noise, as high as what a swing makes.
+/// Least amplitude of a mesh harmonic, of the largest of its stage and channel, and its least power
+/// over noise: beside a weaker one stand the sidebands of its neighbours, and noise, as high as
+/// what a swing makes.
 const LEAST_SHARE: f64 = 0.1;
 const CLEAR: f64 = 100.0;
-/// Chance, by the scatter of the teeth's own sidebands, of such a fit in all recordings, below which it is believed: as of
-/// a fluctuation at a fixed frequency.
+/// Chance, by the scatter of the teeth's own sidebands, of such a fit in all recordings, below
+/// which it is believed: as of a fluctuation at a fixed frequency.
 const CHANCE: f64 = 1e-8;
-/// Swing of a reference, of that of the recordings, above which it was there before. A belief, read from no data.
+/// Swing of a reference, of that of the recordings, above which it was there before. A belief, read
+/// from no data.
 const USUAL: f64 = 0.3;
-/// Largest total cumulative pitch deviation of a gear that anyone runs (m): grade 10 of ISO 1328-1:2013, a module of 3 mm and
-/// a diameter of 100 mm, has 112 µm (`0.002 d + 0.55 √d + 0.7 m + 12` at grade 5, times √2 a grade). It swings the mesh as
-/// an uneven turning does, but no further.
+/// Largest total cumulative pitch deviation of a gear that anyone runs (m): grade 10 of ISO
+/// 1328-1:2013, a module of 3 mm and a diameter of 100 mm, has 112 µm (`0.002 d + 0.55 √d + 0.7 m +
+/// 12` at grade 5, times √2 a grade). It swings the mesh as an uneven turning does, but no further.
 const WORST_PITCH_M: f64 = 125e-6;
-/// Standard deviation of a depth beside its scatter (relative): what the teeth make at the same order.
+/// Standard deviation of a depth beside its scatter (relative): what the teeth make at the same
+/// order.
 const OF_DEPTH: f64 = 0.1;
 /// Loads that differ (ln).
 const LOADS_APART: f64 = 0.3;
-/// Largest phase of a mesh harmonic that the first look believes (rad): its first sidebands are 12 % below what grows with the
-/// swing (`J₁(β)` against `β/2`).
+/// Largest phase of a mesh harmonic that the first look believes (rad): its first sidebands are 12
+/// % below what grows with the swing (`J₁(β)` against `β/2`).
 const SMALL_RAD: f64 = 1.0;
 /// Passes in which an angle follows a swing: each takes up what the one before left.
 const PASSES: usize = 4;
@@ -78,7 +82,8 @@ struct Seen {
     phase_rad: f64,
 }
 
-/// A mesh harmonic with what stands beside it as modulation: `(X₊/C − (X₋/C)*) / 2`, which a swing makes `iπqE`.
+/// A mesh harmonic with what stands beside it as modulation: `(X₊/C − (X₋/C)*) / 2`, which a swing
+/// makes `iπqE`.
 struct Carrier {
     order: f64,
     beside: Complex64,
@@ -109,8 +114,8 @@ fn carriers(r: &Spectra<'_>, train: &Train, order: f64) -> Vec<Carrier> {
     out
 }
 
-/// The swing that fits some carriers best by least squares, with the chance of as good a fit: `(1 − R²)^(n − 1)` of `n`
-/// complex Gaussian values.
+/// The swing that fits some carriers best by least squares, with the chance of as good a fit: `(1 −
+/// R²)^(n − 1)` of `n` complex Gaussian values.
 fn fit(carriers: &[Carrier]) -> Option<Seen> {
     let weight: f64 = carriers.iter().map(|c| (PI * c.order).powi(2)).sum();
     if carriers.len() < 3 {
@@ -124,7 +129,8 @@ fn fit(carriers: &[Carrier]) -> Option<Seen> {
     Some(Seen { rev, ln_chance, phase_rad: TAU * highest * rev.norm() })
 }
 
-/// The same with the harmonics that the swing does not move too far: those of high order are left out until it is small.
+/// The same with the harmonics that the swing does not move too far: those of high order are left
+/// out until it is small.
 fn seen(r: &Spectra<'_>, train: &Train, order: f64) -> Option<Seen> {
     let mut all = carriers(r, train, order);
     all.sort_by(|a, b| a.order.total_cmp(&b.order));
@@ -165,8 +171,8 @@ pub struct Swinging {
 }
 
 impl Swinging {
-    /// Lets the angles of the recordings follow it, as far as they show it. `left` reads a recording again with an angle
-    /// that follows a swing, and gives what that leaves of it.
+    /// Lets the angles of the recordings follow it, as far as they show it. `left` reads a
+    /// recording again with an angle that follows a swing, and gives what that leaves of it.
     pub fn follow(&mut self, mut left: impl FnMut(usize, OrderSwing) -> Option<OrderSwing>) {
         for (at, swing) in self.swings.iter_mut().enumerate() {
             let Some(swing) = swing else { continue };
@@ -185,7 +191,8 @@ impl Swinging {
         (mean, (spread / depths.len() as f64).sqrt().hypot(OF_DEPTH * mean))
     }
 
-    /// Exponent of the torque in the law of the depth, from recordings of one speed; `None` where none differ in load.
+    /// Exponent of the torque in the law of the depth, from recordings of one speed; `None` where
+    /// none differ in load.
     pub fn load_exponent(&self, points: &[Point]) -> Option<f64> {
         let all: Vec<_> = points.iter().zip(&self.swings).filter_map(|(p, s)| Some((p, s.as_ref()?))).collect();
         let mut exponents = Vec::new();
@@ -201,8 +208,8 @@ impl Swinging {
     }
 }
 
-/// The multiple of a shaft at which all recordings swing and their references do not, further than a wrong gear could
-/// make it. The first order is that of a gear out of centre.
+/// The multiple of a shaft at which all recordings swing and their references do not, further than
+/// a wrong gear could make it. The first order is that of a gear out of centre.
 pub fn scan(bench: &Bench, train: &Train, recordings: &[Spectra<'_>], references: &[Spectra<'_>]) -> Option<Swinging> {
     let of_shafts = (0..train.shafts.len()).flat_map(|shaft| (2..=MULTIPLES).map(move |multiple| (shaft, multiple)));
     let all: Vec<Swinging> = of_shafts.filter_map(|at| swinging(train, at, recordings)).collect();
@@ -250,8 +257,9 @@ mod tests {
     const LEN: usize = 1 << 15;
     const REVOLUTIONS: f64 = 60.3;
 
-    /// Spectrum over an angle that follows some swing of a turning that swings by `rev` at twice the first shaft, heard through
-    /// five mesh harmonics; each has sidebands of the teeth's own, of one per cent and phases without a law.
+    /// Spectrum over an angle that follows some swing of a turning that swings by `rev` at twice
+    /// the first shaft, heard through five mesh harmonics; each has sidebands of the teeth's own,
+    /// of one per cent and phases without a law.
     fn spectrum(mesh: f64, rev: Complex64, followed: Option<OrderSwing>) -> Vec<Complex64> {
         let even = |n: usize| REVOLUTIONS * n as f64 / (LEN - 1) as f64;
         let heard = |n: usize| {
@@ -281,8 +289,9 @@ mod tests {
         }
     }
 
-    /// A swing that turns the fifth harmonic by 1.2 rad is seen, and comes out in four passes to what the teeth's own sidebands leave:
-    /// `0.01 / (πq)` of each harmonic. Without it they fit no swing, and one that the reference has is none of the recordings' own.
+    /// A swing that turns the fifth harmonic by 1.2 rad is seen, and comes out in four passes to
+    /// what the teeth's own sidebands leave: `0.01 / (πq)` of each harmonic. Without it they fit no
+    /// swing, and one that the reference has is none of the recordings' own.
     #[test]
     fn analytic_the_angle_follows_a_swing() {
         let bench = Bench::from_toml(include_str!("../../../sim/src/shipped/single-pair.toml")).unwrap();
@@ -304,7 +313,8 @@ mod tests {
         assert!(scan(&bench, &train, &of(&swings), &of(&swings)).is_none());
     }
 
-    /// A swing of a depth that grows with the torque has the exponent 1, one of a constant depth 0; other speeds say nothing of it.
+    /// A swing of a depth that grows with the torque has the exponent 1, one of a constant depth 0;
+    /// other speeds say nothing of it.
     #[test]
     fn analytic_depth_over_torque_has_an_exponent() {
         let point = |input_hz: f64, brake_torque_nm: f64| Point { input_hz, brake_torque_nm };

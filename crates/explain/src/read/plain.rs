@@ -1,4 +1,5 @@
-//! The plain spectrum of a recording, as any analyser shows it: what a person sees before anything was explained.
+//! The plain spectrum of a recording, as any analyser shows it: what a person sees before anything
+//! was explained.
 
 use std::f64::consts::PI;
 
@@ -14,13 +15,15 @@ const WINDOW_S: f64 = 1.0;
 pub struct PlainSpectrum {
     /// Distance of the bins (Hz).
     pub hz_per_bin: f64,
-    /// Root of the mean square over all windows, so scaled that a sine shows its peak amplitude; from 0 Hz on.
+    /// Root of the mean square over all windows, so scaled that a sine shows its peak amplitude;
+    /// from 0 Hz on.
     pub amplitudes: Vec<f64>,
     /// Windows that were averaged, half overlapping.
     pub windows: usize,
 }
 
-/// Hann windows of one second, half overlapping, averaged in power (Welch 1967); `None` where the channel is missing or shorter.
+/// Hann windows of one second, half overlapping, averaged in power (Welch 1967); `None` where the
+/// channel is missing or shorter.
 pub fn spectrum(transforms: &mut Transforms, recording: &Recording, channel: &str) -> Option<PlainSpectrum> {
     let channel = recording.channels.get(channel)?;
     let len = (WINDOW_S * channel.sample_rate_hz).round() as usize;
@@ -51,8 +54,8 @@ mod tests {
     use gearwatch_core::block::Quality;
     use gearwatch_core::recording::{Channel, Segment};
 
-    /// A sine shows its amplitude at its frequency, and white noise of standard deviation s shows `s √(2 · 1.5 · 2/N)` peak: 1.5 bins is the noise
-    /// bandwidth of the window.
+    /// A sine shows its amplitude at its frequency, and white noise of standard deviation s shows
+    /// `s √(2 · 1.5 · 2/N)` peak: 1.5 bins is the noise bandwidth of the window.
     #[test]
     fn analytic_a_sine_shows_its_amplitude() {
         let rate = 1024.0;

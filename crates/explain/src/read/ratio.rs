@@ -4,7 +4,8 @@ use gearwatch_core::train::Train;
 
 use crate::read::features::{RecordingFeatures, Steady};
 
-/// Usual error of a drive display together with belt creep (relative); the display's own part scatters from recording to recording.
+/// Usual error of a drive display together with belt creep (relative); the display's own part
+/// scatters from recording to recording.
 pub const DISPLAY_SIGMA: f64 = 6e-4;
 /// Usual belt creep, middle of 0 to 0.1 %.
 pub const CREEP: f64 = 5e-4;
@@ -12,13 +13,15 @@ pub const CREEP: f64 = 5e-4;
 /// What the speeds say of all recordings.
 #[derive(Clone, Debug, Default)]
 pub struct Ratios {
-    /// Slip of the input shaft behind the display by recording (relative, positive where slower); `NaN` where there is no display.
+    /// Slip of the input shaft behind the display by recording (relative, positive where slower);
+    /// `NaN` where there is no display.
     pub slip: Vec<f64>,
     /// Gear lines over tacho, minus 1, by recording; `NaN` without a tacho.
     pub clock: Vec<f64>,
 }
 
-/// Slope of the gear lines' angle against the tacho's pulses, minus 1: the sample clock against the tacho's.
+/// Slope of the gear lines' angle against the tacho's pulses, minus 1: the sample clock against the
+/// tacho's.
 pub fn clock_error(steady: &Steady<'_>, features: &RecordingFeatures, train: &Train) -> f64 {
     let Some((shaft, tacho)) = steady.recording.tachos.iter().next() else { return f64::NAN };
     let (Some(order), Some((_, _, run))) = (train.shaft_order(shaft), steady.channels.first()) else {

@@ -1,8 +1,9 @@
 //! Lines that the gear train does not make: at fixed orders and at fixed frequencies.
 //!
-//! Each scan walks over candidate positions and asks of every recording and channel how far the power there stands above its
-//! local floor and, where there is a reference, above the reference. A candidate counts by its mean logarithm over recordings,
-//! each capped, so that one recording alone cannot carry it.
+//! Each scan walks over candidate positions and asks of every recording and channel how far the
+//! power there stands above its local floor and, where there is a reference, above the reference. A
+//! candidate counts by its mean logarithm over recordings, each capped, so that one recording alone
+//! cannot carry it.
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
@@ -36,7 +37,8 @@ pub struct StrangeLine {
     pub by_channel: Vec<f64>,
     /// Peak amplitude by recording, in the best channel.
     pub amplitudes: Vec<f64>,
-    /// Distance to the nearest multiple of a shaft order relative to the line width; large where the line belongs to no shaft.
+    /// Distance to the nearest multiple of a shaft order relative to the line width; large where
+    /// the line belongs to no shaft.
     pub off_comb: f64,
 }
 
@@ -45,8 +47,9 @@ const CAP: f64 = 6.0;
 /// Power over floor that makes a candidate in one spectrum.
 const CANDIDATE: f64 = 18.0;
 
-/// Distance (orders) up to which a strong line may light others, and their share of its power: the angle is not followed faster, and what is left of the speed's wander modulates the line.
-/// A line 60 dB above the noise lights such at −37 to −46 dB.
+/// Distance (orders) up to which a strong line may light others, and their share of its power: the
+/// angle is not followed faster, and what is left of the speed's wander modulates the line. A line
+/// 60 dB above the noise lights such at −37 to −46 dB.
 const SKIRT_REACH: f64 = 0.25;
 const SKIRT: f64 = 1e-3;
 
@@ -110,7 +113,8 @@ fn excess(twin: &Twin<'_>, name: &str, axis: Axis, position: f64) -> Option<(f64
         let at = position * bins_per_unit(reference, axis);
         let (before, j) = peak(bins, at, 2);
         expected = expected.max(before).max(*floor.get(j)?);
-        // A line that keeps its order (on the time axis) or its frequency (on the order axis) in the reference is an old one.
+        // A line that keeps its order (on the time axis) or its frequency (on the order axis) in
+        // the reference is an old one.
         let (bins, floor) = spectrum(other, if axis == Axis::Time { Axis::Order } else { Axis::Time });
         let ratio = if axis == Axis::Time { 1.0 / twin.recording.input_hz } else { twin.recording.input_hz };
         let at = match axis {
@@ -173,7 +177,8 @@ fn walk(
         for (c, name) in channels.iter().enumerate() {
             let judged: Vec<Option<(f64, f64)>> = twins.iter().map(|t| excess(t, name, axis, position)).collect();
             let cells: Vec<(f64, f64)> = judged.iter().flatten().copied().collect();
-            // A line above the band at the higher speed is judged where it can be seen, at two recordings at least; one of a fixed frequency at two speeds.
+            // A line above the band at the higher speed is judged where it can be seen, at two
+            // recordings at least; one of a fixed frequency at two speeds.
             let first = judged.iter().zip(&of_speed).find(|x| x.0.is_some()).map(|x| x.1);
             let at_one = judged.iter().zip(&of_speed).all(|(cell, speed)| cell.is_none() || Some(speed) == first);
             if cells.len() < 2.min(twins.len()) || (axis == Axis::Time && several && at_one) {
@@ -223,7 +228,8 @@ pub fn order_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Ve
     walk(twins, channels, Axis::Order, &known, &off)
 }
 
-/// Lines at the same frequency at every speed; needs recordings at speeds that differ, or the reference, to mean anything.
+/// Lines at the same frequency at every speed; needs recordings at speeds that differ, or the
+/// reference, to mean anything.
 pub fn fixed_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Vec<StrangeLine> {
     let known =
         |r: &RecordingFeatures, hz: f64| r.taken.get((hz / r.hz_per_bin).round() as usize).copied().unwrap_or(true);
@@ -239,7 +245,8 @@ pub fn fixed_lines(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Ve
     walk(twins, channels, Axis::Time, &known, &off)
 }
 
-/// Distances (bins) at which the recordings of other speeds are read beside each other: beyond what a line is wide, within what a path is even.
+/// Distances (bins) at which the recordings of other speeds are read beside each other: beyond what
+/// a line is wide, within what a path is even.
 const BESIDE_BINS: [f64; 8] = [-97.0, -83.0, -59.0, -41.0, 37.0, 53.0, 71.0, 89.0];
 
 /// Which of the speeds that occur each recording has, counted as they come.
@@ -254,8 +261,9 @@ fn speeds(twins: &[Twin<'_>]) -> Vec<usize> {
     twins.iter().map(|t| of(t.recording.input_hz)).collect()
 }
 
-/// What the machine's own lines do by chance: the lines that a scan for fixed frequencies finds where each speed is read at another distance beside the others, once for each distance.
-/// Empty where there is one speed only.
+/// What the machine's own lines do by chance: the lines that a scan for fixed frequencies finds
+/// where each speed is read at another distance beside the others, once for each distance. Empty
+/// where there is one speed only.
 pub fn fixed_by_chance(twins: &[Twin<'_>], channels: &[String], train: &Train) -> Vec<Vec<StrangeLine>> {
     let of_speed = speeds(twins);
     if of_speed.iter().all(|k| *k == 0) {
@@ -270,18 +278,22 @@ pub fn fixed_by_chance(twins: &[Twin<'_>], channels: &[String], train: &Train) -
     BESIDE_BINS.map(beside).into()
 }
 
-/// Distance (bins) between neighbours of a comb from which it leaves room for lines that are off it.
+/// Distance (bins) between neighbours of a comb from which it leaves room for lines that are off
+/// it.
 const COMB_LEAVES_ROOM: f64 = 12.0;
 
-/// Orders whose multiples the train makes: of each shaft, and of each stage at which the same two teeth meet again. A pair of teeth errs as no other does, so that teeth with a common
-/// factor, which make few pairs, show lines at multiples of the hunting-tooth order. Left out where these lie too dense to tell.
+/// Orders whose multiples the train makes: of each shaft, and of each stage at which the same two
+/// teeth meet again. A pair of teeth errs as no other does, so that teeth with a common factor,
+/// which make few pairs, show lines at multiples of the hunting-tooth order. Left out where these
+/// lie too dense to tell.
 pub fn combs(train: &Train, revolutions: f64) -> Vec<f64> {
     let pairs = train.stages.iter().map(|s| s.mesh_order / s.hunting_meshes() as f64);
     let apart = pairs.filter(|order| order * revolutions > COMB_LEAVES_ROOM);
     train.shafts.iter().map(|s| s.1).chain(apart).collect()
 }
 
-/// Distance of an order to the nearest multiple of the train's combs in a recording of so many revolutions.
+/// Distance of an order to the nearest multiple of the train's combs in a recording of so many
+/// revolutions.
 pub fn distance_to_combs(train: &Train, revolutions: f64, order: f64) -> f64 {
     let off = |comb: f64| (order / comb - (order / comb).round()).abs() * comb;
     combs(train, revolutions).into_iter().map(off).fold(f64::INFINITY, f64::min)
@@ -300,8 +312,9 @@ mod tests {
         Train::new(&bench)
     }
 
-    /// Of 25 and 30 teeth the same two meet every 150 meshes, six turns of the pinion: lines at multiples of 1/6, of which neither shaft has 54 1/3. Of 25 and 31 the
-    /// comb of 1/31 is dense in 100 turns, and tells nothing; in 400 turns it is there.
+    /// Of 25 and 30 teeth the same two meet every 150 meshes, six turns of the pinion: lines at
+    /// multiples of 1/6, of which neither shaft has 54 1/3. Of 25 and 31 the comb of 1/31 is dense
+    /// in 100 turns, and tells nothing; in 400 turns it is there.
     #[test]
     fn analytic_teeth_with_a_common_factor_have_a_comb() {
         let common = pair(25, 30);
@@ -317,7 +330,8 @@ mod tests {
     const HZ_PER_BIN: f64 = 0.25;
     const BINS: usize = 16_384;
 
-    /// A recording of one sensor whose remainder and order spectrum are of noise of power 1 but for lines (bin, power).
+    /// A recording of one sensor whose remainder and order spectrum are of noise of power 1 but for
+    /// lines (bin, power).
     fn recording(input_hz: f64, fixed: &[(usize, f64)], orders: &[(usize, f64)], taken: &[usize]) -> RecordingFeatures {
         let spectrum = |lines: &[(usize, f64)]| {
             let mut out = vec![Complex64::ONE; BINS];
@@ -361,8 +375,10 @@ mod tests {
         recordings.iter().map(|recording| Twin { recording, reference: None, beside_hz: 0.0 }).collect()
     }
 
-    /// A line at 700 Hz at two speeds is one of fixed frequency. Lines of the machine 53 bins apart are none, and meet in the one scan in which the speeds are read so far beside each other. A
-    /// line that the machine's own cover at one speed is judged at the other alone, which says nothing.
+    /// A line at 700 Hz at two speeds is one of fixed frequency. Lines of the machine 53 bins apart
+    /// are none, and meet in the one scan in which the speeds are read so far beside each other. A
+    /// line that the machine's own cover at one speed is judged at the other alone, which says
+    /// nothing.
     #[test]
     fn analytic_lines_that_meet_by_chance_are_counted() {
         let slow = recording(20.0, &[(2800, 400.0), (4000, 400.0), (6000, 400.0)], &[], &[]);
@@ -381,7 +397,8 @@ mod tests {
         assert!(fixed_by_chance(&twins(&both[..1]), &channels, &train).is_empty());
     }
 
-    /// A line 56 dB above the noise hides one 36 dB below it in the next quarter of a turn, which it may light itself, and not one 20 dB below it, nor one beyond.
+    /// A line 56 dB above the noise hides one 36 dB below it in the next quarter of a turn, which
+    /// it may light itself, and not one 20 dB below it, nor one beyond.
     #[test]
     fn analytic_a_strong_line_hides_what_it_lights() {
         let strong = (4000, 400_000.0);

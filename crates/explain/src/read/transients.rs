@@ -1,8 +1,9 @@
 //! Bursts in what stays when the train's lines are taken out, band by band.
 //!
-//! Gaussian noise of constant power has a squared envelope that is exponential, so that the means of blocks of `n` independent values follow a gamma law of shape `n`. Impacts,
-//! crackle and a cable that breaks contact put more of the energy into few blocks. The noise is whitened by the local floor, so that its colour has no part (Antoni 2006,
-//! spectral kurtosis).
+//! Gaussian noise of constant power has a squared envelope that is exponential, so that the means
+//! of blocks of `n` independent values follow a gamma law of shape `n`. Impacts, crackle and a
+//! cable that breaks contact put more of the energy into few blocks. The noise is whitened by the
+//! local floor, so that its colour has no part (Antoni 2006, spectral kurtosis).
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
@@ -21,9 +22,11 @@ const LEAST_BLOCKS: usize = 50;
 const HIGHEST: f64 = 0.01;
 /// Narrowest total of bins that no line takes (Hz).
 const LEAST_HZ: f64 = 20.0;
-/// Amplitude over the root of the floor to which single bins are limited: a line that nobody listed is steady, whatever its power.
+/// Amplitude over the root of the floor to which single bins are limited: a line that nobody listed
+/// is steady, whatever its power.
 const LIMIT: f64 = 5.0;
-/// Blocks in an angle at which turns of a shaft are held against each other, least number of angles, and of turns.
+/// Blocks in an angle at which turns of a shaft are held against each other, least number of
+/// angles, and of turns.
 const ANGLE_BLOCKS: f64 = 2.0;
 const LEAST_ANGLES: usize = 4;
 const LEAST_TURNS: f64 = 10.0;
@@ -37,8 +40,9 @@ pub struct Bursts {
     pub channel: usize,
     /// Middle of the band (Hz).
     pub frequency_hz: f64,
-    /// ln of the share of energy in the highest hundredth of blocks over that in the reference (over a hundredth where there is none), median over recordings, in the band and
-    /// channel where it is largest.
+    /// ln of the share of energy in the highest hundredth of blocks over that in the reference
+    /// (over a hundredth where there is none), median over recordings, in the band and channel
+    /// where it is largest.
     pub excess: f64,
 }
 
@@ -54,7 +58,8 @@ impl Bursts {
     }
 }
 
-/// By band of a channel: its middle (Hz), and the share of energy in the highest hundredth of blocks over a hundredth.
+/// By band of a channel: its middle (Hz), and the share of energy in the highest hundredth of
+/// blocks over a hundredth.
 fn peaks(
     transforms: &mut Transforms,
     train: &Train,
@@ -92,8 +97,10 @@ fn peaks(
     out
 }
 
-/// Share of the power of a windowed signal over angle in the highest hundredth of its blocks of `size` samples, over a hundredth; `None` of too few blocks. What comes at one
-/// angle of a shaft is the gears': the least share counts, of the blocks as they are and over what the other turns of each shaft hold at the same angle. `turns` are the turns of each shaft.
+/// Share of the power of a windowed signal over angle in the highest hundredth of its blocks of
+/// `size` samples, over a hundredth; `None` of too few blocks. What comes at one angle of a shaft
+/// is the gears': the least share counts, of the blocks as they are and over what the other turns
+/// of each shaft hold at the same angle. `turns` are the turns of each shaft.
 fn highest_share(windowed: &[Complex64], size: usize, turns: &[f64]) -> Option<f64> {
     let len = windowed.len();
     let block = |first: usize| -> Option<f64> {
@@ -195,8 +202,9 @@ mod tests {
             .collect()
     }
 
-    /// Blocks of 80 values scatter by 0.11: the highest hundredth of noise holds 1 + 2.7 · 0.11 = 1.3 times its share (the mean of the highest hundredth of normal deviates is 2.7).
-    /// One block in eighty that is ten times as loud holds 10/(1 + 9/80) = 9.0 times.
+    /// Blocks of 80 values scatter by 0.11: the highest hundredth of noise holds 1 + 2.7 · 0.11 =
+    /// 1.3 times its share (the mean of the highest hundredth of normal deviates is 2.7). One block
+    /// in eighty that is ten times as loud holds 10/(1 + 9/80) = 9.0 times.
     #[test]
     fn analytic_the_highest_hundredth_holds_what_bursts() {
         let even = highest_share(&noise(1.0), 80, &[]).unwrap();
@@ -206,8 +214,9 @@ mod tests {
         assert_eq!(highest_share(&noise(1.0), 2000, &[]), None);
     }
 
-    /// The same bursts come once in a turn of a shaft of ten turns, and are the gears': two blocks share an angle, whose mean is 5.5, so that the burst's stands at 1.8 and scatters as noise does. Of
-    /// a shaft of 10.37 turns they are not.
+    /// The same bursts come once in a turn of a shaft of ten turns, and are the gears': two blocks
+    /// share an angle, whose mean is 5.5, so that the burst's stands at 1.8 and scatters as noise
+    /// does. Of a shaft of 10.37 turns they are not.
     #[test]
     fn analytic_what_comes_at_one_angle_is_the_gears() {
         let of = |turns: f64| highest_share(&noise(10.0), 80, &[turns]).unwrap();

@@ -1,13 +1,17 @@
-//! Lines of a fixed frequency that wanders: those of another machine, whose motor slips with its own load.
+//! Lines of a fixed frequency that wanders: those of another machine, whose motor slips with its
+//! own load.
 //!
-//! A search bin by bin asks a line to stand still for the whole recording and to come back at the same bin. A motor's speed wanders by some parts in a thousand. Here the power of what is
-//! left when the train's own lines are taken out is compared with the reference in narrow bands: as wide as such a line, narrow against every resonance.
+//! A search bin by bin asks a line to stand still for the whole recording and to come back at the
+//! same bin. A motor's speed wanders by some parts in a thousand. Here the power of what is left
+//! when the train's own lines are taken out is compared with the reference in narrow bands: as wide
+//! as such a line, narrow against every resonance.
 
 use crate::read::dsp::{WINDOW_NOISE_BINS, median};
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 use crate::read::scan::Twin;
 
-/// Least width of a band (Hz), and its width relative to its frequency: a line that wanders by 0.2 % to each side.
+/// Least width of a band (Hz), and its width relative to its frequency: a line that wanders by 0.2
+/// % to each side.
 const LEAST_HZ: f64 = 8.0;
 const RELATIVE: f64 = 0.004;
 /// Where the bands begin (Hz).
@@ -15,7 +19,8 @@ const FIRST_HZ: f64 = 30.0;
 /// Share of its bins, and bins, that no line of the train takes.
 const FREE: f64 = 1.0 / 3.0;
 const LEAST_BINS: usize = 8;
-/// Bands on each side whose median is what a path or a background changed by, and those from which the scatter is read.
+/// Bands on each side whose median is what a path or a background changed by, and those from which
+/// the scatter is read.
 const AROUND: usize = 20;
 const SCATTER: usize = 60;
 
@@ -46,7 +51,8 @@ fn middles(highest_hz: f64) -> Vec<f64> {
     std::iter::successors(Some(FIRST_HZ), next).take_while(|hz| *hz < highest_hz).collect()
 }
 
-/// Mean power of the bins of a band that no line takes, and their number; `None` where there are too few.
+/// Mean power of the bins of a band that no line takes, and their number; `None` where there are
+/// too few.
 fn power(recording: &RecordingFeatures, channel: &ChannelFeatures, hz: f64) -> Option<(f64, usize)> {
     let half = 0.5 * LEAST_HZ.max(RELATIVE * hz);
     let low = ((hz - half) / recording.hz_per_bin).ceil() as usize;
@@ -90,7 +96,8 @@ fn scores(twin: &Twin<'_>, name: &str, middles: &[f64]) -> Option<Vec<Option<f64
     Some((0..left.len()).map(score).collect())
 }
 
-/// The band that grew most in all recordings and channels; `None` without a reference at two speeds.
+/// The band that grew most in all recordings and channels; `None` without a reference at two
+/// speeds.
 pub fn wandering(twins: &[Twin<'_>], channels: &[String]) -> Option<Wandering> {
     let speeds = || twins.iter().filter(|t| t.reference.is_some()).map(|t| t.recording.input_hz);
     let (low, high) = speeds().fold((f64::INFINITY, 0.0f64), |(low, high), hz| (low.min(hz), high.max(hz)));

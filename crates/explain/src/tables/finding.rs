@@ -9,10 +9,11 @@ use super::{Correction, Model, ModelFit};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Finding {
-    /// The experiment follows the simulation's absolute deviations and not their signs: it is not independent of it, and no
-    /// left-out physics can be named from it.
+    /// The experiment follows the simulation's absolute deviations and not their signs: it is not
+    /// independent of it, and no left-out physics can be named from it.
     NotIndependent,
-    /// The experiment is the simulation through a linear path. Which physics makes up the path cannot be told.
+    /// The experiment is the simulation through a linear path. Which physics makes up the path
+    /// cannot be told.
     LinearPath,
     /// The experiment is the simulation through a linear path, once signs or rows are changed.
     Contradiction,
@@ -27,7 +28,8 @@ pub enum Finding {
 impl Finding {
     pub(super) fn from_models(fits: &[ModelFit], corrections: &[Correction], pairs: &[(f64, f64)]) -> Self {
         let aic = |model| fits.iter().find(|f| f.model == model).map_or(f64::INFINITY, |f| f.aic);
-        // Where the simulation has no negative deviation, rectifying changes nothing and proves nothing.
+        // Where the simulation has no negative deviation, rectifying changes nothing and proves
+        // nothing.
         let negative = pairs.iter().any(|(simulation, _)| *simulation < 0.0);
         let mut simple = vec![Model::NoRelation, Model::LinearPath];
         if negative {

@@ -1,11 +1,13 @@
-//! Models of how an experiment's amplitudes come from a simulation's, compared by Akaike's criterion.
+//! Models of how an experiment's amplitudes come from a simulation's, compared by Akaike's
+//! criterion.
 
 use serde::Serialize;
 
 use super::AmplitudeTable;
 
-/// How the experiment may come from the simulation. In formulas `a` is an amplitude, `h` a harmonic, `D` the simulation's
-/// signed deviation from its normal state, and capitals with `h` are free constants, one for each harmonic.
+/// How the experiment may come from the simulation. In formulas `a` is an amplitude, `h` a
+/// harmonic, `D` the simulation's signed deviation from its normal state, and capitals with `h` are
+/// free constants, one for each harmonic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
@@ -15,7 +17,8 @@ pub enum Model {
     LinearPath,
     /// `a_exp = G_h a_sim^p_h`.
     PowerLaw,
-    /// `a_exp = N_h (1 + |D|)`: the experiment knows the simulation's absolute deviation, and not its sign.
+    /// `a_exp = N_h (1 + |D|)`: the experiment knows the simulation's absolute deviation, and not
+    /// its sign.
     Rectified,
     /// A linear path after single signs or rows of the simulation are changed ([`Correction`]).
     CorrectedPath,
@@ -34,7 +37,8 @@ pub struct ModelFit {
     pub aic: f64,
 }
 
-/// A change of the simulation's table that makes a linear path fit. A flip turns a deviation `D` into `−D`.
+/// A change of the simulation's table that makes a linear path fit. A flip turns a deviation `D`
+/// into `−D`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Correction {
@@ -55,11 +59,12 @@ pub enum Correction {
     Swap(String, String),
 }
 
-/// Difference of Akaike's criterion from which the worse model has "essentially no support" (K. P. Burnham, D. R.
-/// Anderson, Model Selection and Multimodel Inference, 2nd ed. 2002, section 2.6).
+/// Difference of Akaike's criterion from which the worse model has "essentially no support" (K. P.
+/// Burnham, D. R. Anderson, Model Selection and Multimodel Inference, 2nd ed. 2002, section 2.6).
 pub(super) const CLEAR: f64 = 10.0;
 
-/// Printed figures have three to five digits: what is missed by less than 0.01 % is missed by rounding.
+/// Printed figures have three to five digits: what is missed by less than 0.01 % is missed by
+/// rounding.
 const ROUNDING_VARIANCE: f64 = 1e-8;
 
 /// Most corrections that are looked for: a table that needs more is not the same table.
@@ -93,8 +98,8 @@ pub(super) fn fit_all(simulation: &AmplitudeTable, experiment: &AmplitudeTable) 
     let mut changed = sim;
     let mut corrections = Vec::new();
     let candidates = Candidate::all(changed.len(), harmonics);
-    // Each correction is one parameter, chosen among all candidates: that choice costs ln(number) of likelihood. It must
-    // be clearly worth it.
+    // Each correction is one parameter, chosen among all candidates: that choice costs ln(number)
+    // of likelihood. It must be clearly worth it.
     let price = 2.0 + 2.0 * (candidates.len() as f64).ln();
     while corrections.len() < MOST_CORRECTIONS {
         let now = misfit(&changed, &exp);

@@ -67,7 +67,8 @@ fn oracle_statistics_of_tables_2_and_5() {
     assert_eq!(r.finding, Finding::NotIndependent);
 }
 
-/// The simulated table through gains with 0.4 % noise: a linear path and nothing else, in each of 200 draws.
+/// The simulated table through gains with 0.4 % noise: a linear path and nothing else, in each of
+/// 200 draws.
 #[test]
 fn oracle_linear_path_with_noise_is_recognised_and_not_resolvable() {
     let simulation = paper::tables().expect("the embedded tables").simulation;
@@ -86,8 +87,8 @@ fn oracle_linear_path_with_noise_is_recognised_and_not_resolvable() {
     assert_eq!((exact.finding, exact.corrections), (Finding::LinearPath, vec![]));
 }
 
-/// One sign, one harmonic's signs, one state's, or all flipped: named, in each of 50 draws. The single sign is that of
-/// pitting_3 at 4x (−15.7 %), the harmonic 2x, the state pitting_1.
+/// One sign, one harmonic's signs, one state's, or all flipped: named, in each of 50 draws. The
+/// single sign is that of pitting_3 at 4x (−15.7 %), the harmonic 2x, the state pitting_1.
 #[test]
 fn oracle_flipped_signs_are_flagged() {
     let simulation = paper::tables().expect("the embedded tables").simulation;
@@ -139,7 +140,8 @@ fn oracle_swapped_states_are_flagged() {
     }
 }
 
-/// An experiment that is nothing but noise about constants, and one whose noise drowns the deviations.
+/// An experiment that is nothing but noise about constants, and one whose noise drowns the
+/// deviations.
 #[test]
 fn oracle_noise_is_not_explained() {
     let simulation = paper::tables().expect("the embedded tables").simulation;

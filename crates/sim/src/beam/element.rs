@@ -1,16 +1,17 @@
 //! A cylindrical Timoshenko beam element in one plane.
 //!
 //! # Formula
-//! S. P. Timoshenko, Phil. Mag. 41 (1921) 744, with the deflection u and the slope ψ of the section:
+//! S. P. Timoshenko, Phil. Mag. 41 (1921) 744, with the deflection u and the slope ψ of the
+//! section:
 //!
 //! ```text
 //! potential ½ ∫ E I ψ'² + κ G A (u' − ψ)² ds      kinetic ½ ∫ ρ A u̇² + ρ I ψ̇² ds
 //! ```
 //!
-//! and `2 ρ I` of the gyroscopic moments for each length. u is of the fourth degree along an element
-//! and ψ of the third, as hierarchical polynomials (B. Szabó, I. Babuška, Finite Element Analysis
-//! (1991), section 3.1): values at either end and integrated Legendre polynomials between. Static
-//! bending under forces at the ends is exact, and no degree locks.
+//! and `2 ρ I` of the gyroscopic moments for each length. u is of the fourth degree along an
+//! element and ψ of the third, as hierarchical polynomials (B. Szabó, I. Babuška, Finite Element
+//! Analysis (1991), section 3.1): values at either end and integrated Legendre polynomials between.
+//! Static bending under forces at the ends is exact, and no degree locks.
 //!
 //! κ of a hollow cylinder with `m = d/D`: G. R. Cowper, "The shear coefficient in Timoshenko's beam
 //! theory", J. Appl. Mech. 33 (1966) 335:

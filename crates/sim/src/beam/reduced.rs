@@ -22,8 +22,8 @@ use super::{Held, Rotor};
 
 /// What is left of a vector beside the ones before it is rounding below this part of its length.
 const NEW: f64 = 1e-6;
-/// What the deflection under a force at a support adds is left out where it moves faster than so many
-/// times the highest mode that is wanted.
+/// What the deflection under a force at a support adds is left out where it moves faster than so
+/// many times the highest mode that is wanted.
 const FAST: f64 = 4.0;
 
 /// A shaft with its gears on its supports, in one plane.

@@ -55,8 +55,8 @@ fn literature_shear_coefficients_of_cowper_1966() {
 /// S. P. Timoshenko (1921), with `k = nπ/L`:
 /// `E I k⁴ − (ρ A + (ρ I + ρ E I A/(κ G A)) k²) ω² + ρ² I A/(κ G A) ω⁴ = 0`.
 ///
-/// Ten elements, whose error goes with the sixth power of their length: 4e-7 for two half waves, 2e-5
-/// for four.
+/// Ten elements, whose error goes with the sixth power of their length: 4e-7 for two half waves,
+/// 2e-5 for four.
 #[test]
 fn analytic_simply_supported_timoshenko_beam() {
     for (diameter, bore) in [(30.0, 0.0), (60.0, 40.0)] {
@@ -75,10 +75,10 @@ fn analytic_simply_supported_timoshenko_beam() {
     }
 }
 
-/// Deflection under a force F at a distance a from one support and b from the other,
-/// `F a² b² / (3 E I L) + F a b / (κ G A L)` in bending and shear, and what the supports give way:
-/// `F (b²/k₁ + a²/k₂) / L²`. The element is exact under forces at its nodes, and the reduction under
-/// forces at gears: rounding alone is left.
+/// Deflection under a force F at a distance a from one support and b from the other, `F a² b² / (3
+/// E I L) + F a b / (κ G A L)` in bending and shear, and what the supports give way: `F (b²/k₁ +
+/// a²/k₂) / L²`. The element is exact under forces at its nodes, and the reduction under forces at
+/// gears: rounding alone is left.
 #[test]
 fn analytic_static_deflection_under_a_gear() {
     let spec = section(300.0, 28.0, 8.0);
@@ -196,8 +196,8 @@ fn of_ross() -> [Ross; 2] {
 
 const SPEEDS_RAD_PER_S: [f64; 6] = [100.0, 500.0, 1000.0, 1500.0, 2500.0, 5000.0];
 
-/// Frequencies, whirl and unbalance response of a rotor between bearings and of an overhung one, two
-/// discs each. Elements of ROSS err by up to 3e-5 here, with the square of their length.
+/// Frequencies, whirl and unbalance response of a rotor between bearings and of an overhung one,
+/// two discs each. Elements of ROSS err by up to 3e-5 here, with the square of their length.
 #[test]
 fn oracle_rotors_of_ross() {
     let mut worst = [0.0_f64; 3];

@@ -1,7 +1,8 @@
 //! Shafts that bend among the coordinates of the train.
 //!
-//! Such a shaft has the coordinates of [`crate::beam::Reduced`] in x and in y, and its gears none of
-//! their own: where a gear is follows from them. Forces on the housing are those of its supports.
+//! Such a shaft has the coordinates of [`crate::beam::Reduced`] in x and in y, and its gears none
+//! of their own: where a gear is follows from them. Forces on the housing are those of its
+//! supports.
 
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
@@ -148,7 +149,8 @@ impl LinearTrain {
         }
     }
 
-    /// Adds the gyroscopic moments of the shafts that bend, with the first shaft at a speed (rad/s).
+    /// Adds the gyroscopic moments of the shafts that bend, with the first shaft at a speed
+    /// (rad/s).
     pub fn turn(&mut self, speed_rad_per_s: f64) {
         for (beam, order) in self.beams.clone().iter().zip(&self.shaft_orders) {
             let Some(beam) = beam else { continue };

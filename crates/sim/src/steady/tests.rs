@@ -104,8 +104,10 @@ fn oracle_single_stage_by_stepping() {
     }
 }
 
-/// Flanks worn less beyond the pitch point than before it: by stepping the lines change in amplitude and phase as the steady state has it, with one angle for where the record began. The wear itself
-/// turns them by more than a tenth of a radian, and worn as deep on both sides they turn otherwise.
+/// Flanks worn less beyond the pitch point than before it: by stepping the lines change in
+/// amplitude and phase as the steady state has it, with one angle for where the record began. The
+/// wear itself turns them by more than a tenth of a radian, and worn as deep on both sides they
+/// turn otherwise.
 #[test]
 fn oracle_worn_flanks_turn_lines_as_by_stepping() {
     let even = SimSetup::nominal(&test_bench::single_stage());
@@ -211,9 +213,9 @@ fn regress_angles_take_newtons_step() {
     assert!(cold <= 45 && warm <= 18, "{cold} {warm}");
 }
 
-/// A solver that keeps the parts in which nothing changed gives what one without a past gives, while
-/// errors of either stage, a gear that runs out, speed and load each change by themselves and back.
-/// Where nothing changed it does no work.
+/// A solver that keeps the parts in which nothing changed gives what one without a past gives,
+/// while errors of either stage, a gear that runs out, speed and load each change by themselves and
+/// back. Where nothing changed it does no work.
 #[test]
 fn oracle_parts_that_are_kept_are_those_of_a_new_solver() {
     let sound = SimSetup::nominal(&test_bench::two_stages());

@@ -21,8 +21,8 @@ fn steady(setup: &SimSetup, orders: &[f64]) -> Vec<Vec<f64>> {
     solved.expect("a steady state").sensors.iter().map(|lines| lines.iter().map(|z| z.norm()).collect()).collect()
 }
 
-/// The same bench with its gears on the supports of light, long and thin shafts: a gear moves on its
-/// own support alone, as the gears of a shaft without sections do.
+/// The same bench with its gears on the supports of light, long and thin shafts: a gear moves on
+/// its own support alone, as the gears of a shaft without sections do.
 fn at_supports(bench: &Bench) -> Bench {
     let mut out = bench.clone();
     let last = bench.shafts.len() - 1;
@@ -78,9 +78,9 @@ fn oracle_bending_shafts_exponential_is_runge_kutta() {
     assert!(apart < 1e-4, "{apart:.1e}");
 }
 
-/// 1x to 5x of the steady state are those of stepping, and halving the step of a record changes them
-/// by less than 0.05 %, as for shafts that do not bend. The steady state has 128 samples a mesh
-/// cycle or more: 2e-3, as for the other benches.
+/// 1x to 5x of the steady state are those of stepping, and halving the step of a record changes
+/// them by less than 0.05 %, as for shafts that do not bend. The steady state has 128 samples a
+/// mesh cycle or more: 2e-3, as for the other benches.
 #[test]
 fn oracle_steady_state_of_bending_shafts_by_stepping() {
     let bench = bare("bending-shafts");
@@ -95,8 +95,8 @@ fn oracle_steady_state_of_bending_shafts_by_stepping() {
     assert!(halved < 5e-4 && apart < 2e-3, "{every} steps a sample: {halved:.1e} {apart:.1e}");
 }
 
-/// Effects reach a shaft that bends: a factor on its bearings is one on its supports, an unbalance is
-/// carried by them, and a seat with play moves lines where a load is missing.
+/// Effects reach a shaft that bends: a factor on its bearings is one on its supports, an unbalance
+/// is carried by them, and a seat with play moves lines where a load is missing.
 #[test]
 fn conform_effects_reach_shafts_that_bend() {
     let bench = bare("bending-shafts");

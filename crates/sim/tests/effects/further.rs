@@ -205,9 +205,9 @@ fn conform_thermal_centre_distance() {
     declared(&usual(), &given("thermal_centre_distance", "stage1", &[]), 0, TORQUE_NM);
 }
 
-/// `Δa = a (α_h ΔT_h − α_g ΔT_g)` by hand for the shipped pair, a = 120 mm, and the contact ratio at
-/// that distance by the formula of every handbook. Axes that come closer than the backlash allows
-/// jam: 2 sin 20° of 120 mm · 11.5e-6 · 180 K are 170 µm.
+/// `Δa = a (α_h ΔT_h − α_g ΔT_g)` by hand for the shipped pair, a = 120 mm, and the contact ratio
+/// at that distance by the formula of every handbook. Axes that come closer than the backlash
+/// allows jam: 2 sin 20° of 120 mm · 11.5e-6 · 180 K are 170 µm.
 #[test]
 fn analytic_thermal_growth_of_the_centre_distance() {
     let bench = bench();
@@ -308,7 +308,8 @@ fn analytic_micropitting_ends_at_the_pitch_point() {
     }
     for (worn, middle) in worn.into_iter().zip([0.5 * pitch, 0.5 * (1.0 + pitch)]) {
         let at = (middle * places as f64).round() as usize;
-        // The nearest of 51 places is within 1 % of the path: cos² of a fifteenth of a turn at most.
+        // The nearest of 51 places is within 1 % of the path: cos² of a fifteenth of a turn at
+        // most.
         assert!((worn[at] / 6e-6 - 1.0).abs() < 0.01, "{}", worn[at]);
     }
     let twice = of("stage1.pinion", 2);

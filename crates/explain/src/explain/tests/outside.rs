@@ -5,7 +5,8 @@ use super::*;
 /// Points at which no mesh harmonic folds.
 const SLOW: [(f64, f64); 4] = [(14.0, 20.0), (14.0, 40.0), (20.0, 20.0), (20.0, 40.0)];
 
-/// Another machine's line at 347 Hz, whose motor wanders by 0.6 %, on both sensors and at all speeds: no bin holds it, its band does. An eighth of it is no line.
+/// Another machine's line at 347 Hz, whose motor wanders by 0.6 %, on both sensors and at all
+/// speeds: no bin holds it, its band does. An eighth of it is no line.
 #[test]
 fn analytic_a_line_that_wanders_is_of_another_machine() {
     let beside = |size: f64, seed: u64| -> Vec<Recording> {
@@ -26,7 +27,8 @@ fn analytic_a_line_that_wanders_is_of_another_machine() {
     assert_eq!(answer.status, Status::Consistent, "{:?}", answer.steps);
 }
 
-/// A cable that lets go three times: jumps of 6 m/s² that decay in 60 ms are millimetres of displacement, on one sensor only. Without a reference too; and where both sensors show it, the
+/// A cable that lets go three times: jumps of 6 m/s² that decay in 60 ms are millimetres of
+/// displacement, on one sensor only. Without a reference too; and where both sensors show it, the
 /// bench may rock.
 #[test]
 fn analytic_a_displacement_on_one_sensor_is_its_cable() {

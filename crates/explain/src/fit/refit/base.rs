@@ -1,6 +1,7 @@
 //! The bench's own numbers as the references alone show them.
 //!
-//! Amplitudes follow profile errors nearly in a straight line, so sizes and phases of all of them are tried on the slopes, of which each costs one model, before a fit follows from there. A fit
+//! Amplitudes follow profile errors nearly in a straight line, so sizes and phases of all of them
+//! are tried on the slopes, of which each costs one model, before a fit follows from there. A fit
 //! alone stops in the nearest of many valleys.
 
 use std::f64::consts::TAU;
@@ -20,7 +21,8 @@ const ROUNDS: usize = 3;
 const SIZES: [f64; 3] = [0.4, 1.0, 2.0];
 /// Passes over all harmonics.
 const PASSES: usize = 2;
-/// Error of the model's own transmission error at the first mesh harmonic (µm), falling as 1/h: a few per cent of that of usual teeth under load.
+/// Error of the model's own transmission error at the first mesh harmonic (µm), falling as 1/h: a
+/// few per cent of that of usual teeth under load.
 const MODEL_ERROR_UM: f64 = 0.02;
 /// Variance of a logarithm from which a line says nothing.
 const NO_USE: f64 = 100.0;
@@ -56,7 +58,8 @@ impl<'a> Problem<'a> {
         Some(Base { x, trend_sigma: problem.trend_sigma, unsure })
     }
 
-    /// The best of many sizes and phases of the profile errors as the slopes at a point have it, with its cost by the model; `None` where that is no better.
+    /// The best of many sizes and phases of the profile errors as the slopes at a point have it,
+    /// with its cost by the model; `None` where that is no better.
     fn scanned(&mut self, x: &DVector<f64>) -> Option<Start> {
         let middle = self.state(x)?;
         let slopes = self.slopes(x, &middle)?;
@@ -115,7 +118,8 @@ impl Problem<'_> {
         Some(out)
     }
 
-    /// How unsure each line is: what the model's own error of the transmission error does to it beside its amplitude.
+    /// How unsure each line is: what the model's own error of the transmission error does to it
+    /// beside its amplitude.
     fn doubt(&mut self, slopes: &Slopes, middle: &Amplitudes) {
         for line in &mut self.lines {
             let own = |k: usize| match self.numbers[k] {

@@ -1,4 +1,5 @@
-//! What a joint refit knows of each effect: its numbers, what they usually are, and where a search may start.
+//! What a joint refit knows of each effect: its numbers, what they usually are, and where a search
+//! may start.
 
 /// A parameter of an effect, fitted as its logarithm.
 pub struct Free {
@@ -10,7 +11,8 @@ pub struct Free {
     pub spread: f64,
     /// A value that nearly leaves the bench as it is.
     pub none: f64,
-    /// Values from which fits start: both sides of what leaves the bench unchanged, since no fit gets from one to the other.
+    /// Values from which fits start: both sides of what leaves the bench unchanged, since no fit
+    /// gets from one to the other.
     pub starts: &'static [f64],
 }
 
@@ -34,8 +36,8 @@ const STIFFNESS: &[Free] = &[free("factor", 1.0, 0.7, 1.0, &[0.3, 0.45, 0.6, 0.8
 const DAMPING: &[Free] = &[free("factor", 1.0, 1.0, 1.0, &[0.25, 0.4, 0.6, 1.7, 2.5, 4.0])];
 const COUPLING: &[Free] = &[free("factor", 0.4, 1.0, 0.95, &[0.05, 0.3, 0.6, 1.4])];
 
-/// The numbers of an effect that changes mesh lines by itself; `None` for others. A profile error has none of these: its
-/// amplitudes and phases are numbers of their own.
+/// The numbers of an effect that changes mesh lines by itself; `None` for others. A profile error
+/// has none of these: its amplitudes and phases are numbers of their own.
 pub fn fitted(effect: &str) -> Option<&'static [Free]> {
     Some(match effect {
         "tip_relief" => RELIEF,
@@ -51,7 +53,8 @@ pub fn fitted(effect: &str) -> Option<&'static [Free]> {
     })
 }
 
-/// The start that nearly leaves the bench as it is (natural logarithms): an effect fits no worse than none.
+/// The start that nearly leaves the bench as it is (natural logarithms): an effect fits no worse
+/// than none.
 pub fn nearly_none(numbers: &[Free]) -> Option<Vec<f64>> {
     (!numbers.is_empty()).then(|| numbers.iter().map(|n| n.none.ln()).collect())
 }
@@ -69,7 +72,8 @@ mod tests {
     use super::*;
     use gearwatch_sim::effects;
 
-    /// Every number is a parameter of its effect, and every start lies within the range that the library allows.
+    /// Every number is a parameter of its effect, and every start lies within the range that the
+    /// library allows.
     #[test]
     fn conform_starts_lie_in_the_range_of_the_library() {
         let mut seen = 0;

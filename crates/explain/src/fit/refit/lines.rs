@@ -31,11 +31,13 @@ pub struct Line {
     pub change: f64,
     /// Phase of the same (rad), of the angles at which both began; `None` where it is not known.
     pub turn: Option<f64>,
-    /// The same less what the angles at which both began make of it, if the machine had not changed; 0 where it is not known.
+    /// The same less what the angles at which both began make of it, if the machine had not
+    /// changed; 0 where it is not known.
     pub turned: f64,
     /// Of `change` and `turn`.
     pub variance: f64,
-    /// Variance that a small error of the model's transmission error gives the logarithm of the reference's line: large where its parts cancel.
+    /// Variance that a small error of the model's transmission error gives the logarithm of the
+    /// reference's line: large where its parts cancel.
     pub unsure: f64,
     /// ln of the reference's amplitude.
     pub reference: f64,

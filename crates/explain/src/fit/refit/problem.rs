@@ -17,35 +17,44 @@ use crate::change::locate::Cell;
 use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls};
 use crate::name::Question;
 
-/// How wrong the numbers of a sheet are (standard deviation of the logarithm): stiffnesses, damping.
+/// How wrong the numbers of a sheet are (standard deviation of the logarithm): stiffnesses,
+/// damping.
 const STIFFNESS_TOLERANCE: f64 = 0.12;
 const DAMPING_TOLERANCE: f64 = 0.3;
-/// Share of the simulator's coupling of tooth pairs through their gear bodies: models in use have from none (pairs added up) to all of
-/// it (finite elements). It decides how mean stiffness and its change over a mesh cycle go together, so no effect on the loaded teeth is told without it.
+/// Share of the simulator's coupling of tooth pairs through their gear bodies: models in use have
+/// from none (pairs added up) to all of it (finite elements). It decides how mean stiffness and its
+/// change over a mesh cycle go together, so no effect on the loaded teeth is told without it.
 const COUPLING: (f64, f64) = (0.6, 0.4);
 pub const COUPLING_RANGE: (f64, f64) = (0.0, 1.4);
-/// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It decides when pairs meet and leave, which shapes the mesh harmonics of
-/// relieved and worn flanks most.
+/// Scatter of tooth spacing (µm), one pair of teeth against the next: gears of grades 4 to 7. It
+/// decides when pairs meet and leave, which shapes the mesh harmonics of relieved and worn flanks
+/// most.
 pub const SPACING_UM: (f64, f64) = (2.2, 1.2);
-/// An effect of the teeth of one gear. All that mesh lines know of it is how far the spacing scatters, so here its place is the stage.
+/// An effect of the teeth of one gear. All that mesh lines know of it is how far the spacing
+/// scatters, so here its place is the stage.
 pub const PITCH_ERROR: &str = "pitch_error";
 /// Scatter that it adds: usual (µm), standard deviation of its logarithm, and where searches start.
 const ADDED_SCATTER_UM: (f64, f64) = (4.0, 0.8);
 const ADDED_STARTS_UM: [f64; 5] = [0.3, 1.5, 3.0, 6.0, 12.0];
-/// Scatters from which fits start: nearly none has no slope towards more, and teeth that scatter far part at light loads.
+/// Scatters from which fits start: nearly none has no slope towards more, and teeth that scatter
+/// far part at light loads.
 const SPACING_STARTS_UM: [f64; 3] = [0.4, 1.8, 3.2];
-/// Profile error of the first harmonic that every pair of teeth has (µm, each of its two components), falling as 1/h.
+/// Profile error of the first harmonic that every pair of teeth has (µm, each of its two
+/// components), falling as 1/h.
 pub const USUAL_ERROR_UM: f64 = 0.5;
-/// Profile harmonics that are fitted: of what is always there, as many as lines take part; of what an effect adds.
+/// Profile harmonics that are fitted: of what is always there, as many as lines take part; of what
+/// an effect adds.
 pub const ERRORS: usize = HARMONICS as usize;
 pub const CHANGED: usize = 5;
 /// Profile harmonics that are large enough to alter the lines of others.
 pub const LARGE: usize = 3;
-/// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many phases.
+/// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many
+/// phases.
 const CHANGED_ERROR_UM: f64 = 3.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
 pub const PHASES: usize = 8;
-/// Lines of one harmonic share the model's error over channels and loads: their number counts by this much in the covariance.
+/// Lines of one harmonic share the model's error over channels and loads: their number counts by
+/// this much in the covariance.
 pub const INDEPENDENT: f64 = 0.4;
 /// Least number of lines.
 const LEAST: usize = 8;
@@ -99,7 +108,8 @@ pub enum Number {
 }
 
 impl Number {
-    /// The stage, and the harmonic where it is one, whose amplitudes alone a number moves: each mesh sees the others at their mean stiffness, and what is small moves its own harmonic.
+    /// The stage, and the harmonic where it is one, whose amplitudes alone a number moves: each
+    /// mesh sees the others at their mean stiffness, and what is small moves its own harmonic.
     pub fn reach(&self) -> Option<(usize, Option<usize>)> {
         match self {
             Self::Error(stage, h, _) | Self::Changed(stage, h, _) => Some((*stage, (*h >= LARGE).then_some(h + 1))),
@@ -180,7 +190,8 @@ pub struct Base {
 }
 
 impl<'a> Problem<'a> {
-    /// The problem of some effects (id and place); `None` where there are too few lines, or an effect has no form on them.
+    /// The problem of some effects (id and place); `None` where there are too few lines, or an
+    /// effect has no form on them.
     pub fn new(q: &'a Question<'a>, cells: &[Cell], members: &[(&str, &str)]) -> Option<Self> {
         let mut numbers = Vec::new();
         let mut priors = Vec::new();
@@ -296,8 +307,9 @@ impl<'a> Problem<'a> {
         (0..self.numbers.len()).filter(|&k| of(&self.numbers[k])).collect()
     }
 
-    /// The residuals that each number moves. Where pairs of teeth meet and by what errors moves the lines of their own stage, since each mesh sees the others at their mean stiffness; a profile error
-    /// of high harmonic, which is small, only those of its own harmonic.
+    /// The residuals that each number moves. Where pairs of teeth meet and by what errors moves the
+    /// lines of their own stage, since each mesh sees the others at their mean stiffness; a profile
+    /// error of high harmonic, which is small, only those of its own harmonic.
     fn reaches(&self) -> Vec<Reach> {
         let own = |stage: usize, harmonic: Option<usize>| -> Vec<usize> {
             let moved = |l: &Line| l.stage == stage && harmonic.is_none_or(|h| usize::from(l.harmonic) == h);
@@ -313,7 +325,8 @@ impl<'a> Problem<'a> {
         self.own
     }
 
-    /// The bench's own numbers and the model error as the references show them, and the effects' usual ones.
+    /// The bench's own numbers and the model error as the references show them, and the effects'
+    /// usual ones.
     pub fn start(&mut self, base: &Base) -> DVector<f64> {
         self.trend_sigma = base.trend_sigma;
         self.lines.iter_mut().zip(&base.unsure).for_each(|(l, unsure)| l.unsure = *unsure);
@@ -321,7 +334,8 @@ impl<'a> Problem<'a> {
         DVector::from_iterator(self.priors.len(), base.x.iter().copied().chain(means))
     }
 
-    /// Promising starts, least cost first. What one is worth shows once the teeth's own numbers have followed it a little.
+    /// Promising starts, least cost first. What one is worth shows once the teeth's own numbers
+    /// have followed it a little.
     pub fn glance(&mut self, base: &Base) -> Option<Vec<Start>> {
         let mut x = self.start(base);
         let mut tried = Vec::new();
@@ -352,7 +366,8 @@ impl<'a> Problem<'a> {
         Some(seen)
     }
 
-    /// The first of some points, and the first on the other side of no effect: larger and smaller than before are different valleys.
+    /// The first of some points, and the first on the other side of no effect: larger and smaller
+    /// than before are different valleys.
     fn best(&self, points: Vec<Start>, count: usize) -> Vec<Start> {
         let factor = self.numbers.iter().position(|n| matches!(n, Number::Effect(_, "factor")));
         let larger = |x: &DVector<f64>| factor.is_some_and(|k| x[k] > 0.0);
@@ -368,7 +383,8 @@ impl<'a> Problem<'a> {
         let starts = self.best(seen, self.effort.starts).into_iter().filter(|s| s.0 < enough);
         let fits: Vec<Start> = starts.filter_map(|(_, x)| self.approach(x, &large, iterations)).collect();
         let best = fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-        // The small ones follow once the others have settled: free from the beginning they take up what is not theirs.
+        // The small ones follow once the others have settled: free from the beginning they take up
+        // what is not theirs.
         self.minimise(best.1, &|_| true, iterations)
     }
 
@@ -421,7 +437,8 @@ impl<'a> Problem<'a> {
         starts(numbers).into_iter().chain(nearly_none(numbers)).map(sized).collect()
     }
 
-    /// Each point as it is, and with the best other scatter of the spacing of some stages' teeth; least cost first. What parts the teeth is left out.
+    /// Each point as it is, and with the best other scatter of the spacing of some stages' teeth;
+    /// least cost first. What parts the teeth is left out.
     pub(super) fn spaced(&mut self, points: Vec<DVector<f64>>, stages: &[usize]) -> Vec<Start> {
         let own = |n: &Number| matches!(n, Number::Spacing(i) if stages.contains(i));
         let spacings: Vec<usize> = (0..self.numbers.len()).filter(|&k| own(&self.numbers[k])).collect();
@@ -443,8 +460,9 @@ impl<'a> Problem<'a> {
         out
     }
 
-    /// Each point in the best of some phases of the first profile error of some stages: it adds to what an effect does to the loaded teeth, and no
-    /// fit gets from one phase to the opposite. Least cost first.
+    /// Each point in the best of some phases of the first profile error of some stages: it adds to
+    /// what an effect does to the loaded teeth, and no fit gets from one phase to the opposite.
+    /// Least cost first.
     pub(super) fn turned(&mut self, mut points: Vec<Start>, stages: &[usize]) -> Vec<Start> {
         for &stage in stages {
             let own = |n: &Number| matches!(n, Number::Error(i, 0, 0) if *i == stage);

@@ -1,4 +1,5 @@
-//! What a joint refit says of its numbers: parameters of the effects with their uncertainty, the bench's own in words.
+//! What a joint refit says of its numbers: parameters of the effects with their uncertainty, the
+//! bench's own in words.
 
 use gearwatch_core::estimate::Estimate;
 
@@ -6,14 +7,16 @@ use super::problem::{CHANGED, INDEPENDENT, Number, Problem, USUAL_ERROR_UM};
 use crate::fit::least_squares::Solution;
 use crate::name::Finding;
 
-/// What else stays open of a profile error: its harmonics add to those of the loaded teeth, which another tooth stiffness turns.
+/// What else stays open of a profile error: its harmonics add to those of the loaded teeth, which
+/// another tooth stiffness turns.
 const PROFILE_SHARE: f64 = 0.35;
 /// How far the simulator itself is from a bench, whatever is fitted (relative).
 const SIMULATOR_SIGMA: f64 = 0.07;
 
 impl Problem<'_> {
-    /// Factor on the standard deviation of each effect's number from its profile: the cost where the number is moved by one standard
-    /// deviation and the others follow, against the 1 that a quadratic would give.
+    /// Factor on the standard deviation of each effect's number from its profile: the cost where
+    /// the number is moved by one standard deviation and the others follow, against the 1 that a
+    /// quadratic would give.
     pub fn profile(&mut self, s: &Solution) -> Vec<f64> {
         let mut out = vec![1.0; self.numbers.len()];
         for (k, factor) in out.iter_mut().enumerate() {
@@ -65,7 +68,8 @@ impl Problem<'_> {
                         .hypot(PROFILE_SHARE * amplitude)
                         .hypot(USUAL_ERROR_UM / (h + 1) as f64);
                     f.parameters.insert(format!("e{}_um", h + 1), Estimate::new(amplitude, sigma));
-                    // At the pitch point; no better known than the amplitude is beside its own size.
+                    // At the pitch point; no better known than the amplitude is beside its own
+                    // size.
                     let phase_deg = y.atan2(x).to_degrees();
                     let turn = (sigma / amplitude.max(f64::MIN_POSITIVE)).min(std::f64::consts::PI).to_degrees();
                     f.parameters.insert(format!("phase{}_deg", h + 1), Estimate::new(phase_deg, turn));
@@ -74,7 +78,8 @@ impl Problem<'_> {
         }
     }
 
-    /// What the fit leaves per residual, where that is more than the priors expect: the uncertainties grow with it.
+    /// What the fit leaves per residual, where that is more than the priors expect: the
+    /// uncertainties grow with it.
     fn misfit(&self, s: &Solution) -> f64 {
         (s.cost.1 / self.rows.len() as f64).max(1.0).sqrt()
     }

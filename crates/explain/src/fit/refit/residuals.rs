@@ -1,7 +1,9 @@
 //! What the model of a point leaves of the lines.
 //!
-//! A line's ratio to its reference is one complex number: its logarithm is how the amplitude changed, and the phase that it turned by. The same holds for the reference's lines over the loads of
-//! one speed. Where a session began is eliminated ([`super::turns`]), the path's gain and phase of a line by their mean over the loads.
+//! A line's ratio to its reference is one complex number: its logarithm is how the amplitude
+//! changed, and the phase that it turned by. The same holds for the reference's lines over the
+//! loads of one speed. Where a session began is eliminated ([`super::turns`]), the path's gain and
+//! phase of a line by their mean over the loads.
 
 use nalgebra::DVector;
 use num_complex::Complex64;
@@ -12,7 +14,8 @@ use super::turns::{self, wrapped};
 use crate::fit::least_squares::{Model, losses, residual_of};
 use crate::read::features::RecordingFeatures;
 
-/// Model error of a trend over load (natural logarithm, rad): usual, standard deviation of its logarithm, and the range of what is tried. Each fit finds its own.
+/// Model error of a trend over load (natural logarithm, rad): usual, standard deviation of its
+/// logarithm, and the range of what is tried. Each fit finds its own.
 pub const TREND_SIGMA: f64 = 0.2;
 const TREND_SPREAD: f64 = 0.6;
 const TREND_RANGE: (f64, f64) = (0.04, 0.8);
@@ -20,7 +23,8 @@ const TREND_STEPS: usize = 31;
 /// Amplitude that counts as none.
 const NOTHING: f64 = 1e-12;
 
-/// Amplitudes of the model at the orders of each pair, without and, where there is a steady state, with the effects: by side, sensor, order.
+/// Amplitudes of the model at the orders of each pair, without and, where there is a steady state,
+/// with the effects: by side, sensor, order.
 pub type Amplitudes = Vec<Vec<Vec<Vec<Complex64>>>>;
 
 /// What a residual is of.
@@ -64,7 +68,8 @@ pub fn rows(lines: &[Line], trend_only: bool) -> Vec<Of> {
 impl Model for Problem<'_> {
     type State = Amplitudes;
 
-    /// The steady states of the references and, unless only their trend counts, of the recordings. `None` where a reference has none.
+    /// The steady states of the references and, unless only their trend counts, of the recordings.
+    /// `None` where a reference has none.
     fn state(&mut self, x: &DVector<f64>) -> Option<Amplitudes> {
         let setups = self.setups(x)?;
         let sides = if self.trend_only { 1 } else { 2 };
@@ -89,7 +94,8 @@ impl Model for Problem<'_> {
         solved.then_some(out)
     }
 
-    /// Changes of the lines (where a recording has no steady state they may be any), then the references' trend over load.
+    /// Changes of the lines (where a recording has no steady state they may be any), then the
+    /// references' trend over load.
     fn residuals(&self, amplitudes: &Amplitudes) -> Vec<f64> {
         let lines = &self.lines;
         let state = |l: &Line, side: usize| amplitudes[l.pair].get(side).map(|s| s[l.sensor][l.at]);
@@ -160,12 +166,14 @@ impl Problem<'_> {
         Some(losses(&self.residuals_at(x)?[..self.changes()]))
     }
 
-    /// What a model error of the trend costs by itself: its prior, and the density of what it is shared by.
+    /// What a model error of the trend costs by itself: its prior, and the density of what it is
+    /// shared by.
     pub fn price(&self) -> f64 {
         self.price_of(self.trend_sigma)
     }
 
-    /// Twice the negative logarithm of a model error's prior and of the density that it gives the residuals of the trend.
+    /// Twice the negative logarithm of a model error's prior and of the density that it gives the
+    /// residuals of the trend.
     fn price_of(&self, sigma: f64) -> f64 {
         let off = (sigma / TREND_SIGMA).ln();
         let wider = |of: &Of| 2.0 * (of.sigma(&self.lines, sigma) / of.sigma(&self.lines, TREND_SIGMA)).ln();
@@ -230,8 +238,9 @@ fn unforeseen(value: f64, sigma: f64, spread: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A change of 0.5 with σ² = 0.08² + (0.25 · 0.5)² counts as itself where changes have no spread.
-    /// With a spread of 0.5 it is within one deviation, and the wider density costs ln(1 + 0.5²/σ²).
+    /// A change of 0.5 with σ² = 0.08² + (0.25 · 0.5)² counts as itself where changes have no
+    /// spread. With a spread of 0.5 it is within one deviation, and the wider density costs ln(1 +
+    /// 0.5²/σ²).
     #[test]
     fn analytic_a_change_that_is_not_predicted_may_be_any() {
         let variance: f64 = 0.0064 + 0.015625;

@@ -1,4 +1,5 @@
-//! What the sheet says of deviations that all teeth of a mesh share, and of the rest of the train. Those of single teeth have no mean over a gear and move no mesh line.
+//! What the sheet says of deviations that all teeth of a mesh share, and of the rest of the train.
+//! Those of single teeth have no mean over a gear and move no mesh line.
 
 use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_sim::effects;
@@ -8,7 +9,8 @@ use super::library::fitted;
 
 const PROFILE: &str = "profile_error";
 
-/// The simulator of a sheet with its terms and the effects that move mesh lines, but its profile errors; `None` where it refuses one.
+/// The simulator of a sheet with its terms and the effects that move mesh lines, but its profile
+/// errors; `None` where it refuses one.
 pub fn setup(bench: &Bench) -> Option<SimSetup> {
     with(bench, |e| e.effect != PROFILE && fitted(&e.effect).is_some())
 }
@@ -22,7 +24,8 @@ pub fn profile(bench: &Bench) -> Vec<Vec<[f64; 2]>> {
     with(bench, |e| e.effect == PROFILE).map_or_else(|| vec![Vec::new(); bench.stages.len()], of)
 }
 
-/// By how much the spacing of each stage's teeth scatters between neighbours (µm, of both gears) by the pitch errors that the sheet states; 0 of even teeth.
+/// By how much the spacing of each stage's teeth scatters between neighbours (µm, of both gears) by
+/// the pitch errors that the sheet states; 0 of even teeth.
 pub fn spacing_um(bench: &Bench) -> Vec<f64> {
     let even = vec![0.0; bench.stages.len()];
     let Ok(setup) = effects::setup(bench, &[]) else { return even };

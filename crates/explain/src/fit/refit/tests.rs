@@ -43,7 +43,8 @@ impl Drawn {
     }
 }
 
-/// What the phases of a drawn case cost at the fit of its own effect, if nothing were predicted of them, and at the fit where they run backwards.
+/// What the phases of a drawn case cost at the fit of its own effect, if nothing were predicted of
+/// them, and at the fit where they run backwards.
 fn phases(effect: &str, index: u64) -> Option<[f64; 3]> {
     let drawn = Drawn::new(effect, index)?;
     let cost = |sense: f64| {
@@ -64,8 +65,10 @@ fn phases(effect: &str, index: u64) -> Option<[f64; 3]> {
     Some([left, moved, backwards])
 }
 
-/// Pitch errors of one gear, every tooth simulated: pairs whose spacing scatters account for what they do to the mesh harmonics by odds of a hundred over what alters all teeth, and leave next to
-/// nothing of it. Of twelve draws seven have a steady state; in each the pitch error had the best evidence.
+/// Pitch errors of one gear, every tooth simulated: pairs whose spacing scatters account for what
+/// they do to the mesh harmonics by odds of a hundred over what alters all teeth, and leave next to
+/// nothing of it. Of twelve draws seven have a steady state; in each the pitch error had the best
+/// evidence.
 #[test]
 fn oracle_errors_of_single_teeth_alter_mesh_lines() {
     let drawn = Drawn::new(PITCH_ERROR, 2).expect("a bench with a steady state");
@@ -79,8 +82,9 @@ fn oracle_errors_of_single_teeth_alter_mesh_lines() {
     assert!(others.iter().all(|other| own.evidence > other.evidence + 100f64.ln()), "{own:?} {others:?}");
 }
 
-/// Tip relief on benches whose sheet is wrong within its tolerance, simulated step by step: the model that fits the lines leaves less of their phases than there was, and phases
-/// that run the other way it does not account for as well.
+/// Tip relief on benches whose sheet is wrong within its tolerance, simulated step by step: the
+/// model that fits the lines leaves less of their phases than there was, and phases that run the
+/// other way it does not account for as well.
 #[test]
 fn oracle_phases_of_drawn_lines_follow_the_model() {
     let cases: Vec<[f64; 3]> = (0..3).filter_map(|index| phases("tip_relief", index)).collect();
@@ -110,8 +114,10 @@ fn lines(changes: &[f64]) -> Vec<Line> {
     changes.iter().map(line).collect()
 }
 
-/// Lines that stay cost nothing, and no spread suits them better. Forty that move by 0.3 cost at that spread each twice the logarithm of how much wider they are than their own error and what a change of
-/// `0.3/wider` does, and all together the logarithm of their number; the best of the grid costs no more than a nat beyond that, and none costs more.
+/// Lines that stay cost nothing, and no spread suits them better. Forty that move by 0.3 cost at
+/// that spread each twice the logarithm of how much wider they are than their own error and what a
+/// change of `0.3/wider` does, and all together the logarithm of their number; the best of the grid
+/// costs no more than a nat beyond that, and none costs more.
 #[test]
 fn analytic_lines_that_move_each_for_itself_have_a_spread() {
     let cost = |changes: &[f64], spread: f64| spread_cost(&lines(changes).iter().collect::<Vec<_>>(), spread);

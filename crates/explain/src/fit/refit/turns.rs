@@ -1,7 +1,8 @@
 //! Phases of mesh lines where the angle at which a session began is not known.
 //!
-//! A session that begins `δ` later, as an angle of the mesh, turns harmonic `h` by `h δ`. Each mesh of each pair of recordings has a `δ` of its own, which is
-//! eliminated: of all, the one that leaves least. What is left says how the teeth, shafts and bearings changed.
+//! A session that begins `δ` later, as an angle of the mesh, turns harmonic `h` by `h δ`. Each mesh
+//! of each pair of recordings has a `δ` of its own, which is eliminated: of all, the one that
+//! leaves least. What is left says how the teeth, shafts and bearings changed.
 
 use std::f64::consts::{PI, TAU};
 
@@ -29,7 +30,8 @@ pub fn wrapped(rad: f64) -> f64 {
     (rad + PI).rem_euclid(TAU) - PI
 }
 
-/// What is left of phases of one mesh and pair (rad, within ± π) at the beginning that leaves least.
+/// What is left of phases of one mesh and pair (rad, within ± π) at the beginning that leaves
+/// least.
 fn aligned(turns: &[Turn]) -> Vec<f64> {
     let highest = turns.iter().map(|t| t.harmonic).fold(0.0, f64::max);
     let left = |delta: f64| turns.iter().map(move |t| wrapped(t.rad - t.harmonic * delta));
@@ -83,8 +85,9 @@ pub fn of_lines<K: PartialEq>(
 mod tests {
     use super::*;
 
-    /// Eight harmonics of a session that began 2.1 rad later: nothing is left, and of a third harmonic that the machine itself turned by 0.5, that remains but for
-    /// what the tails leave of its pull, `w 3·0.5 / Σ w h²` with a weight that its own distance makes small.
+    /// Eight harmonics of a session that began 2.1 rad later: nothing is left, and of a third
+    /// harmonic that the machine itself turned by 0.5, that remains but for what the tails leave of
+    /// its pull, `w 3·0.5 / Σ w h²` with a weight that its own distance makes small.
     #[test]
     fn analytic_where_a_session_begins_is_no_turn() {
         let turns = |by: f64| -> Vec<Turn> {

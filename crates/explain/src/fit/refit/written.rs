@@ -1,8 +1,10 @@
 //! The fitted model as a bench file holds it.
 //!
-//! Shafts, bearings and damping are numbers of the file. Stiffness and coupling of tooth pairs have effects of the library, the profile error that every pair has is a `[[term]]` over the mesh
-//! cycle. The scatter of tooth spacing is not written: it is a mean over teeth that nobody measured, and no form of theirs. So the bench of the file has the pitch errors of the sheet, and its
-//! other numbers are those that fit the lines best beside them.
+//! Shafts, bearings and damping are numbers of the file. Stiffness and coupling of tooth pairs have
+//! effects of the library, the profile error that every pair has is a `[[term]]` over the mesh
+//! cycle. The scatter of tooth spacing is not written: it is a mean over teeth that nobody
+//! measured, and no form of theirs. So the bench of the file has the pitch errors of the sheet, and
+//! its other numbers are those that fit the lines best beside them.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +16,8 @@ use super::problem::{CHANGED, COUPLING_RANGE, Number, Problem};
 use super::sheet;
 
 impl Problem<'_> {
-    /// The bench's own numbers that fit best where teeth are spaced as the sheet says, beside what was named; as they are where no fit gets there.
+    /// The bench's own numbers that fit best where teeth are spaced as the sheet says, beside what
+    /// was named; as they are where no fit gets there.
     fn as_spaced(&mut self, fitted: &DVector<f64>) -> DVector<f64> {
         let mut x = fitted.clone();
         let stated = sheet::spacing_um(self.q.bench);
@@ -30,7 +33,8 @@ impl Problem<'_> {
         found.map_or_else(|| fitted.clone(), |(_, x)| x)
     }
 
-    /// The sheet with the numbers as fitted; what was named is not in it. A profile error that was named holds what every pair has in its harmonics.
+    /// The sheet with the numbers as fitted; what was named is not in it. A profile error that was
+    /// named holds what every pair has in its harmonics.
     pub fn written(&mut self, fitted: &DVector<f64>) -> Bench {
         let x = self.as_spaced(fitted);
         let mut bench = self.bench(&x);
@@ -55,7 +59,8 @@ impl Problem<'_> {
         }
         for (i, stage) in self.q.bench.stages.iter().enumerate() {
             let own = errors.range((i, 0)..(i + 1, 0)).filter(|((_, h), _)| *h >= CHANGED || !named(&stage.name));
-            // The sine of a harmonic is that of the angle, the quadrature of a profile error is of its phase.
+            // The sine of a harmonic is that of the angle, the quadrature of a profile error is of
+            // its phase.
             let harmonics: Vec<Harmonic> =
                 own.map(|((_, h), [cos, sin])| Harmonic { order: (h + 1) as f64, cos: *cos, sin: -sin }).collect();
             if harmonics.iter().any(|h| h.cos != 0.0 || h.sin != 0.0) {

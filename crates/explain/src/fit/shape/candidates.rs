@@ -11,7 +11,8 @@ use crate::name::Question;
 pub enum Action {
     /// By the simulator's own effect.
     Simulated(EffectSpec),
-    /// A geometric deviation of unknown form, this large in the first harmonic (m), the same at any load.
+    /// A geometric deviation of unknown form, this large in the first harmonic (m), the same at any
+    /// load.
     Geometry(f64),
     /// A deviation of unknown form in proportion to the load: this share of the mean deflection.
     Stiffness(f64),

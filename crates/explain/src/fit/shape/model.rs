@@ -17,7 +17,8 @@ const CYCLES: f64 = 2.0;
 
 /// The model of one set of base parameters at the operating points of all pairs.
 pub struct Model {
-    /// By stage and pair: static transmission error by harmonic (m), mean stiffness (N/m), mesh force (N).
+    /// By stage and pair: static transmission error by harmonic (m), mean stiffness (N/m), mesh
+    /// force (N).
     pub meshes: Vec<Vec<(Vec<Complex64>, f64, f64)>>,
     /// Shafts, bearings, sensors.
     pub train: LinearTrain,
@@ -152,7 +153,8 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
     out
 }
 
-/// Response from a unit force in a stage's mesh to each sensor of the sheet's bench at some frequencies; `None` where the mesh has no model.
+/// Response from a unit force in a stage's mesh to each sensor of the sheet's bench at some
+/// frequencies; `None` where the mesh has no model.
 pub fn transfer(q: &Question<'_>, torque_nm: f64, stage: usize, frequencies_hz: &[f64]) -> Option<Vec<Vec<Complex64>>> {
     let point = Pair { recording: 0, reference: 0, speed_hz: 1.0, torque_nm, speed_gap: 0.0 };
     let model = model(&SimSetup::nominal(q.bench), &[point])?;

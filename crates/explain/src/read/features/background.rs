@@ -20,8 +20,9 @@ pub struct FloorBand {
     pub bins: usize,
 }
 
-/// The value below which a quarter lies; `NaN` of nothing. Lines that nobody listed sit in the upper part of a band, its lower quartile
-/// is noise: −ln 0.75 of the mean of an exponential distribution.
+/// The value below which a quarter lies; `NaN` of nothing. Lines that nobody listed sit in the
+/// upper part of a band, its lower quartile is noise: −ln 0.75 of the mean of an exponential
+/// distribution.
 fn lower_quartile(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;

@@ -62,11 +62,13 @@ pub struct LineFit<'a> {
 }
 
 impl LineFit<'_> {
-    /// Amplitudes of all lines by least squares over the bins about each, jointly with the lines beside it.
+    /// Amplitudes of all lines by least squares over the bins about each, jointly with the lines
+    /// beside it.
     ///
-    /// Errors of the teeth put a little on every multiple of every shaft. Where such a multiple lies in a line's bins without being listed, it beats with the
-    /// line at a phase that differs from recording to recording; it takes part as a random amplitude of the size that its comb has there, so
-    /// that the line's noise says how far it can be told from it.
+    /// Errors of the teeth put a little on every multiple of every shaft. Where such a multiple
+    /// lies in a line's bins without being listed, it beats with the line at a phase that differs
+    /// from recording to recording; it takes part as a random amplitude of the size that its comb
+    /// has there, so that the line's noise says how far it can be told from it.
     pub fn all(&self, highest_order: f64) -> Vec<Option<LineValue>> {
         let usable = self.lines.partition_point(|l| l.order < highest_order);
         let mut out = vec![None; self.lines.len()];
@@ -117,7 +119,8 @@ impl LineFit<'_> {
                 }
             }
         }
-        // Alone, a line's normal equation is the energy of the window response; crowding raises the variance by this factor.
+        // Alone, a line's normal equation is the energy of the window response; crowding raises the
+        // variance by this factor.
         let alone = normal[(0, 0)].re;
         let noise = self.floor[bin] * LINE_FIT_NOISE_GAIN;
         for (a, (_, power)) in members.iter().enumerate() {
@@ -145,8 +148,10 @@ mod tests {
     use crate::read::dsp::Transforms;
     use std::f64::consts::TAU;
 
-    /// A line, and 0.3 bins beside it a multiple of another shaft half as large, unlisted, at any phase. By itself the line would be read wrong by up to a
-    /// half; the joint fit tells both apart where there is little noise, and prices it. With noise as large as the neighbour it owns up to the doubt.
+    /// A line, and 0.3 bins beside it a multiple of another shaft half as large, unlisted, at any
+    /// phase. By itself the line would be read wrong by up to a half; the joint fit tells both
+    /// apart where there is little noise, and prices it. With noise as large as the neighbour it
+    /// owns up to the doubt.
     #[test]
     fn analytic_a_line_beside_another_comb_is_told_apart_at_a_price() {
         const LEN: usize = 8192;

@@ -1,4 +1,5 @@
-//! A line at a fixed frequency, fitted by least squares over the bins about it together with the shafts' lines that reach into them.
+//! A line at a fixed frequency, fitted by least squares over the bins about it together with the
+//! shafts' lines that reach into them.
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
@@ -10,9 +11,11 @@ use crate::read::lines;
 
 /// Bins on each side of a line that are fitted.
 const REACH: usize = 24;
-/// Points of a recording on which what turns slowly against the line is laid in: bins up to twice the reach apart do not fold onto each other.
+/// Points of a recording on which what turns slowly against the line is laid in: bins up to twice
+/// the reach apart do not fold onto each other.
 const POINTS: usize = 128;
-/// Share of its energy that is added to a line, so that two that cannot be told apart have a solution, with a large variance.
+/// Share of its energy that is added to a line, so that two that cannot be told apart have a
+/// solution, with a large variance.
 const ONE: f64 = 1e-7;
 
 /// A line in one channel of one recording.
@@ -40,7 +43,8 @@ pub struct About {
 }
 
 impl About {
-    /// Where a recording has enough bins about a frequency, and no more lines there than can be told apart.
+    /// Where a recording has enough bins about a frequency, and no more lines there than can be
+    /// told apart.
     pub fn new(hz: f64, train: &Train, f: &RecordingFeatures) -> Option<Self> {
         let centre = (hz / f.hz_per_bin).round() as usize;
         let count = f.phase_rev.len();
@@ -50,7 +54,8 @@ impl About {
         let first_bin = centre - REACH;
         let reach_hz = (REACH + MAIN_LOBE_BINS) as f64 * f.hz_per_bin;
         let mut orders: Vec<f64> = Vec::new();
-        // The motor's line where it is displayed. Without a belt that is the input shaft's, some 1e-4 beside it: the pair takes up what is wrong in its angle.
+        // The motor's line where it is displayed. Without a belt that is the input shaft's, some
+        // 1e-4 beside it: the pair takes up what is wrong in its angle.
         let motor = if f.display_motor_hz.is_finite() { f.display_motor_hz / f.input_hz } else { train.motor_order };
         for order in train.shafts.iter().map(|s| s.1).chain([motor]) {
             let spacing = order * f.input_hz;
@@ -122,7 +127,8 @@ impl Fit<'_> {
     }
 }
 
-/// What a line of unit amplitude shows in the bins of a windowed spectrum; its turns may wander, but slowly.
+/// What a line of unit amplitude shows in the bins of a windowed spectrum; its turns may wander,
+/// but slowly.
 fn laid_in(first_bin: usize, count: usize, turns: impl Fn(usize) -> f64) -> Vec<Complex64> {
     let mut out = vec![Complex64::ZERO; 2 * REACH + 1];
     let mut total = 0.0;

@@ -1,11 +1,14 @@
-//! What the machine's own lines gain where no mains are: the same question at frequencies beside theirs.
+//! What the machine's own lines gain where no mains are: the same question at frequencies beside
+//! theirs.
 
 use super::{DEVIATION, FixedLine, MAINS_HZ, Place};
 
-/// Places beside each multiple of the mains (relative): on both sides, no two alike, far enough that no line reaches from one to the next.
+/// Places beside each multiple of the mains (relative): on both sides, no two alike, far enough
+/// that no line reaches from one to the next.
 const BESIDE: [f64; 6] = [-0.043, -0.029, -0.017, 0.017, 0.029, 0.043];
-/// Mean gain of a machine's line before any was seen (nats), with the weight of one. Chosen: where no sham passes, a line then needs some 30 nats; 675 benches of the own generator without
-/// a pick-up gain 20 at most.
+/// Mean gain of a machine's line before any was seen (nats), with the weight of one. Chosen: where
+/// no sham passes, a line then needs some 30 nats; 675 benches of the own generator without a
+/// pick-up gain 20 at most.
 const USUAL_GAIN: f64 = 6.0;
 
 /// Places beside those of the mains, as wide, that lie on no multiple.
@@ -15,8 +18,9 @@ pub fn beside(mains: &[Place]) -> Vec<Place> {
     mains.iter().flat_map(about).filter(|place| !on_mains(place.hz)).collect()
 }
 
-/// Gains at sham places on one sensor. Gains of lines that pass for one of a fixed frequency are taken to be exponentially distributed, as those of noise are
-/// (likelihood ratio of one amplitude: Wilks 1938).
+/// Gains at sham places on one sensor. Gains of lines that pass for one of a fixed frequency are
+/// taken to be exponentially distributed, as those of noise are (likelihood ratio of one amplitude:
+/// Wilks 1938).
 pub struct Shams {
     asked: usize,
     passed: usize,
@@ -56,7 +60,8 @@ mod tests {
         })
     }
 
-    /// Of 99 shams none passes: of 20 places 20/100 exp(-g/6) are expected. Nine with a mean of 40 nats, with the prior's 6 a mean of 36.6: 20 · 10/100 exp(-g/36.6).
+    /// Of 99 shams none passes: of 20 places 20/100 exp(-g/6) are expected. Nine with a mean of 40
+    /// nats, with the prior's 6 a mean of 36.6: 20 · 10/100 exp(-g/36.6).
     #[test]
     fn analytic_expected_lines_follow_the_shams() {
         let none = Shams::new((0..99).map(|_| None));

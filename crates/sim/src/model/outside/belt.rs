@@ -9,17 +9,17 @@
 //! ```
 //!
 //! The pitch line of the joint, of length l, lies farther out by h: glue, lacing or a lap. A pulley
-//! takes in `(R + h) dφ` of it instead of `R dφ`, so that `h l/R` more belt is on the pulley as long
-//! as the joint is. What the motor's pulley takes in tightens the tight span, what it then lets out
-//! slackens the slack one; at the other pulley it is the reverse. Both spans hold the torque
-//! together, each by half. So the belt is stretched, as seen at the input shaft, by
+//! takes in `(R + h) dφ` of it instead of `R dφ`, so that `h l/R` more belt is on the pulley as
+//! long as the joint is. What the motor's pulley takes in tightens the tight span, what it then
+//! lets out slackens the slack one; at the other pulley it is the reverse. Both spans hold the
+//! torque together, each by half. So the belt is stretched, as seen at the input shaft, by
 //!
 //! ```text
 //! R₂ e = ½ Σ ± h l/R        + when the joint enters and leaves the motor's pulley, − at the other one
 //! ```
 //!
-//! less its mean rise over a turn of the belt, which the ratio of the bench file has in it. Each step
-//! takes the way l and is a half wave of a cosine. The torque is `k e + c ė` of the belt.
+//! less its mean rise over a turn of the belt, which the ratio of the bench file has in it. Each
+//! step takes the way l and is a half wave of a cosine. The torque is `k e + c ė` of the belt.
 
 use std::f64::consts::{PI, TAU};
 
@@ -87,7 +87,8 @@ impl BeltPath {
 /// The joint on its way.
 #[derive(Clone, Debug)]
 pub(super) struct Joint {
-    /// Where a step begins (turns of the belt), and its height as an angle of the input shaft (rad).
+    /// Where a step begins (turns of the belt), and its height as an angle of the input shaft
+    /// (rad).
     steps: [(f64, f64); 4],
     /// Duration of a step (turns of the belt).
     width: f64,
@@ -124,9 +125,9 @@ impl Joint {
     fn stretch(&self, turns: f64) -> (f64, f64) {
         let (mut angle, mut slope) = (-self.mean_rad, 0.0);
         for (place, height) in self.steps {
-            // What the step has risen by, less its mean rise since the turn began at τ. From the step
-            // on that is `rise − τ = rise − since − place`, and so it is ahead of the step, where the
-            // turn before counts: `−τ = 1 − (since + place)`.
+            // What the step has risen by, less its mean rise since the turn began at τ. From the
+            // step on that is `rise − τ = rise − since − place`, and so it is ahead of the step,
+            // where the turn before counts: `−τ = 1 − (since + place)`.
             let since = (turns - place).rem_euclid(1.0);
             let (rise, rate) = match since / self.width {
                 x if x < 1.0 => (0.5 - 0.5 * (PI * x).cos(), 0.5 * PI * (PI * x).sin() / self.width),

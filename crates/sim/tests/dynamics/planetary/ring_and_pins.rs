@@ -51,8 +51,8 @@ fn passing(bench: &Bench, lobes: u32, amplitude_um: f64) -> (TrainModel, [nalgeb
 /// Two lobes under four planets: opposite planets meet them alike, neighbours opposed. That pattern
 /// leaves all central members where they are, so that each planet stands alone between sun, ring
 /// and pin: `F (1/k_s + 1/k_r + 4 cos² α / k_p) = g`, as of a pin out of place, with the way g of
-/// the ring's flanks alone. Bending without stretching moves them by `w sin α` outwards and
-/// `(w/2) cos α` along the ring. Measured 0.2 %, since the mean stiffness stands for that over the mesh
+/// the ring's flanks alone. Bending without stretching moves them by `w sin α` outwards and `(w/2)
+/// cos α` along the ring. Measured 0.2 %, since the mean stiffness stands for that over the mesh
 /// cycle; bound 1 %.
 #[test]
 fn analytic_two_lobes_load_the_planets_in_turns() {
