@@ -45,6 +45,8 @@ const LOADS_APART: f64 = 0.3;
 /// Largest phase of a mesh harmonic that the first look believes (rad): its first sidebands are 12
 /// % below what grows with the swing (`J₁(β)` against `β/2`).
 const SMALL_RAD: f64 = 1.0;
+/// Mesh harmonics that tell a swing from what teeth make, at least.
+const LEAST_HARMONICS: usize = 3;
 /// Passes in which an angle follows a swing: each takes up what the one before left.
 const PASSES: usize = 4;
 
@@ -115,17 +117,21 @@ fn carriers(r: &Spectra<'_>, train: &Train, order: f64) -> Vec<Carrier> {
 }
 
 /// The swing that fits some carriers best by least squares, with the chance of as good a fit: `(1 −
-/// R²)^(n − 1)` of `n` complex Gaussian values.
+/// R²)^(n − 1)` of `n` complex Gaussian values. Channels hear one source, so that all of them are
+/// one value a harmonic.
 fn fit(carriers: &[Carrier]) -> Option<Seen> {
     let weight: f64 = carriers.iter().map(|c| (PI * c.order).powi(2)).sum();
-    if carriers.len() < 3 {
+    let mut orders: Vec<f64> = carriers.iter().map(|c| c.order).collect();
+    orders.sort_by(f64::total_cmp);
+    orders.dedup();
+    let highest = *orders.last()?;
+    if orders.len() < LEAST_HARMONICS {
         return None;
     }
     let rev = carriers.iter().map(|c| c.beside * Complex64::new(0.0, -PI * c.order)).sum::<Complex64>() / weight;
     let total: f64 = carriers.iter().map(|c| c.beside.norm_sqr()).sum();
     let left: f64 = carriers.iter().map(|c| (c.beside - Complex64::new(0.0, PI * c.order) * rev).norm_sqr()).sum();
-    let highest = carriers.iter().map(|c| c.order).fold(0.0, f64::max);
-    let ln_chance = (carriers.len() - 1) as f64 * (left / total).max(f64::MIN_POSITIVE).ln();
+    let ln_chance = (orders.len() - 1) as f64 * (left / total).max(f64::MIN_POSITIVE).ln();
     Some(Seen { rev, ln_chance, phase_rad: TAU * highest * rev.norm() })
 }
 
@@ -230,9 +236,20 @@ fn swinging(train: &Train, (shaft, multiple): (usize, u8), recordings: &[Spectra
     let order = f64::from(multiple) * train.shafts[shaft].1;
     let all: Vec<Option<Seen>> = recordings.iter().map(|r| seen(r, train, order)).collect();
     let shown = all.iter().flatten().count();
-    let chance = all.iter().flatten().map(|s| s.ln_chance).sum::<f64>().exp();
+    let chance = ln_chance(recordings, &all).exp();
     let swings = all.into_iter().map(|s| s.map(|s| OrderSwing { order, rev: s.rev })).collect();
     (2 * shown > recordings.len()).then_some(Swinging { shaft, multiple, swings, chance })
+}
+
+/// ln of the chance in all recordings: the teeth are the same at all loads of one speed, and so is
+/// the path, so that only other speeds are independent.
+fn ln_chance(recordings: &[Spectra<'_>], all: &[Option<Seen>]) -> f64 {
+    let of: Vec<(f64, f64)> =
+        recordings.iter().zip(all).filter_map(|(r, s)| Some((r.input_hz, s.as_ref()?.ln_chance))).collect();
+    let at_its_speed = |(hz, own): &(f64, f64)| {
+        own / of.iter().filter(|(other, _)| (other / hz - 1.0).abs() < SAME_SPEED).count() as f64
+    };
+    of.iter().map(at_its_speed).sum()
 }
 
 /// Reference radius of the smallest gear on a shaft (m).
@@ -311,6 +328,28 @@ mod tests {
         assert!((swing.rev - rev).norm() < 0.01 / (PI * mesh), "{swing:?} of {rev}");
         assert!(scan(&bench, &train, &of(&still), &of(&still)).is_none());
         assert!(scan(&bench, &train, &of(&swings), &of(&swings)).is_none());
+    }
+
+    /// Three channels that hear one source say no more than one, and two loads at one speed no more
+    /// than one recording; another speed does.
+    #[test]
+    fn analytic_channels_and_loads_are_one_witness() {
+        let carrier = |h: u8| {
+            let order = 20.0 * f64::from(h);
+            let beside = Complex64::new(0.0, PI * order * 1e-4) + Complex64::from_polar(1e-3, f64::from(h * h));
+            Carrier { order, beside }
+        };
+        let one: Vec<Carrier> = (1..=5).map(carrier).collect();
+        let three: Vec<Carrier> = (0..3).flat_map(|_| (1..=5).map(carrier)).collect();
+        let seen = [one, three].map(|c| fit(&c).unwrap());
+        assert!((seen[0].ln_chance - seen[1].ln_chance).abs() < 1e-9, "{seen:?}");
+        assert!(fit(&[carrier(1), carrier(2), carrier(2)]).is_none());
+        let at = |input_hz: f64| OrderSpectra { input_hz, ..spectra(&[], &[]) };
+        let chance = |speeds: &[f64]| {
+            let recordings: Vec<Spectra<'_>> = speeds.iter().map(|hz| at(*hz)).collect();
+            ln_chance(&recordings, &vec![Some(seen[0]); speeds.len()])
+        };
+        assert!((chance(&[20.0, 20.01, 35.0]) - 2.0 * chance(&[20.0])).abs() < 1e-9);
     }
 
     /// A swing of a depth that grows with the torque has the exponent 1, one of a constant depth 0;
