@@ -25,6 +25,7 @@ use gearwatch_core::estimate::Estimate;
 use gearwatch_core::train::Train;
 
 use self::against::Found;
+use self::family::Family;
 use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
 use crate::fit::refit;
@@ -115,8 +116,15 @@ fn folded_onto(q: &Question<'_>, l: &FoldedLine, c: &Cell) -> bool {
 }
 
 /// What is compared: all but the lines that are accounted for before.
-fn cells(q: &Question<'_>, strange: &strange::Strange) -> Vec<Cell> {
+fn cells(q: &Question<'_>, strange: &strange::Strange, family: Option<&Family>) -> Vec<Cell> {
     let mut cells = locate::cells(q.comparison);
+    if let Some(family) = family {
+        let falls_on = |c: &Cell| {
+            let r = &q.recordings[q.comparison.pairs[c.pair].recording];
+            family.falls_on(q.train, c.frequency_hz / r.input_hz, r.revolutions)
+        };
+        cells.retain(|c| c.family.is_none() || !falls_on(c));
+    }
     if let Some(l) = &strange.folded {
         cells.retain(|c| !folded_onto(q, l, c));
     }
@@ -135,6 +143,21 @@ pub struct Named {
     pub bench: Option<Bench>,
 }
 
+/// Whether the background changed and no line did.
+fn background_alone(q: &Question<'_>, cells: &[Cell], speeds: &[f64], steps: &mut Vec<String>) -> bool {
+    let misfit = locate::floor_misfit(cells, None).unwrap_or(0.0);
+    let one_speed = speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1);
+    let channels = 0..q.comparison.channels.len();
+    let in_hz = channels.map(|c| locate::floor_account(cells, c, speeds).0).fold(f64::NEG_INFINITY, f64::max);
+    let changed = misfit > BACKGROUND && (one_speed || in_hz > BACKGROUND_SHARE);
+    if changed {
+        steps.push(format!(
+            "the background changed ({misfit:.1} per band, below 2 on an unchanged bench) and the lines did not"
+        ));
+    }
+    changed
+}
+
 /// Answers.
 pub fn answer(
     q: &Question<'_>,
@@ -150,7 +173,8 @@ pub fn answer(
     let mut fit = None;
     let mut p = None;
     let mut free = None;
-    let cells = cells(q, &strange);
+    let family = family::family(q, &strange.orders);
+    let cells = cells(q, &strange, family.as_ref());
     let mut own = cells.clone();
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
     if let Some(e) = &strange.envelope {
@@ -189,25 +213,17 @@ pub fn answer(
         findings.extend(gear::local_faults(q, &cells, &mut steps).into_iter().map(|f| f.2));
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
-        let misfit = locate::floor_misfit(&cells, None).unwrap_or(0.0);
-        let one_speed = speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1);
-        let channels = 0..q.comparison.channels.len();
-        let in_hz = channels.map(|c| locate::floor_account(&cells, c, &speeds).0).fold(f64::NEG_INFINITY, f64::max);
-        if misfit > BACKGROUND && (one_speed || in_hz > BACKGROUND_SHARE) {
-            steps.push(format!(
-                "the background changed ({misfit:.1} per band, below 2 on an unchanged bench) and the lines did not"
-            ));
-            unexplained = true;
-        }
+        unexplained = background_alone(q, &cells, &speeds, &mut steps);
     }
-    strange::add_strange(q, &strange, &mut findings, &mut unexplained, &mut steps);
+    strange::add_strange(q, (&strange, family.as_ref()), &mut findings, &mut unexplained, &mut steps);
     if q.comparison.pairs.is_empty() && !unexplained && findings.iter().all(|f| strange::leaves_shafts(f.effect)) {
         direct::without_reference(q, &mut findings, &mut steps);
     }
     if findings.is_empty() && !unexplained {
-        unexplained = strange::moves_alone(&strange, &mut steps)
-            || strange::wanders(&strange, &mut steps)
-            || strange::bursts(q, &strange, &mut steps);
+        unexplained = strange::has_no_name(q, &strange, &mut steps);
+    }
+    if findings.is_empty() && !unexplained {
+        findings.extend(strange::moved_mode(q, &strange, &mut steps));
     }
     if fit.is_none() {
         fit = direct::ratio_fit(q, &findings);

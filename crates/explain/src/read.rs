@@ -14,6 +14,7 @@ pub mod features;
 pub mod fixed;
 pub mod fluctuation;
 pub mod folded;
+pub mod moved_mode;
 pub mod order_swing;
 pub mod plain;
 pub mod ratio;

@@ -11,7 +11,10 @@
 
 use std::f64::consts::TAU;
 
+use gearwatch_core::train::Train;
+
 use crate::name::Question;
+use crate::read::dsp::MAIN_LOBE_BINS;
 use crate::read::envelope;
 use crate::read::scan;
 use crate::read::scan::StrangeLine;
@@ -33,6 +36,8 @@ const OTHERS: f64 = 0.3;
 /// left where a shaft's speed wanders faster than its lines are followed.
 const SKIRTS: f64 = 0.5;
 const SKIRT_BINS: f64 = 5.0;
+/// Standard deviations from a family's multiple within which a line may be its own.
+const REACH: f64 = 2.0;
 /// Odds that a bench with a new line has such a family, before it is looked for.
 const PRIOR: f64 = 1e-3;
 
@@ -68,6 +73,21 @@ impl Family {
             self.order
         )
     }
+}
+
+impl Family {
+    /// Whether a line of the family falls on an order, in a recording of so many revolutions.
+    pub fn falls_on(&self, train: &Train, order: f64, revolutions: f64) -> bool {
+        let turns_with = self.shaft.map(|shaft| (shaft, train.shafts[shaft].1));
+        let (passage, multiple) = Passage { order: self.order, turns_with }.passage(order);
+        (passage - multiple * self.order).abs()
+            < REACH * sigma(order, revolutions) + MAIN_LOBE_BINS as f64 / revolutions
+    }
+}
+
+/// How well the order of a line of a family is known.
+fn sigma(order: f64, revolutions: f64) -> f64 {
+    (SLIP * order).hypot(PLACE_BINS / revolutions)
 }
 
 /// The family that new lines belong to, where that is likelier than not.
@@ -137,12 +157,11 @@ fn of_positions(
     stray: &dyn Fn(f64) -> f64,
 ) -> Option<Family> {
     let band = positions.iter().copied().fold(0.0, f64::max);
-    let sigma = |p: f64| (SLIP * p).hypot(PLACE_BINS / revolutions);
     // ln of the odds of one line.
     let odds = |p: f64, family: &Passage| -> f64 {
         let (at, multiple) = family.passage(p);
-        let z = (at - multiple * family.order) / sigma(p);
-        let density = (-0.5 * z * z).exp() / (sigma(p) * TAU.sqrt() * family.count());
+        let z = (at - multiple * family.order) / sigma(p, revolutions);
+        let density = (-0.5 * z * z).exp() / (sigma(p, revolutions) * TAU.sqrt() * family.count());
         (OTHERS + (1.0 - OTHERS) * density * band / stray(p)).ln()
     };
     let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt());
@@ -175,7 +194,7 @@ fn of_positions(
     // Mean order of the lines, each by what it knows of it.
     let (sum, weight) = members.iter().fold((0.0, 0.0), |(s, w), p| {
         let (at, k) = family.passage(*p);
-        let certain = (k / sigma(*p)).powi(2);
+        let certain = (k / sigma(*p, revolutions)).powi(2);
         (s + certain * at / k, w + certain)
     });
     let multiples = members.iter().map(|p| family.nearest(*p)).collect();
@@ -186,11 +205,29 @@ fn of_positions(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gearwatch_core::train::StageKinematics;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
     fn ask(positions: &[f64]) -> Option<Family> {
         of_positions(positions, 200.0, &[1.0, 0.35], 0.6, &|order| (order - order.round()).abs() < 0.03, &|_| 1.0)
+    }
+
+    /// A family of order 5.337 whose defect turns with a shaft at 0.8 of the input falls on its
+    /// multiples and on the sidebands at that distance, within its slip and a main lobe, and on
+    /// nothing else.
+    #[test]
+    fn analytic_a_family_falls_on_its_multiples_and_sidebands() {
+        let stage = StageKinematics::pair("stage1", 28, 35, 1.0);
+        let shafts = vec![("input".to_owned(), 1.0), ("output".to_owned(), 0.8)];
+        let train = Train { motor_order: 1.0, shafts, stages: vec![stage], nominal_input_hz: 7.0 };
+        let of = |shaft| Family { order: 5.337, lines: Vec::new(), multiples: Vec::new(), shaft, nats: 9.0 };
+        let falls = |shaft, order: f64| of(shaft).falls_on(&train, order, 400.0);
+        for order in [5.337, 6.0 * 5.337, 15.0 * 5.337 + 0.05] {
+            assert!(falls(None, order) && falls(Some(1), order), "{order}");
+        }
+        assert!(falls(Some(1), 6.0 * 5.337 - 0.8) && !falls(None, 6.0 * 5.337 - 0.8));
+        assert!(!falls(Some(1), 6.0 * 5.337 + 0.4) && !falls(Some(1), 28.0));
     }
 
     /// Multiples of 3.169 within their slip, beside two lines of something else: the order to a

@@ -4,7 +4,8 @@ use gearwatch_core::train::Train;
 
 use crate::change::compare::Comparison;
 use crate::name::bearing;
-use crate::name::family;
+use crate::name::family::Family;
+use crate::name::path;
 use crate::name::subname;
 use crate::name::{Finding, Question};
 use crate::read::displacement::{self, Displaced};
@@ -14,6 +15,7 @@ use crate::read::features::RecordingFeatures;
 use crate::read::fixed::FixedLine;
 use crate::read::fluctuation::Fluctuation;
 use crate::read::folded::FoldedLine;
+use crate::read::moved_mode::{self, MovedMode};
 use crate::read::order_swing::{Point, Swinging};
 use crate::read::scan::{self, StrangeLine, Twin};
 use crate::read::transients::{self, Bursts};
@@ -54,6 +56,8 @@ pub struct Strange {
     pub bursts: Option<Bursts>,
     /// The narrow band that grew most against the reference.
     pub wandering: Option<Wandering>,
+    /// The mode of the path that accounts best for what the background did.
+    pub moved_mode: Option<MovedMode>,
     /// A channel that shows more displacement than a bench can.
     pub displaced: Option<Displaced>,
 }
@@ -102,6 +106,11 @@ const BURSTS_ALONE: f64 = 2.5;
 /// thousand normal scores comes to 3.2 on the mean.
 const WANDERS: f64 = 2.0;
 const LEAST_FALLEN: f64 = 5.0;
+
+/// How many times more a mode must gain on one sensor than on any other to be that sensor's.
+const BESIDE: f64 = 10.0;
+/// How sure it is that a mode that moved is of the path: a belief, read from no data.
+const MODE_OF_THE_PATH: f64 = 0.65;
 
 /// Nearest multiple of 50 or 60 Hz, where the line lies on one.
 fn mains(hz: f64) -> Option<f64> {
@@ -230,6 +239,7 @@ pub fn strange(
         against_reference,
         bursts: transients::bursts(transforms, train, recordings, references, channels),
         wandering: wander::wandering(&twins, channels),
+        moved_mode: moved_mode::moved_mode(&twins, channels),
         displaced: displacement::displaced(recordings),
     }
 }
@@ -256,7 +266,7 @@ fn in_the_data(effect: &str) -> bool {
 /// Names what the scans found.
 pub fn add_strange(
     q: &Question<'_>,
-    strange: &Strange,
+    (strange, family): (&Strange, Option<&Family>),
     findings: &mut Vec<Finding>,
     unexplained: &mut bool,
     steps: &mut Vec<String>,
@@ -297,7 +307,6 @@ pub fn add_strange(
     let off: Vec<&StrangeLine> =
         strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > NEW_LINE && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
-    let family = if bearing_seen { None } else { family::family(q, &strange.orders) };
     if let Some(e) = &strange.envelope
         && bearing_seen
         && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
@@ -305,12 +314,13 @@ pub fn add_strange(
         *unexplained = false;
         findings.push(bearing::finding(q, e, &channels));
     } else if let Some(family) = family
+        && !bearing_seen
         && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
     {
         steps.push(format!("{}: {:.0} nats", family.in_words(), family.nats));
         *unexplained = false;
         let odds = family.nats.exp();
-        let mut f = bearing::of_lines(q, &family);
+        let mut f = bearing::of_lines(q, family);
         f.probability *= odds / (1.0 + odds);
         findings.push(f);
     } else if strange.against_reference && off.len() >= 2 && !named(findings) && !*unexplained {
@@ -319,8 +329,13 @@ pub fn add_strange(
     }
 }
 
+/// Whether something is there that no effect of the library makes.
+pub fn has_no_name(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> bool {
+    moves_alone(strange, steps) || wanders(strange, steps) || bursts(q, strange, steps)
+}
+
 /// Whether something bursts that no gear does.
-pub fn bursts(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> bool {
+fn bursts(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> bool {
     let usual = if strange.against_reference { BURSTS } else { BURSTS_ALONE };
     let Some(bursts) = strange.bursts.as_ref().filter(|b| b.excess > usual) else { return false };
     steps.push(bursts.describe(&channels(q.recordings, q.comparison)));
@@ -328,14 +343,38 @@ pub fn bursts(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> b
 }
 
 /// Whether one channel shows a displacement that no bench makes and no other channel shows.
-pub fn moves_alone(strange: &Strange, steps: &mut Vec<String>) -> bool {
+fn moves_alone(strange: &Strange, steps: &mut Vec<String>) -> bool {
     let Some(displaced) = &strange.displaced else { return false };
     steps.push(displaced.describe());
     true
 }
 
+/// A mode of the path that moved. On one sensor alone it is the sensor's own; a bearing of the
+/// train whose stiffness changed moves modes as well.
+pub fn moved_mode(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Option<Finding> {
+    let mode = strange.moved_mode.as_ref()?;
+    steps.push(mode.describe());
+    if mode.nats <= 0.0 {
+        return None;
+    }
+    let own = |c: &usize| mode.by_channel.iter().enumerate().all(|(k, g)| k == *c || BESIDE * g < mode.by_channel[*c]);
+    let channels = &q.comparison.channels;
+    let alone = (0..channels.len()).find(own).filter(|_| channels.len() > 1);
+    let place = alone.map_or(path::HOUSING, |c| &channels[c]);
+    let odds = mode.nats.exp();
+    let mut f = Finding::new("structural_resonance", place.to_owned(), MODE_OF_THE_PATH * odds / (1.0 + odds));
+    match alone {
+        Some(c) => f.alternatives.push(("sensor_mounting", channels[c].clone())),
+        None => f.alternatives.extend(q.train.shafts.iter().map(|(name, _)| ("bearing_compliance", name.clone()))),
+    }
+    f.evidence.place =
+        format!("the background of {} near {:.0} Hz", alone.map_or("all sensors", |c| &channels[c]), mode.hz);
+    f.evidence.law = "the same at every speed".into();
+    Some(f)
+}
+
 /// Whether a narrow band grew, at all speeds alike, far more than chance makes bands grow or fall.
-pub fn wanders(strange: &Strange, steps: &mut Vec<String>) -> bool {
+fn wanders(strange: &Strange, steps: &mut Vec<String>) -> bool {
     let Some(w) = &strange.wandering else { return false };
     steps.push(w.describe());
     w.score > WANDERS * w.fallen.max(LEAST_FALLEN)

@@ -19,10 +19,10 @@ const FIRST_HZ: f64 = 30.0;
 /// Share of its bins, and bins, that no line of the train takes.
 const FREE: f64 = 1.0 / 3.0;
 const LEAST_BINS: usize = 8;
-/// Bands on each side whose median is what a path or a background changed by, and those from which
-/// the scatter is read.
+/// Bands on each side whose median is what a path or a background changed by.
 const AROUND: usize = 20;
-const SCATTER: usize = 60;
+/// Those from which the scatter is read.
+pub const SCATTER: usize = 60;
 
 /// The band that grew most.
 #[derive(Clone, Debug)]
@@ -45,8 +45,9 @@ impl Wandering {
     }
 }
 
-/// Middles of the bands up to a frequency, each half a width from the next.
-fn middles(highest_hz: f64) -> Vec<f64> {
+/// Middles of the bands of a sample rate, each half a width from the next.
+pub fn middles(sample_rate_hz: f64) -> Vec<f64> {
+    let highest_hz = USABLE_BAND * sample_rate_hz;
     let next = |hz: &f64| Some(hz + 0.5 * LEAST_HZ.max(RELATIVE * hz));
     std::iter::successors(Some(FIRST_HZ), next).take_while(|hz| *hz < highest_hz).collect()
 }
@@ -64,22 +65,24 @@ fn power(recording: &RecordingFeatures, channel: &ChannelFeatures, hz: f64) -> O
     (count >= LEAST_BINS && count as f64 >= FREE * bins.len() as f64).then(|| (sum / count as f64, count))
 }
 
-/// Standard scores of one pair and channel, by band.
-fn scores(twin: &Twin<'_>, name: &str, middles: &[f64]) -> Option<Vec<Option<f64>>> {
+/// Changes (ln power) of one pair and channel by band, with their variance if both were noise.
+pub fn changes(twin: &Twin<'_>, name: &str, middles: &[f64]) -> Option<Vec<Option<(f64, f64)>>> {
     let reference = twin.reference?;
     let of = |r: &'_ RecordingFeatures| r.channels.iter().position(|c| c.name == name);
     let (now, before) = (&twin.recording.channels[of(twin.recording)?], &reference.channels[of(reference)?]);
     let highest = USABLE_BAND * twin.recording.sample_rate_hz.min(reference.sample_rate_hz);
-    // Change, and its variance if both were noise.
-    let changes: Vec<Option<(f64, f64)>> = middles
-        .iter()
-        .map(|hz| {
-            let ((a, n), (b, m)) = (power(twin.recording, now, *hz)?, power(reference, before, *hz)?);
-            let change = (a / b).ln();
-            (*hz < highest && change.is_finite())
-                .then(|| (change, WINDOW_NOISE_BINS / n as f64 + WINDOW_NOISE_BINS / m as f64))
-        })
-        .collect();
+    let of = |hz: &f64| {
+        let ((a, n), (b, m)) = (power(twin.recording, now, *hz)?, power(reference, before, *hz)?);
+        let change = (a / b).ln();
+        (*hz < highest && change.is_finite())
+            .then(|| (change, WINDOW_NOISE_BINS / n as f64 + WINDOW_NOISE_BINS / m as f64))
+    };
+    Some(middles.iter().map(of).collect())
+}
+
+/// Standard scores of one pair and channel, by band.
+fn scores(twin: &Twin<'_>, name: &str, middles: &[f64]) -> Option<Vec<Option<f64>>> {
+    let changes = changes(twin, name, middles)?;
     let near = |k: usize, reach: usize| k.saturating_sub(reach)..(k + reach + 1).min(changes.len());
     let left: Vec<Option<(f64, f64)>> = (0..changes.len())
         .map(|k| {
@@ -105,7 +108,7 @@ pub fn wandering(twins: &[Twin<'_>], channels: &[String]) -> Option<Wandering> {
         return None;
     }
     let rate = twins.iter().map(|t| t.recording.sample_rate_hz).fold(f64::INFINITY, f64::min);
-    let middles = middles(USABLE_BAND * rate);
+    let middles = middles(rate);
     let rows: Vec<Vec<Option<f64>>> =
         twins.iter().flat_map(|t| channels.iter().filter_map(|name| scores(t, name, &middles))).collect();
     let mut out = Wandering { hz: f64::NAN, score: 0.0, fallen: 0.0 };
@@ -131,7 +134,7 @@ mod tests {
     /// Wherever a line lies, it is within a quarter of a width of the middle of a band.
     #[test]
     fn analytic_every_line_falls_into_the_middle_of_a_band() {
-        let all = middles(7000.0);
+        let all = middles(7000.0 / USABLE_BAND);
         for k in 0..2000 {
             let hz = FIRST_HZ * (6900.0 / FIRST_HZ).powf(f64::from(k) / 1999.0);
             let nearest = all.iter().map(|middle| (middle - hz).abs()).fold(f64::INFINITY, f64::min);
