@@ -345,6 +345,7 @@ mod tests {
                         variance: 0.001,
                         noise: 0.0,
                         repetition: 0.001,
+                        differs: 1.0,
                     });
                 };
                 for harmonic in 1..=8u8 {

@@ -70,6 +70,9 @@ pub struct Cell {
     pub noise: f64,
     /// The same by repetition of the setting.
     pub repetition: f64,
+    /// Share of the power of what stands beside the line that differs between both recordings;
+    /// `noise` has it.
+    pub differs: f64,
 }
 
 impl Cell {
@@ -107,6 +110,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
             variance: l.variance + repetition,
             noise: l.unchanged,
             repetition,
+            differs: l.differs,
         }
     });
     let floors = comparison.floors.iter().map(|f| Cell {
@@ -119,6 +123,7 @@ pub fn cells(comparison: &Comparison) -> Vec<Cell> {
         variance: f.variance + FLOOR_SIGMA * FLOOR_SIGMA,
         noise: f.variance,
         repetition: FLOOR_SIGMA * FLOOR_SIGMA,
+        differs: 1.0,
     });
     lines.chain(floors).collect()
 }
@@ -299,6 +304,7 @@ mod tests {
                     variance: 0.01,
                     noise: 0.0,
                     repetition: 0.01,
+                    differs: 1.0,
                 };
                 [cell(None, moved), cell(Some(Family::Mesh { stage: 0, harmonic: 1 }), times * moved)]
             })

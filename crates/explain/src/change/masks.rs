@@ -257,6 +257,10 @@ pub fn spreads_further(cells: &[Cell], of: &dyn Fn(Family) -> bool, than: &dyn F
     (further.fold(f64::NEG_INFINITY, f64::max) - alike).max(0.0)
 }
 
+/// Distance from a mesh harmonic (revolutions) from which on a gear out of square or out of round
+/// makes no sidebands.
+const BEYOND_WOBBLE: u8 = 3;
+
 /// How far the lines of one gear's comb spread beside those of its stage (nats).
 #[derive(Clone, Copy, Debug)]
 pub struct OneGear {
@@ -272,7 +276,12 @@ impl OneGear {
     /// Of the gear of a stage that is on a shaft. Sidebands of the mate that lie on the comb of
     /// this gear are its own too.
     pub fn of(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> Self {
-        let side = |f: Family| matches!(f, Family::Side { stage: i, .. } if i == stage);
+        Self::by_sidebands(train, cells, (stage, shaft), 1)
+    }
+
+    /// The same by the sidebands that are no nearer to a mesh harmonic than so many revolutions.
+    fn by_sidebands(train: &Train, cells: &[Cell], (stage, shaft): (usize, usize), nearest: u8) -> Self {
+        let side = |f: Family| matches!(f, Family::Side { stage: i, offset, .. } if i == stage && offset.unsigned_abs() >= nearest);
         let own = |f: Family| side(f) && f.is_on_comb(train, shaft);
         let mate = |f: Family| side(f) && !f.is_on_comb(train, shaft);
         let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
@@ -281,6 +290,15 @@ impl OneGear {
             over_mesh: spreads_further(cells, &own, &mesh),
             below_mesh: spreads_further(cells, &mesh, &own),
         }
+    }
+
+    /// How much likelier it is that the teeth of this gear differ from each other than that what
+    /// concerns all teeth moved its sidebands (nats). That moves them as far as the mesh harmonics
+    /// at most; and the first two on either side follow run-out, a wobble of the gear and a bent
+    /// shaft too.
+    pub fn teeth_differ(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> f64 {
+        let one = Self::by_sidebands(train, cells, (stage, shaft), BEYOND_WOBBLE);
+        one.over_mate.min(one.over_mesh) - one.below_mesh
     }
 
     /// How much likelier it is that the teeth of this gear differ from what they were than that the
@@ -356,6 +374,7 @@ mod tests {
                         variance: 0.0025,
                         noise: 0.0,
                         repetition: 0.0025,
+                        differs: 1.0,
                     }
                 })
             };
@@ -389,6 +408,7 @@ mod tests {
                     variance: noise + repetition,
                     noise,
                     repetition,
+                    differs: 1.0,
                 }
             };
             (1..=40).map(of).collect()
@@ -422,6 +442,7 @@ mod tests {
                     variance: 0.01,
                     noise: 0.0,
                     repetition: 0.01,
+                    differs: 1.0,
                 }
             })
         };

@@ -161,5 +161,6 @@ fn change_at(
         variance: ratio.variance + repetition,
         noise: ratio.unchanged,
         repetition,
+        differs: 1.0,
     })
 }

@@ -167,7 +167,7 @@ pub fn twins_beside(cells: &[Cell], places: &[Place], gaps: &[f64], found: &Mask
                 let repetition = shared * line.repetition + alone * own.repetition;
                 let change = common + line.stray + found.outside * c.repetition.sqrt() * repetition;
                 let amplitude = ((c.variance - c.repetition).max(LEAST_NOISE).recip() - 1.0).max(0.0).sqrt();
-                let noise = |k: usize| shared * line.noise[k] + alone * own.noise[k];
+                let noise = |k: usize| c.differs.sqrt() * (shared * line.noise[k] + alone * own.noise[k]);
                 as_measured(c, [amplitude * change.exp() + noise(0), amplitude + noise(1)].map(|z| z.norm_sqr()))
             })
             .collect();
@@ -193,7 +193,7 @@ fn as_measured(c: &Cell, powers: [f64; 2]) -> Option<Cell> {
     (powers[0].max(powers[1]) >= compare::CLEAR).then_some(Cell {
         change: ratio.log,
         variance,
-        noise: ratio.unchanged,
+        noise: c.differs * ratio.unchanged,
         ..*c
     })
 }
@@ -251,6 +251,7 @@ mod tests {
                         variance: 0.0036,
                         noise: 0.0,
                         repetition: 0.0036,
+                        differs: 1.0,
                     };
                     out.push(cell);
                 }
@@ -298,6 +299,7 @@ mod tests {
                         variance: 0.0036,
                         noise: 0.0,
                         repetition: 0.0036,
+                        differs: 1.0,
                     }
                 })
             })
@@ -345,6 +347,7 @@ mod tests {
                     variance: 0.0,
                     noise: 0.0,
                     repetition: 0.0036,
+                    differs: 1.0,
                 };
                 all.extend(as_measured(&cell, amplitudes.map(|a| a * a)));
             };

@@ -571,6 +571,7 @@ mod tests {
             variance: 0.01,
             noise: 0.0,
             repetition: 0.01,
+            differs: 1.0,
         };
         (1..=8)
             .flat_map(|harmonic| {
@@ -612,6 +613,36 @@ mod tests {
         assert!(shared.over_mate < OneGear::of(&train(33, 61), &led, 0, 1).over_mate);
         let second = Family::Side { stage: 0, harmonic: 1, shaft: 0, offset: 2 };
         assert!(second.is_on_comb(&train(28, 98), 1) && !second.is_on_comb(&train(33, 61), 1));
+    }
+
+    /// The teeth of a gear differ from each other where all of its sidebands move further than the
+    /// mesh harmonics; not where only the first two on either side do, as beside a gear out of
+    /// square, nor where those of its mate merely move less than the mesh harmonics do.
+    #[test]
+    fn analytic_sidebands_near_the_mesh_say_nothing_of_single_teeth() {
+        let line = |family, z: f64, k: usize| Cell {
+            family: Some(family),
+            change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
+            ..cells(1.0, 1.0, 1.0)[0]
+        };
+        let differ = |near: f64, far: f64, mate: f64| {
+            let of = |harmonic| {
+                let side = move |shaft: usize, k: i8| Family::Side { stage: 0, harmonic, shaft, offset: k };
+                let size = move |shaft: usize, k: i8| match (shaft, k.abs()) {
+                    (1, 1 | 2) => near,
+                    (1, _) => far,
+                    _ => mate,
+                };
+                let offsets = (-5..=5i8).filter(|k| *k != 0);
+                let sides = offsets.flat_map(move |k| [0, 1].map(|shaft| (side(shaft, k), size(shaft, k))));
+                std::iter::once((Family::Mesh { stage: 0, harmonic }, 4.0)).chain(sides)
+            };
+            let all: Vec<Cell> = (1..=8).flat_map(of).enumerate().map(|(k, (family, z))| line(family, z, k)).collect();
+            OneGear::teeth_differ(&train(33, 61), &all, 0, 1)
+        };
+        assert!(differ(24.0, 24.0, 4.0) > 3.0);
+        assert!(differ(24.0, 4.0, 4.0) <= 0.0);
+        assert!(differ(4.0, 4.0, 0.5) <= 0.0);
     }
 
     /// Where the sidebands of one gear change and those of its mate do not, a stage's mask comes

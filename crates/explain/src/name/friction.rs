@@ -82,6 +82,7 @@ mod tests {
             variance: 0.01,
             noise: 0.0,
             repetition: 0.01,
+            differs: 1.0,
         }
     }
 

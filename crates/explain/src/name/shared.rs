@@ -163,7 +163,7 @@ fn single_teeth(q: &Question<'_>, mask: Place, cells: &[Cell]) -> Vec<Scored> {
             parameters: BTreeMap::new(),
         },
         fitted_at: q.train.stages[stage].name.clone(),
-        beside: OneGear::of(q.train, cells, stage, shaft).gain(),
+        beside: OneGear::teeth_differ(q.train, cells, stage, shaft),
     };
     gears.map(scored).collect()
 }
