@@ -24,7 +24,7 @@ const REACH: f64 = 4.0;
 const LIMIT: f64 = 5.0;
 /// Neighbouring bands overlap by half.
 const INDEPENDENT: f64 = 0.5;
-/// Least bands in which a channel tells of a mode.
+/// Least bands in which a channel tells of a mode at a speed.
 const LEAST_BANDS: usize = 4;
 /// Odds that a bench has such a mode, before it is looked for: as of a family of lines.
 const PRIOR: f64 = 1e-3;
@@ -89,11 +89,15 @@ impl Sums {
         }
     }
 
+    fn is_told(&self) -> bool {
+        self.bands >= LEAST_BANDS
+    }
+
     /// Gain in log likelihood of the best `a` and `b` (nats).
     fn gain(&self) -> f64 {
         let ([aa, ab, bb], [a, b]) = (self.normal, self.right);
         let determinant = aa * bb - ab * ab;
-        let told = self.bands >= LEAST_BANDS && determinant > 1e-6 * aa * bb;
+        let told = self.is_told() && determinant > 1e-6 * aa * bb;
         if told { 0.5 * INDEPENDENT * (bb * a * a - 2.0 * ab * a * b + aa * b * b) / determinant } else { 0.0 }
     }
 }
@@ -126,8 +130,9 @@ impl Search<'_> {
                 *own = own.plus(of);
             }
         }
-        let by_channel: Vec<f64> =
-            sums.iter().map(|c| c.iter().fold(Sums::default(), |all, s| all.plus(*s)).gain()).collect();
+        // A speed that tells nothing by itself has no part in what all show.
+        let of = |c: &Vec<Sums>| c.iter().filter(|s| s.is_told()).fold(Sums::default(), |all, s| all.plus(*s)).gain();
+        let by_channel: Vec<f64> = sums.iter().map(of).collect();
         let alone = |speed: usize| sums.iter().map(|c| c[speed].gain()).sum::<f64>();
         let most = (0..self.speeds).map(alone).fold(0.0, f64::max);
         Tried { hz, gain: by_channel.iter().sum::<f64>() - most, by_channel }
@@ -215,6 +220,20 @@ mod tests {
         };
         let rows = [row(0, 0), row(1, 0), row(0, 1), row(1, 1)];
         Search { middles: &middles, rows: &rows, channels: 2, speeds: 2 }.moved().unwrap()
+    }
+
+    /// Two speeds with three bands each tell nothing together either, however alike: what one of them
+    /// shows alone could not be taken off.
+    #[test]
+    fn analytic_few_bands_at_each_speed_tell_nothing() {
+        let middles: Vec<f64> = (0..6).map(|k| 160.0 + 4.0 * f64::from(k)).collect();
+        let bands = |n: usize| (0..6).map(|k| (k < n).then_some((4.0, SIGMA))).collect();
+        let gain = |n: usize| {
+            let rows = [0, 1].map(|speed| Row { channel: 0, speed, bands: bands(n) });
+            Search { middles: &middles, rows: &rows, channels: 1, speeds: 2 }.tried(166.0, 0.04).gain
+        };
+        assert_eq!(gain(3), 0.0);
+        assert!(gain(6) > 5.0);
     }
 
     /// ln of what a mode of 2 % at 1 kHz that is heard eight times as loud as all else, and makes
