@@ -123,7 +123,7 @@ pub fn compare(
     let none = unchanged(q, cells, base);
     let freedom = none.as_ref().map_or(0.0, |(_, s)| s.evidence + 0.5 * s.solution.cost.1);
     let glance = |candidate: &(&str, &str)| {
-        let mut problem = Problem::new(q, cells, &[*candidate])?;
+        let mut problem = Problem::new(q, cells, &[*candidate])?.with_open_form();
         let starts = problem.glance(base)?;
         Some((problem, starts))
     };

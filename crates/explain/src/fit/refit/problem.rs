@@ -51,6 +51,8 @@ pub const LARGE: usize = 3;
 /// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many
 /// phases.
 const CHANGED_ERROR_UM: f64 = 3.0;
+/// The same of what the form of relief or wear leaves open: a third of it, a belief.
+const OPEN_FORM_UM: f64 = 1.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
 pub const PHASES: usize = 8;
 /// Lines of one harmonic share the model's error over channels and loads: their number counts by
@@ -270,6 +272,22 @@ impl<'a> Problem<'a> {
             term: None,
             spread,
         })
+    }
+
+    /// The same with what the form of relief and wear leaves open: the simulator's is one of many,
+    /// and what another differs by is a profile error that comes with the effect.
+    pub fn with_open_form(mut self) -> Self {
+        let open: Vec<usize> = (self.specs.iter())
+            .filter(|s| matches!(s.effect.as_str(), "tip_relief" | "tooth_wear"))
+            .filter_map(|s| self.q.bench.stages.iter().position(|stage| stage.name == s.place))
+            .collect();
+        for (stage, h) in open.into_iter().flat_map(|stage| (0..CHANGED).map(move |h| (stage, h))) {
+            for part in 0..2 {
+                self.numbers.push(Number::Changed(stage, h, part));
+                self.priors.push(Prior { mean: 0.0, sigma: OPEN_FORM_UM / (h + 1) as f64 });
+            }
+        }
+        self
     }
 
     /// The problem of a term without a name.
