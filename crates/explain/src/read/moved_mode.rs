@@ -222,8 +222,8 @@ mod tests {
         Search { middles: &middles, rows: &rows, channels: 2, speeds: 2 }.moved().unwrap()
     }
 
-    /// Two speeds with three bands each tell nothing together either, however alike: what one of them
-    /// shows alone could not be taken off.
+    /// Two speeds with three bands each tell nothing together either, however alike: what one of
+    /// them shows alone could not be taken off.
     #[test]
     fn analytic_few_bands_at_each_speed_tell_nothing() {
         let middles: Vec<f64> = (0..6).map(|k| 160.0 + 4.0 * f64::from(k)).collect();
