@@ -107,8 +107,6 @@ const BURSTS_ALONE: f64 = 2.5;
 const WANDERS: f64 = 2.0;
 const LEAST_FALLEN: f64 = 5.0;
 
-/// How many times more a mode must gain on one sensor than on any other to be that sensor's.
-const BESIDE: f64 = 10.0;
 /// How sure it is that a mode that moved is of the path: a belief, read from no data.
 const MODE_OF_THE_PATH: f64 = 0.65;
 
@@ -357,9 +355,8 @@ pub fn moved_mode(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) 
     if mode.nats <= 0.0 {
         return None;
     }
-    let own = |c: &usize| mode.by_channel.iter().enumerate().all(|(k, g)| k == *c || BESIDE * g < mode.by_channel[*c]);
     let channels = &q.comparison.channels;
-    let alone = (0..channels.len()).find(own).filter(|_| channels.len() > 1);
+    let alone = mode.of_one_channel();
     let place = alone.map_or(path::HOUSING, |c| &channels[c]);
     let odds = mode.nats.exp();
     let mut f = Finding::new("structural_resonance", place.to_owned(), MODE_OF_THE_PATH * odds / (1.0 + odds));

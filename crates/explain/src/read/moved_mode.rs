@@ -10,8 +10,8 @@
 
 use crate::read::SAME_SPEED;
 use crate::read::dsp::median;
+use crate::read::narrow;
 use crate::read::scan::Twin;
-use crate::read::wander;
 
 /// Modes that are tried: lowest (Hz), highest (of the highest band), step (ln), damping ratios.
 const LOWEST_HZ: f64 = 100.0;
@@ -41,6 +41,12 @@ pub struct MovedMode {
 }
 
 impl MovedMode {
+    /// The channel that alone shows it: on every other it gains less than the odds against a mode.
+    pub fn of_one_channel(&self) -> Option<usize> {
+        let shows: Vec<usize> = (0..self.by_channel.len()).filter(|c| self.by_channel[*c] > -PRIOR.ln()).collect();
+        if let ([own], true) = (&shows[..], self.by_channel.len() > 1) { Some(*own) } else { None }
+    }
+
     /// In words.
     pub fn describe(&self) -> String {
         let by_channel: Vec<String> = self.by_channel.iter().map(|g| format!("{g:.0}")).collect();
@@ -163,7 +169,7 @@ pub fn moved_mode(twins: &[Twin<'_>], channels: &[String]) -> Option<MovedMode> 
     let mut speeds: Vec<f64> = Vec::new();
     let mut rows = Vec::new();
     let rate = twins.iter().map(|t| t.recording.sample_rate_hz).fold(f64::INFINITY, f64::min);
-    let middles = wander::middles(rate);
+    let middles = narrow::middles(rate);
     for twin in twins.iter().filter(|t| t.reference.is_some()) {
         let hz = twin.recording.input_hz;
         let known = speeds.iter().position(|s| (s / hz - 1.0).abs() < SAME_SPEED);
@@ -172,29 +178,21 @@ pub fn moved_mode(twins: &[Twin<'_>], channels: &[String]) -> Option<MovedMode> 
             speeds.len() - 1
         });
         for (channel, name) in channels.iter().enumerate() {
-            let changes = wander::changes(twin, name, &middles)?;
-            rows.push(Row { channel, speed, bands: standard(&changes) });
+            let changes = narrow::changes(twin, name, &middles)?;
+            rows.push(Row { channel, speed, bands: scores(&changes) });
         }
     }
     let search = Search { middles: &middles, rows: &rows, channels: channels.len(), speeds: speeds.len() };
     if speeds.len() < 2 { None } else { search.moved() }
 }
 
-/// Changes over their standard deviation: that of noise, or by which the bands of the row scatter.
-fn standard(changes: &[Option<(f64, f64)>]) -> Vec<Option<(f64, f64)>> {
+/// Scores of the bands of a row beside its median, limited, and their standard deviation (ln
+/// amplitude).
+fn scores(changes: &[Option<(f64, f64)>]) -> Vec<Option<(f64, f64)>> {
     let mut all: Vec<f64> = changes.iter().flatten().map(|c| c.0).collect();
     let level = if all.is_empty() { 0.0 } else { median(&mut all) };
-    let near = |k: usize| k.saturating_sub(wander::SCATTER)..(k + wander::SCATTER + 1).min(changes.len());
-    let scatter = |k: usize| {
-        let mut sizes: Vec<f64> = changes[near(k)].iter().flatten().map(|c| (c.0 - level).abs()).collect();
-        1.4826 * median(&mut sizes)
-    };
-    let of = |(k, c): (usize, &Option<(f64, f64)>)| {
-        let (change, variance) = (*c)?;
-        let sigma = 0.5 * scatter(k).max(variance.sqrt());
-        Some(((0.5 * (change - level) / sigma).clamp(-LIMIT, LIMIT), sigma))
-    };
-    changes.iter().enumerate().map(of).collect()
+    let of = |band: Option<(f64, f64)>| band.map(|(off, sigma)| ((off / sigma).clamp(-LIMIT, LIMIT), 0.5 * sigma));
+    narrow::standard(changes, |_| level).into_iter().map(of).collect()
 }
 
 #[cfg(test)]
@@ -211,7 +209,7 @@ mod tests {
     /// and what a change does at each speed.
     fn ask(seed: u64, change: &dyn Fn(usize, f64) -> f64) -> MovedMode {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let middles = wander::middles(8192.0);
+        let middles = narrow::middles(8192.0);
         let mut row = |channel: usize, speed: usize| {
             let halves: Vec<f64> = (0..=middles.len()).map(|_| StandardNormal.sample(&mut random)).collect();
             let noise = halves.windows(2).map(|w| (w[0] + w[1]) / 2f64.sqrt());
@@ -220,6 +218,17 @@ mod tests {
         };
         let rows = [row(0, 0), row(1, 0), row(0, 1), row(1, 1)];
         Search { middles: &middles, rows: &rows, channels: 2, speeds: 2 }.moved().unwrap()
+    }
+
+    /// Of two channels one shows it where the other gains less than `ln 1000`; the only channel
+    /// cannot tell its own path from the housing's.
+    #[test]
+    fn analytic_a_mode_of_one_channel() {
+        let of =
+            |by_channel: &[f64]| MovedMode { hz: 500.0, nats: 9.0, by_channel: by_channel.to_vec() }.of_one_channel();
+        assert_eq!(of(&[2.0, 40.0]), Some(1));
+        assert_eq!(of(&[7.5, 40.0]), None);
+        assert_eq!(of(&[40.0]), None);
     }
 
     /// Two speeds with three bands each tell nothing together either, however alike: what one of
