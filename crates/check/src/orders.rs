@@ -19,7 +19,7 @@ const SEPARABLE_BINS: f64 = 0.5;
 /// Share of the sample rate up to which lines are used: below the usual anti-alias corner.
 pub const USABLE_BAND: f64 = 0.45;
 /// Bins on each side of a line from which its noise is read.
-const NOISE_BINS: usize = 60;
+pub const NOISE_BINS: usize = 60;
 
 /// Shaft angle of a recording by its mesh lines, and what that says of its speed.
 pub struct Turned {

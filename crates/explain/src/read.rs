@@ -15,6 +15,7 @@ pub mod fixed;
 pub mod fluctuation;
 pub mod folded;
 pub mod moved_mode;
+pub mod narrow;
 pub mod order_swing;
 pub mod plain;
 pub mod ratio;

@@ -1,5 +1,7 @@
 //! Recordings against their reference, line by line, at the same operating point.
 
+use gearwatch_check::orders::NOISE_BINS;
+
 use crate::read::dsp::median;
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;
@@ -124,13 +126,10 @@ impl Comparison {
     }
 }
 
-/// Bins on each side of a line in which what stands beside it is compared: those from which its
-/// noise is read.
-const BESIDE_BINS: usize = 60;
 /// Median of `(|x| − |y|)²` of two complex Gaussian values of a mean power of 1 (drawn).
-const INDEPENDENT: f64 = 0.188;
-/// Bins that count as if they were noise: few tell little.
-const AS_NOISE: usize = 20;
+const SQUARE_OF_NOISE: f64 = 0.188;
+/// Bins that count as if all of them differed: few tell little.
+const AS_IF_NOISE: usize = 20;
 
 /// Share of the power of what stands beside a line that differs between two recordings.
 ///
@@ -149,13 +148,13 @@ fn differs(recordings: [(&RecordingFeatures, &ChannelFeatures); 2], order: f64) 
         let ((x, noise_x), (y, noise_y)) = (at(recordings[0])?, at(recordings[1])?);
         Some(([x, y], 0.5 * (noise_x + noise_y)))
     };
-    share_that_differs((centre.saturating_sub(BESIDE_BINS)..=centre + BESIDE_BINS).filter_map(beside))
+    share_that_differs((centre.saturating_sub(NOISE_BINS)..=centre + NOISE_BINS).filter_map(beside))
 }
 
 /// The same of the amplitudes of bins in both recordings, with their noise power.
 fn share_that_differs(bins: impl Iterator<Item = ([f64; 2], f64)>) -> f64 {
-    let share = |([x, y], noise): ([f64; 2], f64)| (x - y).powi(2) / (INDEPENDENT * noise);
-    let mut all: Vec<f64> = bins.map(share).chain([1.0; AS_NOISE]).collect();
+    let share = |([x, y], noise): ([f64; 2], f64)| (x - y).powi(2) / (SQUARE_OF_NOISE * noise);
+    let mut all: Vec<f64> = bins.map(share).chain([1.0; AS_IF_NOISE]).collect();
     median(&mut all).min(1.0)
 }
 
@@ -329,7 +328,7 @@ mod tests {
         assert!(share(240, 1.0) > 0.6);
         // Beside what is far higher only noise in phase with it counts: 0.455 / 0.188 times as
         // much.
-        assert!((0.25..0.25 * 0.455 / INDEPENDENT + 0.1).contains(&share(240, 0.25)));
+        assert!((0.25..0.25 * 0.455 / SQUARE_OF_NOISE + 0.1).contains(&share(240, 0.25)));
         assert!(share(240, 0.0) < 0.01);
         assert_eq!(share(3, 0.0), 1.0);
     }

@@ -73,9 +73,7 @@ impl Family {
             self.order
         )
     }
-}
 
-impl Family {
     /// Whether a line of the family falls on an order, in a recording of so many revolutions.
     pub fn falls_on(&self, train: &Train, order: f64, revolutions: f64) -> bool {
         let turns_with = self.shaft.map(|shaft| (shaft, train.shafts[shaft].1));

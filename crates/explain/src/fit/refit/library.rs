@@ -53,6 +53,11 @@ pub fn fitted(effect: &str) -> Option<&'static [Free]> {
     })
 }
 
+/// Whether the simulator's form of an effect is one of many that flanks come in.
+pub fn has_open_form(effect: &str) -> bool {
+    matches!(effect, "tip_relief" | "tooth_wear")
+}
+
 /// The start that nearly leaves the bench as it is (natural logarithms): an effect fits no worse
 /// than none.
 pub fn nearly_none(numbers: &[Free]) -> Option<Vec<f64>> {

@@ -9,7 +9,7 @@ use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
 use nalgebra::DVector;
 
-use super::library::{fitted, nearly_none, starts};
+use super::library::{fitted, has_open_form, nearly_none, starts};
 use super::lines::{HARMONICS, Line, lines};
 use super::residuals::{Of, TREND_SIGMA, rows};
 use super::sheet;
@@ -51,7 +51,7 @@ pub const LARGE: usize = 3;
 /// Prior of a changed profile error (µm), and where its search starts: sizes (µm) by so many
 /// phases.
 const CHANGED_ERROR_UM: f64 = 3.0;
-/// The same of what the form of relief or wear leaves open: a third of it, a belief.
+/// The same of what an open form leaves: a third of it, a belief read from no data.
 const OPEN_FORM_UM: f64 = 1.0;
 const ERROR_STARTS_UM: [f64; 2] = [1.0, 3.0];
 pub const PHASES: usize = 8;
@@ -274,11 +274,11 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// The same with what the form of relief and wear leaves open: the simulator's is one of many,
-    /// and what another differs by is a profile error that comes with the effect.
+    /// The same where the form of an effect is one of many: what another differs by is a profile
+    /// error that comes with the effect.
     pub fn with_open_form(mut self) -> Self {
         let open: Vec<usize> = (self.specs.iter())
-            .filter(|s| matches!(s.effect.as_str(), "tip_relief" | "tooth_wear"))
+            .filter(|s| has_open_form(&s.effect))
             .filter_map(|s| self.q.bench.stages.iter().position(|stage| stage.name == s.place))
             .collect();
         for (stage, h) in open.into_iter().flat_map(|stage| (0..CHANGED).map(move |h| (stage, h))) {

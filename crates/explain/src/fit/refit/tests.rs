@@ -82,6 +82,36 @@ fn oracle_errors_of_single_teeth_alter_mesh_lines() {
     assert!(others.iter().all(|other| own.evidence > other.evidence + 100f64.ln()), "{own:?} {others:?}");
 }
 
+/// What an open form leaves are the numbers of a profile error, each with a narrower prior than of
+/// one that changed by itself; an effect whose form is known has none. Relief of the simulator's
+/// own form stays ahead of a profile error, which could follow it.
+#[test]
+fn oracle_relief_with_an_open_form_is_no_profile_error() {
+    let found = (0..6).find_map(|index| {
+        let drawn = Drawn::new("tip_relief", index)?;
+        let stage = drawn.place.as_str();
+        drawn.ask(
+            |_| {},
+            |q, cells| {
+                let of = |effect| Problem::new(q, cells, &[(effect, stage)]);
+                let changed = |p: &Problem<'_>| -> Vec<f64> {
+                    let of = p.numbers.iter().zip(&p.priors);
+                    of.filter(|(n, _)| matches!(n, Number::Changed(..))).map(|(_, prior)| prior.sigma).collect()
+                };
+                let profile = changed(&of("profile_error")?);
+                let open = changed(&of("tip_relief")?.with_open_form());
+                assert_eq!((profile.len(), open.len()), (10, 10));
+                assert!(open.iter().zip(&profile).all(|(open, profile)| open < profile), "{open:?}");
+                assert!(changed(&of("misalignment")?.with_open_form()).is_empty());
+                let fits = compare(q, cells, &base(q, cells)?, &[("tip_relief", stage), ("profile_error", stage)]).0;
+                Some((fits[0]?, fits[1]?))
+            },
+        )
+    });
+    let (relief, profile) = found.expect("a bench with a steady state");
+    assert!(relief.evidence > profile.evidence, "{relief:?} {profile:?}");
+}
+
 /// Tip relief on benches whose sheet is wrong within its tolerance, simulated step by step: the
 /// model that fits the lines leaves less of their phases than there was, and phases that run the
 /// other way it does not account for as well.
