@@ -14,13 +14,14 @@ fn main() {
     let mut names: Vec<String> =
         entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("a name in UTF-8")).collect();
     names.sort_unstable();
-    let lines: String = names.iter().filter_map(|name| line(&folder, name)).collect();
+    let lines: String = names.iter().filter_map(|name| line(name)).collect();
     let out = Path::new(&env::var("OUT_DIR").expect("cargo sets OUT_DIR")).join("assets.rs");
     fs::write(&out, format!("&[\n{lines}]\n")).unwrap_or_else(|error| panic!("{}: {error}", out.display()));
 }
 
-/// Path, media type and bytes; none for what is not served, such as a licence.
-fn line(folder: &Path, name: &str) -> Option<String> {
+/// Path, media type and bytes; none for what is not served, such as a licence. The folder is that of
+/// the build that reads the list: a clone that was moved has a list from before.
+fn line(name: &str) -> Option<String> {
     let media = match Path::new(name).extension()?.to_str()? {
         "html" => "text/html; charset=utf-8",
         "css" => "text/css; charset=utf-8",
@@ -29,6 +30,6 @@ fn line(folder: &Path, name: &str) -> Option<String> {
         _ => return None,
     };
     let path = if name == "index.html" { "/".to_owned() } else { format!("/assets/{name}") };
-    let file = folder.join(name);
-    Some(format!("    ({path:?}, {media:?}, include_bytes!({:?})),\n", file.to_str().expect("a path in UTF-8")))
+    let file = format!("/{FOLDER}/{name}");
+    Some(format!("    ({path:?}, {media:?}, include_bytes!(concat!(env!(\"CARGO_MANIFEST_DIR\"), {file:?}))),\n"))
 }
