@@ -19,8 +19,8 @@ fn main() {
     fs::write(&out, format!("&[\n{lines}]\n")).unwrap_or_else(|error| panic!("{}: {error}", out.display()));
 }
 
-/// Path, media type and bytes; none for what is not served, such as a licence. The folder is that of
-/// the build that reads the list: a clone that was moved has a list from before.
+/// Path, media type and bytes; none for what is not served, such as a licence. The folder is that
+/// of the build that reads the list: a clone that was moved has a list from before.
 fn line(name: &str) -> Option<String> {
     let media = match Path::new(name).extension()?.to_str()? {
         "html" => "text/html; charset=utf-8",
