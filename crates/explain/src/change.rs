@@ -7,4 +7,5 @@ pub mod compare;
 pub mod frequency;
 pub mod locate;
 pub mod masks;
+pub mod one_gear;
 pub mod pulse;

@@ -1,10 +1,7 @@
 //! Masks of machine lines, judged by the scale of the changes inside and outside.
 
-use gearwatch_core::train::Train;
-
 use crate::change::locate::{Cell, Place, covers};
 use crate::read::dsp::median;
-use crate::read::lines::Family;
 
 /// What a mask of machine lines says.
 #[derive(Clone, Copy, Debug)]
@@ -232,83 +229,6 @@ pub(crate) fn spread(k: usize) -> f64 {
     FIRST_SPREAD * SPREAD_RATIO.powi(k as i32)
 }
 
-/// How much likelier (nats) it is that the changes of some lines spread further than those of
-/// others than that both spread alike; 0 where they do not, or where either is empty.
-///
-/// A change is of a t distribution whose variance is that of the spread and of its own noise and
-/// repetition, so that faint lines count for what they show.
-pub fn spreads_further(cells: &[Cell], of: &dyn Fn(Family) -> bool, than: &dyn Fn(Family) -> bool) -> f64 {
-    let table = |set: &dyn Fn(Family) -> bool| {
-        let mut sums = [0.0; SPREADS];
-        let mut any = false;
-        for c in cells.iter().filter(|c| c.family.is_some_and(set)) {
-            any = true;
-            for (k, sum) in sums.iter_mut().enumerate() {
-                let variance = spread(k).powi(2) + c.variance;
-                *sum += INDEPENDENT
-                    * (-0.5 * variance.ln() - 0.5 * (TAIL + 1.0) * (c.change * c.change / (TAIL * variance)).ln_1p());
-            }
-        }
-        any.then_some(sums)
-    };
-    let (Some(a), Some(b)) = (table(of), table(than)) else { return 0.0 };
-    let alike = (0..SPREADS).map(|k| a[k] + b[k]).fold(f64::NEG_INFINITY, f64::max);
-    let further = (1..SPREADS).flat_map(|k| (0..k).map(move |l| (k, l))).map(|(k, l)| a[k] + b[l]);
-    (further.fold(f64::NEG_INFINITY, f64::max) - alike).max(0.0)
-}
-
-/// Distance from a mesh harmonic (revolutions) from which on a gear out of square or out of round
-/// makes no sidebands.
-const BEYOND_WOBBLE: u8 = 3;
-
-/// How far the lines of one gear's comb spread beside those of its stage (nats).
-#[derive(Clone, Copy, Debug)]
-pub struct OneGear {
-    /// How much likelier it is that its sidebands spread further than those of its mate than alike.
-    pub over_mate: f64,
-    /// The same of its sidebands over the mesh harmonics.
-    pub over_mesh: f64,
-    /// The same of the mesh harmonics over its sidebands.
-    pub below_mesh: f64,
-}
-
-impl OneGear {
-    /// Of the gear of a stage that is on a shaft. Sidebands of the mate that lie on the comb of
-    /// this gear are its own too.
-    pub fn of(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> Self {
-        Self::by_sidebands(train, cells, (stage, shaft), 1)
-    }
-
-    /// The same by the sidebands that are no nearer to a mesh harmonic than so many revolutions.
-    fn by_sidebands(train: &Train, cells: &[Cell], (stage, shaft): (usize, usize), nearest: u8) -> Self {
-        let side = |f: Family| matches!(f, Family::Side { stage: i, offset, .. } if i == stage && offset.unsigned_abs() >= nearest);
-        let own = |f: Family| side(f) && f.is_on_comb(train, shaft);
-        let mate = |f: Family| side(f) && !f.is_on_comb(train, shaft);
-        let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
-        Self {
-            over_mate: spreads_further(cells, &own, &mate),
-            over_mesh: spreads_further(cells, &own, &mesh),
-            below_mesh: spreads_further(cells, &mesh, &own),
-        }
-    }
-
-    /// How much likelier it is that the teeth of this gear differ from each other than that what
-    /// concerns all teeth moved its sidebands (nats). That moves them as far as the mesh harmonics
-    /// at most; and the first two on either side follow run-out, a wobble of the gear and a bent
-    /// shaft too.
-    pub fn teeth_differ(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> f64 {
-        let one = Self::by_sidebands(train, cells, (stage, shaft), BEYOND_WOBBLE);
-        one.over_mate.min(one.over_mesh) - one.below_mesh
-    }
-
-    /// How much likelier it is that the teeth of this gear differ from what they were than that the
-    /// mesh as a whole does. What concerns all teeth alters the sidebands of both gears through the
-    /// mesh harmonics that they stand beside.
-    pub fn gain(&self) -> f64 {
-        self.over_mate - self.below_mesh
-    }
-}
-
 /// Lines of a mask when what they have in common in each pair is taken off: log likelihood by
 /// scale, and the price of it.
 struct Together {
@@ -350,42 +270,6 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
 mod tests {
     use super::*;
     use crate::read::lines::Family;
-
-    /// Changes of two sets drawn evenly with spreads of 0.3 and 0.1 over noise of 0.05: the first
-    /// spreads further by as much evidence as a t distribution of four degrees gives (more than 3
-    /// nats for forty of each), the second by none; sets of one spread by less than a nat, and none
-    /// where one is empty.
-    #[test]
-    fn analytic_a_set_that_changes_more_spreads_further() {
-        let side = |shaft| move |f: Family| matches!(f, Family::Side { shaft: s, .. } if s == shaft);
-        let cells = |spreads: [f64; 2]| -> Vec<Cell> {
-            let of = |shaft: usize| {
-                (0..40u8).map(move |k| {
-                    let quantile = (f64::from(k) - 19.5) / 20.0;
-                    let family = Family::Side { stage: 0, harmonic: 1 + k / 10, shaft, offset: (k % 10) as i8 - 5 };
-                    let change = 1.7 * spreads[shaft] * quantile;
-                    Cell {
-                        pair: 0,
-                        channel: 0,
-                        family: Some(family),
-                        frequency_hz: 500.0,
-                        change,
-                        turn: None,
-                        variance: 0.0025,
-                        noise: 0.0,
-                        repetition: 0.0025,
-                        differs: 1.0,
-                    }
-                })
-            };
-            of(0).chain(of(1)).collect()
-        };
-        let apart = cells([0.3, 0.1]);
-        assert!(spreads_further(&apart, &side(0), &side(1)) > 3.0);
-        assert_eq!(spreads_further(&apart, &side(1), &side(0)), 0.0);
-        assert!(spreads_further(&cells([0.2, 0.2]), &side(0), &side(1)) < 1.0);
-        assert_eq!(spreads_further(&apart, &side(0), &side(2)), 0.0);
-    }
 
     /// Lines that change by their own scale are as an unchanged bench has them; by ten times that
     /// they are not, and a prediction that takes the changes off gains it back, less what its own

@@ -110,16 +110,20 @@ const OUT_OF_REACH: f64 = 60.0;
 /// Costs that are one point's.
 const SAME: f64 = 1e-6;
 
-/// How well each of some effects (id and place) accounts for the lines with the bench's numbers
-/// free, `None` where one has no form on them or no steady state; and how well a change of unknown
-/// form does: the lines of each stage move by a spread of its own, and nothing says which way. An
-/// effect of the library has to be better than that.
-pub fn compare(
-    q: &Question<'_>,
-    cells: &[Cell],
-    base: &Base,
-    candidates: &[(&str, &str)],
-) -> (Vec<Option<Fit>>, Option<Fit>) {
+/// How well some effects account for the lines with the bench's numbers free.
+pub struct Compared {
+    /// By effect; `None` where one has no form on the lines or no steady state.
+    pub effects: Vec<Option<Fit>>,
+    /// Of no change of the lines.
+    pub none: Option<Fit>,
+    /// Of a change of unknown form: the lines of each stage move by a spread of its own, and
+    /// nothing says which way. An effect of the library has to be better than that.
+    pub unknown: Option<Fit>,
+}
+
+/// How well each of some effects (id and place), no change and a change of unknown form account for
+/// the lines.
+pub fn compare(q: &Question<'_>, cells: &[Cell], base: &Base, candidates: &[(&str, &str)]) -> Compared {
     let none = unchanged(q, cells, base);
     let freedom = none.as_ref().map_or(0.0, |(_, s)| s.evidence + 0.5 * s.solution.cost.1);
     let glance = |candidate: &(&str, &str)| {
@@ -145,8 +149,13 @@ pub fn compare(
             Some(Fit { evidence: best.evidence, left, lines: problem.lines.len() })
         }
     };
-    let fits = first.into_par_iter().map(again).collect();
-    (fits, none.map(|(problem, s)| unknown(q, &problem, &s)))
+    let effects = first.into_par_iter().map(again).collect();
+    let of_none = |(problem, s): &(Problem<'_>, Settled)| Fit {
+        evidence: s.evidence,
+        left: s.left / problem.changes() as f64,
+        lines: problem.lines.len(),
+    };
+    Compared { effects, none: none.as_ref().map(of_none), unknown: none.map(|(problem, s)| unknown(q, &problem, &s)) }
 }
 
 /// A problem and its minimum, or what a first look says of one out of reach.

@@ -5,7 +5,8 @@ use gearwatch_core::train::Train;
 
 use crate::change::frequency;
 use crate::change::locate::{self, Cell, Place};
-use crate::change::masks::{self, Mask, OneGear};
+use crate::change::masks::{self, Mask};
+use crate::change::one_gear::OneGear;
 use crate::judge::controls;
 use crate::judge::held_out;
 use crate::judge::twins::{self, Twins};
@@ -558,15 +559,22 @@ mod tests {
     use super::*;
     use crate::read::lines::Family;
 
+    /// A change (standard deviations of 0.1) as an addition makes it: about its rise of so many, by
+    /// up to 4 more or less; of less than 10, either way.
+    fn moved(size: f64, k: usize) -> f64 {
+        let sign = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+        0.1 * if size < 10.0 { size * sign } else { size + sign * 4.0 }
+    }
+
     /// Mesh harmonics, and sidebands of input and output shaft about them, which change by so many
-    /// standard deviations of 0.1, with signs that alternate.
+    /// standard deviations of 0.1.
     fn cells(mesh: f64, input: f64, output: f64) -> Vec<Cell> {
         let of = |family, z: f64, k: usize| Cell {
             pair: 0,
             channel: 0,
             family: Some(family),
             frequency_hz: 500.0,
-            change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
+            change: moved(z, k),
             turn: None,
             variance: 0.01,
             noise: 0.0,
@@ -615,16 +623,13 @@ mod tests {
         assert!(second.is_on_comb(&train(28, 98), 1) && !second.is_on_comb(&train(33, 61), 1));
     }
 
-    /// The teeth of a gear differ from each other where all of its sidebands move further than the
-    /// mesh harmonics; not where only the first two on either side do, as beside a gear out of
+    /// The teeth of a gear differ from each other where all of its sidebands rise further than the
+    /// mesh harmonics move; not where only the first two on either side do, as beside a gear out of
     /// square, nor where those of its mate merely move less than the mesh harmonics do.
     #[test]
     fn analytic_sidebands_near_the_mesh_say_nothing_of_single_teeth() {
-        let line = |family, z: f64, k: usize| Cell {
-            family: Some(family),
-            change: 0.1 * z * if k.is_multiple_of(2) { 1.0 } else { -1.0 },
-            ..cells(1.0, 1.0, 1.0)[0]
-        };
+        let line =
+            |family, z: f64, k: usize| Cell { family: Some(family), change: moved(z, k), ..cells(1.0, 1.0, 1.0)[0] };
         let differ = |near: f64, far: f64, mate: f64| {
             let of = |harmonic| {
                 let side = move |shaft: usize, k: i8| Family::Side { stage: 0, harmonic, shaft, offset: k };

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use crate::change::locate::{Cell, Place};
-use crate::change::masks::OneGear;
+use crate::change::one_gear::{self, OneGear};
 use crate::fit::refit::{self, PITCH_ERROR};
 use crate::fit::shape;
 use crate::name::gear::gear_name;
@@ -23,6 +23,8 @@ pub enum Depth {
     Refit,
 }
 
+/// Run-out of a gear, whose mesh harmonics stay as they are.
+const RUN_OUT: &str = "eccentricity";
 /// Effects that are fitted.
 const REFITTED: usize = 8;
 /// Weight of the fit's log evidence (nats) in the score: conditional logistic regression of the
@@ -79,7 +81,7 @@ pub fn finding(
         })
         .collect();
     let unknown = if depth == Depth::Refit {
-        scored.extend(single_teeth(q, place, cells));
+        scored.extend(of_gears(q, place, cells));
         fit_all(q, cells, &mut scored, steps)
     } else {
         None
@@ -141,48 +143,54 @@ fn at_place(q: &Question<'_>, mask: Place, place: &str) -> bool {
     }
 }
 
-/// Errors of the teeth of each gear of the stages that a mask holds. How their spacing scatters
-/// alters the mesh harmonics too, so where these changed it stands beside what alters all teeth;
-/// which gear it is, the sidebands say.
-fn single_teeth(q: &Question<'_>, mask: Place, cells: &[Cell]) -> Vec<Scored> {
-    if q.without.contains(&PITCH_ERROR) {
-        return Vec::new();
-    }
+/// Errors of the teeth and run-out of each gear of the stages that a mask holds. How the spacing of
+/// teeth scatters alters the mesh harmonics too, run-out leaves them as they are; so where these
+/// changed, both stand beside what alters all teeth. Which gear it is, the sidebands say.
+fn of_gears(q: &Question<'_>, mask: Place, cells: &[Cell]) -> Vec<Scored> {
     let stages = (0..q.train.stages.len()).filter(|&i| match mask {
         Place::Mesh(stage) | Place::Stage(stage) => i == stage,
         _ => true,
     });
-    let gears = stages.flat_map(|i| [(i, i), (i, i + 1)]);
-    let scored = |(stage, shaft): (usize, usize)| Scored {
-        score: LEAST_SHARE.ln(),
-        ranked: shape::Ranked {
-            effect: PITCH_ERROR,
-            place: gear_name(q, stage, shaft),
-            probability: 0.0,
-            log_evidence: 0.0,
-            parameters: BTreeMap::new(),
-        },
-        fitted_at: q.train.stages[stage].name.clone(),
-        beside: OneGear::teeth_differ(q.train, cells, stage, shaft),
+    let gears: Vec<(usize, usize)> = stages.flat_map(|i| [(i, i), (i, i + 1)]).collect();
+    let of = |effect: &'static str, beside: &dyn Fn(usize, usize) -> f64| -> Vec<Scored> {
+        let scored = |&(stage, shaft): &(usize, usize)| Scored {
+            score: LEAST_SHARE.ln(),
+            ranked: shape::Ranked {
+                effect,
+                place: gear_name(q, stage, shaft),
+                probability: 0.0,
+                log_evidence: 0.0,
+                parameters: BTreeMap::new(),
+            },
+            fitted_at: q.train.stages[stage].name.clone(),
+            beside: beside(stage, shaft),
+        };
+        if q.without.contains(&effect) { Vec::new() } else { gears.iter().map(scored).collect() }
     };
-    gears.map(scored).collect()
+    let mut out = of(PITCH_ERROR, &|stage, shaft| OneGear::teeth_differ(q.train, cells, stage, shaft));
+    out.extend(of(RUN_OUT, &|stage, shaft| one_gear::out_of_round(q.train, cells, stage, shaft)));
+    out
 }
 
 /// Fits every candidate and scores it by its evidence. Gives the score of a change of unknown form.
 fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut Vec<String>) -> Option<f64> {
     let base = refit::base(q, cells)?;
     // Two gears of a mesh are one to its lines.
-    let mut asked: Vec<(&str, &str)> = scored.iter().map(|s| (s.ranked.effect, s.fitted_at.as_str())).collect();
+    let has_form = scored.iter().filter(|s| s.ranked.effect != RUN_OUT);
+    let mut asked: Vec<(&str, &str)> = has_form.map(|s| (s.ranked.effect, s.fitted_at.as_str())).collect();
     asked.dedup();
-    let (found, unknown) = refit::compare(q, cells, &base, &asked);
-    let fit_of = |s: &Scored| asked.iter().position(|a| *a == (s.ranked.effect, &s.fitted_at)).and_then(|k| found[k]);
+    let found = refit::compare(q, cells, &base, &asked);
+    let fit_of = |s: &Scored| match s.ranked.effect {
+        RUN_OUT => found.none,
+        effect => asked.iter().position(|a| *a == (effect, &s.fitted_at)).and_then(|k| found.effects[k]),
+    };
     let fits: Vec<_> = scored.iter().map(fit_of).collect();
     for (s, fit) in scored.iter().zip(&fits) {
         let words = fit.map_or("no steady state".to_owned(), |f| {
             format!("{:.1} nats, leaves {:.2} per line of {}", f.evidence, f.left, f.lines)
         });
         let before = match s.ranked.effect {
-            PITCH_ERROR => format!("{:.1} nats by sidebands", s.beside),
+            PITCH_ERROR | RUN_OUT => format!("{:.1} nats by sidebands", s.beside),
             _ => format!("{:.2} by drawn benches", s.ranked.probability),
         };
         steps.push(format!("shape: {} at {}: {before}, joint refit {words}", s.ranked.effect, s.ranked.place));
@@ -196,7 +204,7 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
         let evidence = EVIDENCE_WEIGHT * fit.map_or(least, |f| f.evidence);
         s.score = shape::prior(s.ranked.effect).ln() + evidence + s.beside;
     }
-    let unknown = unknown?;
+    let unknown = found.unknown?;
     steps.push(format!(
         "shape: lines that change each for itself: {:.1} nats, leave {:.2} per line",
         unknown.evidence, unknown.left

@@ -75,7 +75,7 @@ fn oracle_errors_of_single_teeth_alter_mesh_lines() {
     let stage = drawn.place.split('.').next().unwrap();
     let asked = [(PITCH_ERROR, stage), ("misalignment", stage), ("tooth_wear", stage)];
     let compared =
-        |q: &Question<'_>, cells: &[Cell]| compare(q, cells, &base(q, cells)?, &asked).0.into_iter().collect();
+        |q: &Question<'_>, cells: &[Cell]| compare(q, cells, &base(q, cells)?, &asked).effects.into_iter().collect();
     let fits: Option<Vec<Fit>> = drawn.ask(|_| {}, compared);
     let [own, others @ ..] = &fits.expect("steady states")[..] else { panic!("three effects") };
     assert!(own.left < 0.1, "{own:?} {others:?}");
@@ -103,7 +103,8 @@ fn oracle_relief_with_an_open_form_is_no_profile_error() {
                 assert_eq!((profile.len(), open.len()), (10, 10));
                 assert!(open.iter().zip(&profile).all(|(open, profile)| open < profile), "{open:?}");
                 assert!(changed(&of("misalignment")?.with_open_form()).is_empty());
-                let fits = compare(q, cells, &base(q, cells)?, &[("tip_relief", stage), ("profile_error", stage)]).0;
+                let fits =
+                    compare(q, cells, &base(q, cells)?, &[("tip_relief", stage), ("profile_error", stage)]).effects;
                 Some((fits[0]?, fits[1]?))
             },
         )
