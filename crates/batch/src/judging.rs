@@ -5,8 +5,8 @@ use std::path::Path;
 use gearwatch_check::{self as check, Look};
 use gearwatch_core::baseline::Baseline;
 use gearwatch_core::block::Packet;
-use gearwatch_core::one_shot::each_window;
-use gearwatch_core::pipeline::Pipeline;
+use gearwatch_core::one_shot::each_window_by;
+use gearwatch_core::pipeline::{Pipeline, WorkerState};
 use gearwatch_core::source::Source;
 use gearwatch_core::verdict::Verdict;
 use gearwatch_io::{OpenOptions, Opened, sidecar_path};
@@ -24,6 +24,9 @@ const SAME_RATE: f64 = 0.01;
 /// Bytes that a thread holds of what the check has read: half a minute of eight channels at
 /// 16 384 Hz. A recording of which the check needs more is read a second time.
 const HELD_BYTES: usize = 16 << 20;
+/// Sample rates whose plans a thread keeps from recording to recording, some megabytes each; where
+/// every recording has a rate of its own they begin anew.
+const MOST_RATES: usize = 8;
 
 /// How recordings are judged.
 pub struct Judging<'a> {
@@ -43,6 +46,7 @@ pub struct Judging<'a> {
 /// What a thread keeps from recording to recording.
 #[derive(Default)]
 pub struct Bench {
+    worker: WorkerState,
     verdicts: Vec<Verdict>,
     rows: Rows,
 }
@@ -66,13 +70,16 @@ impl Work for Judging<'_> {
 
     fn work(
         &self,
-        Bench { verdicts, rows }: &mut Bench,
+        Bench { worker, verdicts, rows }: &mut Bench,
         path: &Path,
         Identity(keys): &Identity,
         piece: &mut PieceWriter,
     ) -> Result<usize, Trouble> {
         // Rows of a recording that turned out damaged must not go to the next.
         *rows = Rows::default();
+        if worker.rates() > MOST_RATES {
+            *worker = WorkerState::default();
+        }
         let (doubts, mut source) = self.check(path)?;
         let pipeline = &self.pipeline.clone().with_doubts(&doubts);
         let key = |at: usize| keys.get(at).cloned().unwrap_or_default();
@@ -83,7 +90,7 @@ impl Work for Judging<'_> {
             baseline_sha256: self.baseline_sha256.clone(),
         };
         let mut count = 0;
-        each_window(pipeline, &mut source, &mut |_, analysis| {
+        each_window_by(pipeline, worker, &mut source, &mut |_, analysis| {
             pipeline.judge(analysis, verdicts);
             for verdict in &*verdicts {
                 rows.push(&origin, analysis.sample_rate_hz, verdict);

@@ -184,8 +184,17 @@ impl WithSimd for Gather<'_> {
                     turn_on(re, im, first_re, first_im);
                 }
                 let Some(of_channels) = sums.next() else { return };
-                for (sums, weighted) in of_channels.iter_mut().zip(weighted) {
-                    let [before, own, after] = weighted;
+                // Two channels together: six sums wait for their own additions, twelve do not.
+                let (of_two, of_last) = of_channels.as_chunks_mut::<2>();
+                let (two, last) = weighted.as_chunks::<2>();
+                for (sums, [one, other]) in of_two.iter_mut().zip(two) {
+                    let [a, b, c] = one;
+                    let [d, e, f] = other;
+                    let signals = [&a[..n], &b[..n], &c[..n], &d[..n], &e[..n], &f[..n]];
+                    let [a, b, c, d, e, f] = products(simd, [re, im], signals);
+                    *sums = [[a, b, c], [d, e, f]];
+                }
+                for (sums, [before, own, after]) in of_last.iter_mut().zip(last) {
                     *sums = products(simd, [re, im], [&before[..n], &own[..n], &after[..n]]);
                 }
             }
@@ -209,25 +218,24 @@ fn turn_on(re: &mut [f64], im: &mut [f64], first_re: &[f64], first_im: &[f64]) {
     }
 }
 
-/// Sum of each of three real signals times a complex one.
+/// Sum of each of some real signals times a complex one.
 #[inline(always)]
-fn products<S: Simd>(simd: S, [re, im]: [&[f64]; 2], signals: [&[f64]; 3]) -> [Complex64; 3] {
+fn products<S: Simd, const N: usize>(simd: S, [re, im]: [&[f64]; 2], signals: [&[f64]; N]) -> [Complex64; N] {
     let (re, im) = (S::as_simd_f64s(re).0, S::as_simd_f64s(im).0);
-    let [a, b, c] = signals;
-    let (a, b, c) = (S::as_simd_f64s(a).0, S::as_simd_f64s(b).0, S::as_simd_f64s(c).0);
     let n = re.len();
-    let (im, a, b, c) = (&im[..n], &a[..n], &b[..n], &c[..n]);
-    let mut sums = [simd.splat_f64s(0.0); 6];
-    for i in 0..n {
-        sums[0] = simd.mul_add_e_f64s(re[i], a[i], sums[0]);
-        sums[1] = simd.mul_add_e_f64s(im[i], a[i], sums[1]);
-        sums[2] = simd.mul_add_e_f64s(re[i], b[i], sums[2]);
-        sums[3] = simd.mul_add_e_f64s(im[i], b[i], sums[3]);
-        sums[4] = simd.mul_add_e_f64s(re[i], c[i], sums[4]);
-        sums[5] = simd.mul_add_e_f64s(im[i], c[i], sums[5]);
+    let im = &im[..n];
+    let mut of = [re; N];
+    for (of, signal) in of.iter_mut().zip(signals) {
+        *of = &S::as_simd_f64s(signal).0[..n];
     }
-    let sum = |i: usize| simd.reduce_sum_f64s(sums[i]);
-    [Complex64::new(sum(0), sum(1)), Complex64::new(sum(2), sum(3)), Complex64::new(sum(4), sum(5))]
+    let mut sums = [[simd.splat_f64s(0.0); 2]; N];
+    for i in 0..n {
+        for k in 0..N {
+            sums[k][0] = simd.mul_add_e_f64s(re[i], of[k][i], sums[k][0]);
+            sums[k][1] = simd.mul_add_e_f64s(im[i], of[k][i], sums[k][1]);
+        }
+    }
+    sums.map(|[re, im]| Complex64::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im)))
 }
 
 #[cfg(test)]

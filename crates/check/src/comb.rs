@@ -3,8 +3,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use gearwatch_core::spectral::kernels::turned_back;
+use pulp::{Arch, Simd, WithSimd};
+
 use crate::dsp::{Knots, Transforms};
-use crate::powers::{Paired, Powers, Precision, Turns};
+use crate::powers::{Paired, Powers, Precision};
 
 /// Most that a line counts (nats): 43 dB over the floor.
 const MOST_EXCESS: f64 = 10.0;
@@ -62,11 +65,11 @@ impl CombField {
             let power = transforms.powers(hann(&channel[..len]));
             let floor = local_floor(&power, 60);
             let mut some = vec![0.0; floor.step];
+            let shares: Vec<f64> = (0..floor.step).map(|t| t as f64 / floor.step as f64).collect();
             let steps = log_excess.chunks_mut(floor.step).zip(power.amplitudes().chunks(floor.step));
             for ((sums, amplitudes), ends) in steps.zip(floor.values.windows(2)) {
                 let some = &mut some[..sums.len()];
-                for (t, (excess, amplitude)) in some.iter_mut().zip(amplitudes).enumerate() {
-                    let t = t as f64 / floor.step as f64;
+                for ((excess, amplitude), t) in some.iter_mut().zip(amplitudes).zip(&shares) {
                     let floor = ends[0] * (1.0 - t) + ends[1] * t;
                     let amplitude: f64 = (*amplitude).into();
                     // Capped: one huge line must not outvote a whole comb. Where little noise hides
@@ -234,13 +237,33 @@ const TOGETHER: usize = 512;
 /// A signal through Hann's window.
 fn hann<T: Precision>(signal: &[T]) -> Paired<T> {
     let mut out = Paired::with_capacity(signal.len());
-    let mut turns = Turns::new(TOGETHER);
+    let mut weights = [0.0; TOGETHER];
     for (piece, samples) in signal.chunks(TOGETHER).enumerate() {
-        turns.fill(piece * TOGETHER, 1.0 / signal.len() as f64);
-        let weights = turns.re.iter().map(|re| 0.5 - 0.5 * re);
-        out.extend(samples.iter().zip(weights).map(|(x, weight)| (*x).into() * weight));
+        let first = (piece * TOGETHER) as f64;
+        Arch::new().dispatch(HannWeights { to: &mut weights, first, each: 1.0 / signal.len() as f64 });
+        out.weigh(samples, &weights);
     }
     out
+}
+
+/// Hann's window from its sample `first` on, given one part of its length for each.
+struct HannWeights<'a> {
+    to: &'a mut [f64; TOGETHER],
+    first: f64,
+    each: f64,
+}
+
+impl WithSimd for HannWeights<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { to, first, each } = self;
+        for (i, weight) in to.iter_mut().enumerate() {
+            // The cosine alone: what only the sine needs is not worked out.
+            *weight = 0.5 - 0.5 * turned_back((first + i as u32 as f64) * each).0;
+        }
+    }
 }
 
 /// Median of the neighbouring `half` bins on each side.

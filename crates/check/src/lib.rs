@@ -61,6 +61,7 @@ mod channels;
 mod look;
 mod normal;
 mod over_angle;
+mod parted;
 mod sheet;
 mod slip;
 mod speed;

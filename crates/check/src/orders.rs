@@ -3,9 +3,10 @@
 
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
+use pulp::Arch;
 
 use crate::carriers;
-use crate::dsp::{self, Knots, MAIN_LOBE_BINS, Transforms, median};
+use crate::dsp::{self, Knots, MAIN_LOBE_BINS, Transforms, WindowPiece, median};
 use crate::last_wheel::Bins;
 use crate::lines::{self, Line};
 use crate::over_angle;
@@ -95,13 +96,21 @@ pub(crate) struct OrderPowers {
 /// Bins beyond the last one that is asked for, of which its noise is read.
 const BEYOND: usize = 4 * NOISE_BINS + NOISE_BINS / 2;
 
+/// Values of the window that are worked out at a time.
+const WEIGHTS: usize = 512;
+
 impl OrderPowers {
     /// Of all channels, the first so many bins.
     pub(crate) fn of(transforms: &mut Transforms, turned: &Turned, channels: &[&[f32]], bins: usize) -> Vec<Self> {
         let steps = over_angle::steps(bins + BEYOND, turned.turning.len());
         let mut resampled: Vec<_> = channels.iter().map(|_| Paired::<f32>::with_capacity(steps)).collect();
+        let (mut weights, arch) = ([0.0; WEIGHTS], Arch::new());
         over_angle::resample(channels, &turned.turning, (bins + BEYOND, steps), |step, values| {
-            let weight = dsp::window(step, steps);
+            let place = step % WEIGHTS;
+            if place == 0 {
+                arch.dispatch(WindowPiece { to: &mut weights, first: step, each: 1.0 / steps as f64 });
+            }
+            let weight = weights[place];
             resampled.iter_mut().zip(values).for_each(|(channel, x)| channel.push(f64::from(*x) * weight));
         });
         let scale = dsp::window_scale(steps).powi(2);

@@ -53,7 +53,7 @@ pub(crate) fn resample(
     let filter = Filter::new(highest.min(WHOLE), steps as f64 / len as f64);
     let arch = Arch::new();
     let mut out = vec![0.0; channels.len()];
-    let mut window = vec![0.0; filter.taps];
+    let mut window = vec![0.0; 2 * filter.taps];
     for (step, position) in even_steps(turning.angles(), turning.ends(), len, steps).enumerate() {
         arch.dispatch(At { filter: &filter, channels, position, window: &mut window, out: &mut out });
         take(step, &out);
@@ -97,7 +97,7 @@ struct At<'a> {
     filter: &'a Filter,
     channels: &'a [&'a [f32]],
     position: f64,
-    /// Room for the samples about it, where the recording ends there.
+    /// Room for the samples about it of two channels, where the recording ends there.
     window: &'a mut [f32],
     out: &'a mut [f32],
 }
@@ -117,25 +117,42 @@ impl WithSimd for At<'_> {
         let row = &filter.table[2 * at * taps..2 * (at + 1) * taps];
         let (values, ways) = row.split_at(taps);
         let (values, ways) = (S::as_simd_f32s(values).0, S::as_simd_f32s(ways).0);
-        for (channel, out) in channels.iter().zip(out) {
-            let low = (centre + 1).checked_sub(taps / 2);
-            let about = match low.and_then(|low| channel.get(low..low + taps)) {
-                Some(about) => about,
-                None => {
-                    for (tap, x) in window.iter_mut().enumerate() {
-                        let sample = (centre + 1 + tap).checked_sub(taps / 2);
-                        *x = sample.and_then(|n| channel.get(n)).copied().unwrap_or(0.0);
-                    }
-                    &*window
-                }
-            };
-            let mut sum = simd.splat_f32s(0.0);
-            for ((x, value), way) in S::as_simd_f32s(about).0.iter().zip(values).zip(ways) {
-                sum = simd.mul_add_e_f32s(*x, simd.mul_add_e_f32s(along, *way, *value), sum);
+        // Two channels together: the filter is worked out once for both, and two sums do not wait
+        // for each other.
+        let (one, other) = window.split_at_mut(taps);
+        let mut out = out.chunks_mut(2);
+        for pair in channels.chunks(2) {
+            let Some(out) = out.next() else { return };
+            let (a, b) = (pair[0], pair[pair.len() - 1]);
+            let a = S::as_simd_f32s(about(a, centre, one)).0;
+            let b = S::as_simd_f32s(about(b, centre, other)).0;
+            let mut sums = [simd.splat_f32s(0.0); 2];
+            for (((a, b), value), way) in a.iter().zip(b).zip(values).zip(ways) {
+                let factor = simd.mul_add_e_f32s(along, *way, *value);
+                sums[0] = simd.mul_add_e_f32s(*a, factor, sums[0]);
+                sums[1] = simd.mul_add_e_f32s(*b, factor, sums[1]);
             }
-            *out = simd.reduce_sum_f32s(sum);
+            for (out, sum) in out.iter_mut().zip(sums) {
+                *out = simd.reduce_sum_f32s(sum);
+            }
         }
     }
+}
+
+/// The samples of a channel about one of them, zeros beyond its ends; `room` is as long as they
+/// are.
+#[inline(always)]
+fn about<'a>(channel: &'a [f32], centre: usize, room: &'a mut [f32]) -> &'a [f32] {
+    let taps = room.len();
+    let low = (centre + 1).checked_sub(taps / 2);
+    if let Some(about) = low.and_then(|low| channel.get(low..low + taps)) {
+        return about;
+    }
+    for (tap, x) in room.iter_mut().enumerate() {
+        let sample = (centre + 1 + tap).checked_sub(taps / 2);
+        *x = sample.and_then(|n| channel.get(n)).copied().unwrap_or(0.0);
+    }
+    room
 }
 
 #[cfg(test)]

@@ -4,11 +4,12 @@
 use std::sync::Arc;
 
 use gearwatch_core::spectral::kernels::turned_back;
-use num_complex::{Complex, Complex64};
+use num_complex::Complex;
 use pulp::{Arch, Simd, WithSimd};
 use rustfft::{Fft, FftNum};
 
 use crate::dsp::Transforms;
+use crate::parted::Table;
 
 /// What samples are kept in, and the powers of long spectra are worked out in: in single precision
 /// noise of the transform lies some 180 dB below the signal in each bin of half a minute.
@@ -116,7 +117,7 @@ impl Transforms {
         for row in bins.chunks_exact_mut(columns) {
             of_row.process_with_scratch(row, &mut scratch);
         }
-        Table { bins, columns, rows }.parted()
+        Powers { amplitudes: Table { bins, columns, rows }.parted() }
     }
 }
 
@@ -149,6 +150,19 @@ impl<T: Precision> Paired<T> {
             None => self.pairs.push(Complex::new(T::of(x), T::zero())),
         }
         self.len += 1;
+    }
+
+    /// More samples, each times its weight, behind an even number of them.
+    pub(crate) fn weigh(&mut self, samples: &[T], weights: &[f64]) {
+        debug_assert!(self.len.is_multiple_of(2));
+        let ((twos, rest), (weights_of_twos, _)) = (samples.as_chunks::<2>(), weights.as_chunks::<2>());
+        let times = |x: T, weight: f64| T::of(x.into() * weight);
+        let pairs = twos.iter().zip(weights_of_twos).map(|([a, b], [u, v])| Complex::new(times(*a, *u), times(*b, *v)));
+        self.pairs.extend(pairs);
+        self.len += 2 * twos.len();
+        for (x, weight) in rest.iter().zip(&weights[2 * twos.len()..]) {
+            self.push((*x).into() * weight);
+        }
     }
 }
 
@@ -258,74 +272,10 @@ fn squared<T: Precision>(amplitude: T) -> f64 {
     amplitude * amplitude
 }
 
-/// A spectrum in a table: bin `k` lies in row `k mod rows` and column `k / rows`.
-struct Table<T> {
-    bins: Vec<Complex<T>>,
-    columns: usize,
-    rows: usize,
-}
-
-impl<T: Precision> Table<T> {
-    /// From the spectrum of even samples as real and odd samples as imaginary parts to the
-    /// amplitudes of the spectrum of all.
-    fn parted(&self) -> Powers<T> {
-        let half = self.bins.len();
-        let wide = |bin: Complex<T>| Complex64::new(bin.re.into(), bin.im.into());
-        // Squares of single precision do not overflow in double, nor do those of any signal.
-        let of = |bin: Complex64| T::of(bin.norm_sqr().sqrt());
-        let mut amplitudes = vec![T::zero(); half + 1];
-        let zero = wide(self.bins[0]);
-        amplitudes[0] = T::of((zero.re + zero.im).abs());
-        amplitudes[half] = T::of((zero.re - zero.im).abs());
-        let mut turns = Turns::new(self.rows);
-        let (mut up, mut down) = (Place { row: 0, column: 0 }, Place { row: 0, column: self.columns });
-        up.next(self);
-        for k in 1..=half / 2 {
-            let at = (k - 1) % turns.re.len();
-            if at == 0 {
-                turns.fill(k, 0.5 / half as f64);
-            }
-            let (low, high) = (up.next(self), down.previous(self));
-            let (a, b) = (wide(self.bins[low]), wide(self.bins[high]).conj());
-            let turn = Complex64::new(turns.re[at], turns.im[at]);
-            let (even, odd) = ((a + b) * 0.5, (a - b) * Complex64::new(0.0, -0.5) * turn);
-            // The bin at half − k is the conjugate of the difference.
-            amplitudes[k] = of(even + odd);
-            amplitudes[half - k] = of(even - odd);
-        }
-        Powers { amplitudes }
-    }
-}
-
-/// A bin's place in the table.
-struct Place {
-    row: usize,
-    column: usize,
-}
-
-impl Place {
-    /// Index of this one; steps on to the next bin.
-    fn next<T>(&mut self, of: &Table<T>) -> usize {
-        let index = self.row * of.columns + self.column;
-        self.row += 1;
-        if self.row == of.rows {
-            (self.row, self.column) = (0, self.column + 1);
-        }
-        index
-    }
-
-    /// Steps back to the bin before; its index.
-    fn previous<T>(&mut self, of: &Table<T>) -> usize {
-        if self.row == 0 {
-            (self.row, self.column) = (of.rows, self.column - 1);
-        }
-        self.row -= 1;
-        self.row * of.columns + self.column
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use num_complex::Complex64;
+
     use super::*;
     use crate::dsp::tests::noise;
 

@@ -3,7 +3,7 @@
 
 use crate::analysis::WindowAnalysis;
 use crate::assemble::{Counters, Gap};
-use crate::pipeline::Pipeline;
+use crate::pipeline::{Pipeline, WorkerState};
 use crate::source::Source;
 use crate::window::Window;
 
@@ -27,8 +27,21 @@ pub fn each_window<S: Source, E: From<S::Error>>(
     source: &mut S,
     take: &mut dyn FnMut(&Window, &WindowAnalysis) -> Result<(), E>,
 ) -> Result<Passage, E> {
+    each_window_by(pipeline, &mut pipeline.worker(), source, take)
+}
+
+/// The same with a worker that is kept from source to source: what it has planned for windows of
+/// one length and rate serves those of all.
+///
+/// # Errors
+/// As [`each_window`].
+pub fn each_window_by<S: Source, E: From<S::Error>>(
+    pipeline: &Pipeline,
+    worker: &mut WorkerState,
+    source: &mut S,
+    take: &mut dyn FnMut(&Window, &WindowAnalysis) -> Result<(), E>,
+) -> Result<Passage, E> {
     let mut assembler = pipeline.assembler();
-    let mut worker = pipeline.worker();
     let mut analysis = WindowAnalysis::empty();
     let mut windows = Vec::new();
     let mut gaps = Vec::new();
@@ -39,7 +52,7 @@ pub fn each_window<S: Source, E: From<S::Error>>(
             None => assembler.finish(&mut |window| windows.push(window)),
         }
         for window in windows.drain(..) {
-            pipeline.analyse(&mut worker, &window, &mut analysis);
+            pipeline.analyse(worker, &window, &mut analysis);
             take(&window, &analysis)?;
             assembler.recycle(window);
         }

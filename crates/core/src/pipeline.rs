@@ -120,6 +120,13 @@ pub struct WorkerState {
     indicators: IndicatorState,
 }
 
+impl WorkerState {
+    /// Sample rates and lengths of windows that it has plans for.
+    pub fn rates(&self) -> usize {
+        self.rates.len()
+    }
+}
+
 impl Pipeline {
     /// The plan for a bench. Without a baseline every rank is unknown.
     ///
