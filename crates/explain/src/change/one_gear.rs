@@ -68,13 +68,11 @@ fn spreads_further(
     let (Some(own), Some(others)) = (tables(of), tables(than)) else { return 0.0 };
     let least = f64::NEG_INFINITY;
     let alike = (0..SPREADS).map(|k| (own[0][k] + others[0][k]).max(own[1][k] + others[1][k])).fold(least, f64::max);
-    let mut further = least;
-    for own in densities.iter().filter_map(|density| by_spread(cells, of, *density)) {
-        for k in 1..SPREADS {
-            let nearer = (0..k).map(|l| others[0][l].max(others[1][l])).fold(least, f64::max);
-            further = further.max(own[k] + nearer);
-        }
-    }
+    let nearer = |k: usize| (0..k).map(|l| others[0][l].max(others[1][l])).fold(least, f64::max);
+    let nearest: [f64; SPREADS] = std::array::from_fn(nearer);
+    let of_density = |density: &Density| by_spread(cells, of, *density);
+    let together = |own: [f64; SPREADS]| own.into_iter().zip(nearest).map(|(a, b)| a + b).fold(least, f64::max);
+    let further = densities.iter().filter_map(of_density).map(together).fold(least, f64::max);
     let count = cells.iter().filter(|c| c.family.is_some_and(|f| of(f) || than(f))).count();
     further - alike - 0.5 * (1.0 + INDEPENDENT * count as f64).ln()
 }
@@ -254,7 +252,7 @@ mod tests {
         let cells = |first: f64, beyond: f64| -> Vec<Cell> {
             let of = move |harmonic: u8| {
                 let side = move |shaft: usize, offset: i8| {
-                    let ripple = 0.05 * f64::from(offset) * if harmonic % 2 == 0 { 1.0 } else { -1.0 };
+                    let ripple = 0.05 * f64::from(offset) * if harmonic.is_multiple_of(2) { 1.0 } else { -1.0 };
                     let size = match (shaft, offset.abs()) {
                         (0, 1) => first,
                         (0, _) => beyond,
