@@ -193,7 +193,8 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
             PITCH_ERROR | RUN_OUT => format!("{:.1} nats by sidebands", s.beside),
             _ => format!("{:.2} by drawn benches", s.ranked.probability),
         };
-        steps.push(format!("shape: {} at {}: {before}, joint refit {words}", s.ranked.effect, s.ranked.place));
+        let fitted = if s.ranked.effect == RUN_OUT { "fit of no change" } else { "joint refit" };
+        steps.push(format!("shape: {} at {}: {before}, {fitted} {words}", s.ranked.effect, s.ranked.place));
     }
     // What cannot be fitted is taken to fit as badly as the worst.
     let least = fits.iter().flatten().map(|f| f.evidence).fold(f64::INFINITY, f64::min);

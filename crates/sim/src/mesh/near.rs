@@ -12,8 +12,6 @@ use crate::geometry::GearGeometry;
 use crate::hertz::Hertz;
 use crate::terms::series;
 
-/// Least part of the face that misaligned flanks touch on.
-const LEAST_PART: f64 = 0.02;
 /// Least factor on the stiffness of the pairs: several terms together must not turn the teeth
 /// inside out.
 const LEAST_STIFFNESS: f64 = 0.02;
@@ -70,6 +68,9 @@ impl MeshModel {
             pair.foundation_m_per_n *= softer;
             out.keep(touches);
         }
+        if load.wedge_m > 0.0 {
+            out.tilt(load.wedge_m, load.load_n.abs());
+        }
     }
 
     /// As [`Self::pairs`] for the back flanks, which touch when the wheel drives the pinion: their
@@ -99,6 +100,9 @@ impl MeshModel {
             [pair.pinion_roll_m, pair.wheel_roll_m] = self.geometry.rolls_m(s);
             let touches = self.pair(s, s, [pinion, wheel], 0.0, (load, reach), pair);
             out.keep(touches);
+        }
+        if load.wedge_m > 0.0 {
+            out.tilt(load.wedge_m, load.load_n.abs());
         }
     }
 
@@ -133,24 +137,7 @@ impl MeshModel {
         out.compliance_m_per_n = (a.compliance + b.compliance + hertz) * load.factor;
         out.foundation_m_per_n = (a.foundation + b.foundation) * load.factor;
         out.gap_m = a.gap + b.gap + deviation_m;
-        if load.wedge_m > 0.0 {
-            self.tilt(alone, load, out);
-        }
         pinion.can_touch(s1, reach) & wheel.can_touch(s2, reach)
-    }
-
-    /// Flanks at an angle γ touch at one edge first. With the stiffness k/b per width of what is
-    /// not shared with the neighbours, a pair carries `F = k δ²/(2 γ b)` up to `δ = γ b`, and
-    /// `k (δ − γ b/2)` beyond; here linearised about its part of the load. Two pairs that share it
-    /// close less of the wedge than one, so the mesh is not softer by one factor everywhere.
-    #[cold]
-    fn tilt(&self, alone: f64, load: &LoadPoint, pair: &mut Pair) {
-        let shared = self.coupling * pair.foundation_m_per_n;
-        let own = pair.compliance_m_per_n - shared;
-        let force_n = 0.5 * (1.0 + alone) * load.load_n.abs();
-        let part = (2.0 * force_n * own / load.wedge_m).sqrt().clamp(LEAST_PART, 1.0);
-        pair.compliance_m_per_n = own / part + shared;
-        pair.gap_m += 0.5 * part * load.wedge_m;
     }
 
     /// Factor on the contact compliance where a part of the contact line is missing.

@@ -3,6 +3,11 @@
 /// Most pairs that can be near contact at once: a contact ratio below 3, and corner contact before
 /// and after.
 pub const MAX_PAIRS: usize = 4;
+/// Least part of the face that misaligned flanks touch on.
+const LEAST_PART: f64 = 0.02;
+/// Newton steps to the forces of tilted flanks, and their change over the load that ends them.
+const TILT_STEPS: usize = 12;
+const TILTED: f64 = 1e-6;
 
 /// One tooth pair in contact or near it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -89,6 +94,34 @@ impl Pairs {
     pub(crate) fn open(&mut self, gap_m: impl Fn(&Pair) -> f64) {
         for pair in &mut self.items[..self.len] {
             pair.gap_m += gap_m(pair);
+        }
+    }
+
+    /// Flanks at an angle γ, which opens a wedge of γ b (m) over the face, touch at one edge first.
+    /// With the compliance c of what is not shared with the neighbours, a pair that carries F
+    /// approaches by `h = √(2 γ b c F)` until the load closes the wedge at `h = γ b`, and by `c F +
+    /// γ b/2` beyond. Each pair gets the tangent of its law at the force that it carries at this
+    /// phase under the static load, so that how pairs share it follows their compliances and gaps.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn tilt(&mut self, wedge_m: f64, load_n: f64) {
+        let straight = *self;
+        let mut forces = [load_n / self.len.max(1) as f64; MAX_PAIRS];
+        for _ in 0..TILT_STEPS {
+            for ((pair, plain), force) in self.items[..straight.len].iter_mut().zip(straight.as_slice()).zip(forces) {
+                let shared = straight.coupling * plain.foundation_m_per_n;
+                let own = plain.compliance_m_per_n - shared;
+                let part = (2.0 * force * own / wedge_m).sqrt().clamp(LEAST_PART, 1.0);
+                pair.compliance_m_per_n = own / part + shared;
+                pair.gap_m = plain.gap_m + 0.5 * part * wedge_m;
+            }
+            let Some((approach, _)) = self.approach_at(load_n) else { return };
+            let carried = self.force(approach).pair_forces_n;
+            let change = carried.iter().zip(forces).map(|(now, before)| (now - before).abs()).fold(0.0, f64::max);
+            forces = carried;
+            if change <= TILTED * load_n {
+                return;
+            }
         }
     }
 
