@@ -1,7 +1,10 @@
 //! Masks of machine lines, judged by the scale of the changes inside and outside.
 
+use std::collections::BTreeMap;
+
 use crate::change::locate::{Cell, Place, covers};
 use crate::read::dsp::median;
+use crate::read::lines::Family;
 
 /// What a mask of machine lines says.
 #[derive(Clone, Copy, Debug)]
@@ -87,7 +90,8 @@ fn at_a_usual_scale(sums: &[f64; SCALES]) -> f64 {
     usual_scales().map(|k| sums[k] + prior(k)).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Masks of the machine, best first: inside, changes have one scale, outside the usual one. The
+/// Masks of the machine, best first: inside, changes have one scale (of a mesh, those of some of
+/// its harmonics, whichever), outside the usual one. The
 /// wider a mask, the more its quiet lines speak against it; the narrower, the more the changes that
 /// it leaves.
 ///
@@ -106,6 +110,40 @@ pub fn masks_beside(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask>
     masks_over(cells, places, gaps, &any)
 }
 
+/// Lines by the harmonic of a mesh that they are.
+fn harmonic(family: Family) -> usize {
+    match family {
+        Family::Mesh { harmonic, .. } => usize::from(harmonic),
+        _ => 0,
+    }
+}
+
+/// Evidence of changes of which each source has one scale or another, beyond that of the first
+/// alone; by source `ln(b/a)`, of its lines at either scale. Which share π of the sources changed
+/// is not known, and any is as likely: `∫ Π (1 − π + π bᵢ/aᵢ) dπ = Σ_m E_m B(m + 1, n − m + 1)`,
+/// with the elementary symmetric sums E_m of the ratios (a beta-binomial mixture).
+fn some_of_them(ratios: &[f64]) -> f64 {
+    let log_sum = |a: f64, b: f64| a.max(b) + (-(a - b).abs()).exp().ln_1p();
+    let mut sums = vec![0.0];
+    for ratio in ratios {
+        sums.push(f64::NEG_INFINITY);
+        for m in (1..sums.len()).rev() {
+            if sums[m - 1].is_finite() {
+                sums[m] = if sums[m].is_finite() { log_sum(sums[m], sums[m - 1] + ratio) } else { sums[m - 1] + ratio };
+            }
+        }
+    }
+    // ln B(m + 1, n − m + 1), from 1/(n + 1) at m = 0 on.
+    let n = ratios.len() as f64;
+    let mut share = -(n + 1.0).ln();
+    let mut out = share;
+    for (m, sum) in (1u32..).zip(&sums[1..]) {
+        share += (f64::from(m) / (n - f64::from(m) + 1.0)).ln();
+        out = log_sum(out, share + sum);
+    }
+    out
+}
+
 /// Masks over lines outside whose scales have these ln prior densities.
 fn masks_over(cells: &[Cell], places: &[Place], gaps: &[f64], outside: &[(usize, f64)]) -> Vec<Mask> {
     let lines: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some()).collect();
@@ -121,10 +159,16 @@ fn masks_over(cells: &[Cell], places: &[Place], gaps: &[f64], outside: &[(usize,
         .filter_map(|&place| {
             let mut inside = [0.0; SCALES];
             let mut count = 0;
+            // An error of the profile moves the harmonics that its form holds.
+            let mut by_harmonic: BTreeMap<usize, [f64; SCALES]> = BTreeMap::new();
             for (c, t) in lines.iter().zip(&tables) {
                 if covers(place, c.family) {
                     inside.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
                     count += 1;
+                    if let (Place::Mesh(_), Some(family)) = (place, c.family) {
+                        let own = by_harmonic.entry(harmonic(family)).or_insert([0.0; SCALES]);
+                        own.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
+                    }
                 }
             }
             let together = common_change(&lines, place, gaps);
@@ -132,7 +176,13 @@ fn masks_over(cells: &[Cell], places: &[Place], gaps: &[f64], outside: &[(usize,
             for &(k0, prior) in outside {
                 // What lies within the usual scales is no change, however quiet the rest is.
                 for k1 in changed.max(k0 + 1)..SCALES {
-                    let log = all[k0] - inside[k0] + prior + inside[k1];
+                    let gained = if by_harmonic.is_empty() {
+                        inside[k1] - inside[k0]
+                    } else {
+                        let ratios: Vec<f64> = by_harmonic.values().map(|sums| sums[k1] - sums[k0]).collect();
+                        some_of_them(&ratios)
+                    };
+                    let log = all[k0] + prior + gained;
                     if best.is_none_or(|b| log > b.0) {
                         best = Some((log, k0, k1));
                     }
@@ -269,7 +319,22 @@ fn common_change(lines: &[&Cell], place: Place, gaps: &[f64]) -> Option<Together
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::read::lines::Family;
+
+    /// All ways to choose which of four sources changed, and the share by quadrature.
+    #[test]
+    fn oracle_some_of_the_sources_changed() {
+        let ratios = [3.0, -2.0, 0.5, 40.0];
+        let steps = 2000;
+        let at = |share: f64| ratios.iter().map(|r| 1.0 - share + share * f64::exp(*r)).product::<f64>();
+        let sum: f64 = (0..steps).map(|k| at((f64::from(k) + 0.5) / f64::from(steps))).sum::<f64>();
+        // The midpoint rule errs by the second derivative, some 12, by 24 N².
+        assert!((some_of_them(&ratios) - (sum / f64::from(steps)).ln()).abs() < 1e-6);
+        assert!((some_of_them(&[0.0; 12])).abs() < 1e-12);
+        // All of twelve changed, or none: one of 13 shares that are alike.
+        assert!((some_of_them(&[200.0; 12]) - (2400.0 - 13f64.ln())).abs() < 1e-9);
+        assert!((some_of_them(&[-200.0; 12]) + 13f64.ln()).abs() < 1e-9);
+        assert_eq!(some_of_them(&[]), 0.0);
+    }
 
     /// Lines that change by their own scale are as an unchanged bench has them; by ten times that
     /// they are not, and a prediction that takes the changes off gains it back, less what its own

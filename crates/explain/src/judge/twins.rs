@@ -91,6 +91,11 @@ impl Twins {
         self.chance_of(standing(&self.masks, mask))
     }
 
+    /// Chance that an unchanged bench comes to as much as the case does, by the tail of its twins.
+    pub fn tail(&self) -> f64 {
+        self.chance_of(self.standing[0])
+    }
+
     fn chance_of(&self, standing: f64) -> f64 {
         let over = self.all.standing(standing);
         if over <= 0.0 { 1.0 } else { 0.5 * (-over).exp() }

@@ -234,8 +234,9 @@ pub fn twins_of(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> Op
     let twins = twins::twins(cells, &places(q), &gaps(q))?;
     let [found, usual, most] = twins.standing;
     steps.push(format!(
-        "twins: the mask that is furthest beyond chance gains {found:.1} times what it usually gains beyond its median; in drawn comparisons of an unchanged bench with these very lines {usual:.1} in the middle, {most:.1} at most (p {:.2})",
-        twins.p_null
+        "twins: the mask that is furthest beyond chance gains {found:.1} times what it usually gains beyond its median; in drawn comparisons of an unchanged bench with these very lines {usual:.1} in the middle, {most:.1} at most (p {:.2}; by their tail {:.1e})",
+        twins.p_null,
+        twins.tail()
     ));
     Some(twins)
 }
