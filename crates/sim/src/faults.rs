@@ -217,8 +217,9 @@ pub struct PairModifications {
     pub crown_m: f64,
     /// Factor on the coupling of tooth pairs through the bodies.
     pub coupling_factor: f64,
-    /// Power of the load in the stiffness, relative to the reference load: `k ~ (F/F_ref)^n`,
-    /// beside the Hertz law.
+    /// Power of the load in the stiffness `F/δ`, relative to the reference load: `(F/F_ref)^n`,
+    /// beside the Hertz law. About the static load spur pairs vibrate by the tangent of that law,
+    /// `1/(1 − n)` times as stiff; slices of helical ones by the secant.
     pub load_exponent: f64,
     /// Load (N) at which `load_exponent` changes nothing; the nominal load.
     pub reference_load_n: f64,

@@ -70,6 +70,8 @@ pub struct LoadPoint {
     factor: f64,
     /// Opening (m) of misaligned flanks at the far end of the face.
     wedge_m: f64,
+    /// Exponent of the load in the stiffness of the pairs.
+    hardening: f64,
 }
 
 /// Where the mesh stands.
@@ -342,6 +344,7 @@ impl MeshModel {
             half_per_blend: 0.5 / blend,
             factor,
             wedge_m: pair.misalignment_rad.abs() * width,
+            hardening: pair.load_exponent,
         }
     }
 }

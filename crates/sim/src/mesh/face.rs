@@ -106,6 +106,8 @@ impl Face {
         let mut load = whole.at_load(load_n);
         load.hertz_alone *= self.hertz_factor;
         load.hertz_shared *= self.hertz_factor;
+        // What a slice carries under the static load is not known here: its law stays the secant.
+        load.hardening = 0.0;
         load
     }
 

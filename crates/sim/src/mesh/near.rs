@@ -68,9 +68,7 @@ impl MeshModel {
             pair.foundation_m_per_n *= softer;
             out.keep(touches);
         }
-        if load.wedge_m > 0.0 {
-            out.tilt(load.wedge_m, load.load_n.abs());
-        }
+        out.under_load(load);
     }
 
     /// As [`Self::pairs`] for the back flanks, which touch when the wheel drives the pinion: their
@@ -101,9 +99,7 @@ impl MeshModel {
             let touches = self.pair(s, s, [pinion, wheel], 0.0, (load, reach), pair);
             out.keep(touches);
         }
-        if load.wedge_m > 0.0 {
-            out.tilt(load.wedge_m, load.load_n.abs());
-        }
+        out.under_load(load);
     }
 
     /// Compliance and gap, `deviation_m` included, of the pair at pinion position s₁ and wheel

@@ -1,5 +1,7 @@
 //! The tooth pairs in contact at one instant, and the force that they carry together.
 
+use super::LoadPoint;
+
 /// Most pairs that can be near contact at once: a contact ratio below 3, and corner contact before
 /// and after.
 pub const MAX_PAIRS: usize = 4;
@@ -97,6 +99,32 @@ impl Pairs {
         }
     }
 
+    /// Laws that are not linear, about the static load.
+    #[inline(always)]
+    pub(super) fn under_load(&mut self, load: &LoadPoint) {
+        if load.hardening != 0.0 {
+            self.harden(load.hardening, load.load_n.abs());
+        }
+        if load.wedge_m > 0.0 {
+            self.tilt(load.wedge_m, load.load_n.abs());
+        }
+    }
+
+    /// Pairs whose stiffness `F/δ` goes with the load F by the power n, as that of crowned flanks
+    /// does (`F = K δ^p`, `n = 1 − 1/p`), vibrate about it by the tangent of that law: `1/(1 − n)`
+    /// times as stiff, and as far closed under the static load as the law says. Their compliances
+    /// are those of the law at that load.
+    #[cold]
+    #[inline(never)]
+    fn harden(&mut self, exponent: f64, load_n: f64) {
+        let Some((approach, _)) = self.approach_at(load_n) else { return };
+        for pair in &mut self.items[..self.len] {
+            pair.gap_m += exponent * (approach - pair.gap_m).max(0.0);
+            pair.compliance_m_per_n *= 1.0 - exponent;
+            pair.foundation_m_per_n *= 1.0 - exponent;
+        }
+    }
+
     /// Flanks at an angle γ, which opens a wedge of γ b (m) over the face, touch at one edge first.
     /// With the compliance c of what is not shared with the neighbours, a pair that carries F
     /// approaches by `h = √(2 γ b c F)` until the load closes the wedge at `h = γ b`, and by `c F +
@@ -104,7 +132,7 @@ impl Pairs {
     /// phase under the static load, so that how pairs share it follows their compliances and gaps.
     #[cold]
     #[inline(never)]
-    pub(super) fn tilt(&mut self, wedge_m: f64, load_n: f64) {
+    fn tilt(&mut self, wedge_m: f64, load_n: f64) {
         let straight = *self;
         let mut forces = [load_n / self.len.max(1) as f64; MAX_PAIRS];
         for _ in 0..TILT_STEPS {

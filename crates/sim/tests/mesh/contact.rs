@@ -1,6 +1,7 @@
 //! Contact: load sharing, corner contact, eccentricity, back flanks.
 
 use gearwatch_sim::faults::ToothModifications;
+use gearwatch_sim::hertz::Hertz;
 use gearwatch_sim::mesh::{LoadPoint, MeshModel, MeshOptions, MeshState, Pairs};
 
 use crate::{Specimen, specimen};
@@ -281,6 +282,31 @@ fn oracle_misalignment_of_sliced_flanks() {
             }
             let (approach, _) = skew.static_point(u, &tilted);
             assert!((approach / low - 1.0).abs() < 1e-4, "{load_n} N at {u}: {approach:e} {low:e}");
+        }
+    }
+}
+
+/// Teeth whose stiffness goes with the load by the power 0.3: under the static load they approach
+/// as that stiffness says, half as stiff at a tenth of the load, and what changes about it meets
+/// the derivative of the approach over the load, 1/0.7 times as stiff. Alone and in pairs; between
+/// loads 2 · 10⁻⁴ apart the curvature of the law is 10⁻⁹.
+#[test]
+fn analytic_a_hardening_mesh_has_the_tangent_of_its_law() {
+    let options =
+        MeshOptions { corner_contact: false, body_coupling: None, hertz: Hertz::Linear, ..MeshOptions::default() };
+    let mut teeth = ToothModifications::default();
+    (teeth.pair.load_exponent, teeth.pair.reference_load_n) = (0.3, 1000.0);
+    let (plain, hardening) = (model(&options, &ToothModifications::default()), model(&options, &teeth));
+    for u in [4.3, 4.85] {
+        let approach = |load_n: f64| hardening.static_point(u, &hardening.at_load(load_n)).0;
+        for load_n in [100.0, 1000.0] {
+            let secant = plain.static_point(u, &plain.at_load(load_n)).1 * (load_n / 1000.0_f64).powf(0.3);
+            let (now, tangent) = hardening.static_point(u, &hardening.at_load(load_n));
+            assert!((now * secant / load_n - 1.0).abs() < 1e-12, "{u} {load_n}");
+            assert!((tangent / secant * 0.7 - 1.0).abs() < 1e-12, "{u} {load_n}");
+            let step = 1e-4 * load_n;
+            let slope = (approach(load_n + step) - approach(load_n - step)) / (2.0 * step);
+            assert!((slope * tangent - 1.0).abs() < 1e-8, "{u} {load_n}");
         }
     }
 }
