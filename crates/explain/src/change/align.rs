@@ -31,18 +31,28 @@ pub fn crowded(
 ) -> bool {
     let order = q.train.shafts[shaft].1 * n as f64;
     let Some(own) = channel.combs[shaft].get(n - 1) else { return true };
-    q.train.shafts.iter().enumerate().filter(|(j, _)| *j != shaft).any(|(j, (_, o))| {
-        let k = (order / o).round();
-        let distance = (order - k * o).abs() * recording.revolutions;
-        // The line is read from the three bins about it.
-        let nearest = (distance - 1.0).max(0.0);
-        if k < 1.0 || nearest >= MAIN_LOBE_BINS as f64 {
-            return false;
-        }
-        let leak = dsp::window_response(nearest).norm_sqr() / dsp::window_response(0.0).norm_sqr();
-        let other = channel.combs[j].get(k as usize - 1).map_or(0.0, |l| l.amplitude.norm_sqr());
-        leak * other > LEAKED * own.amplitude.norm_sqr() + own.noise
-    })
+    (0..q.train.shafts.len()).filter(|j| *j != shaft).any(|j| reaches(q, (recording, channel), j, order, own))
+}
+
+/// Whether a line of a shaft's comb reaches into what is read at an order.
+pub fn reaches(
+    q: &Question<'_>,
+    (recording, channel): (&RecordingFeatures, &ChannelFeatures),
+    shaft: usize,
+    order: f64,
+    own: &LineValue,
+) -> bool {
+    let of_shaft = q.train.shafts[shaft].1;
+    let k = (order / of_shaft).round();
+    let distance = (order - k * of_shaft).abs() * recording.revolutions;
+    // A line is read from the three bins about it.
+    let nearest = (distance - 1.0).max(0.0);
+    if k < 1.0 || nearest >= MAIN_LOBE_BINS as f64 {
+        return false;
+    }
+    let leak = dsp::window_response(nearest).norm_sqr() / dsp::window_response(0.0).norm_sqr();
+    let other = channel.combs[shaft].get(k as usize - 1).map_or(0.0, |l| l.amplitude.norm_sqr());
+    leak * other > LEAKED * own.amplitude.norm_sqr() + own.noise
 }
 
 /// A line in recording and reference.

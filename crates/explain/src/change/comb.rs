@@ -14,7 +14,7 @@ use num_complex::Complex64;
 use crate::change::align::{self, CLEAR, Twin};
 use crate::name::Question;
 use crate::read::dsp::median;
-use crate::read::features::{ChannelFeatures, RecordingFeatures};
+use crate::read::features::{ChannelFeatures, RecordingFeatures, line_at};
 
 /// Lines on each side of a mesh harmonic that count as beside it.
 const BESIDE: usize = 5;
@@ -176,6 +176,24 @@ fn differences(q: &Question<'_>, shaft: usize, beyond_gain: bool) -> (Vec<Differ
         }
     }
     (out, aligned)
+}
+
+/// What recordings hold beside the lines of a shaft's comb, so many of its orders above each:
+/// nothing that repeats with the shaft. Where lines of any shaft reach into it there is none.
+pub fn beside(q: &Question<'_>, shaft: usize, shift: f64) -> Vec<Difference> {
+    let mut out = Vec::new();
+    for (pair, rec, _) in twins(q) {
+        for (channel, c) in rec.channels.iter().enumerate().filter(|(_, c)| c.integrity.clipped_at.is_none()) {
+            let value = |n: usize| {
+                let order = (n as f64 + shift) * q.train.shafts[shaft].1;
+                let own = line_at(&c.order_spectrum, &c.order_floor, order * rec.revolutions)?;
+                let alone = (0..q.train.shafts.len()).all(|j| !align::reaches(q, (rec, c), j, order, &own));
+                alone.then_some((own.amplitude, own.noise))
+            };
+            out.push(Difference { pair, channel, lines: (1..=c.combs[shaft].len()).map(value).collect() });
+        }
+    }
+    out
 }
 
 fn clear(l: &Option<(Complex64, f64)>) -> Option<(Complex64, f64)> {

@@ -11,7 +11,8 @@
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-use crate::change::comb::Difference;
+use crate::change::comb::{self, Difference};
+use crate::name::Question;
 use crate::read::lines::SHAFT_MULTIPLES;
 
 /// Longest distance of two lines that are multiplied. Every second line of a comb may lie under
@@ -113,6 +114,17 @@ pub fn pulse(changes: &[Difference]) -> Pulse {
         return Pulse::default();
     }
     Pulse { score: score / (pairs.len() as f64).sqrt(), share: sum / expected }
+}
+
+/// Places beside a comb where pulses are sought: parts of its order, in eighths.
+const PLACES: u8 = 7;
+
+/// Largest score of a pulse beside a shaft's comb. A single event gives neighbouring lines phases
+/// that advance evenly wherever they are read, and one that comes every few turns gives them so at
+/// parts of an order too; what strikes once a turn is on the comb alone.
+pub fn largest_beside(q: &Question<'_>, shaft: usize) -> f64 {
+    let score = |k: u8| pulse(&comb::beside(q, shaft, f64::from(k) / f64::from(PLACES + 1))).score;
+    (1..=PLACES).map(score).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

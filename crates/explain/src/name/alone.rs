@@ -265,9 +265,9 @@ pub fn ripple(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
 mod tests {
     use super::*;
 
-    /// One order leads at both speeds, by 2 and 1.5 nats; another leads by 4 at one of them, where a
-    /// resonance lifts it, and falls behind at the other. An order that a speed does not show counts
-    /// where it is seen.
+    /// One order leads at both speeds, by 2 and 1.5 nats; another leads by 4 at one of them, where
+    /// a resonance lifts it, and falls behind at the other. An order that a speed does not show
+    /// counts where it is seen.
     #[test]
     fn analytic_a_resonance_leads_at_one_speed_only() {
         let at_speeds = [vec![Some(2.0), Some(0.0), Some(-0.5)], vec![Some(1.5), Some(-1.0), Some(0.0)]];

@@ -20,7 +20,7 @@ use crate::read::order_swing::OrderSwing;
 use crate::read::scan;
 
 pub use self::background::FloorBand;
-pub use self::line_fit::LineValue;
+pub use self::line_fit::{LineValue, line_at};
 pub use gearwatch_check::kinematics::comb_orders;
 pub use gearwatch_check::orders::USABLE_BAND;
 pub use gearwatch_check::steady::{Steady, Unused, steady};

@@ -26,23 +26,25 @@ impl LineValue {
     }
 }
 
+/// Amplitude at a place of a spectrum (bins), by itself; `None` beyond its end.
+pub fn line_at(spectrum: &[Complex64], floor: &[f64], position: f64) -> Option<LineValue> {
+    let bin = position.round() as usize;
+    if bin + 2 * MAIN_LOBE_BINS >= spectrum.len() {
+        return None;
+    }
+    let (mut sum, mut weight) = (Complex64::ZERO, 0.0);
+    for (k, value) in spectrum.iter().enumerate().take(bin + 2).skip(bin.saturating_sub(1)) {
+        let w = dsp::window_response(k as f64 - position);
+        sum += w.conj() * value;
+        weight += w.norm_sqr();
+    }
+    Some(LineValue { amplitude: sum / weight, noise: floor[bin] * LINE_FIT_NOISE_GAIN })
+}
+
 /// Amplitudes at the multiples of a spacing (bins), each by itself.
 pub fn comb(spectrum: &[Complex64], floor: &[f64], spacing: f64, highest: f64) -> Vec<LineValue> {
-    let end = highest.min((spectrum.len() - 2 * MAIN_LOBE_BINS) as f64);
-    (1..)
-        .map(|n| f64::from(n) * spacing)
-        .take_while(|p| *p < end)
-        .map(|position| {
-            let bin = position.round() as usize;
-            let (mut sum, mut weight) = (Complex64::ZERO, 0.0);
-            for (k, value) in spectrum.iter().enumerate().take(bin + 2).skip(bin.saturating_sub(1)) {
-                let w = dsp::window_response(k as f64 - position);
-                sum += w.conj() * value;
-                weight += w.norm_sqr();
-            }
-            LineValue { amplitude: sum / weight, noise: floor[bin] * LINE_FIT_NOISE_GAIN }
-        })
-        .collect()
+    let positions = (1..).map(|n| f64::from(n) * spacing).take_while(|p| *p < highest);
+    positions.map_while(|p| line_at(spectrum, floor, p)).collect()
 }
 
 /// What the lines of one spectrum are read from.
