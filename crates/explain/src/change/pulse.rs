@@ -130,6 +130,9 @@ pub fn largest_beside(q: &Question<'_>, shaft: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::read::dsp::Transforms;
+    use crate::read::features::line_at;
+    use gearwatch_check::orders::OrderSpectrum;
     use rand::{RngExt, SeedableRng};
 
     const LINES: usize = 300;
@@ -185,5 +188,36 @@ mod tests {
         let row = |n: usize| Complex64::from_polar(if n <= 12 { 5.0 } else { 0.0 }, 0.9 * n as f64);
         let found = pulse(&changes(3, &row));
         assert!(found.score < 8.0, "{found:?}");
+    }
+
+    /// Pulses at one angle of each turn, of 64 turns in noise: their score on the comb is far above
+    /// any beside it. Of pulses every other turn it is not above that halfway between two lines.
+    #[test]
+    fn analytic_what_strikes_every_other_turn_is_beside_the_comb_too() {
+        const TURNS: usize = 64;
+        const SAMPLES: usize = 256;
+        let scores = |every: usize| -> (f64, f64) {
+            let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+            let mut sample = |n: usize| {
+                let strikes = n % SAMPLES == 77 && (n / SAMPLES).is_multiple_of(every);
+                random.random::<f64>() - 0.5 + if strikes { 6.0 } else { 0.0 }
+            };
+            let signal: Vec<f64> = (0..TURNS * SAMPLES).map(&mut sample).collect();
+            let nothing = vec![false; signal.len() / 2 + 1];
+            let spectrum = OrderSpectrum::of(&mut Transforms::default(), &signal, &nothing);
+            let score = |k: u8| {
+                let shift = f64::from(k) / f64::from(PLACES + 1);
+                let line = |n: usize| {
+                    let at = (n as f64 + shift) * TURNS as f64;
+                    line_at(&spectrum.bins, &spectrum.floor, at).map(|l| (l.amplitude, l.noise))
+                };
+                pulse(&[Difference { pair: 0, channel: 0, lines: (1..120).map(line).collect() }]).score
+            };
+            (score(0), (1..=PLACES).map(score).fold(0.0, f64::max))
+        };
+        let (on, beside) = scores(1);
+        assert!(on > 20.0 && on > 3.0 * beside, "{on} {beside}");
+        let (on, beside) = scores(2);
+        assert!(on > 12.0 && on < 1.2 * beside, "{on} {beside}");
     }
 }

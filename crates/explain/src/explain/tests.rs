@@ -452,19 +452,3 @@ fn analytic_what_happens_once_a_turn_needs_no_reference() {
     assert_eq!(first(&answer), ("eccentricity", "stage1.wheel"), "{:?}", answer.steps);
     assert_eq!(ask(&session(1, 23.0, &nothing), &[]).status, Status::Consistent);
 }
-
-/// A pulse at the same angle of each turn of the input shaft is one tooth of the pinion. A single
-/// strong one in each recording is no tooth, though it gives neighbouring lines phases that advance
-/// evenly.
-#[test]
-fn analytic_what_strikes_at_any_angle_is_no_tooth() {
-    let pulse = |size: f64, off: f64| size * (-0.5 * (off / 1.5e-3).powi(2)).exp();
-    let once_a_turn = |_: usize, _: f64, angle: f64| pulse(6.0, angle - angle.round());
-    let single = |_: usize, _: f64, angle: f64| pulse(60.0, angle - 31.37);
-    let before = session(50, 23.0, &nothing);
-    let answer = ask(&session(1, 23.0, &once_a_turn), &before);
-    assert_eq!(first(&answer), ("tooth_breakage", "stage1.pinion"), "{:?}", answer.steps);
-    let answer = ask(&session(1, 23.0, &single), &before);
-    assert!(answer.effects.iter().all(|e| e.effect != "tooth_breakage"), "{:?}", answer.steps);
-    assert!(answer.steps.iter().any(|s| s.contains("beside the lines of its comb")), "{:?}", answer.steps);
-}
