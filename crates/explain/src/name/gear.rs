@@ -20,9 +20,9 @@ const NEIGHBOURS: usize = 16;
 /// share of 0.60 to 0.92.
 const PULSE_SCORE: f64 = 12.0;
 const PULSE_SHARE: f64 = 0.55;
-/// Score of a pulse on the comb of its shaft over the largest beside it from which what strikes is
-/// locked to the shaft. What is not scores as much in both places, up to noise: 0.7 to 1.4 times on
-/// six benches, 1.7 to 16 times on 16 with a damaged tooth.
+/// Score of a pulse of faint lines on the comb of its shaft over the largest beside it from which
+/// what strikes is locked to the shaft. What is not scores as much in both places, up to noise: 0.7
+/// to 1.4 times on six benches. The skirts of strong lines reach beside their comb.
 const LOCKED: f64 = 1.5;
 /// Above this, one tooth is likelier than errors of all.
 const RATHER_ONE: f64 = 0.6;
@@ -105,7 +105,8 @@ pub fn local_faults(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -
             masks::median_change(cells, Place::Gear(i, j)) > OVER_MESH * masks::median_change(cells, Place::Mesh(i))
         };
         let summed = pulse.score > PULSE_SCORE && pulse.share > PULSE_SHARE && stages.iter().any(|i| one_of_many(*i));
-        if (plain || summed) && is_locked(q, j, &pulse, steps) {
+        // Lines that are clear one by one stand out of what is beside them.
+        if plain || (summed && is_locked(q, j, &pulse, steps)) {
             let (at, sure) = which(q, j, &stages, &changes).unwrap_or((first, 0.6));
             let mut f = one_tooth(gear_name(q, at, j), f64::min(sure, 0.96), &change);
             if !plain {
@@ -145,8 +146,7 @@ const LONE_SHARE: f64 = 0.53;
 /// difference, while stiffness that one tooth lost gives deflection in proportion to the torque.
 pub fn lone_tooth(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let (j, support) = lone_pattern(q, steps)?;
-    let pulse = pulse::pulse(&comb::changes(q, j));
-    if is_locked(q, j, &pulse, steps) { lone(q, j, support) } else { None }
+    lone(q, j, support)
 }
 
 /// The same of a tooth that only all lines together show; where no ripple was found, which the load
