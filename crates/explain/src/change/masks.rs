@@ -110,14 +110,6 @@ pub fn masks_beside(cells: &[Cell], places: &[Place], gaps: &[f64]) -> Vec<Mask>
     masks_over(cells, places, gaps, &any)
 }
 
-/// Lines by the harmonic of a mesh that they are.
-fn harmonic(family: Family) -> usize {
-    match family {
-        Family::Mesh { harmonic, .. } => usize::from(harmonic),
-        _ => 0,
-    }
-}
-
 /// Evidence of changes of which each source has one scale or another, beyond that of the first
 /// alone; by source `ln(b/a)`, of its lines at either scale. Which share π of the sources changed
 /// is not known, and any is as likely: `∫ Π (1 − π + π bᵢ/aᵢ) dπ = Σ_m E_m B(m + 1, n − m + 1)`,
@@ -126,12 +118,11 @@ fn some_of_them(ratios: &[f64]) -> f64 {
     let log_sum = |a: f64, b: f64| a.max(b) + (-(a - b).abs()).exp().ln_1p();
     let mut sums = vec![0.0];
     for ratio in ratios {
-        sums.push(f64::NEG_INFINITY);
+        let of_all = sums[sums.len() - 1] + ratio;
         for m in (1..sums.len()).rev() {
-            if sums[m - 1].is_finite() {
-                sums[m] = if sums[m].is_finite() { log_sum(sums[m], sums[m - 1] + ratio) } else { sums[m - 1] + ratio };
-            }
+            sums[m] = log_sum(sums[m], sums[m - 1] + ratio);
         }
+        sums.push(of_all);
     }
     // ln B(m + 1, n − m + 1), from 1/(n + 1) at m = 0 on.
     let n = ratios.len() as f64;
@@ -160,13 +151,13 @@ fn masks_over(cells: &[Cell], places: &[Place], gaps: &[f64], outside: &[(usize,
             let mut inside = [0.0; SCALES];
             let mut count = 0;
             // An error of the profile moves the harmonics that its form holds.
-            let mut by_harmonic: BTreeMap<usize, [f64; SCALES]> = BTreeMap::new();
+            let mut by_harmonic: BTreeMap<u8, [f64; SCALES]> = BTreeMap::new();
             for (c, t) in lines.iter().zip(&tables) {
                 if covers(place, c.family) {
                     inside.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
                     count += 1;
-                    if let (Place::Mesh(_), Some(family)) = (place, c.family) {
-                        let own = by_harmonic.entry(harmonic(family)).or_insert([0.0; SCALES]);
+                    if let (Place::Mesh(_), Some(Family::Mesh { harmonic, .. })) = (place, c.family) {
+                        let own = by_harmonic.entry(harmonic).or_insert([0.0; SCALES]);
                         own.iter_mut().zip(t).for_each(|(a, v)| *a += INDEPENDENT * v);
                     }
                 }

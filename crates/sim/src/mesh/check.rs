@@ -24,7 +24,7 @@ pub(super) fn check(
     within("the stiffness factor", pair.stiffness_factor, 0.01, 100.0, "")?;
     within("the misalignment", pair.misalignment_rad, -0.02, 0.02, " rad")?;
     within("the body coupling", options.body_coupling.unwrap_or(0.0) * pair.coupling_factor, 0.0, 0.95, "")?;
-    within("the load exponent", pair.load_exponent, 0.0, 0.8, "")?;
+    within("the load exponent", pair.load_exponent, 0.0, 0.5, "")?;
     within("the reference load", pair.reference_load_n, crate::hertz::LEAST_LOAD_N, 1e7, " N")?;
     within("the coefficient of friction", pair.friction, 0.0, 0.5, "")?;
     within("the alternating pitch", pair.alternating_m, 0.0, 1e-3, " m")?;
