@@ -229,6 +229,21 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
 mod tests {
     use anyhow::Context;
 
+    /// A command that a build has left out takes whatever its users write, and names the feature
+    /// that it needs; the help says so too.
+    #[test]
+    fn conform_a_command_that_was_left_out_names_its_feature() {
+        let entry = super::left_out("batch", "batch");
+        for line in
+            [&["batch"][..], &["batch", "archive/", "--output", "x"], &["batch", "--help"], &["batch", "--", "-1"]]
+        {
+            let matches = entry.command().try_get_matches_from(line).unwrap();
+            let said = entry.run(&matches).err().unwrap().to_string();
+            assert!(said.contains("cargo feature \"batch\""), "{said}");
+        }
+        assert!(entry.command().get_about().unwrap().to_string().contains("cargo feature \"batch\""));
+    }
+
     /// Words of a shell's line, of which single quotes hold some together.
     fn words(line: &str) -> Vec<String> {
         let mut words = vec![String::new()];

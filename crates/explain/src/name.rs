@@ -17,6 +17,7 @@ pub mod path_form;
 pub mod shared;
 pub mod strange;
 pub mod subname;
+pub mod supports;
 
 use std::collections::BTreeMap;
 

@@ -173,6 +173,85 @@ impl Frequency {
     }
 }
 
+/// Changes of lines as a function of frequency beside what goes with orders: what a prediction of
+/// them is held against.
+pub struct Free {
+    keys: Vec<Key>,
+    changes: DVector<f64>,
+    /// Covariance by the size of the function of frequency, and its part of the log evidence.
+    covariances: Vec<(Cholesky<f64, Dyn>, f64)>,
+}
+
+impl Free {
+    /// Of the lines of meshes; `None` where there are too few lines or one speed only.
+    pub fn of_meshes(cells: &[Cell], speeds: &[f64]) -> Option<Self> {
+        let speed_of: Vec<usize> = speeds.iter().map(|s| first_at(speeds, *s)).collect();
+        if speed_of.iter().all(|s| *s == 0) {
+            return None;
+        }
+        let of_mesh = |c: &&Cell| matches!(c.family, Some(Family::Mesh { .. } | Family::Side { .. }));
+        let lines: Vec<Cell> = cells.iter().filter(of_mesh).copied().collect();
+        let (keys, changes, variances) = selected(&lines, &speed_of)?;
+        let data = Data { keys: &keys, changes: &changes, variances: &variances };
+        let both: Vec<Part> = ORDERS.iter().copied().chain([Part::Path]).collect();
+        let (_, steps) = data.climb(&both, vec![USUAL; both.len()]);
+        let path = *steps.last()?;
+        // What a prediction leaves may be a smaller function of frequency.
+        let of_size = |step: u8| {
+            let mut steps = steps.clone();
+            *steps.last_mut()? = step;
+            let factor = data.covariance(&both, &steps).cholesky()?;
+            let half: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
+            let prior = (size(step) / size(USUAL)).ln().powi(2) / 8.0;
+            Some((factor, -half - prior))
+        };
+        let covariances = (0..=path).map(of_size).collect::<Option<_>>()?;
+        Some(Self { keys, changes, covariances })
+    }
+
+    /// Pair, channel, line and frequency (Hz) of each change.
+    pub fn lines(&self) -> impl Iterator<Item = (usize, usize, Family, f64)> {
+        self.keys.iter().filter_map(|k| Some((k.pair, k.channel, k.family?, k.ln_hz.exp())))
+    }
+
+    /// Log evidence (nats) without a prediction.
+    pub fn log_evidence(&self) -> f64 {
+        let of_size =
+            |(factor, own): &(Cholesky<f64, Dyn>, f64)| -0.5 * self.changes.dot(&factor.solve(&self.changes)) + own;
+        self.covariances.iter().map(of_size).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The same where a part of the changes is predicted, by their position and one of so many
+    /// forms: on average over the forms, of which each channel has its own.
+    pub fn log_evidence_of(&self, channels: usize, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> f64 {
+        let column = |k: usize| {
+            let of = |(i, key): (usize, &Key)| match k {
+                1.. if key.channel == (k - 1) / forms => predicted(i, (k - 1) % forms),
+                _ => 0.0,
+            };
+            DVector::from_iterator(self.keys.len(), self.keys.iter().enumerate().map(of))
+        };
+        let mut columns: Vec<DVector<f64>> = (0..=channels * forms).map(column).collect();
+        columns[0].copy_from(&self.changes);
+        let all = DMatrix::from_columns(&columns);
+        let products: Vec<(DMatrix<f64>, f64)> =
+            self.covariances.iter().map(|(factor, own)| (all.tr_mul(&factor.solve(&all)), *own)).collect();
+        let combinations = forms.pow(channels as u32);
+        let of_combination = |n: usize| {
+            let chosen: Vec<usize> = (0..channels).map(|c| 1 + c * forms + n / forms.pow(c as u32) % forms).collect();
+            let of_size = |(m, own): &(DMatrix<f64>, f64)| {
+                let across: f64 = chosen.iter().map(|i| m[(0, *i)]).sum();
+                let inside: f64 = chosen.iter().flat_map(|i| chosen.iter().map(|j| m[(*i, *j)])).sum();
+                -0.5 * (m[(0, 0)] - 2.0 * across + inside) + own
+            };
+            products.iter().map(of_size).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let each: Vec<f64> = (0..combinations).map(of_combination).collect();
+        let most = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        most + (each.iter().map(|e| (e - most).exp()).sum::<f64>() / combinations as f64).ln()
+    }
+}
+
 /// First position of a speed.
 fn first_at(speeds: &[f64], speed: f64) -> usize {
     speeds.iter().position(|s| (s / speed - 1.0).abs() < SAME_SPEED).unwrap_or(0)
@@ -406,6 +485,27 @@ mod tests {
         let rms = (off.iter().map(|z| z * z).sum::<f64>() / off.len() as f64).sqrt();
         // One, but for sizes by powers of two.
         assert!(rms < 2.0, "{rms}");
+    }
+
+    /// Lines that follow a steep step of the frequency, which no smooth function does: predicted on
+    /// one sensor by the right one of two forms the evidence rises by tens of nats, by a step
+    /// elsewhere it does not.
+    #[test]
+    fn analytic_a_prediction_is_held_against_a_function_of_frequency() {
+        let step = |hz: f64, at: f64| if hz < at { 0.8 } else { -0.8 };
+        let change = |hz: f64, channel: usize| if channel == 0 { step(hz, 2000.0) } else { 0.0 };
+        let (cells, speeds) = cells(&|_, hz, channel| change(hz, channel), &|_, _| 0.0);
+        let free = Free::of_meshes(&cells, &speeds).unwrap();
+        let hz: Vec<f64> = free.lines().map(|l| l.3).collect();
+        let gain = |at: f64| {
+            let form = |line: usize, form: usize| if form == 0 { 0.0 } else { step(hz[line], at) };
+            free.log_evidence_of(2, 2, &form) - free.log_evidence()
+        };
+        assert!(gain(2000.0) > 20.0, "{}", gain(2000.0));
+        assert!(gain(700.0) < 0.0 && gain(700.0) > -2.0 * 2f64.ln() - 1e-9, "{}", gain(700.0));
+        // Without a prediction all forms are none.
+        let none = free.log_evidence_of(2, 3, &|_, _| 0.0);
+        assert!((none - free.log_evidence()).abs() < 1e-6 * none.abs(), "{none}");
     }
 
     /// One speed says nothing.

@@ -23,10 +23,10 @@ use num_complex::Complex64;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-pub use self::model::transfer;
+pub use self::model::{Model, model, readings, transfer};
 
 use self::candidates::{Action, Candidate, grid};
-use self::model::{Model, Seen, model, responses};
+use self::model::{Seen, responses};
 use crate::change::locate::Cell;
 use crate::fit::refit::SPACING_UM;
 use crate::name::Question;

@@ -222,7 +222,7 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
 /// Returns its index. Without a model of the finding nothing is weighed, and a rival without one
 /// stays as probable as it was. Effects that the joint refit has ranked stay so: its evidence of
 /// all recordings holds what those left out add to the others, by the chain rule of probability,
-/// and would count twice.
+/// and would count twice; so do a path and the supports of a shaft, which were weighed by theirs.
 fn decide(finding: &mut Finding, misfits: &[Option<f64>], lines: usize, steps: &mut Vec<String>) -> usize {
     let Some(own) = misfits[0] else { return 0 };
     let count = finding.alternatives.len();
@@ -231,7 +231,9 @@ fn decide(finding: &mut Finding, misfits: &[Option<f64>], lines: usize, steps: &
     }
     let effects: Vec<&str> =
         std::iter::once(finding.effect).chain(finding.alternatives.iter().map(|(effect, _)| *effect)).collect();
-    let ranked = |k: usize| refit::has_form(effects[0]) && refit::has_form(effects[k]);
+    let weighed = |(effect, place): &(&'static str, String)| refit::has_form(effect) || is_path(effect, place);
+    let weighed: Vec<bool> = std::iter::once(true).chain(finding.alternatives.iter().map(weighed)).collect();
+    let ranked = |k: usize| refit::has_form(effects[0]) && weighed[k];
     let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
     let gain = |k: usize| {
         let misfit = misfits.get(k).copied().flatten().filter(|_| !ranked(k));

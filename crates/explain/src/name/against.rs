@@ -17,6 +17,7 @@ use crate::name::parting;
 use crate::name::path::{self, Seen};
 use crate::name::strange;
 use crate::name::subname;
+use crate::name::supports;
 use crate::name::{Finding, Question};
 
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
@@ -253,15 +254,19 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         locate::line_misfit(cells, None)
     ));
     let (paths, leads) = (found.findings.len(), found.nearest.len());
-    let by_background = by_background(q, cells, speeds, found);
+    let mut clear = by_background(q, cells, speeds, found);
     if found.findings.len() == paths
-        && let Some(clear) = by_lines(q, cells, speeds, found)
+        && let Some(by_lines) = by_lines(q, cells, speeds, found)
     {
         // What the background alone would not prove is proved by the lines.
         found.nearest.truncate(leads);
-        return clear;
+        clear = by_lines;
     }
-    by_background
+    // Supports of a shaft pass for the housing.
+    if let Some(f) = found.findings[paths..].iter_mut().find(|f| path::may_be_the_housing(f)) {
+        supports::weigh(q, cells, speeds, f, found.steps);
+    }
+    clear
 }
 
 /// The same by the background first: what moved there, and the lines with it.

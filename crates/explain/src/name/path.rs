@@ -164,6 +164,11 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
     Some(f)
 }
 
+/// Whether what was named of a path may be the housing's.
+pub fn may_be_the_housing(f: &Finding) -> bool {
+    f.place == HOUSING || f.alternatives.iter().any(|(_, place)| place == HOUSING)
+}
+
 /// Where a path was seen first. In the lines, less change of the background is enough, and a sensor
 /// must stand out from the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The linear train and the loaded meshes of one bench at the operating points of all pairs.
 
 use gearwatch_core::bench::Bench;
-use gearwatch_sim::linear::{LinearTrain, MeshGeometry};
+use gearwatch_sim::linear::{LinearTrain, MeshGeometry, OutputRow};
 use gearwatch_sim::mesh::{FlankStore, StageMesh};
 use gearwatch_sim::setup::SimSetup;
 use nalgebra::DMatrix;
@@ -38,6 +38,31 @@ impl Model {
             .map(|(c, ratio)| c * ratio)
             .collect()
     }
+}
+
+impl Model {
+    /// Another train with the meshes of this one at the torque of a pair.
+    pub fn meshed(&self, train: &LinearTrain, pair: usize) -> LinearTrain {
+        let stiffness: Vec<f64> = self.meshes.iter().map(|m| m[pair].1).collect();
+        train.with_meshes(&stiffness, &self.damping(&stiffness))
+    }
+}
+
+/// Reading of each sensor of a train at a unit force in the mesh of a stage; `None` without a
+/// response.
+pub fn readings(meshed: &LinearTrain, stage: usize, frequency_hz: f64) -> Option<Vec<Complex64>> {
+    let omega = 2.0 * std::f64::consts::PI * frequency_hz;
+    let n = meshed.mass.nrows();
+    let dynamic = DMatrix::from_fn(n, n, |i, j| {
+        Complex64::new(meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)], omega * meshed.damping[(i, j)])
+    });
+    let x = dynamic.lu().solve(&meshed.mesh.get(stage)?.map(|v| Complex64::new(v, 0.0)))?;
+    let of = |row: &OutputRow| {
+        let factor =
+            |i: usize| Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]);
+        (0..n).map(|i| factor(i) * x[i]).sum()
+    };
+    Some(meshed.sensors.iter().map(of).collect())
 }
 
 /// Mesh force of a stage at a brake torque (N).
@@ -111,24 +136,14 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
             continue;
         }
         let line = seen[first];
-        let stiffness: Vec<f64> = model.meshes.iter().map(|m| m[line.pair].1).collect();
-        let meshed = model.train.with_meshes(&stiffness, &model.damping(&stiffness));
+        let meshed = model.meshed(&model.train, line.pair);
         // All lines of this pair share the matrices.
         for at in first..seen.len() {
             if done[at] || seen[at].pair != line.pair {
                 continue;
             }
             let (frequency, stage) = (seen[at].frequency_hz, seen[at].stage);
-            let omega = 2.0 * std::f64::consts::PI * frequency;
-            let n = meshed.mass.nrows();
-            let dynamic = DMatrix::from_fn(n, n, |i, j| {
-                Complex64::new(
-                    meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)],
-                    omega * meshed.damping[(i, j)],
-                )
-            });
-            let right = model.train.mesh[stage].map(|v| Complex64::new(v, 0.0));
-            let solved = dynamic.lu().solve(&right);
+            let found = readings(&meshed, stage, frequency);
             for k in at..seen.len() {
                 if done[k]
                     || seen[k].pair != line.pair
@@ -138,15 +153,9 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
                     continue;
                 }
                 done[k] = true;
-                let Some(x) = &solved else { continue };
-                let row = &model.train.sensors[seen[k].sensor];
-                let mut sum = Complex64::ZERO;
-                for i in 0..n {
-                    let factor =
-                        Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]);
-                    sum += factor * x[i];
-                }
-                out[k] = (sum.norm() * stiffness[stage]).max(1e-30).ln();
+                let Some(readings) = &found else { continue };
+                let stiffness = model.meshes[stage][line.pair].1;
+                out[k] = (readings[seen[k].sensor].norm() * stiffness).max(1e-30).ln();
             }
         }
     }
@@ -158,26 +167,10 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
 pub fn transfer(q: &Question<'_>, torque_nm: f64, stage: usize, frequencies_hz: &[f64]) -> Option<Vec<Vec<Complex64>>> {
     let point = Pair { recording: 0, reference: 0, speed_hz: 1.0, torque_nm, speed_gap: 0.0 };
     let model = model(&SimSetup::nominal(q.bench), &[point])?;
-    let stiffness: Vec<f64> = model.meshes.iter().map(|m| m[0].1).collect();
-    let meshed = model.train.with_meshes(&stiffness, &model.damping(&stiffness));
-    let right = model.train.mesh.get(stage)?.map(|v| Complex64::new(v, 0.0));
+    let meshed = model.meshed(&model.train, 0);
     let mut out = vec![Vec::with_capacity(frequencies_hz.len()); model.train.sensors.len()];
     for hz in frequencies_hz {
-        let omega = 2.0 * std::f64::consts::PI * hz;
-        let n = meshed.mass.nrows();
-        let dynamic = DMatrix::from_fn(n, n, |i, j| {
-            Complex64::new(
-                meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)],
-                omega * meshed.damping[(i, j)],
-            )
-        });
-        let x = dynamic.lu().solve(&right)?;
-        for (row, values) in model.train.sensors.iter().zip(&mut out) {
-            let term = |i: usize| {
-                Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]) * x[i]
-            };
-            values.push((0..n).map(term).sum());
-        }
+        out.iter_mut().zip(readings(&meshed, stage, *hz)?).for_each(|(values, own)| values.push(own));
     }
     Some(out)
 }

@@ -1,0 +1,233 @@
+//! Whether what all sensors show as a function of frequency is the support of a shaft.
+//!
+//! A bearing that is softer or damped otherwise changes each line by what it does at the line's own
+//! frequency, as a mode of the housing does; but what it does follows from the sheet, to all
+//! sensors and stages at once. The simulator predicts it for stiffness and damping of every shaft's
+//! bearings. Each prediction is held against a function of frequency of any form, a Gaussian
+//! process, which also takes what the prediction leaves: the odds are the ratio of the marginal
+//! likelihoods, on average over the sizes.
+
+use gearwatch_core::bench::{EffectSpec, Sensor, Shaft};
+use gearwatch_sim::effects;
+use gearwatch_sim::linear::LinearTrain;
+use gearwatch_sim::setup::SimSetup;
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use crate::change::frequency::Free;
+use crate::change::locate::Cell;
+use crate::fit::refit;
+use crate::fit::shape::{self, Model};
+use crate::name::{Finding, Question};
+use crate::read::lines::Family;
+
+/// Factors that are tried, as likely each.
+const STIFFNESS: &[f64] = &[0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.6, 2.0];
+const DAMPING: &[f64] = &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0];
+/// Share of what a sensor hears that comes from the bearings in question, as likely each.
+const SHARES: [f64; 4] = [0.1, 0.4, 0.7, 1.0];
+/// What the bearing of the sheet may be off by, and how likely that is: a normal number of 12 %, by
+/// three points (Gauss and Hermite).
+const OFF: [(f64, f64); 3] = [(0.812, 1.0 / 6.0), (1.0, 2.0 / 3.0), (1.231, 1.0 / 6.0)];
+
+/// Modes that are tried: step (ln Hz), damping ratios, share in what a sensor reads beside all else,
+/// well above the mode.
+const MODE_STEP: f64 = 0.008;
+const MODE_DAMPING: [f64; 2] = [0.012, 0.022];
+const MODE_SHARES: [f64; 11] = [-2.0, -0.6, -0.2, -0.06, -0.02, 0.0, 0.02, 0.06, 0.2, 0.6, 2.0];
+
+/// What remains to doubt: the sheet's masses, and paths of which a mode is none. That of a path of
+/// all sensors.
+const SUREST: f64 = 0.8;
+/// Least deviation of a factor (ln): three of the factors that are tried.
+const LEAST_SPREAD: f64 = 0.25;
+/// Share of the best from which another stands in the set; supports that the steps tell.
+const IN_SET: f64 = 0.05;
+const SAID: usize = 3;
+
+/// An effect of a shaft's supports and how much likelier it is than a function of frequency of any
+/// form.
+struct Support {
+    effect: &'static str,
+    shaft: usize,
+    /// Log odds (nats).
+    odds: f64,
+    /// The likeliest factor, and the standard deviation of its logarithm.
+    factor: (f64, f64),
+}
+
+/// Weighs a changed path that all sensors have in common against the supports of every shaft, and
+/// names the support where that is the likelier. All names are as likely before: a mode of the
+/// housing, another function of frequency, stiffness and damping of each shaft's bearings.
+pub fn weigh(q: &Question<'_>, cells: &[Cell], speeds: &[f64], finding: &mut Finding, steps: &mut Vec<String>) {
+    let Some(free) = Free::of_meshes(cells, speeds) else { return };
+    let Some(mut supports) = supports(q, &free) else { return };
+    let mode = of_a_mode(&free, q.comparison.channels.len());
+    supports.sort_by(|a, b| b.odds.total_cmp(&a.odds));
+    let shaft = |s: &Support| q.bench.shafts[s.shaft].name.clone();
+    let words: Vec<String> = supports
+        .iter()
+        .take(SAID)
+        .map(|s| format!("{} at {} by {:.1} ({:.2} times)", s.effect, shaft(s), s.odds, s.factor.0))
+        .collect();
+    steps.push(format!(
+        "beyond a function of frequency of any form, the mesh lines favour a mode of the housing by {mode:.1} nats, {}",
+        words.join(", ")
+    ));
+    let most = supports.iter().map(|s| s.odds).fold(mode.max(0.0), f64::max);
+    let share = |odds: f64| (odds - most).exp();
+    let sum: f64 = share(0.0) + share(mode) + supports.iter().map(|s| share(s.odds)).sum::<f64>();
+    let [best, others @ ..] = &supports[..] else { return };
+    let probability = share(best.odds) / sum;
+    if probability < 0.5 {
+        return;
+    }
+    let mut f = Finding::new(best.effect, shaft(best), SUREST * probability);
+    let (factor, spread) = best.factor;
+    f = f.with("factor", factor, spread.max(LEAST_SPREAD) * factor);
+    f.alternatives.push((finding.effect, finding.place.clone()));
+    let near = others.iter().filter(|s| share(s.odds) > IN_SET * share(best.odds));
+    f.alternatives.extend(near.map(|s| (s.effect, shaft(s))));
+    f.evidence = finding.evidence.clone();
+    f.evidence.shape = format!(
+        "what the sheet's bearings and masses make of it agrees with the mesh lines better than a mode of the housing, by {:.1} nats",
+        best.odds - mode
+    );
+    *finding = f;
+}
+
+/// Every effect of every shaft's supports; `None` without a model of the meshes.
+fn supports(q: &Question<'_>, free: &Free) -> Option<Vec<Support>> {
+    let any = free.log_evidence();
+    let plain = refit::sheet::setup(q.bench)?;
+    let asked: Vec<(&'static str, &[f64], usize)> = (0..q.bench.shafts.len())
+        .flat_map(|shaft| [("bearing_compliance", STIFFNESS, shaft), ("damping", DAMPING, shaft)])
+        .filter(|a| !q.without.contains(&a.0))
+        .collect();
+    let model = shape::model(&plain, &q.comparison.pairs)?;
+    let of = |&(effect, factors, shaft): &(&'static str, &[f64], usize)| -> Option<Support> {
+        let place = &q.bench.shafts[shaft].name;
+        let mut all: Vec<(f64, f64)> = Vec::new();
+        for (off, likely) in OFF {
+            let usual = with(&plain, "bearing_compliance", place, off)?;
+            let before = forces(q, &model, &usual, free)?;
+            for factor in factors {
+                let Some(after) = with(&usual, effect, place, *factor).and_then(|s| forces(q, &model, &s, free)) else {
+                    continue;
+                };
+                let stages: Vec<usize> = free.lines().map(|l| stage_of(l.2)).collect();
+                let predicted =
+                    |line: usize, form: usize| change(&before[line], &after[line], (stages[line], shaft), SHARES[form]);
+                let evidence = free.log_evidence_of(q.comparison.channels.len(), SHARES.len(), &predicted);
+                all.push((*factor, evidence - any + likely.ln() - (factors.len() as f64).ln()));
+            }
+        }
+        let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
+        let sum = |of: &dyn Fn(f64) -> f64| all.iter().map(|a| of(a.0.ln()) * (a.1 - most).exp()).sum::<f64>();
+        let weight = sum(&|_| 1.0);
+        let mean = sum(&|x| x) / weight;
+        let spread = (sum(&|x| (x - mean).powi(2)) / weight).sqrt();
+        Some(Support { effect, shaft, odds: most + weight.ln(), factor: (mean.exp(), spread) })
+    };
+    asked.par_iter().map(of).collect()
+}
+
+/// Log odds (nats) of a housing mode that came or went over a function of frequency of any form, on
+/// average over frequencies, damping ratios and its share in what each sensor reads.
+fn of_a_mode(free: &Free, channels: usize) -> f64 {
+    let any = free.log_evidence();
+    let lines: Vec<f64> = free.lines().map(|l| l.3).collect();
+    let (lowest, highest) = lines.iter().fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), hz| (a.min(*hz), b.max(*hz)));
+    let count = ((highest / lowest).ln() / MODE_STEP).ceil().max(1.0) as usize;
+    let modes: Vec<(f64, f64)> = (0..=count)
+        .map(|k| lowest * (MODE_STEP * k as f64).exp())
+        .flat_map(|hz| MODE_DAMPING.map(|ratio| (hz, ratio)))
+        .collect();
+    let of = |&(hz, ratio): &(f64, f64)| {
+        let response = |line: usize, share: f64| {
+            let u = lines[line] / hz;
+            let mode = Complex64::new(u * u, 0.0) / Complex64::new(1.0 - u * u, 2.0 * ratio * u);
+            (Complex64::ONE + mode * share).norm().max(f64::MIN_POSITIVE).ln()
+        };
+        let came = |line: usize, form: usize| response(line, MODE_SHARES[form]);
+        let went = |line: usize, form: usize| -response(line, MODE_SHARES[form]);
+        let of = |predicted: &dyn Fn(usize, usize) -> f64| {
+            free.log_evidence_of(channels, MODE_SHARES.len(), predicted) - any
+        };
+        [of(&came), of(&went)]
+    };
+    let all: Vec<f64> = modes.par_iter().flat_map_iter(of).collect();
+    let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    most + (all.iter().map(|a| (a - most).exp()).sum::<f64>() / all.len() as f64).ln()
+}
+
+/// A bench with an effect of one number.
+fn with(setup: &SimSetup, effect: &str, place: &str, factor: f64) -> Option<SimSetup> {
+    let mut out = setup.clone();
+    let parameters = std::iter::once(("factor".to_owned(), factor)).collect();
+    effects::apply(&EffectSpec { effect: effect.to_owned(), place: place.to_owned(), parameters }, &mut out).ok()?;
+    Some(out)
+}
+
+fn stage_of(family: Family) -> usize {
+    match family {
+        Family::Mesh { stage, .. } | Family::Side { stage, .. } => stage,
+        Family::Shaft { .. } | Family::Motor { .. } => 0,
+    }
+}
+
+/// Forces on the bearings of every shaft, in the direction of the line's sensor, at a unit force in
+/// the mesh of its stage; by line and shaft.
+fn forces(q: &Question<'_>, model: &Model, setup: &SimSetup, free: &Free) -> Option<Vec<Vec<Complex64>>> {
+    let mut bench = setup.bench.clone();
+    // What the housing does to all of them alike is the path's.
+    bench.housing_modes.clear();
+    bench.sensors.clear();
+    for channel in &q.comparison.channels {
+        let own = q.bench.sensors.iter().find(|s| s.name == *channel)?;
+        let at = |shaft: &Shaft| Sensor {
+            name: format!("{channel} {}", shaft.name),
+            shaft: shaft.name.clone(),
+            ..own.clone()
+        };
+        bench.sensors.extend(q.bench.shafts.iter().map(at));
+    }
+    let train = LinearTrain::new(&bench);
+    let meshed: Vec<LinearTrain> = (0..q.comparison.pairs.len()).map(|p| model.meshed(&train, p)).collect();
+    let shafts = q.bench.shafts.len();
+    let of = |(pair, channel, family, hz): (usize, usize, Family, f64)| {
+        let all = shape::readings(&meshed[pair], stage_of(family), hz)?;
+        Some(all[channel * shafts..(channel + 1) * shafts].to_vec())
+    };
+    free.lines().map(of).collect()
+}
+
+/// Change of a line (ln) at a sensor that hears the bearings of one shaft by this share and those
+/// of the other shaft of the line's stage by the rest.
+fn change(before: &[Complex64], after: &[Complex64], (stage, shaft): (usize, usize), share: f64) -> f64 {
+    let other = if shaft == stage { stage + 1 } else { stage };
+    let own = if shaft == stage || shaft == stage + 1 { shaft } else { stage + 1 };
+    let sum = after[own] / before[own] * share + after[other] / before[other] * (1.0 - share);
+    if sum.is_finite() { sum.norm().max(f64::MIN_POSITIVE).ln() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sensor that hears one bearing alone changes as that does; by half each, as the middle of
+    /// both forces; where there was no force, not at all.
+    #[test]
+    fn analytic_a_sensor_hears_both_bearings_by_their_shares() {
+        let z = |re: f64, im: f64| Complex64::new(re, im);
+        let (before, after) = ([z(2.0, 0.0), z(0.0, 1.0)], [z(4.0, 0.0), z(-1.0, 0.0)]);
+        let of = |shaft: usize, share: f64| change(&before, &after, (0, shaft), share);
+        assert!((of(0, 1.0) - 2f64.ln()).abs() < 1e-12 && of(1, 1.0).abs() < 1e-12);
+        // Ratios 2 and i: their middle has the magnitude √5 / 2.
+        assert!((of(0, 0.5) - (0.5 * 5f64.sqrt()).ln()).abs() < 1e-12);
+        assert_eq!(change(&[z(0.0, 0.0); 2], &after, (0, 0), 0.5), 0.0);
+        // Bearings of a shaft that carries no gear of the line's stage are heard through the mesh.
+        let three = |b: [Complex64; 2]| [b[0], b[1], z(1.0, 0.0)];
+        assert_eq!(change(&three(before), &three(after), (0, 2), 1.0), change(&before, &after, (0, 1), 1.0));
+    }
+}
