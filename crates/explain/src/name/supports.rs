@@ -24,7 +24,7 @@ use crate::read::lines::Family;
 /// Factors that are tried, as likely each.
 const STIFFNESS: &[f64] = &[0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.6, 2.0];
 const DAMPING: &[f64] = &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0];
-/// Share of what a sensor hears that comes from the bearings in question, as likely each.
+/// Share of what a sensor reads that comes from the bearings in question, as likely each.
 const SHARES: [f64; 4] = [0.1, 0.4, 0.7, 1.0];
 /// What the bearing of the sheet may be off by, and how likely that is: a normal number of 12 %, by
 /// three points (Gauss and Hermite).
@@ -202,7 +202,7 @@ fn forces(q: &Question<'_>, model: &Model, setup: &SimSetup, free: &Free) -> Opt
     free.lines().map(of).collect()
 }
 
-/// Change of a line (ln) at a sensor that hears the bearings of one shaft by this share and those
+/// Change of a line (ln) at a sensor that reads the bearings of one shaft by this share and those
 /// of the other shaft of the line's stage by the rest.
 fn change(before: &[Complex64], after: &[Complex64], (stage, shaft): (usize, usize), share: f64) -> f64 {
     let other = if shaft == stage { stage + 1 } else { stage };
@@ -215,10 +215,10 @@ fn change(before: &[Complex64], after: &[Complex64], (stage, shaft): (usize, usi
 mod tests {
     use super::*;
 
-    /// A sensor that hears one bearing alone changes as that does; by half each, as the middle of
+    /// A sensor that reads one bearing alone changes as that does; by half each, as the middle of
     /// both forces; where there was no force, not at all.
     #[test]
-    fn analytic_a_sensor_hears_both_bearings_by_their_shares() {
+    fn analytic_a_sensor_reads_both_bearings_by_their_shares() {
         let z = |re: f64, im: f64| Complex64::new(re, im);
         let (before, after) = ([z(2.0, 0.0), z(0.0, 1.0)], [z(4.0, 0.0), z(-1.0, 0.0)]);
         let of = |shaft: usize, share: f64| change(&before, &after, (0, shaft), share);
@@ -226,7 +226,7 @@ mod tests {
         // Ratios 2 and i: their middle has the magnitude √5 / 2.
         assert!((of(0, 0.5) - (0.5 * 5f64.sqrt()).ln()).abs() < 1e-12);
         assert_eq!(change(&[z(0.0, 0.0); 2], &after, (0, 0), 0.5), 0.0);
-        // Bearings of a shaft that carries no gear of the line's stage are heard through the mesh.
+        // Bearings of a shaft that carries no gear of the line's stage are read through the mesh.
         let three = |b: [Complex64; 2]| [b[0], b[1], z(1.0, 0.0)];
         assert_eq!(change(&three(before), &three(after), (0, 2), 1.0), change(&before, &after, (0, 1), 1.0));
     }
