@@ -30,8 +30,8 @@ const SHARES: [f64; 4] = [0.1, 0.4, 0.7, 1.0];
 /// three points (Gauss and Hermite).
 const OFF: [(f64, f64); 3] = [(0.812, 1.0 / 6.0), (1.0, 2.0 / 3.0), (1.231, 1.0 / 6.0)];
 
-/// Modes that are tried: step (ln Hz), damping ratios, share in what a sensor reads beside all else,
-/// well above the mode.
+/// Modes that are tried: step (ln Hz), damping ratios, share in what a sensor reads beside all
+/// else, well above the mode.
 const MODE_STEP: f64 = 0.008;
 const MODE_DAMPING: [f64; 2] = [0.012, 0.022];
 const MODE_SHARES: [f64; 11] = [-2.0, -0.6, -0.2, -0.06, -0.02, 0.0, 0.02, 0.06, 0.2, 0.6, 2.0];
