@@ -7,6 +7,8 @@
 //! background (Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, ch. 2 and 5);
 //! the marginal likelihoods of the two alone and of their sum are compared.
 
+use std::cmp::Reverse;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::change::locate::Cell;
@@ -173,9 +175,23 @@ impl Frequency {
     }
 }
 
+/// Logarithm of the mean of `exp` of some values.
+pub fn log_mean_exp(values: &[f64]) -> f64 {
+    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return largest;
+    }
+    largest + (values.iter().map(|v| (v - largest).exp()).sum::<f64>() / values.len() as f64).ln()
+}
+
+/// Channels that a prediction is held against, those with the most lines: each has a form of its
+/// own, and all combinations are asked.
+const PREDICTED: usize = 3;
+
 /// Changes of lines as a function of frequency beside what goes with orders: what a prediction of
 /// them is held against.
 pub struct Free {
+    channels: Vec<usize>,
     keys: Vec<Key>,
     changes: DVector<f64>,
     /// Covariance by the size of the function of frequency, and its part of the log evidence.
@@ -189,8 +205,14 @@ impl Free {
         if speed_of.iter().all(|s| *s == 0) {
             return None;
         }
-        let of_mesh = |c: &&Cell| matches!(c.family, Some(Family::Mesh { .. } | Family::Side { .. }));
-        let lines: Vec<Cell> = cells.iter().filter(of_mesh).copied().collect();
+        let of_mesh =
+            |c: &Cell| matches!(c.family, Some(Family::Mesh { .. } | Family::Side { .. })) && c.variance < CLEAR;
+        let count = |channel: usize| cells.iter().filter(|c| c.channel == channel && of_mesh(c)).count();
+        let last = cells.iter().map(|c| c.channel).max()?;
+        let mut channels: Vec<usize> = (0..=last).filter(|c| count(*c) > 0).collect();
+        channels.sort_by_key(|c| Reverse(count(*c)));
+        channels.truncate(PREDICTED);
+        let lines: Vec<Cell> = cells.iter().filter(|c| of_mesh(c) && channels.contains(&c.channel)).copied().collect();
         let (keys, changes, variances) = selected(&lines, &speed_of)?;
         let data = Data { keys: &keys, changes: &changes, variances: &variances };
         let both: Vec<Part> = ORDERS.iter().copied().chain([Part::Path]).collect();
@@ -202,11 +224,10 @@ impl Free {
             *steps.last_mut()? = step;
             let factor = data.covariance(&both, &steps).cholesky()?;
             let half: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-            let prior = (size(step) / size(USUAL)).ln().powi(2) / 8.0;
-            Some((factor, -half - prior))
+            Some((factor, -half - unusual(step)))
         };
         let covariances = (0..=path).map(of_size).collect::<Option<_>>()?;
-        Some(Self { keys, changes, covariances })
+        Some(Self { channels, keys, changes, covariances })
     }
 
     /// Pair, channel, line and frequency (Hz) of each change.
@@ -223,10 +244,11 @@ impl Free {
 
     /// The same where a part of the changes is predicted, by their position and one of so many
     /// forms: on average over the forms, of which each channel has its own.
-    pub fn log_evidence_of(&self, channels: usize, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> f64 {
+    pub fn log_evidence_of(&self, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> f64 {
+        let channels = self.channels.len();
         let column = |k: usize| {
             let of = |(i, key): (usize, &Key)| match k {
-                1.. if key.channel == (k - 1) / forms => predicted(i, (k - 1) % forms),
+                1.. if key.channel == self.channels[(k - 1) / forms] => predicted(i, (k - 1) % forms),
                 _ => 0.0,
             };
             DVector::from_iterator(self.keys.len(), self.keys.iter().enumerate().map(of))
@@ -246,9 +268,7 @@ impl Free {
             };
             products.iter().map(of_size).fold(f64::NEG_INFINITY, f64::max)
         };
-        let each: Vec<f64> = (0..combinations).map(of_combination).collect();
-        let most = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        most + (each.iter().map(|e| (e - most).exp()).sum::<f64>() / combinations as f64).ln()
+        log_mean_exp(&(0..combinations).map(of_combination).collect::<Vec<_>>())
     }
 }
 
@@ -287,6 +307,11 @@ fn selected(cells: &[Cell], speed_of: &[usize]) -> Option<(Vec<Key>, DVector<f64
     }
     let changes = DVector::from_iterator(all.len(), all.iter().map(|c| c.1));
     Some((all.iter().map(|c| c.0).collect(), changes, all.iter().map(|c| c.2).collect()))
+}
+
+/// What the prior of a size takes off the log evidence.
+fn unusual(step: u8) -> f64 {
+    (size(step) / size(USUAL)).ln().powi(2) / 8.0
 }
 
 /// Standard deviation of a step.
@@ -362,7 +387,7 @@ impl Data<'_> {
                 let scale = size(*step).powi(2);
                 sum.zip_apply(matrix, |s, m| *s += scale * m);
             }
-            let prior: f64 = steps.iter().map(|s| (size(*s) / size(USUAL)).ln().powi(2) / 8.0).sum();
+            let prior: f64 = steps.iter().map(|s| unusual(*s)).sum();
             sum.cholesky().map_or(f64::NEG_INFINITY, |factor| {
                 let half: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
                 -0.5 * self.changes.dot(&factor.solve(self.changes)) - half - prior
@@ -499,13 +524,29 @@ mod tests {
         let hz: Vec<f64> = free.lines().map(|l| l.3).collect();
         let gain = |at: f64| {
             let form = |line: usize, form: usize| if form == 0 { 0.0 } else { step(hz[line], at) };
-            free.log_evidence_of(2, 2, &form) - free.log_evidence()
+            free.log_evidence_of(2, &form) - free.log_evidence()
         };
         assert!(gain(2000.0) > 20.0, "{}", gain(2000.0));
+        // No prediction at all is one of four combinations, which bounds the loss.
         assert!(gain(700.0) < 0.0 && gain(700.0) > -2.0 * 2f64.ln() - 1e-9, "{}", gain(700.0));
-        // Without a prediction all forms are none.
-        let none = free.log_evidence_of(2, 3, &|_, _| 0.0);
+        // Where all forms are none, up to rounding.
+        let none = free.log_evidence_of(3, &|_, _| 0.0);
         assert!((none - free.log_evidence()).abs() < 1e-6 * none.abs(), "{none}");
+    }
+
+    /// Of more channels than are asked those with the most lines stay: of five copies of one sensor
+    /// the third, which lost half of its lines, is none of three.
+    #[test]
+    fn analytic_the_channels_with_the_most_lines_are_asked() {
+        let (two, speeds) = cells(&|_, hz, channel| wave(hz, channel), &wave);
+        let of = |channel: usize| {
+            let kept = move |(k, _): &(usize, &Cell)| channel != 2 || k % 2 == 0;
+            two.iter().filter(|c| c.channel == 0).enumerate().filter(kept).map(move |(_, c)| Cell { channel, ..*c })
+        };
+        let many: Vec<Cell> = (0..5).flat_map(of).collect();
+        let free = Free::of_meshes(&many, &speeds).unwrap();
+        assert_eq!(free.channels, [0, 1, 3]);
+        assert!(free.log_evidence_of(11, &|_, form| 0.01 * form as f64).is_finite());
     }
 
     /// One speed says nothing.

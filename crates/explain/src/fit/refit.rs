@@ -31,7 +31,7 @@ use rayon::prelude::*;
 
 use self::library::fitted;
 use self::lines::Line;
-pub use self::problem::{Base, FreeTerm, Number, PITCH_ERROR, Problem, SPACING_UM};
+pub use self::problem::{Base, FreeTerm, Number, PITCH_ERROR, Problem, SPACING_UM, STIFFNESS_TOLERANCE};
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
 use crate::change::masks;

@@ -27,6 +27,7 @@ pub use self::model::{Model, model, readings, transfer};
 
 use self::candidates::{Action, Candidate, grid};
 use self::model::{Seen, responses};
+use crate::change::frequency::log_mean_exp;
 use crate::change::locate::Cell;
 use crate::fit::refit::SPACING_UM;
 use crate::name::Question;
@@ -94,14 +95,6 @@ fn drawn(bench: &Bench, rng: &mut ChaCha8Rng) -> SimSetup {
         teeth.pair.alternating_m = 1e-6 * (SPACING_UM.0 + SPACING_UM.1 * normal(rng)).max(0.0);
     }
     setup
-}
-
-fn log_mean_exp(values: &[f64]) -> f64 {
-    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if !largest.is_finite() {
-        return largest;
-    }
-    largest + (values.iter().map(|v| (v - largest).exp()).sum::<f64>() / values.len() as f64).ln()
 }
 
 /// Shares of the change of a mesh harmonic that its sidebands may follow, all of them alike: what

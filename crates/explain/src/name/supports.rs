@@ -14,7 +14,7 @@ use gearwatch_sim::setup::SimSetup;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use crate::change::frequency::Free;
+use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::fit::refit;
 use crate::fit::shape::{self, Model};
@@ -26,12 +26,12 @@ const STIFFNESS: &[f64] = &[0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15,
 const DAMPING: &[f64] = &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0];
 /// Share of what a sensor reads that comes from the bearings in question, as likely each.
 const SHARES: [f64; 4] = [0.1, 0.4, 0.7, 1.0];
-/// What the bearing of the sheet may be off by, and how likely that is: a normal number of 12 %, by
-/// three points (Gauss and Hermite).
-const OFF: [(f64, f64); 3] = [(0.812, 1.0 / 6.0), (1.0, 2.0 / 3.0), (1.231, 1.0 / 6.0)];
+/// What the bearing of the sheet may be off by (standard deviations), and how likely that is: a
+/// normal number by three points (Gauss and Hermite).
+const OFF: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
 
-/// Modes that are tried: step (ln Hz), damping ratios, share in what a sensor reads beside all
-/// else, well above the mode.
+/// Modes that are tried: step (ln Hz), below the least half width of a mode, its damping ratio;
+/// damping ratios; share in what a sensor reads beside all else, well above the mode.
 const MODE_STEP: f64 = 0.008;
 const MODE_DAMPING: [f64; 2] = [0.012, 0.022];
 const MODE_SHARES: [f64; 11] = [-2.0, -0.6, -0.2, -0.06, -0.02, 0.0, 0.02, 0.06, 0.2, 0.6, 2.0];
@@ -62,7 +62,7 @@ struct Support {
 pub fn weigh(q: &Question<'_>, cells: &[Cell], speeds: &[f64], finding: &mut Finding, steps: &mut Vec<String>) {
     let Some(free) = Free::of_meshes(cells, speeds) else { return };
     let Some(mut supports) = supports(q, &free) else { return };
-    let mode = of_a_mode(&free, q.comparison.channels.len());
+    let mode = of_a_mode(&free);
     supports.sort_by(|a, b| b.odds.total_cmp(&a.odds));
     let shaft = |s: &Support| q.bench.shafts[s.shaft].name.clone();
     let words: Vec<String> = supports
@@ -105,20 +105,20 @@ fn supports(q: &Question<'_>, free: &Free) -> Option<Vec<Support>> {
         .filter(|a| !q.without.contains(&a.0))
         .collect();
     let model = shape::model(&plain, &q.comparison.pairs)?;
+    let stages: Vec<usize> = free.lines().map(|l| stage_of(l.2)).collect();
     let of = |&(effect, factors, shaft): &(&'static str, &[f64], usize)| -> Option<Support> {
         let place = &q.bench.shafts[shaft].name;
         let mut all: Vec<(f64, f64)> = Vec::new();
         for (off, likely) in OFF {
-            let usual = with(&plain, "bearing_compliance", place, off)?;
+            let usual = with(&plain, "bearing_compliance", place, (off * refit::STIFFNESS_TOLERANCE).exp())?;
             let before = forces(q, &model, &usual, free)?;
             for factor in factors {
                 let Some(after) = with(&usual, effect, place, *factor).and_then(|s| forces(q, &model, &s, free)) else {
                     continue;
                 };
-                let stages: Vec<usize> = free.lines().map(|l| stage_of(l.2)).collect();
                 let predicted =
                     |line: usize, form: usize| change(&before[line], &after[line], (stages[line], shaft), SHARES[form]);
-                let evidence = free.log_evidence_of(q.comparison.channels.len(), SHARES.len(), &predicted);
+                let evidence = free.log_evidence_of(SHARES.len(), &predicted);
                 all.push((*factor, evidence - any + likely.ln() - (factors.len() as f64).ln()));
             }
         }
@@ -134,7 +134,7 @@ fn supports(q: &Question<'_>, free: &Free) -> Option<Vec<Support>> {
 
 /// Log odds (nats) of a housing mode that came or went over a function of frequency of any form, on
 /// average over frequencies, damping ratios and its share in what each sensor reads.
-fn of_a_mode(free: &Free, channels: usize) -> f64 {
+fn of_a_mode(free: &Free) -> f64 {
     let any = free.log_evidence();
     let lines: Vec<f64> = free.lines().map(|l| l.3).collect();
     let (lowest, highest) = lines.iter().fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), hz| (a.min(*hz), b.max(*hz)));
@@ -151,14 +151,10 @@ fn of_a_mode(free: &Free, channels: usize) -> f64 {
         };
         let came = |line: usize, form: usize| response(line, MODE_SHARES[form]);
         let went = |line: usize, form: usize| -response(line, MODE_SHARES[form]);
-        let of = |predicted: &dyn Fn(usize, usize) -> f64| {
-            free.log_evidence_of(channels, MODE_SHARES.len(), predicted) - any
-        };
-        [of(&came), of(&went)]
+        let odds = |predicted: &dyn Fn(usize, usize) -> f64| free.log_evidence_of(MODE_SHARES.len(), predicted) - any;
+        [odds(&came), odds(&went)]
     };
-    let all: Vec<f64> = modes.par_iter().flat_map_iter(of).collect();
-    let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    most + (all.iter().map(|a| (a - most).exp()).sum::<f64>() / all.len() as f64).ln()
+    log_mean_exp(&modes.par_iter().flat_map_iter(of).collect::<Vec<_>>())
 }
 
 /// A bench with an effect of one number.
@@ -180,7 +176,8 @@ fn stage_of(family: Family) -> usize {
 /// the mesh of its stage; by line and shaft.
 fn forces(q: &Question<'_>, model: &Model, setup: &SimSetup, free: &Free) -> Option<Vec<Vec<Complex64>>> {
     let mut bench = setup.bench.clone();
-    // What the housing does to all of them alike is the path's.
+    // What the housing does to all of them alike is the path's; its modes have shapes at the
+    // sheet's own sensors alone.
     bench.housing_modes.clear();
     bench.sensors.clear();
     for channel in &q.comparison.channels {

@@ -19,7 +19,7 @@ use crate::name::Question;
 
 /// How wrong the numbers of a sheet are (standard deviation of the logarithm): stiffnesses,
 /// damping.
-const STIFFNESS_TOLERANCE: f64 = 0.12;
+pub const STIFFNESS_TOLERANCE: f64 = 0.12;
 const DAMPING_TOLERANCE: f64 = 0.3;
 /// Share of the simulator's coupling of tooth pairs through their gear bodies: models in use have
 /// from none (pairs added up) to all of it (finite elements). It decides how mean stiffness and its

@@ -38,9 +38,7 @@ impl Model {
             .map(|(c, ratio)| c * ratio)
             .collect()
     }
-}
 
-impl Model {
     /// Another train with the meshes of this one at the torque of a pair.
     pub fn meshed(&self, train: &LinearTrain, pair: usize) -> LinearTrain {
         let stiffness: Vec<f64> = self.meshes.iter().map(|m| m[pair].1).collect();
