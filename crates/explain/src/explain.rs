@@ -66,6 +66,7 @@ fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(
         ratios: &ratios,
         teeth: teeth.as_ref(),
         without: input.without,
+        changed_paths: &[],
     };
     let name::Named { explanation, bench: refitted } = name::answer(&question, strange, steps, progress);
     if !comparison.pairs.is_empty() {

@@ -35,7 +35,7 @@ use crate::judge::held_out;
 use crate::judge::latent;
 use crate::judge::publish::publish;
 use crate::judge::report::{Evidence, Explanation, Status};
-use crate::read::features::RecordingFeatures;
+use crate::read::features::{ChannelFeatures, RecordingFeatures};
 use crate::read::folded::FoldedLine;
 use crate::read::kinematics::OtherTeeth;
 use crate::read::ratio::Ratios;
@@ -58,6 +58,18 @@ pub struct Question<'a> {
     pub teeth: Option<&'a OtherTeeth>,
     /// Effects that are taken out of the library.
     pub without: &'a [&'a str],
+    /// Channels of the comparison whose path changed beside others: what that makes of a comb is no
+    /// change of a tooth.
+    pub changed_paths: &'a [usize],
+}
+
+impl Question<'_> {
+    /// Whether a channel tells of single teeth: what clips makes lines of its own, and so does a
+    /// path that changed.
+    pub fn tells_teeth(&self, channel: &ChannelFeatures) -> bool {
+        let changed = |c: &usize| self.comparison.channels[*c] == channel.name;
+        channel.integrity.clipped_at.is_none() && !self.changed_paths.iter().any(changed)
+    }
 }
 
 /// An effect found, before it is published.

@@ -153,8 +153,7 @@ fn differences(q: &Question<'_>, shaft: usize, beyond_gain: bool) -> (Vec<Differ
             .enumerate()
             .filter(|(_, c)| known.is_empty() || known.contains(&c.name))
             .filter_map(|(k, c)| Some((k, c, &reference.channels[of(reference, &c.name)?])))
-            // What clips makes lines of its own on the combs.
-            .filter(|(_, now, before)| [now, before].iter().all(|c| c.integrity.clipped_at.is_none()))
+            .filter(|(_, now, before)| [now, before].iter().all(|c| q.tells_teeth(c)))
             .map(|(k, now, before)| (k, own_lines(q, (rec, now), (reference, before), shaft)))
             .collect();
         let all: Vec<&Twin> = channels.iter().flat_map(|c| &c.1).collect();
@@ -183,7 +182,7 @@ fn differences(q: &Question<'_>, shaft: usize, beyond_gain: bool) -> (Vec<Differ
 pub fn beside(q: &Question<'_>, shaft: usize, shift: f64) -> Vec<Difference> {
     let mut out = Vec::new();
     for (pair, rec, _) in twins(q) {
-        for (channel, c) in rec.channels.iter().enumerate().filter(|(_, c)| c.integrity.clipped_at.is_none()) {
+        for (channel, c) in rec.channels.iter().enumerate().filter(|(_, c)| q.tells_teeth(c)) {
             let value = |n: usize| {
                 let order = (n as f64 + shift) * q.train.shafts[shaft].1;
                 let own = line_at(&c.order_spectrum, &c.order_floor, order * rec.revolutions)?;

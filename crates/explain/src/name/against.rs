@@ -115,7 +115,10 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     // One tooth that differs shows in phases before it shows in amplitudes.
-    for (stage, shaft, finding) in gear::local_faults(q, &remaining, found.steps) {
+    let has_lines = |c: &usize| remaining.iter().any(|x| x.channel == *c && x.family.is_some());
+    let changed_paths: Vec<usize> = (0..q.comparison.channels.len()).filter(|c| !has_lines(c)).collect();
+    let clear = Question { changed_paths: &changed_paths, ..*q };
+    for (stage, shaft, finding) in gear::local_faults(&clear, &remaining, found.steps) {
         found.findings.push(finding);
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }

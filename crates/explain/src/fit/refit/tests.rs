@@ -38,6 +38,7 @@ impl Drawn {
             ratios: &m.ratios,
             teeth: m.teeth.as_ref(),
             without: &[],
+            changed_paths: &[],
         };
         ask(&question, &locate::cells(&comparison))
     }
