@@ -343,6 +343,9 @@ fn exponent(q: &Question<'_>, differences: &[Difference]) -> Option<(f64, f64)> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::explain::Input;
+    use crate::measure::measure;
+    use crate::prove;
     use rand::{RngExt, SeedableRng};
     use std::f64::consts::TAU;
 
@@ -362,6 +365,39 @@ mod tests {
             })
             .collect();
         vec![Difference { pair: 0, channel: 0, lines }]
+    }
+
+    /// Of a drawn bench with two channels the one whose path changed has no part in a comb's change,
+    /// nor in what is beside it.
+    #[test]
+    fn conform_a_channel_whose_path_changed_says_nothing_of_teeth() {
+        let measured = |index: u64| {
+            let case = prove::case(2_026_112_701, index, Some("eccentricity"))?;
+            let (recordings, reference) = (&case.recordings, &case.reference);
+            let input = Input { bench: &case.bench, recordings, reference, without: &[] };
+            let measured = measure(&input, &mut Vec::new(), &mut |_| {}).ok()?;
+            let suits = measured.comparison.channels.len() > 1 && !measured.comparison.pairs.is_empty();
+            suits.then_some(measured)
+        };
+        let m = (1..=8).find_map(measured).unwrap();
+        let of = |changed_paths: &[usize]| {
+            let q = Question {
+                bench: &m.bench,
+                train: &m.train,
+                recordings: &m.recordings,
+                references: &m.references,
+                comparison: &m.comparison,
+                ratios: &m.ratios,
+                teeth: m.teeth.as_ref(),
+                without: &[],
+                changed_paths,
+            };
+            let all = [changes(&q, 0), changes_beyond_gain(&q, 0), beside(&q, 0, 0.5)];
+            all.map(|of| [0, 1].map(|c| of.iter().any(|d| d.channel == c)))
+        };
+        assert_eq!(of(&[]), [[true; 2]; 3]);
+        assert_eq!(of(&[0]), [[false, true]; 3]);
+        assert_eq!(of(&[1]), [[true, false]; 3]);
     }
 
     /// One tooth of 31 gives all 15 phases alike. Errors of all teeth do not, however many lines
