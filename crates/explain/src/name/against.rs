@@ -118,11 +118,17 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     let has_lines = |c: &usize| remaining.iter().any(|x| x.channel == *c && x.family.is_some());
     let changed_paths: Vec<usize> = (0..q.comparison.channels.len()).filter(|c| !has_lines(c)).collect();
     let clear = Question { changed_paths: &changed_paths, ..*q };
-    for (stage, shaft, finding) in gear::local_faults(&clear, &remaining, found.steps) {
-        found.findings.push(finding);
+    let faults = gear::local_faults(&clear, &remaining, found.steps);
+    let tooth_found = !faults.is_empty();
+    for (stage, shaft, finding) in faults {
+        if gear::of_shape(&finding) {
+            found.steps.push(format!("one tooth of {}: it has another shape and is as stiff as before", finding.place));
+            found.leave_unexplained(vec![finding]);
+        } else {
+            found.findings.push(finding);
+        }
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }
-    let tooth_found = found.findings.iter().any(|f| f.effect == "tooth_breakage");
     if tooth_found {
         // A damaged tooth lights lines everywhere, among them those of a ghost.
         found.findings.retain(|f| f.effect != "ghost_component");

@@ -119,7 +119,13 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
     let reference = mean_finite(corrected[n..].iter().copied());
     let base = reference.map_or(if q.bench.belt.is_some() { CREEP } else { 0.0 }, |r| r.0);
     let base_variance = reference.map_or(2e-4f64.powi(2), |r| DISPLAY_SIGMA.powi(2) / r.1 as f64);
-    let sigma = (DISPLAY_SIGMA.powi(2) / count as f64 + base_variance).sqrt();
+    let (slope, constant) = (law(q, slip, base, true), law(q, slip, base, false));
+    // Where no law brings the speeds together (a speed that swings), they tell less by as much as
+    // they scatter about the better one (Birge ratio).
+    let freedom = count.saturating_sub(1).max(1) as f64;
+    let scatter = (slope.misfit.min(constant.misfit) / freedom).max(1.0);
+    let sigma = (scatter * DISPLAY_SIGMA.powi(2) / count as f64 + base_variance).sqrt();
+    let odds = 0.5 * (constant.misfit - slope.misfit) / scatter;
     let excess = mean - base;
     steps.push(format!(
         "input shaft behind the drive display: {:.3} % (usual up to {:.3} %)",
@@ -130,15 +136,14 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
         return;
     }
     if q.bench.belt.is_some() && excess > 0.0 {
-        let (slope, constant) = (law(q, slip, base, true), law(q, slip, base, false));
         // A clock that the tacho shows to be right leaves slip.
-        let odds = if clock_known { f64::INFINITY } else { 0.5 * (constant.misfit - slope.misfit) };
+        let odds = if clock_known { f64::INFINITY } else { odds };
         let slipping = 1.0 / (1.0 + (-odds).exp());
         steps.push(format!(
             "speed against display: slip in proportion to torque leaves χ² = {:.1}, a wrong clock {:.1} ({count} recordings)",
             slope.misfit, constant.misfit
         ));
-        let floor = |sigma: f64| (sigma.powi(2) + base_variance).sqrt();
+        let floor = |sigma: f64| (scatter * sigma.powi(2) + base_variance).sqrt();
         let slipped = |p: f64| {
             Finding::new("belt_slip", "belt", p.min(0.96)).with(
                 "slip_percent",
@@ -176,9 +181,8 @@ fn speeds(q: &Question<'_>, out: &mut Vec<Finding>, steps: &mut Vec<String>) {
         // Behind the display without a reference: a motor that slips, in proportion to its torque,
         // unless the loads say that it does not.
         if q.bench.belt.is_none() && excess > 0.0 && excess < MOST_SLIP && reference.is_none() {
-            let odds = 0.5 * (law(q, slip, base, true).misfit - law(q, slip, base, false).misfit);
-            steps.push(format!("behind the display by {:.2} %: the slip of the motor, unless the clock is likelier by {LARGE_ODDS} nats; it is by {odds:.1}", 100.0 * excess));
-            if odds < LARGE_ODDS {
+            steps.push(format!("behind the display by {:.2} %: the slip of the motor, unless the clock is likelier by {LARGE_ODDS} nats; it is by {:.1}", 100.0 * excess, -odds));
+            if -odds < LARGE_ODDS {
                 return;
             }
         }

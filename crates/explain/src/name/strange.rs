@@ -413,6 +413,10 @@ fn pickup(l: &FixedLine) -> Finding {
     }
     f.evidence.place = format!("a line at {hz:.2} Hz at every speed, on this sensor alone");
     f.evidence.law = "fixed frequency, no order".into();
+    f.evidence.support = format!(
+        "one amplitude in all recordings is likelier by {:.1} nats than another in each; of the machine's own lines {:.0e} may be expected to be as much alike",
+        l.alike, l.expected
+    );
     f
 }
 

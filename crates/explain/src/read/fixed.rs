@@ -8,8 +8,10 @@
 //! all recordings, at any phase; its gain is the log likelihood ratio of that (Rice), against
 //! nothing and against the same line in the reference.
 //!
-//! A machine has lines that nobody listed. How many, and how large, is read from the recordings
-//! themselves: the same is asked at frequencies beside the mains, where none enters.
+//! A machine has lines that nobody listed. How often one lies at a frequency in all recordings is
+//! read from the recordings themselves: the same is asked at frequencies beside the mains, where
+//! none enters. Its amplitude is another one in each recording; so that it passes for what enters
+//! behind the machine, those must be alike by chance.
 
 mod joint;
 mod sham;
@@ -33,8 +35,8 @@ const DEVIATION: f64 = 1e-3;
 /// Half width of what is known of a line's frequency (bins).
 const PLACE_BINS: f64 = 0.3;
 
-/// Lines of the machine that may be expected to gain as much, among all places asked, where a line
-/// is taken for one that enters behind it.
+/// Lines of the machine that may be expected to be as much alike, among all places asked, where a
+/// line is taken for one that enters behind it.
 const EXPECTED: f64 = 1e-3;
 /// The least gain of two speeds. Among all the multiples a line of the machine that nobody listed
 /// may lie at one speed (94 nats at 240 Hz); 50 and 60 Hz themselves may be seen at one speed,
@@ -65,12 +67,16 @@ pub struct FixedLine {
     pub amplitude: (f64, f64),
     /// Nats; where there is a reference against the same line before.
     pub gain: f64,
+    /// Nats of one amplitude in all recordings over one that is drawn anew in each.
+    pub alike: f64,
     /// Nats, by speed of the machine, against nothing.
     pub by_speed: Vec<f64>,
+    /// The same of an amplitude of its own at each speed.
+    pub own_by_speed: Vec<f64>,
     /// Largest gain of the same line on another sensor.
     pub elsewhere: f64,
-    /// Lines of the machine that may be expected to gain as much on this sensor, among all places
-    /// asked.
+    /// Lines of the machine that may be expected to be as much alike in all recordings of this
+    /// sensor, among all places asked.
     pub expected: f64,
 }
 
@@ -79,6 +85,12 @@ impl FixedLine {
     fn is_steady(&self) -> bool {
         let seen = self.by_speed.iter().filter(|g| **g > GAIN_EACH).count();
         self.by_speed.len() > 1 && self.by_speed.iter().all(|g| *g > AGAINST) && (seen > 1 || self.multiple == Some(1))
+    }
+
+    /// A line is there at two speeds at least, whatever its amplitude, and is new where there is a
+    /// reference.
+    fn is_there(&self) -> bool {
+        self.gain > GAIN_EACH && self.own_by_speed.iter().filter(|g| **g > GAIN_EACH).count() > 1
     }
 
     /// The machine's own lines do not do as much.
@@ -121,6 +133,31 @@ fn in_common(cells: &[&Cell]) -> (f64, f64) {
     let sum = |a: f64| cells.iter().map(|c| c.gain(a)).sum::<f64>();
     // Steps of 2 %, down to a tenth of the largest.
     (0..=114).map(|k| top * 0.98f64.powi(k)).map(|a| (a, sum(a))).fold((0.0, 0.0), |b, x| if x.1 > b.1 { x } else { b })
+}
+
+/// How likely the largest line of a pick-up is at one of the places asked, before it was looked for.
+/// That of the mains is mostly their frequency itself or a low multiple of it, of amplitudes as the
+/// inverse of the multiple: its power, `m^-2`, parts what the multiples have together.
+fn share(asked: &[Place], k: usize) -> f64 {
+    let power = |p: &Place| p.multiple.map(|m| f64::from(m).powi(-2));
+    let all: f64 = asked.iter().filter_map(power).sum();
+    let multiples = asked.iter().filter(|p| p.multiple.is_some()).count() as f64;
+    power(&asked[k]).map_or(1.0, |own| multiples * own / all) / asked.len() as f64
+}
+
+/// What some cells gain by a line of the machine, whose amplitude is drawn anew in each recording
+/// (Rayleigh amplitudes, so that powers are exponential) from the scale that suits them best.
+fn drawn_anew(cells: &[&Cell]) -> f64 {
+    let gain = |scale: f64| {
+        let of = |c: &&Cell| {
+            let ratio = scale / c.noise;
+            c.ratio() * ratio / (1.0 + ratio) - ratio.ln_1p()
+        };
+        cells.iter().map(of).sum::<f64>()
+    };
+    let top = cells.iter().map(|c| c.amplitude.powi(2)).fold(0.0, f64::max);
+    // Steps of 10 %, down to some thousandth of the largest power.
+    (-7..=66).map(|k| gain(top * 0.9f64.powi(k))).fold(0.0, f64::max)
 }
 
 /// Lines of the mains, and at the other frequencies that are asked (Hz), the plainest first.
@@ -181,7 +218,7 @@ pub fn fit(
         let first = out.len();
         out.extend(shams.iter().enumerate().filter_map(|(c, shams)| {
             let l = line_at(k, c)?;
-            Some(FixedLine { expected: shams.expected(l.gain, asked), ..l })
+            Some(FixedLine { expected: shams.expected(l.alike, 1.0 / share(&places[..asked], k)), ..l })
         }));
         let gains: Vec<(String, f64)> =
             out[first..].iter().map(|l| (l.channel.clone(), if l.is_one_amplitude() { l.gain } else { 0.0 })).collect();
@@ -209,14 +246,14 @@ fn line(
     }
     let all: Vec<&Cell> = cells.iter().copied().chain(before).collect();
     let gain = if before.is_empty() { alone } else { alone - in_common(&all).1 };
-    let mut speeds: Vec<(f64, f64)> = Vec::new();
+    let mut speeds: Vec<(f64, Vec<&Cell>)> = Vec::new();
     for (cell, recording) in own.iter().zip(recordings) {
-        let gained = cell.map_or(0.0, |c| c.gain(amplitude));
         match speeds.iter_mut().find(|s| (s.0 / recording.input_hz - 1.0).abs() < SAME_SPEED) {
-            Some(s) => s.1 += gained,
-            None => speeds.push((recording.input_hz, gained)),
+            Some(s) => s.1.extend(cell),
+            None => speeds.push((recording.input_hz, cell.iter().collect())),
         }
     }
+    let gained = |cells: &[&Cell]| cells.iter().map(|c| c.gain(amplitude)).sum();
     let weight: f64 = cells.iter().map(|c| c.noise.recip()).sum();
     let hz = cells.iter().map(|c| c.hz / c.noise).sum::<f64>() / weight;
     let hz_per_bin = recordings.iter().map(|r| r.hz_per_bin).fold(0.0, f64::max);
@@ -227,7 +264,9 @@ fn line(
         // Half of the noise power lies along the amplitude.
         amplitude: (amplitude, (2.0 * weight).sqrt().recip()),
         gain,
-        by_speed: speeds.into_iter().map(|s| s.1).collect(),
+        alike: alone - drawn_anew(&cells),
+        by_speed: speeds.iter().map(|s| gained(&s.1)).collect(),
+        own_by_speed: speeds.iter().map(|s| in_common(&s.1).1).collect(),
         elsewhere: 0.0,
         expected: f64::INFINITY,
     })
@@ -336,7 +375,37 @@ mod tests {
         let recordings: Vec<RecordingFeatures> = cells.iter().map(|c| turning(c.0)).collect();
         let own: Vec<Option<Cell>> = cells.iter().map(|c| Some(c.1)).collect();
         let l = line(&MAINS, "acc", &recordings, &own, before)?;
-        Some(FixedLine { expected: Shams::new((0..100).map(|_| None)).expected(l.gain, 20), ..l })
+        Some(FixedLine { expected: Shams::new((0..100).map(|_| None)).expected(l.alike, 20.0), ..l })
+    }
+
+    /// Ten multiples and two other places: each of the two has a twelfth, the multiples the rest by
+    /// their power, so that the third has a ninth of the first.
+    #[test]
+    fn analytic_a_pick_up_of_the_mains_is_largest_at_low_multiples() {
+        let mains = (1..=10).map(|m| Place { hz: 50.0 * f64::from(m), multiple: Some(m), wander: DEVIATION });
+        let others = [77.0, 91.0].map(|hz| Place { hz, multiple: None, wander: 0.0 });
+        let places: Vec<Place> = mains.chain(others).collect();
+        let shares: Vec<f64> = (0..places.len()).map(|k| share(&places, k)).collect();
+        assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert!((shares[11] - 1.0 / 12.0).abs() < 1e-12);
+        assert!((shares[2] / shares[0] - 1.0 / 9.0).abs() < 1e-12);
+    }
+
+    /// Amplitudes that are alike are one, those that differ by a factor of three are not, however
+    /// clear; the scale that suits a power of `r` times the noise is `r - 1`, and gains
+    /// `r - 1 - ln r`.
+    #[test]
+    fn analytic_amplitudes_that_differ_are_drawn_anew() {
+        let cell = |amplitude: f64| Cell { hz: 50.0, amplitude, noise: 1.0 };
+        let alike = |amplitudes: [f64; 4]| {
+            let cells = amplitudes.map(cell);
+            let cells: Vec<&Cell> = cells.iter().collect();
+            in_common(&cells).1 - drawn_anew(&cells)
+        };
+        assert!(alike([9.4, 10.0, 10.7, 9.9]) > 3.0);
+        assert!(alike([6.0, 15.0, 7.0, 18.0]) < -15.0);
+        let one = cell(5.0);
+        assert!((drawn_anew(&[&one]) - (24.0 - 25f64.ln())).abs() < 0.01);
     }
 
     /// Tables of Abramowitz & Stegun, 9.8.
