@@ -367,8 +367,8 @@ mod tests {
         vec![Difference { pair: 0, channel: 0, lines }]
     }
 
-    /// Of a drawn bench with two channels the one whose path changed has no part in a comb's change,
-    /// nor in what is beside it.
+    /// Of a drawn bench with two channels the one whose path changed has no part in a comb's change
+    /// and none in what is beside it.
     #[test]
     fn conform_a_channel_whose_path_changed_says_nothing_of_teeth() {
         let measured = |index: u64| {

@@ -109,30 +109,36 @@ pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     }
 }
 
-/// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
-fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
-    let (places, gaps) = (places(q), gaps(q));
-    let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
-    found.cells.clone_from(&remaining);
-    // One tooth that differs shows in phases before it shows in amplitudes.
+/// Names gears of which one tooth changed, which shows in phases before it shows in amplitudes, and
+/// takes their lines away; whether there is any.
+fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'_>) -> bool {
     let has_lines = |c: &usize| remaining.iter().any(|x| x.channel == *c && x.family.is_some());
     let changed_paths: Vec<usize> = (0..q.comparison.channels.len()).filter(|c| !has_lines(c)).collect();
     let clear = Question { changed_paths: &changed_paths, ..*q };
-    let faults = gear::local_faults(&clear, &remaining, found.steps);
-    let tooth_found = !faults.is_empty();
+    let faults = gear::local_faults(&clear, remaining, found.steps);
+    if faults.is_empty() {
+        return false;
+    }
+    // A damaged tooth lights lines everywhere, among them those of a ghost.
+    found.findings.retain(|f| f.effect != "ghost_component");
     for (stage, shaft, finding) in faults {
+        remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
         if gear::of_shape(&finding) {
             found.steps.push(format!("one tooth of {}: it has another shape and is as stiff as before", finding.place));
             found.leave_unexplained(vec![finding]);
         } else {
             found.findings.push(finding);
         }
-        remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
     }
-    if tooth_found {
-        // A damaged tooth lights lines everywhere, among them those of a ghost.
-        found.findings.retain(|f| f.effect != "ghost_component");
-    }
+    true
+}
+
+/// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
+fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
+    let (places, gaps) = (places(q), gaps(q));
+    let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
+    found.cells.clone_from(&remaining);
+    let tooth_found = single_teeth(q, &mut remaining, found);
     let ghost = found.findings.iter().find(|f| f.effect == "ghost_component");
     let ghost_found = ghost.is_some();
     if let Some(ghost) = ghost {
