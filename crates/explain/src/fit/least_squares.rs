@@ -103,7 +103,7 @@ pub fn minimise<M: Model>(
     let normal = match normal {
         Some(normal) => normal,
         None => {
-            let jacobian = quotients(&x, (&state, &r), priors, (free, &groups), model)?;
+            let jacobian = quotients(&x, (&state, &r), priors, (free, &groups), model);
             equations(&jacobian, &x, &r, priors, free).0
         }
     };
@@ -181,7 +181,7 @@ impl<S> Descent<'_, S> {
         for _ in 0..iterations {
             if self.followed >= SERVES {
                 let here = (&self.state, &*self.r);
-                self.jacobian = quotients(&self.x, here, self.priors, (self.free, &self.groups), model)?;
+                self.jacobian = quotients(&self.x, here, self.priors, (self.free, &self.groups), model);
                 self.followed = 0;
             }
             let fresh = self.followed == 0;
@@ -268,14 +268,15 @@ fn groups<'a>(reaches: &'a [Reach], free: &[usize]) -> Vec<Group<'a>> {
     out
 }
 
-/// Jacobian by difference quotients.
+/// Jacobian by difference quotients. Numbers on both sides of which there is no model have none:
+/// nothing but their priors moves them.
 fn quotients<M: Model>(
     x: &DVector<f64>,
     (state, r): (&M::State, &[f64]),
     priors: &[Prior],
     (free, groups): (&[usize], &[Group<'_>]),
     model: &mut M,
-) -> Option<DMatrix<f64>> {
+) -> DMatrix<f64> {
     let mut jacobian = DMatrix::zeros(r.len(), free.len());
     for group in groups {
         let moved = |by: f64| {
@@ -283,11 +284,9 @@ fn quotients<M: Model>(
             group.iter().for_each(|&(column, _)| moved[free[column]] += by * priors[free[column]].sigma);
             moved
         };
-        let (at, by) = match model.state(&moved(STEP)) {
-            Some(at) => (at, STEP),
-            // At the edge of what can be solved, the quotient looks back.
-            None => (model.state(&moved(-STEP))?, -STEP),
-        };
+        // At the edge of what can be solved, the quotient looks back.
+        let sides = [STEP, -STEP].into_iter();
+        let Some((at, by)) = sides.filter_map(|by| Some((model.state(&moved(by))?, by))).next() else { continue };
         for &(column, _) in group {
             let by = by * SHARE * priors[free[column]].sigma;
             let alone = model.residuals(&model.reached(state, &at, free[column], SHARE));
@@ -295,7 +294,7 @@ fn quotients<M: Model>(
             jacobian.column_mut(column).iter_mut().zip(quotients).for_each(|(j, q)| *j = q);
         }
     }
-    Some(jacobian)
+    jacobian
 }
 
 /// Weighted normal matrix and gradient (halved), priors included.
@@ -433,6 +432,31 @@ mod tests {
         assert!(calls.get() < 4 * found.iterations, "{calls:?} models for {} steps", found.iterations);
         let (cost, x) = approach(start(), &priors, &reaches, &[0, 1], 40, &mut model).unwrap();
         assert!(cost == found.cost.1 && x == found.x);
+    }
+
+    /// Where the model ends on both sides of one number, the other is fitted all the same, and the
+    /// prior's middle, where that number starts, is where it stays.
+    #[test]
+    fn analytic_a_number_without_neighbours_stays() {
+        struct Edge;
+        impl Model for Edge {
+            type State = Vec<f64>;
+
+            fn state(&mut self, x: &DVector<f64>) -> Option<Vec<f64>> {
+                (x[1] == 0.5).then(|| vec![(x[0] - 2.0) / 1e-3])
+            }
+
+            fn residuals(&self, state: &Vec<f64>) -> Vec<f64> {
+                state.clone()
+            }
+
+            fn reached(&self, state: &Vec<f64>, moved: &Vec<f64>, _: usize, share: f64) -> Vec<f64> {
+                state.iter().zip(moved).map(|(a, b)| a + share * (b - a)).collect()
+            }
+        }
+        let priors = [Prior { mean: 1.0, sigma: 2.0 }, Prior { mean: 0.5, sigma: 0.1 }];
+        let (_, x) = approach(DVector::from_vec(vec![1.0, 0.5]), &priors, &[], &[0, 1], 16, &mut Edge).unwrap();
+        assert!((x[0] - 2.0).abs() < 1e-4 && x[1] == 0.5, "{x}");
     }
 
     /// Without data the prior is the answer.

@@ -162,7 +162,7 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     let none = residuals(&vec![0.0; q.comparison.lines.len()]);
     let mean = residuals(&line_means(q.comparison, &rest));
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
-    let best = decide(&mut findings[first], &misfits, none.lines, steps);
+    let best = decide(&mut findings[first], (&misfits, none.held), none.lines, steps);
     let own = answers[best].as_ref()?;
     // A sham of what is no longer first says nothing of it.
     let sham = answers[count..].iter().flatten().map(|r| r.held).next().filter(|_| best == 0);
@@ -219,12 +219,18 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
 
 /// Weighs a finding against its rivals by what each leaves of the recordings that were held out
 /// (`misfits`, its own first, `None` without a model), and puts the most probable one first.
-/// Returns its index. Without a model of the finding nothing is weighed, and a rival without one
+/// Returns its index. Recordings that are within repetition of their references without any effect
+/// (`none`) weigh nothing: a model that does nothing predicts them best. Without a model of the finding nothing is weighed, and a rival without one
 /// stays as probable as it was. Effects that the joint refit has ranked stay so: its evidence of
 /// all recordings holds what those left out add to the others, by the chain rule of probability,
 /// and would count twice; so do a path and the supports of a shaft, which were weighed by theirs.
-fn decide(finding: &mut Finding, misfits: &[Option<f64>], lines: usize, steps: &mut Vec<String>) -> usize {
-    let Some(own) = misfits[0] else { return 0 };
+fn decide(
+    finding: &mut Finding,
+    (misfits, none): (&[Option<f64>], f64),
+    lines: usize,
+    steps: &mut Vec<String>,
+) -> usize {
+    let Some(own) = misfits[0].filter(|_| none > 1.0) else { return 0 };
     let count = finding.alternatives.len();
     if count == 0 {
         return 0;
@@ -410,16 +416,17 @@ mod tests {
     /// else has weighed; what the joint refit has ranked stays as it was.
     #[test]
     fn analytic_what_the_refit_ranked_is_not_weighed_again() {
-        let decided = |effect: &'static str, rival: &'static str| {
+        let decided = |effect: &'static str, rival: &'static str, none: f64| {
             let mut f = Finding::new(effect, "stage1.pinion", 0.6);
             f.alternatives.push((rival, "stage1.pinion".to_owned()));
-            let best = decide(&mut f, &[Some(6.0), Some(2.0)], 40, &mut Vec::new());
+            let best = decide(&mut f, (&[Some(6.0), Some(2.0)], none), 40, &mut Vec::new());
             (best, f.effect, f.probability)
         };
-        let (best, effect, probability) = decided("eccentricity", "pitch_error");
+        let (best, effect, probability) = decided("eccentricity", "pitch_error", 8.0);
         assert_eq!((best, effect), (1, "pitch_error"));
         assert!(probability > 0.9);
-        assert_eq!(decided("tip_relief", "profile_error"), (0, "tip_relief", 0.6));
+        assert_eq!(decided("eccentricity", "pitch_error", 0.9), (0, "eccentricity", 0.6));
+        assert_eq!(decided("tip_relief", "profile_error", 8.0), (0, "tip_relief", 0.6));
     }
 
     /// The error of a path's model in drawn benches, within twice its standard error.

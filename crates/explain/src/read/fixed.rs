@@ -69,6 +69,8 @@ pub struct FixedLine {
     pub gain: f64,
     /// Nats of one amplitude in all recordings over one that is drawn anew in each.
     pub alike: f64,
+    /// Odds that the reference has the line as well; 0 without one.
+    pub known: f64,
     /// Nats, by speed of the machine, against nothing.
     pub by_speed: Vec<f64>,
     /// The same of an amplitude of its own at each speed.
@@ -76,7 +78,7 @@ pub struct FixedLine {
     /// Largest gain of the same line on another sensor.
     pub elsewhere: f64,
     /// Lines of the machine that may be expected to be as much alike in all recordings of this
-    /// sensor, among all places asked.
+    /// sensor, among all places asked, and those that the reference has.
     pub expected: f64,
 }
 
@@ -135,6 +137,16 @@ fn in_common(cells: &[&Cell]) -> (f64, f64) {
     (0..=114).map(|k| top * 0.98f64.powi(k)).map(|a| (a, sum(a))).fold((0.0, 0.0), |b, x| if x.1 > b.1 { x } else { b })
 }
 
+/// The mains and their multiples, in order.
+fn mains() -> Vec<Place> {
+    let multiple = |base: f64, m: u32| Place { hz: base * f64::from(m), multiple: Some(m), wander: DEVIATION };
+    let of = |base: &f64| (1..=MULTIPLES).map(|m| multiple(*base, m)).collect::<Vec<_>>();
+    let mut places: Vec<Place> = MAINS_HZ.iter().flat_map(of).collect();
+    places.sort_by(|a, b| a.hz.total_cmp(&b.hz));
+    places.dedup_by(|a, b| a.hz == b.hz);
+    places
+}
+
 /// How likely the largest line of a pick-up is at one of the places asked, before it was looked for.
 /// That of the mains is mostly their frequency itself or a low multiple of it, of amplitudes as the
 /// inverse of the multiple: its power, `m^-2`, parts what the multiples have together.
@@ -180,14 +192,7 @@ pub fn fit(
             names.push(name);
         }
     }
-    let mut places: Vec<Place> = MAINS_HZ
-        .iter()
-        .flat_map(|base| {
-            (1..=MULTIPLES).map(move |m| Place { hz: base * f64::from(m), multiple: Some(m), wander: DEVIATION })
-        })
-        .collect();
-    places.sort_by(|a, b| a.hz.total_cmp(&b.hz));
-    places.dedup_by(|a, b| a.hz == b.hz);
+    let mut places = mains();
     let beside = sham::beside(&places);
     places.extend(others.iter().map(|&hz| Place { hz, multiple: None, wander: 0.0 }));
     let asked = places.len();
@@ -218,7 +223,7 @@ pub fn fit(
         let first = out.len();
         out.extend(shams.iter().enumerate().filter_map(|(c, shams)| {
             let l = line_at(k, c)?;
-            Some(FixedLine { expected: shams.expected(l.alike, 1.0 / share(&places[..asked], k)), ..l })
+            Some(FixedLine { expected: shams.expected(&l, 1.0 / share(&places[..asked], k)), ..l })
         }));
         let gains: Vec<(String, f64)> =
             out[first..].iter().map(|l| (l.channel.clone(), if l.is_one_amplitude() { l.gain } else { 0.0 })).collect();
@@ -265,6 +270,7 @@ fn line(
         amplitude: (amplitude, (2.0 * weight).sqrt().recip()),
         gain,
         alike: alone - drawn_anew(&cells),
+        known: if before.is_empty() { 0.0 } else { (-gain).exp() },
         by_speed: speeds.iter().map(|s| gained(&s.1)).collect(),
         own_by_speed: speeds.iter().map(|s| in_common(&s.1).1).collect(),
         elsewhere: 0.0,
@@ -375,16 +381,18 @@ mod tests {
         let recordings: Vec<RecordingFeatures> = cells.iter().map(|c| turning(c.0)).collect();
         let own: Vec<Option<Cell>> = cells.iter().map(|c| Some(c.1)).collect();
         let l = line(&MAINS, "acc", &recordings, &own, before)?;
-        Some(FixedLine { expected: Shams::new((0..100).map(|_| None)).expected(l.alike, 20.0), ..l })
+        // None of a hundred shams, and 50 Hz among all places of the mains.
+        let (shams, places) = (Shams::new((0..100).map(|_| None)), 1.0 / share(&mains(), 0));
+        Some(FixedLine { expected: shams.expected(&l, places), ..l })
     }
 
     /// Ten multiples and two other places: each of the two has a twelfth, the multiples the rest by
     /// their power, so that the third has a ninth of the first.
     #[test]
     fn analytic_a_pick_up_of_the_mains_is_largest_at_low_multiples() {
-        let mains = (1..=10).map(|m| Place { hz: 50.0 * f64::from(m), multiple: Some(m), wander: DEVIATION });
+        let of_50 = (1..=10).map(|m| Place { hz: 50.0 * f64::from(m), multiple: Some(m), wander: DEVIATION });
         let others = [77.0, 91.0].map(|hz| Place { hz, multiple: None, wander: 0.0 });
-        let places: Vec<Place> = mains.chain(others).collect();
+        let places: Vec<Place> = of_50.chain(others).collect();
         let shares: Vec<f64> = (0..places.len()).map(|k| share(&places, k)).collect();
         assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         assert!((shares[11] - 1.0 / 12.0).abs() < 1e-12);
@@ -443,7 +451,7 @@ mod tests {
         };
         for seed in 1..6 {
             let found = judged(&four([0.2; 2], seed), &[]).unwrap();
-            assert!(found.is_picked_up(), "{found:?}");
+            assert!(found.is_picked_up(), "seed {seed}: {found:?}");
             assert!((found.amplitude.0 - 0.2).abs() < 4.0 * found.amplitude.1 + 0.1 * 0.2, "{found:?}");
             assert!((found.hz.0 - 50.0).abs() < 2.0 * found.hz.1, "{found:?}");
             let before: Vec<Cell> = four([0.2; 2], 100 + seed).into_iter().map(|c| c.1).collect();

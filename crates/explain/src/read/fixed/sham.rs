@@ -26,10 +26,12 @@ impl Shams {
     }
 
     /// How many of so many places may be expected to hold a line of the machine whose amplitudes
-    /// are `alike` (nats) in all recordings: one in `exp(alike)` of those that are there.
-    pub fn expected(&self, alike: f64, places: f64) -> f64 {
-        let share = (1.0 + self.there as f64) / (1.0 + self.asked as f64);
-        places * share * (-alike).exp()
+    /// are as much alike in all recordings, which is one in `exp(alike)` of those that are there;
+    /// and that this one was there before.
+    pub fn expected(&self, line: &FixedLine, places: f64) -> f64 {
+        // Jeffreys' prior of a share.
+        let share = (0.5 + self.there as f64) / (1.0 + self.asked as f64);
+        places * share * (-line.alike).exp() + line.known
     }
 }
 
@@ -37,30 +39,33 @@ impl Shams {
 mod tests {
     use super::*;
 
-    fn line(gain: f64) -> Option<FixedLine> {
-        Some(FixedLine {
+    fn line(gain: f64, alike: f64) -> FixedLine {
+        FixedLine {
             hz: (100.0, 0.1),
             multiple: None,
             channel: "acc".into(),
             amplitude: (1.0, 0.1),
             gain,
-            alike: 0.0,
+            alike,
+            known: 0.0,
             by_speed: vec![gain; 2],
             own_by_speed: vec![gain; 2],
             elsewhere: 0.0,
             expected: f64::INFINITY,
-        })
+        }
     }
 
-    /// Of 99 shams none is there: of 20 places 20/100 exp(-a) are expected. Nine of them: 20 · 10/100
-    /// exp(-a).
+    /// Of 99 shams none is there: of 20 places 20 · 0.5/100 exp(-a) are expected. Nine of them: 20 ·
+    /// 9.5/100 exp(-a).
     #[test]
     fn analytic_expected_lines_follow_the_shams() {
         let none = Shams::new((0..99).map(|_| None));
-        assert!((none.expected(3.0, 20.0) - 0.2 * (-3.0f64).exp()).abs() < 1e-12);
-        let some: Vec<_> = (0..99).map(|k| if k < 9 { line(40.0) } else { None }).collect();
+        assert!((none.expected(&line(40.0, 3.0), 20.0) - 0.1 * (-3.0f64).exp()).abs() < 1e-12);
+        let some: Vec<_> = (0..99).map(|k| (k < 9).then(|| line(40.0, 0.0))).collect();
         let some = Shams::new(some.into_iter());
-        assert!((some.expected(1.0, 20.0) - 2.0 * (-1.0f64).exp()).abs() < 1e-12);
+        let before = FixedLine { known: 0.5, ..line(40.0, 1e3) };
+        assert!((none.expected(&before, 20.0) - 0.5).abs() < 1e-12);
+        assert!((some.expected(&line(40.0, 1.0), 20.0) - 1.9 * (-1.0f64).exp()).abs() < 1e-12);
     }
 
     /// No sham lies on a multiple of the mains.
