@@ -11,6 +11,7 @@ use crate::change::locate::{Cell, Place};
 use crate::change::one_gear::{self, OneGear};
 use crate::fit::refit::{self, PITCH_ERROR};
 use crate::fit::shape;
+use crate::judge::held_out::UNPROVED;
 use crate::name::gear::gear_name;
 use crate::name::{Finding, Question};
 
@@ -32,7 +33,8 @@ const REFITTED: usize = 8;
 /// no vote beside it: it is a rougher look at the same mesh lines, which would count twice.
 const EVIDENCE_WEIGHT: f64 = 0.25;
 /// Least share of SHAPE that is believed: it knows neither the coupling of tooth pairs nor how
-/// their errors share the load, and is wrong at times however sure.
+/// their errors share the load, and is wrong at times however sure. Where no fit is possible, what
+/// it ranks first is unproved.
 const LEAST_SHARE: f64 = 1e-6;
 /// How usual a change is that the library does not have, beside its effects (1 each): a belief,
 /// read from no data.
@@ -89,6 +91,8 @@ pub fn finding(
     scored.sort_by(|a, b| b.score.total_cmp(&a.score));
     let (probabilities, of_unknown) = probabilities(&scored, unknown);
     let Some(&probability) = probabilities.first() else { return Err(Vec::new()) };
+    let fitted = depth == Depth::Shape || unknown.is_some();
+    let probability = if fitted { probability } else { probability.min(UNPROVED) };
     if probability < LEAST_NAMED.max(of_unknown) {
         let near: Vec<Finding> = scored.iter().zip(&probabilities).take(IN_SET).map(|(s, p)| named(s, *p)).collect();
         let words: Vec<String> =
@@ -106,9 +110,13 @@ pub fn finding(
     }
     f.evidence.shape = match others.first() {
         Some(next) => format!(
-            "of {} effects at this place the simulator's signature of this one, fitted together with the bench's own numbers, agrees best, \
-             {:.1} nats before the next",
+            "of {} effects at this place the simulator's signature of this one, {}, agrees best, {:.1} nats before the next",
             scored.len(),
+            if fitted {
+                "fitted together with the bench's own numbers"
+            } else {
+                "of drawn benches alone since no fit was possible"
+            },
             best.score - next.score
         ),
         None => "no other effect at this place agrees well enough to be compared with it".to_owned(),
