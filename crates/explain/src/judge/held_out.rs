@@ -220,10 +220,11 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
 /// Weighs a finding against its rivals by what each leaves of the recordings that were held out
 /// (`misfits`, its own first, `None` without a model), and puts the most probable one first.
 /// Returns its index. Recordings that are within repetition of their references without any effect
-/// (`none`) weigh nothing: a model that does nothing predicts them best. Without a model of the finding nothing is weighed, and a rival without one
-/// stays as probable as it was. Effects that the joint refit has ranked stay so: its evidence of
-/// all recordings holds what those left out add to the others, by the chain rule of probability,
-/// and would count twice; so do a path and the supports of a shaft, which were weighed by theirs.
+/// (`none`) weigh nothing: a model that does nothing predicts them best. Without a model of the
+/// finding nothing is weighed, and a rival without one stays as probable as it was. Effects that
+/// the joint refit has ranked stay so: its evidence of all recordings holds what those left out add
+/// to the others, by the chain rule of probability, and would count twice; so do a path and the
+/// supports of a shaft, which were weighed by theirs.
 fn decide(
     finding: &mut Finding,
     (misfits, none): (&[Option<f64>], f64),

@@ -147,9 +147,9 @@ fn mains() -> Vec<Place> {
     places
 }
 
-/// How likely the largest line of a pick-up is at one of the places asked, before it was looked for.
-/// That of the mains is mostly their frequency itself or a low multiple of it, of amplitudes as the
-/// inverse of the multiple: its power, `m^-2`, parts what the multiples have together.
+/// How likely the largest line of a pick-up is at one of the places asked, before it was looked
+/// for. That of the mains is mostly their frequency itself or a low multiple of it, of amplitudes
+/// as the inverse of the multiple: its power, `m^-2`, parts what the multiples have together.
 fn share(asked: &[Place], k: usize) -> f64 {
     let power = |p: &Place| p.multiple.map(|m| f64::from(m).powi(-2));
     let all: f64 = asked.iter().filter_map(power).sum();

@@ -55,8 +55,8 @@ mod tests {
         }
     }
 
-    /// Of 99 shams none is there: of 20 places 20 · 0.5/100 exp(-a) are expected. Nine of them: 20 ·
-    /// 9.5/100 exp(-a).
+    /// Of 99 shams none is there: of 20 places 20 · 0.5/100 exp(-a) are expected. Nine of them: 20
+    /// times 9.5/100 exp(-a).
     #[test]
     fn analytic_expected_lines_follow_the_shams() {
         let none = Shams::new((0..99).map(|_| None));
