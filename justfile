@@ -76,6 +76,10 @@ campaign-teeth:
 campaign-paths:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_error_of_a_paths_model
 
+# What the change of a damaged tooth does over the torque, in drawn benches
+campaign-damaged-teeth:
+    cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_damaged_teeth_give_way
+
 # Whether teeth that change pass for a function of frequency, in drawn benches
 campaign-frequency:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_evidence_of_a_function_of_frequency

@@ -55,20 +55,11 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
 
 /// Explains recordings whose instrument is in order.
 fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
-    let Measured { bench, train, teeth, recordings, references, comparison, ratios, strange, mut limits, steps } =
-        measure::measure(input, faults, progress)?;
-    let question = Question {
-        bench: &bench,
-        train: &train,
-        recordings: &recordings,
-        references: &references,
-        comparison: &comparison,
-        ratios: &ratios,
-        teeth: teeth.as_ref(),
-        without: input.without,
-        changed_paths: &[],
-    };
+    let mut measured = measure::measure(input, faults, progress)?;
+    let (strange, steps) = (std::mem::take(&mut measured.strange), std::mem::take(&mut measured.steps));
+    let question = Question { without: input.without, ..measured.question() };
     let name::Named { explanation, bench: refitted } = name::answer(&question, strange, steps, progress);
+    let Measured { bench, comparison, mut limits, .. } = measured;
     if !comparison.pairs.is_empty() {
         limits.extend(limits::not_compared(&explanation));
     }

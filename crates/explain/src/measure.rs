@@ -11,6 +11,7 @@ use crate::error::ExplainError;
 use crate::explain::Input;
 use crate::instrument::Fault;
 use crate::judge::limits;
+use crate::name::Question;
 use crate::name::strange::{self, Strange};
 use crate::read::dsp::Transforms;
 use crate::read::features::{self, Follow, RecordingFeatures, Steady, Unused};
@@ -43,6 +44,23 @@ pub struct Measured {
     pub limits: Vec<String>,
     /// What was found on the way, in words.
     pub steps: Vec<String>,
+}
+
+impl Measured {
+    /// What is asked of it, with the whole library.
+    pub fn question(&self) -> Question<'_> {
+        Question {
+            bench: &self.bench,
+            train: &self.train,
+            recordings: &self.recordings,
+            references: &self.references,
+            comparison: &self.comparison,
+            ratios: &self.ratios,
+            teeth: self.teeth.as_ref(),
+            without: &[],
+            changed_paths: &[],
+        }
+    }
 }
 
 /// Measures recordings whose instrument is in order. The ratio of the belt is checked here, since

@@ -223,8 +223,8 @@ pub fn answer(
     if !q.comparison.pairs.is_empty() && direct::slips(&findings) {
         // Speeds that part by the slip move lines on the flanks of resonances; the phases of one
         // damaged tooth stay even.
-        let faults = gear::local_faults(q, &cells, &mut steps).into_iter().map(|f| f.2);
-        findings.extend(faults.filter(|f| !gear::of_shape(f)));
+        let faults = gear::local_faults(q, &cells, &mut steps);
+        findings.extend(faults.into_iter().filter(|f| !f.of_shape).map(|f| f.finding));
     }
     if !q.comparison.pairs.is_empty() && findings.is_empty() && !unexplained {
         unexplained = background_alone(q, &cells, &speeds, &mut steps);

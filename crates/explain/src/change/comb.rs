@@ -381,17 +381,7 @@ mod tests {
         };
         let m = (1..=8).find_map(measured).unwrap();
         let of = |changed_paths: &[usize]| {
-            let q = Question {
-                bench: &m.bench,
-                train: &m.train,
-                recordings: &m.recordings,
-                references: &m.references,
-                comparison: &m.comparison,
-                ratios: &m.ratios,
-                teeth: m.teeth.as_ref(),
-                without: &[],
-                changed_paths,
-            };
+            let q = Question { changed_paths, ..m.question() };
             let all = [changes(&q, 0), changes_beyond_gain(&q, 0), beside(&q, 0, 0.5)];
             all.map(|of| [0, 1].map(|c| of.iter().any(|d| d.channel == c)))
         };

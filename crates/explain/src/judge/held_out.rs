@@ -162,7 +162,7 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     let none = residuals(&vec![0.0; q.comparison.lines.len()]);
     let mean = residuals(&line_means(q.comparison, &rest));
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
-    let best = decide(&mut findings[first], (&misfits, none.held), none.lines, steps);
+    let best = decide(&mut findings[first], &misfits, &none, steps);
     let own = answers[best].as_ref()?;
     // A sham of what is no longer first says nothing of it.
     let sham = answers[count..].iter().flatten().map(|r| r.held).next().filter(|_| best == 0);
@@ -225,13 +225,8 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
 /// the joint refit has ranked stay so: its evidence of all recordings holds what those left out add
 /// to the others, by the chain rule of probability, and would count twice; so do a path and the
 /// supports of a shaft, which were weighed by theirs.
-fn decide(
-    finding: &mut Finding,
-    (misfits, none): (&[Option<f64>], f64),
-    lines: usize,
-    steps: &mut Vec<String>,
-) -> usize {
-    let Some(own) = misfits[0].filter(|_| none > 1.0) else { return 0 };
+fn decide(finding: &mut Finding, misfits: &[Option<f64>], none: &Residuals, steps: &mut Vec<String>) -> usize {
+    let Some(own) = misfits[0].filter(|_| none.held > 1.0) else { return 0 };
     let count = finding.alternatives.len();
     if count == 0 {
         return 0;
@@ -244,7 +239,7 @@ fn decide(
     let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
     let gain = |k: usize| {
         let misfit = misfits.get(k).copied().flatten().filter(|_| !ranked(k));
-        misfit.map_or(0.0, |m| nats(lines, m, own).clamp(-MOST, MOST))
+        misfit.map_or(0.0, |m| nats(none.lines, m, own).clamp(-MOST, MOST))
     };
     let weights: Vec<f64> = (0..=count).map(|k| prior(k) * gain(k).exp()).collect();
     let sum: f64 = weights.iter().sum();
@@ -417,10 +412,11 @@ mod tests {
     /// else has weighed; what the joint refit has ranked stays as it was.
     #[test]
     fn analytic_what_the_refit_ranked_is_not_weighed_again() {
-        let decided = |effect: &'static str, rival: &'static str, none: f64| {
+        let decided = |effect: &'static str, rival: &'static str, held: f64| {
             let mut f = Finding::new(effect, "stage1.pinion", 0.6);
             f.alternatives.push((rival, "stage1.pinion".to_owned()));
-            let best = decide(&mut f, (&[Some(6.0), Some(2.0)], none), 40, &mut Vec::new());
+            let none = Residuals { lines: 40, fitted: held, held, channels_db: Vec::new() };
+            let best = decide(&mut f, &[Some(6.0), Some(2.0)], &none, &mut Vec::new());
             (best, f.effect, f.probability)
         };
         let (best, effect, probability) = decided("eccentricity", "pitch_error", 8.0);

@@ -121,9 +121,9 @@ fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'
     }
     // A damaged tooth lights lines everywhere, among them those of a ghost.
     found.findings.retain(|f| f.effect != "ghost_component");
-    for (stage, shaft, finding) in faults {
+    for gear::OneTooth { stage, shaft, of_shape, finding } in faults {
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
-        if gear::of_shape(&finding) {
+        if of_shape {
             found.steps.push(format!("one tooth of {}: it has another shape and is as stiff as before", finding.place));
             found.leave_unexplained(vec![finding]);
         } else {

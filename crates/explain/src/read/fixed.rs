@@ -73,8 +73,8 @@ pub struct FixedLine {
     pub known: f64,
     /// Nats, by speed of the machine, against nothing.
     pub by_speed: Vec<f64>,
-    /// The same of an amplitude of its own at each speed.
-    pub own_by_speed: Vec<f64>,
+    /// Speeds at which it gains enough by an amplitude of their own.
+    pub speeds_seen: usize,
     /// Largest gain of the same line on another sensor.
     pub elsewhere: f64,
     /// Lines of the machine that may be expected to be as much alike in all recordings of this
@@ -92,7 +92,7 @@ impl FixedLine {
     /// A line is there at two speeds at least, whatever its amplitude, and is new where there is a
     /// reference.
     fn is_there(&self) -> bool {
-        self.gain > GAIN_EACH && self.own_by_speed.iter().filter(|g| **g > GAIN_EACH).count() > 1
+        self.gain > GAIN_EACH && self.speeds_seen > 1
     }
 
     /// The machine's own lines do not do as much.
@@ -272,7 +272,7 @@ fn line(
         alike: alone - drawn_anew(&cells),
         known: if before.is_empty() { 0.0 } else { (-gain).exp() },
         by_speed: speeds.iter().map(|s| gained(&s.1)).collect(),
-        own_by_speed: speeds.iter().map(|s| in_common(&s.1).1).collect(),
+        speeds_seen: speeds.iter().filter(|s| in_common(&s.1).1 > GAIN_EACH).count(),
         elsewhere: 0.0,
         expected: f64::INFINITY,
     })

@@ -29,17 +29,7 @@ impl Drawn {
         let m = &self.measured;
         let mut comparison = m.comparison.without(&[]);
         comparison.lines.iter_mut().for_each(line);
-        let question = Question {
-            bench: &m.bench,
-            train: &m.train,
-            recordings: &m.recordings,
-            references: &m.references,
-            comparison: &comparison,
-            ratios: &m.ratios,
-            teeth: m.teeth.as_ref(),
-            without: &[],
-            changed_paths: &[],
-        };
+        let question = Question { comparison: &comparison, ..m.question() };
         ask(&question, &locate::cells(&comparison))
     }
 }

@@ -6,6 +6,7 @@ use super::{DEVIATION, FixedLine, MAINS_HZ, Place};
 /// Places beside each multiple of the mains (relative): on both sides, no two alike, far enough
 /// that no line reaches from one to the next.
 const BESIDE: [f64; 6] = [-0.043, -0.029, -0.017, 0.017, 0.029, 0.043];
+
 /// Places beside those of the mains, as wide, that lie on no multiple.
 pub fn beside(mains: &[Place]) -> Vec<Place> {
     let on_mains = |hz: f64| MAINS_HZ.iter().any(|base| (hz - (hz / base).round() * base).abs() < 3.0 * DEVIATION * hz);
@@ -49,7 +50,7 @@ mod tests {
             alike,
             known: 0.0,
             by_speed: vec![gain; 2],
-            own_by_speed: vec![gain; 2],
+            speeds_seen: 2,
             elsewhere: 0.0,
             expected: f64::INFINITY,
         }
@@ -71,10 +72,7 @@ mod tests {
     /// No sham lies on a multiple of the mains.
     #[test]
     fn conform_shams_are_beside_the_mains() {
-        let mains: Vec<Place> = (1..=12)
-            .flat_map(|m| MAINS_HZ.map(|b| Place { hz: b * f64::from(m), multiple: Some(m), wander: DEVIATION }))
-            .collect();
-        let shams = beside(&mains);
+        let shams = beside(&super::super::mains());
         assert!(shams.len() > 100);
         for place in shams {
             let off = |base: f64| ((place.hz / base).round() * base / place.hz - 1.0).abs();
