@@ -27,6 +27,7 @@ mod made;
 mod passage;
 mod periods;
 mod response;
+mod shared;
 mod solver;
 mod springs;
 #[cfg(test)]
@@ -37,15 +38,12 @@ use std::sync::Arc;
 use nalgebra::Complex;
 
 use self::made::Made;
-use self::passage::PassageLines;
 use self::periods::{Turn, modulated_turns, only};
-use self::response::{Output, Response};
-use self::solver::{Grid, Linear, Problem, Solution, Start};
-use crate::linear::LinearTrain;
-use crate::mesh::FlankStore;
+pub use self::shared::SteadyStore;
+use self::shared::{Driven, mean_laws};
+use self::solver::{Grid, Problem, Solution, Start};
 use crate::model::{ModelError, TrainModel};
 use crate::setup::SimSetup;
-use crate::springs::SpringSlope;
 
 /// How well the steady state is solved for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,14 +96,16 @@ pub enum SteadyError {
 #[derive(Default)]
 pub struct SteadySolver {
     options: SteadyOptions,
-    cache: Option<Cache>,
+    store: SteadyStore,
+    driven: Option<Arc<Driven>>,
     parts: Vec<Part>,
-    flanks: FlankStore,
 }
 
 /// A part of the motion that was solved for.
 struct Part {
     made: Arc<Made>,
+    /// The linear train that the grid belongs to.
+    driven: Arc<Driven>,
     /// Mean stiffness and damping of each mesh that it was solved with.
     seen: Vec<(f64, f64)>,
     grid: Grid,
@@ -119,25 +119,6 @@ impl std::fmt::Debug for SteadySolver {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SteadySolver").field("options", &self.options).finish_non_exhaustive()
     }
-}
-
-/// Frequency responses are kept while every mesh is within this factor of the mean stiffness they
-/// were made with. Beyond it the iteration from them takes as long as new ones (10 to 30 products
-/// more; at a factor of 3 some 200 to 300), and at a factor of 2 some meshes were not found.
-const NEAR_STIFFNESS: f64 = 1.25;
-
-/// The linear train that the frequency responses belong to.
-struct Cache {
-    linear: LinearTrain,
-    /// Mean stiffness and damping of each mesh in it.
-    meshes: Vec<(f64, f64)>,
-    /// Slope of each spring that is part of it.
-    slopes: Vec<SpringSlope>,
-    response: Response,
-    sensors: Vec<Output>,
-    /// What planetary stages pass on, and the sharpness that it was made with.
-    passage: PassageLines,
-    planet_pass: f64,
 }
 
 /// The lines of a steady state.
@@ -156,7 +137,13 @@ pub struct SteadyLines {
 impl SteadySolver {
     /// A solver without any past.
     pub fn new(options: SteadyOptions) -> Self {
-        Self { options, ..Self::default() }
+        Self::sharing(options, &SteadyStore::default())
+    }
+
+    /// A solver without any past of its own that shares frequency responses and tables of flanks
+    /// with all others of a store.
+    pub fn sharing(options: SteadyOptions, store: &SteadyStore) -> Self {
+        Self { options, store: store.clone(), ..Self::default() }
     }
 
     /// The lines at some orders of the first shaft, at a motor speed (Hz) and a brake torque (N m);
@@ -180,9 +167,9 @@ impl SteadySolver {
         let parts = std::iter::once(None).chain(turns.iter().map(|(turn, _)| Some(*turn)));
         let made: Vec<Arc<Made>> =
             parts.map(|part| Arc::new(Made { setup: only(setup, part), motor_hz, torque_nm, seed })).collect();
-        let base = &made[0].model(&mut self.flanks)?;
+        let base = &self.store.model(&made[0])?;
         let first_shaft_hz = base.rotation.at(0.0).1 / std::f64::consts::TAU;
-        self.prepare(base)?;
+        self.driven = Some(self.store.driven(base, self.driven.take())?);
         let all: Vec<usize> = (0..base.contacts.len()).collect();
         let mut wanted: Vec<Wanted> = Vec::new();
         let problem = |active: &[usize], turn: Option<Turn>| self.problem(setup, active, turn, first_shaft_hz);
@@ -224,10 +211,10 @@ impl SteadySolver {
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
         let mut lines = SteadyLines { sensors: Vec::new(), iterations: 0, first_shaft_hz };
-        let Some(cache) = &self.cache else { return Ok(lines) };
-        lines.sensors = vec![vec![Complex::ZERO; orders.len()]; cache.sensors.len()];
+        let Some(driven) = self.driven.clone() else { return Ok(lines) };
+        lines.sensors = vec![vec![Complex::ZERO; orders.len()]; driven.sensors.len()];
         let meshes = mean_laws(base);
-        let linear = Linear { response: &cache.response, meshes: &cache.meshes, now: &meshes, slopes: &cache.slopes };
+        let linear = driven.with_meshes(&meshes);
         // Trains with what repeats with a turn are made when a part needs them.
         let mut turned: Vec<Option<TrainModel>> = made.iter().map(|_| None).collect();
         let mut past = std::mem::take(&mut self.parts).into_iter();
@@ -241,19 +228,20 @@ impl SteadySolver {
                 has_springs || problem.active.iter().any(of_stage)
             };
             let past = past.next().filter(|part| part.grid.problem == problem);
-            let alike = past.as_ref().is_some_and(|part| part.made.moves_as(now, active));
+            let fits = |part: &Part| Arc::ptr_eq(&part.driven, &driven);
+            let alike = past.as_ref().is_some_and(|part| fits(part) && part.made.moves_as(now, active));
             let part = match past {
                 Some(part) if alike && same_laws(&part.seen, &meshes, &problem.active, self.options.tolerance) => {
                     Part { made: now.clone(), ..part }
                 }
                 past => {
                     if which > 0 && turned[which].is_none() {
-                        turned[which] = Some(now.model(&mut self.flanks)?);
+                        turned[which] = Some(self.store.model(now)?);
                     }
                     let model = turned[which].as_ref().unwrap_or(base);
                     let (mut grid, start) = match past {
-                        Some(Part { grid, solution, .. }) => (grid, Some(solution)),
-                        None => (Grid::new(problem, model, &cache.response), None),
+                        Some(part) if fits(&part) => (part.grid, Some(part.solution)),
+                        past => (Grid::new(problem, model, &driven.response), past.map(|part| part.solution)),
                     };
                     grid.see(linear);
                     let solve = |start| grid.solve(model, linear, &self.options, start);
@@ -264,52 +252,15 @@ impl SteadySolver {
                         other => other,
                     }?;
                     lines.iterations += solution.iterations;
-                    Part { made: now.clone(), seen: meshes.clone(), grid, solution }
+                    Part { made: now.clone(), driven: driven.clone(), seen: meshes.clone(), grid, solution }
                 }
             };
-            cache.add_lines(sign, &part.grid.problem, &part.solution, orders, &mut lines.sensors);
+            driven.add_lines(sign, &part.grid.problem, &part.solution, orders, &mut lines.sensors);
             parts.push(part);
         }
         self.parts = parts;
         Ok(lines)
     }
-
-    /// Makes or keeps the frequency responses.
-    fn prepare(&mut self, base: &TrainModel) -> Result<(), SteadyError> {
-        let meshes = mean_laws(base);
-        let near = |(a, b): (&(f64, f64), &(f64, f64))| a.0.max(b.0) <= NEAR_STIFFNESS * a.0.min(b.0);
-        let slopes = base.spring_slopes()?;
-        let keeps = |cache: &Cache| {
-            cache.linear == base.linear
-                && cache.planet_pass == base.planet_pass
-                && cache.slopes == slopes
-                && cache.meshes.iter().zip(&meshes).all(near)
-        };
-        if self.cache.as_ref().is_some_and(keeps) {
-            return Ok(());
-        }
-        self.parts.clear();
-        let (stiffness, damping): (Vec<f64>, Vec<f64>) = meshes.iter().copied().unzip();
-        let mut meshed = base.linear.with_meshes(&stiffness, &damping);
-        for (spring, slope) in base.springs().iter().zip(&slopes) {
-            spring.fold_slope(slope, &mut meshed);
-        }
-        let response = Response::new(&meshed, base.motor_order())?;
-        let sensors = meshed
-            .sensors
-            .iter()
-            .map(|row| response.output(&row.position, &row.velocity, Some(&row.acceleration)))
-            .collect();
-        let passage = PassageLines::new(&base.linear, &meshes, &response, base.planet_pass);
-        let (linear, planet_pass) = (base.linear.clone(), base.planet_pass);
-        self.cache = Some(Cache { linear, meshes, slopes, response, sensors, passage, planet_pass });
-        Ok(())
-    }
-}
-
-/// Mean stiffness (N/m) and damping (N s/m) of each mesh.
-fn mean_laws(model: &TrainModel) -> Vec<(f64, f64)> {
-    model.contacts.iter().map(|c| (c.mean_stiffness_n_per_m, c.damping_n_s_per_m)).collect()
 }
 
 /// The meshes that are not active have the same law, so nearly that it moves no line by more than
@@ -318,42 +269,4 @@ fn same_laws(was: &[(f64, f64)], now: &[(f64, f64)], active: &[usize], tolerance
     let same = |a: f64, b: f64| (a - b).abs() <= tolerance * a.abs();
     let far = was.iter().zip(now).enumerate().filter(|(mesh, _)| !active.contains(mesh));
     far.fold(true, |all, (_, (was, now))| all && same(was.0, now.0) && same(was.1, now.1))
-}
-
-impl Cache {
-    /// Adds a part's lines to those of each sensor.
-    fn add_lines(
-        &self,
-        sign: f64,
-        problem: &Problem,
-        solution: &Solution,
-        orders: &[f64],
-        out: &mut [Vec<Complex<f64>>],
-    ) {
-        if !self.passage.is_empty() {
-            self.passage.add((sign, problem, solution), (&self.linear, &self.response, &self.sensors), orders, out);
-        }
-        for (k, order) in orders.iter().enumerate() {
-            let bin = order * problem.revolutions;
-            // Orders are products of tooth ratios: exact to rounding, while bins are whole numbers
-            // apart.
-            let off = (bin - bin.round()).abs() > 1e-6 * bin.max(1.0);
-            let bin = bin.round();
-            if off || bin < 1.0 || bin > (problem.samples / 2) as f64 {
-                continue;
-            }
-            let omega = std::f64::consts::TAU * bin / problem.period_s;
-            for (sensor, out) in self.sensors.iter().zip(out.iter_mut()) {
-                for (input, spectrum) in &solution.forces {
-                    let amplitude = spectrum[bin as usize];
-                    if amplitude != Complex::ZERO {
-                        out[k] += sign * self.response.at(sensor, input, omega) * amplitude;
-                    }
-                }
-            }
-            for (direct, out) in solution.direct.iter().zip(out.iter_mut()) {
-                out[k] += sign * direct[bin as usize];
-            }
-        }
-    }
 }

@@ -182,8 +182,9 @@ impl Machine {
             let motor = |r: &RecordingFeatures| r.input_hz * q.train.motor_order;
             let speeds = [motor(&q.references[pair.reference]), motor(&q.recordings[pair.recording])];
             let mut states = Vec::with_capacity(2);
+            let mut solver = SteadySolver::new(options);
             for (setup, hz) in self.setups.iter().zip(speeds) {
-                states.push(SteadySolver::new(options).solve(setup, hz, pair.torque_nm, 1, &orders).ok()?.sensors);
+                states.push(solver.solve(setup, hz, pair.torque_nm, 1, &orders).ok()?.sensors);
             }
             let sensor = |l: &LineChange| q.bench.sensors.iter().position(|s| s.name == comparison.channels[l.channel]);
             let of = |(k, (i, l)): (usize, &(usize, &LineChange))| {

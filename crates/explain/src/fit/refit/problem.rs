@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use gearwatch_core::bench::{Bench, EffectSpec, Term};
 use gearwatch_sim::effects;
 use gearwatch_sim::setup::SimSetup;
-use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
+use gearwatch_sim::steady::{SteadyOptions, SteadySolver, SteadyStore};
 use nalgebra::DVector;
 
 use super::library::{fitted, has_open_form, nearly_none, starts};
@@ -247,7 +247,8 @@ impl<'a> Problem<'a> {
             return None;
         }
         let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-5, together: false, parting: true };
-        let solver = || [SteadySolver::new(options), SteadySolver::new(options)];
+        let store = SteadyStore::default();
+        let solver = || [SteadySolver::sharing(options, &store), SteadySolver::sharing(options, &store)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
         let moved: Vec<f64> = lines.iter().flat_map(Line::moved).collect();
         let spread = (moved.iter().map(|m| m * m).sum::<f64>() / moved.len() as f64).sqrt();
