@@ -38,6 +38,8 @@ const SKIRTS: f64 = 0.5;
 const SKIRT_BINS: f64 = 5.0;
 /// Standard deviations from a family's multiple within which a line may be its own.
 const REACH: f64 = 2.0;
+/// Standard deviations from a multiple at which the density of a family's lines is no number.
+const NOWHERE: f64 = 39.0;
 /// Odds that a bench with a new line has such a family, before it is looked for.
 const PRIOR: f64 = 1e-3;
 
@@ -99,8 +101,8 @@ pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
     // too. Two shafts together make families of their own.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
-    let stray = |order: f64| stray(&scan::combs(q.train, revolutions), revolutions, order);
-    of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed, &stray)
+    let combs = scan::combs(q.train, revolutions);
+    of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed, &|order| stray(&combs, revolutions, order))
 }
 
 /// Density of lines that are of no family, over that of lines that are even over the band: some lie
@@ -155,12 +157,21 @@ fn of_positions(
     stray: &dyn Fn(f64) -> f64,
 ) -> Option<Family> {
     let band = positions.iter().copied().fold(0.0, f64::max);
+    // By line its place, how well that is known, and the odds of one that is on its multiple, in a
+    // family of one line.
+    let place = |&p: &f64| {
+        let sigma = sigma(p, revolutions);
+        (p, sigma, (1.0 - OTHERS) * band / (sigma * TAU.sqrt() * stray(p)))
+    };
+    let lines: Vec<(f64, f64, f64)> = positions.iter().map(place).collect();
     // ln of the odds of one line.
-    let odds = |p: f64, family: &Passage| -> f64 {
+    let odds = |(p, sigma, odds): (f64, f64, f64), family: &Passage| -> f64 {
         let (at, multiple) = family.passage(p);
-        let z = (at - multiple * family.order) / sigma(p, revolutions);
-        let density = (-0.5 * z * z).exp() / (sigma(p, revolutions) * TAU.sqrt() * family.count());
-        (OTHERS + (1.0 - OTHERS) * density * band / stray(p)).ln()
+        let z = (at - multiple * family.order) / sigma;
+        if z.abs() > NOWHERE {
+            return OTHERS.ln();
+        }
+        (OTHERS + odds * (-0.5 * z * z).exp() / family.count()).ln()
     };
     let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt());
     let with = shafts.iter().copied().enumerate().map(Some);
@@ -175,7 +186,7 @@ fn of_positions(
         let all = proposed.filter(|o| (lowest..HIGHEST).contains(o) && !is_mixed(*o));
         let scored = all.map(|order| {
             let family = Passage { order, turns_with };
-            (family, positions.iter().map(|p| odds(*p, &family)).sum::<f64>() - of_shafts.ln())
+            (family, lines.iter().map(|l| odds(*l, &family)).sum::<f64>() - of_shafts.ln())
         });
         // Of an order and its parts, which have the same lines as higher multiples, it is the
         // whole.
@@ -186,7 +197,7 @@ fn of_positions(
         })
     });
     let (family, sum) = best.reduce(|a, b| if b.1 > a.1 { b } else { a })?;
-    let mut members: Vec<f64> = positions.iter().copied().filter(|p| odds(*p, &family) > 0.0).collect();
+    let mut members: Vec<f64> = lines.iter().filter(|l| odds(**l, &family) > 0.0).map(|l| l.0).collect();
     members.sort_by(f64::total_cmp);
     let nats = sum - tried.ln() + PRIOR.ln();
     // Mean order of the lines, each by what it knows of it.
