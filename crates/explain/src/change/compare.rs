@@ -3,7 +3,7 @@
 use gearwatch_check::orders::NOISE_BINS;
 
 use crate::read::dsp::median;
-use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
+use crate::read::features::{ChannelFeatures, LineValue, RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;
 use crate::read::{SAME_SPEED, SAME_TORQUE};
 
@@ -43,6 +43,43 @@ pub struct LineChange {
     pub unchanged: f64,
     /// Share of the power of what stands beside the line that differs between both recordings.
     pub differs: f64,
+}
+
+/// A recording, one of its channels, and a line in it.
+type Seen<'a> = (&'a RecordingFeatures, &'a ChannelFeatures, LineValue);
+
+impl LineChange {
+    /// Of a line (pair, channel, family, order of the input shaft) in a recording and in its
+    /// reference; `None` beyond the usable band and where neither shows it clearly.
+    pub fn of(
+        (pair, channel, family, order): (usize, usize, Family, f64),
+        [(recording, a, x), (reference, b, y)]: [Seen<'_>; 2],
+    ) -> Option<Self> {
+        let frequency_hz = recording.order_hz(order);
+        let (px, py) = (x.amplitude.norm_sqr(), y.amplitude.norm_sqr());
+        let noise = x.noise.max(y.noise);
+        if frequency_hz > USABLE_BAND * recording.sample_rate_hz * 0.97 || px.max(py) < CLEAR * noise {
+            return None;
+        }
+        let ratio = Ratio::of([px, py], [x.noise, y.noise]);
+        let differs = differs([(recording, a), (reference, b)], order);
+        Some(Self {
+            pair,
+            channel,
+            family,
+            order,
+            frequency_hz,
+            power: (px - x.noise).max(0.0),
+            reference_power: (py - y.noise).max(0.0),
+            noise,
+            log_ratio: ratio.log,
+            turn: (x.amplitude * y.amplitude.conj()).arg(),
+            reference_phase: y.amplitude.arg(),
+            variance: ratio.variance,
+            unchanged: differs * ratio.unchanged,
+            differs,
+        })
+    }
 }
 
 /// A line in a recording over that in its reference, as noise lets it be known.
@@ -101,6 +138,7 @@ pub struct Pair {
 }
 
 /// All changes between recordings and reference.
+#[derive(Clone)]
 pub struct Comparison {
     /// Pairs at the same operating point.
     pub pairs: Vec<Pair>,
@@ -223,34 +261,10 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                 continue;
             };
             for (i, line) in rec.lines.iter().enumerate() {
-                let frequency_hz = rec.order_hz(line.order);
-                if frequency_hz > USABLE_BAND * rec.sample_rate_hz * 0.97 {
-                    continue;
-                }
                 let Some(j) = reference.lines.iter().position(|l| l.family == line.family) else { continue };
                 let (Some(x), Some(y)) = (a.values[i], b.values[j]) else { continue };
-                let (px, py) = (x.amplitude.norm_sqr(), y.amplitude.norm_sqr());
-                if px.max(py) < CLEAR * x.noise.max(y.noise) {
-                    continue;
-                }
-                let ratio = Ratio::of([px, py], [x.noise, y.noise]);
-                let differs = differs([(rec, a), (reference, b)], line.order);
-                out.lines.push(LineChange {
-                    pair: p,
-                    channel: c,
-                    family: line.family,
-                    order: line.order,
-                    frequency_hz,
-                    power: (px - x.noise).max(0.0),
-                    reference_power: (py - y.noise).max(0.0),
-                    noise: x.noise.max(y.noise),
-                    log_ratio: ratio.log,
-                    turn: (x.amplitude * y.amplitude.conj()).arg(),
-                    reference_phase: y.amplitude.arg(),
-                    variance: ratio.variance,
-                    unchanged: differs * ratio.unchanged,
-                    differs,
-                });
+                let at = (p, c, line.family, line.order);
+                out.lines.extend(LineChange::of(at, [(rec, a, x), (reference, b, y)]));
             }
             for (x, y) in a.floor.iter().zip(&b.floor) {
                 let bins = x.bins.min(y.bins) as f64;

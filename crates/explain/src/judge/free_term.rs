@@ -16,7 +16,7 @@ use crate::change::locate::{self, Cell};
 use crate::change::masks::INDEPENDENT;
 use crate::fit::terms::{self, Fitted, Search};
 use crate::judge::held_out::{self, Residuals};
-use crate::judge::predict::{self, Named};
+use crate::judge::predict::{self, Named, Prediction};
 use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
 use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
@@ -90,14 +90,14 @@ pub fn find(
     if wanted < ODDS.ln() {
         return None;
     }
-    let still = vec![0.0; q.comparison.lines.len()];
+    let still = vec![Prediction::default(); q.comparison.lines.len()];
     let untouched = Residuals::of(q.comparison, &still, &held);
-    let predicted: Vec<Option<Vec<f64>>> = found
+    let predicted: Vec<Option<Vec<Prediction>>> = found
         .iter()
         .take(PREDICTING)
-        .map(|f| Some(predict::of_setups(&train, q.comparison, f.setups(&train, &train_cells)?)?.0))
+        .map(|f| predict::of_setups(&train, q.comparison, f.setups(&train, &train_cells)?))
         .collect();
-    let on_mesh = |lines: &Vec<f64>| Residuals::of_mesh(q.comparison, lines, &held);
+    let on_mesh = |lines: &Vec<Prediction>| Residuals::of_mesh(q.comparison, lines, &held);
     let weight = |k: usize| {
         let lines = predicted[k].as_ref()?;
         Some(INDEPENDENT * found[k].evidence - held_out::loss(&on_mesh(lines)))
@@ -107,11 +107,8 @@ pub fn find(
     let (own, own_mesh) = (Residuals::of(q.comparison, lines, &held), on_mesh(lines));
     // Rivals: no law, and what was named.
     let named: Vec<Named> = findings.iter().map(held_out::of_finding).collect();
-    let of_names = (!named.is_empty())
-        .then(|| predict::predict(&train, &train_cells, q.comparison, &named))
-        .flatten()
-        .map(|lines| on_mesh(&lines.0).held);
-    let rival = on_mesh(&still).held.min(of_names.unwrap_or(f64::INFINITY));
+    let of_names = (!named.is_empty()).then(|| predict::predict(&train, &train_cells, q.comparison, &named)).flatten();
+    let rival = of_names.as_ref().map_or(f64::INFINITY, |lines| on_mesh(lines).held).min(on_mesh(&still).held);
     steps.push(format!(
         "held out: of mesh harmonics {} leaves {:.2}, {rival:.2} without it",
         words(&found[best]),
@@ -119,11 +116,12 @@ pub fn find(
     ));
     // What was named was held against the lines that its model has.
     let (new, old) = if named.iter().all(held_out::of_all_teeth) {
-        (own_mesh.held, on_mesh(&still).held)
+        (own_mesh.held, rival)
     } else {
-        (own.held, untouched.held)
+        let named = of_names.as_ref().map(|lines| Residuals::of(q.comparison, lines, &held).held);
+        (own.held, named.map_or(untouched.held, |named| named.min(untouched.held)))
     };
-    let worse = new > fit.map_or(old, |fit| fit.held_out_after.min(old));
+    let worse = new > old;
     if worse || held_out::nats(own_mesh.lines, own_mesh.held, rival) < ODDS.ln() {
         return None;
     }

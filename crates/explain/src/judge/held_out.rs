@@ -14,11 +14,12 @@ use gearwatch_core::estimate::Estimate;
 use gearwatch_sim::effects::{self, EntryPoint};
 use rayon::prelude::*;
 
-use crate::change::compare::Comparison;
+use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
 use crate::change::masks::INDEPENDENT;
 use crate::fit::refit;
-use crate::judge::predict::{self, Named};
+use crate::judge::own_lines;
+use crate::judge::predict::{self, Named, Prediction};
 use crate::judge::report::{Beside, Fit};
 use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
@@ -104,9 +105,9 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
     }
     let rest = q.comparison.without(&held);
     let (train, cells) = (fitted(q, &rest), locate::cells(&rest));
-    let predicted = predict::predict(&train, &cells, q.comparison, &[of_finding(finding)])?.0;
+    let predicted = predict::predict(&train, &cells, q.comparison, &[of_finding(finding)])?;
     let left = Residuals::of(q.comparison, &predicted, &held).held;
-    let none = Residuals::of(q.comparison, &vec![0.0; q.comparison.lines.len()], &held).held;
+    let none = Residuals::of(q.comparison, &vec![Prediction::default(); q.comparison.lines.len()], &held).held;
     let probability = path_probability(finding.probability, left, none)?;
     steps.push(format!(
         "held out: {} at {} leaves {left:.2} where no effect leaves {none:.2}, repetition 1: a path with probability {probability:.2}",
@@ -140,9 +141,6 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
         return None;
     }
     let first = (0..findings.len()).max_by(|a, b| findings[*a].probability.total_cmp(&findings[*b].probability))?;
-    let rest = q.comparison.without(&held);
-    let train = fitted(q, &rest);
-    let cells = locate::cells(&rest);
     let named: Vec<Named> = findings.iter().map(of_finding).collect();
     let mut asked = vec![(words(&named[first].spec), named.clone())];
     asked.extend(rivals(&findings[first]).into_iter().map(|rival| {
@@ -153,14 +151,20 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     }));
     let count = asked.len();
     asked.extend(elsewhere(q, &named));
-    let on_mesh = asked.iter().all(|(_, named)| named.iter().all(of_all_teeth));
-    let residuals = |predicted: &[f64]| Residuals::of_models(q.comparison, predicted, &held, on_mesh);
+    let all: Vec<Named> = asked.iter().flat_map(|(_, named)| named.clone()).collect();
+    let judged = Judged::of(q, &held, &all);
+    let comparison = &judged.comparison;
+    let rest = comparison.without(&held);
+    let train = fitted(q, &rest);
+    let cells = locate::cells(&rest);
+    let residuals =
+        |predicted: &[Prediction]| Residuals::of_some(comparison, predicted, &held, &|i, _| judged.counts[i]);
     let answers: Vec<Option<Residuals>> = asked
         .par_iter()
-        .map(|(_, named)| Some(residuals(&predict::predict(&train, &cells, q.comparison, named)?.0)))
+        .map(|(_, named)| Some(residuals(&predict::predict(&train, &cells, comparison, named)?)))
         .collect();
-    let none = residuals(&vec![0.0; q.comparison.lines.len()]);
-    let mean = residuals(&line_means(q.comparison, &rest));
+    let none = residuals(&vec![Prediction::default(); comparison.lines.len()]);
+    let mean = residuals(&line_means(comparison, &rest));
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
     let best = decide(&mut findings[first], &misfits, &none, steps);
     let own = answers[best].as_ref()?;
@@ -188,9 +192,10 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     steps.push(format!("held out: the model {:.2}; beside it {}", own.held, beside_words.join(", ")));
     let fit = Fit {
         metric: format!(
-            "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, {}; the model before is the bench as the reference shows it, after it \
-             the same with what was named, fitted to the other recordings; 1 or less is repetition",
-            if on_mesh { "mesh harmonics" } else { "all lines" }
+            "root mean square of ln(amplitude measured / amplitude of the model) over its standard deviation, {}; what phases leave open widens the deviation, and ln of the wider \
+             over the own variance counts too; the model before is the bench as the reference shows it, after it the same with what was named, fitted to the other recordings; \
+             1 or less is repetition",
+            judged.words
         ),
         train_before: none.fitted,
         train_after: own.fitted,
@@ -331,20 +336,55 @@ fn places_of(q: &Question<'_>, place: &str) -> Vec<String> {
 }
 
 /// The mean change of each line in a channel over the fitted points, as the prediction for all.
-fn line_means(all: &Comparison, rest: &Comparison) -> Vec<f64> {
-    let mean = |l: &crate::change::compare::LineChange| {
+fn line_means(all: &Comparison, rest: &Comparison) -> Vec<Prediction> {
+    let mean = |l: &LineChange| {
         let own = rest.lines.iter().filter(|m| m.channel == l.channel && m.family == l.family);
         let (sum, n) = own.fold((0.0, 0usize), |(s, n), m| (s + m.log_ratio, n + 1));
-        sum / n.max(1) as f64
+        Prediction::certain(sum / n.max(1) as f64)
     };
     all.lines.iter().map(mean).collect()
+}
+
+/// The lines that judge.
+struct Judged {
+    /// With the lines that only the effects in question have.
+    comparison: Comparison,
+    /// By line, whether it counts.
+    counts: Vec<bool>,
+    /// Which they are.
+    words: &'static str,
+}
+
+impl Judged {
+    /// Of what all tooth models and paths say, where some pairs are held out.
+    fn of(q: &Question<'_>, held: &[usize], named: &[Named]) -> Self {
+        if named.iter().all(of_all_teeth) {
+            let comparison = q.comparison.clone();
+            let on_mesh = |l: &LineChange| matches!(l.family, Family::Mesh { .. });
+            return Self {
+                counts: comparison.lines.iter().map(on_mesh).collect(),
+                comparison,
+                words: "mesh harmonics",
+            };
+        }
+        let orders = own_lines::orders(q.bench, named);
+        let comparison = own_lines::with_own_lines(q, &orders);
+        if named.iter().any(|n| is_path(&n.spec.effect, &n.spec.place)) {
+            return Self { counts: vec![true; comparison.lines.len()], comparison, words: "all lines" };
+        }
+        let counts = own_lines::that_count(&comparison, held, &orders);
+        Self { comparison, counts, words: "lines that the effects in question move, and those that moved" }
+    }
 }
 
 /// What a prediction leaves.
 pub struct Residuals {
     /// Lines of those left out.
     pub lines: usize,
-    /// Root mean square over the standard deviation, of the fitted points.
+    /// Root mean square over the standard deviation, of the fitted points. What a model leaves open
+    /// makes the deviation wider, and the logarithm of the wider variance over the own counts with
+    /// the square (the logarithmic score, Gneiting & Raftery 2007): a model gains by saying which
+    /// lines it cannot predict, and pays for it.
     pub fitted: f64,
     /// Of those left out.
     pub held: f64,
@@ -354,32 +394,38 @@ pub struct Residuals {
 
 impl Residuals {
     /// Of a prediction of all lines of a comparison.
-    pub fn of(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
-        Self::of_some(comparison, predicted, held, &|_| true)
+    pub fn of(comparison: &Comparison, predicted: &[Prediction], held: &[usize]) -> Self {
+        Self::of_some(comparison, predicted, held, &|_, _| true)
     }
 
     /// The same of mesh harmonics alone, which the model has whatever the errors of single teeth.
-    pub fn of_mesh(comparison: &Comparison, predicted: &[f64], held: &[usize]) -> Self {
-        Self::of_some(comparison, predicted, held, &|c| matches!(c.family, Some(Family::Mesh { .. })))
+    pub fn of_mesh(comparison: &Comparison, predicted: &[Prediction], held: &[usize]) -> Self {
+        Self::of_some(comparison, predicted, held, &|_, c| matches!(c.family, Some(Family::Mesh { .. })))
     }
 
-    /// Of mesh harmonics alone where no model has more, else of all lines.
-    fn of_models(comparison: &Comparison, predicted: &[f64], held: &[usize], on_mesh: bool) -> Self {
-        if on_mesh { Self::of_mesh(comparison, predicted, held) } else { Self::of(comparison, predicted, held) }
-    }
-
-    fn of_some(comparison: &Comparison, predicted: &[f64], held: &[usize], wanted: &dyn Fn(&Cell) -> bool) -> Self {
-        let cells: Vec<Cell> = locate::cells(comparison).into_iter().filter(|c| c.family.is_some()).collect();
-        let rms = |of: &dyn Fn(&Cell) -> bool, size: &dyn Fn(&Cell, f64) -> f64| {
-            let all = cells.iter().zip(predicted).filter(|(c, _)| wanted(c) && of(c));
-            let (sum, n) = all.fold((0.0, 0usize), |(s, n), (c, p)| (s + size(c, c.change - p), n + 1));
+    /// Of the lines (their position, and the line) that are wanted.
+    fn of_some(
+        comparison: &Comparison,
+        predicted: &[Prediction],
+        held: &[usize],
+        wanted: &dyn Fn(usize, &Cell) -> bool,
+    ) -> Self {
+        let lines = locate::cells(comparison).into_iter().filter(|c| c.family.is_some()).zip(predicted);
+        let wanted = lines.enumerate().filter(|(i, (c, _))| wanted(*i, c)).map(|(_, line)| line);
+        let cells: Vec<(Cell, &Prediction)> = wanted.collect();
+        let rms = |of: &dyn Fn(&Cell) -> bool, size: &dyn Fn(&Cell, &Prediction) -> f64| {
+            let all = cells.iter().filter(|(c, _)| of(c));
+            let (sum, n) = all.fold((0.0, 0usize), |(s, n), (c, p)| (s + size(c, p), n + 1));
             (sum / n.max(1) as f64).sqrt()
         };
         let left = |c: &Cell| held.contains(&c.pair);
-        let scaled = |c: &Cell, r: f64| (r * r / c.variance).min(CAP);
-        let in_db = |_: &Cell, r: f64| (DB * r).powi(2);
+        let square = |c: &Cell, p: &Prediction| (c.change - p.change).powi(2);
+        let scaled = |c: &Cell, p: &Prediction| {
+            (square(c, p) / (c.variance + p.variance)).min(CAP) + (p.variance / c.variance).ln_1p()
+        };
+        let in_db = |c: &Cell, p: &Prediction| DB * DB * square(c, p);
         Self {
-            lines: cells.iter().filter(|c| wanted(c) && left(c)).count(),
+            lines: cells.iter().filter(|(c, _)| left(c)).count(),
             fitted: rms(&|c| !left(c), &scaled),
             held: rms(&left, &scaled),
             channels_db: (0..comparison.channels.len()).map(|k| rms(&|c| left(c) && c.channel == k, &in_db)).collect(),

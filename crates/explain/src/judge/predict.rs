@@ -3,13 +3,11 @@
 //!
 //! The model is the simulator's, with the bench's own numbers and the effects as fitted; its steady
 //! state is solved with and without the effects. A line that the bench has without them changes as
-//! the two amplitudes do: the path of the sensor cancels. A line that the effects add, such as a
-//! sideband beside perfect teeth, comes to what the reference shows: `P = P_ref + κ |J|²` on
-//! average over the phase between both, with `J` the difference of the two states at the sensor of
-//! the model and `κ` what the unknown path makes of it, a function of frequency that is read from
-//! the recordings that were fitted. A changed path is no machine: it is a function of frequency,
-//! the same at every load and speed, and is read from the lines and the background of the
-//! recordings that were fitted.
+//! the two amplitudes do: the path of the sensor cancels. To a line that the effects add, such as a
+//! sideband beside perfect teeth, comes what the reference shows: [`super::added`] reads from the
+//! recordings that were fitted what the path makes of it. A changed path is no machine: it is a
+//! function of frequency, the same at every load and speed, and is read from the lines and the
+//! background of the recordings that were fitted.
 
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_sim::effects;
@@ -21,6 +19,7 @@ use rayon::prelude::*;
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
 use crate::fit::refit;
+use crate::judge::added::{Added, Gains};
 use crate::name::Question;
 use crate::name::path::HOUSING;
 use crate::name::subname::is_path;
@@ -51,8 +50,21 @@ impl Named {
     }
 }
 
-/// What is predicted of each line of a comparison (ln of the amplitude ratio), in its order.
-pub struct Predicted(pub Vec<f64>);
+/// What is predicted of a line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Prediction {
+    /// ln of the amplitude ratio.
+    pub change: f64,
+    /// Its variance, where the phase of what an effect adds and the path leave it open.
+    pub variance: f64,
+}
+
+impl Prediction {
+    /// Of a model that leaves nothing open.
+    pub fn certain(change: f64) -> Self {
+        Self { change, variance: 0.0 }
+    }
+}
 
 /// The bench without and with what was named, as the fitted recordings have it.
 struct Machine {
@@ -61,16 +73,16 @@ struct Machine {
 
 /// Predicts the line changes of `all` from the bench without and with something, as the pairs of
 /// `fitted` have it. `None` where there is no steady state.
-pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2]) -> Option<Predicted> {
+pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2]) -> Option<Vec<Prediction>> {
     let machine = Machine { setups };
     let (states, known) = (machine.states(fitted, all)?, machine.states(fitted, fitted.comparison)?);
     let law = Law::read(fitted.comparison, &known);
-    Some(Predicted((0..all.lines.len()).map(|i| law.change(all, &states, i)).collect()))
+    Some((0..all.lines.len()).map(|i| law.change(all, &states, i)).collect())
 }
 
-/// Predicts the line changes of `all`, from the pairs of `fitted`, whose cells are `cells`. `None`
-/// where nothing that is named has a model.
-pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Predicted> {
+/// Predicts the line changes of `all`, in its order, from the pairs of `fitted`, whose cells are
+/// `cells`. `None` where nothing that is named has a model.
+pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Vec<Prediction>> {
     let of_path = |channel: usize| {
         let on = |n: &&Named| {
             is_path(&n.spec.effect, &n.spec.place) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place)
@@ -82,7 +94,7 @@ pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &
     if machine.is_none() && !paths {
         return None;
     }
-    let mut out = vec![0.0; all.lines.len()];
+    let mut out = vec![Prediction::default(); all.lines.len()];
     if let Some(machine) = machine {
         let both = |m: &Machine| Some((m.states(fitted, all)?, m.states(fitted, fitted.comparison)?));
         let usual = || both(&Machine::usual(fitted, cells, named)?);
@@ -94,10 +106,10 @@ pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &
     for (o, line) in out.iter_mut().zip(&all.lines) {
         if let Some(path) = of_path(line.channel) {
             let one_factor = path.spec.effect == "scaling";
-            *o = path_change(cells, line.channel, (!one_factor).then_some(line.frequency_hz));
+            *o = Prediction::certain(path_change(cells, line.channel, (!one_factor).then_some(line.frequency_hz)));
         }
     }
-    Some(Predicted(out))
+    Some(out)
 }
 
 /// What a path does about a frequency, or to all, as the cells of its channel tell.
@@ -227,64 +239,43 @@ fn added(line: &LineChange, state: &[Complex64; 2]) -> Option<f64> {
 
 /// What the fitted recordings say of the way from the model to the lines.
 struct Law {
-    /// Channel, ln Hz, weight × x², weight × x y of each line that the effects add to: `y = κ x`.
-    added: Vec<(usize, f64, f64, f64)>,
+    /// By channel the gains of the path for lines that the effects add to.
+    added: Vec<Option<Gains>>,
     /// Share of the change of its mesh harmonic that a sideband follows.
     follows: f64,
 }
 
 impl Law {
     fn read(comparison: &Comparison, states: &States) -> Self {
-        let mut out = Self { added: Vec::new(), follows: 0.0 };
+        let mut lines: Vec<Vec<Added>> = vec![Vec::new(); comparison.channels.len()];
         let (mut product, mut square) = (0.0, 0.0);
         for (i, line) in comparison.lines.iter().enumerate() {
             let Some(state) = &states[i] else { continue };
             let variance = line.variance + locate::repetition(comparison.pairs[line.pair].speed_gap);
             if let Some(x) = added(line, state) {
-                let y = (2.0 * line.log_ratio).exp() - 1.0;
-                let weight = ((1.0 + y).powi(2) * 4.0 * variance + x * x).recip();
-                out.added.push((line.channel, line.frequency_hz.ln(), weight * x * x, weight * x * y));
+                let ln_hz = line.frequency_hz.ln();
+                lines[line.channel].push(Added { ln_hz, x, change: line.log_ratio, variance });
             } else if let Some(carrier) = carrier(comparison, line, states) {
                 product += carrier * line.log_ratio / variance;
                 square += carrier * carrier / variance;
             }
         }
-        if square > 0.0 {
-            out.follows = (product / square).clamp(0.0, 1.0);
-        }
-        out
+        let follows = if square > 0.0 { (product / square).clamp(0.0, 1.0) } else { 0.0 };
+        Self { added: lines.into_iter().map(Gains::read).collect(), follows }
     }
 
-    /// What the path makes of an added line: of lines nearby, with all lines of the channel as one
-    /// more.
-    fn path(&self, channel: usize, frequency_hz: f64) -> f64 {
-        let own = || self.added.iter().filter(|a| a.0 == channel);
-        let (squares, products) = own().fold((0.0, 0.0), |s, a| (s.0 + a.2, s.1 + a.3));
-        let count = own().count().max(1) as f64;
-        if squares <= 0.0 {
-            return 0.0;
-        }
-        let usual = (products / squares).max(0.0);
-        let near = |a: &&(usize, f64, f64, f64)| {
-            let weight = (-0.5 * ((a.1 - frequency_hz.ln()) / PATH_WIDTH).powi(2)).exp();
-            (weight * a.2, weight * a.3)
-        };
-        let (square, product) = own().map(|a| near(&a)).fold((0.0, 0.0), |s, x| (s.0 + x.0, s.1 + x.1));
-        let one = squares / count;
-        ((product + one * usual) / (square + one)).max(0.0)
-    }
-
-    /// What a line of a comparison does (ln of the amplitude ratio).
-    fn change(&self, comparison: &Comparison, states: &States, i: usize) -> f64 {
+    /// What a line of a comparison does.
+    fn change(&self, comparison: &Comparison, states: &States, i: usize) -> Prediction {
         let line = &comparison.lines[i];
-        let Some(state) = &states[i] else { return 0.0 };
+        let Some(state) = &states[i] else { return Prediction::default() };
         if let Some(x) = added(line, state) {
-            return 0.5 * (self.path(line.channel, line.frequency_hz) * x).ln_1p();
+            let gains = self.added[line.channel].as_ref();
+            return gains.map_or(Prediction::default(), |gains| gains.change(line.frequency_hz.ln(), x, PATH_WIDTH));
         }
-        match line.family {
+        Prediction::certain(match line.family {
             Family::Mesh { .. } => ratio(state),
             _ => self.follows * carrier(comparison, line, states).unwrap_or(0.0),
-        }
+        })
     }
 }
 
