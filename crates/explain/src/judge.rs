@@ -7,6 +7,7 @@ pub mod free_term;
 pub mod held_out;
 pub mod latent;
 pub mod limits;
+pub mod misfit;
 pub mod own_lines;
 pub mod predict;
 pub mod publish;

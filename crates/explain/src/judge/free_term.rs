@@ -15,7 +15,8 @@ use gearwatch_sim::effects::EntryPoint;
 use crate::change::locate::{self, Cell};
 use crate::change::masks::INDEPENDENT;
 use crate::fit::terms::{self, Fitted, Search};
-use crate::judge::held_out::{self, Residuals};
+use crate::judge::held_out;
+use crate::judge::misfit::{self, Residuals};
 use crate::judge::predict::{self, Named, Prediction};
 use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
 use crate::name::subname::is_path;
@@ -115,7 +116,7 @@ pub fn find(
         own_mesh.held
     ));
     // What was named was held against the lines that its model has.
-    let (new, old) = if named.iter().all(held_out::of_all_teeth) {
+    let (new, old) = if named.iter().all(misfit::of_all_teeth) {
         (own_mesh.held, rival)
     } else {
         let named = of_names.as_ref().map(|lines| Residuals::of(q.comparison, lines, &held).held);

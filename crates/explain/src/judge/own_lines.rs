@@ -104,8 +104,8 @@ mod tests {
     use crate::change::compare::Pair;
     use crate::prove;
 
-    /// 55 waves on a wheel that turns at 0.8 of the input make its 55th multiple, order 44, which is
-    /// one of the input too; a third of an order is no shaft's.
+    /// 55 waves on a wheel that turns at 0.8 of the input make its 55th multiple, order 44, which
+    /// is one of the input too; a third of an order is no shaft's.
     #[test]
     fn analytic_an_order_is_a_multiple_of_a_shaft() {
         let stage = StageKinematics::pair("stage1", 28, 35, 1.0);
@@ -148,7 +148,8 @@ mod tests {
         assert_eq!(that_count(&comparison, &[2], &[56.0]), [true; 5]);
     }
 
-    /// A ghost is judged by its own line, which its model, fitted to the other recordings, predicts.
+    /// A ghost is judged by its own line, which its model, fitted to the other recordings,
+    /// predicts.
     #[test]
     fn conform_a_ghost_is_judged_by_its_own_line() {
         let fits = (1..=2).filter_map(|k| {
