@@ -100,6 +100,9 @@ pub struct Frequency {
     pub alone: f64,
     /// The same of both together.
     pub beside: f64,
+    /// By channel the log evidence (nats) of a function of frequency of its own size over none;
+    /// empty where there is none at all.
+    pub by_channel: Vec<f64>,
     keys: Vec<Key>,
     variance: f64,
     factor: Cholesky<f64, Dyn>,
@@ -127,13 +130,20 @@ pub fn frequency(cells: &[Cell], speeds: &[f64]) -> Option<Frequency> {
     let factor = data.covariance(&both, &together.1).cholesky()?;
     let weights = factor.solve(&changes);
     let variance = together.1.last().map_or(0.0, |step| size(*step).powi(2));
-    Some(Frequency { alone: path.0 - orders.0, beside: together.0 - orders.0, keys, variance, factor, weights })
+    let beside = together.0 - orders.0;
+    let by_channel = if beside > BELIEVED { data.by_channel(&together.1) } else { Vec::new() };
+    Some(Frequency { alone: path.0 - orders.0, beside, by_channel, keys, variance, factor, weights })
 }
 
 impl Frequency {
     /// Whether a part of the change is a function of frequency.
     pub fn is_there(&self) -> bool {
         self.beside > BELIEVED
+    }
+
+    /// Whether the change goes with orders and no part of it is a function of frequency.
+    pub fn is_rather_orders(&self) -> bool {
+        self.alone < 0.0 && !self.is_there()
     }
 
     /// Whether other changes go with orders.
@@ -376,6 +386,47 @@ impl Data<'_> {
         sum
     }
 
+    /// By channel the log evidence of a function of frequency of its own size over none, where all
+    /// else has the sizes `steps`, of which the last is that of the function.
+    fn by_channel(&self, steps: &[u8]) -> Vec<f64> {
+        let Some((usual, others)) = steps.split_last() else { return Vec::new() };
+        let rest = self.covariance(ORDERS, others);
+        let whole = self.matrix(Part::Path);
+        let channels = self.keys.iter().map(|k| k.channel + 1).max().unwrap_or(0);
+        let value = |sizes: &[Option<u8>]| {
+            let variance = |channel: usize| sizes[channel].map_or(0.0, |step| size(step).powi(2));
+            // Functions of different channels have nothing in common.
+            let of = |i: usize, j: usize| rest[(i, j)] + variance(self.keys[i].channel) * whole[(i, j)];
+            let prior: f64 = sizes.iter().flatten().map(|step| unusual(*step)).sum();
+            self.log_likelihood(DMatrix::from_fn(self.keys.len(), self.keys.len(), of)) - prior
+        };
+        let mut sizes = vec![Some(*usual); channels];
+        for channel in 0..channels {
+            let of = |step: u8| {
+                let mut sizes = sizes.clone();
+                sizes[channel] = Some(step);
+                value(&sizes)
+            };
+            let best = (0..SIZES).map(|step| (step, of(step))).max_by(|a, b| a.1.total_cmp(&b.1));
+            sizes[channel] = best.map(|b| b.0);
+        }
+        let all = value(&sizes);
+        let without = |channel: usize| {
+            let mut sizes = sizes.clone();
+            sizes[channel] = None;
+            all - value(&sizes)
+        };
+        (0..channels).map(without).collect()
+    }
+
+    /// Log likelihood of the changes under a covariance, but for a constant.
+    fn log_likelihood(&self, covariance: DMatrix<f64>) -> f64 {
+        covariance.cholesky().map_or(f64::NEG_INFINITY, |factor| {
+            let half: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
+            -0.5 * self.changes.dot(&factor.solve(self.changes)) - half
+        })
+    }
+
     /// The best sizes by single steps from a start, with the log evidence and the prior of the
     /// sizes.
     fn climb(&self, parts: &[Part], start: Vec<u8>) -> (f64, Vec<u8>) {
@@ -388,10 +439,7 @@ impl Data<'_> {
                 sum.zip_apply(matrix, |s, m| *s += scale * m);
             }
             let prior: f64 = steps.iter().map(|s| unusual(*s)).sum();
-            sum.cholesky().map_or(f64::NEG_INFINITY, |factor| {
-                let half: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-                -0.5 * self.changes.dot(&factor.solve(self.changes)) - half - prior
-            })
+            self.log_likelihood(sum) - prior
         };
         let mut at = start;
         let mut best = value(&at);
@@ -510,6 +558,21 @@ mod tests {
         let rms = (off.iter().map(|z| z * z).sum::<f64>() / off.len() as f64).sqrt();
         // One, but for sizes by powers of two.
         assert!(rms < 2.0, "{rms}");
+    }
+
+    /// Each sensor proves its own function of frequency: where one has none, its evidence is that of
+    /// the prior of a size at most.
+    #[test]
+    fn analytic_each_sensor_has_its_own_evidence() {
+        let of = |sensors: usize| {
+            let path = |hz: f64, channel: usize| if channel < sensors { wave(hz, channel) } else { 0.0 };
+            let (cells, speeds) = cells(&|_, hz, channel| path(hz, channel), &path);
+            frequency(&cells, &speeds).unwrap().by_channel
+        };
+        let (both, one) = (of(2), of(1));
+        assert!(both.iter().all(|nats| *nats > 20.0), "{both:?}");
+        assert!(one[0] > 20.0 && one[1] < 3.0, "{one:?}");
+        assert!(of(0).is_empty());
     }
 
     /// Lines that follow a steep step of the frequency, which no smooth function does: predicted on

@@ -3,7 +3,7 @@
 
 use gearwatch_core::train::Train;
 
-use crate::change::frequency;
+use crate::change::frequency::{self, Frequency};
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask};
 use crate::change::one_gear::OneGear;
@@ -14,7 +14,7 @@ use crate::name::alone;
 use crate::name::gear;
 use crate::name::ghost;
 use crate::name::parting;
-use crate::name::path::{self, Seen};
+use crate::name::path;
 use crate::name::strange;
 use crate::name::subname;
 use crate::name::supports;
@@ -23,9 +23,6 @@ use crate::name::{Finding, Question};
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
 /// believed.
 const CHANCE: f64 = 1e-3;
-/// The same below which the lines may have changed: enough to prefer one change of the machine to a
-/// path that has to be fitted band by band.
-const MAY_CHANGE: f64 = 0.05;
 /// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches
 /// 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
 const MISFIT: f64 = 1.2;
@@ -92,9 +89,6 @@ fn in_words(q: &Question<'_>, m: &Mask) -> String {
         m.outside
     )
 }
-
-/// Cost of a free number (nats): half the logarithm of the lines that it is read from, some twenty.
-const NUMBER: f64 = 1.5;
 
 /// Masks of lines that every machine has.
 pub fn wide(place: Place) -> bool {
@@ -270,16 +264,30 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     ));
     let (paths, leads) = (found.findings.len(), found.nearest.len());
     let mut clear = by_background(q, cells, speeds, found);
-    if found.findings.len() == paths
-        && let Some(by_lines) = by_lines(q, cells, speeds, found)
+    let of_all = is_of_all(q, cells, &found.findings[paths..]);
+    if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
+        && let Some(by_frequency) = frequency::frequency(cells, speeds)
     {
-        // What the background alone would not prove is proved by the lines.
-        found.nearest.truncate(leads);
-        clear = by_lines;
+        found.steps.push(format!(
+            "a function of frequency accounts for the change {:.0} nats better than orders, beside them {:.0}",
+            by_frequency.alone, by_frequency.beside
+        ));
+        if of_all && by_frequency.is_rather_orders() {
+            // Meshes that changed bring more or less into the background too.
+            found.findings.truncate(paths);
+            clear = (cells.to_vec(), false);
+        } else if !of_all && let Some(by_lines) = by_lines(q, cells, speeds, &by_frequency, found) {
+            // What the background alone would not prove is proved by the lines.
+            found.nearest.truncate(leads);
+            clear = by_lines;
+        }
     }
     // Supports of a shaft pass for the housing.
-    if let Some(f) = found.findings[paths..].iter_mut().find(|f| path::may_be_the_housing(f)) {
-        supports::weigh(q, cells, speeds, f, found.steps);
+    if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))
+        && supports::weigh(q, cells, speeds, &mut found.findings[at], found.steps)
+    {
+        found.findings.remove(at);
+        return (cells.to_vec(), false);
     }
     clear
 }
@@ -290,7 +298,7 @@ fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     let known = found.findings.len();
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
-    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, Seen::InBackground, found.steps) {
+    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
         if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
             if probability < held_out::UNPROVED {
                 found.nearest.push(Finding { probability, ..finding });
@@ -302,10 +310,6 @@ fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
             remaining = locate::without_path(&remaining, channel, speeds);
         }
         found.findings.push(finding);
-    }
-    if is_rather_the_machine(q, cells, &remaining, &found.findings[known..], found.steps) {
-        found.findings.truncate(known);
-        return (cells.to_vec(), false);
     }
     let paths = &found.findings[known..];
     let changed = |c: &Cell| paths.iter().find(|f| of_path(q, f, c));
@@ -324,20 +328,18 @@ fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
 
 /// The same by the lines first: a function of frequency, alone (true) or beside what goes with
 /// orders.
-fn by_lines(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> Option<(Vec<Cell>, bool)> {
-    if locate::line_misfit(cells, None) < MISFIT {
-        return None;
-    }
-    let by_frequency = frequency::frequency(cells, speeds)?;
-    found.steps.push(format!(
-        "a function of frequency accounts for the change {:.0} nats better than orders, beside them {:.0}",
-        by_frequency.alone, by_frequency.beside
-    ));
+fn by_lines(
+    q: &Question<'_>,
+    cells: &[Cell],
+    speeds: &[f64],
+    by_frequency: &Frequency,
+    found: &mut Found<'_>,
+) -> Option<(Vec<Cell>, bool)> {
     if !by_frequency.is_there() {
         return None;
     }
     let (path, left) = by_frequency.apart(cells);
-    let (_, mut finding) = path::path(q, &path, speeds, Seen::InLines, found.steps)?;
+    let mut finding = path::of_lines(q, &path, &by_frequency.by_channel, speeds, found.steps)?;
     if by_frequency.has_orders_beside() {
         finding.probability *= SECOND_SURE;
     }
@@ -350,40 +352,11 @@ fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
     path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
 }
 
-/// Whether one change of the machine, which meshes bring into the background too, accounts for all
-/// lines better than a changed path of all sensors, or of the only one, together with what that
-/// leaves.
-fn is_rather_the_machine(
-    q: &Question<'_>,
-    cells: &[Cell],
-    remaining: &[Cell],
-    paths: &[Finding],
-    steps: &mut Vec<String>,
-) -> bool {
+/// Whether all that was found are paths that every line is read through, and that are more than one
+/// factor: the meshes' own changes pass for such.
+fn is_of_all(q: &Question<'_>, cells: &[Cell], paths: &[Finding]) -> bool {
     let on_path = |c: &Cell| paths.iter().any(|f| of_path(q, f, c));
-    if paths.is_empty() || !cells.iter().all(on_path) || paths.iter().all(|f| f.effect == "scaling") {
-        return false;
-    }
-    let (places, gaps) = (places(q), gaps(q));
-    let wide_gain =
-        |cells: &[Cell]| masks::masks(cells, &places, &gaps).into_iter().find(|m| wide(m.place) && m.gain > 0.0);
-    let gain = |best: Option<Mask>| best.map_or(0.0, |m| m.gain);
-    // A path costs a number for each of its bands.
-    let bands = cells.iter().filter(|c| c.family.is_none() && c.pair == 0).count() as f64;
-    let path = masks::unchanged(remaining) - masks::unchanged(cells) + gain(wide_gain(remaining)) - NUMBER * bands;
-    let best = wide_gain(cells);
-    let machine = gain(best);
-    // Meshes that changed bring more into the background; meshes whose lines are what they were do
-    // not.
-    let changed =
-        || best.is_some_and(|m| twins::twins(cells, &places, &gaps).is_some_and(|t| t.chance(&m) < MAY_CHANGE));
-    let rather_the_machine = path < machine && changed();
-    if rather_the_machine {
-        steps.push(format!(
-            "one change of the machine accounts for the lines by {machine:.0} nats, a path with what it leaves by {path:.0}: no path"
-        ));
-    }
-    rather_the_machine
+    !paths.is_empty() && cells.iter().all(on_path) && !paths.iter().all(|f| f.effect == "scaling")
 }
 
 /// Masks that are asked whether chance makes them.

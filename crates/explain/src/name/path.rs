@@ -2,7 +2,7 @@
 //! at every speed.
 
 use crate::change::locate::{self, Cell};
-use crate::name::path_form::{damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit};
+use crate::name::path_form::{Profile, damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit};
 use crate::name::{Finding, Question};
 use crate::read::dsp::median;
 
@@ -35,6 +35,8 @@ const STEADIER: f64 = 3.0;
 /// and do not take two thirds of the lines' misfit along.
 const FLOOR_MISFIT_LONE: f64 = 12.0;
 const LINE_SHARE_LONE: f64 = 0.66;
+/// What remains to doubt of a path of all sensors: what else they may have in common.
+const SUREST: f64 = 0.8;
 /// Place of what all sensors have in common.
 pub const HOUSING: &str = "housing";
 /// How far a line lies from the band of background that stands for it (ln).
@@ -141,27 +143,40 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
     if !follow(shared, weight.sqrt().recip()) {
         return None;
     }
-    let clearest = (0..floors.len()).max_by(|a, b| floors[*a].1.total_cmp(&floors[*b].1))?;
-    let profile = profile(cells, clearest);
-    let resonance = resonance_fit(&profile);
-    let mut f = if let Some(damping) = damping_fit(&profile, &resonance) {
+    Some(of_all(cells, floors.len(), steps))
+}
+
+/// What a changed path of all sensors is: modes that are damped otherwise, or one that came or
+/// moved, both as likely before.
+fn of_all(cells: &[Cell], sensors: usize, steps: &mut Vec<String>) -> Finding {
+    let profiles: Vec<Profile> = (0..sensors).map(|c| profile(cells, c)).collect();
+    let resonance = resonance_fit(&profiles);
+    let damping = damping_fit(&profiles, &resonance);
+    if let Some(damping) = &damping {
         steps.push(format!(
-            "change of the housing over frequency: {} modes that are damped {:.2} times as much account for it better than modes that moved, by {:.0} nats",
+            "change of the housing over frequency: {} modes that are damped {:.2} times as much account for it better than modes that moved, by {:.1} nats",
             damping.modes, damping.factor, damping.nats
         ));
-        let mut f = Finding::new("damping", HOUSING, 0.8).with("factor", damping.factor, 0.35 * damping.factor);
+    }
+    let odds = damping.as_ref().map_or(0.0, |d| d.nats.exp());
+    let mut f = if let Some(damping) = damping.filter(|d| d.nats > 0.0) {
+        let sure = SUREST * odds / (1.0 + odds);
+        let mut f = Finding::new("damping", HOUSING, sure).with("factor", damping.factor, 0.35 * damping.factor);
         f.alternatives.push(("structural_resonance", HOUSING.to_owned()));
         f
     } else {
         let sigma_hz = 0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz;
-        let mut f =
-            Finding::new("structural_resonance", HOUSING, 0.8).with("frequency_hz", resonance.frequency_hz, sigma_hz);
+        let mut f = Finding::new("structural_resonance", HOUSING, SUREST / (1.0 + odds)).with(
+            "frequency_hz",
+            resonance.frequency_hz,
+            sigma_hz,
+        );
         f.alternatives.push(("damping", HOUSING.to_owned()));
         f
     };
     f.evidence.place = "lines and background of all sensors".into();
     f.evidence.law = "a function of frequency, the same at every speed".into();
-    Some(f)
+    f
 }
 
 /// Whether what was named of a path may be the housing's.
@@ -169,25 +184,13 @@ pub fn may_be_the_housing(f: &Finding) -> bool {
     f.place == HOUSING || f.alternatives.iter().any(|(_, place)| place == HOUSING)
 }
 
-/// Where a path was seen first. In the lines, less change of the background is enough, and a sensor
-/// must stand out from the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seen {
-    /// In the background first.
-    InBackground,
-    /// In the lines already, as a function of frequency.
-    InLines,
-}
-
 /// The channels whose path or gain changed, and what to call it.
 pub fn path(
     q: &Question<'_>,
     cells: &[Cell],
     speeds: &[f64],
-    seen: Seen,
     steps: &mut Vec<String>,
 ) -> Option<(Vec<usize>, Finding)> {
-    let least_misfit = if seen == Seen::InLines { TOGETHER } else { FLOOR_MISFIT };
     let mut best: Option<(usize, f64, f64)> = None;
     let channels = 0..q.comparison.channels.len();
     let floors: Vec<(f64, f64)> = channels.map(|c| locate::floor_account(cells, c, speeds)).collect();
@@ -197,7 +200,7 @@ pub fn path(
             q.comparison.channels[c],
             100.0 * share
         ));
-        if misfit > least_misfit && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
+        if misfit > FLOOR_MISFIT && share > FLOOR_SHARE && best.is_none_or(|b| misfit * share > b.1 * b.2) {
             best = Some((c, misfit, share));
         }
     }
@@ -214,11 +217,53 @@ pub fn path(
     steps.push(format!(
         "lines of {name}: misfit {own:.2} per line, other channels {others:.2}; they follow the background by {follows:.2} ± {sigma:.2} of its change (1 of a path, 0 of noise)"
     ));
-    // A function of frequency is the sensor's own where that of the others is far less.
-    let of_others = if seen == Seen::InLines { STEADIER.recip() } else { OTHERS_SHARE };
-    if !follow(follows, sigma) || others > of_others * own {
+    if !follow(follows, sigma) || others > OTHERS_SHARE * own {
         return None;
     }
+    let f = of_one(q, cells, (c, floors.len()), (misfit, share), steps);
+    Some((vec![c], f))
+}
+
+/// What a function of frequency that the lines prove is: the sensor's own way, or what all sensors
+/// have in common. `by_channel` are the log evidences (nats) of each sensor's part in it: the odds
+/// of all against the clearest alone are those of the others together, both as likely before.
+pub fn of_lines(
+    q: &Question<'_>,
+    cells: &[Cell],
+    by_channel: &[f64],
+    speeds: &[f64],
+    steps: &mut Vec<String>,
+) -> Option<Finding> {
+    let clearest = (0..by_channel.len()).max_by(|a, b| by_channel[*a].total_cmp(&by_channel[*b]))?;
+    let said: Vec<String> =
+        by_channel.iter().zip(&q.comparison.channels).map(|(nats, name)| format!("{nats:.0} on {name}")).collect();
+    steps.push(format!("nats of the function of frequency by sensor: {}", said.join(", ")));
+    if by_channel.len() == 1 {
+        let (share, misfit) = locate::floor_account(cells, clearest, speeds);
+        return Some(of_one(q, cells, (clearest, 1), (misfit, share), steps));
+    }
+    let others: f64 = by_channel.iter().sum::<f64>() - by_channel[clearest];
+    let all = (1.0 + (-others).exp()).recip();
+    let mut f = if all >= 0.5 {
+        of_all(cells, by_channel.len(), steps)
+    } else {
+        let (share, misfit) = locate::floor_account(cells, clearest, speeds);
+        of_one(q, cells, (clearest, by_channel.len()), (misfit, share), steps)
+    };
+    f.probability *= all.max(1.0 - all);
+    Some(f)
+}
+
+/// What the changed path or gain of one sensor out of so many is; its background moved by `misfit`
+/// per band, of which the same function of frequency at all speeds is a `share`.
+fn of_one(
+    q: &Question<'_>,
+    cells: &[Cell],
+    (c, sensors): (usize, usize),
+    (misfit, share): (f64, f64),
+    steps: &mut Vec<String>,
+) -> Finding {
+    let name = q.comparison.channels[c].clone();
     // One factor for lines and background alike?
     let mut changes: Vec<f64> = cells.iter().filter(|x| x.channel == c).map(|x| x.change).collect();
     let middle = median(&mut changes);
@@ -228,7 +273,8 @@ pub fn path(
         1.4826 * median(&mut spread)
     };
     let profile = profile(cells, c);
-    let (mounting, resonance) = (mounting_fit(&profile), resonance_fit(&profile));
+    let resonance = resonance_fit(std::slice::from_ref(&profile));
+    let mounting = mounting_fit(&profile);
     let one_factor = one_factor_misfit(&profile);
     let evidence_law = format!(
         "lines and background of {name} change together: background by {misfit:.1} per band, {:.0} % of it the same at every speed",
@@ -245,7 +291,7 @@ pub fn path(
         f.evidence.law = evidence_law;
         f.evidence.place =
             format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
-        return Some((vec![c], f));
+        return f;
     }
     let (first, second) = if mounting.left <= resonance.left {
         ("sensor_mounting", "structural_resonance")
@@ -273,7 +319,7 @@ pub fn path(
     f.alternatives.push((second, name));
     // The only sensor cannot tell its own way from the housing's, which no mounting has below its
     // resonance.
-    if floors.len() == 1 && first == "structural_resonance" {
+    if sensors == 1 && first == "structural_resonance" {
         f.alternatives.push((first, HOUSING.to_owned()));
         f.probability = 0.6;
     }
@@ -283,5 +329,5 @@ pub fn path(
         "misfit of the change over frequency: mounting resonance {:.2}, resonance of the structure {:.2}",
         mounting.left, resonance.left
     );
-    Some((vec![c], f))
+    f
 }

@@ -11,8 +11,11 @@ fn price(numbers: usize, bands: usize) -> f64 {
     numbers as f64 * (bands.max(1) as f64).ln()
 }
 
-/// Median change over frequency in sixths of an octave: (Hz, ln ratio, variance).
-pub fn profile(cells: &[Cell], channel: usize) -> Vec<(f64, f64, f64)> {
+/// Median change of a sensor over frequency in sixths of an octave: (Hz, ln ratio, variance).
+pub type Profile = Vec<(f64, f64, f64)>;
+
+/// The profile of a channel.
+pub fn profile(cells: &[Cell], channel: usize) -> Profile {
     let mut out = Vec::new();
     let ratio = 2f64.powf(1.0 / 6.0);
     let mut low = 20.0;
@@ -74,25 +77,35 @@ pub fn mounting_fit(profile: &[(f64, f64, f64)]) -> PathFit {
     best
 }
 
-/// `|1 + a H(f)|` of a mode at `f0` with complex share `a` in the response, searched on a grid.
-pub fn resonance_fit(profile: &[(f64, f64, f64)]) -> PathFit {
+/// `|1 + a H(f)|` of a mode at `f0`, with a complex share `a` of its own in what each sensor reads,
+/// searched on a grid. The gain is the clearest sensor's, the misfit that of all.
+pub fn resonance_fit(profiles: &[Profile]) -> PathFit {
     let mut best = PathFit { frequency_hz: f64::NAN, damping: 0.03, gain: 1.0, left: f64::INFINITY };
+    let bands: f64 = profiles.iter().map(|p| p.len() as f64).sum();
     for i in 0..160 {
         let f0 = 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 159.0);
         for damping in [0.01, 0.02, 0.03, 0.05, 0.08] {
-            for size in [0.05, 0.1, 0.2, 0.4, 0.8, 1.6] {
-                for turn in 0..8 {
-                    let a = Complex64::from_polar(size, f64::from(turn) * std::f64::consts::FRAC_PI_4);
-                    let left = robust(profile.iter().map(|p| {
-                        let r = p.0 / f0;
-                        let h = r * r / Complex64::new(1.0 - r * r, 2.0 * damping * r);
-                        let model = (Complex64::new(1.0, 0.0) + a * h).norm().max(1e-3).ln();
-                        (p.1 - model).powi(2) / p.2
-                    }));
-                    if left < best.left {
-                        best = PathFit { frequency_hz: f0, damping, gain: size, left };
-                    }
-                }
+            let mode = |f: f64| {
+                let r = f / f0;
+                r * r / Complex64::new(1.0 - r * r, 2.0 * damping * r)
+            };
+            let of = |profile: &Profile| {
+                let modes: Vec<Complex64> = profile.iter().map(|p| mode(p.0)).collect();
+                let shares = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6]
+                    .into_iter()
+                    .flat_map(|size| (0..8).map(move |turn| (size, f64::from(turn) * std::f64::consts::FRAC_PI_4)));
+                let misfit = |(size, turn): (f64, f64)| {
+                    let a = Complex64::from_polar(size, turn);
+                    let form = |h: &Complex64| (Complex64::ONE + a * h).norm().max(1e-3).ln();
+                    let left = robust(profile.iter().zip(&modes).map(|(p, h)| (p.1 - form(h)).powi(2) / p.2));
+                    (left * profile.len() as f64, size)
+                };
+                shares.map(misfit).fold((f64::INFINITY, 1.0), |a, b| if b.0 < a.0 { b } else { a })
+            };
+            let each: Vec<(f64, f64)> = profiles.iter().map(of).collect();
+            let left = each.iter().map(|e| e.0).sum::<f64>() / bands;
+            if left < best.left {
+                best = PathFit { frequency_hz: f0, damping, gain: each.iter().map(|e| e.1).fold(0.0, f64::max), left };
             }
         }
     }
@@ -129,49 +142,61 @@ struct AtModes {
 }
 
 /// Modes are added one by one, each where it leaves least, as long as they gain more than their
-/// numbers cost: a frequency and a damping ratio, and each a factor of its own out of several.
-fn at_modes(profile: &[(f64, f64, f64)], factors: &[f64]) -> AtModes {
-    let bands = profile.len();
-    let numbers = if factors.len() > 1 { 3 } else { 2 };
-    let cost = |left: &[f64]| robust(left.iter().zip(profile).map(|(d, p)| d * d / p.2)) * bands as f64;
-    let mut left: Vec<f64> = profile.iter().map(|p| p.1).collect();
-    let mut out = AtModes { cost: cost(&left), price: 0.0, modes: 0 };
+/// numbers cost: a frequency and a damping ratio; and for each sensor whether it shows the mode, or
+/// a factor of its own out of several.
+fn at_modes(profiles: &[Profile], factors: &[f64]) -> AtModes {
+    let bands: usize = profiles.iter().map(Vec::len).sum();
+    let of_sensor = if factors.len() > 1 { price(1, bands) } else { 2.0 * std::f64::consts::LN_2 };
+    let of_mode = price(2, bands) + profiles.len() as f64 * of_sensor;
+    let cost = |profile: &Profile, left: &[f64]| {
+        robust(left.iter().zip(profile).map(|(d, p)| d * d / p.2)) * profile.len() as f64
+    };
+    let mut left: Vec<Vec<f64>> = profiles.iter().map(|profile| profile.iter().map(|p| p.1).collect()).collect();
+    let total = profiles.iter().zip(&left).map(|(profile, left)| cost(profile, left)).sum();
+    let mut out = AtModes { cost: total, price: 0.0, modes: 0 };
     while out.modes < MOST_MODES {
         let places = (0..120).map(|i| 80.0 * (6000.0f64 / 80.0).powf(f64::from(i) / 119.0));
         let forms = places.flat_map(|f0| [0.02, 0.03, 0.05, 0.08].map(|damping| (f0, damping)));
-        let tried = forms.flat_map(|(f0, damping)| factors.iter().map(move |k| (f0, damping, *k)));
-        let next = tried.map(|(f0, damping, k)| {
-            let of = |(p, d): (&(f64, f64, f64), &f64)| d - damped(p.0 / f0, damping, k.exp());
-            let next: Vec<f64> = profile.iter().zip(&left).map(of).collect();
-            (cost(&next), next)
+        let next = forms.map(|(f0, damping)| {
+            let of = |(profile, left): (&Profile, &Vec<f64>)| {
+                let without = (cost(profile, left), left.clone());
+                let with = |k: &f64| {
+                    let of = |(p, d): (&(f64, f64, f64), &f64)| d - damped(p.0 / f0, damping, k.exp());
+                    let next: Vec<f64> = profile.iter().zip(left).map(of).collect();
+                    (cost(profile, &next), next)
+                };
+                factors.iter().map(with).fold(without, |a, b| if b.0 < a.0 { b } else { a })
+            };
+            let each: Vec<(f64, Vec<f64>)> = profiles.iter().zip(&left).map(of).collect();
+            (each.iter().map(|e| e.0).sum::<f64>(), each)
         });
         let Some((to, next)) = next.reduce(|a, b| if b.0 < a.0 { b } else { a }) else { break };
-        if out.cost - to < price(numbers, bands) {
+        if out.cost - to < of_mode {
             break;
         }
-        left = next;
-        out = AtModes { cost: to, price: out.price + price(numbers, bands), modes: out.modes + 1 };
+        left = next.into_iter().map(|e| e.1).collect();
+        out = AtModes { cost: to, price: out.price + of_mode, modes: out.modes + 1 };
     }
     out
 }
 
 /// A structure whose modes are damped otherwise than before: `Σ −½ ln[((1 − r²)² + (2kζr)²) / ((1 −
-/// r²)² + (2ζr)²)]`, `r = f/f0`, with one factor `k` for all modes. Each falls at its own frequency
-/// where it is damped more and rises where it is damped less, by `ln k`; between them nothing
-/// changes. A mode that came or moved raises one side and lowers the other, so the same sum with a
-/// factor of its own for each mode stands for that, beside one resonance. `None` where that
-/// accounts better for the profile, numbers paid for.
-pub fn damping_fit(profile: &[(f64, f64, f64)], resonance: &PathFit) -> Option<DampingFit> {
-    let bands = profile.len();
-    let rough: Vec<_> = profile.iter().map(|p| (p.0, p.1, p.2 + (FORM * p.1).powi(2))).collect();
+/// r²)² + (2ζr)²)]`, `r = f/f0`, with one factor `k` for all modes and sensors. Each mode falls at
+/// its own frequency where it is damped more and rises where it is damped less, by `ln k`; between
+/// them nothing changes. A mode that came or moved raises one side and lowers the other, so the
+/// same sum with a factor of its own for each mode and sensor stands for that, beside one
+/// resonance. `None` without modes.
+pub fn damping_fit(profiles: &[Profile], resonance: &PathFit) -> Option<DampingFit> {
+    let bands: usize = profiles.iter().map(Vec::len).sum();
+    let roughly = |profile: &Profile| profile.iter().map(|p| (p.0, p.1, p.2 + (FORM * p.1).powi(2))).collect();
+    let rough: Vec<Profile> = profiles.iter().map(roughly).collect();
     let moved = at_modes(&rough, &FACTORS);
-    let other = (moved.cost + moved.price).min(resonance.left * bands as f64 + price(4, bands));
+    let other = (moved.cost + moved.price).min(resonance.left * bands as f64 + price(2 + 2 * profiles.len(), bands));
     let one = |k: &f64| (*k, at_modes(&rough, &[*k]));
     let total = |fit: &AtModes| fit.cost + fit.price + price(1, bands);
     let fits = FACTORS.iter().map(one).filter(|(_, fit)| fit.modes >= LEAST_MODES);
     let (k, best) = fits.reduce(|a, b| if total(&b.1) < total(&a.1) { b } else { a })?;
-    let nats = 0.5 * (other - total(&best));
-    (nats > 0.0).then(|| DampingFit { factor: k.exp(), modes: best.modes, nats })
+    Some(DampingFit { factor: k.exp(), modes: best.modes, nats: 0.5 * (other - total(&best)) })
 }
 
 /// ln of what one mode makes of a change of its damping ratio by a factor.
@@ -206,7 +231,10 @@ mod tests {
     fn analytic_damping_changes_at_all_modes_alike() {
         let modes = [210.0, 600.0, 1400.0, 4800.0];
         let damping = bands(&|hz| modes.iter().map(|f0| damped(hz / f0, 0.03, 2.5)).sum());
-        let ask = |profile: &[(f64, f64, f64)]| damping_fit(profile, &resonance_fit(profile));
+        let ask = |profile: &[(f64, f64, f64)]| {
+            let profiles = [profile.to_vec()];
+            damping_fit(&profiles, &resonance_fit(&profiles)).filter(|fit| fit.nats > 0.0)
+        };
         let found = ask(&damping).unwrap();
         assert!((found.factor.ln() - 2.5f64.ln()).abs() < 0.35 && found.modes >= 3, "{} {}", found.factor, found.modes);
         let mode = |hz: f64, f0: f64| (1.0 + 8.0 / Complex64::new(1.0 - (hz / f0).powi(2), 0.04 * hz / f0)).norm().ln();
@@ -214,5 +242,19 @@ mod tests {
         assert!(ask(&moved).is_none());
         assert!(ask(&bands(&|_| 0.3)).is_none());
         assert!(ask(&bands(&|_| 0.0)).is_none());
+    }
+
+    /// Two modes that are damped less, on two sensors alike: a second sensor adds to the evidence,
+    /// since the modes and the factor are the same. Modes that moved on one of them alone are no
+    /// damping.
+    #[test]
+    fn analytic_sensors_share_modes_and_damping() {
+        let ask = |profiles: &[Profile]| damping_fit(profiles, &resonance_fit(profiles)).map_or(0.0, |fit| fit.nats);
+        let of_modes = |modes: [f64; 2]| bands(&|hz| modes.iter().map(|f0| damped(hz / f0, 0.03, 0.4)).sum());
+        let both = [of_modes([400.0, 1900.0]), of_modes([400.0, 1900.0])];
+        assert!(ask(&both) > ask(&both[..1]) && ask(&both) > 0.0, "{} {}", ask(&both), ask(&both[..1]));
+        let mode = |hz: f64, f0: f64| (1.0 + 8.0 / Complex64::new(1.0 - (hz / f0).powi(2), 0.04 * hz / f0)).norm().ln();
+        let moved = [bands(&|_| 0.0), bands(&|hz| mode(hz, 1400.0) - mode(hz, 1600.0))];
+        assert!(ask(&moved) <= 0.0, "{}", ask(&moved));
     }
 }

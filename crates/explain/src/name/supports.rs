@@ -1,11 +1,13 @@
-//! Whether what all sensors show as a function of frequency is the support of a shaft.
+//! Whether what all sensors show as a function of frequency is the support of a shaft, or a mesh.
 //!
-//! A bearing that is softer or damped otherwise changes each line by what it does at the line's own
-//! frequency, as a mode of the housing does; but what it does follows from the sheet, to all
-//! sensors and stages at once. The simulator predicts it for stiffness and damping of every shaft's
-//! bearings. Each prediction is held against a function of frequency of any form, a Gaussian
-//! process, which also takes what the prediction leaves: the odds are the ratio of the marginal
-//! likelihoods, on average over the sizes.
+//! A bearing or a mesh that is softer or damped otherwise changes each line by what it does at the
+//! line's own frequency, as a mode of the housing does; but what it does follows from the sheet, to
+//! all sensors and stages at once. The simulator predicts it for stiffness and damping of every
+//! shaft's bearings and every stage's meshes. Each prediction is held against a function of
+//! frequency of any form, a Gaussian process, which also takes what the prediction leaves: the odds
+//! are the ratio of the marginal likelihoods, on average over the sizes.
+
+mod meshes;
 
 use gearwatch_core::bench::{EffectSpec, Sensor, Shaft};
 use gearwatch_sim::effects;
@@ -45,75 +47,89 @@ const LEAST_SPREAD: f64 = 0.25;
 const IN_SET: f64 = 0.05;
 const SAID: usize = 3;
 
-/// An effect of a shaft's supports and how much likelier it is than a function of frequency of any
-/// form.
+/// An effect of a shaft's supports or a stage's meshes, and how much likelier it is than a function
+/// of frequency of any form.
 struct Support {
     effect: &'static str,
-    shaft: usize,
+    place: String,
     /// Log odds (nats).
     odds: f64,
-    /// The likeliest factor, and the standard deviation of its logarithm.
-    factor: (f64, f64),
+    /// Geometric mean of the size by its evidence, and the standard deviation of its logarithm.
+    size: (f64, f64),
 }
 
-/// Weighs a changed path that all sensors have in common against the supports of every shaft, and
-/// names the support where that is the likelier. All names are as likely before: a mode of the
-/// housing, another function of frequency, stiffness and damping of each shaft's bearings.
-pub fn weigh(q: &Question<'_>, cells: &[Cell], speeds: &[f64], finding: &mut Finding, steps: &mut Vec<String>) {
-    let Some(free) = Free::of_meshes(cells, speeds) else { return };
-    let Some(mut supports) = supports(q, &free) else { return };
+/// Weighs a changed path that all sensors have in common against the supports of every shaft and
+/// the meshes of every stage, and names the support where that is the likelier. All names are as
+/// likely before: a mode of the housing, another function of frequency, stiffness and damping of
+/// each shaft's bearings, and each effect of a stage's meshes.
+///
+/// Returns true where the meshes together are likelier than all else: there is no path then, and
+/// what happened to the teeth the lines say.
+#[must_use]
+pub fn weigh(q: &Question<'_>, cells: &[Cell], speeds: &[f64], finding: &mut Finding, steps: &mut Vec<String>) -> bool {
+    let (Some(free), Some(plain)) = (Free::of_meshes(cells, speeds), refit::sheet::setup(q.bench)) else {
+        return false;
+    };
+    let Some(mut supports) = supports(q, &plain, &free) else { return false };
+    let mut meshes = meshes::meshes(q, &plain, &free);
     let mode = of_a_mode(&free);
     supports.sort_by(|a, b| b.odds.total_cmp(&a.odds));
-    let shaft = |s: &Support| q.bench.shafts[s.shaft].name.clone();
-    let words: Vec<String> = supports
-        .iter()
-        .take(SAID)
-        .map(|s| format!("{} at {} by {:.1} ({:.2} times)", s.effect, shaft(s), s.odds, s.factor.0))
+    meshes.sort_by(|a, b| b.odds.total_cmp(&a.odds));
+    let words: Vec<String> = [&supports, &meshes]
+        .into_iter()
+        .flat_map(|all| all.iter().take(SAID))
+        .map(|s| format!("{} at {} by {:.1} (size {:.2})", s.effect, s.place, s.odds, s.size.0))
         .collect();
     steps.push(format!(
         "beyond a function of frequency of any form, the mesh lines favour a mode of the housing by {mode:.1} nats, {}",
         words.join(", ")
     ));
-    let most = supports.iter().map(|s| s.odds).fold(mode.max(0.0), f64::max);
+    let most = supports.iter().chain(&meshes).map(|s| s.odds).fold(mode.max(0.0), f64::max);
     let share = |odds: f64| (odds - most).exp();
-    let sum: f64 = share(0.0) + share(mode) + supports.iter().map(|s| share(s.odds)).sum::<f64>();
-    let [best, others @ ..] = &supports[..] else { return };
+    let of_meshes: f64 = meshes.iter().map(|s| share(s.odds)).sum();
+    let sum = share(0.0) + share(mode) + of_meshes + supports.iter().map(|s| share(s.odds)).sum::<f64>();
+    if of_meshes > 0.5 * sum {
+        return true;
+    }
+    let [best, others @ ..] = &supports[..] else { return false };
     let probability = share(best.odds) / sum;
     if probability < 0.5 {
-        return;
+        return false;
     }
-    let mut f = Finding::new(best.effect, shaft(best), SUREST * probability);
-    let (factor, spread) = best.factor;
+    let mut f = Finding::new(best.effect, best.place.clone(), SUREST * probability);
+    let (factor, spread) = best.size;
     f = f.with("factor", factor, spread.max(LEAST_SPREAD) * factor);
     f.alternatives.push((finding.effect, finding.place.clone()));
     let near = others.iter().filter(|s| share(s.odds) > IN_SET * share(best.odds));
-    f.alternatives.extend(near.map(|s| (s.effect, shaft(s))));
+    f.alternatives.extend(near.map(|s| (s.effect, s.place.clone())));
     f.evidence = finding.evidence.clone();
     f.evidence.shape = format!(
         "what the sheet's bearings and masses make of it agrees with the mesh lines better than a mode of the housing, by {:.1} nats",
         best.odds - mode
     );
     *finding = f;
+    false
 }
 
 /// Every effect of every shaft's supports; `None` without a model of the meshes.
-fn supports(q: &Question<'_>, free: &Free) -> Option<Vec<Support>> {
+fn supports(q: &Question<'_>, plain: &SimSetup, free: &Free) -> Option<Vec<Support>> {
     let any = free.log_evidence();
-    let plain = refit::sheet::setup(q.bench)?;
     let asked: Vec<(&'static str, &[f64], usize)> = (0..q.bench.shafts.len())
         .flat_map(|shaft| [("bearing_compliance", STIFFNESS, shaft), ("damping", DAMPING, shaft)])
         .filter(|a| !q.without.contains(&a.0))
         .collect();
-    let model = shape::model(&plain, &q.comparison.pairs)?;
+    let model = shape::model(plain, &q.comparison.pairs)?;
     let stages: Vec<usize> = free.lines().map(|l| stage_of(l.2)).collect();
     let of = |&(effect, factors, shaft): &(&'static str, &[f64], usize)| -> Option<Support> {
         let place = &q.bench.shafts[shaft].name;
         let mut all: Vec<(f64, f64)> = Vec::new();
         for (off, likely) in OFF {
-            let usual = with(&plain, "bearing_compliance", place, (off * refit::STIFFNESS_TOLERANCE).exp())?;
+            let usual = with(plain, "bearing_compliance", place, ("factor", (off * refit::STIFFNESS_TOLERANCE).exp()))?;
             let before = forces(q, &model, &usual, free)?;
             for factor in factors {
-                let Some(after) = with(&usual, effect, place, *factor).and_then(|s| forces(q, &model, &s, free)) else {
+                let Some(after) =
+                    with(&usual, effect, place, ("factor", *factor)).and_then(|s| forces(q, &model, &s, free))
+                else {
                     continue;
                 };
                 let predicted =
@@ -122,14 +138,21 @@ fn supports(q: &Question<'_>, free: &Free) -> Option<Vec<Support>> {
                 all.push((*factor, evidence - any + likely.ln() - (factors.len() as f64).ln()));
             }
         }
-        let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
-        let sum = |of: &dyn Fn(f64) -> f64| all.iter().map(|a| of(a.0.ln()) * (a.1 - most).exp()).sum::<f64>();
-        let weight = sum(&|_| 1.0);
-        let mean = sum(&|x| x) / weight;
-        let spread = (sum(&|x| (x - mean).powi(2)) / weight).sqrt();
-        Some(Support { effect, shaft, odds: most + weight.ln(), factor: (mean.exp(), spread) })
+        let (odds, size) = odds_of(&all)?;
+        Some(Support { effect, place: place.clone(), odds, size })
     };
     asked.par_iter().map(of).collect()
+}
+
+/// Log odds (nats) of an effect over all its sizes, from those of each; with the geometric mean of
+/// the size by its evidence and the standard deviation of its logarithm. `None` without a size.
+fn odds_of(all: &[(f64, f64)]) -> Option<(f64, (f64, f64))> {
+    let most = all.iter().map(|a| a.1).reduce(f64::max)?;
+    let sum = |of: &dyn Fn(f64) -> f64| all.iter().map(|a| of(a.0.ln()) * (a.1 - most).exp()).sum::<f64>();
+    let weight = sum(&|_| 1.0);
+    let mean = sum(&|x| x) / weight;
+    let spread = (sum(&|x| (x - mean).powi(2)) / weight).sqrt();
+    Some((most + weight.ln(), (mean.exp(), spread)))
 }
 
 /// Log odds (nats) of a housing mode that came or went over a function of frequency of any form, on
@@ -158,9 +181,9 @@ fn of_a_mode(free: &Free) -> f64 {
 }
 
 /// A bench with an effect of one number.
-fn with(setup: &SimSetup, effect: &str, place: &str, factor: f64) -> Option<SimSetup> {
+fn with(setup: &SimSetup, effect: &str, place: &str, (name, size): (&str, f64)) -> Option<SimSetup> {
     let mut out = setup.clone();
-    let parameters = std::iter::once(("factor".to_owned(), factor)).collect();
+    let parameters = std::iter::once((name.to_owned(), size)).collect();
     effects::apply(&EffectSpec { effect: effect.to_owned(), place: place.to_owned(), parameters }, &mut out).ok()?;
     Some(out)
 }
