@@ -264,6 +264,7 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     ));
     let (paths, leads) = (found.findings.len(), found.nearest.len());
     let mut clear = by_background(q, cells, speeds, found);
+    let mut orders_beside = false;
     let of_all = is_of_all(q, cells, &found.findings[paths..]);
     if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
         && let Some(by_frequency) = frequency::frequency(cells, speeds)
@@ -280,11 +281,12 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
             // What the background alone would not prove is proved by the lines.
             found.nearest.truncate(leads);
             clear = by_lines;
+            orders_beside = by_frequency.has_orders_beside();
         }
     }
     // Supports of a shaft pass for the housing.
     if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))
-        && supports::weigh(q, cells, speeds, &mut found.findings[at], found.steps)
+        && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
     {
         found.findings.remove(at);
         return (cells.to_vec(), false);

@@ -63,10 +63,17 @@ struct Support {
 /// likely before: a mode of the housing, another function of frequency, stiffness and damping of
 /// each shaft's bearings, and each effect of a stage's meshes.
 ///
-/// Returns true where the meshes together are likelier than all else: there is no path then, and
-/// what happened to the teeth the lines say.
+/// Returns true where there is no path and the lines are to say what happened: the meshes together
+/// are likelier than all else, or a support is where other changes go with orders
+/// (`orders_beside`), which are its own then.
 #[must_use]
-pub fn weigh(q: &Question<'_>, cells: &[Cell], speeds: &[f64], finding: &mut Finding, steps: &mut Vec<String>) -> bool {
+pub fn weigh(
+    q: &Question<'_>,
+    (cells, speeds): (&[Cell], &[f64]),
+    orders_beside: bool,
+    finding: &mut Finding,
+    steps: &mut Vec<String>,
+) -> bool {
     let (Some(free), Some(plain)) = (Free::of_meshes(cells, speeds), refit::sheet::setup(q.bench)) else {
         return false;
     };
@@ -93,8 +100,8 @@ pub fn weigh(q: &Question<'_>, cells: &[Cell], speeds: &[f64], finding: &mut Fin
     }
     let [best, others @ ..] = &supports[..] else { return false };
     let probability = share(best.odds) / sum;
-    if probability < 0.5 {
-        return false;
+    if probability < 0.5 || orders_beside {
+        return probability >= 0.5;
     }
     let mut f = Finding::new(best.effect, best.place.clone(), SUREST * probability);
     let (factor, spread) = best.size;

@@ -24,8 +24,8 @@ const MESHES: [Asked; 4] = [
     ("misalignment", "angle_mrad", &[0.15, 0.3, 0.5, 0.7, 1.0, 1.4]),
     ("damping", "factor", &[0.25, 0.5, 2.0, 4.0, 8.0]),
 ];
-/// Powers of the mean stiffness that the exciting force goes with, as likely each: the teeth deflect
-/// under a force that stays, and their errors are displacements.
+/// Powers of the mean stiffness that the exciting force goes with, as likely each: the teeth
+/// deflect under a force that stays, and their errors are displacements.
 const EXCITES: [f64; 2] = [0.0, 1.0];
 
 /// Every such effect of every stage whose meshes have a model.
