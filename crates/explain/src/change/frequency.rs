@@ -560,8 +560,8 @@ mod tests {
         assert!(rms < 2.0, "{rms}");
     }
 
-    /// Each sensor proves its own function of frequency: where one has none, its evidence is that of
-    /// the prior of a size at most.
+    /// Each sensor proves its own function of frequency: where one has none, its evidence is that
+    /// of the prior of a size at most.
     #[test]
     fn analytic_each_sensor_has_its_own_evidence() {
         let of = |sensors: usize| {
