@@ -281,8 +281,8 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
             // What the background alone would not prove is proved by the lines.
             found.nearest.truncate(leads);
             clear = by_lines;
-            orders_beside = by_frequency.has_orders_beside();
         }
+        orders_beside = by_frequency.has_orders_beside();
     }
     // Supports of a shaft pass for the housing.
     if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))

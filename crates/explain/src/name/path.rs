@@ -35,8 +35,9 @@ const STEADIER: f64 = 3.0;
 /// and do not take two thirds of the lines' misfit along.
 const FLOOR_MISFIT_LONE: f64 = 12.0;
 const LINE_SHARE_LONE: f64 = 0.66;
-/// What remains to doubt of a path of all sensors: what else they may have in common.
-const SUREST: f64 = 0.8;
+/// What remains to doubt of a path of all sensors: what else they may have in common; of a support
+/// that was taken for one, the sheet's masses too.
+pub const SUREST: f64 = 0.8;
 /// Place of what all sensors have in common.
 pub const HOUSING: &str = "housing";
 /// How far a line lies from the band of background that stands for it (ln).
@@ -158,19 +159,16 @@ fn of_all(cells: &[Cell], sensors: usize, steps: &mut Vec<String>) -> Finding {
             damping.modes, damping.factor, damping.nats
         ));
     }
-    let odds = damping.as_ref().map_or(0.0, |d| d.nats.exp());
-    let mut f = if let Some(damping) = damping.filter(|d| d.nats > 0.0) {
-        let sure = SUREST * odds / (1.0 + odds);
+    let is_damping = probability(damping.as_ref().map_or(f64::NEG_INFINITY, |d| d.nats));
+    let sure = SUREST * is_damping.max(1.0 - is_damping);
+    let mut f = if let Some(damping) = damping.filter(|_| is_damping > 0.5) {
         let mut f = Finding::new("damping", HOUSING, sure).with("factor", damping.factor, 0.35 * damping.factor);
         f.alternatives.push(("structural_resonance", HOUSING.to_owned()));
         f
     } else {
         let sigma_hz = 0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz;
-        let mut f = Finding::new("structural_resonance", HOUSING, SUREST / (1.0 + odds)).with(
-            "frequency_hz",
-            resonance.frequency_hz,
-            sigma_hz,
-        );
+        let mut f =
+            Finding::new("structural_resonance", HOUSING, sure).with("frequency_hz", resonance.frequency_hz, sigma_hz);
         f.alternatives.push(("damping", HOUSING.to_owned()));
         f
     };
@@ -238,20 +236,22 @@ pub fn of_lines(
     let said: Vec<String> =
         by_channel.iter().zip(&q.comparison.channels).map(|(nats, name)| format!("{nats:.0} on {name}")).collect();
     steps.push(format!("nats of the function of frequency by sensor: {}", said.join(", ")));
-    if by_channel.len() == 1 {
-        let (share, misfit) = locate::floor_account(cells, clearest, speeds);
-        return Some(of_one(q, cells, (clearest, 1), (misfit, share), steps));
-    }
+    let sensors = q.comparison.channels.len();
     let others: f64 = by_channel.iter().sum::<f64>() - by_channel[clearest];
-    let all = (1.0 + (-others).exp()).recip();
+    let all = if sensors > 1 { probability(others) } else { 0.0 };
     let mut f = if all >= 0.5 {
-        of_all(cells, by_channel.len(), steps)
+        of_all(cells, sensors, steps)
     } else {
         let (share, misfit) = locate::floor_account(cells, clearest, speeds);
-        of_one(q, cells, (clearest, by_channel.len()), (misfit, share), steps)
+        of_one(q, cells, (clearest, sensors), (misfit, share), steps)
     };
     f.probability *= all.max(1.0 - all);
     Some(f)
+}
+
+/// Probability by log odds (nats), however large.
+fn probability(nats: f64) -> f64 {
+    (1.0 + (-nats).exp()).recip()
 }
 
 /// What the changed path or gain of one sensor out of so many is; its background moved by `misfit`
@@ -330,4 +330,17 @@ fn of_one(
         mounting.left, resonance.left
     );
     f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Even odds are a half, ln 3 is three in four; odds beyond what a number holds are certain.
+    #[test]
+    fn analytic_log_odds_of_any_size_are_a_probability() {
+        assert_eq!(probability(0.0), 0.5);
+        assert!((probability(3f64.ln()) - 0.75).abs() < 1e-15);
+        assert_eq!((probability(2000.0), probability(-2000.0), probability(f64::NEG_INFINITY)), (1.0, 0.0, 0.0));
+    }
 }

@@ -20,6 +20,7 @@ use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::fit::refit;
 use crate::fit::shape::{self, Model};
+use crate::name::path::SUREST;
 use crate::name::{Finding, Question};
 use crate::read::lines::Family;
 
@@ -38,9 +39,6 @@ const MODE_STEP: f64 = 0.008;
 const MODE_DAMPING: [f64; 2] = [0.012, 0.022];
 const MODE_SHARES: [f64; 11] = [-2.0, -0.6, -0.2, -0.06, -0.02, 0.0, 0.02, 0.06, 0.2, 0.6, 2.0];
 
-/// What remains to doubt: the sheet's masses, and paths of which a mode is none. That of a path of
-/// all sensors.
-const SUREST: f64 = 0.8;
 /// Least deviation of a factor (ln): three of the factors that are tried.
 const LEAST_SPREAD: f64 = 0.25;
 /// Share of the best from which another stands in the set; supports that the steps tell.
