@@ -196,7 +196,7 @@ pub fn answer(
     if !q.comparison.pairs.is_empty() && direct::comparable(q, &findings) {
         progress("what changed against the reference");
         let direct = findings.len();
-        findings.extend(ghost::ghost(q, &mut steps));
+        findings.extend(ghost::ghost(q, strange.bearing(q).map(|e| e.order), &mut steps));
         let mut found = Found {
             findings: &mut findings,
             unexplained: &mut unexplained,

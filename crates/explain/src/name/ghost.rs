@@ -9,6 +9,7 @@
 
 use crate::name::alone::{self, Powers};
 use crate::name::direct::gears_on;
+use crate::name::family::passes_at;
 use crate::name::{Finding, Question};
 use crate::read::SAME_SPEED;
 use crate::read::dsp::mean;
@@ -214,12 +215,18 @@ fn candidate(q: &Question<'_>, combs: &[Comb], shaft: usize, multiple: usize, re
 }
 
 /// The multiple of one shaft that leads its neighbours, where one does.
-pub fn ghost(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
+///
+/// None that lies on a multiple of a bearing's passages (`passage`, order of the input shaft): its
+/// impacts light that line.
+pub fn ghost(q: &Question<'_>, passage: Option<f64>, steps: &mut Vec<String>) -> Option<Finding> {
     let reach = q.recordings.iter().map(|r| ONE_BINS / r.revolutions).fold(0.0, f64::max);
+    let revolutions = q.recordings.iter().map(|r| r.revolutions).fold(f64::INFINITY, f64::min);
     let combs: Vec<Comb> = (0..q.train.shafts.len()).map(|j| comb(q, j, reach)).collect();
     let mut all: Vec<Candidate> = Vec::new();
     for (j, comb) in combs.iter().enumerate() {
-        all.extend((FEWEST..=comb.lead.len()).filter_map(|m| candidate(q, &combs, j, m, reach)));
+        let of_bearing = |m: &usize| passage.is_some_and(|p| passes_at(p, *m as f64 * comb.order, revolutions));
+        let multiples = (FEWEST..=comb.lead.len()).filter(|m| !of_bearing(m));
+        all.extend(multiples.filter_map(|m| candidate(q, &combs, j, m, reach)));
     }
     let highest = all.iter().max_by(|a, b| a.lead.total_cmp(&b.lead))?;
     // Multiples of two shafts that are one line: the one that it lies on.

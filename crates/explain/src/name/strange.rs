@@ -130,6 +130,13 @@ fn may_be_of_one_sensor(l: &StrangeLine) -> bool {
 }
 
 impl Strange {
+    /// The order of the envelope that a bearing makes, where one is believed.
+    pub fn bearing(&self, q: &Question<'_>) -> Option<&EnvelopeLine> {
+        let needed = if self.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE };
+        let believed = |e: &&EnvelopeLine| e.score + bearing::usual(q.train, e.order, e.range) > needed;
+        self.envelope.as_ref().filter(believed)
+    }
+
     fn foreign(&self) -> Vec<&StrangeLine> {
         self.fixed.iter().filter(|l| is_foreign(l)).collect()
     }
@@ -278,10 +285,7 @@ pub fn add_strange(
             "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" | "eccentricity" | "belt_slip" | "clock_offset"
         )
     });
-    let bearing_seen = strange.envelope.as_ref().is_some_and(|e| {
-        let usual = bearing::usual(q.train, e.order, e.range);
-        e.score + usual > if strange.against_reference { ENVELOPE_SCORE_AGAINST } else { ENVELOPE_SCORE }
-    });
+    let bearing_seen = strange.bearing(q).is_some();
     if let Some(l) = &strange.folded {
         findings.push(aliasing(q, l));
         return;
@@ -305,8 +309,7 @@ pub fn add_strange(
     let off: Vec<&StrangeLine> =
         strange.orders.iter().filter(|l| l.off_comb > 4.0 && l.excess > NEW_LINE && l.least > 1.5).collect();
     let named = |findings: &[Finding]| findings.iter().any(|f| f.effect != "wrong_tooth_count");
-    if let Some(e) = &strange.envelope
-        && bearing_seen
+    if let Some(e) = strange.bearing(q)
         && (strange.against_reference || !findings.iter().any(|f| !in_the_data(f.effect)))
     {
         *unexplained = false;
