@@ -41,7 +41,7 @@ use self::made::Made;
 use self::periods::{Turn, modulated_turns, only};
 pub use self::shared::SteadyStore;
 use self::shared::{Driven, mean_laws};
-use self::solver::{Grid, Problem, Solution, Start};
+use self::solver::{Grid, Linear, Problem, Solution, Start};
 use crate::model::{ModelError, TrainModel};
 use crate::setup::SimSetup;
 
@@ -112,6 +112,24 @@ struct Part {
     solution: Solution,
 }
 
+impl Part {
+    /// The motion to first order about this one, in a train like its own or in another.
+    fn near(
+        &mut self,
+        model: &TrainModel,
+        (driven, linear): (&Arc<Driven>, Linear<'_>),
+        options: &SteadyOptions,
+    ) -> Result<Option<Solution>, SteadyError> {
+        if Arc::ptr_eq(&self.driven, driven) {
+            self.grid.see(linear);
+            return self.grid.near(model, linear, options, &self.solution);
+        }
+        let mut grid = Grid::new(self.grid.problem.clone(), model, &driven.response);
+        grid.see(linear);
+        grid.near(model, linear, options, &self.solution)
+    }
+}
+
 /// A part that is to be solved for: its sign in the sum, the place of its train, and the problem.
 type Wanted = (f64, usize, Problem);
 
@@ -163,6 +181,33 @@ impl SteadySolver {
         seed: u64,
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
+        self.lines((setup, motor_hz, torque_nm, seed), orders, false)
+    }
+
+    /// As [`Self::solve`] for a setup that differs little from the one solved last, to first order
+    /// in the difference: for difference quotients. The motion that was solved last stays the one
+    /// to start from. What is too far off, or has springs, friction or eccentric gears, is solved
+    /// for as [`Self::solve`] does.
+    ///
+    /// # Errors
+    /// As of [`Self::solve`].
+    pub fn solve_near(
+        &mut self,
+        setup: &SimSetup,
+        motor_hz: f64,
+        torque_nm: f64,
+        seed: u64,
+        orders: &[f64],
+    ) -> Result<SteadyLines, SteadyError> {
+        self.lines((setup, motor_hz, torque_nm, seed), orders, true)
+    }
+
+    fn lines(
+        &mut self,
+        (setup, motor_hz, torque_nm, seed): (&SimSetup, f64, f64, u64),
+        orders: &[f64],
+        near: bool,
+    ) -> Result<SteadyLines, SteadyError> {
         let turns = modulated_turns(setup)?;
         let parts = std::iter::once(None).chain(turns.iter().map(|(turn, _)| Some(*turn)));
         let made: Vec<Arc<Made>> =
@@ -200,13 +245,13 @@ impl SteadySolver {
                 wanted.push((1.0, 1 + i, problem));
             }
         }
-        self.solve_parts((base, &made), wanted, first_shaft_hz, orders)
+        self.solve_parts((base, &made), (wanted, near), first_shaft_hz, orders)
     }
 
     fn solve_parts(
         &mut self,
         (base, made): (&TrainModel, &[Arc<Made>]),
-        wanted: Vec<Wanted>,
+        (wanted, near): (Vec<Wanted>, bool),
         first_shaft_hz: f64,
         orders: &[f64],
     ) -> Result<SteadyLines, SteadyError> {
@@ -234,11 +279,20 @@ impl SteadySolver {
                 Some(part) if alike && same_laws(&part.seen, &meshes, &problem.active, self.options.tolerance) => {
                     Part { made: now.clone(), ..part }
                 }
-                past => {
+                mut past => {
                     if which > 0 && turned[which].is_none() {
                         turned[which] = Some(self.store.model(now)?);
                     }
                     let model = turned[which].as_ref().unwrap_or(base);
+                    if near && let Some(mut part) = past {
+                        if let Ok(Some(solution)) = part.near(model, (&driven, linear), &self.options) {
+                            lines.iterations += solution.iterations;
+                            driven.add_lines(sign, &problem, &solution, orders, &mut lines.sensors);
+                            parts.push(part);
+                            continue;
+                        }
+                        past = Some(part);
+                    }
                     let (mut grid, start) = match past {
                         Some(part) if fits(&part) => (part.grid, Some(part.solution)),
                         past => (Grid::new(problem, model, &driven.response), past.map(|part| part.solution)),

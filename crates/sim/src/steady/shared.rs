@@ -18,9 +18,9 @@ use crate::springs::SpringSlope;
 /// were made with. Beyond it the iteration from them takes as long as new ones (10 to 30 products
 /// more; at a factor of 3 some 200 to 300), and at a factor of 2 some meshes were not found.
 const NEAR_STIFFNESS: f64 = 1.25;
-/// Linear trains that are kept: those of a bench without and with an effect, and of the one that a
-/// difference quotient is taken to.
-const KEPT: usize = 4;
+/// Linear trains that are kept: those of a bench without and with an effect, and of those that
+/// difference quotients are taken to, one for each number of some five shafts.
+const KEPT: usize = 16;
 
 /// Frequency responses of linear trains and tables of flanks that several solvers have in common.
 /// The responses of modes take a fifth of a solution, and operating points do not change them.

@@ -18,7 +18,7 @@ use crate::springs::SpringSlope;
 use far::{Ends, Far};
 use misfit::{Misfit, Progress};
 pub(super) use start::Start;
-use trial::{Case, State};
+use trial::{Case, State, Trial};
 
 mod far;
 mod misfit;
@@ -28,6 +28,10 @@ mod trial;
 
 /// Most Newton steps.
 const MOST_STEPS: usize = 25;
+/// Residual of a neighbour (of the vibration) up to which one step from it gives the motion to
+/// first order, and how well that step is solved for: what the step leaves is of second order.
+const NEAR: f64 = 0.1;
+const FIRST_ORDER: f64 = 1e-3;
 /// Angle by which no gear vibrates (rad).
 const FARTHEST_RAD: f64 = 1.0;
 
@@ -205,64 +209,159 @@ impl Grid {
         options: &SteadyOptions,
         start: Option<Start<'_>>,
     ) -> Result<Solution, SteadyError> {
-        let (n, stages, response) = (self.problem.samples, self.problem.active.len(), linear.response);
-        let times: Vec<f64> = (0..n).map(|k| self.problem.period_s * k as f64 / n as f64).collect();
-        let shaft_rad: Vec<f64> = times.iter().map(|&t| model.rotation.at(t).0).collect();
-        let spring_scales = self.springs.scales(model);
-        let case = Case { model, linear, shaft_rad: &shaft_rad, spring_scales: &spring_scales };
-        let mut forces = self.outside_forces(model, response, &times)?;
-        let mut reactions = self.far.to_forces((&self.problem, response), &forces);
-        let outside = self.motion_of(response, [&forces, &reactions])?;
-        let (mut state, resting) = self.begin(&case, &outside, start)?;
+        let n = self.problem.samples;
+        let points = self.points(model);
+        let case = points.case(model, linear);
+        let outside = self.outside(&case, &points.times)?;
+        let (mut state, resting) = self.begin(&case, &outside.motion, start)?;
         let mut iterations = 0;
         let mut progress = Progress::default();
         for _ in 0..MOST_STEPS {
             let trial = self.trial(&case, &state)?;
-            let spectra = self.spectra(&case, &state, &trial)?;
-            let beside = self.beside(&trial)?;
-            let mut target = State {
-                approach: self.convolve(&self.approach, &spectra)?,
-                angle: self.convolve(&self.angle, &spectra)?,
-            };
-            target.add(&outside);
-            let beside_reactions = self.far.to_forces((&self.problem, response), &beside);
-            target.add(&self.motion_of(response, [&beside, &beside_reactions])?);
-            // An iteration that runs away; no phase of a mesh is defined far out.
-            if !target.angle.iter().flatten().all(|a| a.abs() < FARTHEST_RAD) {
-                return Err(SteadyError::NoConvergence);
-            }
-            let misfit = Misfit::new(&target, &state, &resting);
-            state.angle = target.angle;
+            let caused = self.caused(&case, &outside.motion, &state, &trial)?;
+            let misfit = Misfit::new(&caused.motion, &state, &resting);
+            state.angle = caused.motion.angle;
             if misfit.is_settled(options.tolerance) {
                 if let Some(stage) = trial.open.filter(|_| !options.parting) {
                     return Err(SteadyError::ContactLost { stage });
                 }
-                forces.extend(beside);
-                let first_mesh = forces.len();
-                let mut direct = self.springs.direct(model, &spectra[stages..]);
-                for more in [beside_reactions, self.far.to_inputs(&spectra)] {
-                    add(&mut reactions, more);
-                }
-                forces.extend(self.inputs.iter().cloned().zip(spectra));
-                let far = self.far.meshes.iter().copied().zip(forces.len()..).take(reactions.len()).collect();
-                forces.extend(reactions);
-                // Both halves of a line in one amplitude.
-                for spectrum in forces.iter_mut().map(|(_, spectrum)| spectrum).chain(&mut direct) {
-                    spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
-                }
-                let State { approach, .. } = state;
-                return Ok(Solution { forces, first_mesh, far, direct, approach, resting, iterations });
+                return Ok(self.found(model, outside, (caused.forces, state.approach, resting), iterations));
             }
             if !progress.goes_on(misfit.error()) {
                 return Err(SteadyError::NoConvergence);
             }
-            let (step, taken) = self.newton_step(&trial, &misfit, options.tolerance)?;
+            let inner = (0.1 * options.tolerance / misfit.worst()).clamp(1e-6, 0.03);
+            let (step, taken) = self.newton_step(&trial, &misfit, inner)?;
             iterations += taken;
             let turned = self.convolve(&self.angle, &self.moved(&trial, &step)?)?;
             state.add(&State { approach: step.chunks_exact(n).map(<[f64]>::to_vec).collect(), angle: turned });
         }
         Err(SteadyError::NoConvergence)
     }
+
+    /// The motion to first order about a neighbouring one: one step of Newton's method from it.
+    /// `None` where that lies too far off, and where something acts beside the meshes (springs,
+    /// friction, the moments of eccentric gears), whose slopes are not part of the step.
+    pub(super) fn near(
+        &self,
+        model: &TrainModel,
+        linear: Linear<'_>,
+        options: &SteadyOptions,
+        neighbour: &Solution,
+    ) -> Result<Option<Solution>, SteadyError> {
+        let points = self.points(model);
+        let case = points.case(model, linear);
+        let outside = self.outside(&case, &points.times)?;
+        let start = Start { solution: neighbour, rests_alike: true };
+        let (mut state, resting) = self.begin(&case, &outside.motion, Some(start))?;
+        let mut trial = self.trial(&case, &state)?;
+        let lost = trial.open.is_some() && !options.parting;
+        if lost || trial.acts_beside() || !self.springs.is_empty() {
+            return Ok(None);
+        }
+        let caused = self.caused(&case, &outside.motion, &state, &trial)?;
+        let misfit = Misfit::new(&caused.motion, &state, &resting);
+        if misfit.error() > NEAR {
+            return Ok(None);
+        }
+        let (step, taken) = self.newton_step(&trial, &misfit, FIRST_ORDER)?;
+        let step: Vec<Vec<f64>> = step.chunks_exact(self.problem.samples).map(<[f64]>::to_vec).collect();
+        trial.follow(&step);
+        trial::add(&mut state.approach, &step);
+        let forces = Forces { spectra: self.spectra(&case, &state, &trial)?, ..caused.forces };
+        Ok(Some(self.found(model, outside, (forces, state.approach, resting), taken)))
+    }
+
+    /// Sample times and what is known at them.
+    fn points(&self, model: &TrainModel) -> Points {
+        let n = self.problem.samples;
+        let times: Vec<f64> = (0..n).map(|k| self.problem.period_s * k as f64 / n as f64).collect();
+        let shaft_rad = times.iter().map(|&t| model.rotation.at(t).0).collect();
+        Points { shaft_rad, spring_scales: self.springs.scales(model), times }
+    }
+
+    /// What acts from outside, and the motion that it brings about.
+    fn outside(&self, case: &Case<'_>, times: &[f64]) -> Result<Outside, SteadyError> {
+        let response = case.linear.response;
+        let forces = self.outside_forces(case.model, response, times)?;
+        let reactions = self.far.to_forces((&self.problem, response), &forces);
+        let motion = self.motion_of(response, [&forces, &reactions])?;
+        Ok(Outside { forces, reactions, motion })
+    }
+
+    /// The forces of a trial, and the motion that they and what is outside bring about.
+    fn caused(&self, case: &Case<'_>, outside: &State, state: &State, trial: &Trial) -> Result<Caused, SteadyError> {
+        let response = case.linear.response;
+        let spectra = self.spectra(case, state, trial)?;
+        let beside = self.beside(trial)?;
+        let mut motion =
+            State { approach: self.convolve(&self.approach, &spectra)?, angle: self.convolve(&self.angle, &spectra)? };
+        motion.add(outside);
+        let beside_reactions = self.far.to_forces((&self.problem, response), &beside);
+        motion.add(&self.motion_of(response, [&beside, &beside_reactions])?);
+        // An iteration that runs away; no phase of a mesh is defined far out.
+        if !motion.angle.iter().flatten().all(|a| a.abs() < FARTHEST_RAD) {
+            return Err(SteadyError::NoConvergence);
+        }
+        Ok(Caused { motion, forces: Forces { spectra, beside, beside_reactions } })
+    }
+
+    /// What was solved for.
+    fn found(
+        &self,
+        model: &TrainModel,
+        Outside { mut forces, mut reactions, .. }: Outside,
+        (Forces { spectra, beside, beside_reactions }, approach, resting): (Forces, Vec<Vec<f64>>, Vec<Vec<f64>>),
+        iterations: usize,
+    ) -> Solution {
+        forces.extend(beside);
+        let first_mesh = forces.len();
+        let mut direct = self.springs.direct(model, &spectra[self.problem.active.len()..]);
+        for more in [beside_reactions, self.far.to_inputs(&spectra)] {
+            add(&mut reactions, more);
+        }
+        forces.extend(self.inputs.iter().cloned().zip(spectra));
+        let far = self.far.meshes.iter().copied().zip(forces.len()..).take(reactions.len()).collect();
+        forces.extend(reactions);
+        // Both halves of a line in one amplitude.
+        for spectrum in forces.iter_mut().map(|(_, spectrum)| spectrum).chain(&mut direct) {
+            spectrum.iter_mut().skip(1).for_each(|z| *z *= 2.0);
+        }
+        Solution { forces, first_mesh, far, direct, approach, resting, iterations }
+    }
+}
+
+/// What is known at the samples.
+struct Points {
+    times: Vec<f64>,
+    shaft_rad: Vec<f64>,
+    spring_scales: Vec<f64>,
+}
+
+impl Points {
+    fn case<'a>(&'a self, model: &'a TrainModel, linear: Linear<'a>) -> Case<'a> {
+        Case { model, linear, shaft_rad: &self.shaft_rad, spring_scales: &self.spring_scales }
+    }
+}
+
+/// What acts from outside, what the far meshes answer, and the motion of both.
+struct Outside {
+    forces: Vec<Force>,
+    reactions: Vec<Force>,
+    motion: State,
+}
+
+/// Forces of a trial: of each channel, of what acts beside, and of the far meshes to that.
+struct Forces {
+    spectra: Vec<Vec<Complex<f64>>>,
+    beside: Vec<Force>,
+    beside_reactions: Vec<Force>,
+}
+
+/// The motion that forces bring about.
+struct Caused {
+    motion: State,
+    forces: Forces,
 }
 
 /// `out_i = Σ_j table_ij · spectra_j` at every bin.

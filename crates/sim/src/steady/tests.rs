@@ -197,6 +197,71 @@ fn analytic_warm_start_changes_nothing() {
     assert_ne!(first.sensors, warm.sensors);
 }
 
+/// Changes of the teeth, of the bearings and of a mesh's damping by as little as difference
+/// quotients take: to first order the lines change as those of a full solution do, and the
+/// state that they start from stays.
+#[test]
+fn oracle_near_a_state_lines_follow_to_first_order() {
+    let bench = test_bench::two_stages();
+    let setup = SimSetup::nominal(&bench);
+    let orders: Vec<f64> = mesh_orders(34.0).chain(mesh_orders(34.0 / 73.0 * 36.0)).collect();
+    let softer = {
+        let mut softer = bench.clone();
+        softer.shafts[1].bearing_n_per_m *= 0.994;
+        softer
+    };
+    let changed = |change: fn(&mut SimSetup)| {
+        let mut setup = setup.clone();
+        change(&mut setup);
+        setup
+    };
+    let near = [
+        changed(|s| s.teeth[0].pair.stiffness_factor = 1.006),
+        changed(|s| s.teeth[1].pair.profile_error = vec![(2e-8, 0.4)]),
+        changed(|s| s.bench.stages[0].mesh_damping_ratio *= 1.015),
+        SimSetup::nominal(&softer),
+    ];
+    let exact = SteadyOptions { tolerance: 1e-8, ..SteadyOptions::default() };
+    let from = solved(&setup, exact, 60.0, &orders);
+    let mut solver = SteadySolver::new(SteadyOptions::default());
+    solver.solve(&setup, 30.0, 60.0, 5, &orders).unwrap();
+    for (i, near) in near.iter().enumerate() {
+        let full = solved(near, exact, 60.0, &orders);
+        let first = solver.solve_near(near, 30.0, 60.0, 5, &orders).unwrap();
+        let of = |lines: &SteadyLines, to: &SteadyLines| {
+            let pairs = lines.sensors.iter().flatten().zip(to.sensors.iter().flatten());
+            pairs.map(|(a, b)| (a - b).norm_sqr()).sum::<f64>().sqrt()
+        };
+        // Of second order in a change of a hundredth.
+        let missed = of(&first, &full) / of(&from, &full);
+        assert!(missed < 0.03, "{i}: {missed:.1e}");
+    }
+    assert_eq!(solver.solve(&setup, 30.0, 60.0, 5, &orders).unwrap().iterations, 0);
+}
+
+/// Friction and gears that run out act beside the meshes, and a change of a fifth is not near: all
+/// are solved for as if nothing were known.
+#[test]
+fn oracle_what_is_not_near_is_solved_in_full() {
+    let setup = SimSetup::nominal(&test_bench::single_stage());
+    let orders: Vec<f64> = mesh_orders(34.0).collect();
+    let changes: [fn(&mut SimSetup); 3] = [
+        |s| s.teeth[0].pair.stiffness_factor = 0.8,
+        |s| s.teeth[0].pair.friction = 0.05,
+        |s| s.teeth[0].pinion.eccentricity_m = 5e-6,
+    ];
+    for (i, change) in changes.into_iter().enumerate() {
+        let mut changed = setup.clone();
+        change(&mut changed);
+        let mut solver = SteadySolver::new(SteadyOptions::default());
+        solver.solve(&setup, 30.0, 60.0, 5, &orders).unwrap();
+        let found = solver.solve_near(&changed, 30.0, 60.0, 5, &orders).unwrap();
+        let full = solved(&changed, SteadyOptions::default(), 60.0, &orders);
+        // As of a warm start.
+        assert!(error(&found, &full.sensors) < 1e-4, "{i}: {:.1e}", error(&found, &full.sensors));
+    }
+}
+
 /// Angles that lag one step behind the forces cost a third of the products: 67 without a past and
 /// 26 from a neighbour whose teeth are 2 % stiffer.
 #[test]

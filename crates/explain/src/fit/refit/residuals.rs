@@ -5,6 +5,8 @@
 //! loads of one speed. Where a session began is eliminated ([`super::turns`]), the path's gain and
 //! phase of a line by their mean over the loads.
 
+use gearwatch_sim::setup::SimSetup;
+use gearwatch_sim::steady::{SteadyError, SteadyLines, SteadySolver};
 use nalgebra::DVector;
 use num_complex::Complex64;
 
@@ -71,27 +73,11 @@ impl Model for Problem<'_> {
     /// The steady states of the references and, unless only their trend counts, of the recordings.
     /// `None` where a reference has none.
     fn state(&mut self, x: &DVector<f64>) -> Option<Amplitudes> {
-        let setups = self.setups(x)?;
-        let sides = if self.trend_only { 1 } else { 2 };
-        let mut out = Vec::with_capacity(self.orders.len());
-        for (p, pair) in self.q.comparison.pairs.iter().enumerate() {
-            let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
-            let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
-            let mut both = Vec::with_capacity(sides);
-            for side in 0..sides {
-                let solver = &mut self.solver[p][side];
-                match solver.solve(&setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
-                    Ok(solved) => both.push(solved.sensors),
-                    // Of one law the sizes beyond a steady state are not tried.
-                    Err(_) if side == 0 || self.term.is_some() => return None,
-                    // Teeth that part without a period: what their lines do is left open.
-                    Err(_) => {}
-                }
-            }
-            out.push(both);
-        }
-        let solved = sides == 1 || out.iter().any(|both| both.len() == sides);
-        solved.then_some(out)
+        self.states(x, SteadySolver::solve)
+    }
+
+    fn near(&mut self, x: &DVector<f64>) -> Option<Amplitudes> {
+        self.states(x, SteadySolver::solve_near)
     }
 
     /// Changes of the lines (where a recording has no steady state they may be any), then the
@@ -155,7 +141,35 @@ impl Model for Problem<'_> {
     }
 }
 
+/// How a steady state is solved for: setup, motor speed (Hz), brake torque (N m), seed, orders.
+type Solve = fn(&mut SteadySolver, &SimSetup, f64, f64, u64, &[f64]) -> Result<SteadyLines, SteadyError>;
+
 impl Problem<'_> {
+    /// The steady states at a point: `None` where a reference has none.
+    fn states(&mut self, x: &DVector<f64>, solve: Solve) -> Option<Amplitudes> {
+        let setups = self.setups(x)?;
+        let sides = if self.trend_only { 1 } else { 2 };
+        let mut out = Vec::with_capacity(self.orders.len());
+        for (p, pair) in self.q.comparison.pairs.iter().enumerate() {
+            let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
+            let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
+            let mut both = Vec::with_capacity(sides);
+            for side in 0..sides {
+                let solver = &mut self.solver[p][side];
+                match solve(solver, &setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
+                    Ok(solved) => both.push(solved.sensors),
+                    // Of one law the sizes beyond a steady state are not tried.
+                    Err(_) if side == 0 || self.term.is_some() => return None,
+                    // Teeth that part without a period: what their lines do is left open.
+                    Err(_) => {}
+                }
+            }
+            out.push(both);
+        }
+        let solved = sides == 1 || out.iter().any(|both| both.len() == sides);
+        solved.then_some(out)
+    }
+
     /// How many residuals are of changes between reference and recording; they come first.
     pub fn changes(&self) -> usize {
         self.rows.iter().filter(|of| matches!(of, Of::Change(_) | Of::Turn(_))).count()

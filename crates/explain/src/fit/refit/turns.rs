@@ -35,7 +35,11 @@ pub fn wrapped(rad: f64) -> f64 {
 fn aligned(turns: &[Turn]) -> Vec<f64> {
     let highest = turns.iter().map(|t| t.harmonic).fold(0.0, f64::max);
     let left = |delta: f64| turns.iter().map(move |t| wrapped(t.rad - t.harmonic * delta));
-    let cost = |delta: f64| -> f64 { left(delta).zip(turns).map(|(r, t)| losses(&[r / t.sigma])).sum() };
+    let mut scaled = vec![0.0; turns.len()];
+    let mut cost = |delta: f64| -> f64 {
+        scaled.iter_mut().zip(left(delta).zip(turns)).for_each(|(scaled, (r, t))| *scaled = r / t.sigma);
+        losses(&scaled)
+    };
     let places = PLACES * highest.ceil() as usize;
     let at = |k: usize| TAU * k as f64 / places as f64;
     let costs = (0..places).map(|k| (cost(at(k)), at(k)));

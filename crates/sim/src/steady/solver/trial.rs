@@ -55,6 +55,21 @@ pub(super) struct Trial {
     pub(super) open: Option<usize>,
 }
 
+impl Trial {
+    /// Whether anything acts beside the channels.
+    pub(super) fn acts_beside(&self) -> bool {
+        !self.beside.is_empty() || !self.rate_slope.is_empty()
+    }
+
+    /// The forces of each channel after a step, by their slopes.
+    pub(super) fn follow(&mut self, step: &[Vec<f64>]) {
+        for (to, from, slope) in &self.slope {
+            let moved = step[*from].iter().zip(slope);
+            self.rest[*to].iter_mut().zip(moved).for_each(|(rest, (v, k))| *rest += v * k);
+        }
+    }
+}
+
 /// What a mesh makes beside the force along its line of action.
 #[derive(Default)]
 struct Beside {
@@ -146,16 +161,15 @@ impl Grid {
         parts.iter().map(|part| self.spectrum(part)).collect()
     }
 
-    /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign; with the
-    /// products it took.
+    /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign, solved for until
+    /// this share of the residual is left; with the products it took.
     pub(super) fn newton_step(
         &self,
         trial: &Trial,
         misfit: &Misfit,
-        tolerance: f64,
+        inner: f64,
     ) -> Result<(Vec<f64>, usize), SteadyError> {
         let product = |v: &[f64]| self.convolve(&self.approach, &self.moved(trial, v)?);
-        let inner = (0.1 * tolerance / misfit.worst()).clamp(1e-6, 0.03);
         let mut broken = None;
         let solved = gmres::solve(&misfit.residual, inner, |v, out| match product(v) {
             Ok(moved) => {
