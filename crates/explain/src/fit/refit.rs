@@ -92,13 +92,12 @@ pub fn has_form(effect: &str) -> bool {
 
 /// The bench without and with some effects (id and place), all numbers as the lines have them;
 /// without effects as the references show it.
-pub fn setups(q: &Question<'_>, cells: &[Cell], members: &[(&str, &str)]) -> Option<[SimSetup; 2]> {
-    let base = base(q, cells)?;
+pub fn setups(q: &Question<'_>, cells: &[Cell], base: &Base, members: &[(&str, &str)]) -> Option<[SimSetup; 2]> {
     let mut problem = Problem::new(q, cells, members)?.with_effort(QUICK);
     let x = if members.is_empty() {
-        problem.start(&base)
+        problem.start(base)
     } else {
-        let starts = problem.glance(&base)?;
+        let starts = problem.glance(base)?;
         settled(&mut problem, starts)?.solution.x
     };
     problem.setups(&x)

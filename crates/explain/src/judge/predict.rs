@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
-use crate::fit::refit;
+use crate::fit::refit::{self, Base};
 use crate::judge::added::{Added, Gains};
 use crate::name::Question;
 use crate::name::path::HOUSING;
@@ -66,6 +66,23 @@ impl Prediction {
     }
 }
 
+/// The recordings that models are fitted to.
+pub struct Fitted<'a> {
+    q: &'a Question<'a>,
+    cells: &'a [Cell],
+    /// The bench as the references alone have it, where anything of the machine is asked for.
+    base: Option<Base>,
+}
+
+impl<'a> Fitted<'a> {
+    /// Those of a question, whose cells are `cells`, to be asked for some effects.
+    pub fn new(q: &'a Question<'a>, cells: &'a [Cell], asked: &[Named]) -> Self {
+        let of_machine = |n: &Named| !is_path(&n.spec.effect, &n.spec.place);
+        let base = if asked.iter().any(of_machine) { refit::base(q, cells) } else { None };
+        Self { q, cells, base }
+    }
+}
+
 /// The bench without and with what was named, as the fitted recordings have it.
 struct Machine {
     setups: [SimSetup; 2],
@@ -80,33 +97,38 @@ pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2])
     Some((0..all.lines.len()).map(|i| law.change(all, &states, i)).collect())
 }
 
-/// Predicts the line changes of `all`, in its order, from the pairs of `fitted`, whose cells are
-/// `cells`. `None` where nothing that is named has a model.
-pub fn predict(fitted: &Question<'_>, cells: &[Cell], all: &Comparison, named: &[Named]) -> Option<Vec<Prediction>> {
+/// Predicts the line changes of `all`, in its order, from the pairs that are fitted. `None` where
+/// nothing that is named has a model.
+pub fn predict(fitted: &Fitted<'_>, all: &Comparison, named: &[Named]) -> Option<Vec<Prediction>> {
     let of_path = |channel: usize| {
         let on = |n: &&Named| {
             is_path(&n.spec.effect, &n.spec.place) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place)
         };
         named.iter().find(on)
     };
-    let machine = Machine::fitted(fitted, cells, named);
+    let q = fitted.q;
+    let machine = Machine::fitted(fitted, named);
     let paths = (0..all.channels.len()).any(|c| of_path(c).is_some());
     if machine.is_none() && !paths {
         return None;
     }
     let mut out = vec![Prediction::default(); all.lines.len()];
     if let Some(machine) = machine {
-        let both = |m: &Machine| Some((m.states(fitted, all)?, m.states(fitted, fitted.comparison)?));
-        let usual = || both(&Machine::usual(fitted, cells, named)?);
-        let of_sheet = || both(&Machine::of_sheet(fitted, named)?);
+        let both = |m: &Machine| Some((m.states(q, all)?, m.states(q, q.comparison)?));
+        let usual = || both(&Machine::usual(fitted, named)?);
+        let of_sheet = || both(&Machine::of_sheet(q, named)?);
         let (states, known) = both(&machine).or_else(usual).or_else(of_sheet)?;
-        let law = Law::read(fitted.comparison, &known);
+        let law = Law::read(q.comparison, &known);
         out.iter_mut().enumerate().for_each(|(i, o)| *o = law.change(all, &states, i));
     }
     for (o, line) in out.iter_mut().zip(&all.lines) {
         if let Some(path) = of_path(line.channel) {
             let one_factor = path.spec.effect == "scaling";
-            *o = Prediction::certain(path_change(cells, line.channel, (!one_factor).then_some(line.frequency_hz)));
+            *o = Prediction::certain(path_change(
+                fitted.cells,
+                line.channel,
+                (!one_factor).then_some(line.frequency_hz),
+            ));
         }
     }
     Some(out)
@@ -135,7 +157,7 @@ fn path_change(cells: &[Cell], channel: usize, frequency_hz: Option<f64>) -> f64
 type States = Vec<Option<[Complex64; 2]>>;
 
 impl Machine {
-    fn fitted(q: &Question<'_>, cells: &[Cell], named: &[Named]) -> Option<Self> {
+    fn fitted(fitted: &Fitted<'_>, named: &[Named]) -> Option<Self> {
         let modelled: Vec<&Named> = named.iter().filter(|n| !is_path(&n.spec.effect, &n.spec.place)).collect();
         if modelled.is_empty() {
             return None;
@@ -143,10 +165,11 @@ impl Machine {
         let (refitted, applied): (Vec<&Named>, Vec<&Named>) =
             modelled.into_iter().partition(|n| refit::has_form(&n.spec.effect));
         let members: Vec<(&str, &str)> = refitted.iter().map(|n| (&*n.spec.effect, &*n.spec.place)).collect();
-        let mut setups = match refit::setups(q, cells, &members) {
+        let of_base = |base: &Base| refit::setups(fitted.q, fitted.cells, base, &members);
+        let mut setups = match fitted.base.as_ref().and_then(of_base) {
             Some(setups) => setups,
             None if members.is_empty() => {
-                let plain = refit::sheet::setup(q.bench)?;
+                let plain = refit::sheet::setup(fitted.q.bench)?;
                 [plain.clone(), plain]
             }
             None => return None,
@@ -160,12 +183,12 @@ impl Machine {
 
     /// The same with the usual sizes of effects that add lines, where those of a large one part the
     /// teeth: their pattern is the same, and their size is read from the lines.
-    fn usual(q: &Question<'_>, cells: &[Cell], named: &[Named]) -> Option<Self> {
+    fn usual(fitted: &Fitted<'_>, named: &[Named]) -> Option<Self> {
         let of = |n: &Named| match refit::has_form(&n.spec.effect) {
             true => n.clone(),
             false => Named::usual(&n.spec.effect, &n.spec.place),
         };
-        Self::fitted(q, cells, &named.iter().map(of).collect::<Vec<_>>())
+        Self::fitted(fitted, &named.iter().map(of).collect::<Vec<_>>())
     }
 
     /// Effects that add lines on the bench of the sheet, where the fitted bench has no steady state
