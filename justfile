@@ -76,6 +76,10 @@ campaign-teeth:
 campaign-paths:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_error_of_a_paths_model
 
+# By how much first orders lead where teeth alone changed (minutes)
+campaign-first-order:
+    cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_first_orders_of_pitch_errors
+
 # What the change of a damaged tooth does over the torque, in drawn benches
 campaign-damaged-teeth:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_damaged_teeth_give_way

@@ -18,6 +18,7 @@ pub mod shared;
 pub mod strange;
 pub mod subname;
 pub mod supports;
+pub mod unbalance;
 
 use std::collections::BTreeMap;
 

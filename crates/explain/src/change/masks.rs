@@ -247,17 +247,31 @@ pub fn cause_within(cells: &[Cell], wide: &Mask, places: &[Place]) -> Option<Mas
 const ONCE_ALONE: f64 = 7.0;
 const ONCE_CLEAR: f64 = 5.0;
 
-/// The first order of a shaft, where it changed far more than the mesh harmonics, gears and rows of
-/// orders, which may follow it.
-pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place]) -> Option<Mask> {
-    let kinds =
-        |p: &&Place| matches!(p, Place::Mesh(_) | Place::Gear(..) | Place::FirstSide(..) | Place::ShaftOrders(_));
-    let most = places.iter().filter(kinds).map(|p| median_change(cells, *p)).fold(USUAL_SCALE, f64::max);
-    let once = |m: &&Mask| {
+/// What a first order has to lead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Once {
+    /// Whatever else of the train changed: meshes, gears, rows of orders.
+    OfTrain,
+    /// The row and the gears of its own shaft. What was named changes the rest.
+    OfShaft,
+}
+
+/// The first order of a shaft, where it changed far more than what may follow it.
+pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place], of: Once) -> Option<Mask> {
+    let leads = |m: &&Mask| {
+        let Place::ShaftLine(own, 1) = m.place else { return false };
+        let follows = |p: &&Place| match **p {
+            Place::Mesh(_) => of == Once::OfTrain,
+            Place::Gear(_, shaft) | Place::FirstSide(_, shaft) | Place::ShaftOrders(shaft) => {
+                of == Once::OfTrain || shaft == own
+            }
+            _ => false,
+        };
+        let most = places.iter().filter(follows).map(|p| median_change(cells, *p)).fold(USUAL_SCALE, f64::max);
         let change = median_change(cells, m.place);
-        matches!(m.place, Place::ShaftLine(_, 1)) && change > ONCE_CLEAR && change > ONCE_ALONE * most
+        change > ONCE_CLEAR && change > ONCE_ALONE * most
     };
-    ranked.iter().find(once).copied()
+    ranked.iter().find(leads).copied()
 }
 
 /// Spreads of a set of changes (ln) that are tried: first, ratio, number.
@@ -413,7 +427,9 @@ mod tests {
     #[test]
     fn analytic_a_first_order_alone_is_the_cause() {
         let places = [Place::ShaftLine(1, 1), Place::ShaftOrders(1), Place::Mesh(0), Place::Gear(0, 1)];
-        let ask = |cells: &[Cell]| once_alone(cells, &masks(cells, &places, &[0.0; 12]), &places).map(|m| m.place);
+        let ask = |cells: &[Cell]| {
+            once_alone(cells, &masks(cells, &places, &[0.0; 12]), &places, Once::OfTrain).map(|m| m.place)
+        };
         let mut loud = cells(1, 20.0);
         assert!((0.5..0.75).contains(&median_change(&loud, Place::ShaftOrders(1))));
         assert_eq!(median_change(&loud, Place::Mesh(0)), 0.0);
@@ -422,5 +438,13 @@ mod tests {
         let mesh = Some(Family::Mesh { stage: 0, harmonic: 1 });
         loud.push(Cell { family: mesh, change: 0.3, ..loud[0] });
         assert_eq!(ask(&loud), None);
+        // What was named changes the mesh: of its own shaft's lines it is alone still.
+        let ranked = masks(&loud, &places, &[0.0; 12]);
+        let of_shaft = |cells: &[Cell]| once_alone(cells, &ranked, &places, Once::OfShaft).map(|m| m.place);
+        assert_eq!(of_shaft(&loud), Some(Place::ShaftLine(1, 1)));
+        let side = |offset| Some(Family::Side { stage: 0, harmonic: 1, shaft: 1, offset });
+        loud.extend([-1, 1].map(|offset| Cell { family: side(offset), change: 0.5, ..loud[0] }));
+        let places: Vec<Place> = places.iter().copied().chain([Place::FirstSide(0, 1)]).collect();
+        assert_eq!(once_alone(&loud, &ranked, &places, Once::OfShaft).map(|m| m.place), None);
     }
 }

@@ -5,7 +5,7 @@ use gearwatch_core::train::Train;
 
 use crate::change::frequency::{self, Frequency};
 use crate::change::locate::{self, Cell, Place};
-use crate::change::masks::{self, Mask};
+use crate::change::masks::{self, Mask, Once};
 use crate::change::one_gear::OneGear;
 use crate::judge::controls;
 use crate::judge::held_out;
@@ -18,6 +18,7 @@ use crate::name::path;
 use crate::name::strange;
 use crate::name::subname;
 use crate::name::supports;
+use crate::name::unbalance;
 use crate::name::{Finding, Question};
 
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
@@ -130,7 +131,7 @@ fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'
 /// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
 fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
     let (places, gaps) = (places(q), gaps(q));
-    let (mut remaining, under_path) = without_paths(q, cells, speeds, found);
+    let ((mut remaining, under_path), given_up) = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     let tooth_found = single_teeth(q, &mut remaining, found);
     let ghost = found.findings.iter().find(|f| f.effect == "ghost_component");
@@ -155,7 +156,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         // What was named alters other lines of its shaft a little too.
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
         ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
-        let alone = masks::once_alone(&remaining, &ranked, &places).filter(|_| round == 0 && ripple.is_none());
+        let whole = if round == 0 { Once::OfTrain } else { Once::OfShaft };
+        let alone = masks::once_alone(&remaining, &ranked, &places, whole).filter(|_| ripple.is_none());
         let is_believed = |m: &Mask| if later { believed_beside(m, tooth_found) } else { beyond_chance(m) };
         let Some((best, mut chosen, believed)) = leading(q, alone, &ranked, &remaining, &is_believed) else { break };
         let led = chosen.place != best.place;
@@ -219,6 +221,15 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             break;
         }
     }
+    let teeth = found.findings.iter().filter_map(|f| subname::mask_of(q, f)).find_map(|m| match m {
+        Place::Gear(stage, shaft) => Some((stage, shaft)),
+        _ => None,
+    });
+    if let Some(gear) = teeth
+        && !found.findings.iter().any(|f| f.effect == "unbalance")
+    {
+        found.findings.extend(unbalance::beside_teeth(q, gear, found.steps));
+    }
     if let [first, second] = named[..] {
         swap(q, &before, (&places, &gaps), &beyond_chance, (first, second), found);
     }
@@ -226,6 +237,11 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         && !found.findings.iter().any(|x| echoes(q, x, place))
     {
         found.findings.push(f);
+    }
+    if found.findings.is_empty() && found.nearest.is_empty() && !*found.unexplained {
+        // No order was found that they go with.
+        let unproved = |f: Finding| Finding { probability: f.probability.min(held_out::UNPROVED), ..f };
+        found.nearest.extend(given_up.into_iter().map(unproved));
     }
 }
 
@@ -254,8 +270,13 @@ pub fn twins_of(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> Op
 /// Cells that a changed sensor path has no part in: those of the other channels, and where the path
 /// is one factor its own less that. Without another channel the path is taken off as the background
 /// tells it, and what else changed lies under it (true): a wide mask would take up what that
-/// leaves.
-fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
+/// leaves. Also paths that were given up since the lines go with orders.
+fn without_paths(
+    q: &Question<'_>,
+    cells: &[Cell],
+    speeds: &[f64],
+    found: &mut Found<'_>,
+) -> ((Vec<Cell>, bool), Vec<Finding>) {
     found.steps.push(format!(
         "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
         speeds.len(),
@@ -264,7 +285,7 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     ));
     let (paths, leads) = (found.findings.len(), found.nearest.len());
     let mut clear = by_background(q, cells, speeds, found);
-    let mut orders_beside = false;
+    let (mut orders_beside, mut given_up) = (false, Vec::new());
     let of_all = is_of_all(q, cells, &found.findings[paths..]);
     if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
         && let Some(by_frequency) = frequency::frequency(cells, speeds)
@@ -275,7 +296,7 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         ));
         if of_all && by_frequency.is_rather_orders() {
             // Meshes that changed bring more or less into the background too.
-            found.findings.truncate(paths);
+            given_up.extend(found.findings.drain(paths..));
             clear = (cells.to_vec(), false);
         } else if !of_all && let Some(by_lines) = by_lines(q, cells, speeds, &by_frequency, found) {
             // What the background alone would not prove is proved by the lines.
@@ -289,9 +310,9 @@ fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
         && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
     {
         found.findings.remove(at);
-        return (cells.to_vec(), false);
+        return ((cells.to_vec(), false), given_up);
     }
-    clear
+    (clear, given_up)
 }
 
 /// The same by the background first: what moved there, and the lines with it.

@@ -177,6 +177,13 @@ fn of_all(cells: &[Cell], sensors: usize, steps: &mut Vec<String>) -> Finding {
     f
 }
 
+/// By how much (nats) modes that are damped otherwise account better for what all sensors show than
+/// modes that moved.
+pub fn damping_nats(q: &Question<'_>, cells: &[Cell]) -> f64 {
+    let profiles: Vec<Profile> = (0..q.comparison.channels.len()).map(|c| profile(cells, c)).collect();
+    damping_fit(&profiles, &resonance_fit(&profiles)).map_or(f64::NEG_INFINITY, |d| d.nats)
+}
+
 /// Whether what was named of a path may be the housing's.
 pub fn may_be_the_housing(f: &Finding) -> bool {
     f.place == HOUSING || f.alternatives.iter().any(|(_, place)| place == HOUSING)

@@ -20,7 +20,7 @@ use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::fit::refit;
 use crate::fit::shape::{self, Model};
-use crate::name::path::SUREST;
+use crate::name::path::{self, SUREST};
 use crate::name::{Finding, Question};
 use crate::read::lines::Family;
 
@@ -77,7 +77,10 @@ pub fn weigh(
     };
     let Some(mut supports) = supports(q, &plain, &free) else { return false };
     let mut meshes = meshes::meshes(q, &plain, &free);
-    let mode = of_a_mode(&free);
+    let came_or_went = of_a_mode(&free);
+    // A structure that is damped otherwise was held against modes that moved by the profiles.
+    let damped = if finding.effect == "damping" { path::damping_nats(q, cells) } else { f64::NEG_INFINITY };
+    let mode = came_or_went + damped.max(0.0) + (-damped.abs()).exp().ln_1p();
     supports.sort_by(|a, b| b.odds.total_cmp(&a.odds));
     meshes.sort_by(|a, b| b.odds.total_cmp(&a.odds));
     let words: Vec<String> = [&supports, &meshes]
@@ -86,7 +89,7 @@ pub fn weigh(
         .map(|s| format!("{} at {} by {:.1} (size {:.2})", s.effect, s.place, s.odds, s.size.0))
         .collect();
     steps.push(format!(
-        "beyond a function of frequency of any form, the mesh lines favour a mode of the housing by {mode:.1} nats, {}",
+        "beyond a function of frequency of any form, the mesh lines favour modes of the housing by {mode:.1} nats, {}",
         words.join(", ")
     ));
     let most = supports.iter().chain(&meshes).map(|s| s.odds).fold(mode.max(0.0), f64::max);
