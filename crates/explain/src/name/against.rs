@@ -221,15 +221,7 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             break;
         }
     }
-    let teeth = found.findings.iter().filter_map(|f| subname::mask_of(q, f)).find_map(|m| match m {
-        Place::Gear(stage, shaft) => Some((stage, shaft)),
-        _ => None,
-    });
-    if let Some(gear) = teeth
-        && !found.findings.iter().any(|f| f.effect == "unbalance")
-    {
-        found.findings.extend(unbalance::beside_teeth(q, gear, found.steps));
-    }
+    beside_teeth(q, found);
     if let [first, second] = named[..] {
         swap(q, &before, (&places, &gaps), &beyond_chance, (first, second), found);
     }
@@ -243,6 +235,16 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         let unproved = |f: Finding| Finding { probability: f.probability.min(held_out::UNPROVED), ..f };
         found.nearest.extend(given_up.into_iter().map(unproved));
     }
+}
+
+/// Unbalance beside errors of the teeth that were named.
+fn beside_teeth(q: &Question<'_>, found: &mut Found<'_>) {
+    let gear = found.findings.iter().find_map(|f| match subname::mask_of(q, f) {
+        Some(Place::Gear(stage, shaft)) => Some((stage, shaft)),
+        _ => None,
+    });
+    let Some(gear) = gear.filter(|_| !found.findings.iter().any(|f| f.effect == "unbalance")) else { return };
+    found.findings.extend(unbalance::beside_teeth(q, gear, found.steps));
 }
 
 /// All masks of a bench.
