@@ -161,8 +161,8 @@ impl Grid {
         parts.iter().map(|part| self.spectrum(part)).collect()
     }
 
-    /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign, solved for until
-    /// this share of the residual is left; with the products it took.
+    /// Newton's step `(1 + H (k − k̄)) d = −residual`, in which H carries its sign, solved for
+    /// until this share of the residual is left; with the products it took.
     pub(super) fn newton_step(
         &self,
         trial: &Trial,
