@@ -58,7 +58,11 @@ pub struct Solution {
 /// (0.97), where they are Gaussian of deviation 1.
 pub fn losses(residuals: &[f64]) -> f64 {
     // One logarithm of a product is quicker than those of its factors; four of them stay finite.
-    let factor = |r: &f64| 1.0 + (r * r / TAIL).min(1e70);
+    let factor = |r: &f64| {
+        let square = r * r / TAIL;
+        // What is no number stays none.
+        1.0 + if square > 1e70 { 1e70 } else { square }
+    };
     (TAIL + 1.0) * residuals.chunks(4).map(|of| of.iter().map(factor).product::<f64>().ln()).sum::<f64>()
 }
 
@@ -330,6 +334,19 @@ fn equations(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As the sum of logarithms one by one, whatever the number of residuals; a residual that is no
+    /// number is no cost.
+    #[test]
+    fn oracle_losses_one_by_one() {
+        let residuals: Vec<f64> = (0..11).map(|k| f64::from(k - 5) * 10f64.powi(k % 4 - 2)).collect();
+        for count in 0..residuals.len() {
+            let of = &residuals[..count];
+            let expected: f64 = of.iter().map(|r| (TAIL + 1.0) * (r * r / TAIL).ln_1p()).sum();
+            assert!((losses(of) - expected).abs() < 1e-12 * (1.0 + expected), "{count}");
+        }
+        assert!(losses(&[1e40; 4]).is_finite() && losses(&[1.0, f64::NAN]).is_nan());
+    }
 
     /// Residuals by a function, and the rows that each number reaches.
     struct Rows<'a, F> {
