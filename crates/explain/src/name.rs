@@ -19,6 +19,7 @@ pub mod strange;
 pub mod subname;
 pub mod supports;
 pub mod unbalance;
+pub mod without_paths;
 
 use std::collections::BTreeMap;
 

@@ -257,13 +257,13 @@ pub enum Once {
 }
 
 /// The first order of a shaft, where it changed far more than what may follow it.
-pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place], of: Once) -> Option<Mask> {
+pub fn once_alone(cells: &[Cell], ranked: &[Mask], places: &[Place], others: Once) -> Option<Mask> {
     let leads = |m: &&Mask| {
         let Place::ShaftLine(own, 1) = m.place else { return false };
         let follows = |p: &&Place| match **p {
-            Place::Mesh(_) => of == Once::OfTrain,
+            Place::Mesh(_) => others == Once::OfTrain,
             Place::Gear(_, shaft) | Place::FirstSide(_, shaft) | Place::ShaftOrders(shaft) => {
-                of == Once::OfTrain || shaft == own
+                others == Once::OfTrain || shaft == own
             }
             _ => false,
         };

@@ -3,7 +3,6 @@
 
 use gearwatch_core::train::Train;
 
-use crate::change::frequency::{self, Frequency};
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask, Once};
 use crate::change::one_gear::OneGear;
@@ -14,11 +13,10 @@ use crate::name::alone;
 use crate::name::gear;
 use crate::name::ghost;
 use crate::name::parting;
-use crate::name::path;
 use crate::name::strange;
 use crate::name::subname;
-use crate::name::supports;
 use crate::name::unbalance;
+use crate::name::without_paths::{WithoutPaths, without_paths};
 use crate::name::{Finding, Question};
 
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
@@ -26,7 +24,7 @@ use crate::name::{Finding, Question};
 const CHANCE: f64 = 1e-3;
 /// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches
 /// 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
-const MISFIT: f64 = 1.2;
+pub const MISFIT: f64 = 1.2;
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
 const SIMPLER: f64 = 0.97;
 const NEARLY: f64 = 2.0;
@@ -35,7 +33,7 @@ const NEARLY: f64 = 2.0;
 const SECOND_GAIN: f64 = 25.0;
 const CONCENTRATED: f64 = 2.0;
 /// Factor on the probability of a second effect: it may be what the first does elsewhere.
-const SECOND_SURE: f64 = 0.7;
+pub const SECOND_SURE: f64 = 0.7;
 /// Beside one damaged tooth, which alters many lines, a mask must gain this much.
 const BESIDE_TOOTH: f64 = 60.0;
 /// Beside another machine's lines only a change this plain counts as the bench's own.
@@ -131,7 +129,7 @@ fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'
 /// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
 fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
     let (places, gaps) = (places(q), gaps(q));
-    let ((mut remaining, under_path), given_up) = without_paths(q, cells, speeds, found);
+    let WithoutPaths { cells: mut remaining, under_path, given_up } = without_paths(q, cells, speeds, found);
     found.cells.clone_from(&remaining);
     let tooth_found = single_teeth(q, &mut remaining, found);
     let ghost = found.findings.iter().find(|f| f.effect == "ghost_component");
@@ -156,8 +154,8 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         // What was named alters other lines of its shaft a little too.
         ranked.retain(|m| !found.findings.iter().any(|f| echoes(q, f, m.place)));
         ranked.retain(|m| !named.iter().any(|n| follows(q.train, &before, n.place, m.place)));
-        let whole = if round == 0 { Once::OfTrain } else { Once::OfShaft };
-        let alone = masks::once_alone(&remaining, &ranked, &places, whole).filter(|_| ripple.is_none());
+        let others = if round == 0 { Once::OfTrain } else { Once::OfShaft };
+        let alone = masks::once_alone(&remaining, &ranked, &places, others).filter(|_| ripple.is_none());
         let is_believed = |m: &Mask| if later { believed_beside(m, tooth_found) } else { beyond_chance(m) };
         let Some((best, mut chosen, believed)) = leading(q, alone, &ranked, &remaining, &is_believed) else { break };
         let led = chosen.place != best.place;
@@ -221,10 +219,10 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
             break;
         }
     }
-    beside_teeth(q, found);
     if let [first, second] = named[..] {
         swap(q, &before, (&places, &gaps), &beyond_chance, (first, second), found);
     }
+    beside_teeth(q, found);
     if let (Some(f), Some(place)) = (ripple, ripple_place)
         && !found.findings.iter().any(|x| echoes(q, x, place))
     {
@@ -237,14 +235,18 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
     }
 }
 
-/// Unbalance beside errors of the teeth that were named.
+/// Unbalance of a shaft beside errors of the teeth of a gear on it, where none was named yet.
 fn beside_teeth(q: &Question<'_>, found: &mut Found<'_>) {
-    let gear = found.findings.iter().find_map(|f| match subname::mask_of(q, f) {
+    if found.findings.iter().any(|f| f.effect == "unbalance") {
+        return;
+    }
+    let gear = |f: &Finding| match subname::mask_of(q, f) {
         Some(Place::Gear(stage, shaft)) => Some((stage, shaft)),
         _ => None,
-    });
-    let Some(gear) = gear.filter(|_| !found.findings.iter().any(|f| f.effect == "unbalance")) else { return };
-    found.findings.extend(unbalance::beside_teeth(q, gear, found.steps));
+    };
+    let mut gears = found.findings.iter().filter_map(gear);
+    let unbalance = gears.find_map(|gear| unbalance::beside_teeth(q, gear, found.steps));
+    found.findings.extend(unbalance);
 }
 
 /// All masks of a bench.
@@ -267,121 +269,6 @@ pub fn twins_of(q: &Question<'_>, cells: &[Cell], steps: &mut Vec<String>) -> Op
         twins.tail()
     ));
     Some(twins)
-}
-
-/// Cells that a changed sensor path has no part in: those of the other channels, and where the path
-/// is one factor its own less that. Without another channel the path is taken off as the background
-/// tells it, and what else changed lies under it (true): a wide mask would take up what that
-/// leaves. Also paths that were given up since the lines go with orders.
-fn without_paths(
-    q: &Question<'_>,
-    cells: &[Cell],
-    speeds: &[f64],
-    found: &mut Found<'_>,
-) -> ((Vec<Cell>, bool), Vec<Finding>) {
-    found.steps.push(format!(
-        "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
-        speeds.len(),
-        cells.iter().filter(|c| c.family.is_some()).count(),
-        locate::line_misfit(cells, None)
-    ));
-    let (paths, leads) = (found.findings.len(), found.nearest.len());
-    let mut clear = by_background(q, cells, speeds, found);
-    let (mut orders_beside, mut given_up) = (false, Vec::new());
-    let of_all = is_of_all(q, cells, &found.findings[paths..]);
-    if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
-        && let Some(by_frequency) = frequency::frequency(cells, speeds)
-    {
-        found.steps.push(format!(
-            "a function of frequency accounts for the change {:.0} nats better than orders, beside them {:.0}",
-            by_frequency.alone, by_frequency.beside
-        ));
-        if of_all && by_frequency.is_rather_orders() {
-            // Meshes that changed bring more or less into the background too.
-            given_up.extend(found.findings.drain(paths..));
-            clear = (cells.to_vec(), false);
-        } else if !of_all && let Some(by_lines) = by_lines(q, cells, speeds, &by_frequency, found) {
-            // What the background alone would not prove is proved by the lines.
-            found.nearest.truncate(leads);
-            clear = by_lines;
-        }
-        orders_beside = by_frequency.has_orders_beside();
-    }
-    // Supports of a shaft pass for the housing.
-    if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))
-        && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
-    {
-        found.findings.remove(at);
-        return ((cells.to_vec(), false), given_up);
-    }
-    (clear, given_up)
-}
-
-/// The same by the background first: what moved there, and the lines with it.
-fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
-    let mut remaining: Vec<Cell> = cells.to_vec();
-    let known = found.findings.len();
-    if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
-        found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
-    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
-        if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
-            if probability < held_out::UNPROVED {
-                found.nearest.push(Finding { probability, ..finding });
-                return (cells.to_vec(), false);
-            }
-            finding.probability = finding.probability.min(probability);
-        }
-        for channel in channels {
-            remaining = locate::without_path(&remaining, channel, speeds);
-        }
-        found.findings.push(finding);
-    }
-    let paths = &found.findings[known..];
-    let changed = |c: &Cell| paths.iter().find(|f| of_path(q, f, c));
-    if paths.is_empty() || remaining.iter().all(|c| changed(c).is_some()) {
-        return (remaining, !paths.is_empty());
-    }
-    let clear = cells.iter().filter_map(|c| match changed(c) {
-        None => Some(*c),
-        Some(f) => {
-            let factor = f.parameters.get("factor").filter(|_| f.effect == "scaling")?;
-            Some(Cell { change: c.change - factor.value.ln(), ..*c })
-        }
-    });
-    (clear.collect(), false)
-}
-
-/// The same by the lines first: a function of frequency, alone (true) or beside what goes with
-/// orders.
-fn by_lines(
-    q: &Question<'_>,
-    cells: &[Cell],
-    speeds: &[f64],
-    by_frequency: &Frequency,
-    found: &mut Found<'_>,
-) -> Option<(Vec<Cell>, bool)> {
-    if !by_frequency.is_there() {
-        return None;
-    }
-    let (path, left) = by_frequency.apart(cells);
-    let mut finding = path::of_lines(q, &path, &by_frequency.by_channel, speeds, found.steps)?;
-    if by_frequency.has_orders_beside() {
-        finding.probability *= SECOND_SURE;
-    }
-    found.findings.push(finding);
-    Some((left, !by_frequency.has_orders_beside()))
-}
-
-/// Whether a cell is read through a changed path.
-fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
-    path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
-}
-
-/// Whether all that was found are paths that every line is read through, and that are more than one
-/// factor: the meshes' own changes pass for such.
-fn is_of_all(q: &Question<'_>, cells: &[Cell], paths: &[Finding]) -> bool {
-    let on_path = |c: &Cell| paths.iter().any(|f| of_path(q, f, c));
-    !paths.is_empty() && cells.iter().all(on_path) && !paths.iter().all(|f| f.effect == "scaling")
 }
 
 /// Masks that are asked whether chance makes them.

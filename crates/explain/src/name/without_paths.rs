@@ -1,0 +1,127 @@
+//! What changed sensor paths did, named and taken out: first by the background, then by the lines.
+
+use crate::change::frequency::{self, Frequency};
+use crate::change::locate::{self, Cell};
+use crate::judge::held_out;
+use crate::name::against::{Found, MISFIT, SECOND_SURE};
+use crate::name::{Finding, Question, path, supports};
+
+/// What is left to be asked of the machine.
+pub struct WithoutPaths {
+    /// Cells that a changed path has no part in.
+    pub cells: Vec<Cell>,
+    /// A path was taken off these very cells, and what else changed lies under it: a wide mask would
+    /// take up what that leaves.
+    pub under_path: bool,
+    /// Paths that the background shows and that were given up, since the lines go with orders.
+    pub given_up: Vec<Finding>,
+}
+
+/// Names sensor paths that changed, and takes out what they did. Where one is a factor, its own lines
+/// less that stay; without another channel the path is taken off as the background tells it.
+pub fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> WithoutPaths {
+    found.steps.push(format!(
+        "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
+        speeds.len(),
+        cells.iter().filter(|c| c.family.is_some()).count(),
+        locate::line_misfit(cells, None)
+    ));
+    let (paths, leads) = (found.findings.len(), found.nearest.len());
+    let mut clear = by_background(q, cells, speeds, found);
+    let (mut orders_beside, mut given_up) = (false, Vec::new());
+    let of_all = is_of_all(q, cells, &found.findings[paths..]);
+    if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
+        && let Some(by_frequency) = frequency::frequency(cells, speeds)
+    {
+        found.steps.push(format!(
+            "a function of frequency accounts for the change {:.0} nats better than orders, beside them {:.0}",
+            by_frequency.alone, by_frequency.beside
+        ));
+        if of_all && by_frequency.is_rather_orders() {
+            // Meshes that changed bring more or less into the background too.
+            given_up.extend(found.findings.drain(paths..));
+            clear = (cells.to_vec(), false);
+        } else if !of_all && let Some(by_lines) = by_lines(q, cells, speeds, &by_frequency, found) {
+            // What the background alone would not prove is proved by the lines.
+            found.nearest.truncate(leads);
+            clear = by_lines;
+        }
+        orders_beside = by_frequency.has_orders_beside();
+    }
+    // Supports of a shaft pass for the housing.
+    if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))
+        && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
+    {
+        found.findings.remove(at);
+        clear = (cells.to_vec(), false);
+    }
+    let (cells, under_path) = clear;
+    WithoutPaths { cells, under_path, given_up }
+}
+
+/// The same by the background first: what moved there, and the lines with it.
+fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
+    let mut remaining: Vec<Cell> = cells.to_vec();
+    let known = found.findings.len();
+    if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
+        found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
+    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
+        if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
+            if probability < held_out::UNPROVED {
+                found.nearest.push(Finding { probability, ..finding });
+                return (cells.to_vec(), false);
+            }
+            finding.probability = finding.probability.min(probability);
+        }
+        for channel in channels {
+            remaining = locate::without_path(&remaining, channel, speeds);
+        }
+        found.findings.push(finding);
+    }
+    let paths = &found.findings[known..];
+    let changed = |c: &Cell| paths.iter().find(|f| of_path(q, f, c));
+    if paths.is_empty() || remaining.iter().all(|c| changed(c).is_some()) {
+        return (remaining, !paths.is_empty());
+    }
+    let clear = cells.iter().filter_map(|c| match changed(c) {
+        None => Some(*c),
+        Some(f) => {
+            let factor = f.parameters.get("factor").filter(|_| f.effect == "scaling")?;
+            Some(Cell { change: c.change - factor.value.ln(), ..*c })
+        }
+    });
+    (clear.collect(), false)
+}
+
+/// The same by the lines first: a function of frequency, alone (true) or beside what goes with
+/// orders.
+fn by_lines(
+    q: &Question<'_>,
+    cells: &[Cell],
+    speeds: &[f64],
+    by_frequency: &Frequency,
+    found: &mut Found<'_>,
+) -> Option<(Vec<Cell>, bool)> {
+    if !by_frequency.is_there() {
+        return None;
+    }
+    let (path, left) = by_frequency.apart(cells);
+    let mut finding = path::of_lines(q, &path, &by_frequency.by_channel, speeds, found.steps)?;
+    if by_frequency.has_orders_beside() {
+        finding.probability *= SECOND_SURE;
+    }
+    found.findings.push(finding);
+    Some((left, !by_frequency.has_orders_beside()))
+}
+
+/// Whether a cell is read through a changed path.
+fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
+    path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
+}
+
+/// Whether all that was found are paths that every line is read through, and that are more than one
+/// factor: the meshes' own changes pass for such.
+fn is_of_all(q: &Question<'_>, cells: &[Cell], paths: &[Finding]) -> bool {
+    let on_path = |c: &Cell| paths.iter().any(|f| of_path(q, f, c));
+    !paths.is_empty() && cells.iter().all(on_path) && !paths.iter().all(|f| f.effect == "scaling")
+}
