@@ -284,6 +284,7 @@ impl SteadySolver {
                         turned[which] = Some(self.store.model(now)?);
                     }
                     let model = turned[which].as_ref().unwrap_or(base);
+                    // What fails at first order is solved for in full.
                     if near && let Some(mut part) = past {
                         if let Ok(Some(solution)) = part.near(model, (&driven, linear), &self.options) {
                             lines.iterations += solution.iterations;

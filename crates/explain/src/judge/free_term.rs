@@ -17,7 +17,7 @@ use crate::change::masks::INDEPENDENT;
 use crate::fit::terms::{self, Fitted, Search};
 use crate::judge::held_out;
 use crate::judge::misfit::{self, Residuals};
-use crate::judge::predict::{self, Named, Prediction};
+use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
 use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
@@ -108,8 +108,8 @@ pub fn find(
     let (own, own_mesh) = (Residuals::of(q.comparison, lines, &held), on_mesh(lines));
     // Rivals: no law, and what was named.
     let named: Vec<Named> = findings.iter().map(held_out::of_finding).collect();
-    let of_names = || predict::predict(&predict::Fitted::new(&train, &train_cells, &named), q.comparison, &named);
-    let of_names = if named.is_empty() { None } else { of_names() };
+    let grounds = Grounds::new(&train, &train_cells, &named);
+    let of_names = predict::predict(&grounds, q.comparison, &named);
     let rival = of_names.as_ref().map_or(f64::INFINITY, |lines| on_mesh(lines).held).min(on_mesh(&still).held);
     steps.push(format!(
         "held out: of mesh harmonics {} leaves {:.2}, {rival:.2} without it",

@@ -19,7 +19,7 @@ use crate::change::locate;
 use crate::change::masks::INDEPENDENT;
 use crate::fit::refit;
 use crate::judge::misfit::{Judged, Residuals};
-use crate::judge::predict::{self, Fitted, Named, Prediction};
+use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Fit};
 use crate::name::subname::is_path;
 use crate::name::{Finding, Question};
@@ -100,7 +100,7 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
     let rest = q.comparison.without(&held);
     let (train, cells) = (fitted(q, &rest), locate::cells(&rest));
     let named = [of_finding(finding)];
-    let predicted = predict::predict(&Fitted::new(&train, &cells, &named), q.comparison, &named)?;
+    let predicted = predict::predict(&Grounds::new(&train, &cells, &named), q.comparison, &named)?;
     let left = Residuals::of(q.comparison, &predicted, &held).held;
     let none = Residuals::of(q.comparison, &vec![Prediction::default(); q.comparison.lines.len()], &held).held;
     let probability = path_probability(finding.probability, left, none)?;
@@ -152,11 +152,11 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     let rest = comparison.without(&held);
     let train = fitted(q, &rest);
     let cells = locate::cells(&rest);
-    let points = Fitted::new(&train, &cells, &all);
+    let grounds = Grounds::new(&train, &cells, &all);
     let residuals =
         |predicted: &[Prediction]| Residuals::of_some(comparison, predicted, &held, &|i, _| judged.counts[i]);
     let answers: Vec<Option<Residuals>> =
-        asked.par_iter().map(|(_, named)| Some(residuals(&predict::predict(&points, comparison, named)?))).collect();
+        asked.par_iter().map(|(_, named)| Some(residuals(&predict::predict(&grounds, comparison, named)?))).collect();
     let none = residuals(&vec![Prediction::default(); comparison.lines.len()]);
     let mean = residuals(&line_means(comparison, &rest));
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();

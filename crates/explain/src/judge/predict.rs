@@ -66,15 +66,15 @@ impl Prediction {
     }
 }
 
-/// The recordings that models are fitted to.
-pub struct Fitted<'a> {
+/// The recordings that models are fitted to, and the bench as they have it without an effect.
+pub struct Grounds<'a> {
     q: &'a Question<'a>,
     cells: &'a [Cell],
     /// The bench as the references alone have it, where anything of the machine is asked for.
     base: Option<Base>,
 }
 
-impl<'a> Fitted<'a> {
+impl<'a> Grounds<'a> {
     /// Those of a question, whose cells are `cells`, to be asked for some effects.
     pub fn new(q: &'a Question<'a>, cells: &'a [Cell], asked: &[Named]) -> Self {
         let of_machine = |n: &Named| !is_path(&n.spec.effect, &n.spec.place);
@@ -99,15 +99,15 @@ pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2])
 
 /// Predicts the line changes of `all`, in its order, from the pairs that are fitted. `None` where
 /// nothing that is named has a model.
-pub fn predict(fitted: &Fitted<'_>, all: &Comparison, named: &[Named]) -> Option<Vec<Prediction>> {
+pub fn predict(grounds: &Grounds<'_>, all: &Comparison, named: &[Named]) -> Option<Vec<Prediction>> {
     let of_path = |channel: usize| {
         let on = |n: &&Named| {
             is_path(&n.spec.effect, &n.spec.place) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place)
         };
         named.iter().find(on)
     };
-    let q = fitted.q;
-    let machine = Machine::fitted(fitted, named);
+    let q = grounds.q;
+    let machine = Machine::fitted(grounds, named);
     let paths = (0..all.channels.len()).any(|c| of_path(c).is_some());
     if machine.is_none() && !paths {
         return None;
@@ -115,7 +115,7 @@ pub fn predict(fitted: &Fitted<'_>, all: &Comparison, named: &[Named]) -> Option
     let mut out = vec![Prediction::default(); all.lines.len()];
     if let Some(machine) = machine {
         let both = |m: &Machine| Some((m.states(q, all)?, m.states(q, q.comparison)?));
-        let usual = || both(&Machine::usual(fitted, named)?);
+        let usual = || both(&Machine::usual(grounds, named)?);
         let of_sheet = || both(&Machine::of_sheet(q, named)?);
         let (states, known) = both(&machine).or_else(usual).or_else(of_sheet)?;
         let law = Law::read(q.comparison, &known);
@@ -125,7 +125,7 @@ pub fn predict(fitted: &Fitted<'_>, all: &Comparison, named: &[Named]) -> Option
         if let Some(path) = of_path(line.channel) {
             let one_factor = path.spec.effect == "scaling";
             *o = Prediction::certain(path_change(
-                fitted.cells,
+                grounds.cells,
                 line.channel,
                 (!one_factor).then_some(line.frequency_hz),
             ));
@@ -157,7 +157,7 @@ fn path_change(cells: &[Cell], channel: usize, frequency_hz: Option<f64>) -> f64
 type States = Vec<Option<[Complex64; 2]>>;
 
 impl Machine {
-    fn fitted(fitted: &Fitted<'_>, named: &[Named]) -> Option<Self> {
+    fn fitted(grounds: &Grounds<'_>, named: &[Named]) -> Option<Self> {
         let modelled: Vec<&Named> = named.iter().filter(|n| !is_path(&n.spec.effect, &n.spec.place)).collect();
         if modelled.is_empty() {
             return None;
@@ -165,11 +165,11 @@ impl Machine {
         let (refitted, applied): (Vec<&Named>, Vec<&Named>) =
             modelled.into_iter().partition(|n| refit::has_form(&n.spec.effect));
         let members: Vec<(&str, &str)> = refitted.iter().map(|n| (&*n.spec.effect, &*n.spec.place)).collect();
-        let of_base = |base: &Base| refit::setups(fitted.q, fitted.cells, base, &members);
-        let mut setups = match fitted.base.as_ref().and_then(of_base) {
+        let of_base = |base: &Base| refit::setups(grounds.q, grounds.cells, base, &members);
+        let mut setups = match grounds.base.as_ref().and_then(of_base) {
             Some(setups) => setups,
             None if members.is_empty() => {
-                let plain = refit::sheet::setup(fitted.q.bench)?;
+                let plain = refit::sheet::setup(grounds.q.bench)?;
                 [plain.clone(), plain]
             }
             None => return None,
@@ -183,12 +183,12 @@ impl Machine {
 
     /// The same with the usual sizes of effects that add lines, where those of a large one part the
     /// teeth: their pattern is the same, and their size is read from the lines.
-    fn usual(fitted: &Fitted<'_>, named: &[Named]) -> Option<Self> {
+    fn usual(grounds: &Grounds<'_>, named: &[Named]) -> Option<Self> {
         let of = |n: &Named| match refit::has_form(&n.spec.effect) {
             true => n.clone(),
             false => Named::usual(&n.spec.effect, &n.spec.place),
         };
-        Self::fitted(fitted, &named.iter().map(of).collect::<Vec<_>>())
+        Self::fitted(grounds, &named.iter().map(of).collect::<Vec<_>>())
     }
 
     /// Effects that add lines on the bench of the sheet, where the fitted bench has no steady state

@@ -243,6 +243,7 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
         return;
     }
     let known = findings.len();
+    // A bearing in the envelope would have been named, and nothing asked here.
     findings.extend(crate::name::ghost::ghost(q, None, steps));
     // A ripple leaves the first order as it is, while what happens once a turn may lift others of
     // the row.

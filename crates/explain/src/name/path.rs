@@ -2,7 +2,9 @@
 //! at every speed.
 
 use crate::change::locate::{self, Cell};
-use crate::name::path_form::{Profile, damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit};
+use crate::name::path_form::{
+    DampingFit, PathFit, Profile, damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit,
+};
 use crate::name::{Finding, Question};
 use crate::read::dsp::median;
 
@@ -150,9 +152,7 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
 /// What a changed path of all sensors is: modes that are damped otherwise, or one that came or
 /// moved, both as likely before.
 fn of_all(cells: &[Cell], sensors: usize, steps: &mut Vec<String>) -> Finding {
-    let profiles: Vec<Profile> = (0..sensors).map(|c| profile(cells, c)).collect();
-    let resonance = resonance_fit(&profiles);
-    let damping = damping_fit(&profiles, &resonance);
+    let (resonance, damping) = modes(cells, sensors);
     if let Some(damping) = &damping {
         steps.push(format!(
             "change of the housing over frequency: {} modes that are damped {:.2} times as much account for it better than modes that moved, by {:.1} nats",
@@ -180,8 +180,15 @@ fn of_all(cells: &[Cell], sensors: usize, steps: &mut Vec<String>) -> Finding {
 /// By how much (nats) modes that are damped otherwise account better for what all sensors show than
 /// modes that moved.
 pub fn damping_nats(q: &Question<'_>, cells: &[Cell]) -> f64 {
-    let profiles: Vec<Profile> = (0..q.comparison.channels.len()).map(|c| profile(cells, c)).collect();
-    damping_fit(&profiles, &resonance_fit(&profiles)).map_or(f64::NEG_INFINITY, |d| d.nats)
+    modes(cells, q.comparison.channels.len()).1.map_or(f64::NEG_INFINITY, |damping| damping.nats)
+}
+
+/// What all sensors show as one mode that came or moved, and as modes that are damped otherwise.
+fn modes(cells: &[Cell], sensors: usize) -> (PathFit, Option<DampingFit>) {
+    let profiles: Vec<Profile> = (0..sensors).map(|c| profile(cells, c)).collect();
+    let resonance = resonance_fit(&profiles);
+    let damping = damping_fit(&profiles, &resonance);
+    (resonance, damping)
 }
 
 /// Whether what was named of a path may be the housing's.
