@@ -7,6 +7,7 @@ pub mod bearing;
 pub mod direct;
 pub mod family;
 pub mod first;
+pub mod found;
 pub mod friction;
 pub mod gear;
 pub mod gear_side;
@@ -27,8 +28,8 @@ use gearwatch_core::bench::Bench;
 use gearwatch_core::estimate::Estimate;
 use gearwatch_core::train::Train;
 
-use self::against::Found;
 use self::family::Family;
+use self::found::Found;
 use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
 use crate::fit::refit;

@@ -10,6 +10,7 @@ use crate::judge::controls;
 use crate::judge::held_out;
 use crate::judge::twins::{self, Twins};
 use crate::name::alone;
+use crate::name::found::{Found, MISFIT, SECOND_SURE};
 use crate::name::gear;
 use crate::name::ghost;
 use crate::name::parting;
@@ -22,9 +23,6 @@ use crate::name::{Finding, Question};
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
 /// believed.
 const CHANCE: f64 = 1e-3;
-/// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches
-/// 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).
-pub const MISFIT: f64 = 1.2;
 /// A simpler mask is preferred to another that gains up to this much more, relatively or in nats.
 const SIMPLER: f64 = 0.97;
 const NEARLY: f64 = 2.0;
@@ -32,8 +30,6 @@ const NEARLY: f64 = 2.0;
 /// change.
 const SECOND_GAIN: f64 = 25.0;
 const CONCENTRATED: f64 = 2.0;
-/// Factor on the probability of a second effect: it may be what the first does elsewhere.
-pub const SECOND_SURE: f64 = 0.7;
 /// Beside one damaged tooth, which alters many lines, a mask must gain this much.
 const BESIDE_TOOTH: f64 = 60.0;
 /// Beside another machine's lines only a change this plain counts as the bench's own.
@@ -52,30 +48,6 @@ const LEADS_MATE: f64 = 20.0;
 const LEADS_MESH: f64 = 3.0;
 /// Effects that masks may name, one after the other.
 const MOST: usize = 2;
-
-/// What was found so far.
-pub struct Found<'a> {
-    /// Findings, to which those of this search are added.
-    pub findings: &'a mut Vec<Finding>,
-    /// Set where something changed that has no name.
-    pub unexplained: &'a mut bool,
-    /// What comes nearest to that: a path that was given up, effects that no name is justified for.
-    pub nearest: &'a mut Vec<Finding>,
-    /// What was seen, in words.
-    pub steps: &'a mut Vec<String>,
-    /// The cells, without what a changed sensor path did to them.
-    pub cells: &'a mut Vec<Cell>,
-}
-
-impl Found<'_> {
-    /// Something changed that has no name. What comes nearest shares what earlier leads leave of
-    /// the probability.
-    fn leave_unexplained(&mut self, nearest: Vec<Finding>) {
-        *self.unexplained = true;
-        let left = 1.0 - self.nearest.iter().map(|f| f.probability).sum::<f64>();
-        self.nearest.extend(nearest.into_iter().map(|f| Finding { probability: left * f.probability, ..f }));
-    }
-}
 
 /// A mask for the steps.
 fn in_words(q: &Question<'_>, m: &Mask) -> String {

@@ -106,8 +106,8 @@ mod tests {
     const DRAWN: u64 = 120;
 
     /// 23 teeth whose errors fall as 1/k, through a path by which low multiples are e^0.4 times as
-    /// high: each leads its sidebands by 0.4, however large the errors are; a force of its own on the
-    /// first by that much more.
+    /// high: each leads its sidebands by 0.4, however large the errors are; a force of its own on
+    /// the first by that much more.
     #[test]
     fn analytic_errors_of_teeth_lead_alike() {
         let level = |force: f64| {

@@ -3,22 +3,22 @@
 use crate::change::frequency::{self, Frequency};
 use crate::change::locate::{self, Cell};
 use crate::judge::held_out;
-use crate::name::against::{Found, MISFIT, SECOND_SURE};
+use crate::name::found::{Found, MISFIT, SECOND_SURE};
 use crate::name::{Finding, Question, path, supports};
 
 /// What is left to be asked of the machine.
 pub struct WithoutPaths {
     /// Cells that a changed path has no part in.
     pub cells: Vec<Cell>,
-    /// A path was taken off these very cells, and what else changed lies under it: a wide mask would
-    /// take up what that leaves.
+    /// A path was taken off these very cells, and what else changed lies under it: a wide mask
+    /// would take up what that leaves.
     pub under_path: bool,
     /// Paths that the background shows and that were given up, since the lines go with orders.
     pub given_up: Vec<Finding>,
 }
 
-/// Names sensor paths that changed, and takes out what they did. Where one is a factor, its own lines
-/// less that stay; without another channel the path is taken off as the background tells it.
+/// Names sensor paths that changed, and takes out what they did. Where one is a factor, its own
+/// lines less that stay; without another channel the path is taken off as the background tells it.
 pub fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> WithoutPaths {
     found.steps.push(format!(
         "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
