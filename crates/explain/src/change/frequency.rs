@@ -211,12 +211,20 @@ pub struct Free {
 impl Free {
     /// Of the lines of meshes; `None` where there are too few lines or one speed only.
     pub fn of_meshes(cells: &[Cell], speeds: &[f64]) -> Option<Self> {
+        Self::of(cells, speeds, &|family| matches!(family, Family::Mesh { .. } | Family::Side { .. }))
+    }
+
+    /// The same of their sidebands alone.
+    pub fn of_sidebands(cells: &[Cell], speeds: &[f64]) -> Option<Self> {
+        Self::of(cells, speeds, &|family| matches!(family, Family::Side { .. }))
+    }
+
+    fn of(cells: &[Cell], speeds: &[f64], asked: &dyn Fn(Family) -> bool) -> Option<Self> {
         let speed_of: Vec<usize> = speeds.iter().map(|s| first_at(speeds, *s)).collect();
         if speed_of.iter().all(|s| *s == 0) {
             return None;
         }
-        let of_mesh =
-            |c: &Cell| matches!(c.family, Some(Family::Mesh { .. } | Family::Side { .. })) && c.variance < CLEAR;
+        let of_mesh = |c: &Cell| c.family.is_some_and(asked) && c.variance < CLEAR;
         let count = |channel: usize| cells.iter().filter(|c| c.channel == channel && of_mesh(c)).count();
         let last = cells.iter().map(|c| c.channel).max()?;
         let mut channels: Vec<usize> = (0..=last).filter(|c| count(*c) > 0).collect();

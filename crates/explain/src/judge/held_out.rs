@@ -22,6 +22,7 @@ use crate::judge::misfit::{Judged, Residuals};
 use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Fit};
 use crate::name::subname::is_path;
+use crate::name::supports;
 use crate::name::{Finding, Question};
 
 /// From so many operating points on two are left out.
@@ -232,9 +233,10 @@ fn decide(finding: &mut Finding, misfits: &[Option<f64>], none: &Residuals, step
     }
     let effects: Vec<&str> =
         std::iter::once(finding.effect).chain(finding.alternatives.iter().map(|(effect, _)| *effect)).collect();
-    let weighed = |(effect, place): &(&'static str, String)| refit::has_form(effect) || is_path(effect, place);
+    let has_form = |effect: &str| refit::has_form(effect) || supports::weighs(effect);
+    let weighed = |(effect, place): &(&'static str, String)| has_form(effect) || is_path(effect, place);
     let weighed: Vec<bool> = std::iter::once(true).chain(finding.alternatives.iter().map(weighed)).collect();
-    let ranked = |k: usize| refit::has_form(effects[0]) && weighed[k];
+    let ranked = |k: usize| has_form(effects[0]) && weighed[k];
     let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
     let gain = |k: usize| {
         let misfit = misfits.get(k).copied().flatten().filter(|_| !ranked(k));

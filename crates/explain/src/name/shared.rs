@@ -13,6 +13,7 @@ use crate::fit::refit::{self, PITCH_ERROR};
 use crate::fit::shape;
 use crate::judge::held_out::UNPROVED;
 use crate::name::gear::gear_name;
+use crate::name::supports;
 use crate::name::{Finding, Question};
 
 /// How closely effects are compared.
@@ -84,6 +85,11 @@ pub fn finding(
         .collect();
     let unknown = if depth == Depth::Refit {
         scored.extend(of_gears(q, place, cells));
+        // Sidebands share the model's errors as mesh harmonics do.
+        for (effect, place, odds) in supports::by_sidebands(q, cells) {
+            let own = scored.iter_mut().find(|s| s.ranked.effect == effect && s.ranked.place == place);
+            own.into_iter().for_each(|own| own.beside = EVIDENCE_WEIGHT * odds);
+        }
         fit_all(q, cells, &mut scored, steps)
     } else {
         None
@@ -199,7 +205,7 @@ fn fit_all(q: &Question<'_>, cells: &[Cell], scored: &mut [Scored], steps: &mut 
         });
         let before = match s.ranked.effect {
             PITCH_ERROR | RUN_OUT => format!("{:.1} nats by sidebands", s.beside),
-            _ => format!("{:.2} by drawn benches", s.ranked.probability),
+            _ => format!("{:.2} by drawn benches, {:.1} nats by sidebands", s.ranked.probability, s.beside),
         };
         let fitted = if s.ranked.effect == RUN_OUT { "fit of no change" } else { "joint refit" };
         steps.push(format!("shape: {} at {}: {before}, {fitted} {words}", s.ranked.effect, s.ranked.place));

@@ -2,33 +2,31 @@
 //!
 //! A bearing or a mesh that is softer or damped otherwise changes each line by what it does at the
 //! line's own frequency, as a mode of the housing does; but what it does follows from the sheet, to
-//! all sensors and stages at once. The simulator predicts it for stiffness and damping of every
-//! shaft's bearings and every stage's meshes. Each prediction is held against a function of
+//! all sensors and stages at once. The simulator predicts it for every shaft's bearings (stiffness,
+//! damping, play in the seat) and every stage's meshes. Each prediction is held against a function of
 //! frequency of any form, a Gaussian process, which also takes what the prediction leaves: the odds
 //! are the ratio of the marginal likelihoods, on average over the sizes.
 
+mod bearings;
 mod meshes;
+mod passing;
 
-use gearwatch_core::bench::{EffectSpec, Sensor, Shaft};
+use gearwatch_core::bench::EffectSpec;
 use gearwatch_sim::effects;
-use gearwatch_sim::linear::LinearTrain;
 use gearwatch_sim::setup::SimSetup;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
+pub use self::bearings::weighs;
+
+use self::passing::At;
 use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::fit::refit;
-use crate::fit::shape::{self, Model};
 use crate::name::path::{self, SUREST};
 use crate::name::{Finding, Question};
 use crate::read::lines::Family;
 
-/// Factors that are tried, as likely each.
-const STIFFNESS: &[f64] = &[0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.6, 2.0];
-const DAMPING: &[f64] = &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0];
-/// Share of what a sensor reads that comes from the bearings in question, as likely each.
-const SHARES: [f64; 4] = [0.1, 0.4, 0.7, 1.0];
 /// What the bearing of the sheet may be off by (standard deviations), and how likely that is: a
 /// normal number by three points (Gauss and Hermite).
 const OFF: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
@@ -75,7 +73,7 @@ pub fn weigh(
     let (Some(free), Some(plain)) = (Free::of_meshes(cells, speeds), refit::sheet::setup(q.bench)) else {
         return false;
     };
-    let Some(mut supports) = supports(q, &plain, &free) else { return false };
+    let Some(mut supports) = bearings::bearings(q, &plain, &free) else { return false };
     let mut meshes = meshes::meshes(q, &plain, &free);
     let came_or_went = of_a_mode(&free);
     // A structure that is damped otherwise was held against modes that moved by the profiles.
@@ -101,12 +99,17 @@ pub fn weigh(
     }
     let [best, others @ ..] = &supports[..] else { return false };
     let probability = share(best.odds) / sum;
-    if probability < 0.5 || orders_beside {
+    // What the bench can be fitted with the lines are asked for, as a whole.
+    let fitted = refit::has_form(best.effect);
+    if probability < 0.5 || (orders_beside && fitted) {
         return probability >= 0.5;
     }
     let mut f = Finding::new(best.effect, best.place.clone(), SUREST * probability);
-    let (factor, spread) = best.size;
-    f = f.with("factor", factor, spread.max(LEAST_SPREAD) * factor);
+    // How wide a seat is depends on what drives the shaft across, which is not known.
+    if fitted {
+        let (factor, spread) = best.size;
+        f = f.with("factor", factor, spread.max(LEAST_SPREAD) * factor);
+    }
     f.alternatives.push((finding.effect, finding.place.clone()));
     let near = others.iter().filter(|s| share(s.odds) > IN_SET * share(best.odds));
     f.alternatives.extend(near.map(|s| (s.effect, s.place.clone())));
@@ -119,37 +122,17 @@ pub fn weigh(
     false
 }
 
-/// Every effect of every shaft's supports; `None` without a model of the meshes.
-fn supports(q: &Question<'_>, plain: &SimSetup, free: &Free) -> Option<Vec<Support>> {
-    let any = free.log_evidence();
-    let asked: Vec<(&'static str, &[f64], usize)> = (0..q.bench.shafts.len())
-        .flat_map(|shaft| [("bearing_compliance", STIFFNESS, shaft), ("damping", DAMPING, shaft)])
-        .filter(|a| !q.without.contains(&a.0))
-        .collect();
-    let model = shape::model(plain, &q.comparison.pairs)?;
-    let stages: Vec<usize> = free.lines().map(|l| stage_of(l.2)).collect();
-    let of = |&(effect, factors, shaft): &(&'static str, &[f64], usize)| -> Option<Support> {
-        let place = &q.bench.shafts[shaft].name;
-        let mut all: Vec<(f64, f64)> = Vec::new();
-        for (off, likely) in OFF {
-            let usual = with(plain, "bearing_compliance", place, ("factor", (off * refit::STIFFNESS_TOLERANCE).exp()))?;
-            let before = forces(q, &model, &usual, free)?;
-            for factor in factors {
-                let Some(after) =
-                    with(&usual, effect, place, ("factor", *factor)).and_then(|s| forces(q, &model, &s, free))
-                else {
-                    continue;
-                };
-                let predicted =
-                    |line: usize, form: usize| change(&before[line], &after[line], (stages[line], shaft), SHARES[form]);
-                let evidence = free.log_evidence_of(SHARES.len(), &predicted);
-                all.push((*factor, evidence - any + likely.ln() - (factors.len() as f64).ln()));
-            }
-        }
-        let (odds, size) = odds_of(&all)?;
-        Some(Support { effect, place: place.clone(), odds, size })
+/// Log odds (nats) over a function of frequency of any form that the sidebands alone give each
+/// effect of a shaft's bearings and a stage's meshes, by effect and place; none where they are too
+/// few.
+pub fn by_sidebands(q: &Question<'_>, cells: &[Cell]) -> Vec<(&'static str, String, f64)> {
+    let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
+    let (Some(free), Some(plain)) = (Free::of_sidebands(cells, &speeds), refit::sheet::setup(q.bench)) else {
+        return Vec::new();
     };
-    asked.par_iter().map(of).collect()
+    let of_bearings = bearings::bearings(q, &plain, &free).unwrap_or_default();
+    let all = of_bearings.into_iter().chain(meshes::meshes(q, &plain, &free));
+    all.map(|s| (s.effect, s.place, s.odds)).collect()
 }
 
 /// Log odds (nats) of an effect over all its sizes, from those of each; with the geometric mean of
@@ -196,6 +179,11 @@ fn with(setup: &SimSetup, effect: &str, place: &str, (name, size): (&str, f64)) 
     Some(out)
 }
 
+/// Pair, stage and frequency (Hz) of each line.
+fn at(free: &Free) -> Vec<At> {
+    free.lines().map(|(pair, _, family, hz)| (pair, stage_of(family), hz)).collect()
+}
+
 fn stage_of(family: Family) -> usize {
     match family {
         Family::Mesh { stage, .. } | Family::Side { stage, .. } => stage,
@@ -203,59 +191,32 @@ fn stage_of(family: Family) -> usize {
     }
 }
 
-/// Forces on the bearings of every shaft, in the direction of the line's sensor, at a unit force in
-/// the mesh of its stage; by line and shaft.
-fn forces(q: &Question<'_>, model: &Model, setup: &SimSetup, free: &Free) -> Option<Vec<Vec<Complex64>>> {
-    let mut bench = setup.bench.clone();
-    // What the housing does to all of them alike is the path's; its modes have shapes at the
-    // sheet's own sensors alone.
-    bench.housing_modes.clear();
-    bench.sensors.clear();
-    for channel in &q.comparison.channels {
-        let own = q.bench.sensors.iter().find(|s| s.name == *channel)?;
-        let at = |shaft: &Shaft| Sensor {
-            name: format!("{channel} {}", shaft.name),
-            shaft: shaft.name.clone(),
-            ..own.clone()
-        };
-        bench.sensors.extend(q.bench.shafts.iter().map(at));
-    }
-    let train = LinearTrain::new(&bench);
-    let meshed: Vec<LinearTrain> = (0..q.comparison.pairs.len()).map(|p| model.meshed(&train, p)).collect();
-    let shafts = q.bench.shafts.len();
-    let of = |(pair, channel, family, hz): (usize, usize, Family, f64)| {
-        let all = shape::readings(&meshed[pair], stage_of(family), hz)?;
-        Some(all[channel * shafts..(channel + 1) * shafts].to_vec())
-    };
-    free.lines().map(of).collect()
-}
-
-/// Change of a line (ln) at a sensor that reads the bearings of one shaft by this share and those
-/// of the other shaft of the line's stage by the rest.
-fn change(before: &[Complex64], after: &[Complex64], (stage, shaft): (usize, usize), share: f64) -> f64 {
-    let other = if shaft == stage { stage + 1 } else { stage };
-    let own = if shaft == stage || shaft == stage + 1 { shaft } else { stage + 1 };
-    let sum = after[own] / before[own] * share + after[other] / before[other] * (1.0 - share);
-    if sum.is_finite() { sum.norm().max(f64::MIN_POSITIVE).ln() } else { 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::change::locate;
+    use crate::explain::Input;
+    use crate::measure::{Measured, measure};
+    use crate::prove;
 
-    /// A sensor that reads one bearing alone changes as that does; by half each, as the middle of
-    /// both forces; where there was no force, not at all.
-    #[test]
-    fn analytic_a_sensor_reads_both_bearings_by_their_shares() {
-        let z = |re: f64, im: f64| Complex64::new(re, im);
-        let (before, after) = ([z(2.0, 0.0), z(0.0, 1.0)], [z(4.0, 0.0), z(-1.0, 0.0)]);
-        let of = |shaft: usize, share: f64| change(&before, &after, (0, shaft), share);
-        assert!((of(0, 1.0) - 2f64.ln()).abs() < 1e-12 && of(1, 1.0).abs() < 1e-12);
-        // Ratios 2 and i: their middle has the magnitude √5 / 2.
-        assert!((of(0, 0.5) - (0.5 * 5f64.sqrt()).ln()).abs() < 1e-12);
-        assert_eq!(change(&[z(0.0, 0.0); 2], &after, (0, 0), 0.5), 0.0);
-        // Bearings of a shaft that carries no gear of the line's stage are read through the mesh.
-        let three = |b: [Complex64; 2]| [b[0], b[1], z(1.0, 0.0)];
-        assert_eq!(change(&three(before), &three(after), (0, 2), 1.0), change(&before, &after, (0, 1), 1.0));
+    pub fn measured(case: &prove::Case) -> Measured {
+        let input =
+            Input { bench: &case.bench, recordings: &case.recordings, reference: &case.reference, without: &[] };
+        measure(&input, &mut Vec::new(), &mut |_| {}).unwrap()
+    }
+
+    /// The lines of the first stage, none of which changed.
+    pub fn still(q: &Question<'_>) -> Vec<Cell> {
+        let of_stage = |c: &Cell| c.family.is_some_and(|f| stage_of(f) == 0);
+        locate::cells(q.comparison).into_iter().filter(of_stage).map(|c| Cell { change: 0.0, ..c }).collect()
+    }
+
+    /// Puts changes in the place of those of the lines that are asked for, and leaves the others
+    /// out.
+    pub fn put(cells: &mut Vec<Cell>, lines: &[At], change: &dyn Fn(usize) -> f64) {
+        cells.retain_mut(|c| {
+            let same = |l: &At| l.0 == c.pair && (l.2 / c.frequency_hz - 1.0).abs() < 1e-9;
+            lines.iter().position(same).map(|line| c.change = change(line)).is_some()
+        });
     }
 }

@@ -4,7 +4,7 @@ use gearwatch_core::bench::Bench;
 use gearwatch_sim::linear::{LinearTrain, MeshGeometry, OutputRow};
 use gearwatch_sim::mesh::{FlankStore, StageMesh};
 use gearwatch_sim::setup::SimSetup;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::HARMONICS;
@@ -46,21 +46,21 @@ impl Model {
     }
 }
 
-/// Reading of each sensor of a train at a unit force in the mesh of a stage; `None` without a
-/// response.
-pub fn readings(meshed: &LinearTrain, stage: usize, frequency_hz: f64) -> Option<Vec<Complex64>> {
+/// Reading of each sensor of a train, by generalised force; `None` without a response.
+pub fn readings(meshed: &LinearTrain, forces: &[&DVector<f64>], frequency_hz: f64) -> Option<Vec<Vec<Complex64>>> {
     let omega = 2.0 * std::f64::consts::PI * frequency_hz;
     let n = meshed.mass.nrows();
     let dynamic = DMatrix::from_fn(n, n, |i, j| {
         Complex64::new(meshed.stiffness[(i, j)] - omega * omega * meshed.mass[(i, j)], omega * meshed.damping[(i, j)])
     });
-    let x = dynamic.lu().solve(&meshed.mesh.get(stage)?.map(|v| Complex64::new(v, 0.0)))?;
-    let of = |row: &OutputRow| {
+    let right = DMatrix::from_fn(n, forces.len(), |i, k| Complex64::new(forces[k][i], 0.0));
+    let x = dynamic.lu().solve(&right)?;
+    let of = |k: usize, row: &OutputRow| {
         let factor =
             |i: usize| Complex64::new(row.position[i] - omega * omega * row.acceleration[i], omega * row.velocity[i]);
-        (0..n).map(|i| factor(i) * x[i]).sum()
+        (0..n).map(|i| factor(i) * x[(i, k)]).sum()
     };
-    Some(meshed.sensors.iter().map(of).collect())
+    Some((0..forces.len()).map(|k| meshed.sensors.iter().map(|row| of(k, row)).collect()).collect())
 }
 
 /// Mesh force of a stage at a brake torque (N).
@@ -141,7 +141,7 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
                 continue;
             }
             let (frequency, stage) = (seen[at].frequency_hz, seen[at].stage);
-            let found = readings(&meshed, stage, frequency);
+            let found = meshed.mesh.get(stage).and_then(|mesh| readings(&meshed, &[mesh], frequency));
             for k in at..seen.len() {
                 if done[k]
                     || seen[k].pair != line.pair
@@ -151,7 +151,7 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
                     continue;
                 }
                 done[k] = true;
-                let Some(readings) = &found else { continue };
+                let Some(readings) = found.as_ref().and_then(|all| all.first()) else { continue };
                 let stiffness = model.meshes[stage][line.pair].1;
                 out[k] = (readings[seen[k].sensor].norm() * stiffness).max(1e-30).ln();
             }
@@ -168,7 +168,8 @@ pub fn transfer(q: &Question<'_>, torque_nm: f64, stage: usize, frequencies_hz: 
     let meshed = model.meshed(&model.train, 0);
     let mut out = vec![Vec::with_capacity(frequencies_hz.len()); model.train.sensors.len()];
     for hz in frequencies_hz {
-        out.iter_mut().zip(readings(&meshed, stage, *hz)?).for_each(|(values, own)| values.push(own));
+        let read = readings(&meshed, &[meshed.mesh.get(stage)?], *hz)?.swap_remove(0);
+        out.iter_mut().zip(read).for_each(|(values, own)| values.push(own));
     }
     Some(out)
 }

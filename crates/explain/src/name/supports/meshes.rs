@@ -7,12 +7,12 @@
 use gearwatch_sim::setup::SimSetup;
 use rayon::prelude::*;
 
-use super::{OFF, SHARES, Support, change, forces, odds_of, stage_of, with};
+use super::passing::{self, At, FORMS_ALONG};
+use super::{OFF, Support, at, odds_of, with};
 use crate::change::frequency::Free;
 use crate::fit::refit;
 use crate::fit::shape;
 use crate::name::Question;
-use crate::read::lines::Family;
 
 /// An effect, its parameter, and the sizes that are tried, as likely each.
 type Asked = (&'static str, &'static str, &'static [f64]);
@@ -46,27 +46,26 @@ fn of(
     (effect, parameter, sizes): Asked,
 ) -> Option<Support> {
     let (place, pairs) = (&q.bench.stages[stage].name, &q.comparison.pairs);
+    let lines: Vec<At> = at(free);
     let mut all: Vec<(f64, f64)> = Vec::new();
     for (off, likely) in OFF {
         let usual = with(plain, "mesh_stiffness", place, ("factor", (off * refit::STIFFNESS_TOLERANCE).exp()))?;
         let model = shape::model(&usual, pairs)?;
-        let before = forces(q, &model, &usual, free)?;
+        let before = passing::passed(&model, &usual, &lines)?;
         for size in sizes {
             let Some(changed) = with(&usual, effect, place, (parameter, *size)) else { continue };
             let Some(other) = shape::model(&changed, pairs) else { continue };
-            let Some(after) = forces(q, &other, &changed, free) else { continue };
+            let Some(after) = passing::passed(&other, &changed, &lines) else { continue };
             let stiffer = |pair: usize| (other.meshes[stage][pair].1 / model.meshes[stage][pair].1).ln();
-            let of_line = |(line, (pair, _, family, _)): (usize, (usize, usize, Family, f64))| {
-                let own = stage_of(family);
-                let excited = if own == stage { stiffer(pair) } else { 0.0 };
-                (excited, SHARES.map(|share| change(&before[line], &after[line], (own, own), share)))
+            let excited = |line: usize| {
+                let (pair, own, _) = lines[line];
+                if own == stage { stiffer(pair) } else { 0.0 }
             };
-            let lines: Vec<(f64, [f64; SHARES.len()])> = free.lines().enumerate().map(of_line).collect();
             let predicted = |line: usize, form: usize| {
-                let (excited, responds) = lines[line];
-                EXCITES[form / SHARES.len()] * excited + responds[form % SHARES.len()]
+                EXCITES[form / FORMS_ALONG] * excited(line)
+                    + passing::change(&before[line], &after[line], 0, form % FORMS_ALONG)
             };
-            let evidence = free.log_evidence_of(EXCITES.len() * SHARES.len(), &predicted);
+            let evidence = free.log_evidence_of(EXCITES.len() * FORMS_ALONG, &predicted);
             all.push((*size, evidence - any + likely.ln() - (sizes.len() as f64).ln()));
         }
     }
@@ -77,10 +76,9 @@ fn of(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::change::locate::{self, Cell};
-    use crate::explain::Input;
-    use crate::measure::measure;
+    use crate::change::locate::Cell;
     use crate::name::supports::of_a_mode;
+    use crate::name::supports::tests::{measured, put, still};
     use crate::prove;
 
     /// The lines of an unchanged bench, with changes put in their place. Those that a misaligned
@@ -89,30 +87,17 @@ mod tests {
     #[test]
     fn conform_a_misaligned_mesh_is_told_from_a_mode() {
         let case = prove::case(4, 0, None).unwrap();
-        let input =
-            Input { bench: &case.bench, recordings: &case.recordings, reference: &case.reference, without: &[] };
-        let measured = measure(&input, &mut Vec::new(), &mut |_| {}).unwrap();
+        let measured = measured(&case);
         let q = measured.question();
         let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
         let plain = refit::sheet::setup(q.bench).unwrap();
         let place = &q.bench.stages[0].name;
         let changed = with(&plain, "misalignment", place, ("angle_mrad", 0.7)).unwrap();
         let [before, after] = [&plain, &changed].map(|s| shape::model(s, &q.comparison.pairs).unwrap());
-        let of_stage = |c: &Cell| c.family.is_some_and(|f| stage_of(f) == 0);
-        let mut cells: Vec<Cell> = locate::cells(q.comparison).into_iter().filter(of_stage).collect();
-        cells.iter_mut().for_each(|c| c.change = 0.0);
-        let free = Free::of_meshes(&cells, &speeds).unwrap();
-        let forced = [(&before, &plain), (&after, &changed)].map(|(m, s)| forces(&q, m, s, &free).unwrap());
-        let lines: Vec<_> = free.lines().collect();
-        let put = |cells: &mut Vec<Cell>, of: &dyn Fn(usize) -> f64| {
-            cells.retain_mut(|c| {
-                let same = |l: &(usize, usize, Family, f64)| {
-                    (l.0, l.1, Some(l.2)) == (c.pair, c.channel, c.family) && (l.3 / c.frequency_hz - 1.0).abs() < 1e-9
-                };
-                lines.iter().position(same).map(|line| c.change = of(line)).is_some()
-            });
-        };
-        put(&mut cells, &|line| change(&forced[0][line], &forced[1][line], (0, 0), 0.4));
+        let mut cells = still(&q);
+        let lines: Vec<At> = at(&Free::of_meshes(&cells, &speeds).unwrap());
+        let forced = [(&before, &plain), (&after, &changed)].map(|(m, s)| passing::passed(m, s, &lines).unwrap());
+        put(&mut cells, &lines, &|line| passing::change(&forced[0][line], &forced[1][line], 0, 1));
         let ask = |cells: &[Cell]| {
             let free = Free::of_meshes(cells, &speeds).unwrap();
             let mut found = meshes(&q, &plain, &free);
@@ -123,9 +108,9 @@ mod tests {
         let best = &found[0];
         assert!((best.effect, &best.place) == ("misalignment", place), "{} {}", best.effect, best.odds);
         assert!(best.odds > mode + 5.0 && (best.size.0 / 0.7).ln().abs() < 0.4, "{} {mode} {:?}", best.odds, best.size);
-        let hz = 1.1 * lines[lines.len() / 2].3;
-        put(&mut cells, &|line| {
-            let u = lines[line].3 / hz;
+        let hz = 1.1 * lines[lines.len() / 2].2;
+        put(&mut cells, &lines, &|line| {
+            let u = lines[line].2 / hz;
             0.5 * (1.0 + (0.8 * u * u / ((1.0 - u * u).powi(2) + (0.04 * u).powi(2)).sqrt()).powi(2)).ln()
         });
         let (found, mode) = ask(&cells);

@@ -1,0 +1,158 @@
+//! Bearings of a shaft that are softer, damped otherwise or loose in their seats, as predictions of
+//! what lines do.
+//!
+//! A load holds a shaft with play in its seat to one side. Along it the bearing is as stiff as
+//! ever; across it the shaft rolls in the seat: the force keeps its size and turns with the shaft,
+//! and of the stiffness a share `d / (d + g)` is left at a static deflection `d` and a radial gap
+//! `g`. So a line changes the more, the less the load is.
+
+use gearwatch_sim::setup::SimSetup;
+use rayon::prelude::*;
+
+use super::passing::{self, At, FORMS, Passed};
+use super::{OFF, Support, at, odds_of, with};
+use crate::change::frequency::Free;
+use crate::fit::refit;
+use crate::fit::shape::{self, Model};
+use crate::name::Question;
+
+/// Effects with their parameter and the sizes that are tried, as likely each.
+const EFFECTS: [(&str, &str, &[f64]); 3] = [
+    ("bearing_compliance", "factor", &[0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.6, 2.0]),
+    ("damping", "factor", &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0]),
+    (PLAY, "gap_um", &[1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0]),
+];
+const PLAY: &str = "looseness";
+/// Least share of a bearing's stiffness that is left across the load.
+const LEAST_LEFT: f64 = 0.1;
+
+/// Whether an effect is one of these.
+pub fn weighs(effect: &str) -> bool {
+    EFFECTS.iter().any(|(own, ..)| *own == effect)
+}
+
+/// What is asked of one shaft's bearings.
+struct Asked<'a> {
+    q: &'a Question<'a>,
+    model: &'a Model,
+    lines: &'a [At],
+    shaft: usize,
+}
+
+/// Every effect of every shaft's bearings; `None` without a model of the meshes.
+pub(super) fn bearings(q: &Question<'_>, plain: &SimSetup, free: &Free) -> Option<Vec<Support>> {
+    let model = shape::model(plain, &q.comparison.pairs)?;
+    let lines: Vec<At> = at(free);
+    let shafts = 0..q.bench.shafts.len();
+    let asked: Vec<_> = shafts.flat_map(|shaft| EFFECTS.map(|effect| (shaft, effect))).collect();
+    let asked = asked.into_par_iter().filter(|(_, (effect, ..))| !q.without.contains(effect));
+    let of = |(shaft, effect)| Asked { q, model: &model, lines: &lines, shaft }.support(plain, free, effect);
+    asked.map(of).collect()
+}
+
+impl Asked<'_> {
+    fn support(
+        &self,
+        plain: &SimSetup,
+        free: &Free,
+        (effect, parameter, sizes): (&'static str, &str, &[f64]),
+    ) -> Option<Support> {
+        let place = &self.q.bench.shafts[self.shaft].name;
+        let any = free.log_evidence();
+        // The pinion is on the shaft before the stage.
+        let gear = |stage: usize| usize::from(self.shaft > stage);
+        let mut all: Vec<(f64, f64)> = Vec::new();
+        for (off, likely) in OFF {
+            let usual = with(plain, "bearing_compliance", place, ("factor", (off * refit::STIFFNESS_TOLERANCE).exp()))?;
+            let before = passing::passed(self.model, &usual, self.lines)?;
+            for size in sizes {
+                let after = if effect == PLAY {
+                    self.loose(&usual, &before, 1e-6 * size)
+                } else {
+                    with(&usual, effect, place, (parameter, *size))
+                        .and_then(|changed| passing::passed(self.model, &changed, self.lines))
+                };
+                let Some(after) = after else { continue };
+                let predicted = |line: usize, form: usize| {
+                    passing::change(&before[line], &after[line], gear(self.lines[line].1), form)
+                };
+                let evidence = free.log_evidence_of(FORMS, &predicted);
+                all.push((*size, evidence - any + likely.ln() - (sizes.len() as f64).ln()));
+            }
+        }
+        let (odds, size) = odds_of(&all)?;
+        Some(Support { effect, place: place.clone(), odds, size })
+    }
+
+    /// What is passed on where the seat has a radial gap (m): across the load as by a bearing that
+    /// is softer, along it as before.
+    fn loose(&self, usual: &SimSetup, before: &[Passed], gap_m: f64) -> Option<Vec<Passed>> {
+        let (place, stiffness) = {
+            let shaft = &usual.bench.shafts[self.shaft];
+            (&shaft.name, shaft.bearing_n_per_m)
+        };
+        let mut after = before.to_vec();
+        for (stage, pairs) in self.model.meshes.iter().enumerate() {
+            let gear = match self.shaft.checked_sub(stage) {
+                Some(gear @ (0 | 1)) => gear,
+                _ => continue,
+            };
+            for (pair, (.., force_n)) in pairs.iter().enumerate() {
+                let deflection_m = force_n / stiffness;
+                let left = (deflection_m / (deflection_m + gap_m)).max(LEAST_LEFT);
+                let softer = with(usual, "bearing_compliance", place, ("factor", left))?;
+                let own: Vec<usize> =
+                    (0..self.lines.len()).filter(|i| self.lines[*i].0 == pair && self.lines[*i].1 == stage).collect();
+                let lines: Vec<At> = own.iter().map(|i| self.lines[*i]).collect();
+                for (line, passed) in own.into_iter().zip(passing::passed(self.model, &softer, &lines)?) {
+                    after[line][gear][1] = passed[gear][1];
+                }
+            }
+        }
+        Some(after)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::change::locate::Cell;
+    use crate::name::supports::of_a_mode;
+    use crate::name::supports::tests::{measured, put, still};
+    use crate::prove;
+
+    /// The lines of an unchanged bench, with what a loose seat or a soft bearing of the output does
+    /// to them in their place: the shaft is found and told from its mate, and each from the other
+    /// and from a mode.
+    #[test]
+    fn conform_a_loose_seat_is_told_from_a_soft_bearing() {
+        let case = prove::case(4, 0, None).unwrap();
+        let measured = measured(&case);
+        let q = measured.question();
+        let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
+        let plain = refit::sheet::setup(q.bench).unwrap();
+        let model = shape::model(&plain, &q.comparison.pairs).unwrap();
+        let mut cells = still(&q);
+        let lines = at(&Free::of_meshes(&cells, &speeds).unwrap());
+        let asked = Asked { q: &q, model: &model, lines: &lines, shaft: 1 };
+        let before = passing::passed(&model, &plain, &lines).unwrap();
+        let place = &q.bench.shafts[1].name;
+        let soft = with(&plain, "bearing_compliance", place, ("factor", 0.5)).unwrap();
+        let changed = [
+            (PLAY, asked.loose(&plain, &before, 8e-6).unwrap()),
+            ("bearing_compliance", passing::passed(&model, &soft, &lines).unwrap()),
+        ];
+        for (effect, after) in changed {
+            // As much across the line of action as along it.
+            put(&mut cells, &lines, &|line| passing::change(&before[line], &after[line], 1, 7));
+            let free = Free::of_meshes(&cells, &speeds).unwrap();
+            let mut found = bearings(&q, &plain, &free).unwrap();
+            found.sort_by(|a, b| b.odds.total_cmp(&a.odds));
+            let said: Vec<String> =
+                found.iter().map(|f| format!("{} {} {:.1} {:.2}", f.effect, f.place, f.odds, f.size.0)).collect();
+            let best = &found[0];
+            assert!(best.effect == effect && best.place == *place, "{effect}: {said:?}");
+            assert!(best.odds > found[1].odds + 3.0 && best.odds > of_a_mode(&free) + 3.0, "{effect}: {said:?}");
+        }
+    }
+}
