@@ -59,7 +59,6 @@ impl Asked<'_> {
     ) -> Option<Support> {
         let place = &self.q.bench.shafts[self.shaft].name;
         let any = free.log_evidence();
-        // The pinion is on the shaft before the stage.
         let gear = |stage: usize| usize::from(self.shaft > stage);
         let mut all: Vec<(f64, f64)> = Vec::new();
         for (off, likely) in OFF {
@@ -87,20 +86,15 @@ impl Asked<'_> {
     /// What is passed on where the seat has a radial gap (m): across the load as by a bearing that
     /// is softer, along it as before.
     fn loose(&self, usual: &SimSetup, before: &[Passed], gap_m: f64) -> Option<Vec<Passed>> {
-        let (place, stiffness) = {
-            let shaft = &usual.bench.shafts[self.shaft];
-            (&shaft.name, shaft.bearing_n_per_m)
-        };
+        let shaft = &usual.bench.shafts[self.shaft];
         let mut after = before.to_vec();
         for (stage, pairs) in self.model.meshes.iter().enumerate() {
-            let gear = match self.shaft.checked_sub(stage) {
-                Some(gear @ (0 | 1)) => gear,
-                _ => continue,
-            };
+            // The pinion is on the shaft before the stage, the wheel on that behind it.
+            let Some(gear @ (0 | 1)) = self.shaft.checked_sub(stage) else { continue };
             for (pair, (.., force_n)) in pairs.iter().enumerate() {
-                let deflection_m = force_n / stiffness;
+                let deflection_m = force_n / shaft.bearing_n_per_m;
                 let left = (deflection_m / (deflection_m + gap_m)).max(LEAST_LEFT);
-                let softer = with(usual, "bearing_compliance", place, ("factor", left))?;
+                let softer = with(usual, "bearing_compliance", &shaft.name, ("factor", left))?;
                 let own: Vec<usize> =
                     (0..self.lines.len()).filter(|i| self.lines[*i].0 == pair && self.lines[*i].1 == stage).collect();
                 let lines: Vec<At> = own.iter().map(|i| self.lines[*i]).collect();
@@ -116,7 +110,6 @@ impl Asked<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::change::locate::Cell;
     use crate::name::supports::of_a_mode;
     use crate::name::supports::tests::{measured, put, still};
     use crate::prove;

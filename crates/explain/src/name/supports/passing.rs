@@ -29,17 +29,11 @@ pub type Passed = [[f64; 2]; 2];
 
 /// By line, with the meshes of a model; `None` where the train has no response.
 pub fn passed(model: &Model, setup: &SimSetup, lines: &[At]) -> Option<Vec<Passed>> {
-    let plain = LinearTrain::new(&setup.bench);
-    let (bench, train) = {
-        let bench = with_own_sensors(&setup.bench, &plain);
-        let train = LinearTrain::new(&bench);
-        (bench, train)
-    };
+    let train = LinearTrain::new(&with_own_sensors(&setup.bench));
     let pairs = lines.iter().map(|l| l.0 + 1).max().unwrap_or(0);
     let meshed: Vec<LinearTrain> = (0..pairs).map(|pair| model.meshed(&train, pair)).collect();
     let gears: Vec<[DVector<f64>; 2]> =
         train.meshes.iter().map(|mesh| [mesh.pinion, mesh.wheel].map(|gear| across(&train, mesh, gear))).collect();
-    debug_assert_eq!(bench.sensors.len(), 4 * bench.stages.len());
     let of = |&(pair, stage, hz): &At| -> Option<Passed> {
         let at = train.meshes.iter().position(|m| m.place.stage == stage)?;
         let [pinion, wheel] = &gears[at];
@@ -53,11 +47,12 @@ pub fn passed(model: &Model, setup: &SimSetup, lines: &[At]) -> Option<Vec<Passe
 
 /// A bench whose sensors read, for every stage, the bearings of pinion and wheel along the line of
 /// action and across it. What the housing does to all of them alike is the path's.
-fn with_own_sensors(bench: &Bench, train: &LinearTrain) -> Bench {
+fn with_own_sensors(bench: &Bench) -> Bench {
     let mut out = bench.clone();
     out.housing_modes.clear();
     out.sensors.clear();
     let Some(like) = bench.sensors.first() else { return out };
+    let train = LinearTrain::new(bench);
     for stage in 0..bench.stages.len() {
         let mesh = train.meshes.iter().find(|m| m.place.stage == stage);
         let along = mesh.map_or(0.0, |m| m.normal[1].atan2(m.normal[0]).to_degrees());
