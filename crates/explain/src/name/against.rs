@@ -16,6 +16,7 @@ use crate::name::ghost;
 use crate::name::parting;
 use crate::name::strange;
 use crate::name::subname;
+use crate::name::supports;
 use crate::name::unbalance;
 use crate::name::without_paths::{WithoutPaths, without_paths};
 use crate::name::{Finding, Question};
@@ -70,7 +71,17 @@ pub fn wide(place: Place) -> bool {
 pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
     match parting::clearance(q, cells, found.steps) {
         Some(clearance) => found.findings.push(clearance),
-        None => under_load(q, cells, speeds, strange, found),
+        None => {
+            let before = (found.findings.clone(), found.nearest.clone(), *found.unexplained, found.steps.len());
+            let given_up = under_load(q, (cells, speeds), true, strange, found);
+            let named = || found.findings[before.0.len()..].iter().any(|f| supports::weighs(f.effect));
+            if given_up && !named() {
+                (*found.findings, *found.nearest, *found.unexplained) = (before.0, before.1, before.2);
+                found.steps.truncate(before.3);
+                found.steps.push("as a whole the lines name no bearing or mesh: the path stays".into());
+                under_load(q, (cells, speeds), false, strange, found);
+            }
+        }
     }
 }
 
@@ -99,9 +110,17 @@ fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'
 }
 
 /// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
-fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
+/// Whether a path was given up for a bearing or a mesh, where it may be.
+fn under_load(
+    q: &Question<'_>,
+    changes: (&[Cell], &[f64]),
+    may_give_up: bool,
+    strange: &strange::Strange,
+    found: &mut Found<'_>,
+) -> bool {
     let (places, gaps) = (places(q), gaps(q));
-    let WithoutPaths { cells: mut remaining, under_path, given_up } = without_paths(q, cells, speeds, found);
+    let WithoutPaths { cells: mut remaining, under_path, given_up, for_machine } =
+        without_paths(q, changes, may_give_up, found);
     found.cells.clone_from(&remaining);
     let tooth_found = single_teeth(q, &mut remaining, found);
     let ghost = found.findings.iter().find(|f| f.effect == "ghost_component");
@@ -205,6 +224,7 @@ fn under_load(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strang
         let unproved = |f: Finding| Finding { probability: f.probability.min(held_out::UNPROVED), ..f };
         found.nearest.extend(given_up.into_iter().map(unproved));
     }
+    for_machine
 }
 
 /// Unbalance of a shaft beside errors of the teeth of a gear on it, where none was named yet.

@@ -17,8 +17,6 @@ use gearwatch_sim::setup::SimSetup;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-pub use self::bearings::weighs;
-
 use self::passing::At;
 use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
@@ -56,12 +54,12 @@ struct Support {
 
 /// Weighs a changed path that all sensors have in common against the supports of every shaft and
 /// the meshes of every stage, and names the support where that is the likelier. All names are as
-/// likely before: a mode of the housing, another function of frequency, stiffness and damping of
-/// each shaft's bearings, and each effect of a stage's meshes.
+/// likely before: a mode of the housing, another function of frequency, stiffness, damping and play
+/// of each shaft's bearings, and each effect of a stage's meshes.
 ///
-/// Returns true where there is no path and the lines are to say what happened: the meshes together
-/// are likelier than all else, or a support is where other changes go with orders
-/// (`orders_beside`), which are its own then.
+/// Returns true where the lines, as a whole, are likely to say what happened: the meshes together
+/// are likelier than all else, or stiffness or damping of a support is where other changes go with
+/// orders (`orders_beside`), which are its own then.
 #[must_use]
 pub fn weigh(
     q: &Question<'_>,
@@ -99,13 +97,12 @@ pub fn weigh(
     }
     let [best, others @ ..] = &supports[..] else { return false };
     let probability = share(best.odds) / sum;
-    // What the bench can be fitted with the lines are asked for, as a whole.
-    let fitted = refit::has_form(best.effect);
-    if probability < 0.5 || (orders_beside && fitted) {
-        return probability >= 0.5;
+    if probability < 0.5 {
+        return false;
     }
     let mut f = Finding::new(best.effect, best.place.clone(), SUREST * probability);
     // How wide a seat is depends on what drives the shaft across, which is not known.
+    let fitted = refit::has_form(best.effect);
     if fitted {
         let (factor, spread) = best.size;
         f = f.with("factor", factor, spread.max(LEAST_SPREAD) * factor);
@@ -119,12 +116,18 @@ pub fn weigh(
         best.odds - mode
     );
     *finding = f;
-    false
+    orders_beside && fitted
+}
+
+/// Whether an effect is one of a bearing or a mesh that is weighed so.
+pub fn weighs(effect: &str) -> bool {
+    bearings::EFFECTS.iter().map(|e| e.0).chain(meshes::MESHES.iter().map(|e| e.0)).any(|own| own == effect)
 }
 
 /// Log odds (nats) over a function of frequency of any form that the sidebands alone give each
 /// effect of a shaft's bearings and a stage's meshes, by effect and place; none where they are too
-/// few.
+/// few. Sidebands may as well come of what the model of a sheet has not, which costs their say, so
+/// that no effect is refuted by them.
 pub fn by_sidebands(q: &Question<'_>, cells: &[Cell]) -> Vec<(&'static str, String, f64)> {
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
     let (Some(free), Some(plain)) = (Free::of_sidebands(cells, &speeds), refit::sheet::setup(q.bench)) else {
@@ -132,7 +135,7 @@ pub fn by_sidebands(q: &Question<'_>, cells: &[Cell]) -> Vec<(&'static str, Stri
     };
     let of_bearings = bearings::bearings(q, &plain, &free).unwrap_or_default();
     let all = of_bearings.into_iter().chain(meshes::meshes(q, &plain, &free));
-    all.map(|s| (s.effect, s.place, s.odds)).collect()
+    all.map(|s| (s.effect, s.place, log_mean_exp(&[0.0, s.odds]))).collect()
 }
 
 /// Log odds (nats) of an effect over all its sizes, from those of each; with the geometric mean of

@@ -15,11 +15,19 @@ pub struct WithoutPaths {
     pub under_path: bool,
     /// Paths that the background shows and that were given up, since the lines go with orders.
     pub given_up: Vec<Finding>,
+    /// A path was given up for a bearing or a mesh, which the lines are to name.
+    pub for_machine: bool,
 }
 
 /// Names sensor paths that changed, and takes out what they did. Where one is a factor, its own
 /// lines less that stay; without another channel the path is taken off as the background tells it.
-pub fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> WithoutPaths {
+/// A path may be given up for a bearing or a mesh where `may_give_up` says so.
+pub fn without_paths(
+    q: &Question<'_>,
+    (cells, speeds): (&[Cell], &[f64]),
+    may_give_up: bool,
+    found: &mut Found<'_>,
+) -> WithoutPaths {
     found.steps.push(format!(
         "{} pairs of recording and reference, {} lines, misfit {:.2} per line (below 0.8 on an unchanged bench)",
         speeds.len(),
@@ -49,14 +57,17 @@ pub fn without_paths(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &m
         orders_beside = by_frequency.has_orders_beside();
     }
     // Supports of a shaft pass for the housing.
+    let mut for_machine = false;
     if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))
         && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
+        && may_give_up
     {
         found.findings.remove(at);
         clear = (cells.to_vec(), false);
+        for_machine = true;
     }
     let (cells, under_path) = clear;
-    WithoutPaths { cells, under_path, given_up }
+    WithoutPaths { cells, under_path, given_up, for_machine }
 }
 
 /// The same by the background first: what moved there, and the lines with it.

@@ -17,7 +17,7 @@ use crate::fit::shape::{self, Model};
 use crate::name::Question;
 
 /// Effects with their parameter and the sizes that are tried, as likely each.
-const EFFECTS: [(&str, &str, &[f64]); 3] = [
+pub(super) const EFFECTS: [(&str, &str, &[f64]); 3] = [
     ("bearing_compliance", "factor", &[0.15, 0.22, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.6, 2.0]),
     ("damping", "factor", &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0]),
     (PLAY, "gap_um", &[1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0]),
@@ -25,11 +25,6 @@ const EFFECTS: [(&str, &str, &[f64]); 3] = [
 const PLAY: &str = "looseness";
 /// Least share of a bearing's stiffness that is left across the load.
 const LEAST_LEFT: f64 = 0.1;
-
-/// Whether an effect is one of these.
-pub fn weighs(effect: &str) -> bool {
-    EFFECTS.iter().any(|(own, ..)| *own == effect)
-}
 
 /// What is asked of one shaft's bearings.
 struct Asked<'a> {

@@ -15,10 +15,10 @@ use crate::fit::shape;
 use crate::name::Question;
 
 /// An effect, its parameter, and the sizes that are tried, as likely each.
-type Asked = (&'static str, &'static str, &'static [f64]);
+pub(super) type Asked = (&'static str, &'static str, &'static [f64]);
 
 /// What changes the stiffness or the damping of a stage's meshes.
-const MESHES: [Asked; 4] = [
+pub(super) const MESHES: [Asked; 4] = [
     ("mesh_stiffness", "factor", &[0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.6]),
     ("load_dependent_stiffness", "exponent", &[0.1, 0.2, 0.3, 0.4, 0.5]),
     ("misalignment", "angle_mrad", &[0.15, 0.3, 0.5, 0.7, 1.0, 1.4]),
