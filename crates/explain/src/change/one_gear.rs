@@ -109,9 +109,13 @@ impl OneGear {
     }
 
     /// The same by the sidebands that are no nearer to a mesh harmonic than so many revolutions.
+    /// From the third revolution on the orders of the shaft are on the comb too: they come of the
+    /// same errors, which the mesh passes on unmodulated.
     fn by_sidebands(train: &Train, cells: &[Cell], (stage, shaft): (usize, usize), nearest: u8) -> Self {
         let side = |f: Family| matches!(f, Family::Side { stage: i, offset, .. } if i == stage && offset.unsigned_abs() >= nearest);
-        let own = |f: Family| side(f) && f.is_on_comb(train, shaft);
+        let beyond = nearest >= BEYOND_WOBBLE;
+        let order = |f: Family| matches!(f, Family::Shaft { shaft: j, multiple } if j == shaft && multiple >= nearest);
+        let own = |f: Family| (side(f) && f.is_on_comb(train, shaft)) || (beyond && order(f));
         let mate = |f: Family| side(f) && !f.is_on_comb(train, shaft);
         let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
         Self {
@@ -241,6 +245,34 @@ mod tests {
         let exact = |d: f64| added(&Cell { variance: 0.0, ..cell(line, d) }, 1.0).exp();
         let within: f64 = (-500..500).map(|k| exact(rise + f64::from(k) * 1e-3) * 1e-3).sum();
         assert!((share(rise - 0.5, rise + 0.5) - within).abs() < 0.012, "{within}");
+    }
+
+    /// Orders of a shaft rise from the third on, and sidebands and mesh harmonics stay: the teeth
+    /// of its gear differ, not those of its mate. What raises the first two alone, as unbalance and a
+    /// coupling do, is no error of teeth.
+    #[test]
+    fn analytic_orders_of_a_shaft_are_on_the_comb_of_its_gear() {
+        let shafts = vec![("input".to_owned(), 1.0), ("output".to_owned(), 33.0 / 61.0)];
+        let stage = gearwatch_core::train::StageKinematics::pair("stage1", 33, 61, 1.0);
+        let train = Train { motor_order: 1.0, shafts, stages: vec![stage], nominal_input_hz: 20.0 };
+        let cells = |raised: std::ops::RangeInclusive<u8>| -> Vec<Cell> {
+            let ripple = |k: u8| 0.04 * f64::from(k % 5) - 0.08;
+            let sides = (1..=8u8).flat_map(|harmonic| {
+                let side = move |offset: i8| [0, 1].map(|shaft| Family::Side { stage: 0, harmonic, shaft, offset });
+                let all = (-5..=5i8).filter(|k| *k != 0).flat_map(side);
+                all.chain(std::iter::once(Family::Mesh { stage: 0, harmonic }))
+            });
+            let still: Vec<Cell> = sides.zip(0..).map(|(family, k)| cell(family, ripple(k))).collect();
+            let order = |multiple: u8| {
+                let rise = if raised.contains(&multiple) { 1.5 } else { 0.0 };
+                cell(Family::Shaft { shaft: 0, multiple }, rise + 5.0 * rise * ripple(multiple) + ripple(multiple))
+            };
+            still.into_iter().chain((1..=30).map(order)).collect()
+        };
+        let differ = |raised, shaft| OneGear::teeth_differ(&train, &cells(raised), 0, shaft);
+        assert!(differ(3..=30, 0) > 3.0, "{}", differ(3..=30, 0));
+        assert!(differ(3..=30, 1) <= 0.0, "{}", differ(3..=30, 1));
+        assert!(differ(1..=2, 0) <= 0.0, "{}", differ(1..=2, 0));
     }
 
     /// A gear's first sidebands rise and the others stay: it is out of round. Where they fall as

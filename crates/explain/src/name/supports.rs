@@ -3,9 +3,9 @@
 //! A bearing or a mesh that is softer or damped otherwise changes each line by what it does at the
 //! line's own frequency, as a mode of the housing does; but what it does follows from the sheet, to
 //! all sensors and stages at once. The simulator predicts it for every shaft's bearings (stiffness,
-//! damping, play in the seat) and every stage's meshes. Each prediction is held against a function of
-//! frequency of any form, a Gaussian process, which also takes what the prediction leaves: the odds
-//! are the ratio of the marginal likelihoods, on average over the sizes.
+//! damping, play in the seat) and every stage's meshes. Each prediction is held against a function
+//! of frequency of any form, a Gaussian process, which also takes what the prediction leaves: the
+//! odds are the ratio of the marginal likelihoods, on average over the sizes.
 
 mod bearings;
 mod meshes;
