@@ -248,8 +248,8 @@ mod tests {
     }
 
     /// Orders of a shaft rise from the third on, and sidebands and mesh harmonics stay: the teeth
-    /// of its gear differ, not those of its mate. What raises the first two alone, as unbalance and a
-    /// coupling do, is no error of teeth.
+    /// of its gear differ, not those of its mate. What raises the first two alone, as unbalance
+    /// and a coupling do, is no error of teeth.
     #[test]
     fn analytic_orders_of_a_shaft_are_on_the_comb_of_its_gear() {
         let shafts = vec![("input".to_owned(), 1.0), ("output".to_owned(), 33.0 / 61.0)];
