@@ -105,17 +105,16 @@ impl OneGear {
     /// Of the gear of a stage that is on a shaft. Sidebands of the mate that lie on the comb of
     /// this gear are its own too.
     pub fn of(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> Self {
-        Self::by_sidebands(train, cells, (stage, shaft), 1)
+        Self::by_comb(train, cells, (stage, shaft), 1)
     }
 
-    /// The same by the sidebands that are no nearer to a mesh harmonic than so many revolutions.
-    /// From the third revolution on the orders of the shaft are on the comb too: they come of the
-    /// same errors, which the mesh passes on unmodulated.
-    fn by_sidebands(train: &Train, cells: &[Cell], (stage, shaft): (usize, usize), nearest: u8) -> Self {
+    /// The same by the lines of the comb that are no nearer to a mesh harmonic than so many
+    /// revolutions. From the third on the orders of the shaft count too: they come of the same
+    /// errors, which the mesh passes on unmodulated.
+    fn by_comb(train: &Train, cells: &[Cell], (stage, shaft): (usize, usize), nearest: u8) -> Self {
         let side = |f: Family| matches!(f, Family::Side { stage: i, offset, .. } if i == stage && offset.unsigned_abs() >= nearest);
-        let beyond = nearest >= BEYOND_WOBBLE;
         let order = |f: Family| matches!(f, Family::Shaft { shaft: j, multiple } if j == shaft && multiple >= nearest);
-        let own = |f: Family| (side(f) && f.is_on_comb(train, shaft)) || (beyond && order(f));
+        let own = |f: Family| (side(f) && f.is_on_comb(train, shaft)) || (nearest >= BEYOND_WOBBLE && order(f));
         let mate = |f: Family| side(f) && !f.is_on_comb(train, shaft);
         let mesh = |f: Family| matches!(f, Family::Mesh { stage: i, .. } if i == stage);
         Self {
@@ -131,7 +130,7 @@ impl OneGear {
     /// at most; and the first two on either side follow run-out, a wobble of the gear and a bent
     /// shaft too.
     pub fn teeth_differ(train: &Train, cells: &[Cell], stage: usize, shaft: usize) -> f64 {
-        let one = Self::by_sidebands(train, cells, (stage, shaft), BEYOND_WOBBLE);
+        let one = Self::by_comb(train, cells, (stage, shaft), BEYOND_WOBBLE);
         one.gain().min(one.over_mesh - one.below_mesh)
     }
 

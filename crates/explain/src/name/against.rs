@@ -69,19 +69,16 @@ pub fn wide(place: Place) -> bool {
 
 /// Names what changed between recordings and reference.
 pub fn search(q: &Question<'_>, cells: &[Cell], speeds: &[f64], strange: &strange::Strange, found: &mut Found<'_>) {
-    match parting::clearance(q, cells, found.steps) {
-        Some(clearance) => found.findings.push(clearance),
-        None => {
-            let before = (found.findings.clone(), found.nearest.clone(), *found.unexplained, found.steps.len());
-            let given_up = under_load(q, (cells, speeds), true, strange, found);
-            let named = || found.findings[before.0.len()..].iter().any(|f| supports::weighs(f.effect));
-            if given_up && !named() {
-                (*found.findings, *found.nearest, *found.unexplained) = (before.0, before.1, before.2);
-                found.steps.truncate(before.3);
-                found.steps.push("as a whole the lines name no bearing or mesh: the path stays".into());
-                under_load(q, (cells, speeds), false, strange, found);
-            }
-        }
+    if let Some(clearance) = parting::clearance(q, cells, found.steps) {
+        found.findings.push(clearance);
+        return;
+    }
+    let before = found.now();
+    let given_up = under_load(q, (cells, speeds), true, strange, found);
+    if given_up && !found.since(&before).iter().any(|f| supports::weighs(f.effect)) {
+        found.go_back(before);
+        found.steps.push("as a whole the lines name no bearing or mesh: the path stays".into());
+        under_load(q, (cells, speeds), false, strange, found);
     }
 }
 
@@ -110,7 +107,7 @@ fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'
 }
 
 /// Names what changed while teeth stay in contact: sensor paths, one tooth, then masks of lines.
-/// Whether a path was given up for a bearing or a mesh, where it may be.
+/// Returns whether a path was given up for a bearing or a mesh, where it may be.
 fn under_load(
     q: &Question<'_>,
     changes: (&[Cell], &[f64]),

@@ -23,7 +23,38 @@ pub struct Found<'a> {
     pub cells: &'a mut Vec<Cell>,
 }
 
+/// What was found before a search, to go back to.
+pub struct Before {
+    findings: Vec<Finding>,
+    unexplained: bool,
+    nearest: Vec<Finding>,
+    steps: usize,
+}
+
 impl Found<'_> {
+    /// What is found now.
+    pub fn now(&self) -> Before {
+        Before {
+            findings: self.findings.clone(),
+            unexplained: *self.unexplained,
+            nearest: self.nearest.clone(),
+            steps: self.steps.len(),
+        }
+    }
+
+    /// What was added to the findings since.
+    pub fn since(&self, before: &Before) -> &[Finding] {
+        &self.findings[before.findings.len()..]
+    }
+
+    /// Forgets all that was found since; the cells are those of the next search.
+    pub fn go_back(&mut self, before: Before) {
+        *self.findings = before.findings;
+        *self.unexplained = before.unexplained;
+        *self.nearest = before.nearest;
+        self.steps.truncate(before.steps);
+    }
+
     /// Something changed that has no name. What comes nearest shares what earlier leads leave of
     /// the probability.
     pub fn leave_unexplained(&mut self, nearest: Vec<Finding>) {

@@ -55,7 +55,7 @@ struct Scored {
     ranked: shape::Ranked,
     /// Place by which the joint refit knows it.
     fitted_at: String,
-    /// What speaks for it beside the mesh lines (nats).
+    /// What sidebands say for it, as it counts in the score (nats).
     beside: f64,
 }
 

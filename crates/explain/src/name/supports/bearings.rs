@@ -23,7 +23,8 @@ pub(super) const EFFECTS: [(&str, &str, &[f64]); 3] = [
     (PLAY, "gap_um", &[1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0]),
 ];
 const PLAY: &str = "looseness";
-/// Least share of a bearing's stiffness that is left across the load.
+/// Least share of a bearing's stiffness that is left across the load: the least factor that the
+/// library has for a bearing.
 const LEAST_LEFT: f64 = 0.1;
 
 /// What is asked of one shaft's bearings.
@@ -88,7 +89,7 @@ impl Asked<'_> {
             let Some(gear @ (0 | 1)) = self.shaft.checked_sub(stage) else { continue };
             for (pair, (.., force_n)) in pairs.iter().enumerate() {
                 let deflection_m = force_n / shaft.bearing_n_per_m;
-                let left = (deflection_m / (deflection_m + gap_m)).max(LEAST_LEFT);
+                let left = left_across(deflection_m, gap_m).max(LEAST_LEFT);
                 let softer = with(usual, "bearing_compliance", &shaft.name, ("factor", left))?;
                 let own: Vec<usize> =
                     (0..self.lines.len()).filter(|i| self.lines[*i].0 == pair && self.lines[*i].1 == stage).collect();
@@ -102,12 +103,35 @@ impl Asked<'_> {
     }
 }
 
+/// Share of its stiffness that a bearing has across the load, whose seat has a radial gap (m) and
+/// which the load deflects (m).
+fn left_across(deflection_m: f64, gap_m: f64) -> f64 {
+    deflection_m / (deflection_m + gap_m)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::name::supports::of_a_mode;
     use crate::name::supports::tests::{measured, put, still};
     use crate::prove;
+
+    /// A spring that acts along the radius beyond a gap, held to one side by a load: its force a
+    /// little along the load and a little across it, by difference quotients.
+    #[test]
+    fn analytic_a_loose_seat_is_softer_across_the_load_alone() {
+        let (gap, deflection, step) = (12e-6, 5e-6, 1e-9);
+        let force = |x: f64, y: f64| {
+            let r = x.hypot(y);
+            [(r - gap) * x / r, (r - gap) * y / r]
+        };
+        let rest = gap + deflection;
+        let along = (force(rest + step, 0.0)[0] - force(rest - step, 0.0)[0]) / (2.0 * step);
+        let across = (force(rest, step)[1] - force(rest, -step)[1]) / (2.0 * step);
+        // The quotient across errs by the square of step / rest, 3e-9.
+        assert!((along - 1.0).abs() < 1e-8 && (across - left_across(deflection, gap)).abs() < 1e-8);
+        assert_eq!(left_across(deflection, 0.0), 1.0);
+    }
 
     /// The lines of an unchanged bench, with what a loose seat or a soft bearing of the output does
     /// to them in their place: the shaft is found and told from its mate, and each from the other
