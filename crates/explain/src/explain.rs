@@ -4,12 +4,13 @@ use gearwatch_core::bench::{Bench, EffectSpec};
 use gearwatch_core::recording::Recording;
 
 use crate::error::ExplainError;
+use crate::finding::HOUSING;
 use crate::instrument::{self, Fault};
 use crate::judge::limits;
 use crate::judge::report::Explanation;
 use crate::measure::{self, Measured};
-use crate::name::path::HOUSING;
-use crate::name::{self, Question};
+use crate::name;
+use crate::question::Question;
 
 /// What is asked.
 pub struct Input<'a> {

@@ -6,7 +6,8 @@
 //! sheet      ─►    and converters                 the model and sizes  held out
 //! ```
 //!
-//! [`explain`](mod@explain) goes the whole way. Beside it: what sensors could not show (`blind`),
+//! [`explain`](mod@explain) goes the whole way. All steps know what was measured (`question`), and
+//! what an effect that was found is (`finding`). Beside them: what sensors could not show (`blind`),
 //! the concealed benchmark (`prove`), and amplitude tables instead of recordings (`tables`,
 //! `paper`).
 //!
@@ -24,11 +25,13 @@
 
 pub mod change;
 pub mod explain;
+pub mod finding;
 pub mod fit;
 pub mod instrument;
 pub mod judge;
 pub mod measure;
 pub mod name;
+pub mod question;
 pub mod read;
 
 pub mod blind;

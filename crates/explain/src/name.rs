@@ -22,95 +22,20 @@ pub mod supports;
 pub mod unbalance;
 pub mod without_paths;
 
-use std::collections::BTreeMap;
-
 use gearwatch_core::bench::Bench;
-use gearwatch_core::estimate::Estimate;
-use gearwatch_core::train::Train;
 
 use self::family::Family;
 use self::found::Found;
-use crate::change::compare::Comparison;
 use crate::change::locate::{self, Cell};
+use crate::finding::is_path;
 use crate::fit::refit;
 use crate::judge::free_term;
 use crate::judge::held_out;
 use crate::judge::latent;
 use crate::judge::publish::publish;
-use crate::judge::report::{Evidence, Explanation, Status};
-use crate::read::features::{ChannelFeatures, RecordingFeatures};
+use crate::judge::report::{Explanation, Status};
+use crate::question::Question;
 use crate::read::folded::FoldedLine;
-use crate::read::kinematics::OtherTeeth;
-use crate::read::ratio::Ratios;
-
-/// Everything that was measured.
-pub struct Question<'a> {
-    /// With corrected teeth where the sheet's were wrong.
-    pub bench: &'a Bench,
-    /// Kinematics of `bench`.
-    pub train: &'a Train,
-    /// Steady recordings.
-    pub recordings: &'a [RecordingFeatures],
-    /// Steady reference recordings.
-    pub references: &'a [RecordingFeatures],
-    /// Recordings against reference.
-    pub comparison: &'a Comparison,
-    /// Speeds; recordings first, then references.
-    pub ratios: &'a Ratios,
-    /// A tooth number of the sheet that is wrong.
-    pub teeth: Option<&'a OtherTeeth>,
-    /// Effects that are taken out of the library.
-    pub without: &'a [&'a str],
-    /// Channels of the comparison whose path changed beside others: what that makes of a comb is no
-    /// change of a tooth.
-    pub changed_paths: &'a [usize],
-}
-
-impl Question<'_> {
-    /// Whether a channel tells of single teeth: what clips makes lines of its own, and so does a
-    /// path that changed.
-    pub fn tells_teeth(&self, channel: &ChannelFeatures) -> bool {
-        let changed = |c: &usize| self.comparison.channels[*c] == channel.name;
-        channel.integrity.clipped_at.is_none() && !self.changed_paths.iter().any(changed)
-    }
-}
-
-/// An effect found, before it is published.
-#[derive(Clone, Debug)]
-pub struct Finding {
-    /// Effect id.
-    pub effect: &'static str,
-    /// Place.
-    pub place: String,
-    /// That effect and place are right.
-    pub probability: f64,
-    /// By name.
-    pub parameters: BTreeMap<String, Estimate>,
-    /// What cannot be told from it here.
-    pub alternatives: Vec<(&'static str, String)>,
-    /// Why.
-    pub evidence: Evidence,
-}
-
-impl Finding {
-    /// A finding without parameters.
-    pub fn new(effect: &'static str, place: impl Into<String>, probability: f64) -> Self {
-        Self {
-            effect,
-            place: place.into(),
-            probability,
-            parameters: BTreeMap::new(),
-            alternatives: Vec::new(),
-            evidence: Evidence::default(),
-        }
-    }
-
-    /// With a parameter.
-    pub fn with(mut self, name: &str, value: f64, sigma: f64) -> Self {
-        self.parameters.insert(name.to_owned(), Estimate::new(value, sigma));
-        self
-    }
-}
 
 /// Misfit per band of background above which it changed, and the least share of that, on the best
 /// channel, which is the same function of frequency at all speeds: of 34 benches with noise of
@@ -247,7 +172,7 @@ pub fn answer(
     }
     // With a second effect under it, a path's form is known far worse than its own fit says.
     if findings.len() > 1 {
-        for f in findings.iter_mut().filter(|f| subname::is_path(f.effect, &f.place)) {
+        for f in findings.iter_mut().filter(|f| is_path(f.effect, &f.place)) {
             f.parameters.values_mut().for_each(|p| p.sigma *= 3.0);
         }
     }

@@ -8,6 +8,7 @@ pub const SAME_SPEED: f64 = 0.03;
 /// See [`SAME_SPEED`].
 pub const SAME_TORQUE: f64 = 0.05;
 
+pub mod combs;
 pub mod displacement;
 pub mod envelope;
 pub mod features;

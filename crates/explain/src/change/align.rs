@@ -4,7 +4,7 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 
 use crate::change::locate::REPEAT_SIGMA;
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::dsp::{self, MAIN_LOBE_BINS, Transforms};
 use crate::read::features::{ChannelFeatures, LineValue, RecordingFeatures};
 

@@ -12,7 +12,7 @@
 use num_complex::Complex64;
 
 use crate::change::align::{self, CLEAR, Twin};
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::dsp::median;
 use crate::read::features::{ChannelFeatures, RecordingFeatures, line_at};
 

@@ -12,7 +12,7 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 
 use crate::change::comb::{self, Difference};
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::lines::SHAFT_MULTIPLES;
 
 /// Longest distance of two lines that are multiplied. Every second line of a comb may lie under

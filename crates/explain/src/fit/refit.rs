@@ -35,8 +35,9 @@ pub use self::problem::{Base, FreeTerm, Number, PITCH_ERROR, Problem, SPACING_UM
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
 use crate::change::masks;
+use crate::finding::Finding;
 use crate::fit::least_squares::{Solution, losses};
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// What a joint refit gave.
 #[derive(Clone, Debug)]

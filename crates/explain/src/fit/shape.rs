@@ -30,7 +30,7 @@ use self::model::{Seen, responses};
 use crate::change::frequency::log_mean_exp;
 use crate::change::locate::Cell;
 use crate::fit::refit::SPACING_UM;
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::lines::Family;
 
 /// Draws of base parameters.

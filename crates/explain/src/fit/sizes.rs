@@ -16,7 +16,7 @@ use gearwatch_sim::setup::SimSetup;
 use gearwatch_sim::steady::{SteadyOptions, SteadySolver};
 
 use crate::change::locate::{self, Place};
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::dsp::median;
 use crate::read::lines::Family;
 

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use crate::change::locate::Cell;
 use crate::fit::refit::{self, Base, FreeTerm, Number, Problem};
-use crate::name::Question;
+use crate::question::Question;
 
 /// Sizes that are tried, in scales, either way from no law; dampers take energy, so that theirs are
 /// positive.

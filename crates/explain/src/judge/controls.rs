@@ -8,7 +8,7 @@
 use crate::change::compare::{Pair, Ratio};
 use crate::change::locate::{self, Cell, Place, covers};
 use crate::change::masks::{self, INDEPENDENT, Mask, SCALES, densities, scale};
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::dsp::{self, LINE_FIT_NOISE_GAIN};
 use crate::read::features::{ChannelFeatures, RecordingFeatures, USABLE_BAND};
 use crate::read::lines::Family;

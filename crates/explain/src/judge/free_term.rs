@@ -14,13 +14,14 @@ use gearwatch_sim::effects::EntryPoint;
 
 use crate::change::locate::{self, Cell};
 use crate::change::masks::INDEPENDENT;
+use crate::finding::Finding;
+use crate::finding::is_path;
 use crate::fit::terms::{self, Fitted, Search};
 use crate::judge::held_out;
 use crate::judge::misfit::{self, Residuals};
 use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
-use crate::name::subname::is_path;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// Misfit of held-out lines (variances) from which a name's model is poor, and the share of what
 /// was there that it must leave.

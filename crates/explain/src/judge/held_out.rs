@@ -17,13 +17,14 @@ use rayon::prelude::*;
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate;
 use crate::change::masks::INDEPENDENT;
+use crate::finding::Finding;
+use crate::finding::is_path;
 use crate::fit::refit;
 use crate::judge::misfit::{Judged, Residuals};
 use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Fit};
-use crate::name::subname::is_path;
 use crate::name::supports;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// From so many operating points on two are left out.
 const TWO: usize = 6;

@@ -10,13 +10,13 @@
 //! load and speed needs no model: powers of lines.
 
 use num_complex::Complex64;
-use serde::Serialize;
 use std::f64::consts::TAU;
 
 use crate::change::comb;
 use crate::fit::shape;
-use crate::name::Question;
+use crate::judge::report::LatentForce;
 use crate::name::strange::Strange;
+use crate::question::Question;
 use crate::read::dsp::{self, LINE_FIT_NOISE_GAIN, median};
 use crate::read::features::RecordingFeatures;
 use crate::read::scan::StrangeLine;
@@ -38,31 +38,6 @@ const NOBODYS: f64 = 4.0;
 const TOLD: f64 = 2.0;
 /// Tolerance of a period (relative).
 const SAME: f64 = 0.004;
-
-/// The force that nobody named.
-#[derive(Clone, Debug, Serialize)]
-pub struct LatentForce {
-    /// Length of its period in revolutions of the input shaft.
-    pub period_rev: f64,
-    /// What turns with it on this bench, and what else may.
-    pub period_of: Vec<String>,
-    /// Recording that the force was read from.
-    pub recording: String,
-    /// `N` through the simulator's response; else the unit of the sensor.
-    pub unit: String,
-    /// Position in the period (0 to 1).
-    pub turn: Vec<f64>,
-    /// Posterior mean.
-    pub force: Vec<f64>,
-    /// One standard deviation.
-    pub sigma: Vec<f64>,
-    /// Exponent of the amplitude over the torque, from recordings at one speed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub load_exponent: Option<f64>,
-    /// Exponent over the speed, from recordings at one load; the path is in it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub speed_exponent: Option<f64>,
-}
 
 /// A line of the comb in one channel.
 struct Seen {

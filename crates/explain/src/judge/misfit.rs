@@ -2,11 +2,11 @@
 
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
+use crate::finding::is_path;
 use crate::fit::refit;
 use crate::judge::own_lines;
 use crate::judge::predict::{Named, Prediction};
-use crate::name::Question;
-use crate::name::subname::is_path;
+use crate::question::Question;
 use crate::read::lines::Family;
 
 /// Largest misfit of one line (variances): no single one decides.

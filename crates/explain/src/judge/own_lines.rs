@@ -12,7 +12,7 @@ use gearwatch_sim::effects::{self, Line};
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
 use crate::judge::predict::Named;
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::dsp::MAIN_LOBE_BINS;
 use crate::read::features::{ChannelFeatures, LineValue, RecordingFeatures, line_at};
 use crate::read::lines::Family;

@@ -18,11 +18,11 @@ use rayon::prelude::*;
 
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
+use crate::finding::HOUSING;
+use crate::finding::is_path;
 use crate::fit::refit::{self, Base};
 use crate::judge::added::{Added, Gains};
-use crate::name::Question;
-use crate::name::path::HOUSING;
-use crate::name::subname::is_path;
+use crate::question::Question;
 use crate::read::features::RecordingFeatures;
 use crate::read::lines::Family;
 

@@ -1,10 +1,11 @@
 //! From findings to the answer that is published: status, advice, the largest mismatches.
 
 use crate::change::locate::{self, Cell};
+use crate::finding::Finding;
 use crate::judge::held_out;
 use crate::judge::report::{Candidate, Entry, Explanation, FORMAT, Fit, Mismatch, NamedEffect, Status};
 use crate::name::subname;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// The answer, most probable effect first, from what is named and what comes nearest to the rest.
 pub fn publish(

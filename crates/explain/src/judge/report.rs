@@ -8,8 +8,6 @@ use gearwatch_core::verdict::published;
 use gearwatch_sim::effects::{self, EntryPoint};
 use serde::{Serialize, Serializer};
 
-use crate::judge::latent::LatentForce;
-
 /// The value of the key `format`.
 pub const FORMAT: &str = "gearwatch-explanation/1";
 
@@ -44,6 +42,31 @@ pub struct Explanation {
     pub limits: Vec<String>,
     /// What was found on the way, in order: data, calibration, tests.
     pub steps: Vec<String>,
+}
+
+/// The force that nobody named.
+#[derive(Clone, Debug, Serialize)]
+pub struct LatentForce {
+    /// Length of its period in revolutions of the input shaft.
+    pub period_rev: f64,
+    /// What turns with it on this bench, and what else may.
+    pub period_of: Vec<String>,
+    /// Recording that the force was read from.
+    pub recording: String,
+    /// `N` through the simulator's response; else the unit of the sensor.
+    pub unit: String,
+    /// Position in the period (0 to 1).
+    pub turn: Vec<f64>,
+    /// Posterior mean.
+    pub force: Vec<f64>,
+    /// One standard deviation.
+    pub sigma: Vec<f64>,
+    /// Exponent of the amplitude over the torque, from recordings at one speed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub load_exponent: Option<f64>,
+    /// Exponent over the speed, from recordings at one load; the path is in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speed_exponent: Option<f64>,
 }
 
 /// The keys of the JSON object in their order.

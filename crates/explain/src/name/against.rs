@@ -6,6 +6,7 @@ use gearwatch_core::train::Train;
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask, Once};
 use crate::change::one_gear::OneGear;
+use crate::finding::{Finding, is_path};
 use crate::judge::controls;
 use crate::judge::held_out;
 use crate::judge::twins::{self, Twins};
@@ -19,7 +20,7 @@ use crate::name::subname;
 use crate::name::supports;
 use crate::name::unbalance;
 use crate::name::without_paths::{WithoutPaths, without_paths};
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// Chance that an unchanged bench gains as much, by the twins of the case, below which a mask is
 /// believed.
@@ -410,7 +411,7 @@ fn simplicity(place: Place) -> u8 {
 /// Whether a mask may only show what a finding does besides: other orders of the same shaft, or of
 /// the shafts of a pair whose teeth changed, or another order of a ripple's train.
 fn echoes(q: &Question<'_>, f: &Finding, place: Place) -> bool {
-    let Some(found) = subname::mask_of(q, f).filter(|_| !subname::is_path(f.effect, &f.place)) else { return false };
+    let Some(found) = subname::mask_of(q, f).filter(|_| !is_path(f.effect, &f.place)) else { return false };
     let ripple = |p: Place| {
         matches!(p, Place::ShaftOrder(_, k) | Place::ShaftLine(_, k) if k > 1) || matches!(p, Place::MotorOrder(_))
     };

@@ -7,7 +7,8 @@
 //! cancels); of a speed, it stays and stands far above its row.
 
 use crate::change::locate::REPEAT_SIGMA;
-use crate::name::{Finding, Question};
+use crate::finding::Finding;
+use crate::question::Question;
 use crate::read::SAME_SPEED;
 use crate::read::dsp::{mean, median};
 use crate::read::lines::{Family, SHAFT_MULTIPLES};

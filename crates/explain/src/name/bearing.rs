@@ -8,9 +8,10 @@
 
 use gearwatch_core::train::Train;
 
+use crate::finding::Finding;
 use crate::judge::report::Evidence;
 use crate::name::family::Family;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::envelope::EnvelopeLine;
 
 /// Rolling elements of usual bearings, and their diameter over that of their pitch circle, by the

@@ -1,7 +1,8 @@
 //! Findings that need no comparison of lines: the data themselves, tooth numbers, speeds.
 
+use crate::finding::Finding;
 use crate::judge::report::Fit;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::dsp::{mean, median};
 use crate::read::ratio::{CREEP, DISPLAY_SIGMA};
 

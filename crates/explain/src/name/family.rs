@@ -13,10 +13,10 @@ use std::f64::consts::TAU;
 
 use gearwatch_core::train::Train;
 
-use crate::name::Question;
+use crate::question::Question;
+use crate::read::combs::combs;
 use crate::read::dsp::MAIN_LOBE_BINS;
 use crate::read::envelope;
-use crate::read::scan;
 use crate::read::scan::StrangeLine;
 
 /// Highest multiple of a family; its lines are alike before they are heard.
@@ -105,7 +105,7 @@ pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
     // too. Two shafts together make families of their own.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
-    let combs = scan::combs(q.train, revolutions);
+    let combs = combs(q.train, revolutions);
     of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed, &|order| stray(&combs, revolutions, order))
 }
 

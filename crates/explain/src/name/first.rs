@@ -5,9 +5,10 @@
 //! second and third, through a path that all of them share; unbalance raises the shaft's own first
 //! order above its row and leaves the sidebands as they are.
 
+use crate::finding::Finding;
 use crate::name::direct::gears_on;
 use crate::name::gear::gear_name;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::dsp::{mean, median};
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
 use crate::read::lines::{Family, SHAFT_MULTIPLES};

@@ -1,7 +1,7 @@
 //! What a search has found so far.
 
 use crate::change::locate::Cell;
-use crate::name::Finding;
+use crate::finding::Finding;
 
 /// Misfit per line from which something changed that no mask singles out: of 147 unchanged benches
 /// 145 stay below 0.9, one came to 1.06, and one to 2.4 (by a mask).

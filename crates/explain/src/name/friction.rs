@@ -9,7 +9,8 @@
 
 use crate::change::locate::{Cell, Place};
 use crate::change::masks;
-use crate::name::{Finding, Question};
+use crate::finding::Finding;
+use crate::question::Question;
 use crate::read::lines::Family;
 
 /// A change counts as clear from this many standard deviations.

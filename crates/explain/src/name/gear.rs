@@ -5,8 +5,9 @@ use crate::change::comb::{self, Difference, GearChange};
 use crate::change::locate::{Cell, Place};
 use crate::change::masks;
 use crate::change::pulse::{self, Pulse};
+use crate::finding::Finding;
 use crate::name::gear_side;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// Even advance of phases from which one damaged tooth is believed, and neighbouring lines that it
 /// needs in each recording: changes of all teeth and of the train's dynamics stay below 0.7. A

@@ -8,7 +8,7 @@
 
 use crate::change::align::{self, CLEAR};
 use crate::change::comb::{self, Difference};
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::dsp::median;
 use crate::read::features::RecordingFeatures;
 

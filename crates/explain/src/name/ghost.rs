@@ -7,10 +7,11 @@
 //! neighbours, at every speed and on all sensors, and those that it is mixed to as well. Against a
 //! reference the same is asked of what changed.
 
+use crate::finding::Finding;
 use crate::name::alone::{self, Powers};
 use crate::name::direct::gears_on;
 use crate::name::family::passes_at;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::SAME_SPEED;
 use crate::read::dsp::mean;
 use crate::read::features::{ChannelFeatures, RecordingFeatures};

@@ -9,7 +9,9 @@
 //! loads.
 
 use crate::change::locate::{Cell, floor_misfit};
-use crate::name::{BACKGROUND, Finding, Question};
+use crate::finding::Finding;
+use crate::name::BACKGROUND;
+use crate::question::Question;
 
 /// Torques within this ratio of the lightest are light, and those within the next of the heaviest
 /// heavy.

@@ -2,10 +2,11 @@
 //! at every speed.
 
 use crate::change::locate::{self, Cell};
+use crate::finding::{Finding, HOUSING};
 use crate::name::path_form::{
     DampingFit, PathFit, Profile, damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit,
 };
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::dsp::median;
 
 /// Least misfit per background band, and least share that a path must account for, before a path is
@@ -40,8 +41,6 @@ const LINE_SHARE_LONE: f64 = 0.66;
 /// What remains to doubt of a path of all sensors: what else they may have in common; of a support
 /// that was taken for one, the sheet's masses too.
 pub const SUREST: f64 = 0.8;
-/// Place of what all sensors have in common.
-pub const HOUSING: &str = "housing";
 /// How far a line lies from the band of background that stands for it (ln).
 const BAND_SIGMA: f64 = 0.2;
 

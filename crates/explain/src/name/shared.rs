@@ -9,12 +9,13 @@ use std::collections::BTreeMap;
 
 use crate::change::locate::{Cell, Place};
 use crate::change::one_gear::{self, OneGear};
+use crate::finding::Finding;
 use crate::fit::refit::{self, PITCH_ERROR};
 use crate::fit::shape;
 use crate::judge::held_out::UNPROVED;
 use crate::name::gear::gear_name;
 use crate::name::supports;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 
 /// How closely effects are compared.
 #[derive(Clone, Copy, PartialEq, Eq)]

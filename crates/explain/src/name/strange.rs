@@ -3,11 +3,11 @@
 use gearwatch_core::train::Train;
 
 use crate::change::compare::Comparison;
+use crate::finding::{Finding, HOUSING};
 use crate::name::bearing;
 use crate::name::family::Family;
-use crate::name::path;
 use crate::name::subname;
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::displacement::{self, Displaced};
 use crate::read::dsp::Transforms;
 use crate::read::envelope::{self, EnvelopeLine, EnvelopeSpectrum};
@@ -360,7 +360,7 @@ pub fn moved_mode(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) 
     }
     let channels = &q.comparison.channels;
     let alone = mode.of_one_channel();
-    let place = alone.map_or(path::HOUSING, |c| &channels[c]);
+    let place = alone.map_or(HOUSING, |c| &channels[c]);
     let odds = mode.nats.exp();
     let mut f = Finding::new("structural_resonance", place.to_owned(), MODE_OF_THE_PATH * odds / (1.0 + odds));
     match alone {

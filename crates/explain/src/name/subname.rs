@@ -3,20 +3,14 @@
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask};
 use crate::change::one_gear::OneGear;
+use crate::finding::Finding;
 use crate::fit::sizes;
 use crate::name::friction;
 use crate::name::gear;
-use crate::name::path::HOUSING;
 use crate::name::shared::{self, Depth};
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::dsp::median;
 use crate::read::lines::Family;
-
-/// Effects that alter the way from housing to samples.
-pub fn is_path(effect: &str, place: &str) -> bool {
-    matches!(effect, "sensor_mounting" | "structural_resonance" | "scaling")
-        || (effect == "damping" && place == HOUSING)
-}
 
 /// A mask in words.
 pub fn describe(q: &Question<'_>, place: Place) -> String {

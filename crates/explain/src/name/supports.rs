@@ -20,9 +20,10 @@ use rayon::prelude::*;
 use self::passing::At;
 use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
+use crate::finding::Finding;
 use crate::fit::refit;
 use crate::name::path::{self, SUREST};
-use crate::name::{Finding, Question};
+use crate::question::Question;
 use crate::read::lines::Family;
 
 /// What the bearing of the sheet may be off by (standard deviations), and how likely that is: a

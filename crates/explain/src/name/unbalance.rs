@@ -6,7 +6,8 @@
 //! is a force on the shaft that the teeth know nothing of: it raises the first multiple alone.
 
 use crate::change::align::CLEAR;
-use crate::name::{Finding, Question};
+use crate::finding::Finding;
+use crate::question::Question;
 use crate::read::dsp::mean;
 use crate::read::features::LineValue;
 

@@ -2,9 +2,11 @@
 
 use crate::change::frequency::{self, Frequency};
 use crate::change::locate::{self, Cell};
+use crate::finding::{Finding, HOUSING};
 use crate::judge::held_out;
 use crate::name::found::{Found, MISFIT, SECOND_SURE};
-use crate::name::{Finding, Question, path, supports};
+use crate::name::{path, supports};
+use crate::question::Question;
 
 /// What is left to be asked of the machine.
 pub struct WithoutPaths {
@@ -127,7 +129,7 @@ fn by_lines(
 
 /// Whether a cell is read through a changed path.
 fn of_path(q: &Question<'_>, path: &Finding, cell: &Cell) -> bool {
-    path.place == path::HOUSING || path.place == q.comparison.channels[cell.channel]
+    path.place == HOUSING || path.place == q.comparison.channels[cell.channel]
 }
 
 /// Whether all that was found are paths that every line is read through, and that are more than one

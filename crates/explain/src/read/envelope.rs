@@ -7,9 +7,9 @@
 use gearwatch_core::train::Train;
 use num_complex::Complex64;
 
+use crate::read::combs::distance_to_combs;
 use crate::read::dsp::{Transforms, median};
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
-use crate::read::scan;
 
 /// Lowest frequency that the envelope is made of (Hz): above the strong mesh lines of most benches.
 const LOWEST_HZ: f64 = 500.0;
@@ -206,7 +206,7 @@ pub fn scan(spectra: &[EnvelopeSpectrum], train: &Train, channels: usize) -> Opt
     let strength = |order: f64| (0..channels).filter_map(|c| heard(c, order)).map(|x| x.0).sum::<f64>();
     // The order itself may lie too near a shaft's comb to be scanned, and its harmonics not:
     // passages are strongest at their own order. What lies on the comb is the gears'.
-    let apart = |o: &f64| *o > low && scan::distance_to_combs(train, revolutions, *o) * revolutions > CLEAR_OF_COMB;
+    let apart = |o: &f64| *o > low && distance_to_combs(train, revolutions, *o) * revolutions > CLEAR_OF_COMB;
     let parts = [2.0, 3.0].map(|m| order / m).into_iter().filter(apart);
     // Impacts light their own order and its multiples: the lowest that is heard at all is theirs.
     let most = std::iter::once(order).chain(parts.clone()).map(strength).fold(0.0, f64::max);

@@ -12,12 +12,11 @@ use gearwatch_check::orders::{OrderSpectrum, Turned, floor_of, occupied};
 use gearwatch_core::bench::Bench;
 use gearwatch_core::train::Train;
 
+use crate::read::combs::combs;
 use crate::read::dsp::{self, Transforms};
-use crate::read::fluctuation;
 use crate::read::integrity::{self, Integrity};
 use crate::read::lines::Line;
 use crate::read::order_swing::OrderSwing;
-use crate::read::scan;
 
 pub use self::background::FloorBand;
 pub use self::line_fit::{LineValue, line_at};
@@ -28,6 +27,8 @@ pub use gearwatch_check::steady::{Steady, Unused, steady};
 use self::background::bands;
 use self::line_fit::{LineFit, comb};
 
+/// The highest frequency that the swing of the turning is read to (Hz).
+pub const SWING_HZ: f64 = 20.0;
 /// Bins between neighbours of a comb above which the whole comb is taken out.
 const COMB_SPACING: f64 = 40.0;
 /// A denser comb is taken out where it is seen: where half of its lines have so many times the
@@ -145,7 +146,7 @@ pub fn read(
     let len = angle.len();
     let signals: Vec<&[f64]> = steady.channels.iter().map(|(_, _, run)| &run.samples[..len]).collect();
     let mesh_orders: Vec<f64> = train.stages.iter().map(|s| s.mesh_order).collect();
-    let swing = carriers::swing(transforms, &signals, rate, &angle, &mesh_orders, fluctuation::HIGHEST_HZ);
+    let swing = carriers::swing(transforms, &signals, rate, &angle, &mesh_orders, SWING_HZ);
     if let (Some(hz), Some(swing)) = (follow.fluctuates_hz, &swing) {
         swing.follow(hz, &mut angle);
     }
@@ -164,7 +165,7 @@ pub fn read(
         .collect();
     let highest = USABLE_BAND * rate / input_hz;
     let mut of_shafts = taken.clone();
-    for order in scan::combs(train, revolutions) {
+    for order in combs(train, revolutions) {
         let spacing = order * revolutions;
         if spacing > COMB_SPACING || is_seen(&spectra, taken, spacing, highest * revolutions) {
             let count = ((len / 2) as f64 / spacing) as usize;

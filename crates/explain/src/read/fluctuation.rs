@@ -13,13 +13,10 @@ use num_complex::Complex64;
 use statrs::function::gamma::gamma_ur;
 
 use crate::read::dsp::{self, Transforms, median};
-use crate::read::features::RecordingFeatures;
+use crate::read::features::{RecordingFeatures, SWING_HZ};
 
-/// Frequencies that are scanned (Hz), and the highest that the swing is read to.
+/// Frequencies that are scanned (Hz); the level above them is read up to [`SWING_HZ`].
 const SCANNED_HZ: (f64, f64) = (0.8, 10.0);
-/// The highest frequency of the swing (Hz): the level above the highest line that is scanned is
-/// read there.
-pub const HIGHEST_HZ: f64 = 20.0;
 /// Zero padding of the spectra.
 const PADDED: usize = 4;
 /// Ratio of frequencies over which the level on either side is read: from, to.
@@ -72,7 +69,7 @@ impl Spectrum {
         transforms.forward(&mut bins);
         let step_hz = swing.rate_hz / (PADDED * len) as f64;
         let weight: f64 = (0..len).map(|n| dsp::window(n, len)).sum();
-        let count = ((HIGHEST_HZ / step_hz) as usize).min(bins.len() / 2);
+        let count = ((SWING_HZ / step_hz) as usize).min(bins.len() / 2);
         let bin_hz = PADDED as f64 * step_hz;
         let on_shaft = |hz: f64| {
             shafts.iter().any(|order| {
@@ -109,7 +106,7 @@ impl Spectrum {
             return None;
         }
         let (below, above) =
-            (self.level(hz / BESIDE.1, hz / BESIDE.0)?, self.level(hz * BESIDE.0, (hz * BESIDE.1).min(HIGHEST_HZ))?);
+            (self.level(hz / BESIDE.1, hz / BESIDE.0)?, self.level(hz * BESIDE.0, (hz * BESIDE.1).min(SWING_HZ))?);
         Some((2.0 * self.rev[k].max(f64::MIN_POSITIVE).ln() - 0.5 * (below + above)).exp())
     }
 

@@ -13,7 +13,7 @@ use super::problem::{Base, ERRORS, Number, PHASES, Problem, Start, USUAL_ERROR_U
 use super::residuals::{Amplitudes, rows};
 use crate::change::locate::Cell;
 use crate::fit::least_squares::{Model, losses, pulls};
-use crate::name::Question;
+use crate::question::Question;
 
 /// Rounds of slopes and fits.
 const ROUNDS: usize = 3;

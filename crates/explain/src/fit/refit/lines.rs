@@ -3,7 +3,7 @@
 use super::turns;
 use crate::change::compare::LineChange;
 use crate::change::locate::Cell;
-use crate::name::Question;
+use crate::question::Question;
 use crate::read::lines::Family;
 
 /// Power over noise from which a line takes part.

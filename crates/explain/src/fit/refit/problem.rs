@@ -15,7 +15,7 @@ use super::residuals::{Of, TREND_SIGMA, rows};
 use super::sheet;
 use crate::change::locate::Cell;
 use crate::fit::least_squares::{Prior, Reach, Solution, approach, losses, minimise, pulls};
-use crate::name::Question;
+use crate::question::Question;
 
 /// How wrong the numbers of a sheet are (standard deviation of the logarithm): stiffnesses,
 /// damping.

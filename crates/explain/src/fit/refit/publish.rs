@@ -4,8 +4,8 @@
 use gearwatch_core::estimate::Estimate;
 
 use super::problem::{CHANGED, INDEPENDENT, Number, Problem, USUAL_ERROR_UM};
+use crate::finding::Finding;
 use crate::fit::least_squares::Solution;
-use crate::name::Finding;
 
 /// What else stays open of a profile error: its harmonics add to those of the loaded teeth, which
 /// another tooth stiffness turns.

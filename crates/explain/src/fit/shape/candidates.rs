@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use gearwatch_core::bench::EffectSpec;
 
-use crate::name::Question;
+use crate::question::Question;
 
 /// How an effect enters.
 #[derive(Clone, Debug)]

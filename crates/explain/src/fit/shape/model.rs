@@ -9,7 +9,7 @@ use num_complex::Complex64;
 
 use super::HARMONICS;
 use crate::change::compare::Pair;
-use crate::name::Question;
+use crate::question::Question;
 
 /// Phases at which the static transmission error is taken, over both teeth of an alternating pair.
 const PHASES: usize = 96;

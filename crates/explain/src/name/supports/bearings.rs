@@ -14,7 +14,7 @@ use super::{OFF, Support, at, odds_of, with};
 use crate::change::frequency::Free;
 use crate::fit::refit;
 use crate::fit::shape::{self, Model};
-use crate::name::Question;
+use crate::question::Question;
 
 /// Effects with their parameter and the sizes that are tried, as likely each.
 pub(super) const EFFECTS: [(&str, &str, &[f64]); 3] = [

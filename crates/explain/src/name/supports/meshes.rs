@@ -12,7 +12,7 @@ use super::{OFF, Support, at, odds_of, with};
 use crate::change::frequency::Free;
 use crate::fit::refit;
 use crate::fit::shape;
-use crate::name::Question;
+use crate::question::Question;
 
 /// An effect, its parameter, and the sizes that are tried, as likely each.
 pub(super) type Asked = (&'static str, &'static str, &'static [f64]);
