@@ -27,7 +27,14 @@ fn paths(import: &str) -> Vec<String> {
     parts.into_iter().filter(|part| !part.is_empty()).flat_map(|part| paths(&format!("{head}{part}"))).collect()
 }
 
-/// The imports of a file, but for those of its unit tests.
+/// What code names by its path into the crate.
+fn named(code: &str) -> impl Iterator<Item = String> {
+    let of_path = |c: char| c.is_alphanumeric() || c == '_' || c == ':';
+    let into_crate = |path: &&str| ["crate::", "super::"].iter().any(|start| path.starts_with(start));
+    code.split(move |c| !of_path(c)).filter(into_crate).map(str::to_owned)
+}
+
+/// What a file imports or names by its path, but for its unit tests.
 fn imports(text: &str) -> Vec<String> {
     let code = text.split("#[cfg(test)]").next().unwrap_or_default();
     let lines: Vec<&str> = code.lines().map(str::trim).filter(|line| !line.starts_with("//")).collect();
@@ -37,11 +44,13 @@ fn imports(text: &str) -> Vec<String> {
     };
     let of = |statement: &str| {
         let lines: Vec<&str> = statement.lines().collect();
-        let text = lines[lines.iter().rposition(begins)?..].concat();
-        let import = text.split_once("use ")?.1.chars().filter(|c| !c.is_whitespace());
-        Some(paths(&import.collect::<String>()))
+        let (code, import) = lines.split_at(lines.iter().rposition(begins).unwrap_or(lines.len()));
+        let import = import.concat();
+        let import = import.split_once("use ").map(|(_, path)| path.split_whitespace().collect::<String>());
+        let imported = import.map(|path| paths(&path)).unwrap_or_default();
+        imported.into_iter().chain(named(&code.join("\n"))).collect::<Vec<_>>()
     };
-    lines.join("\n").split(';').filter_map(of).flatten().collect()
+    lines.join("\n").split(';').flat_map(of).collect()
 }
 
 /// The module of an imported path, where it is one of the crate.
@@ -123,8 +132,8 @@ fn conform_no_more_than_two_files_of_a_crate_import_each_other() {
 #[test]
 fn analytic_imports_are_read_and_knots_found() {
     assert_eq!(paths("a::{b,c::{d,e}}"), ["a::b", "a::c::d", "a::c::e"]);
-    let text = "//! use x::y;\npub(crate) use super::{\n    a::B,\n    c,\n};\nfn f() {}\nuse crate::d::E;\n#[cfg(test)]\nuse crate::t;\n";
-    assert_eq!(imports(text), ["super::a::B", "super::c", "crate::d::E"]);
+    let text = "//! use x::y;\npub(crate) use super::{\n    a::B,\n    c,\n};\nfn f() -> super::g::H {\n    crate::i::j()\n}\nuse crate::d::E;\n#[cfg(test)]\nuse crate::t;\n";
+    assert_eq!(imports(text), ["super::a::B", "super::c", "crate::d::E", "super::g::H", "crate::i::j"]);
     let edge = |from: &str, to: &[&str]| (from.to_owned(), to.iter().map(|name| (*name).to_owned()).collect());
     let graph = Graph::from([edge("a", &["b"]), edge("b", &["c"]), edge("c", &["a", "d"]), edge("d", &[])]);
     assert_eq!(knots(&graph), BTreeSet::from([["a", "b", "c"].map(str::to_owned).to_vec()]));

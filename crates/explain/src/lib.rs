@@ -7,9 +7,9 @@
 //! ```
 //!
 //! [`explain`](mod@explain) goes the whole way. All steps know what was measured (`question`), and
-//! what an effect that was found is (`finding`). Beside them: what sensors could not show (`blind`),
-//! the concealed benchmark (`prove`), and amplitude tables instead of recordings (`tables`,
-//! `paper`).
+//! what an effect that was found is (`finding`). Beside them: what sensors could not show
+//! (`blind`), the concealed benchmark (`prove`), and amplitude tables instead of recordings
+//! (`tables`, `paper`).
 //!
 //! ```
 //! use gearwatch_core::bench::Bench;

@@ -6,6 +6,7 @@ mod lanes;
 mod layout;
 mod memory;
 mod meta;
+mod properties;
 mod scale;
 pub(crate) mod stream;
 mod values;
@@ -19,7 +20,8 @@ use crate::budget::{Budget, Notes};
 use crate::forward::Forward;
 use crate::problem::Problem;
 use memory::Memory;
-use meta::{Index, Object, Objects, RawType, Value};
+use meta::{Index, Object, Objects, RawType};
+use properties::Value;
 
 pub use values::Values;
 

@@ -10,7 +10,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 use gearwatch_explain::error::ExplainError;
 use gearwatch_explain::explain::{Input, explain};
-use gearwatch_explain::judge::latent::LatentForce;
+use gearwatch_explain::judge::report::LatentForce;
 use gearwatch_explain::judge::report::{FORMAT, Status};
 use gearwatch_io::open::{OpenOptions, read_recording};
 use gearwatch_io::output::{Outputs, Target};

@@ -17,19 +17,6 @@ const MOST_SLIP: f64 = 0.05;
 /// Log odds of belt slip against a wrong clock from which the other is not kept in the set.
 const LARGE_ODDS: f64 = 4.5;
 
-/// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before
-/// it.
-pub fn gears_on(q: &Question<'_>, shaft: usize) -> Vec<String> {
-    let mut out = Vec::new();
-    if let Some(s) = q.train.stages.get(shaft) {
-        out.push(format!("{}.pinion", s.name));
-    }
-    if let Some(s) = shaft.checked_sub(1).and_then(|i| q.train.stages.get(i)) {
-        out.push(format!("{}.wheel", s.name));
-    }
-    out
-}
-
 /// Clipping, tooth numbers, belt slip, clock.
 pub fn findings(q: &Question<'_>, steps: &mut Vec<String>) -> Vec<Finding> {
     let mut out = Vec::new();

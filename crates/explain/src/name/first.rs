@@ -6,8 +6,7 @@
 //! order above its row and leaves the sidebands as they are.
 
 use crate::finding::Finding;
-use crate::name::direct::gears_on;
-use crate::name::gear::gear_name;
+use crate::name::gear::{gear_name, gears_on};
 use crate::question::Question;
 use crate::read::dsp::{mean, median};
 use crate::read::features::{ChannelFeatures, RecordingFeatures};

@@ -65,6 +65,19 @@ pub fn gear_name(q: &Question<'_>, i: usize, j: usize) -> String {
     format!("{}.{}", q.train.stages[i].name, if i == j { "pinion" } else { "wheel" })
 }
 
+/// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before
+/// it.
+pub fn gears_on(q: &Question<'_>, shaft: usize) -> Vec<String> {
+    let mut out = Vec::new();
+    if let Some(s) = q.train.stages.get(shaft) {
+        out.push(format!("{}.pinion", s.name));
+    }
+    if let Some(s) = shaft.checked_sub(1).and_then(|i| q.train.stages.get(i)) {
+        out.push(format!("{}.wheel", s.name));
+    }
+    out
+}
+
 fn one_tooth(name: String, probability: f64, change: &GearChange) -> Finding {
     let mut f = Finding::new("tooth_breakage", name.clone(), probability);
     f.alternatives.extend([("root_crack", name.clone()), ("pitting", name)]);

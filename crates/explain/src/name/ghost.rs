@@ -9,8 +9,8 @@
 
 use crate::finding::Finding;
 use crate::name::alone::{self, Powers};
-use crate::name::direct::gears_on;
 use crate::name::family::passes_at;
+use crate::name::gear::gears_on;
 use crate::question::Question;
 use crate::read::SAME_SPEED;
 use crate::read::dsp::mean;

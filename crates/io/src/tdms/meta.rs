@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use gearwatch_core::block::UnixNanos;
-
+use super::properties::{Properties, Value};
+use super::scale;
 use super::values::Values;
 use crate::problem::Problem;
 
@@ -104,34 +104,6 @@ pub(super) struct Scaler {
     pub id: u32,
 }
 
-/// Value of a property.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Value {
-    Number(f64),
-    Text(String),
-    Time(UnixNanos),
-}
-
-impl Value {
-    fn size(&self) -> usize {
-        32 + if let Self::Text(text) = self { text.len() } else { 0 }
-    }
-
-    pub(super) fn number(&self) -> Option<f64> {
-        if let Self::Number(number) = self { Some(*number) } else { None }
-    }
-
-    pub(super) fn text(&self) -> Option<String> {
-        if let Self::Text(text) = self { Some(text.clone()) } else { None }
-    }
-
-    pub(super) fn nanos(&self) -> Option<UnixNanos> {
-        if let Self::Time(time) = self { Some(*time) } else { None }
-    }
-}
-
-pub(super) type Properties = BTreeMap<String, Value>;
-
 #[derive(Debug)]
 pub(super) struct Object {
     pub path: String,
@@ -147,7 +119,7 @@ pub(super) struct Object {
 impl Object {
     /// Number of the raw scaler that the first scale works on.
     pub(super) fn source(&mut self) -> u32 {
-        *self.source.get_or_insert_with(|| super::scale::source(&self.properties))
+        *self.source.get_or_insert_with(|| scale::source(&self.properties))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Scales that NI's software writes as properties of a channel.
 
-use super::meta::{Properties, Value};
+use super::properties::{Properties, Value};
 
 /// A scale that cannot be used: one that is not linear, such as that of a thermocouple, or that no
 /// number comes out of.

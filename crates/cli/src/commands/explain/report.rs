@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use gearwatch_explain::judge::latent::LatentForce;
+use gearwatch_explain::judge::report::LatentForce;
 use gearwatch_explain::judge::report::{Explanation, Fit, Mismatch, NamedEffect, Status};
 use gearwatch_report::{Bars, Cell, Chart, Lines, Part, Report, Section, Series, Table, Tone};
 

@@ -3,7 +3,7 @@
 
 use std::io::{self, Write};
 
-use gearwatch_explain::judge::latent::LatentForce;
+use gearwatch_explain::judge::report::LatentForce;
 use gearwatch_explain::judge::report::{Explanation, Fit, FreeTerm, Mismatch, NamedEffect, Status};
 
 use crate::format::wrapped;
