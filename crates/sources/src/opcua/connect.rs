@@ -204,7 +204,7 @@ impl OpcUa {
             });
         }
         chosen.user_identity_tokens = Some(vec![self.login(&chosen)?]);
-        // The name under which a server knows itself is often unknown elsewhere.
+        // The host name in a server's own list is often unknown elsewhere.
         chosen.endpoint_url = self.endpoint.as_str().into();
         Ok(chosen)
     }

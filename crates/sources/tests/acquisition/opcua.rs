@@ -229,7 +229,7 @@ fn keys_at(port: u16) -> String {
 }
 
 #[test]
-fn conform_opcua_what_is_no_server_is_said() {
+fn conform_opcua_what_is_no_server_is_named() {
     let nothing = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let error = error_of(&keys_at(nothing));
     assert!(error.contains(&format!("no connection to 127.0.0.1:{nothing}: Connection refused")), "{error}");
