@@ -7,7 +7,7 @@ use opcua_types::{Error, StatusCode};
 /// Why a server is given up. The address of the server stands before it.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum ListenError {
-    #[error("no answer within {:.1} s {what}", .within.as_secs_f64())]
+    #[error("no answer {what} within {:.1} s (data_deadline_secs)", .within.as_secs_f64())]
     Late { within: Duration, what: &'static str },
     #[error("{0}; is the server running, and are host and port right?")]
     NotThere(Error),

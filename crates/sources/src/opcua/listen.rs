@@ -168,7 +168,7 @@ impl OpcUa {
             timeout(deadline, session.wait_for_connection()).await.map_err(late("to the login"))?;
             timeout(deadline, self.subscribe(&session, &board, deadline))
                 .await
-                .map_err(late("to the subscription"))??;
+                .map_err(late("to the request for a subscription"))??;
             self.take(&board, readings, sender, deadline).await
         };
         let result = tokio::select! {
@@ -247,7 +247,7 @@ impl OpcUa {
     ) -> Result<(), ListenError> {
         let mut remarks = vec![String::new(); self.nodes.len()];
         loop {
-            let late = |_| ListenError::Late { within: deadline, what: "by the subscription" };
+            let late = |_| ListenError::Late { within: deadline, what: "from the subscription" };
             timeout(deadline, board.news.notified()).await.map_err(late)?;
             if let Some(status) = *board.ended.lock().unwrap_or_else(PoisonError::into_inner) {
                 return Err(ListenError::SubscriptionEnded(status));

@@ -145,7 +145,23 @@ fn conform_opcua_a_server_that_starts_again_is_read_again() {
     server.signal("STOP");
     let error = listening.error();
     server.signal("CONT");
-    assert!(error.contains("no answer within 2.0 s") || error.contains("BadTimeout"), "{error}");
+    assert!(error.contains("no answer from the subscription within 2.0 s") || error.contains("BadTimeout"), "{error}");
+}
+
+/// Controllers have few sessions. One that nothing reads any more is closed at once, and not kept
+/// for its time limit.
+#[test]
+fn conform_opcua_the_session_is_closed_when_the_source_ends() {
+    let Some(server) = Server::start("plain") else { return };
+    let listening = Listening::start(&opened(&server.keys("brake_torque_nm", TORQUE)));
+    listening.wait_for("it is known", |p| p.brake_torque_nm == 10.0);
+    assert_eq!(server.sessions(), 1);
+    let began = Instant::now();
+    listening.end.abort();
+    while server.sessions() > 0 {
+        // Four data deadlines are the time limit of a session.
+        assert!(began.elapsed() < DEADLINE * 2, "the session is still there");
+    }
 }
 
 #[test]
@@ -237,7 +253,7 @@ fn conform_opcua_what_is_no_server_is_named() {
     let error = error_of(&keys_at(hostile::answers(b"HTTP/1.1 400 Bad Request\r\n\r\n").port()));
     assert!(error.contains("expected an OPC UA server"), "{error}");
     let error = error_of(&keys_at(hostile::answers(b"").port()));
-    assert!(error.contains("no answer within 2.0 s to the question for endpoints"), "{error}");
+    assert!(error.contains("no answer to the question for endpoints within 2.0 s (data_deadline_secs)"), "{error}");
 }
 
 /// The length of a message is believed up to what was asked for: the connection ends at once, and

@@ -1,6 +1,7 @@
 # An OPC UA server with the nodes of a bench, for the tests beside: `python3 server.py PORT FOLDER [plain|user|secure]`.
 # `user` wants the user "bench" with the password "right"; `secure` signs and encrypts, with the certificates that it makes in FOLDER.
-# It prints "ready" when it can be asked. Each line of standard input is a command: `NODE VALUE` or `NODE VALUE STATUS`; `quit` closes it.
+# It prints "ready" when it can be asked. Each line of standard input is a command: `NODE VALUE` or `NODE VALUE STATUS`;
+# `sessions` writes how many there are to the file FOLDER/sessions; `quit` closes it.
 import asyncio
 import logging
 import sys
@@ -76,6 +77,10 @@ async def main(port, folder, kind):
         while line := (await loop.run_in_executor(None, sys.stdin.readline)).split():
             if line == ["quit"]:
                 break
+            if line == ["sessions"]:
+                Path(folder, "count").write_text(str(len(server.iserver._external_sessions)))
+                Path(folder, "count").rename(Path(folder, "sessions"))
+                continue
             node, type = nodes[line[0]]
             value = ua.Variant(float(line[1]) if type in (ua.VariantType.Double, ua.VariantType.Float) else int(line[1]), type)
             status = ua.StatusCode(getattr(ua.StatusCodes, line[2])) if len(line) > 2 else ua.StatusCode()

@@ -45,6 +45,19 @@ impl Server {
         writeln!(self.child.lock().unwrap().stdin.as_mut().unwrap(), "{command}").unwrap();
     }
 
+    /// Sessions that it holds.
+    pub fn sessions(&self) -> usize {
+        let file = self.path("sessions");
+        let _ = std::fs::remove_file(&file);
+        self.set("sessions");
+        (0..1000)
+            .find_map(|_| {
+                std::thread::sleep(std::time::Duration::from_millis(5));
+                std::fs::read_to_string(&file).ok()?.parse().ok()
+            })
+            .expect("it answers within five seconds")
+    }
+
     /// Ends it as a power cut does.
     pub fn kill(&self) {
         let mut child = self.child.lock().unwrap();
