@@ -232,13 +232,6 @@ impl OpcUa {
             let found = all.iter().map(|login| format!("{:?}", login.token_type)).collect();
             return Err(ListenError::LoginKind { wanted, found });
         };
-        if kind == UserTokenType::UserName && self.security == Security::None {
-            let how = if readable(login) { "readable" } else { "encrypted for a server that is not verified" };
-            tracing::warn!(
-                endpoint = self.endpoint,
-                "the password goes over the network {how}; security = \"sign_and_encrypt\" protects it"
-            );
-        }
         Ok(login.clone())
     }
 }

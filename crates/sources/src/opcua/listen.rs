@@ -26,7 +26,7 @@ use super::connect::{CLOSING, Events, session};
 use super::error::ListenError;
 use super::trust::Trust;
 use super::value::Held;
-use super::{Node, OpcUa};
+use super::{Node, OpcUa, Security};
 use crate::readings::Readings;
 use crate::{Feed, Sender, SourceContext, SourceError};
 
@@ -166,6 +166,12 @@ impl OpcUa {
         let work = async {
             let late = |what| move |_| ListenError::Late { within: deadline, what };
             timeout(deadline, session.wait_for_connection()).await.map_err(late("to the login"))?;
+            if self.username.is_some() && self.security == Security::None {
+                tracing::warn!(
+                    endpoint = self.endpoint,
+                    "the password has gone to a server that is not verified; security = \"sign_and_encrypt\" protects it"
+                );
+            }
             timeout(deadline, self.subscribe(&session, &board, deadline))
                 .await
                 .map_err(late("to the request for a subscription"))??;
