@@ -28,6 +28,8 @@ use super::{OpcUa, Security, address};
 const LONGEST_MESSAGE: usize = 8 * LONGEST_CHUNK;
 /// The server keeps a session whose client is gone for so many data deadlines.
 const SESSION_DEADLINES: u32 = 4;
+/// Keys of a connection hold for so long (ms): RSA is at work only when they change.
+const CHANNEL_MS: u32 = 600_000;
 /// The end of a session or connection is waited for so long.
 pub(super) const CLOSING: Duration = Duration::from_secs(1);
 
@@ -80,6 +82,7 @@ fn client(config: &OpcUa, deadline: Duration) -> ClientConfig {
         .recreate_subscriptions(false)
         .request_timeout(deadline)
         .session_timeout(u32::try_from(keeps).unwrap_or(u32::MAX))
+        .channel_lifetime(CHANNEL_MS)
         // A server's clock may be wrong; no time of it is used.
         .ignore_clock_skew(true)
         .max_incoming_chunk_size(LONGEST_CHUNK)
