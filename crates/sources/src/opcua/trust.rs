@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use opcua_core::sync::RwLock;
-use opcua_crypto::{CertificateStore, X509};
+use opcua_crypto::{CertificateStore, KeySize, PrivateKey, SecurityPolicy, X509};
 use tempfile::TempDir;
 
 use super::{OpcUa, Security};
@@ -56,13 +56,26 @@ impl Trust {
             content(&own_file, "certificate", &expected, &e.to_string())
         })?;
         std::fs::metadata(&key).map_err(|source| SourceError::Io { path: key.clone(), source })?;
-        CertificateStore::read_pkey(&key).map_err(|_| {
+        let private = CertificateStore::read_pkey(&key).map_err(|_| {
             content(&key, "key", "an RSA key in PEM (PKCS#8, BEGIN PRIVATE KEY) without a password", "something else")
         })?;
+        if !belong(&private, &own) {
+            let expected = format!("the key of {}", own_file.display());
+            return Err(content(&key, "key", &expected, "the key of another certificate"));
+        }
         let (store, folder) = store(&certificate, &own, &key)?;
         let store = Arc::new(RwLock::new(store));
         Ok(Self { store, pinned: Some(Pinned { file, certificate }), _folder: Some(folder) })
     }
+}
+
+/// What the key signs, the certificate verifies.
+fn belong(key: &PrivateKey, certificate: &X509) -> bool {
+    let (policy, text) = (SecurityPolicy::Basic256Sha256, b"gearwatch");
+    let mut signature = vec![0; key.size()];
+    let signed = policy.asymmetric_sign(key, text, &mut signature).is_ok();
+    let verified = |public| policy.asymmetric_verify_signature(&public, text, &signature).is_ok();
+    signed && certificate.public_key().is_ok_and(verified)
 }
 
 /// The library trusts what lies in a folder: it gets one of its own, with the server's certificate

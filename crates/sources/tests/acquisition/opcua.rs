@@ -231,6 +231,7 @@ fn conform_opcua_only_the_given_certificate_is_trusted() {
         (with("sign", "server.der", "server.der", "server.pem"), "URI:urn:gearwatch as its first alternative name"),
         (with("sign", "server.pem", "client.der", "client.pem"), "expected one X.509 certificate in DER or PEM"),
         (with("sign", "server.der", "client.der", "client.der"), "expected an RSA key in PEM"),
+        (with("sign", "server.der", "client.der", "stranger.pem"), "found the key of another certificate"),
         (with("sign", "server.der", "client.der", "nowhere.pem"), "No such file"),
     ] {
         let error = opened(&keys).open_push().err().map(|e| e.to_string()).unwrap_or_default();
