@@ -46,7 +46,8 @@ impl Drop for Talk {
 /// `gearwatch_daemon=trace`); `info` where it is not set.
 pub fn start() -> Talk {
     let asked = std::env::var("GEARWATCH_LOG").unwrap_or_default();
-    let usual = || Targets::new().with_default(LevelFilter::INFO);
+    // What the client of OPC UA writes stands in the error of its source too.
+    let usual = || Targets::new().with_default(LevelFilter::INFO).with_target("opcua", LevelFilter::OFF);
     let filter: Targets = if asked.is_empty() { usual() } else { asked.parse().unwrap_or_else(|_| usual()) };
     let to_terminal = std::io::stderr().is_terminal();
     let pen = Pen::start();

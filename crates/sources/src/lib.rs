@@ -5,7 +5,7 @@
 //! KINDS ─► SourceConfig ─┤    files, pipes, simulator, LAN-XI, TCP, UDP, C libraries
 //! name      keys    open │
 //!                        └► Push: a future with a socket of its own ─► Sender ─► queue
-//!                             MQTT, Modbus                             └ tells of each packet first
+//!                             MQTT, Modbus, OPC UA                     └ tells of each packet first
 //! ```
 //!
 //! - A source knows its bench, a folder and a stop signal ([`SourceContext`]), and nothing of who
@@ -74,6 +74,7 @@ mod modbus;
 mod mqtt;
 mod nidaqmx;
 mod numbering;
+mod opcua;
 mod pace;
 mod pipe;
 mod readings;
@@ -105,6 +106,7 @@ pub static KINDS: &[Kind<dyn SourceConfig>] = &[
     sound_card::KIND,
     modbus::KIND,
     mqtt::KIND,
+    opcua::KIND,
 ];
 
 /// A source silent for so long is NOT OK (s), where its configuration says nothing else.

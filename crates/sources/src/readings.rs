@@ -28,7 +28,7 @@ pub(crate) struct Linear {
 }
 
 #[cfg_attr(
-    not(any(feature = "brokers", feature = "modbus")),
+    not(any(feature = "brokers", feature = "modbus", feature = "opcua")),
     allow(dead_code, reason = "only these sources set values")
 )]
 impl Linear {
@@ -47,7 +47,7 @@ impl Linear {
 /// What is known of a bench's operating point. Clones are the same.
 #[derive(Clone, Debug, Default)]
 #[cfg_attr(
-    not(any(feature = "brokers", feature = "modbus")),
+    not(any(feature = "brokers", feature = "modbus", feature = "opcua")),
     allow(dead_code, reason = "only these sources set values")
 )]
 pub struct Readings(Arc<Mutex<[Option<Reading>; 3]>>);
@@ -56,7 +56,7 @@ pub struct Readings(Arc<Mutex<[Option<Reading>; 3]>>);
 type Reading = (f64, Instant);
 
 #[cfg_attr(
-    not(any(feature = "brokers", feature = "modbus")),
+    not(any(feature = "brokers", feature = "modbus", feature = "opcua")),
     allow(dead_code, reason = "only these sources set values")
 )]
 impl Readings {

@@ -47,6 +47,20 @@ fn conform_values_that_cannot_be_are_named() {
             "without wildcards",
         ),
         ("kind = \"mqtt\"\nbroker = \"x:1\"\ntopics = [{ quantity = \"torque\", topic = \"a\" }]", "brake_torque_nm"),
+        ("kind = \"opcua\"\nendpoint = \"192.168.1.10\"\nnodes = []", "expected opc.tcp://host:port"),
+        ("kind = \"opcua\"\nendpoint = \"opc.tcp://me:secret@plc\"\nnodes = []", "endpoint opc.tcp://plc holds a user"),
+        (
+            "kind = \"opcua\"\nendpoint = \"opc.tcp://x\"\nnodes = [{ quantity = \"temperature_c\", node = \"Oil\" }]",
+            "expected an id as ns=2;s=Brake.Torque",
+        ),
+        (
+            "kind = \"opcua\"\nendpoint = \"opc.tcp://x\"\nsecurity = \"sign\"\nnodes = []",
+            "server_certificate is missing",
+        ),
+        (
+            "kind = \"opcua\"\nendpoint = \"opc.tcp://x\"\npassword_file = \"p\"\nnodes = []",
+            "password_file goes with username",
+        ),
         ("kind = \"nidaqmx\"\nsample_rate_hz = 1e9\nchannels = []", "channels is empty"),
         (
             "kind = \"nidaqmx\"\nsample_rate_hz = 1e4\nchannels = [{ input = \"ai0\", sensor = \"a\" }]",

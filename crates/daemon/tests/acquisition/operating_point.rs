@@ -55,7 +55,7 @@ impl Registers {
     }
 }
 
-fn service(operating_point: &str) -> Running {
+pub fn service(operating_point: &str) -> Running {
     let folder = tempfile::tempdir().unwrap();
     bench_file(folder.path(), "bench.toml", "b");
     // Readings are matched with samples by time. The signal's own operating point, at its start, is
@@ -70,7 +70,7 @@ fn service(operating_point: &str) -> Running {
 }
 
 /// Torque as read and as told by the newest verdict, and whether the machine's state is known.
-fn seen(running: &Running) -> (Option<f64>, MachineState) {
+pub fn seen(running: &Running) -> (Option<f64>, MachineState) {
     let snapshot = running.status();
     let bench = &snapshot.benches[0];
     (bench.brake_torque_nm, bench.machine)

@@ -5,4 +5,5 @@ mod frames;
 mod iio;
 mod lanxi;
 mod nidaqmx;
+mod opcua;
 mod support;

@@ -9,7 +9,7 @@ use gearwatch_core::block::{Block, Packet, Quality, Samples};
 use gearwatch_emulate::{Instrument, InstrumentConfig, Open};
 use gearwatch_runtime::kinds;
 use gearwatch_runtime::stop::Stop;
-use gearwatch_sources::{Feed, KINDS, Pull, SourceConfig, SourceContext, SourceError, Speed};
+use gearwatch_sources::{Feed, KINDS, Pull, Push, SourceConfig, SourceContext, SourceError, Speed};
 use toml::{Table, Value};
 
 pub const RATE_HZ: f64 = 16_384.0;
@@ -97,6 +97,13 @@ impl Opened {
         match self.config.open(&self.context)? {
             Feed::Pull(pull) => Ok(pull),
             Feed::Push(_) => panic!("this one is pulled"),
+        }
+    }
+
+    pub fn open_push(&self) -> Result<Push, SourceError> {
+        match self.config.open(&self.context)? {
+            Feed::Push(push) => Ok(push),
+            Feed::Pull(_) => panic!("this one pushes"),
         }
     }
 
