@@ -11,7 +11,8 @@
 //! A machine has lines that nobody listed. How often one lies at a frequency in all recordings is
 //! read from the recordings themselves: the same is asked at frequencies beside the mains, where
 //! none enters. Its amplitude is another one in each recording; so that it passes for what enters
-//! behind the machine, those must be alike by chance.
+//! behind the machine, those must be alike by chance. And it is heard by other sensors as well: a
+//! place counts where this sensor leads the others by as much.
 
 mod joint;
 mod sham;
@@ -75,7 +76,9 @@ pub struct FixedLine {
     pub by_speed: Vec<f64>,
     /// Speeds at which it gains enough by an amplitude of their own.
     pub speeds_seen: usize,
-    /// Largest gain of the same line on another sensor.
+    /// Nats that it gains more than at any other sensor.
+    pub lead: f64,
+    /// Largest gain of the same line on another sensor, where its amplitude is one there too.
     pub elsewhere: f64,
     /// Lines of the machine that may be expected to be as much alike in all recordings of this
     /// sensor, among all places asked, and those that the reference has.
@@ -216,13 +219,15 @@ pub fn fit(
         let before: Vec<Cell> = cells[recordings.len()..].iter().filter_map(|of| of[k][c]).collect();
         line(&places[k], names[c], recordings, &own, &before)
     };
-    let shams = |c: usize| Shams::new((asked..places.len()).map(|k| line_at(k, c)));
-    let shams: Vec<Shams> = (0..names.len()).map(shams).collect();
+    // By place and sensor.
+    let lines: Vec<Vec<Option<FixedLine>>> =
+        (0..places.len()).map(|k| leads((0..names.len()).map(|c| line_at(k, c)).collect())).collect();
+    let shams: Vec<Shams> = (0..names.len()).map(|c| Shams::new(lines[asked..].iter().map(|of| &of[c]))).collect();
     let mut out: Vec<FixedLine> = Vec::new();
-    for k in 0..asked {
+    for (k, lines) in lines.into_iter().take(asked).enumerate() {
         let first = out.len();
-        out.extend(shams.iter().enumerate().filter_map(|(c, shams)| {
-            let l = line_at(k, c)?;
+        out.extend(lines.into_iter().zip(&shams).filter_map(|(line, shams)| {
+            let l = line?;
             Some(FixedLine { expected: shams.expected(&l, 1.0 / share(&places[..asked], k)), ..l })
         }));
         let gains: Vec<(String, f64)> =
@@ -233,6 +238,14 @@ pub fn fit(
     }
     out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     out
+}
+
+/// Lines of the sensors at one place, each with its lead over the others.
+fn leads(lines: Vec<Option<FixedLine>>) -> Vec<Option<FixedLine>> {
+    let gains: Vec<f64> = lines.iter().map(|l| l.as_ref().map_or(0.0, |l| l.gain.max(0.0))).collect();
+    let heard = |c: usize| gains.iter().enumerate().filter(|(other, _)| *other != c).map(|g| *g.1).fold(0.0, f64::max);
+    let led = |(c, line): (usize, Option<FixedLine>)| line.map(|l| FixedLine { lead: l.gain - heard(c), ..l });
+    lines.into_iter().enumerate().map(led).collect()
 }
 
 /// A line of one channel from its cells in the recordings and before; `None` where nothing is
@@ -273,6 +286,7 @@ fn line(
         known: if before.is_empty() { 0.0 } else { (-gain).exp() },
         by_speed: speeds.iter().map(|s| gained(&s.1)).collect(),
         speeds_seen: speeds.iter().filter(|s| in_common(&s.1).1 > GAIN_EACH).count(),
+        lead: gain,
         elsewhere: 0.0,
         expected: f64::INFINITY,
     })
@@ -382,7 +396,7 @@ mod tests {
         let own: Vec<Option<Cell>> = cells.iter().map(|c| Some(c.1)).collect();
         let l = line(&MAINS, "acc", &recordings, &own, before)?;
         // None of a hundred shams, and 50 Hz among all places of the mains.
-        let (shams, places) = (Shams::new((0..100).map(|_| None)), 1.0 / share(&mains(), 0));
+        let (shams, places) = (Shams::new(vec![None; 100].iter()), 1.0 / share(&mains(), 0));
         Some(FixedLine { expected: shams.expected(&l, places), ..l })
     }
 

@@ -17,21 +17,23 @@ pub fn beside(mains: &[Place]) -> Vec<Place> {
 /// Lines at sham places on one sensor.
 pub struct Shams {
     asked: usize,
-    there: usize,
+    /// Leads of those that are there.
+    leads: Vec<f64>,
 }
 
 impl Shams {
     /// From the lines at all sham places.
-    pub fn new(lines: impl ExactSizeIterator<Item = Option<FixedLine>>) -> Self {
-        Self { asked: lines.len(), there: lines.flatten().filter(FixedLine::is_there).count() }
+    pub fn new<'a>(lines: impl ExactSizeIterator<Item = &'a Option<FixedLine>>) -> Self {
+        Self { asked: lines.len(), leads: lines.flatten().filter(|l| l.is_there()).map(|l| l.lead).collect() }
     }
 
-    /// How many of so many places may be expected to hold a line of the machine whose amplitudes
-    /// are as much alike in all recordings, which is one in `exp(alike)` of those that are there;
-    /// and that this one was there before.
+    /// How many of so many places may be expected to hold a line of the machine by which this
+    /// sensor leads the others as far, and whose amplitudes are as much alike in all recordings,
+    /// which is one in `exp(alike)` of them; and that this one was there before.
     pub fn expected(&self, line: &FixedLine, places: f64) -> f64 {
+        let as_far = self.leads.iter().filter(|lead| **lead >= line.lead).count();
         // Jeffreys' prior of a share.
-        let share = (0.5 + self.there as f64) / (1.0 + self.asked as f64);
+        let share = (0.5 + as_far as f64) / (1.0 + self.asked as f64);
         places * share * (-line.alike).exp() + line.known
     }
 }
@@ -51,22 +53,25 @@ mod tests {
             known: 0.0,
             by_speed: vec![gain; 2],
             speeds_seen: 2,
+            lead: gain,
             elsewhere: 0.0,
             expected: f64::INFINITY,
         }
     }
 
-    /// Of 99 shams none is there: of 20 places 20 · 0.5/100 exp(-a) are expected. Nine of them: 20
-    /// times 9.5/100 exp(-a).
+    /// Of 99 shams none is there: of 20 places 20 · 0.5/100 exp(-a) are expected. Nine of them that
+    /// lead as far: 20 times 9.5/100 exp(-a). Of a line that leads further, as without any.
     #[test]
     fn analytic_expected_lines_follow_the_shams() {
-        let none = Shams::new((0..99).map(|_| None));
+        let nothing = vec![None; 99];
+        let none = Shams::new(nothing.iter());
         assert!((none.expected(&line(40.0, 3.0), 20.0) - 0.1 * (-3.0f64).exp()).abs() < 1e-12);
         let some: Vec<_> = (0..99).map(|k| (k < 9).then(|| line(40.0, 0.0))).collect();
-        let some = Shams::new(some.into_iter());
+        let some = Shams::new(some.iter());
         let before = FixedLine { known: 0.5, ..line(40.0, 1e3) };
         assert!((none.expected(&before, 20.0) - 0.5).abs() < 1e-12);
         assert!((some.expected(&line(40.0, 1.0), 20.0) - 1.9 * (-1.0f64).exp()).abs() < 1e-12);
+        assert_eq!(some.expected(&line(41.0, 1.0), 20.0), none.expected(&line(41.0, 1.0), 20.0));
     }
 
     /// No sham lies on a multiple of the mains.
