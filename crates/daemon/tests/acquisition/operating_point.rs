@@ -1,4 +1,4 @@
-//! Modbus TCP against a small server, MQTT against mosquitto (passed over with a message where it
+//! Modbus TCP against a small server, MQTT against mosquitto (skipped where it
 //! is not installed).
 #![allow(clippy::print_stdout, reason = "a test that is passed over says so")]
 
@@ -118,7 +118,7 @@ impl Broker {
     fn start() -> Option<Self> {
         let Some(program) = ["/usr/sbin/mosquitto", "/usr/bin/mosquitto"].into_iter().find(|p| Path::new(p).exists())
         else {
-            println!("mosquitto is not installed: passed over");
+            println!("skipped: mosquitto is not installed");
             return None;
         };
         let folder = tempfile::tempdir().unwrap();
