@@ -9,7 +9,7 @@ use crate::judge::report::Evidence;
 /// Place of what all sensors have in common.
 pub const HOUSING: &str = "housing";
 
-/// Effects that alter the way from housing to samples.
+/// Whether an effect alters the way from housing to samples.
 pub fn is_path(effect: &str, place: &str) -> bool {
     matches!(effect, "sensor_mounting" | "structural_resonance" | "scaling")
         || (effect == "damping" && place == HOUSING)

@@ -11,6 +11,8 @@ use gearwatch_core::train::Train;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::name::gear::gears_on;
+
 /// A kind of change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
@@ -187,12 +189,6 @@ impl Truth {
 
 fn gears(bench: &Bench) -> Vec<String> {
     bench.stages.iter().flat_map(|s| ["pinion", "wheel"].map(|g| format!("{}.{g}", s.name))).collect()
-}
-
-fn gears_on(bench: &Bench, shaft: usize) -> Vec<String> {
-    let pinion = bench.stages.get(shaft).map(|s| format!("{}.pinion", s.name));
-    let wheel = shaft.checked_sub(1).and_then(|i| bench.stages.get(i)).map(|s| format!("{}.wheel", s.name));
-    pinion.into_iter().chain(wheel).collect()
 }
 
 /// Damping of the resonance that is put into a path, and its frequency (share of the sample rate).

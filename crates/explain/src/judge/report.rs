@@ -44,7 +44,7 @@ pub struct Explanation {
     pub steps: Vec<String>,
 }
 
-/// The force that nobody named.
+/// A force without a name, as it would account for what is left.
 #[derive(Clone, Debug, Serialize)]
 pub struct LatentForce {
     /// Length of its period in revolutions of the input shaft.

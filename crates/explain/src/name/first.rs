@@ -98,7 +98,7 @@ pub fn once_a_turn(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding>
         return None;
     }
     let mut f = Finding::new("unbalance", shaft.clone(), UNBALANCE);
-    f.alternatives.extend(gears_on(q, j).into_iter().map(|gear| ("eccentricity", gear)));
+    f.alternatives.extend(gears_on(q.bench, j).into_iter().map(|gear| ("eccentricity", gear)));
     f.evidence.place = format!("first order of {shaft}");
     f.evidence.support = format!("it leads the row of its shaft by {lead:.1} nats, and the sidebands do not lead");
     Some(f)

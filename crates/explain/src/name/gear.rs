@@ -1,6 +1,8 @@
 //! Names for what changed within one revolution of a gear: one damaged tooth, run-out, errors of
 //! all teeth.
 
+use gearwatch_core::bench::Bench;
+
 use crate::change::comb::{self, Difference, GearChange};
 use crate::change::locate::{Cell, Place};
 use crate::change::masks;
@@ -65,17 +67,11 @@ pub fn gear_name(q: &Question<'_>, i: usize, j: usize) -> String {
     format!("{}.{}", q.train.stages[i].name, if i == j { "pinion" } else { "wheel" })
 }
 
-/// Places that carry a gear on a shaft: pinion of the stage behind it, wheel of the stage before
-/// it.
-pub fn gears_on(q: &Question<'_>, shaft: usize) -> Vec<String> {
-    let mut out = Vec::new();
-    if let Some(s) = q.train.stages.get(shaft) {
-        out.push(format!("{}.pinion", s.name));
-    }
-    if let Some(s) = shaft.checked_sub(1).and_then(|i| q.train.stages.get(i)) {
-        out.push(format!("{}.wheel", s.name));
-    }
-    out
+/// Gears on a shaft: the pinion of the stage behind it, the wheel of the stage before it.
+pub fn gears_on(bench: &Bench, shaft: usize) -> Vec<String> {
+    let pinion = bench.stages.get(shaft).map(|s| format!("{}.pinion", s.name));
+    let wheel = shaft.checked_sub(1).and_then(|i| bench.stages.get(i)).map(|s| format!("{}.wheel", s.name));
+    pinion.into_iter().chain(wheel).collect()
 }
 
 fn one_tooth(name: String, probability: f64, change: &GearChange) -> Finding {

@@ -38,8 +38,9 @@ const SURE_LEAD_OF_CHANGE: f64 = 2.3;
 /// ln amplitude by which that lead exceeds that of every other multiple of the shaft, what the mesh
 /// mixes the waves to among them: a component of the pitch error that stands out does so about
 /// every mesh harmonic, and a bearing lights a family of lines. Of 352 benches of another generator
-/// without a ghost, 266 of them by their references alone, some lead by up to 3.6, but none that
-/// teeth could bear and that leads enough exceeds by more than 0.9; ghosts exceed by 1.4 at least.
+/// without a ghost, 266 of them by their references alone, some lead by up to 3.6. Of what a gear
+/// could bear and no other shaft shares, none that leads enough exceeds by more than 0.9; ghosts
+/// exceed by 1.4 at least.
 const LONE: f64 = 1.0;
 /// Mesh harmonics up to which mixed lines are looked at.
 const MIXED: usize = 3;
@@ -229,7 +230,7 @@ fn candidate(q: &Question<'_>, combs: &[Comb], shaft: usize, multiple: usize, re
         let fits = remainder(multiple, teeth) >= LOW && multiple < (MIXED + 1) * teeth;
         fits.then_some(Bearer { gear, mixed })
     };
-    let bearers: Vec<Bearer> = gears_on(q, shaft).into_iter().filter_map(bearer).collect();
+    let bearers: Vec<Bearer> = gears_on(q.bench, shaft).into_iter().filter_map(bearer).collect();
     (!bearers.is_empty()).then(|| Candidate { shaft, multiple, lead, level: comb.level[multiple - 1], bearers })
 }
 
@@ -323,10 +324,10 @@ fn teeth_of(q: &Question<'_>, gear: &str) -> Option<u32> {
 
 /// Whether a line is a ghost's own or one that the meshes of its shaft mix it to.
 pub fn explains(q: &Question<'_>, ghost: &Finding, order: f64) -> bool {
-    let shaft = (0..q.train.shafts.len()).find(|j| gears_on(q, *j).contains(&ghost.place));
+    let shaft = (0..q.train.shafts.len()).find(|j| gears_on(q.bench, *j).contains(&ghost.place));
     let (Some(shaft), Some(waves)) = (shaft, ghost.parameters.get("order")) else { return false };
     let multiple = order / q.train.shafts[shaft].1;
-    gears_on(q, shaft).iter().filter_map(|g| teeth_of(q, g)).any(|teeth| {
+    gears_on(q.bench, shaft).iter().filter_map(|g| teeth_of(q, g)).any(|teeth| {
         let teeth = f64::from(teeth);
         let off = |x: f64| (x - (x / teeth).round() * teeth).abs();
         off(multiple - waves.value) < WHOLE || off(multiple + waves.value) < WHOLE

@@ -11,8 +11,8 @@
 //! A machine has lines that nobody listed. How often one lies at a frequency in all recordings is
 //! read from the recordings themselves: the same is asked at frequencies beside the mains, where
 //! none enters. Its amplitude is another one in each recording; so that it passes for what enters
-//! behind the machine, those must be alike by chance. And it is heard by other sensors as well: a
-//! place counts where this sensor leads the others by as much.
+//! behind the machine, those must be alike by chance. And it reaches other sensors: a place beside the
+//! mains counts where this sensor leads the others by as much.
 
 mod joint;
 mod sham;
@@ -221,7 +221,7 @@ pub fn fit(
     };
     // By place and sensor.
     let lines: Vec<Vec<Option<FixedLine>>> =
-        (0..places.len()).map(|k| leads((0..names.len()).map(|c| line_at(k, c)).collect())).collect();
+        (0..places.len()).map(|k| with_leads((0..names.len()).map(|c| line_at(k, c)).collect())).collect();
     let shams: Vec<Shams> = (0..names.len()).map(|c| Shams::new(lines[asked..].iter().map(|of| &of[c]))).collect();
     let mut out: Vec<FixedLine> = Vec::new();
     for (k, lines) in lines.into_iter().take(asked).enumerate() {
@@ -241,7 +241,7 @@ pub fn fit(
 }
 
 /// Lines of the sensors at one place, each with its lead over the others.
-fn leads(lines: Vec<Option<FixedLine>>) -> Vec<Option<FixedLine>> {
+fn with_leads(lines: Vec<Option<FixedLine>>) -> Vec<Option<FixedLine>> {
     let gains: Vec<f64> = lines.iter().map(|l| l.as_ref().map_or(0.0, |l| l.gain.max(0.0))).collect();
     let heard = |c: usize| gains.iter().enumerate().filter(|(other, _)| *other != c).map(|g| *g.1).fold(0.0, f64::max);
     let led = |(c, line): (usize, Option<FixedLine>)| line.map(|l| FixedLine { lead: l.gain - heard(c), ..l });
@@ -398,6 +398,20 @@ mod tests {
         // None of a hundred shams, and 50 Hz among all places of the mains.
         let (shams, places) = (Shams::new(vec![None; 100].iter()), 1.0 / share(&mains(), 0));
         Some(FixedLine { expected: shams.expected(&l, places), ..l })
+    }
+
+    /// Three sensors that gain 40, 10 and nothing: the first leads by 30, the second is 30 behind. A
+    /// sensor that would lose by the line counts as one without it.
+    #[test]
+    fn analytic_a_sensor_leads_the_next() {
+        let cell = Cell { hz: 50.0, amplitude: 3.0, noise: 1.0 };
+        let own = judged(&[(25.0, cell)], &[]).unwrap();
+        let lead = |gains: [Option<f64>; 3]| -> Vec<Option<f64>> {
+            let line = |gain: Option<f64>| gain.map(|gain| FixedLine { gain, ..own.clone() });
+            with_leads(gains.map(line).into()).into_iter().map(|l| l.map(|l| l.lead)).collect()
+        };
+        assert_eq!(lead([Some(40.0), Some(10.0), None]), [Some(30.0), Some(-30.0), None]);
+        assert_eq!(lead([Some(40.0), Some(-5.0), None]), [Some(40.0), Some(-45.0), None]);
     }
 
     /// Ten multiples and two other places: each of the two has a twelfth, the multiples the rest by
