@@ -11,8 +11,8 @@
 //! A machine has lines that nobody listed. How often one lies at a frequency in all recordings is
 //! read from the recordings themselves: the same is asked at frequencies beside the mains, where
 //! none enters. Its amplitude is another one in each recording; so that it passes for what enters
-//! behind the machine, those must be alike by chance. And it reaches other sensors: a place beside the
-//! mains counts where this sensor leads the others by as much.
+//! behind the machine, those must be alike by chance. And it reaches other sensors: a place beside
+//! the mains counts where this sensor leads the others by as much.
 
 mod joint;
 mod sham;
@@ -400,8 +400,8 @@ mod tests {
         Some(FixedLine { expected: shams.expected(&l, places), ..l })
     }
 
-    /// Three sensors that gain 40, 10 and nothing: the first leads by 30, the second is 30 behind. A
-    /// sensor that would lose by the line counts as one without it.
+    /// Three sensors that gain 40, 10 and nothing: the first leads by 30, the second is 30 behind.
+    /// A sensor that would lose by the line counts as one without it.
     #[test]
     fn analytic_a_sensor_leads_the_next() {
         let cell = Cell { hz: 50.0, amplitude: 3.0, noise: 1.0 };
