@@ -164,7 +164,7 @@ pub fn answer(
     if findings.is_empty() && !unexplained {
         unexplained = strange::has_no_name(q, &strange, &mut steps);
     }
-    if findings.is_empty() && !unexplained {
+    if !unexplained && findings.iter().all(|f| strange::moves_no_mode(f.effect)) {
         findings.extend(strange::moved_mode(q, &strange, &mut steps));
     }
     if fit.is_none() {

@@ -1,6 +1,7 @@
 //! Lines and envelope orders that no gear makes, and the names that they give.
 
 use gearwatch_core::train::Train;
+use gearwatch_sim::effects::{self, EntryPoint};
 
 use crate::change::compare::Comparison;
 use crate::finding::{Finding, HOUSING};
@@ -350,8 +351,14 @@ fn moves_alone(strange: &Strange, steps: &mut Vec<String>) -> bool {
     true
 }
 
-/// A mode of the path that moved. On one sensor alone it is the sensor's own; a bearing of the
-/// train whose stiffness changed moves modes as well.
+/// Whether an effect leaves every mode where it is: errors of geometry and forces alter what excites
+/// a machine, not how it gives way.
+pub fn moves_no_mode(effect: &str) -> bool {
+    effects::find(effect).is_ok_and(|e| matches!(e.entry_point(), EntryPoint::Geometry | EntryPoint::Force))
+}
+
+/// A mode of the path that moved, beside what moves none. On one sensor alone it is the sensor's
+/// own; a bearing of the train whose stiffness changed moves modes as well.
 pub fn moved_mode(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> Option<Finding> {
     let mode = strange.moved_mode.as_ref()?;
     steps.push(mode.describe());
