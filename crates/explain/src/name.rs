@@ -5,6 +5,7 @@ pub mod against;
 pub mod alone;
 pub mod bearing;
 pub mod direct;
+pub mod faint_family;
 pub mod family;
 pub mod first;
 pub mod found;
@@ -114,7 +115,7 @@ pub fn answer(
     let mut fit = None;
     let mut p = None;
     let mut free = None;
-    let family = family::family(q, &strange.orders);
+    let family = family::family(q, &strange.orders).or_else(|| faint_family::faint_family(q));
     let cells = cells(q, &strange, family.as_ref());
     let mut own = cells.clone();
     let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();

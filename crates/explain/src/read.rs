@@ -21,5 +21,6 @@ pub mod order_swing;
 pub mod plain;
 pub mod ratio;
 pub mod scan;
+pub mod surprise;
 pub mod transients;
 pub mod wander;

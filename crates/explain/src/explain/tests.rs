@@ -327,6 +327,29 @@ fn analytic_the_sensor_that_hears_a_bearing_more_tells_its_shaft() {
     assert_eq!((place(0).as_str(), place(1).as_str()), ("input", "output"));
 }
 
+/// Twelve multiples of order 3.43, each at five times the noise of its bin, a third of what a line
+/// must have to be called new: together they are a bearing's. Lines as faint anywhere are not.
+#[test]
+fn analytic_faint_multiples_of_one_order_are_a_bearing() {
+    // A Hann window of N samples puts a line of amplitude A at A² N / (6 σ²) of noise of variance
+    // σ².
+    let amplitude = (5.0 * 6.0 * (1.0 / 12.0) / SAMPLES as f64).sqrt();
+    let lines = |orders: Vec<f64>| {
+        move |_: usize, _: f64, angle: f64| -> f64 { orders.iter().map(|o| amplitude * (TAU * o * angle).cos()).sum() }
+    };
+    let before = session(50, 23.0, &nothing);
+    let passages = lines((1..=12).map(|k| 3.43 * f64::from(k)).collect());
+    let answer = ask(&session(1, 23.0, &passages), &before);
+    let (effect, shaft) = first(&answer);
+    assert_eq!(effect, "bearing_defect", "{:?}", answer.steps);
+    // Races of either shaft may be passed so often.
+    let turns = if shaft == "output" { 23.0 / 41.0 } else { 1.0 };
+    let order = turns * answer.effects[0].parameters["order"].value();
+    assert!((order / 3.43 - 1.0).abs() < 2e-3, "{order}");
+    let anywhere = lines((1..=12).map(|k| 3.43 * f64::from(k) + (0.618 * f64::from(k * k)).fract()).collect());
+    assert_eq!(ask(&session(1, 23.0, &anywhere), &before).status, Status::Consistent);
+}
+
 /// All speeds behind the display, without a tacho: by the same share at both loads the sample clock
 /// is off, in proportion to the torque the belt slips. The recordings' speeds scatter by ±0.1 % as
 /// those of a drive do.

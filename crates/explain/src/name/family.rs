@@ -20,16 +20,19 @@ use crate::read::envelope;
 use crate::read::scan::StrangeLine;
 
 /// Highest multiple of a family; its lines are alike before they are heard.
-const MULTIPLES: u32 = 16;
+pub const MULTIPLES: u32 = 16;
 /// Standard deviation of a passage's order over a recording (relative): elements slip by a part in
 /// a thousand, and more at low load (Randall & Antoni 2011, 1 to 2 % at most).
-const SLIP: f64 = 1e-3;
+pub const SLIP: f64 = 1e-3;
 /// How well the place of a faint line is known (bins of the order spectrum).
 const PLACE_BINS: f64 = 0.3;
 /// Distance (bins) from all combs beyond which the window's main lobe leaves a line to itself.
 const OFF_COMB: f64 = 2.0;
+/// Lowest order of a passage (of the slowest shaft): balls, cages and larger bearings lie below,
+/// and in every bench's modulations too.
+pub const LOWEST: f64 = 1.6;
 /// Highest order of a passage (of the input shaft).
-const HIGHEST: f64 = 16.0;
+pub const HIGHEST: f64 = 16.0;
 /// Share of new lines that may be something else's.
 const OTHERS: f64 = 0.3;
 /// Share of lines of no family that stand beside a comb's, and how far they reach (bins): what is
@@ -41,7 +44,7 @@ const REACH: f64 = 2.0;
 /// Standard deviations from a multiple at which the density of a family's lines is no number.
 const NOWHERE: f64 = 39.0;
 /// Odds that a bench with a new line has such a family, before it is looked for.
-const PRIOR: f64 = 1e-3;
+pub const PRIOR: f64 = 1e-3;
 
 /// Lines at multiples of one order.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,12 +104,11 @@ pub fn family(q: &Question<'_>, lines: &[StrangeLine]) -> Option<Family> {
     let positions: Vec<f64> = off_comb.map(|l| l.position).collect();
     let revolutions = q.recordings.iter().map(|r| r.revolutions).fold(f64::INFINITY, f64::min);
     let slowest = q.train.shafts.iter().map(|s| s.1).fold(f64::INFINITY, f64::min);
-    // Lowest passage: balls, cages and larger bearings lie below, and in every bench's modulations
-    // too. Two shafts together make families of their own.
+    // Two shafts together make families of their own.
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let shafts: Vec<f64> = q.train.shafts.iter().map(|s| s.1).collect();
     let combs = combs(q.train, revolutions);
-    of_positions(&positions, revolutions, &shafts, 1.6 * slowest, &mixed, &|order| stray(&combs, revolutions, order))
+    of_positions(&positions, revolutions, &shafts, LOWEST * slowest, &mixed, &|order| stray(&combs, revolutions, order))
 }
 
 /// Density of lines that are of no family, over that of lines that are even over the band: some lie
@@ -159,6 +161,11 @@ impl Passage {
     }
 }
 
+/// How many orders of passages could be told apart from a lowest one on.
+pub fn tried(lowest: f64) -> f64 {
+    (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt())
+}
+
 fn of_positions(
     positions: &[f64],
     revolutions: f64,
@@ -184,7 +191,7 @@ fn of_positions(
         }
         (OTHERS + odds * (-0.5 * z * z).exp() / family.count()).ln()
     };
-    let tried = (HIGHEST / lowest).ln() / (SLIP * TAU.sqrt());
+    let tried = tried(lowest);
     let with = shafts.iter().copied().enumerate().map(Some);
     let best = std::iter::once(None).chain(with).filter_map(|turns_with| {
         // Every line as every multiple, and every sideband of one, proposes an order.

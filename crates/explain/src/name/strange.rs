@@ -351,8 +351,8 @@ fn moves_alone(strange: &Strange, steps: &mut Vec<String>) -> bool {
     true
 }
 
-/// Whether an effect leaves every mode where it is: errors of geometry and forces alter what excites
-/// a machine, not how it gives way.
+/// Whether an effect leaves every mode where it is: errors of geometry and forces alter what
+/// excites a machine, not how it gives way.
 pub fn moves_no_mode(effect: &str) -> bool {
     effects::find(effect).is_ok_and(|e| matches!(e.entry_point(), EntryPoint::Geometry | EntryPoint::Force))
 }

@@ -8,9 +8,10 @@
 //! counts is the gain at all speeds together beyond that at the one speed that shows most: lines
 //! that nobody listed, and skirts of those that were, stand elsewhere at another speed.
 //!
-//! Meshes make noise, and teeth that changed make more of it or less. It stands out where modes that
-//! stay carry it to a sensor: there the background rises, or falls, by a peak `a` of one sign on all
-//! channels, of any width and place. What the best such peak accounts for is not counted either.
+//! Meshes make noise, and teeth that changed make more of it or less. It stands out where modes
+//! that stay carry it to a sensor: there the background rises, or falls, by a peak `a` of one sign
+//! on all channels, of any width and place. What the best such peak accounts for is not counted
+//! either.
 
 use std::ops::Range;
 
