@@ -2,8 +2,9 @@
 //! stand out a little.
 //!
 //! The surprises of the multiples of an order are summed. By chance such a sum of `n` is
-//! gamma-distributed with shape `n` (Fisher 1932); what that leaves, less what so many orders that
-//! could have been tried would find, and with how usual the order is of a bearing, is the evidence.
+//! gamma-distributed with shape `n` (Fisher 1932). The evidence is how improbable the sum is, less
+//! what so many orders that could have been tried would find, and with how usual the order is of a
+//! bearing.
 
 use crate::name::bearing;
 use crate::name::family::{Family, HIGHEST, LOWEST, MULTIPLES, PRIOR, SLIP, tried};
@@ -43,19 +44,21 @@ pub fn faint_family(q: &Question<'_>) -> Option<Family> {
     let revolutions = q.recordings.iter().map(|r| r.revolutions).fold(f64::INFINITY, f64::min);
     let mixed = |order: f64| envelope::is_mixed(q.train, order, (1.0 / revolutions).max(2.0 * SLIP * order));
     let nats = |place: usize| {
-        let read = (1..=MULTIPLES).filter_map(|k| surprise.at(place, k));
-        let (count, sum) = read.fold((0, 0.0), |(count, sum), nats| (count + 1, sum + nats));
-        let order = surprise.order(place);
-        let usual = || bearing::usual(q.train, order, HIGHEST - lowest);
-        (count >= LEAST && sum > f64::from(count)).then(|| usual() - ln_beyond(count, sum))
+        let together = improbable(&surprise, place, |_| true)?;
+        Some(together + bearing::usual(q.train, surprise.order(place), HIGHEST - lowest))
     };
     let places = (0..surprise.below(HIGHEST)).filter(|place| !mixed(surprise.order(*place)));
     let (place, best) =
         places.filter_map(|place| Some((place, nats(place)?))).reduce(|a, b| if b.1 > a.1 { b } else { a })?;
     let nats = best - tried(lowest).ln() + PRIOR.ln();
     let whole = surprise.order(place);
-    let part = [3, 2].into_iter().find(|k| whole / f64::from(*k) > lowest && between(&surprise, whole, *k) > SHOWN);
-    let order = whole / f64::from(part.unwrap_or(1));
+    // Where the lines between stand out as well, it is a multiple of what passes.
+    let is_passed = |part: &u32| {
+        let order = whole / f64::from(*part);
+        let between = || improbable(&surprise, surprise.below(order), |k| k % part != 0);
+        order > lowest && between().is_some_and(|nats| nats > SHOWN)
+    };
+    let order = whole / f64::from([3, 2].into_iter().find(is_passed).unwrap_or(1));
     let place = surprise.below(order);
     let shown = (1..=MULTIPLES).filter(|k| surprise.at(place, *k).is_some_and(|nats| nats > SHOWN)).map(f64::from);
     let multiples: Vec<(f64, f64)> = shown.map(|k| (k, 0.0)).collect();
@@ -63,13 +66,12 @@ pub fn faint_family(q: &Question<'_>) -> Option<Family> {
     (nats > 0.0).then_some(Family { order, lines, multiples, shaft: None, nats })
 }
 
-/// Surprise of the lines that an order's part has and the order has not, together: where they stand
-/// out as well, the order is a multiple of what passes.
-fn between(surprise: &Surprise, order: f64, part: u32) -> f64 {
-    let place = surprise.below(order / f64::from(part));
-    let lines = (1..=MULTIPLES).filter(|k| k % part != 0).filter_map(|k| surprise.at(place, k));
-    let (count, sum) = lines.fold((0, 0.0), |(count, sum), nats| (count + 1, sum + nats));
-    if count < LEAST { 0.0 } else { -ln_beyond(count, sum) }
+/// How improbable (nats) it is that some multiples of an order stand out as far together by chance;
+/// `None` where few are read, or they stand out less than is usual.
+fn improbable(surprise: &Surprise, place: usize, counts: impl Fn(u32) -> bool) -> Option<f64> {
+    let read = (1..=MULTIPLES).filter(|k| counts(*k)).filter_map(|k| surprise.at(place, k));
+    let (count, sum) = read.fold((0, 0.0), |(count, sum), nats| (count + 1, sum + nats));
+    (count >= LEAST && sum > f64::from(count)).then(|| -ln_beyond(count, sum))
 }
 
 #[cfg(test)]

@@ -318,8 +318,7 @@ mod tests {
         assert!(gain(6) > 5.0);
     }
 
-    /// Modes of 2 % that stay, about which noise that carries no mode elsewhere rises fivefold (ln
-    /// 5 of its power): no mode moved, while `a` alone would gain by it. The same about a mode that
+    /// Noise whose power rises fivefold about two modes that stay: none moved. Beside it one that
     /// moves by 2 % is found.
     #[test]
     fn analytic_noise_that_rises_about_modes_is_no_mode_that_moved() {

@@ -11,7 +11,7 @@
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
 
 /// Step of the axis (ln).
-pub const STEP: f64 = 4e-4;
+const STEP: f64 = 4e-4;
 /// Largest power over floor of one bin: a strong line does not decide.
 const LIMIT: f64 = 30.0;
 /// Bins about a line of the train that are its own, and about a multiple of a shaft.
@@ -25,10 +25,11 @@ const FREE: f64 = 0.6;
 const ABOUT: f64 = std::f64::consts::LN_2;
 const LEAST: usize = 200;
 
-/// Surprise (nats) by order; `None` where lines of the train stand.
+/// Surprises over a logarithmic axis of orders.
 pub struct Surprise {
-    /// Of the first order.
+    /// The first order.
     lowest: f64,
+    /// By place; `None` where lines of the train stand.
     nats: Vec<Option<f64>>,
 }
 
