@@ -50,8 +50,6 @@ const OF_NOBODY_MOVED: f64 = 1.645;
 const LEAST_NOBODYS: usize = 8;
 /// Lines that must move, in all recordings together.
 const TEETH_LINES: usize = 8;
-/// Mean log excess of a comb on noise.
-const ON_NOISE: f64 = 0.3;
 /// Lines nearer than this to each other (bins of the time spectrum) are not told apart: speeds
 /// wander.
 const APART_BINS: f64 = 6.0;
@@ -419,7 +417,7 @@ struct Candidate {
 
 /// How a sheet fits all recordings.
 struct Fit {
-    /// Mean log excess of all lines, each counted once.
+    /// Mean log excess of all lines.
     score: f64,
     /// Where it puts them in each recording (Hz).
     lines: Vec<Vec<f64>>,
@@ -438,28 +436,11 @@ impl Fit {
                 let (low, high) = range(candidate, &train, steady, steady.tacho_hz(&train), TACHO_REACH);
                 field.speed(&comb, &speed_orders(&train), low, high).0
             };
-            let once = counted_once(&orders, APART_BINS * field.bin_hz() / hz);
-            let share = once.len() as f64 / orders.len() as f64;
-            sum += share * field.score(&once, hz) + (1.0 - share) * ON_NOISE;
+            sum += field.score(&orders, hz);
             lines.push(orders.iter().map(|o| o * hz).collect());
         }
         Self { score: sum / all.len().max(1) as f64, lines }
     }
-}
-
-/// Orders that lie further apart than a distance: a line that two shafts have in common shows once
-/// that it is there. Else tooth numbers that make the shafts of a pair turn alike would put all
-/// lines on the orders that a pitch error lights.
-fn counted_once(orders: &[f64], apart: f64) -> Vec<f64> {
-    let mut sorted = orders.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let mut out: Vec<f64> = Vec::with_capacity(sorted.len());
-    for order in sorted {
-        if out.last().is_none_or(|last| order - last >= apart) {
-            out.push(order);
-        }
-    }
-    out
 }
 
 /// Whether the sheet's own lines are there: where the sheet alone puts lines, there is more like
@@ -485,21 +466,6 @@ pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Of a pair of 22 and 22 teeth both shafts have the same orders and sidebands: of 25 lines 15
-    /// are counted. Of 22 and 19 teeth all are, at a distance that their orders keep.
-    #[test]
-    fn analytic_lines_of_two_shafts_count_once() {
-        let of = |pinion: u32| -> Vec<f64> {
-            let stage = StageKinematics::pair("stage1", pinion, 22, 1.0);
-            let shafts = vec![("input".to_owned(), 1.0), ("output".to_owned(), f64::from(pinion) / 22.0)];
-            let train = Train { motor_order: 1.0, shafts, stages: vec![stage], nominal_input_hz: 20.0 };
-            deciding_orders(&train)
-        };
-        assert_eq!((of(22).len(), counted_once(&of(22), 0.01).len()), (25, 15));
-        assert_eq!(counted_once(&of(19), 0.01).len(), 25);
-        assert_eq!(counted_once(&[], 0.01), Vec::<f64>::new());
-    }
 
     /// Every number's comb meets the orders that pitch errors light: the best of them is one of
     /// many. Where noise alone is under the others' combs, one that meets lines stands out; a
