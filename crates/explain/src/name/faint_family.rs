@@ -47,7 +47,7 @@ pub fn faint_family(q: &Question<'_>) -> Option<Family> {
         let together = improbable(&surprise, place, |_| true)?;
         Some(together + bearing::usual(q.train, surprise.order(place), HIGHEST - lowest))
     };
-    let places = (0..surprise.below(HIGHEST)).filter(|place| !mixed(surprise.order(*place)));
+    let places = (0..surprise.place(HIGHEST)).filter(|place| !mixed(surprise.order(*place)));
     let (place, best) =
         places.filter_map(|place| Some((place, nats(place)?))).reduce(|a, b| if b.1 > a.1 { b } else { a })?;
     let nats = best - tried(lowest).ln() + PRIOR.ln();
@@ -55,11 +55,11 @@ pub fn faint_family(q: &Question<'_>) -> Option<Family> {
     // Where the lines between stand out as well, it is a multiple of what passes.
     let is_passed = |part: &u32| {
         let order = whole / f64::from(*part);
-        let between = || improbable(&surprise, surprise.below(order), |k| k % part != 0);
+        let between = || improbable(&surprise, surprise.place(order), |k| k % part != 0);
         order > lowest && between().is_some_and(|nats| nats > SHOWN)
     };
     let order = whole / f64::from([3, 2].into_iter().find(is_passed).unwrap_or(1));
-    let place = surprise.below(order);
+    let place = surprise.place(order);
     let shown = (1..=MULTIPLES).filter(|k| surprise.at(place, *k).is_some_and(|nats| nats > SHOWN)).map(f64::from);
     let multiples: Vec<(f64, f64)> = shown.map(|k| (k, 0.0)).collect();
     let lines = multiples.iter().map(|(k, _)| k * order).collect();

@@ -181,24 +181,26 @@ impl<'a> Search<'a> {
     /// channels.
     fn of_noise(&self, tried: &Tried) -> f64 {
         let middles = &self.middles[tried.near.clone()];
-        let merged = |(speeds, told): (&Vec<Vec<Band>>, &Vec<bool>)| -> Vec<Band> {
+        let merged = |(speeds, told): (&Vec<Vec<Band>>, &Vec<bool>)| -> Vec<(f64, f64)> {
             let told = || speeds.iter().zip(told).filter(|(_, told)| **told).map(|(bands, _)| bands);
-            let sum = |k: usize, of: fn(&Band) -> f64| told().map(|bands| of(&bands[k])).sum::<f64>();
-            let band = |k| Band { weight: sum(k, |b| b.weight), right: sum(k, |b| b.right), pairs: 1 };
+            let band = |k: usize| {
+                told().fold((0.0, 0.0), |(weight, right), bands| (weight + bands[k].weight, right + bands[k].right))
+            };
             tried.near.clone().map(band).collect()
         };
-        let channels: Vec<Vec<Band>> = self.bands.iter().zip(&tried.told).map(merged).collect();
+        let channels: Vec<Vec<(f64, f64)>> = self.bands.iter().zip(&tried.told).map(merged).collect();
         let (Some(low), Some(high)) = (middles.first(), middles.last()) else { return 0.0 };
         let places = places(*low, *high);
         let peaks = places.flat_map(|hz| NOISE_DAMPING_RATIOS.map(|damping| (hz, damping)));
         let gain = |(hz, damping): (f64, f64)| {
             let peak: Vec<f64> = middles.iter().map(|m| form(*m, hz, damping)[0]).collect();
-            let of = |bands: &Vec<Band>| -> [f64; 2] {
-                let sums = bands.iter().zip(&peak).fold((0.0, 0.0), |(normal, right), (band, a)| {
-                    (normal + band.weight * a * a, right + band.right * a)
-                });
-                let of = |sign: f64| 0.5 * INDEPENDENT * (sign * sums.1).max(0.0).powi(2) / sums.0;
-                if sums.0 > 0.0 { [of(1.0), of(-1.0)] } else { [0.0; 2] }
+            let of = |bands: &Vec<(f64, f64)>| -> [f64; 2] {
+                let add = |(normal, sum): (f64, f64), ((weight, right), a): (&(f64, f64), &f64)| {
+                    (normal + weight * a * a, sum + right * a)
+                };
+                let (normal, sum) = bands.iter().zip(&peak).fold((0.0, 0.0), add);
+                let of = |sign: f64| 0.5 * INDEPENDENT * (sign * sum).max(0.0).powi(2) / normal;
+                if normal > 0.0 { [of(1.0), of(-1.0)] } else { [0.0; 2] }
             };
             let [rises, falls] = channels.iter().map(of).fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
             rises.max(falls)

