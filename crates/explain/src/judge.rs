@@ -6,6 +6,7 @@ pub mod controls;
 pub mod free_term;
 pub mod held_out;
 pub mod latent;
+pub mod left_out;
 pub mod limits;
 pub mod misfit;
 pub mod own_lines;

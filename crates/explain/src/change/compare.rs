@@ -135,6 +135,8 @@ pub struct Pair {
     /// ln of the speed in the recording over that in the reference: settings repeat to tenths of a
     /// per cent.
     pub speed_gap: f64,
+    /// The recording takes no part in fits; its reference, which shows the bench as it was, does.
+    pub held_out: bool,
 }
 
 /// All changes between recordings and reference.
@@ -151,16 +153,11 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// The comparison without some of its pairs.
-    pub fn without(&self, left_out: &[usize]) -> Self {
-        let kept: Vec<usize> = (0..self.pairs.len()).filter(|p| !left_out.contains(p)).collect();
-        let at = |pair: usize| kept.iter().position(|k| *k == pair);
-        Self {
-            pairs: kept.iter().map(|&k| self.pairs[k]).collect(),
-            channels: self.channels.clone(),
-            lines: self.lines.iter().filter_map(|l| Some(LineChange { pair: at(l.pair)?, ..*l })).collect(),
-            floors: self.floors.iter().filter_map(|f| Some(FloorChange { pair: at(f.pair)?, ..*f })).collect(),
-        }
+    /// The comparison with the recordings of some pairs held out of fits.
+    pub fn holding_out(&self, held: &[usize]) -> Self {
+        let mut out = self.clone();
+        out.pairs.iter_mut().enumerate().for_each(|(p, pair)| pair.held_out = held.contains(&p));
+        out
     }
 }
 
@@ -226,6 +223,7 @@ pub fn compare(recordings: &[RecordingFeatures], references: &[RecordingFeatures
                 speed_hz,
                 torque_nm: rec.brake_torque_nm,
                 speed_gap: speed_gap(rec, &references[j]),
+                held_out: false,
             });
         }
     }

@@ -17,6 +17,7 @@
 mod base;
 mod library;
 mod lines;
+mod posterior;
 mod problem;
 mod publish;
 mod residuals;
@@ -30,7 +31,9 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use self::library::fitted;
+pub use self::lines::HARMONICS;
 use self::lines::Line;
+pub use self::posterior::Foreseen;
 pub use self::problem::{Base, FreeTerm, Number, PITCH_ERROR, Problem, SPACING_UM, STIFFNESS_TOLERANCE};
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
@@ -91,17 +94,25 @@ pub fn has_form(effect: &str) -> bool {
     fitted(effect).is_some()
 }
 
+/// A bench with effects, as the lines have it.
+pub struct Modelled {
+    /// Without and with the effects.
+    pub setups: [SimSetup; 2],
+    /// What the mesh lines do, over all that the fit leaves open.
+    pub lines: Vec<Foreseen>,
+}
+
 /// The bench without and with some effects (id and place), all numbers as the lines have them;
 /// without effects as the references show it.
-pub fn setups(q: &Question<'_>, cells: &[Cell], base: &Base, members: &[(&str, &str)]) -> Option<[SimSetup; 2]> {
-    let mut problem = Problem::new(q, cells, members)?.with_effort(QUICK);
-    let x = if members.is_empty() {
-        problem.start(base)
-    } else {
-        let starts = problem.glance(base)?;
-        settled(&mut problem, starts)?.solution.x
-    };
-    problem.setups(&x)
+pub fn model(q: &Question<'_>, cells: &[Cell], base: &Base, members: &[(&str, &str)]) -> Option<Modelled> {
+    let mut problem = Problem::new(q, cells, members)?.with_open_form().with_effort(QUICK);
+    if members.is_empty() {
+        let x = problem.start(base);
+        return Some(Modelled { setups: problem.setups(&x)?, lines: Vec::new() });
+    }
+    let starts = problem.glance(base)?;
+    let solution = settled(&mut problem, starts)?.solution;
+    Some(Modelled { setups: problem.setups(&solution.x)?, lines: problem.foreseen(&solution)? })
 }
 
 /// How much further from the lines (nats) than the nearest a candidate may be at a first look and

@@ -18,6 +18,7 @@ use crate::finding::Finding;
 use crate::finding::is_path;
 use crate::fit::terms::{self, Fitted, Search};
 use crate::judge::held_out;
+use crate::judge::left_out::left_out;
 use crate::judge::misfit::{self, Residuals};
 use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Entry, Fit, FreeTerm};
@@ -67,13 +68,13 @@ pub fn find(
     (findings, fit, unexplained): (&[Finding], Option<&Fit>, bool),
     steps: &mut Vec<String>,
 ) -> Option<Shown> {
-    let held = held_out::left_out(q.comparison);
+    let held = left_out(q.comparison);
     if held.is_empty() || !is_open(findings, fit, unexplained) {
         return None;
     }
-    let rest = q.comparison.without(&held);
-    let train = Question { comparison: &rest, ..*q };
-    let train_cells = locate::cells(&rest);
+    let known = q.comparison.holding_out(&held);
+    let train = Question { comparison: &known, ..*q };
+    let train_cells = locate::cells(&known);
     let (found, none) = match terms::search(&train, &train_cells, ODDS)? {
         Search::Found(found, none) => (found, none),
         Search::Unsteady => {
@@ -94,11 +95,8 @@ pub fn find(
     }
     let still = vec![Prediction::default(); q.comparison.lines.len()];
     let untouched = Residuals::of(q.comparison, &still, &held);
-    let predicted: Vec<Option<Vec<Prediction>>> = found
-        .iter()
-        .take(PREDICTING)
-        .map(|f| predict::of_setups(&train, q.comparison, f.setups(&train, &train_cells)?))
-        .collect();
+    let predicted: Vec<Option<Vec<Prediction>>> =
+        found.iter().take(PREDICTING).map(|f| predict::of_setups(&train, f.setups(&train, &train_cells)?)).collect();
     let on_mesh = |lines: &Vec<Prediction>| Residuals::of_mesh(q.comparison, lines, &held);
     let weight = |k: usize| {
         let lines = predicted[k].as_ref()?;
@@ -109,8 +107,7 @@ pub fn find(
     let (own, own_mesh) = (Residuals::of(q.comparison, lines, &held), on_mesh(lines));
     // Rivals: no law, and what was named.
     let named: Vec<Named> = findings.iter().map(held_out::of_finding).collect();
-    let grounds = Grounds::new(&train, &train_cells, &named);
-    let of_names = predict::predict(&grounds, q.comparison, &named);
+    let of_names = predict::predict(&Grounds::new(q, &held, &named), &named);
     let rival = of_names.as_ref().map_or(f64::INFINITY, |lines| on_mesh(lines).held).min(on_mesh(&still).held);
     steps.push(format!(
         "held out: of mesh harmonics {} leaves {:.2}, {rival:.2} without it",

@@ -15,19 +15,17 @@ use gearwatch_sim::effects::{self, EntryPoint};
 use rayon::prelude::*;
 
 use crate::change::compare::{Comparison, LineChange};
-use crate::change::locate;
 use crate::change::masks::INDEPENDENT;
 use crate::finding::Finding;
 use crate::finding::is_path;
 use crate::fit::refit;
+use crate::judge::left_out::left_out;
 use crate::judge::misfit::{Judged, Residuals};
 use crate::judge::predict::{self, Grounds, Named, Prediction};
 use crate::judge::report::{Beside, Fit};
 use crate::name::supports;
 use crate::question::Question;
 
-/// From so many operating points on two are left out.
-const TWO: usize = 6;
 /// Rivals that are fitted: each costs as much as what is named.
 const RIVALS: usize = 3;
 /// Most that a prediction counts for or against (nats): it is one recording or two.
@@ -42,27 +40,6 @@ pub const UNPROVED: f64 = 0.5;
 /// structural_resonance` and `--effect sensor_mounting`, cases 1 to 6 of seed 4400 and 1 to 12 of
 /// seed 7300; `just campaign-paths` measures it again.
 const PATH_ERROR: f64 = 0.48;
-/// The pairs that are left out: in the middle of all, ordered by speed and load, so that what is
-/// fitted surrounds them.
-pub fn left_out(comparison: &Comparison) -> Vec<usize> {
-    let pairs = &comparison.pairs;
-    let mut order: Vec<usize> = (0..pairs.len()).collect();
-    order.sort_by(|a, b| {
-        let key = |k: &usize| ((pairs[*k].speed_hz * 10.0).round(), pairs[*k].torque_nm);
-        let (a, b) = (key(a), key(b));
-        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
-    });
-    match order.len() {
-        0 | 1 => Vec::new(),
-        n if n < TWO => vec![order[n / 2]],
-        n => vec![order[n / 3], order[2 * n / 3]],
-    }
-}
-
-/// The question without some pairs, and the cells of the rest.
-fn fitted<'a>(q: &Question<'a>, comparison: &'a Comparison) -> Question<'a> {
-    Question { comparison, ..*q }
-}
 
 /// How much better (nats) one prediction is than another. Lines share their errors, so that a part
 /// of them counts, and no model of a bench is right to within its repetition: the scale of what
@@ -99,10 +76,8 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
     if held.is_empty() || !accounts_for_all(finding) {
         return None;
     }
-    let rest = q.comparison.without(&held);
-    let (train, cells) = (fitted(q, &rest), locate::cells(&rest));
     let named = [of_finding(finding)];
-    let predicted = predict::predict(&Grounds::new(&train, &cells, &named), q.comparison, &named)?;
+    let predicted = predict::predict(&Grounds::new(q, &held, &named), &named)?;
     let left = Residuals::of(q.comparison, &predicted, &held).held;
     let none = Residuals::of(q.comparison, &vec![Prediction::default(); q.comparison.lines.len()], &held).held;
     let probability = path_probability(finding.probability, left, none)?;
@@ -151,16 +126,14 @@ pub fn judge(q: &Question<'_>, findings: &mut [Finding], steps: &mut Vec<String>
     let all: Vec<Named> = asked.iter().flat_map(|(_, named)| named.clone()).collect();
     let judged = Judged::of(q, &held, &all);
     let comparison = &judged.comparison;
-    let rest = comparison.without(&held);
-    let train = fitted(q, &rest);
-    let cells = locate::cells(&rest);
-    let grounds = Grounds::new(&train, &cells, &all);
+    let whole = Question { comparison, ..*q };
+    let grounds = Grounds::new(&whole, &held, &all);
     let residuals =
         |predicted: &[Prediction]| Residuals::of_some(comparison, predicted, &held, &|i, _| judged.counts[i]);
     let answers: Vec<Option<Residuals>> =
-        asked.par_iter().map(|(_, named)| Some(residuals(&predict::predict(&grounds, comparison, named)?))).collect();
+        asked.par_iter().map(|(_, named)| Some(residuals(&predict::predict(&grounds, named)?))).collect();
     let none = residuals(&vec![Prediction::default(); comparison.lines.len()]);
-    let mean = residuals(&line_means(comparison, &rest));
+    let mean = residuals(&line_means(comparison, &held));
     let misfits: Vec<Option<f64>> = answers[..count].iter().map(|a| a.as_ref().map(|a| a.held)).collect();
     let best = decide(&mut findings[first], &misfits, &none, steps);
     let own = answers[best].as_ref()?;
@@ -327,9 +300,10 @@ fn places_of(q: &Question<'_>, place: &str) -> Vec<String> {
 }
 
 /// The mean change of each line in a channel over the fitted points, as the prediction for all.
-fn line_means(all: &Comparison, rest: &Comparison) -> Vec<Prediction> {
+fn line_means(all: &Comparison, held: &[usize]) -> Vec<Prediction> {
+    let fitted: Vec<&LineChange> = all.lines.iter().filter(|l| !held.contains(&l.pair)).collect();
     let mean = |l: &LineChange| {
-        let own = rest.lines.iter().filter(|m| m.channel == l.channel && m.family == l.family);
+        let own = fitted.iter().filter(|m| m.channel == l.channel && m.family == l.family);
         let (sum, n) = own.fold((0.0, 0usize), |(s, n), m| (s + m.log_ratio, n + 1));
         Prediction::certain(sum / n.max(1) as f64)
     };

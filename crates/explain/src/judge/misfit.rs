@@ -35,7 +35,8 @@ impl Judged {
     pub fn of(q: &Question<'_>, held: &[usize], named: &[Named]) -> Self {
         if named.iter().all(of_all_teeth) {
             let comparison = q.comparison.clone();
-            let on_mesh = |l: &LineChange| matches!(l.family, Family::Mesh { .. });
+            let on_mesh =
+                |l: &LineChange| matches!(l.family, Family::Mesh { harmonic, .. } if harmonic <= refit::HARMONICS);
             return Self {
                 counts: comparison.lines.iter().map(on_mesh).collect(),
                 comparison,

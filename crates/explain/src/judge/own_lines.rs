@@ -121,7 +121,14 @@ mod tests {
     /// fitted, whatever they did in those held out.
     #[test]
     fn analytic_lines_that_moved_count() {
-        let pair = |recording| Pair { recording, reference: 0, speed_hz: 25.0, torque_nm: 20.0, speed_gap: 0.0 };
+        let pair = |recording| Pair {
+            recording,
+            reference: 0,
+            speed_hz: 25.0,
+            torque_nm: 20.0,
+            speed_gap: 0.0,
+            held_out: false,
+        };
         let line = |pair, harmonic, log_ratio| LineChange {
             pair,
             channel: 0,

@@ -20,7 +20,7 @@ use crate::change::compare::{Comparison, LineChange};
 use crate::change::locate::{self, Cell};
 use crate::finding::HOUSING;
 use crate::finding::is_path;
-use crate::fit::refit::{self, Base};
+use crate::fit::refit::{self, Base, Foreseen};
 use crate::judge::added::{Added, Gains};
 use crate::question::Question;
 use crate::read::features::RecordingFeatures;
@@ -44,9 +44,11 @@ pub struct Named {
 }
 
 impl Named {
-    /// An effect at a place with the usual sizes.
-    pub fn usual(effect: &str, place: &str) -> Self {
-        Self { spec: EffectSpec { effect: effect.to_owned(), place: place.to_owned(), parameters: Default::default() } }
+    /// The same effect with the usual sizes, at the orders where its lines stand.
+    pub fn usual(&self) -> Self {
+        let mut spec = self.spec.clone();
+        spec.parameters.retain(|name, _| name == "order");
+        Self { spec }
     }
 }
 
@@ -66,47 +68,64 @@ impl Prediction {
     }
 }
 
-/// The recordings that models are fitted to, and the bench as they have it without an effect.
+/// What models are fitted to, and the bench as it was without an effect.
 pub struct Grounds<'a> {
     q: &'a Question<'a>,
-    cells: &'a [Cell],
+    /// Of all pairs, the recordings of some held out.
+    known: Comparison,
+    /// Of `known`.
+    cells: Vec<Cell>,
     /// The bench as the references alone have it, where anything of the machine is asked for.
     base: Option<Base>,
 }
 
 impl<'a> Grounds<'a> {
-    /// Those of a question, whose cells are `cells`, to be asked for some effects.
-    pub fn new(q: &'a Question<'a>, cells: &'a [Cell], asked: &[Named]) -> Self {
-        let of_machine = |n: &Named| !is_path(&n.spec.effect, &n.spec.place);
-        let base = if asked.iter().any(of_machine) { refit::base(q, cells) } else { None };
-        Self { q, cells, base }
+    /// Those of a question, the recordings of some pairs held out, to be asked for some effects.
+    pub fn new(q: &'a Question<'a>, held: &[usize], asked: &[Named]) -> Self {
+        let known = q.comparison.holding_out(held);
+        let cells = locate::cells(&known);
+        let mut out = Self { q, known, cells, base: None };
+        if asked.iter().any(|n| !is_path(&n.spec.effect, &n.spec.place)) {
+            out.base = refit::base(&out.question(), &out.cells);
+        }
+        out
+    }
+
+    fn question(&self) -> Question<'_> {
+        Question { comparison: &self.known, ..*self.q }
+    }
+
+    fn is_held_out(&self, pair: usize) -> bool {
+        self.known.pairs[pair].held_out
     }
 }
 
 /// The bench without and with what was named, as the fitted recordings have it.
 struct Machine {
     setups: [SimSetup; 2],
+    /// What effects of all teeth do to the mesh lines, over all that their fit leaves open.
+    mesh: Vec<Foreseen>,
 }
 
-/// Predicts the line changes of `all` from the bench without and with something, as the pairs of
-/// `fitted` have it. `None` where there is no steady state.
-pub fn of_setups(fitted: &Question<'_>, all: &Comparison, setups: [SimSetup; 2]) -> Option<Vec<Prediction>> {
-    let machine = Machine { setups };
-    let (states, known) = (machine.states(fitted, all)?, machine.states(fitted, fitted.comparison)?);
-    let law = Law::read(fitted.comparison, &known);
-    Some((0..all.lines.len()).map(|i| law.change(all, &states, i)).collect())
+/// Predicts the line changes of a comparison from the bench without and with something, as the
+/// pairs that are not held out have it. `None` where there is no steady state.
+pub fn of_setups(q: &Question<'_>, setups: [SimSetup; 2]) -> Option<Vec<Prediction>> {
+    let states = Machine { setups, mesh: Vec::new() }.states(q)?;
+    let law = Law::read(q.comparison, &states);
+    Some((0..q.comparison.lines.len()).map(|i| law.change(q.comparison, &states, i)).collect())
 }
 
-/// Predicts the line changes of `all`, in its order, from the pairs that are fitted. `None` where
-/// nothing that is named has a model.
-pub fn predict(grounds: &Grounds<'_>, all: &Comparison, named: &[Named]) -> Option<Vec<Prediction>> {
+/// Predicts all line changes, in their order, from the recordings that are not held out. `None`
+/// where nothing that is named has a model.
+pub fn predict(grounds: &Grounds<'_>, named: &[Named]) -> Option<Vec<Prediction>> {
+    let all = &grounds.known;
     let of_path = |channel: usize| {
         let on = |n: &&Named| {
             is_path(&n.spec.effect, &n.spec.place) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place)
         };
         named.iter().find(on)
     };
-    let q = grounds.q;
+    let q = &grounds.question();
     let machine = Machine::fitted(grounds, named);
     let paths = (0..all.channels.len()).any(|c| of_path(c).is_some());
     if machine.is_none() && !paths {
@@ -114,35 +133,43 @@ pub fn predict(grounds: &Grounds<'_>, all: &Comparison, named: &[Named]) -> Opti
     }
     let mut out = vec![Prediction::default(); all.lines.len()];
     if let Some(machine) = machine {
-        let both = |m: &Machine| Some((m.states(q, all)?, m.states(q, q.comparison)?));
-        let usual = || both(&Machine::usual(grounds, named)?);
-        let of_sheet = || both(&Machine::of_sheet(q, named)?);
-        let (states, known) = both(&machine).or_else(usual).or_else(of_sheet)?;
-        let law = Law::read(q.comparison, &known);
+        let usual = || Machine::usual(grounds, named)?.states(q);
+        let of_sheet = || Machine::of_sheet(q, named)?.states(q);
+        let states = machine.states(q).or_else(usual).or_else(of_sheet)?;
+        let law = Law::read(all, &states);
         out.iter_mut().enumerate().for_each(|(i, o)| *o = law.change(all, &states, i));
+        for f in &machine.mesh {
+            let family = Family::Mesh { stage: f.stage, harmonic: f.harmonic };
+            let name = &q.bench.sensors[f.sensor].name;
+            let own = |l: &LineChange| l.pair == f.pair && l.family == family && all.channels[l.channel] == *name;
+            if let Some(at) = all.lines.iter().position(own) {
+                out[at] = Prediction::certain(f.change);
+            }
+        }
     }
+    let of_machine: Vec<f64> = out.iter().map(|p| p.change).collect();
     for (o, line) in out.iter_mut().zip(&all.lines) {
         if let Some(path) = of_path(line.channel) {
-            let one_factor = path.spec.effect == "scaling";
-            *o = Prediction::certain(path_change(
-                grounds.cells,
-                line.channel,
-                (!one_factor).then_some(line.frequency_hz),
-            ));
+            let about_hz = (path.spec.effect != "scaling").then_some(line.frequency_hz);
+            o.change += path_change(grounds, &of_machine, line.channel, about_hz);
         }
     }
     Some(out)
 }
 
-/// What a path does about a frequency, or to all, as the cells of its channel tell.
-fn path_change(cells: &[Cell], channel: usize, frequency_hz: Option<f64>) -> f64 {
+/// What a path does about a frequency, or to all, beside what the machine does to each line, as the
+/// cells of its channel tell.
+fn path_change(grounds: &Grounds<'_>, of_machine: &[f64], channel: usize, about_hz: Option<f64>) -> f64 {
+    // Lines stand before the background, which has no part of the machine's.
+    let of_machine = of_machine.iter().copied().chain(std::iter::repeat(0.0));
     let near = |width: f64| {
-        let of = |c: &Cell| {
-            let distance = frequency_hz.map_or(0.0, |hz| (c.frequency_hz / hz).ln() / width);
+        let of = |(c, machine): (&Cell, f64)| {
+            let distance = about_hz.map_or(0.0, |hz| (c.frequency_hz / hz).ln() / width);
             let weight = (-0.5 * distance * distance).exp() / (c.variance / locate::REPEAT_SIGMA.powi(2)).max(0.1);
-            (weight, weight * c.change)
+            (weight, weight * (c.change - machine))
         };
-        let own = cells.iter().filter(|c| c.channel == channel);
+        let all = grounds.cells.iter().zip(of_machine.clone());
+        let own = all.filter(|(c, _)| c.channel == channel && !grounds.is_held_out(c.pair));
         own.map(of).fold((0.0, 0.0), |s, x| (s.0 + x.0, s.1 + x.1))
     };
     let (weight, sum) = match near(PATH_WIDTH) {
@@ -165,12 +192,12 @@ impl Machine {
         let (refitted, applied): (Vec<&Named>, Vec<&Named>) =
             modelled.into_iter().partition(|n| refit::has_form(&n.spec.effect));
         let members: Vec<(&str, &str)> = refitted.iter().map(|n| (&*n.spec.effect, &*n.spec.place)).collect();
-        let of_base = |base: &Base| refit::setups(grounds.q, grounds.cells, base, &members);
-        let mut setups = match grounds.base.as_ref().and_then(of_base) {
-            Some(setups) => setups,
+        let of_base = |base: &Base| refit::model(&grounds.question(), &grounds.cells, base, &members);
+        let (mut setups, mesh) = match grounds.base.as_ref().and_then(of_base) {
+            Some(model) => (model.setups, model.lines),
             None if members.is_empty() => {
                 let plain = refit::sheet::setup(grounds.q.bench)?;
-                [plain.clone(), plain]
+                ([plain.clone(), plain], Vec::new())
             }
             None => return None,
         };
@@ -178,7 +205,7 @@ impl Machine {
         for n in applied {
             any |= apply(&n.spec, &mut setups[1]);
         }
-        any.then_some(Self { setups })
+        any.then_some(Self { setups, mesh })
     }
 
     /// The same with the usual sizes of effects that add lines, where those of a large one part the
@@ -186,7 +213,7 @@ impl Machine {
     fn usual(grounds: &Grounds<'_>, named: &[Named]) -> Option<Self> {
         let of = |n: &Named| match refit::has_form(&n.spec.effect) {
             true => n.clone(),
-            false => Named::usual(&n.spec.effect, &n.spec.place),
+            false => n.usual(),
         };
         Self::fitted(grounds, &named.iter().map(of).collect::<Vec<_>>())
     }
@@ -201,13 +228,14 @@ impl Machine {
         let mut with = plain.clone();
         let mut any = false;
         for n in named.iter().filter(|n| !is_path(&n.spec.effect, &n.spec.place)) {
-            any |= apply(&Named::usual(&n.spec.effect, &n.spec.place).spec, &mut with);
+            any |= apply(&n.usual().spec, &mut with);
         }
-        any.then_some(Self { setups: [plain, with] })
+        any.then_some(Self { setups: [plain, with], mesh: Vec::new() })
     }
 
     /// The states at the points of a comparison; `None` where there is none at one of them.
-    fn states(&self, q: &Question<'_>, comparison: &Comparison) -> Option<States> {
+    fn states(&self, q: &Question<'_>) -> Option<States> {
+        let comparison = q.comparison;
         let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-4, together: false, parting: true };
         let of_pair = |p: usize| -> Option<Vec<(usize, [Complex64; 2])>> {
             let pair = comparison.pairs[p];
@@ -273,7 +301,7 @@ impl Law {
         let mut lines: Vec<Vec<Added>> = vec![Vec::new(); comparison.channels.len()];
         let (mut product, mut square) = (0.0, 0.0);
         for (i, line) in comparison.lines.iter().enumerate() {
-            let Some(state) = &states[i] else { continue };
+            let Some(state) = states[i].as_ref().filter(|_| !comparison.pairs[line.pair].held_out) else { continue };
             let variance = line.variance + locate::repetition(comparison.pairs[line.pair].speed_gap);
             if let Some(x) = added(line, state) {
                 let ln_hz = line.frequency_hz.ln();
@@ -296,6 +324,8 @@ impl Law {
             return gains.map_or(Prediction::default(), |gains| gains.change(line.frequency_hz.ln(), x, PATH_WIDTH));
         }
         Prediction::certain(match line.family {
+            // The model has no errors of teeth for what is above.
+            Family::Mesh { harmonic, .. } if harmonic > refit::HARMONICS => 0.0,
             Family::Mesh { .. } => ratio(state),
             _ => self.follows * carrier(comparison, line, states).unwrap_or(0.0),
         })

@@ -27,6 +27,8 @@ pub struct Line {
     pub sensor: usize,
     /// Position in the orders of the pair.
     pub at: usize,
+    /// The recording is held out: the reference alone counts, and the numbers of the change are 0.
+    pub held_out: bool,
     /// ln of the amplitude ratio of recording and reference.
     pub change: f64,
     /// Phase of the same (rad), of the angles at which both began; `None` where it is not known.
@@ -73,7 +75,9 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
         let Some(l) = q.comparison.lines.iter().find(same) else { continue };
         let name = &q.comparison.channels[c.channel];
         let Some(sensor) = q.bench.sensors.iter().position(|s| s.name == *name) else { continue };
-        if harmonic > HARMONICS || l.power.min(l.reference_power) < CLEAR * l.noise {
+        let held_out = pairs[c.pair].held_out;
+        let least = if held_out { l.reference_power } else { l.power.min(l.reference_power) };
+        if harmonic > HARMONICS || least < CLEAR * l.noise {
             continue;
         }
         // Pairs of one speed share the gain of a line.
@@ -96,8 +100,9 @@ pub fn lines(q: &Question<'_>, cells: &[Cell]) -> (Vec<Vec<f64>>, Vec<Line>, usi
             pair: c.pair,
             sensor,
             at,
-            change: c.change,
-            turn: c.turn,
+            held_out,
+            change: if held_out { 0.0 } else { c.change },
+            turn: c.turn.filter(|_| !held_out),
             turned: 0.0,
             variance: c.variance,
             unsure: 0.0,

@@ -171,6 +171,8 @@ pub struct Problem<'a> {
     pub(super) trend_only: bool,
     /// Model error of the trend over load (ln, rad).
     pub(super) trend_sigma: f64,
+    /// Recordings that are held out are solved for too.
+    pub(super) foresees: bool,
     pub(super) effort: Effort,
     pub(super) term: Option<FreeTerm>,
     /// Of the changes and turns of the lines (ln, rad, root mean square).
@@ -243,14 +245,14 @@ impl<'a> Problem<'a> {
             specs.push(EffectSpec { effect, place, parameters: BTreeMap::new() });
         }
         let (orders, lines, groups) = lines(q, cells);
-        if lines.len() < LEAST {
+        if lines.iter().filter(|l| !l.held_out).count() < LEAST {
             return None;
         }
         let options = SteadyOptions { samples_per_cycle: 128, tolerance: 1e-5, together: false, parting: true };
         let store = SteadyStore::default();
         let solver = || [SteadySolver::sharing(options, &store), SteadySolver::sharing(options, &store)];
         let solver = (0..q.comparison.pairs.len()).map(|_| solver()).collect();
-        let moved: Vec<f64> = lines.iter().flat_map(Line::moved).collect();
+        let moved: Vec<f64> = lines.iter().filter(|l| !l.held_out).flat_map(Line::moved).collect();
         let spread = (moved.iter().map(|m| m * m).sum::<f64>() / moved.len() as f64).sqrt();
         let first_of = |(i, l): (usize, &Line)| lines[..i].iter().position(|m| m.group == l.group).unwrap_or(i);
         let first = lines.iter().enumerate().map(first_of).collect();
@@ -269,6 +271,7 @@ impl<'a> Problem<'a> {
             solver,
             trend_only: false,
             trend_sigma: TREND_SIGMA,
+            foresees: false,
             effort: THOROUGH,
             term: None,
             spread,

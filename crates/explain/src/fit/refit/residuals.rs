@@ -29,6 +29,20 @@ const NOTHING: f64 = 1e-12;
 /// with the effects: by side, sensor, order.
 pub type Amplitudes = Vec<Vec<Vec<Vec<Complex64>>>>;
 
+/// Amplitudes of the model by line, without and with the effects where there is a steady state.
+pub type LineStates = Vec<[Option<Complex64>; 2]>;
+
+/// ln of an amplitude.
+fn level(z: Complex64) -> f64 {
+    z.norm().max(NOTHING).ln()
+}
+
+/// ln of the amplitude ratio of two states.
+pub fn ratio(state: &[Option<Complex64>; 2]) -> f64 {
+    let [a, b] = state.map(Option::unwrap_or_default);
+    level(b) - level(a)
+}
+
 /// What a residual is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Of {
@@ -59,7 +73,7 @@ impl Of {
 
 /// The residuals in their order.
 pub fn rows(lines: &[Line], trend_only: bool) -> Vec<Of> {
-    let changes = (0..lines.len()).map(Of::Change);
+    let changes = (0..lines.len()).filter(|&i| !lines[i].held_out).map(Of::Change);
     let turns = (0..lines.len()).filter(|&i| lines[i].turn.is_some()).map(Of::Turn);
     let shares = |i: &usize| lines.iter().filter(|l| l.group == lines[*i].group).count() > 1;
     let trends: Vec<usize> = (0..lines.len()).filter(shares).collect();
@@ -83,23 +97,46 @@ impl Model for Problem<'_> {
     /// Changes of the lines (where a recording has no steady state they may be any), then the
     /// references' trend over load.
     fn residuals(&self, amplitudes: &Amplitudes) -> Vec<f64> {
+        self.residuals_of(&self.of_lines(amplitudes))
+    }
+
+    fn reached(&self, state: &Amplitudes, moved: &Amplitudes, number: usize, share: f64) -> Amplitudes {
+        let reach = self.numbers[number].reach();
+        let mut out = state.clone();
+        let own = |l: &&Line| reach.is_none_or(|(i, h)| l.stage == i && h.is_none_or(|h| usize::from(l.harmonic) == h));
+        for l in self.lines.iter().filter(own) {
+            for (out, moved) in out[l.pair].iter_mut().zip(&moved[l.pair]) {
+                let z = &mut out[l.sensor][l.at];
+                *z += (moved[l.sensor][l.at] - *z) * share;
+            }
+        }
+        out
+    }
+}
+
+impl Problem<'_> {
+    /// The amplitudes of the lines.
+    pub(super) fn of_lines(&self, amplitudes: &Amplitudes) -> LineStates {
+        let of = |l: &Line| [0, 1].map(|side| amplitudes[l.pair].get(side).map(|s| s[l.sensor][l.at]));
+        self.lines.iter().map(of).collect()
+    }
+
+    /// Changes of the lines, then the references' trend over load.
+    pub(super) fn residuals_of(&self, states: &LineStates) -> Vec<f64> {
         let lines = &self.lines;
-        let state = |l: &Line, side: usize| amplitudes[l.pair].get(side).map(|s| s[l.sensor][l.at]);
-        let level = |z: Complex64| z.norm().max(NOTHING).ln();
         // Of each line the reference's amplitude in the model, and its ratio to it.
-        let before: Vec<Complex64> = self.lines.iter().map(|l| state(l, 0).unwrap_or_default()).collect();
+        let before: Vec<Complex64> = states.iter().map(|s| s[0].unwrap_or_default()).collect();
         let mut out = Vec::with_capacity(self.rows.len());
         if !self.trend_only {
-            let changed: Vec<Option<(f64, f64)>> = self
-                .lines
+            let changed: Vec<Option<(f64, f64)>> = states
                 .iter()
                 .zip(&before)
-                .map(|(l, &a)| {
-                    let b = state(l, 1)?;
+                .map(|(s, &a)| {
+                    let b = s[1]?;
                     Some((level(b) - level(a), (b * a.conj()).arg()))
                 })
                 .collect();
-            for (l, change) in self.lines.iter().zip(&changed) {
+            for (l, change) in self.lines.iter().zip(&changed).filter(|(l, _)| !l.held_out) {
                 out.push(match change {
                     Some((ln, _)) => (ln - l.change) / l.sigma(),
                     None => unforeseen(l.change, l.sigma(), self.spread),
@@ -126,19 +163,6 @@ impl Model for Problem<'_> {
         self.trend(&turned, &mut out);
         out
     }
-
-    fn reached(&self, state: &Amplitudes, moved: &Amplitudes, number: usize, share: f64) -> Amplitudes {
-        let reach = self.numbers[number].reach();
-        let mut out = state.clone();
-        let own = |l: &&Line| reach.is_none_or(|(i, h)| l.stage == i && h.is_none_or(|h| usize::from(l.harmonic) == h));
-        for l in self.lines.iter().filter(own) {
-            for (out, moved) in out[l.pair].iter_mut().zip(&moved[l.pair]) {
-                let z = &mut out[l.sensor][l.at];
-                *z += (moved[l.sensor][l.at] - *z) * share;
-            }
-        }
-        out
-    }
 }
 
 /// How a steady state is solved for: setup, motor speed (Hz), brake torque (N m), seed, orders.
@@ -154,7 +178,7 @@ impl Problem<'_> {
             let motor = |r: &RecordingFeatures| r.input_hz * self.q.train.motor_order;
             let speeds = [motor(&self.q.references[pair.reference]), motor(&self.q.recordings[pair.recording])];
             let mut both = Vec::with_capacity(sides);
-            for side in 0..sides {
+            for side in 0..if pair.held_out && !self.foresees { 1 } else { sides } {
                 let solver = &mut self.solver[p][side];
                 match solve(solver, &setups[side], speeds[side], pair.torque_nm, 1, &self.orders[p]) {
                     Ok(solved) => both.push(solved.sensors),

@@ -27,7 +27,7 @@ impl Drawn {
     /// Asks something of it, with its lines as they are or changed.
     fn ask<T>(&self, line: impl Fn(&mut LineChange), ask: impl FnOnce(&Question<'_>, &[Cell]) -> T) -> T {
         let m = &self.measured;
-        let mut comparison = m.comparison.without(&[]);
+        let mut comparison = m.comparison.clone();
         comparison.lines.iter_mut().for_each(line);
         let question = Question { comparison: &comparison, ..m.question() };
         ask(&question, &locate::cells(&comparison))
@@ -131,6 +131,7 @@ fn lines(changes: &[f64]) -> Vec<Line> {
         pair: 0,
         sensor: 0,
         at: 0,
+        held_out: false,
         change,
         turn: None,
         turned: 0.0,

@@ -163,7 +163,7 @@ pub fn responses(model: &Model, seen: &[Seen]) -> Vec<f64> {
 /// Response from a unit force in a stage's mesh to each sensor of the sheet's bench at some
 /// frequencies; `None` where the mesh has no model.
 pub fn transfer(q: &Question<'_>, torque_nm: f64, stage: usize, frequencies_hz: &[f64]) -> Option<Vec<Vec<Complex64>>> {
-    let point = Pair { recording: 0, reference: 0, speed_hz: 1.0, torque_nm, speed_gap: 0.0 };
+    let point = Pair { recording: 0, reference: 0, speed_hz: 1.0, torque_nm, speed_gap: 0.0, held_out: false };
     let model = model(&SimSetup::nominal(q.bench), &[point])?;
     let meshed = model.meshed(&model.train, 0);
     let mut out = vec![Vec::with_capacity(frequencies_hz.len()); model.train.sensors.len()];
