@@ -27,6 +27,8 @@ const SPRING_SIZES: [&[f64]; 2] = [&[-0.1, -0.5], &[0.03, 0.1, 0.4, 1.5]];
 const DAMPER_SIZES: [&[f64]; 2] = [&[], &[0.1, 0.4, 1.5, 4.0]];
 /// Edges of a dead zone, by the deflection under the mean load.
 const EDGES: [f64; 2] = [0.6, 1.0];
+/// Edges among which the one that is shown is chosen, by all recordings.
+const LAST_EDGES: [f64; 9] = [0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.3];
 /// Candidates that are fitted to the end.
 const FOLLOWED: usize = 6;
 /// Part of the static deflection that the teeth swing by, by which dampers are scaled.
@@ -66,16 +68,20 @@ impl Fitted {
         Some(bench)
     }
 
-    /// Fitted again to other recordings.
+    /// The same law at its place fitted again to other recordings, which may tell another edge.
     pub fn again(&self, q: &Question<'_>, cells: &[Cell]) -> Option<Self> {
         let base = refit::base(q, cells)?;
-        follow(q, cells, &base, &self.term, (self.size, f64::INFINITY))
+        let own = &self.term.term;
+        let all = candidates(q, &LAST_EDGES)?;
+        let same = all.par_iter().filter(|t| (&t.term.expression, &t.term.place) == (&own.expression, &own.place));
+        let found = same.filter_map(|term| follow(q, cells, &base, term, (self.size, f64::INFINITY)));
+        found.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 }
 
 /// How many laws are tried.
 pub fn tried(q: &Question<'_>) -> f64 {
-    candidates(q).map_or(1, |all| all.len().max(1)) as f64
+    candidates(q, &EDGES).map_or(1, |all| all.len().max(1)) as f64
 }
 
 /// What a search for laws gave.
@@ -94,7 +100,7 @@ pub enum Search {
 /// make up for is no law.
 pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<Search> {
     let base = refit::base(q, cells)?;
-    let all = candidates(q)?;
+    let all = candidates(q, &EDGES)?;
     let mut none = Problem::new(q, cells, &[])?;
     let start = none.start(&base);
     // A spring of size 0 changes nothing but that all meshes are solved together.
@@ -182,8 +188,8 @@ fn is_damper(term: &FreeTerm) -> bool {
     ["|v|v", "sgn(v)"].contains(&term.term.expression.as_str())
 }
 
-/// Every law at every place, with a size that is felt there.
-fn candidates(q: &Question<'_>) -> Option<Vec<FreeTerm>> {
+/// Every law at every place, with a size that is felt there, and dead zones of some edges.
+fn candidates(q: &Question<'_>, edges: &[f64]) -> Option<Vec<FreeTerm>> {
     let setup = refit::sheet::setup(q.bench)?;
     let torques = q.comparison.pairs.iter().map(|p| p.torque_nm);
     let torque_nm = torques.sum::<f64>() / q.comparison.pairs.len() as f64;
@@ -212,7 +218,7 @@ fn candidates(q: &Question<'_>) -> Option<Vec<FreeTerm>> {
         add(SpringLaw::Cube, k / deflection.powi(2), None);
         add(SpringLaw::SignedSquareRate, k * swing / rate.powi(2), None);
         add(SpringLaw::SignRate, k * swing, None);
-        for edge in EDGES {
+        for edge in edges {
             add(SpringLaw::DeadZone, k, Some(edge * deflection));
         }
     }

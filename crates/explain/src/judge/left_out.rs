@@ -85,9 +85,9 @@ mod tests {
         left_out(&comparison).into_iter().map(|k| points[k]).collect()
     }
 
-    /// Four loads at one speed and the outer two at another: the loads between are left out,
-    /// although the motor is a little slower at the heavier ones. Two loads at each of three speeds:
-    /// both at the speed between. A load and a speed between others: where both cross.
+    /// Four loads at one speed and the outer two at another: the loads between are left out, though
+    /// the motor is a little slower at the heavier ones. Two loads at each of three speeds: both at
+    /// the speed between. A load and a speed between others: where both cross.
     #[test]
     fn analytic_what_is_left_out_lies_between_the_rest() {
         let loads = [(25.0, 11.0), (24.9, 54.0), (42.0, 11.0), (41.97, 24.0), (41.93, 38.0), (41.9, 54.0)];

@@ -175,8 +175,8 @@ mod tests {
     /// Of some numbers each: a normal posterior of its own precision has mean 0 and variance ¼, one
     /// half as precise as was thought variance ½; and `e^x − x`, the negative logarithm of the
     /// density of a gamma-distributed number's logarithm, mean −γ and variance π²/6, although its
-    /// middle is 0 and its curvature there 1. Neighbouring draws are alike: some hundred independent
-    /// ones leave a tenth of a deviation of each number's mean, and the chain begins at the middle.
+    /// middle is 0 and its curvature there 1. Neighbouring draws are alike: some hundred
+    /// independent ones leave a tenth of a deviation of each number's mean.
     #[test]
     fn analytic_draws_have_the_moments_of_the_posterior() {
         let near = |(mean, variance): (f64, f64), of: f64, spread: f64| {
