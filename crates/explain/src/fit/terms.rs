@@ -27,7 +27,7 @@ const SPRING_SIZES: [&[f64]; 2] = [&[-0.1, -0.5], &[0.03, 0.1, 0.4, 1.5]];
 const DAMPER_SIZES: [&[f64]; 2] = [&[], &[0.1, 0.4, 1.5, 4.0]];
 /// Edges of a dead zone, by the deflection under the mean load.
 const EDGES: [f64; 2] = [0.6, 1.0];
-/// Edges among which the one that is shown is chosen, by all recordings.
+/// Edges among which that of a law that was found is chosen.
 const LAST_EDGES: [f64; 9] = [0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.3];
 /// Candidates that are fitted to the end.
 const FOLLOWED: usize = 6;
@@ -68,13 +68,15 @@ impl Fitted {
         Some(bench)
     }
 
-    /// The same law at its place fitted again to other recordings, which may tell another edge.
+    /// The same law at its place fitted to other recordings, which may tell another edge.
     pub fn again(&self, q: &Question<'_>, cells: &[Cell]) -> Option<Self> {
-        let base = refit::base(q, cells)?;
-        let own = &self.term.term;
+        self.with_best_edge(q, cells, &refit::base(q, cells)?)
+    }
+
+    fn with_best_edge(&self, q: &Question<'_>, cells: &[Cell], base: &Base) -> Option<Self> {
         let all = candidates(q, &LAST_EDGES)?;
-        let same = all.par_iter().filter(|t| (&t.term.expression, &t.term.place) == (&own.expression, &own.place));
-        let found = same.filter_map(|term| follow(q, cells, &base, term, (self.size, f64::INFINITY)));
+        let same = all.par_iter().filter(|t| t.is_law_of(&self.term));
+        let found = same.filter_map(|term| follow(q, cells, base, term, (self.size, f64::INFINITY)));
         found.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 }
@@ -131,6 +133,16 @@ pub fn search(q: &Question<'_>, cells: &[Cell], odds: f64) -> Option<Search> {
     seen.truncate(FOLLOWED);
     let mut found: Vec<Fitted> =
         seen.par_iter().filter_map(|(_, size, term)| follow(q, cells, &base, term, (*size, enough))).collect();
+    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    // One of each law and place, at its best edge.
+    let mut laws: Vec<Fitted> = Vec::with_capacity(found.len());
+    for f in found {
+        if !laws.iter().any(|l| l.term.is_law_of(&f.term)) {
+            let edged = if f.term.has_edge() { f.with_best_edge(q, cells, &base) } else { None };
+            laws.push(edged.unwrap_or(f));
+        }
+    }
+    let mut found = laws;
     found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     if found.is_empty() {
         return Some(Search::Nothing);

@@ -133,6 +133,16 @@ pub struct FreeTerm {
 }
 
 impl FreeTerm {
+    /// Whether both are one law at one place.
+    pub fn is_law_of(&self, other: &Self) -> bool {
+        (&self.term.expression, &self.term.place) == (&other.term.expression, &other.term.place)
+    }
+
+    /// Whether it has an edge beside its coefficient.
+    pub fn has_edge(&self) -> bool {
+        self.term.parameters.len() > 1
+    }
+
     /// The term at a size (in scales).
     pub fn sized(&self, size: f64) -> Term {
         let mut term = self.term.clone();
