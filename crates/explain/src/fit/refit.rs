@@ -38,7 +38,7 @@ pub use self::problem::{Base, FreeTerm, Number, PITCH_ERROR, Problem, SPACING_UM
 use self::problem::{QUICK, Start};
 use crate::change::locate::Cell;
 use crate::change::masks;
-use crate::finding::Finding;
+use crate::finding::{Finding, is_path};
 use crate::fit::least_squares::{Solution, losses};
 use crate::question::Question;
 
@@ -72,7 +72,8 @@ pub fn base(q: &Question<'_>, cells: &[Cell]) -> Option<Base> {
 /// Fits the findings that have a form on mesh lines together with the bench's numbers, and puts
 /// what came out into them.
 pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Option<Refit> {
-    let members: Vec<usize> = (0..findings.len()).filter(|&i| fitted(findings[i].effect).is_some()).collect();
+    let on_lines = |f: &Finding| fitted(f.effect).is_some() && !is_path(f.effect, &f.place);
+    let members: Vec<usize> = (0..findings.len()).filter(|&i| on_lines(&findings[i])).collect();
     if members.is_empty() {
         return None;
     }
@@ -82,10 +83,17 @@ pub fn refit(q: &Question<'_>, cells: &[Cell], findings: &mut [Finding]) -> Opti
     let starts = problem.glance(&base)?;
     let solution = settled(&mut problem, starts)?.solution;
     let widened = problem.profile(&solution);
+    let mut steps = problem.report(&solution);
     for (member, &i) in members.iter().enumerate() {
-        problem.publish(&solution, &widened, member, &mut findings[i]);
+        if problem.tells(&solution, &widened, member) {
+            problem.publish(&solution, &widened, member, &mut findings[i]);
+        } else {
+            let Finding { effect, place, .. } = &findings[i];
+            steps.push(format!(
+                "joint refit: {effect} at {place} is no further from none than chance: its size is not that of this fit"
+            ));
+        }
     }
-    let steps = problem.report(&solution);
     Some(Refit { bench: problem.written(&solution.x), steps })
 }
 

@@ -17,7 +17,7 @@ const DB: f64 = 8.685_889_638;
 /// Whether a model is of what all teeth of a mesh do alike. It has the mesh harmonics; sidebands
 /// come of errors of single teeth, which no sheet has, and it says nothing of them.
 pub fn of_all_teeth(named: &Named) -> bool {
-    refit::has_form(&named.spec.effect)
+    refit::has_form(&named.spec.effect) && !is_path(&named.spec.effect, &named.spec.place)
 }
 
 /// The lines that judge.

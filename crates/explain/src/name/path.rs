@@ -165,7 +165,7 @@ fn of_all(cells: &[Cell], sensors: usize, steps: &mut Vec<String>) -> Finding {
         f.alternatives.push(("structural_resonance", HOUSING.to_owned()));
         f
     } else {
-        let sigma_hz = 0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz;
+        let sigma_hz = (0.03 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz).hypot(resonance.spread_hz);
         let mut f =
             Finding::new("structural_resonance", HOUSING, sure).with("frequency_hz", resonance.frequency_hz, sigma_hz);
         f.alternatives.push(("damping", HOUSING.to_owned()));
@@ -315,19 +315,13 @@ fn of_one(
     if first == "sensor_mounting" {
         // What the form of the fit leaves enters the sigmas: a second effect may lie under it.
         let doubt = (1.0 + mounting.left).sqrt();
-        f = f.with("frequency_hz", mounting.frequency_hz, 0.03 * doubt * mounting.frequency_hz).with(
-            "gain",
-            mounting.gain,
-            0.08 * doubt * mounting.gain,
-        );
+        let sigma_hz = (0.03 * doubt * mounting.frequency_hz).hypot(mounting.spread_hz);
+        let gain = mounting.gain;
+        f = f.with("frequency_hz", mounting.frequency_hz, sigma_hz).with("gain", gain, 0.08 * doubt * gain);
     } else {
-        f = f
-            .with(
-                "frequency_hz",
-                resonance.frequency_hz,
-                0.015 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz,
-            )
-            .with("damping_ratio", resonance.damping, 0.4 * resonance.damping);
+        let sigma_hz = (0.015 * (1.0 + resonance.left).sqrt() * resonance.frequency_hz).hypot(resonance.spread_hz);
+        let damping = resonance.damping;
+        f = f.with("frequency_hz", resonance.frequency_hz, sigma_hz).with("damping_ratio", damping, 0.4 * damping);
     }
     f.alternatives.push((second, name));
     // The only sensor cannot tell its own way from the housing's, which no mounting has below its

@@ -2,7 +2,10 @@
 //! bench's own in words.
 
 use gearwatch_core::estimate::Estimate;
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
+use super::library::fitted;
 use super::problem::{CHANGED, INDEPENDENT, Number, Problem, USUAL_ERROR_UM};
 use crate::finding::Finding;
 use crate::fit::least_squares::Solution;
@@ -12,6 +15,9 @@ use crate::fit::least_squares::Solution;
 const PROFILE_SHARE: f64 = 0.35;
 /// How far the simulator itself is from a bench, whatever is fitted (relative).
 const SIMULATOR_SIGMA: f64 = 0.07;
+
+/// Share of benches without an effect of which a fit makes one.
+const CHANCE: f64 = 0.05;
 
 impl Problem<'_> {
     /// Factor on the standard deviation of each effect's number from its profile: the cost where
@@ -35,6 +41,22 @@ impl Problem<'_> {
             *factor = widest.min(4.0);
         }
         out
+    }
+
+    /// Whether the sizes of a member lie further from those that nearly leave the bench as it is
+    /// than chance puts them in [`CHANCE`] of benches (Wald's test). Where they do not, the fit
+    /// accounts for the lines without it, and says nothing of its size.
+    pub fn tells(&self, s: &Solution, widened: &[f64], member: usize) -> bool {
+        let of_member = |n: &Number| matches!(n, Number::Effect(m, _) if *m == member);
+        let own: Vec<usize> = (0..self.numbers.len()).filter(|&k| of_member(&self.numbers[k])).collect();
+        let form = fitted(&self.specs[member].effect).unwrap_or_default();
+        let off = DVector::from_iterator(own.len(), own.iter().zip(form).map(|(&k, n)| s.x[k] - n.none.ln()));
+        let scale = self.misfit(s).powi(2) / INDEPENDENT;
+        let of = |a: usize, b: usize| scale * widened[a] * widened[b] * s.covariance[(a, b)];
+        let mut covariance = DMatrix::from_fn(own.len(), own.len(), |a, b| of(own[a], own[b]));
+        (0..own.len()).for_each(|k| covariance[(k, k)] += SIMULATOR_SIGMA.powi(2));
+        let Ok(chance) = ChiSquared::new(own.len() as f64) else { return true };
+        covariance.cholesky().is_some_and(|c| chance.sf(off.dot(&c.solve(&off))) < CHANCE)
     }
 
     /// Puts the numbers of a member into its finding.

@@ -1,10 +1,12 @@
 //! The joint refit on drawn benches, from the samples to what it leaves.
 
+use super::problem::INDEPENDENT;
 use super::residuals::Of;
 use super::*;
 use crate::change::compare::LineChange;
 use crate::change::locate::{self, Cell};
 use crate::explain::Input;
+use crate::finding::HOUSING;
 use crate::fit::least_squares::losses;
 use crate::measure::{Measured, measure};
 use crate::prove;
@@ -122,6 +124,35 @@ fn oracle_phases_of_drawn_lines_follow_the_model() {
     assert!(!cases.is_empty(), "no case could be drawn");
     assert!(left < 0.5 * moved, "{cases:?}");
     assert!(left < 0.7 * backwards, "{cases:?}");
+}
+
+/// A bearing that a fit leaves as it was has no size of this fit, nor one half as stiff where that
+/// is within the deviation; one that is far beyond it has. Damping of the housing is no part of a
+/// fit to mesh lines.
+#[test]
+fn analytic_a_fit_that_needs_no_effect_says_nothing_of_its_size() {
+    let told = (0..6).find_map(|index| {
+        let drawn = Drawn::new("tip_relief", index)?;
+        drawn.ask(
+            |_| {},
+            |q, cells| {
+                let shaft = q.bench.shafts[0].name.clone();
+                let problem = Problem::new(q, cells, &[("bearing_compliance", &shaft)])?;
+                let at = problem.numbers.iter().position(|n| matches!(n, Number::Effect(..)))?;
+                let told = |factor: f64, sigma: f64| {
+                    let mut x = DVector::from_iterator(problem.priors.len(), problem.priors.iter().map(|p| p.mean));
+                    x[at] = factor.ln();
+                    let covariance = nalgebra::DMatrix::identity(x.len(), x.len()) * (sigma * sigma * INDEPENDENT);
+                    let widened = vec![1.0; x.len()];
+                    problem.tells(&Solution { x, covariance, cost: (0.0, 0.0), iterations: 1 }, &widened, 0)
+                };
+                let mut housing = [Finding::new("damping", HOUSING, 0.9).with("factor", 2.5, 0.5)];
+                assert!(refit(q, cells, &mut housing).is_none());
+                Some([told(1.0, 0.1), told(0.5, 0.4), told(0.5, 0.3)])
+            },
+        )
+    });
+    assert_eq!(told, Some([false, false, true]));
 }
 
 fn lines(changes: &[f64]) -> Vec<Line> {
