@@ -44,7 +44,7 @@ impl Problem<'_> {
     }
 
     /// Whether the sizes of a member lie further from those that nearly leave the bench as it is
-    /// than chance puts them in [`CHANCE`] of benches (Wald's test). Where they do not, the fit
+    /// than chance puts them in one of twenty benches (Wald's test). Where they do not, the fit
     /// accounts for the lines without it, and says nothing of its size.
     pub fn tells(&self, s: &Solution, widened: &[f64], member: usize) -> bool {
         let of_member = |n: &Number| matches!(n, Number::Effect(m, _) if *m == member);
