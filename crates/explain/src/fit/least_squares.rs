@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 /// Degrees of freedom of the t distribution of residuals.
 const TAIL: f64 = 4.0;
 /// Step of the difference quotients, in standard deviations of the prior.
-const STEP: f64 = 0.05;
+pub const QUOTIENT_STEP: f64 = 0.05;
 /// Share of that step by which a state is moved along it: states follow the numbers in nearly
 /// straight lines, and residuals the states not everywhere.
 const SHARE: f64 = 0.02;
@@ -296,7 +296,7 @@ fn quotients<M: Model>(
             moved
         };
         // At the edge of what can be solved, the quotient looks back.
-        let sides = [STEP, -STEP].into_iter();
+        let sides = [QUOTIENT_STEP, -QUOTIENT_STEP].into_iter();
         let Some((at, by)) = sides.filter_map(|by| Some((model.near(&moved(by))?, by))).next() else { continue };
         for &(column, _) in group {
             let by = by * SHARE * priors[free[column]].sigma;

@@ -346,3 +346,44 @@ fn carrier(comparison: &Comparison, line: &LineChange, states: &States) -> Optio
         comparison.lines.iter().position(|l| l.pair == line.pair && l.channel == line.channel && l.family == own)?;
     states[at].as_ref().map(ratio)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::explain::Input;
+    use crate::judge::left_out::left_out;
+    use crate::measure::measure;
+    use crate::prove;
+
+    /// Whatever the recording that is held out does, what is predicted of it is the same: of relief
+    /// and of a changed path alike. What a recording does that is fitted is not.
+    #[test]
+    fn analytic_what_is_held_out_has_no_part_in_its_prediction() {
+        let case = (0..6).find_map(|k| prove::case(2_026_113_001, k, Some("tip_relief"))).unwrap();
+        let (recordings, reference) = (&case.recordings, &case.reference);
+        let input = Input { bench: &case.bench, recordings, reference, without: &[] };
+        let measured = measure(&input, &mut Vec::new(), &mut |_| {}).unwrap();
+        let held = left_out(&measured.comparison);
+        let other = (0..measured.comparison.pairs.len()).find(|pair| !held.contains(pair)).unwrap();
+        let named =
+            [("tip_relief", &*case.bench.stages[0].name), ("sensor_mounting", &*measured.comparison.channels[0])];
+        for (effect, place) in named {
+            let spec = EffectSpec { effect: effect.into(), place: place.into(), parameters: Default::default() };
+            // Amplitudes and phases of the lines, and the background, of some pairs moved.
+            let predicted = |moved: &[usize]| {
+                let mut comparison = measured.comparison.clone();
+                let all = comparison.lines.iter_mut().filter(|l| moved.contains(&l.pair));
+                all.for_each(|l| (l.log_ratio, l.turn) = (l.log_ratio + 0.5, l.turn + 1.0));
+                let floors = comparison.floors.iter_mut().filter(|f| moved.contains(&f.pair));
+                floors.for_each(|f| f.log_ratio += 0.5);
+                let q = Question { comparison: &comparison, ..measured.question() };
+                let named = [Named { spec: spec.clone() }];
+                predict(&Grounds::new(&q, &held, &named), &named).unwrap()
+            };
+            let plain = predicted(&[]);
+            assert!(plain.iter().any(|p| p.change != 0.0), "{effect}");
+            assert_eq!(predicted(&held), plain, "{effect}");
+            assert_ne!(predicted(&[other]), plain, "{effect}");
+        }
+    }
+}

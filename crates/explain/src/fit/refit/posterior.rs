@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::problem::{INDEPENDENT, Problem};
 use super::residuals::{LineStates, ratio};
-use crate::fit::least_squares::{Model, Solution, losses, pulls};
+use crate::fit::least_squares::{Model, QUOTIENT_STEP, Solution, losses, pulls};
 
 /// Steps of the chain: first, in which its step length settles, and then.
 const SETTLING: usize = 400;
@@ -31,8 +31,6 @@ const STEPS: (f64, f64) = (0.01, 1.0);
 /// Variance of the normal one that draws are proposed by over that of Laplace's approximation: a
 /// chain reaches what is unlikely in its posterior where that is likely in what proposes it.
 const WIDER: f64 = 2.0;
-/// Step of the slopes, in standard deviations of the prior.
-const SLOPE_STEP: f64 = 0.05;
 
 /// What is foreseen of a mesh line.
 #[derive(Clone, Copy, Debug)]
@@ -80,7 +78,7 @@ impl Problem<'_> {
             _ => Complex64::ZERO,
         };
         let mut of = |k: usize| -> Option<Slopes> {
-            let step = SLOPE_STEP * self.priors[k].sigma;
+            let step = QUOTIENT_STEP * self.priors[k].sigma;
             let (moved, by) = [step, -step].into_iter().find_map(|by| {
                 let mut y = x.clone();
                 y[k] += by;
