@@ -10,6 +10,7 @@ use crate::judge::limits;
 use crate::judge::report::Explanation;
 use crate::measure::{self, Measured};
 use crate::name;
+use crate::name::strange::Strange;
 use crate::question::Question;
 
 /// What is asked.
@@ -45,7 +46,7 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     progress("sensors, cables and converters");
     let mut examined = instrument::examine(input.bench, input.recordings, input.reference);
     let rest = Input { recordings: &examined.recordings, reference: &examined.reference, ..*input };
-    match physics(&rest, &mut examined.faults, progress) {
+    match physics(&rest, (&mut examined.faults, examined.turns_late), progress) {
         Ok(mut answer) => {
             examined.before(&mut answer.explanation);
             Ok(answer)
@@ -54,10 +55,15 @@ pub fn explain(input: &Input<'_>, progress: &mut dyn FnMut(&str)) -> Result<Answ
     }
 }
 
-/// Explains recordings whose instrument is in order.
-fn physics(input: &Input<'_>, faults: &mut Vec<Fault>, progress: &mut dyn FnMut(&str)) -> Result<Answer, ExplainError> {
+/// Explains recordings whose instrument is in order; `turns_late` says that the machine slipped.
+fn physics(
+    input: &Input<'_>,
+    (faults, turns_late): (&mut Vec<Fault>, bool),
+    progress: &mut dyn FnMut(&str),
+) -> Result<Answer, ExplainError> {
     let mut measured = measure::measure(input, faults, progress)?;
     let (strange, steps) = (std::mem::take(&mut measured.strange), std::mem::take(&mut measured.steps));
+    let strange = Strange { turns_late, ..strange };
     let question = Question { without: input.without, ..measured.question() };
     let name::Named { explanation, bench: refitted } = name::answer(&question, strange, steps, progress);
     let Measured { bench, comparison, mut limits, .. } = measured;

@@ -23,6 +23,7 @@ use gearwatch_core::recording::Recording;
 use gearwatch_core::train::Train;
 
 use self::cross::Cross;
+use self::lost::Step;
 use self::mains::ShaftSpeed;
 use self::repair::{Cut, common_run};
 use self::samples::{Facts, Repeat};
@@ -83,6 +84,8 @@ pub struct Examined {
     pub recordings: Vec<Recording>,
     /// Likewise.
     pub reference: Vec<Recording>,
+    /// The machine turns later from one instant of a recording on.
+    pub turns_late: bool,
     /// What could not be judged for it.
     pub limits: Vec<String>,
     /// How it was found.
@@ -102,6 +105,7 @@ pub fn examine(bench: &Bench, recordings: &[Recording], reference: &[Recording])
         faults: Vec::new(),
         recordings: recordings.to_vec(),
         reference: reference.to_vec(),
+        turns_late: false,
         limits: Vec::new(),
         steps: Vec::new(),
     };
@@ -116,14 +120,12 @@ pub fn examine(bench: &Bench, recordings: &[Recording], reference: &[Recording])
     }
     // The references as they are used stay the same while recordings are looked at.
     let references = out.reference.clone();
+    let usual = usual(&before);
+    let seen: Vec<Channels> = out.recordings.iter().map(|r| channels(r, &sensors)).collect();
+    let mut sudden: Vec<Vec<Step>> = Vec::new();
     let mut all: Vec<Fault> = Vec::new();
-    let count = recordings.len();
-    for recording in &mut out.recordings {
-        let seen = channels(recording, &sensors);
-        if seen.facts.is_empty() {
-            continue;
-        }
-        let mut ask = Asked {
+    let mut asked = |recording: &mut Recording, ask: &mut dyn FnMut(&mut Asked<'_>)| {
+        let mut asked = Asked {
             transforms: &mut transforms,
             bench,
             train: &train,
@@ -133,13 +135,26 @@ pub fn examine(bench: &Bench, recordings: &[Recording], reference: &[Recording])
             limits: &mut out.limits,
             steps: &mut out.steps,
         };
-        let usual = usual(&before);
-        ask.samples(&seen, &usual);
-        ask.time(seen.rate, &seen);
-        ask.against(&references);
-        all.append(&mut ask.faults);
+        ask(&mut asked);
+        all.append(&mut asked.faults);
+    };
+    for (recording, seen) in out.recordings.iter_mut().zip(&seen).filter(|(_, seen)| !seen.facts.is_empty()) {
+        asked(recording, &mut |a| {
+            a.samples(seen, &usual);
+            sudden.push(a.sudden(seen));
+        });
     }
-    out.faults = merged(all, count);
+    // What slips in one recording may slip in all.
+    let late = sudden.iter().flatten().map(Step::late).fold(0.0, f64::max);
+    let seen = out.recordings.iter_mut().zip(&seen).filter(|(_, seen)| !seen.facts.is_empty());
+    for ((recording, seen), sudden) in seen.zip(&sudden) {
+        asked(recording, &mut |a| {
+            a.time(seen, (sudden, late));
+            a.against(&references);
+        });
+    }
+    out.turns_late = late > 0.0;
+    out.faults = merged(all, recordings.len());
     out
 }
 
@@ -242,14 +257,30 @@ impl Asked<'_> {
         step * step / 12.0 * 0.375 * window as f64 > STEP_NOISE * median(&mut power)
     }
 
-    /// What was written twice, and what is missing.
-    fn time(&mut self, rate: f64, seen: &Channels) {
+    /// Instants at which the phases of all lines step; blocks that were written twice are others.
+    fn sudden(&mut self, seen: &Channels) -> Vec<Step> {
+        if self.repeats(seen).next().is_some() {
+            return Vec::new();
+        }
+        let run = common_run(self.recording, self.sensors);
+        let signals: Vec<&[f64]> = run.iter().map(|c| c.1).collect();
+        lost::steps(self.transforms, &signals, seen.rate)
+    }
+
+    /// Blocks that were written twice in a channel.
+    fn repeats<'s>(&self, seen: &'s Channels) -> impl Iterator<Item = (Repeat, &'s str)> {
+        let kept = seen.facts.iter().filter(|(name, _)| self.recording.channels.contains_key(*name));
+        kept.flat_map(|(name, f)| f.repeats.iter().map(|r| (*r, name.as_str())))
+    }
+
+    /// What was written twice, and what is missing: of instants at which all phases step those
+    /// where samples were lost, beside a machine that turns later by `late` samples at most.
+    fn time(&mut self, seen: &Channels, (sudden, late): (&[Step], f64)) {
+        let said = |s: &Step, samples: f64| format!("{samples:.0} samples at {:.2} s", s.at as f64 / seen.rate);
         let mut cuts: Vec<Cut> = Vec::new();
         let mut by_place: BTreeMap<Repeat, Vec<&str>> = BTreeMap::new();
-        for (name, f) in seen.facts.iter().filter(|(name, _)| self.recording.channels.contains_key(*name)) {
-            for r in &f.repeats {
-                by_place.entry(*r).or_default().push(name);
-            }
+        for (repeat, name) in self.repeats(seen) {
+            by_place.entry(repeat).or_default().push(name);
         }
         let left = self.recording.channels.keys().filter(|k| self.sensors.contains(&k.as_str())).count();
         let mut totals: BTreeMap<String, (usize, usize)> = BTreeMap::new();
@@ -272,29 +303,34 @@ impl Asked<'_> {
                 0.5 * blocks as f64,
             ));
         }
-        if cuts.is_empty() {
-            let run = common_run(self.recording, self.sensors);
-            let signals: Vec<&[f64]> = run.iter().map(|c| c.1).collect();
-            let gaps = lost::gaps(self.transforms, &signals, rate);
-            if !gaps.is_empty() {
-                let (samples, variance) =
-                    gaps.iter().fold((0.0, 0.0), |(s, v), g| (s + g.samples.0, v + g.samples.1.powi(2)));
-                let places: Vec<String> =
-                    gaps.iter().map(|g| format!("{:.0} samples at {:.2} s", g.samples.0, g.at as f64 / rate)).collect();
-                let why = format!("the phases of all lines step together: {}", places.join(", "));
-                let gain = gaps.iter().map(|g| g.gain).fold(f64::INFINITY, f64::min);
-                self.steps.push(format!("{}: {why}; {gain:.0} nats over none", self.recording.name));
-                self.faults.push(
-                    Fault::new("samples_lost", "acquisition", 0.97, why)
-                        .with("samples", samples, variance.sqrt())
-                        .with("gaps", gaps.len() as f64, 0.1),
-                );
-                cuts.extend(gaps.iter().map(|g| Cut {
-                    from: g.at.saturating_sub(g.within),
-                    to: g.at + g.within,
-                    lost: g.samples.0.round() as i64,
-                }));
-            }
+        let turns_late: Vec<String> = sudden.iter().filter(|s| s.late() > 0.0).map(|s| said(s, s.late())).collect();
+        if !turns_late.is_empty() {
+            self.steps.push(format!(
+                "{}: the machine turns later from one instant on: {}",
+                self.recording.name,
+                turns_late.join(", ")
+            ));
+        }
+        let gaps: Vec<&Step> = sudden.iter().filter(|s| s.is_gap(late)).collect();
+        if !gaps.is_empty() {
+            let (samples, variance) =
+                gaps.iter().fold((0.0, 0.0), |(s, v), g| (s + g.samples.0, v + g.samples.1.powi(2)));
+            let places: Vec<String> = gaps.iter().map(|g| said(g, g.samples.0)).collect();
+            let why = format!("the phases of all lines step together: {}", places.join(", "));
+            let gain = gaps.iter().map(|g| g.gain).fold(f64::INFINITY, f64::min);
+            self.steps.push(format!("{}: {why}; {gain:.0} nats over none", self.recording.name));
+            self.faults.push(
+                Fault::new("samples_lost", "acquisition", 0.97, why).with("samples", samples, variance.sqrt()).with(
+                    "gaps",
+                    gaps.len() as f64,
+                    0.1,
+                ),
+            );
+            cuts.extend(gaps.iter().map(|g| Cut {
+                from: g.at.saturating_sub(g.within),
+                to: g.at + g.within,
+                lost: g.samples.0.round() as i64,
+            }));
         }
         cuts.sort_by_key(|c| c.from);
         repair::cut(self.recording, &cuts);

@@ -5,6 +5,10 @@
 //! Before and after each instant the phase of each line is read over half a second. A wander of the
 //! speed turns all phases in proportion to frequency too, but slowly: as if some few samples were
 //! missing, everywhere a little.
+//!
+//! A machine that slips turns later from one instant on: all phases step as if there were too many
+//! samples. Nothing is lost then. By the machine's own period more it would seem lost, so both
+//! directions are asked.
 
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -37,18 +41,32 @@ const PRESENT: f64 = 0.5;
 /// Instants that are looked at closely, each farther than a side from the others.
 const LOOKED_AT: usize = 6;
 
-/// A gap without a mark.
+/// An instant at which the phases of all lines step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gap {
-    /// First sample after it, within [`Gap::within`] samples.
+pub struct Step {
+    /// First sample after it, within [`Step::within`] samples.
     pub at: usize,
     /// How far off `at` may be: phases are read over a side, so the instant is known to a fifth of
     /// it.
     pub within: usize,
-    /// Samples that are missing, and the standard deviation of that.
+    /// Samples that are missing, and the standard deviation of that; negative where the machine
+    /// turns later from there on.
     pub samples: (f64, f64),
-    /// Nats over no gap.
+    /// Nats over no step.
     pub gain: f64,
+}
+
+impl Step {
+    /// Whether samples are missing, beside machines that turn later by so many samples at most:
+    /// what slips catches up, too, so that steps twice as long are its own either way.
+    pub fn is_gap(&self, late: f64) -> bool {
+        self.samples.0 > 2.0 * late
+    }
+
+    /// Samples by which the machine turns later.
+    pub fn late(&self) -> f64 {
+        -self.samples.0
+    }
 }
 
 /// A narrow line of a channel.
@@ -167,13 +185,14 @@ impl Steps {
         self.weight.iter().zip(&self.presence[at]).map(|(w, presence)| w * presence).sum()
     }
 
-    /// The time that is missing (s), from `least` on, and its log likelihood; from 0 on either way.
-    /// Of times that agree as well, the machine's own period apart, the shortest.
+    /// The time that is missing (s, negative where there is too much), at least and at most so
+    /// long, and its log likelihood. Of times that agree as well, the machine's own period apart,
+    /// the shortest.
     fn best(&self, at: usize, least_s: f64, most_s: f64) -> (f64, f64) {
         let highest = self.hz.iter().copied().fold(1.0, f64::max);
         let step = 1.0 / (10.0 * highest);
         let count = (most_s / step).ceil() as i64;
-        let first = if least_s > 0.0 { (least_s / step).ceil() as i64 } else { -count };
+        let first = -count;
         // Each line's step, turned on from one time to the next.
         let lines = self.phases[at].iter().zip(&self.hz).zip(self.weight.iter().zip(&self.presence[at]));
         let mut left: Vec<(Complex64, Complex64)> = lines
@@ -188,15 +207,19 @@ impl Steps {
                 left.iter_mut().for_each(|l| l.0 *= l.1);
                 (k as f64 * step, sum)
             })
+            .filter(|(x, _)| x.abs() >= least_s)
             .collect();
-        let most = all.iter().map(|x| x.1).fold(f64::NEG_INFINITY, f64::max);
+        let highest = |some: &mut dyn Iterator<Item = (f64, f64)>| {
+            some.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, f64::NEG_INFINITY))
+        };
+        let most = highest(&mut all.iter().copied());
         if least_s <= 0.0 {
-            return all.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, most));
+            return most;
         }
-        let Some(near) = all.iter().position(|x| TEMPER * (most - x.1) < AS_WELL) else { return (0.0, most) };
+        let as_well = all.iter().filter(|x| TEMPER * (most.1 - x.1) < AS_WELL);
+        let Some(near) = as_well.map(|x| x.0).min_by(|a, b| a.abs().total_cmp(&b.abs())) else { return most };
         // Up to the top of that peak.
-        let top = near + (5).min(all.len() - 1 - near);
-        all[near..=top].iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, most))
+        highest(&mut all.iter().copied().filter(|x| (x.0 - near).abs() < 5.5 * step))
     }
 }
 
@@ -215,8 +238,8 @@ fn wander_s() -> f64 {
     repetition::OF_SPEED * SIDE_S
 }
 
-/// Gaps without a mark in a run of all channels, in the order of time.
-pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<Gap> {
+/// Instants of a run of all channels at which the phases of all lines step, in the order of time.
+pub fn steps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<Step> {
     let block = ((BLOCK_S * rate) as usize).max(1);
     let side = (SIDE_S / BLOCK_S).round() as usize;
     let lines: Vec<Line> = channels
@@ -248,7 +271,7 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
     // chance.
     let tried = steps.phases.len() as f64 * LONGEST_S * rate;
     let needed = (tried / BY_CHANCE).ln();
-    let mut out: Vec<Gap> = Vec::new();
+    let mut out: Vec<Step> = Vec::new();
     for k in looked {
         // Where even full agreement would not be enough nothing is sought.
         if TEMPER * short[k] < needed {
@@ -269,18 +292,23 @@ pub fn gaps(transforms: &mut Transforms, channels: &[&[f64]], rate: f64) -> Vec<
         if gain > needed && likelihood > repetition::OF_PHASES * middle {
             let information: f64 = steps.hz.iter().zip(&steps.weight).map(|(hz, w)| w * (TAU * hz).powi(2)).sum();
             let sigma = (TEMPER * information).sqrt().recip().hypot(0.25 * wander_s());
-            out.push(Gap { at: (at + side) * block, within: 3 * block, samples: (missing * rate, sigma * rate), gain });
+            out.push(Step {
+                at: (at + side) * block,
+                within: 3 * block,
+                samples: (missing * rate, sigma * rate),
+                gain,
+            });
         }
     }
-    // Seen from either side, one gap is one: of two within a side the plainer counts.
+    // Seen from either side, one step is one: of two within a side the plainer counts.
     out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let mut apart: Vec<Gap> = Vec::new();
-    for gap in out {
-        if apart.iter().all(|g| g.at.abs_diff(gap.at) >= side * block) {
-            apart.push(gap);
+    let mut apart: Vec<Step> = Vec::new();
+    for step in out {
+        if apart.iter().all(|s| s.at.abs_diff(step.at) >= side * block) {
+            apart.push(step);
         }
     }
-    apart.sort_by_key(|g| g.at);
+    apart.sort_by_key(|s| s.at);
     apart
 }
 
@@ -293,6 +321,11 @@ mod tests {
 
     /// Lines of two shafts with a wander of a thousandth, in noise.
     fn run(len: usize, seed: u64) -> Vec<f64> {
+        run_of(len, seed, 0.561, |t| t)
+    }
+
+    /// The same of another ratio of the shafts, and at the instants of another clock.
+    fn run_of(len: usize, seed: u64, ratio: f64, clock: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut state = seed;
         let mut even = move || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -300,12 +333,12 @@ mod tests {
         };
         (0..len)
             .map(|n| {
-                let t = n as f64 / RATE_HZ;
+                let t = clock(n as f64 / RATE_HZ);
                 let turn = 29.7 * (t + 2e-4 * (PI * t).sin() / PI);
-                let shafts = [(1.0, 1.0), (2.0, 0.6), (9.2, 0.4), (33.6, 0.6)].into_iter();
+                let shafts = [(1.0, 1.0), (2.0, 0.6), (16.4 * ratio, 0.4), (60.0 * ratio, 0.6)].into_iter();
                 let meshes = (1..=3).flat_map(|h| {
                     let (order, size) = (23.0 * f64::from(h), 1.0 / f64::from(h));
-                    let beside = [-1.0, -0.561, 0.561, 1.0].map(|s| (order + s, 0.5 * size));
+                    let beside = [-1.0, -ratio, ratio, 1.0].map(|s| (order + s, 0.5 * size));
                     beside.into_iter().chain([(order, 2.0 * size)])
                 });
                 let lines: f64 =
@@ -355,13 +388,29 @@ mod tests {
         };
         for seed in 0..4 {
             let x = beating(seed);
-            let found = gaps(&mut Transforms::default(), &[&x], RATE_HZ);
+            let found = steps(&mut Transforms::default(), &[&x], RATE_HZ);
             assert!(found.is_empty(), "{found:?}");
             let mut cut = x;
             cut.drain(8192..8492);
-            let found = gaps(&mut Transforms::default(), &[&cut], RATE_HZ);
+            let found = steps(&mut Transforms::default(), &[&cut], RATE_HZ);
             assert_eq!(found.len(), 1, "{found:?}");
             assert!((found[0].samples.0 - 300.0).abs() < 4.0 * found[0].samples.1, "{found:?}");
+        }
+    }
+
+    /// A shaft that slips by 14 samples within 2 ms turns later from there on. Where every line is a
+    /// multiple of half a turn, two turns less 14 samples would do as well: nothing is lost. Beside
+    /// that a step of 14 samples the other way is the machine's own, one of 300 is not.
+    #[test]
+    fn regress_a_machine_that_slips_has_lost_nothing() {
+        for seed in 0..4 {
+            let slips = |t: f64| t - 14.0 / RATE_HZ * ((t - 2.4) / 0.002).clamp(0.0, 1.0);
+            let x = run_of(5 * 8192, seed, 0.5, slips);
+            let found = steps(&mut Transforms::default(), &[&x], RATE_HZ);
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!((found[0].late() - 14.0).abs() < 4.0 * found[0].samples.1 && !found[0].is_gap(0.0), "{found:?}");
+            let of = |samples: f64| Step { samples: (samples, 1.0), ..found[0] }.is_gap(found[0].late());
+            assert!(!of(14.0) && of(300.0));
         }
     }
 
@@ -372,13 +421,13 @@ mod tests {
         for lost in [40usize, 300, 512, 3000] {
             let mut x = run(5 * 8192, lost as u64);
             x.drain(20_000..20_000 + lost);
-            let found = gaps(&mut Transforms::default(), &[&x], RATE_HZ);
+            let found = steps(&mut Transforms::default(), &[&x], RATE_HZ);
             assert_eq!(found.len(), 1, "{lost}: {found:?}");
             assert!(found[0].at.abs_diff(20_000) < 819, "{lost}: {found:?}");
             assert!((found[0].samples.0 - lost as f64).abs() < 4.0 * found[0].samples.1, "{lost}: {found:?}");
         }
         for seed in 0..5 {
-            let found = gaps(&mut Transforms::default(), &[&run(5 * 8192, 100 + seed)], RATE_HZ);
+            let found = steps(&mut Transforms::default(), &[&run(5 * 8192, 100 + seed)], RATE_HZ);
             assert!(found.is_empty(), "{found:?}");
         }
     }

@@ -61,6 +61,8 @@ pub struct Strange {
     pub moved_mode: Option<MovedMode>,
     /// A channel that shows more displacement than a bench can.
     pub displaced: Option<Displaced>,
+    /// The machine turns later from one instant on: something slips or sticks.
+    pub turns_late: bool,
 }
 
 /// Least mean excess (nats) of a line that is named, against a reference and without.
@@ -247,6 +249,7 @@ pub fn strange(
         wandering: wander::wandering(&twins, channels),
         moved_mode: moved_mode::moved_mode(&twins, channels),
         displaced: displacement::displaced(recordings),
+        ..Strange::default()
     }
 }
 
@@ -333,7 +336,7 @@ pub fn add_strange(
 
 /// Whether something is there that no effect of the library makes.
 pub fn has_no_name(q: &Question<'_>, strange: &Strange, steps: &mut Vec<String>) -> bool {
-    moves_alone(strange, steps) || wanders(strange, steps) || bursts(q, strange, steps)
+    strange.turns_late || moves_alone(strange, steps) || wanders(strange, steps) || bursts(q, strange, steps)
 }
 
 /// Whether something bursts that no gear does.
