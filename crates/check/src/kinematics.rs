@@ -215,16 +215,37 @@ pub(crate) fn speed_orders(train: &Train) -> Vec<f64> {
 /// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft
 /// orders.
 pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
-    let mut out = speed_orders(train);
+    deciding_lines(train).into_iter().map(|(order, _)| order).collect()
+}
+
+/// The same, each with the order of the shaft that makes it; infinite of a mesh.
+fn deciding_lines(train: &Train) -> Vec<(f64, f64)> {
+    let meshes = comb_orders(train).into_iter().map(|order| (order, f64::INFINITY));
+    let shafts = train.shafts.iter().flat_map(|(_, own)| (1..=4).map(move |k| (own * f64::from(k), *own)));
+    let mut out: Vec<(f64, f64)> = meshes.chain(shafts).collect();
     for stage in &train.stages {
         for h in 1..=3 {
             let centre = stage.harmonic_order(h);
             for shaft in [stage.pinion_order, stage.wheel_order] {
-                out.extend([centre - shaft, centre + shaft]);
+                out.extend([(centre - shaft, shaft), (centre + shaft, shaft)]);
             }
         }
     }
     out
+}
+
+/// Which of the deciding orders tell of tooth numbers. Errors of a gear's teeth light every multiple
+/// of its shaft: a line of a slower shaft that falls on one is there whatever the teeth. Where two
+/// orders are the same the first tells, as for all lines of a wheel that turns as its pinion does.
+fn telling(train: &Train) -> Vec<bool> {
+    let same = |a: f64, b: f64| (a / b - 1.0).abs() < SAME_ORDER;
+    let lines = deciding_lines(train);
+    let tells = |(k, (order, own)): (usize, &(f64, f64))| {
+        let of = |shaft: f64| same((order / shaft).round().max(1.0) * shaft, *order);
+        let of_faster = train.shafts.iter().any(|(_, shaft)| *shaft > own * (1.0 + SAME_ORDER) && of(*shaft));
+        !of_faster && !lines[..k].iter().any(|before| same(before.0, *order))
+    };
+    lines.iter().enumerate().map(tells).collect()
 }
 
 /// What lies at the lines that only one of two sets of tooth numbers has.
@@ -235,11 +256,14 @@ struct Moved {
 }
 
 impl Moved {
-    /// Of all recordings.
-    fn between(fields: &[CombField], sheet: &Fit, other: &Fit) -> Self {
+    /// Of all recordings, of those lines that tell.
+    fn between(fields: &[CombField], (sheet, other): (&Fit, &Fit), telling: &[bool]) -> Self {
+        let told = |lines: &[f64]| -> Vec<f64> {
+            lines.iter().zip(telling).filter(|(_, tells)| **tells).map(|(hz, _)| *hz).collect()
+        };
         let mut moved = Self::default();
         for ((field, sheet), other) in fields.iter().zip(&sheet.lines).zip(&other.lines) {
-            moved.add(field, sheet, other);
+            moved.add(field, &told(sheet), &told(other));
         }
         moved
     }
@@ -338,6 +362,14 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombFi
     likeliest_teeth(bench, all, fields).filter(|likeliest| likeliest.believed).map(|one| (one.teeth, one.bench))
 }
 
+/// Whether another tooth number moves mesh lines: those of the last wheel do where the speed is that
+/// of its own shaft.
+fn moves_mesh_lines(bench: &Bench, stage: usize, pinion: bool) -> bool {
+    let tacho = bench.tacho.as_ref().map(|tacho| tacho.shaft.as_str());
+    let last = bench.shafts.last().map(|shaft| shaft.name.as_str());
+    pinion || stage + 1 < bench.stages.len() || (tacho.is_some() && tacho == last)
+}
+
 /// The one tooth number whose change fits all recordings best, if any fits better than the sheet.
 pub struct LikeliestTeeth {
     /// The gear.
@@ -352,6 +384,7 @@ pub struct LikeliestTeeth {
 /// not there, it stands beside what else may have moved them.
 pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<LikeliestTeeth> {
     let sheet = Fit::of(bench, all, fields, true);
+    let of_sheet = telling(&Train::new(bench));
     let mut best: Option<Candidate> = None;
     let mut faint: Option<Candidate> = None;
     for (stage, gears) in bench.stages.iter().enumerate() {
@@ -363,45 +396,51 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
                     continue;
                 }
                 let fit = Fit::of(&other, all, fields, false);
-                let moved = Moved::between(fields, &sheet, &fit);
-                let all_lines = fit.score - sheet.score;
+                let telling = both(&of_sheet, &telling(&Train::new(&other)));
+                let moved = Moved::between(fields, (&sheet, &fit), &telling);
+                let (score, of_sheet) = (fit.score(fields, &telling), sheet.score(fields, &telling));
+                let all_lines = score - of_sheet;
                 if all_lines <= 0.0 {
                     continue;
                 }
                 let (gain, sure) = moved.gain();
                 let believed = all_lines > TEETH_GAIN || (gain > TEETH_GAIN && sure > TEETH_SURE);
+                // Teeth that move no mesh line are counted over shaft angle (`last_wheel`).
+                if !believed && !moves_mesh_lines(bench, stage, pinion) {
+                    continue;
+                }
                 let place = if believed { &mut best } else { &mut faint };
-                if place.as_ref().is_none_or(|one| fit.score > one.score) {
+                if place.as_ref().is_none_or(|one| score > one.score) {
                     let gain = if believed { gain.max(all_lines) } else { all_lines };
                     let gear = OtherTeeth { stage, pinion, teeth: changed, sheet: teeth, gain };
-                    *place = Some(Candidate { score: fit.score, moved, gear, bench: other });
+                    *place = Some(Candidate { score, of_sheet, telling, moved, gear, bench: other });
                 }
             }
         }
     }
     // What tooth numbers score that nobody has, by all lines and by those that they move.
-    let nobodys = |gear: &OtherTeeth| -> Vec<(f64, Moved)> {
+    let nobodys = |gear: &OtherTeeth, telling: &[bool]| -> Vec<(f64, Moved)> {
         (TEETH_REACH + 1..=NOBODYS_REACH)
             .flat_map(|change| [-change, change])
             .filter_map(|change| u32::try_from(i64::from(gear.sheet) + change).ok())
             .filter(|teeth| *teeth >= *TRIED_TEETH.start())
             .filter_map(|teeth| {
                 let fit = Fit::of(&with_teeth(bench, gear.stage, gear.pinion, teeth)?, all, fields, false);
-                Some((fit.score, Moved::between(fields, &sheet, &fit)))
+                Some((fit.score(fields, telling), Moved::between(fields, (&sheet, &fit), telling)))
             })
             .collect()
     };
     // A stage whose mesh is faint beside the other's: its share of all lines is small, but what
     // tooth numbers score that nobody has says how small chance is.
     let (one, sure) = best.map(|one| (one, true)).or_else(|| Some((faint?, false)))?;
-    let nobody = nobodys(&one.gear);
+    let nobody = nobodys(&one.gear, &one.telling);
     let scores: Vec<f64> = nobody.iter().map(|(score, _)| *score).collect();
     let (few, middle) = (nobody.len() <= LEAST_NOBODYS, dsp::median(&mut scores.clone()));
     let told = if sure {
         few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
     } else {
         // The sheet's own lines must not stand out as well.
-        !few && stands_out(one.score, &scores, OF_NOBODY) && sheet.score < middle + 0.5 * (one.score - middle)
+        !few && stands_out(one.score, &scores, OF_NOBODY) && one.of_sheet < middle + 0.5 * (one.score - middle)
     };
     let believed = told && !sheet_has_lines(&one.moved, &nobody);
     Some(LikeliestTeeth { teeth: one.gear, bench: one.bench, believed })
@@ -409,17 +448,25 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
 
 /// A sheet with another tooth number that fits better.
 struct Candidate {
+    /// Mean log excess of the lines that tell, and that of the sheet's.
     score: f64,
+    of_sheet: f64,
+    telling: Vec<bool>,
     moved: Moved,
     gear: OtherTeeth,
     bench: Bench,
 }
 
+/// Lines that tell by both of two sheets.
+fn both(one: &[bool], other: &[bool]) -> Vec<bool> {
+    one.iter().zip(other).map(|(a, b)| *a && *b).collect()
+}
+
 /// How a sheet fits all recordings.
 struct Fit {
-    /// Mean log excess of all lines.
-    score: f64,
-    /// Where it puts them in each recording (Hz).
+    orders: Vec<f64>,
+    /// Speed of the input shaft in each recording (Hz), and where the sheet puts its lines (Hz).
+    input_hz: Vec<f64>,
     lines: Vec<Vec<f64>>,
 }
 
@@ -427,19 +474,24 @@ impl Fit {
     fn of(candidate: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField], own: bool) -> Self {
         let train = Train::new(candidate);
         let (orders, comb) = (deciding_orders(&train), comb_orders(&train));
-        let mut sum = 0.0;
-        let mut lines = Vec::with_capacity(all.len());
-        for (steady, field) in all.iter().zip(fields) {
-            let hz = if own {
-                own_speed(candidate, &train, steady, field, &comb, TACHO_REACH).0
-            } else {
-                let (low, high) = range(candidate, &train, steady, steady.tacho_hz(&train), TACHO_REACH);
-                field.speed(&comb, &speed_orders(&train), low, high).0
-            };
-            sum += field.score(&orders, hz);
-            lines.push(orders.iter().map(|o| o * hz).collect());
-        }
-        Self { score: sum / all.len().max(1) as f64, lines }
+        let speed = |(steady, field): (&Steady<'_, _>, &CombField)| {
+            if own {
+                return own_speed(candidate, &train, steady, field, &comb, TACHO_REACH).0;
+            }
+            let (low, high) = range(candidate, &train, steady, steady.tacho_hz(&train), TACHO_REACH);
+            field.speed(&comb, &speed_orders(&train), low, high).0
+        };
+        let input_hz: Vec<f64> = all.iter().zip(fields).map(speed).collect();
+        let lines = input_hz.iter().map(|hz| orders.iter().map(|o| o * hz).collect()).collect();
+        Self { orders, input_hz, lines }
+    }
+
+    /// Mean log excess of the lines that tell.
+    fn score(&self, fields: &[CombField], telling: &[bool]) -> f64 {
+        let orders: Vec<f64> =
+            self.orders.iter().zip(telling).filter(|(_, tells)| **tells).map(|(order, _)| *order).collect();
+        let scores: Vec<f64> = fields.iter().zip(&self.input_hz).map(|(field, hz)| field.score(&orders, *hz)).collect();
+        if scores.is_empty() { 0.0 } else { dsp::mean(&scores) }
     }
 }
 
@@ -466,6 +518,32 @@ pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Wheels of a pinion of 22 teeth. One of 33 turns twice in three turns of the pinion: its third
+    /// order and the sidebands at that distance, of which it has none, are the pinion's; one of 44
+    /// has the pinion's first two orders as its second and fourth; all lines of one of 22 are the
+    /// pinion's.
+    #[test]
+    fn analytic_lines_that_another_shaft_makes_do_not_tell() {
+        let of_wheel = |teeth: u32| -> Vec<f64> {
+            let mut bench = gearwatch_sim::shipped::bench("single-pair").unwrap();
+            (bench.stages[0].pinion.teeth, bench.stages[0].wheel.teeth) = (22, teeth);
+            let train = Train::new(&bench);
+            let lines = deciding_lines(&train);
+            assert!(telling(&train)[..5 + 4].iter().all(|tells| *tells), "meshes and the pinion's own orders");
+            let kept = lines.iter().zip(telling(&train)).skip(5 + 4).filter(|(line, tells)| *tells && line.1 != 1.0);
+            kept.map(|(line, _)| line.0 * f64::from(teeth) / 22.0).collect()
+        };
+        let sides = |wheel: f64| (1..=3).flat_map(move |h| [-1.0, 1.0].map(|side| f64::from(h) * wheel + side));
+        let are = |found: Vec<f64>, orders: &[f64], teeth: f64| {
+            let expected: Vec<f64> = orders.iter().copied().chain(sides(teeth)).collect();
+            assert_eq!(found.len(), expected.len(), "{found:?}");
+            assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        };
+        are(of_wheel(33), &[1.0, 2.0, 4.0], 33.0);
+        are(of_wheel(44), &[1.0, 3.0], 44.0);
+        assert!(of_wheel(22).is_empty());
+    }
 
     /// Every number's comb meets the orders that pitch errors light: the best of them is one of
     /// many. Where noise alone is under the others' combs, one that meets lines stands out; a
