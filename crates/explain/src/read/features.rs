@@ -15,7 +15,7 @@ use gearwatch_core::train::Train;
 use crate::read::combs::combs;
 use crate::read::dsp::{self, Transforms};
 use crate::read::integrity::{self, Integrity};
-use crate::read::lines::Line;
+use crate::read::lines::{Family, Line};
 use crate::read::order_swing::OrderSwing;
 
 pub use self::background::FloorBand;
@@ -164,6 +164,7 @@ pub fn read(
         })
         .collect();
     let highest = USABLE_BAND * rate / input_hz;
+    let beside = follow.fluctuates_hz.map_or_else(Vec::new, |hz| of_fluctuation(lines, hz / input_hz));
     let mut of_shafts = taken.clone();
     for order in combs(train, revolutions) {
         let spacing = order * revolutions;
@@ -189,6 +190,7 @@ pub fn read(
                 lines,
                 shafts: &train.shafts,
                 combs: &combs,
+                beside: &beside,
                 revolutions,
             };
             let values = fit.all(highest);
@@ -228,6 +230,14 @@ pub fn read(
         swing,
         channels,
     }
+}
+
+/// Sidebands of the mesh harmonics (orders) by a fluctuation at an order of the input: what following
+/// it leaves of them may lie beside a shaft's.
+fn of_fluctuation(lines: &[Line], order: f64) -> Vec<f64> {
+    let of_mesh = lines.iter().filter(|l| matches!(l.family, Family::Mesh { .. }));
+    let beside = |l: &Line| [-2.0, -1.0, 1.0, 2.0].map(|k| l.order + k * order);
+    of_mesh.flat_map(beside).collect()
 }
 
 /// Whether the lines of a comb (bins between neighbours) that no line of the train takes stand out,

@@ -59,6 +59,8 @@ pub struct LineFit<'a> {
     pub shafts: &'a [(String, f64)],
     /// All multiples of each shaft, each by itself.
     pub combs: &'a [Vec<LineValue>],
+    /// Other lines that take part with amplitudes of their own (orders).
+    pub beside: &'a [f64],
     /// Of the input shaft.
     pub revolutions: f64,
 }
@@ -97,13 +99,19 @@ impl LineFit<'_> {
         let mut members: Vec<(f64, Option<f64>)> = vec![(position, None)];
         let listed = (first..last).filter(|k| *k != i).map(|k| self.lines[k].order * self.revolutions);
         members.extend(listed.filter(|p| reaches(*p)).map(|p| (p, None)));
+        let same = lines::SAME_LINE * self.revolutions;
+        let is_new = |members: &[(f64, Option<f64>)], p: f64| members.iter().all(|m| (m.0 - p).abs() > same);
+        for p in self.beside.iter().map(|order| order * self.revolutions).filter(|p| reaches(*p)) {
+            if is_new(&members, p) {
+                members.push((p, None));
+            }
+        }
         for ((_, order), comb) in self.shafts.iter().zip(self.combs) {
             let spacing = order * self.revolutions;
             let nearest = (position / spacing).round() as usize;
             for n in nearest.saturating_sub(BESIDE).max(1)..=nearest + BESIDE {
                 let p = n as f64 * spacing;
-                let same = lines::SAME_LINE * self.revolutions;
-                if reaches(p) && members.iter().all(|m| (m.0 - p).abs() > same) {
+                if reaches(p) && is_new(&members, p) {
                     members.push((p, Some(usual_power(comb, n))));
                 }
             }
@@ -150,6 +158,27 @@ mod tests {
     use crate::read::dsp::Transforms;
     use std::f64::consts::TAU;
 
+    /// A line that is not there, 1.3 bins beside one that is: it is seen where the other is not
+    /// known, and not where the other takes part.
+    #[test]
+    fn analytic_what_is_left_beside_a_line_is_not_the_lines() {
+        const LEN: usize = 8192;
+        const REVOLUTIONS: f64 = 64.0;
+        let family = crate::read::lines::Family::Shaft { shaft: 0, multiple: 9 };
+        let lines = [Line { family, order: 9.5 }];
+        let other = 9.5 + 1.3 / REVOLUTIONS;
+        let turn = |n: usize| n as f64 * REVOLUTIONS / LEN as f64;
+        let signal: Vec<f64> = (0..LEN).map(|n| (TAU * other * turn(n) + 0.4).cos()).collect();
+        let spectrum = dsp::windowed_spectrum(&mut Transforms::default(), &signal);
+        let floor = vec![1e-6; spectrum.len()];
+        let read = |beside: &[f64]| {
+            let (spectrum, floor, lines) = (&spectrum[..], &floor[..], &lines[..]);
+            let fit = LineFit { spectrum, floor, lines, shafts: &[], combs: &[], beside, revolutions: REVOLUTIONS };
+            fit.all(40.0)[0].unwrap().amplitude.norm()
+        };
+        assert!(read(&[]) > 0.3 && read(&[other]) < 1e-3, "{} {}", read(&[]), read(&[other]));
+    }
+
     /// A line, and 0.3 bins beside it a multiple of another shaft half as large, unlisted, at any
     /// phase. By itself the line would be read wrong by up to a half; the joint fit tells both
     /// apart where there is little noise, and prices it. With noise as large as the neighbour it
@@ -176,7 +205,8 @@ mod tests {
                 shafts.iter().map(|s| comb(&spectrum, &floor, s.1 * REVOLUTIONS, 40.0 * REVOLUTIONS)).collect();
             let alone = comb(&spectrum, &floor, 9.5 * REVOLUTIONS, 40.0 * REVOLUTIONS)[0];
             let (spectrum, floor, lines, combs) = (&spectrum, &floor[..], &lines[..], &combs[..]);
-            let fit = LineFit { spectrum, floor, lines, shafts: &shafts, combs, revolutions: REVOLUTIONS };
+            let (shafts, beside, revolutions) = (&shafts[..], &[][..], REVOLUTIONS);
+            let fit = LineFit { spectrum, floor, lines, shafts, combs, beside, revolutions };
             (fit.all(40.0)[0].unwrap(), alone)
         };
         let mut worst_alone = 0.0f64;
