@@ -80,6 +80,10 @@ campaign-paths:
 campaign-first-order:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_first_orders_of_pitch_errors
 
+# By how much sidebands of sound pinions lead those of their wheels (minutes)
+campaign-mates:
+    cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_sidebands_of_sound_mates
+
 # What the change of a damaged tooth does over the torque, in drawn benches
 campaign-damaged-teeth:
     cargo test --release -p gearwatch-explain --lib -- --ignored --nocapture campaign_damaged_teeth_give_way

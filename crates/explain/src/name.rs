@@ -13,6 +13,7 @@ pub mod friction;
 pub mod gear;
 pub mod gear_side;
 pub mod ghost;
+pub mod mates;
 pub mod parting;
 pub mod path;
 pub mod path_form;

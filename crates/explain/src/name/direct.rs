@@ -233,6 +233,9 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
     let known = findings.len();
     // A bearing in the envelope would have been named, and nothing asked here.
     findings.extend(crate::name::ghost::ghost(q, None, steps));
+    if !spoilt && findings.len() == known {
+        findings.extend(crate::name::mates::pitch_error(q, steps));
+    }
     // A ripple leaves the first order as it is, while what happens once a turn may lift others of
     // the row.
     if !spoilt && findings.len() == known {

@@ -7,9 +7,10 @@
 
 use crate::finding::Finding;
 use crate::name::gear::{gear_name, gears_on};
+use crate::name::mates::level;
 use crate::question::Question;
 use crate::read::dsp::{mean, median};
-use crate::read::features::{ChannelFeatures, RecordingFeatures};
+use crate::read::features::ChannelFeatures;
 use crate::read::lines::{Family, SHAFT_MULTIPLES};
 
 /// ln amplitude by which the first sidebands of a gear must lead the second and third (median over
@@ -25,13 +26,6 @@ const LEAST: usize = 8;
 /// What is believed: wobble of a wheel, a bent shaft and a coupling out of line do the same.
 const RUN_OUT: f64 = 0.8;
 const UNBALANCE: f64 = 0.8;
-
-/// ln amplitude of a line, not below its noise.
-fn level(r: &RecordingFeatures, c: &ChannelFeatures, family: Family) -> Option<f64> {
-    let at = r.lines.iter().position(|l| l.family == family)?;
-    let v = c.values[at]?;
-    Some(0.5 * v.amplitude.norm_sqr().max(v.noise).max(f64::MIN_POSITIVE).ln())
-}
 
 fn sound(c: &ChannelFeatures) -> bool {
     c.integrity.clipped_at.is_none()
