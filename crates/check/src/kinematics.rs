@@ -234,9 +234,10 @@ fn deciding_lines(train: &Train) -> Vec<(f64, f64)> {
     out
 }
 
-/// Which of the deciding orders tell of tooth numbers. Errors of a gear's teeth light every multiple
-/// of its shaft: a line of a slower shaft that falls on one is there whatever the teeth. Where two
-/// orders are the same the first tells, as for all lines of a wheel that turns as its pinion does.
+/// Which of the deciding orders tell of tooth numbers. Errors of a gear's teeth light every
+/// multiple of its shaft: a line of a slower shaft that falls on one is there whatever the teeth.
+/// Where two orders are the same the first tells, as for all lines of a wheel that turns as its
+/// pinion does.
 fn telling(train: &Train) -> Vec<bool> {
     let same = |a: f64, b: f64| (a / b - 1.0).abs() < SAME_ORDER;
     let lines = deciding_lines(train);
@@ -362,8 +363,8 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombFi
     likeliest_teeth(bench, all, fields).filter(|likeliest| likeliest.believed).map(|one| (one.teeth, one.bench))
 }
 
-/// Whether another tooth number moves mesh lines: those of the last wheel do where the speed is that
-/// of its own shaft.
+/// Whether another tooth number moves mesh lines: those of the last wheel do where the speed is
+/// that of its own shaft.
 fn moves_mesh_lines(bench: &Bench, stage: usize, pinion: bool) -> bool {
     let tacho = bench.tacho.as_ref().map(|tacho| tacho.shaft.as_str());
     let last = bench.shafts.last().map(|shaft| shaft.name.as_str());
@@ -519,10 +520,10 @@ pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// Wheels of a pinion of 22 teeth. One of 33 turns twice in three turns of the pinion: its third
-    /// order and the sidebands at that distance, of which it has none, are the pinion's; one of 44
-    /// has the pinion's first two orders as its second and fourth; all lines of one of 22 are the
-    /// pinion's.
+    /// Wheels of a pinion of 22 teeth. One of 33 turns twice in three turns of the pinion: its
+    /// third order and the sidebands at that distance, of which it has none, are the pinion's; one
+    /// of 44 has the pinion's first two orders as its second and fourth; all lines of one of 22 are
+    /// the pinion's.
     #[test]
     fn analytic_lines_that_another_shaft_makes_do_not_tell() {
         let of_wheel = |teeth: u32| -> Vec<f64> {

@@ -398,9 +398,9 @@ mod tests {
         }
     }
 
-    /// A shaft that slips by 14 samples within 2 ms turns later from there on. Where every line is a
-    /// multiple of half a turn, two turns less 14 samples would do as well: nothing is lost. Beside
-    /// that a step of 14 samples the other way is the machine's own, one of 300 is not.
+    /// A shaft that slips by 14 samples within 2 ms turns later from there on. Where every line is
+    /// a multiple of half a turn, two turns less 14 samples would do as well: nothing is lost.
+    /// Beside that a step of 14 samples the other way is the machine's own, one of 300 is not.
     #[test]
     fn regress_a_machine_that_slips_has_lost_nothing() {
         for seed in 0..4 {

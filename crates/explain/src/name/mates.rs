@@ -30,8 +30,8 @@ const MOST: f64 = 4.0;
 const USUAL: f64 = 1.0 / 100.0;
 const SUREST: f64 = 0.8;
 
-/// Errors of pitch of the gear whose sidebands lead those of its mate furthest, where sound gears do
-/// not.
+/// Errors of pitch of the gear whose sidebands lead those of its mate furthest, where sound gears
+/// do not.
 pub fn pitch_error(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let lead_of = |stage: usize| Some((lead(&q.bench.stages[stage], stage, q.recordings)?, stage));
     let leads = (0..q.train.stages.len()).filter_map(lead_of);

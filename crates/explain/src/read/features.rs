@@ -232,8 +232,8 @@ pub fn read(
     }
 }
 
-/// Sidebands of the mesh harmonics (orders) by a fluctuation at an order of the input: what following
-/// it leaves of them may lie beside a shaft's.
+/// Sidebands of the mesh harmonics (orders) by a fluctuation at an order of the input: what
+/// following it leaves of them may lie beside a shaft's.
 fn of_fluctuation(lines: &[Line], order: f64) -> Vec<f64> {
     let of_mesh = lines.iter().filter(|l| matches!(l.family, Family::Mesh { .. }));
     let beside = |l: &Line| [-2.0, -1.0, 1.0, 2.0].map(|k| l.order + k * order);
