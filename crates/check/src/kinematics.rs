@@ -215,38 +215,27 @@ pub(crate) fn speed_orders(train: &Train) -> Vec<f64> {
 /// Orders that decide between tooth numbers: mesh harmonics, their nearest sidebands and shaft
 /// orders.
 pub(crate) fn deciding_orders(train: &Train) -> Vec<f64> {
-    deciding_lines(train).into_iter().map(|(order, _)| order).collect()
-}
-
-/// The same, each with the order of the shaft that makes it; infinite of a mesh.
-fn deciding_lines(train: &Train) -> Vec<(f64, f64)> {
-    let meshes = comb_orders(train).into_iter().map(|order| (order, f64::INFINITY));
-    let shafts = train.shafts.iter().flat_map(|(_, own)| (1..=4).map(move |k| (own * f64::from(k), *own)));
-    let mut out: Vec<(f64, f64)> = meshes.chain(shafts).collect();
+    let mut out = speed_orders(train);
     for stage in &train.stages {
         for h in 1..=3 {
             let centre = stage.harmonic_order(h);
             for shaft in [stage.pinion_order, stage.wheel_order] {
-                out.extend([(centre - shaft, shaft), (centre + shaft, shaft)]);
+                out.extend([centre - shaft, centre + shaft]);
             }
         }
     }
     out
 }
 
-/// Which of the deciding orders tell of tooth numbers. Errors of a gear's teeth light every
-/// multiple of its shaft: a line of a slower shaft that falls on one is there whatever the teeth.
-/// Where two orders are the same the first tells, as for all lines of a wheel that turns as its
-/// pinion does.
-fn telling(train: &Train) -> Vec<bool> {
+/// Which of the deciding orders tell of tooth numbers. Errors of a gear's teeth light the orders of
+/// its shaft: where another shaft turns as fast, its lines are there whatever the teeth, and an
+/// order tells once.
+fn telling(train: &Train, orders: &[f64]) -> Vec<bool> {
     let same = |a: f64, b: f64| (a / b - 1.0).abs() < SAME_ORDER;
-    let lines = deciding_lines(train);
-    let tells = |(k, (order, own)): (usize, &(f64, f64))| {
-        let of = |shaft: f64| same((order / shaft).round().max(1.0) * shaft, *order);
-        let of_faster = train.shafts.iter().any(|(_, shaft)| *shaft > own * (1.0 + SAME_ORDER) && of(*shaft));
-        !of_faster && !lines[..k].iter().any(|before| same(before.0, *order))
-    };
-    lines.iter().enumerate().map(tells).collect()
+    let again = |all: &[f64], k: usize| all[..k].iter().any(|before| same(*before, all[k]));
+    let shafts: Vec<f64> = train.shafts.iter().map(|s| s.1).collect();
+    let one_to_one = (0..shafts.len()).any(|k| again(&shafts, k));
+    (0..orders.len()).map(|k| !one_to_one || !again(orders, k)).collect()
 }
 
 /// What lies at the lines that only one of two sets of tooth numbers has.
@@ -363,14 +352,6 @@ pub fn other_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombFi
     likeliest_teeth(bench, all, fields).filter(|likeliest| likeliest.believed).map(|one| (one.teeth, one.bench))
 }
 
-/// Whether another tooth number moves mesh lines: those of the last wheel do where the speed is
-/// that of its own shaft.
-fn moves_mesh_lines(bench: &Bench, stage: usize, pinion: bool) -> bool {
-    let tacho = bench.tacho.as_ref().map(|tacho| tacho.shaft.as_str());
-    let last = bench.shafts.last().map(|shaft| shaft.name.as_str());
-    pinion || stage + 1 < bench.stages.len() || (tacho.is_some() && tacho == last)
-}
-
 /// The one tooth number whose change fits all recordings best, if any fits better than the sheet.
 pub struct LikeliestTeeth {
     /// The gear.
@@ -385,7 +366,7 @@ pub struct LikeliestTeeth {
 /// not there, it stands beside what else may have moved them.
 pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<LikeliestTeeth> {
     let sheet = Fit::of(bench, all, fields, true);
-    let of_sheet = telling(&Train::new(bench));
+    let of_sheet = telling(&Train::new(bench), &sheet.orders);
     let mut best: Option<Candidate> = None;
     let mut faint: Option<Candidate> = None;
     for (stage, gears) in bench.stages.iter().enumerate() {
@@ -397,7 +378,7 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
                     continue;
                 }
                 let fit = Fit::of(&other, all, fields, false);
-                let telling = both(&of_sheet, &telling(&Train::new(&other)));
+                let telling = both(&of_sheet, &telling(&Train::new(&other), &fit.orders));
                 let moved = Moved::between(fields, (&sheet, &fit), &telling);
                 let (score, of_sheet) = (fit.score(fields, &telling), sheet.score(fields, &telling));
                 let all_lines = score - of_sheet;
@@ -406,10 +387,6 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
                 }
                 let (gain, sure) = moved.gain();
                 let believed = all_lines > TEETH_GAIN || (gain > TEETH_GAIN && sure > TEETH_SURE);
-                // Teeth that move no mesh line are counted over shaft angle (`last_wheel`).
-                if !believed && !moves_mesh_lines(bench, stage, pinion) {
-                    continue;
-                }
                 let place = if believed { &mut best } else { &mut faint };
                 if place.as_ref().is_none_or(|one| score > one.score) {
                     let gain = if believed { gain.max(all_lines) } else { all_lines };
@@ -520,30 +497,21 @@ pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// Wheels of a pinion of 22 teeth. One of 33 turns twice in three turns of the pinion: its
-    /// third order and the sidebands at that distance, of which it has none, are the pinion's; one
-    /// of 44 has the pinion's first two orders as its second and fourth; all lines of one of 22 are
-    /// the pinion's.
+    /// All lines of a wheel that turns as its pinion does are the pinion's; beside another wheel all
+    /// lines tell.
     #[test]
-    fn analytic_lines_that_another_shaft_makes_do_not_tell() {
-        let of_wheel = |teeth: u32| -> Vec<f64> {
+    fn analytic_lines_of_a_wheel_that_turns_as_its_pinion_do_not_tell() {
+        let tells = |wheel: u32| {
             let mut bench = gearwatch_sim::shipped::bench("single-pair").unwrap();
-            (bench.stages[0].pinion.teeth, bench.stages[0].wheel.teeth) = (22, teeth);
+            (bench.stages[0].pinion.teeth, bench.stages[0].wheel.teeth) = (22, wheel);
             let train = Train::new(&bench);
-            let lines = deciding_lines(&train);
-            assert!(telling(&train)[..5 + 4].iter().all(|tells| *tells), "meshes and the pinion's own orders");
-            let kept = lines.iter().zip(telling(&train)).skip(5 + 4).filter(|(line, tells)| *tells && line.1 != 1.0);
-            kept.map(|(line, _)| line.0 * f64::from(teeth) / 22.0).collect()
+            telling(&train, &deciding_orders(&train))
         };
-        let sides = |wheel: f64| (1..=3).flat_map(move |h| [-1.0, 1.0].map(|side| f64::from(h) * wheel + side));
-        let are = |found: Vec<f64>, orders: &[f64], teeth: f64| {
-            let expected: Vec<f64> = orders.iter().copied().chain(sides(teeth)).collect();
-            assert_eq!(found.len(), expected.len(), "{found:?}");
-            assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
-        };
-        are(of_wheel(33), &[1.0, 2.0, 4.0], 33.0);
-        are(of_wheel(44), &[1.0, 3.0], 44.0);
-        assert!(of_wheel(22).is_empty());
+        assert!(tells(23).iter().all(|tells| *tells) && tells(44).iter().all(|tells| *tells));
+        // Five harmonics of the mesh, four orders of each shaft, two sidebands of each about three
+        // harmonics; the pinion's come first.
+        let of_wheel = |k: usize| (9..13).contains(&k) || (k >= 13 && (k - 13) % 4 >= 2);
+        assert!(tells(22).iter().enumerate().all(|(k, tells)| *tells != of_wheel(k)));
     }
 
     /// Every number's comb meets the orders that pitch errors light: the best of them is one of

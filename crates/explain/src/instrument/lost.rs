@@ -30,6 +30,8 @@ const APART_HZ: f64 = 6.0;
 const HIGHEST_HZ: f64 = 2500.0;
 /// Longest stretch that is sought (s).
 const LONGEST_S: f64 = 0.4;
+/// Most by which a machine that slips turns later (s): a fifth of a turn at 50 Hz.
+const LATEST_S: f64 = 0.004;
 /// Lines of all channels step together: their phases' noise is in part the same.
 const TEMPER: f64 = 0.5;
 /// Most that the phase of one line counts, and nats within which two lengths of a gap are the same.
@@ -187,12 +189,12 @@ impl Steps {
 
     /// The time that is missing (s, negative where there is too much), at least and at most so
     /// long, and its log likelihood. Of times that agree as well, the machine's own period apart,
-    /// the shortest.
+    /// the shortest; backwards no longer than a machine slips.
     fn best(&self, at: usize, least_s: f64, most_s: f64) -> (f64, f64) {
         let highest = self.hz.iter().copied().fold(1.0, f64::max);
         let step = 1.0 / (10.0 * highest);
         let count = (most_s / step).ceil() as i64;
-        let first = -count;
+        let first = if least_s > 0.0 { -(LATEST_S / step).ceil() as i64 } else { -count };
         // Each line's step, turned on from one time to the next.
         let lines = self.phases[at].iter().zip(&self.hz).zip(self.weight.iter().zip(&self.presence[at]));
         let mut left: Vec<(Complex64, Complex64)> = lines
