@@ -497,8 +497,8 @@ pub(crate) fn stands_out(score: f64, nobodys: &[f64], deviations: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// All lines of a wheel that turns as its pinion does are the pinion's; beside another wheel all
-    /// lines tell.
+    /// All lines of a wheel that turns as its pinion does are the pinion's; beside another wheel
+    /// all lines tell.
     #[test]
     fn analytic_lines_of_a_wheel_that_turns_as_its_pinion_do_not_tell() {
         let tells = |wheel: u32| {
@@ -508,8 +508,8 @@ mod tests {
             telling(&train, &deciding_orders(&train))
         };
         assert!(tells(23).iter().all(|tells| *tells) && tells(44).iter().all(|tells| *tells));
-        // Five harmonics of the mesh, four orders of each shaft, two sidebands of each about three
-        // harmonics; the pinion's come first.
+        // Five harmonics of the mesh, four orders of each shaft, two sidebands of each about
+        // three harmonics; the pinion's come first.
         let of_wheel = |k: usize| (9..13).contains(&k) || (k >= 13 && (k - 13) % 4 >= 2);
         assert!(tells(22).iter().enumerate().all(|(k, tells)| *tells != of_wheel(k)));
     }
