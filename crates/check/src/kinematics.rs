@@ -366,7 +366,7 @@ pub struct LikeliestTeeth {
 /// not there, it stands beside what else may have moved them.
 pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[CombField]) -> Option<LikeliestTeeth> {
     let sheet = Fit::of(bench, all, fields, true);
-    let of_sheet = telling(&Train::new(bench), &sheet.orders);
+    let sheet_tells = telling(&Train::new(bench), &sheet.orders);
     let mut best: Option<Candidate> = None;
     let mut faint: Option<Candidate> = None;
     for (stage, gears) in bench.stages.iter().enumerate() {
@@ -378,7 +378,7 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
                     continue;
                 }
                 let fit = Fit::of(&other, all, fields, false);
-                let telling = both(&of_sheet, &telling(&Train::new(&other), &fit.orders));
+                let telling = both(&sheet_tells, &telling(&Train::new(&other), &fit.orders));
                 let moved = Moved::between(fields, (&sheet, &fit), &telling);
                 let (score, of_sheet) = (fit.score(fields, &telling), sheet.score(fields, &telling));
                 let all_lines = score - of_sheet;
@@ -426,9 +426,10 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
 
 /// A sheet with another tooth number that fits better.
 struct Candidate {
-    /// Mean log excess of the lines that tell, and that of the sheet's.
+    /// Mean log excess of the lines that tell by both sheets: its own, and the first sheet's.
     score: f64,
     of_sheet: f64,
+    /// Which they are.
     telling: Vec<bool>,
     moved: Moved,
     gear: OtherTeeth,
@@ -442,6 +443,7 @@ fn both(one: &[bool], other: &[bool]) -> Vec<bool> {
 
 /// How a sheet fits all recordings.
 struct Fit {
+    /// Deciding orders by the sheet.
     orders: Vec<f64>,
     /// Speed of the input shaft in each recording (Hz), and where the sheet puts its lines (Hz).
     input_hz: Vec<f64>,

@@ -124,7 +124,7 @@ pub fn examine(bench: &Bench, recordings: &[Recording], reference: &[Recording])
     let seen: Vec<Channels> = out.recordings.iter().map(|r| channels(r, &sensors)).collect();
     let mut sudden: Vec<Vec<Step>> = Vec::new();
     let mut all: Vec<Fault> = Vec::new();
-    let mut asked = |recording: &mut Recording, ask: &mut dyn FnMut(&mut Asked<'_>)| {
+    let mut ask = |recording: &mut Recording, of: &mut dyn FnMut(&mut Asked<'_>)| {
         let mut asked = Asked {
             transforms: &mut transforms,
             bench,
@@ -135,11 +135,11 @@ pub fn examine(bench: &Bench, recordings: &[Recording], reference: &[Recording])
             limits: &mut out.limits,
             steps: &mut out.steps,
         };
-        ask(&mut asked);
+        of(&mut asked);
         all.append(&mut asked.faults);
     };
     for (recording, seen) in out.recordings.iter_mut().zip(&seen).filter(|(_, seen)| !seen.facts.is_empty()) {
-        asked(recording, &mut |a| {
+        ask(recording, &mut |a| {
             a.samples(seen, &usual);
             sudden.push(a.sudden(seen));
         });
@@ -148,7 +148,7 @@ pub fn examine(bench: &Bench, recordings: &[Recording], reference: &[Recording])
     let late = sudden.iter().flatten().map(Step::late).fold(0.0, f64::max);
     let seen = out.recordings.iter_mut().zip(&seen).filter(|(_, seen)| !seen.facts.is_empty());
     for ((recording, seen), sudden) in seen.zip(&sudden) {
-        asked(recording, &mut |a| {
+        ask(recording, &mut |a| {
             a.time(seen, (sudden, late));
             a.against(&references);
         });

@@ -20,8 +20,8 @@ const NEAREST: i8 = 3;
 /// Harmonics, sensors and recordings together that a lead needs.
 const LEAST: usize = 8;
 /// By how much sound pinions lead beyond `½ ln(z₂/z₁)` (ln amplitude, median over mesh harmonics,
-/// sensors and recordings): middle and standard deviation of drawn benches (`just
-/// campaign-mates`).
+/// sensors and recordings): middle and standard deviation of 54 drawn pairs
+/// (`just campaign-mates`).
 const SOUND: (f64, f64) = (0.2, 0.5);
 /// With errors of pitch by anything from there to this much, as likely each: to fifty times the
 /// errors of the mate.
@@ -81,8 +81,14 @@ fn lead(sheet: &Stage, stage: usize, recordings: &[RecordingFeatures]) -> Option
             }
         }
     }
-    let by_teeth = 0.5 * (f64::from(sheet.wheel.teeth) / f64::from(sheet.pinion.teeth)).ln();
+    let by_teeth = by_teeth(sheet.pinion.teeth, sheet.wheel.teeth);
     (leads.len() >= LEAST).then(|| median(&mut leads) - by_teeth)
+}
+
+/// How far errors that know nothing of each other make a multiple of the pinion lead one of the
+/// wheel (ln amplitude).
+fn by_teeth(pinion: u32, wheel: u32) -> f64 {
+    0.5 * (f64::from(wheel) / f64::from(pinion)).ln()
 }
 
 /// ln amplitude of a line, not below its noise.
@@ -94,6 +100,9 @@ pub(super) fn level(r: &RecordingFeatures, c: &ChannelFeatures, family: Family) 
 
 #[cfg(test)]
 mod tests {
+    use num_complex::Complex64;
+    use rand::{RngExt, SeedableRng};
+
     use super::*;
     use crate::explain::Input;
     use crate::measure::measure;
@@ -112,26 +121,23 @@ mod tests {
         assert!(odds(0.0) < 0.01 && odds(MOST) > 1e6);
     }
 
-    /// A pinion of 20 and a wheel of 80 teeth whose tooth errors are alike: the sidebands of the
-    /// pinion are higher by ln 2 on the mean of many draws, by the definition of the transform.
+    /// Errors of 20 and of 80 teeth, each drawn for itself: the third component of the former's
+    /// Fourier series leads on the mean of many draws.
     #[test]
-    fn analytic_fewer_teeth_lead_by_half_the_logarithm() {
-        use rand::{RngExt, SeedableRng};
+    fn oracle_fewer_teeth_lead_by_half_the_logarithm() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(4);
-        let mut power = |teeth: usize| -> f64 {
-            let draws = 400;
-            let of_one = |errors: Vec<f64>| -> f64 {
-                let turn = |k: usize| std::f64::consts::TAU * 3.0 * k as f64 / teeth as f64;
-                let sum =
-                    |of: &dyn Fn(f64) -> f64| errors.iter().enumerate().map(|(k, e)| e * of(turn(k))).sum::<f64>();
-                (sum(&f64::cos).powi(2) + sum(&f64::sin).powi(2)) / (teeth * teeth) as f64
+        let mut power_of_third = |teeth: u32| -> f64 {
+            let component = |random: &mut rand_chacha::ChaCha8Rng| -> Complex64 {
+                let turn = |tooth: u32| 3.0 * std::f64::consts::TAU * f64::from(tooth) / f64::from(teeth);
+                (0..teeth).map(|tooth| Complex64::from_polar(random.random_range(-1.0..1.0), turn(tooth))).sum()
             };
-            let mut errors = || (0..teeth).map(|_| random.random_range(-1.0..1.0)).collect();
-            (0..draws).map(|_| of_one(errors())).sum::<f64>() / f64::from(draws)
+            let draws = (0..400).map(|_| (component(&mut random) / f64::from(teeth)).norm_sqr());
+            mean(&draws.collect::<Vec<_>>())
         };
-        let lead = 0.5 * (power(20) / power(80)).ln();
+        let lead = 0.5 * (power_of_third(20) / power_of_third(80)).ln();
         // Each mean of 400 exponential powers is known to 5 %.
-        assert!((lead - 2f64.ln()).abs() < 0.1, "{lead}");
+        assert!((lead - by_teeth(20, 80)).abs() < 0.1, "{lead}");
+        assert_eq!(by_teeth(80, 20), -by_teeth(20, 80));
     }
 
     /// By how much sound pinions of drawn benches lead, within three standard errors of the middle
